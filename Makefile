@@ -1,0 +1,31 @@
+# `make demo` and `make test` work from a bare clone: each sets up .venv first when it has to.
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+.PHONY: help demo test lint types setup clean
+
+help: ## show this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' Makefile
+
+demo: .venv/.ready ## render a texture end to end, no hardware needed, into haptix-demo/ (ARGS=...)
+	.venv/bin/haptix demo --out haptix-demo $(ARGS)
+
+test: .venv/.ready ## run the tests (ARGS='-k surface -x')
+	.venv/bin/python -m pytest $(ARGS)
+
+lint: .venv/.ready ## ruff: rules and format, nothing is changed
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+
+types: .venv/.ready ## mypy
+	.venv/bin/mypy
+
+setup: ## set up again, or mend, .venv (PYTHON=... picks the interpreter)
+	@bash scripts/setup.sh
+
+clean: ## remove caches and outputs; .venv stays
+	rm -rf haptix-demo dist build .benchmarks .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find . \( -name .venv -o -name .git \) -prune -o -name __pycache__ -type d -exec rm -rf {} +
+
+# Written by setup.sh as its last act, so an interrupted set-up is taken up again.
+.venv/.ready: pyproject.toml constraints.txt scripts/setup.sh
+	@bash scripts/setup.sh
