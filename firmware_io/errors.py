@@ -1,0 +1,29 @@
+"""The one error hierarchy of the distribution, in its lowest room so that every room can use it."""
+
+
+class HaptixError(Exception):
+    """Root of every error that haptix, firmware_io and calibration raise on purpose."""
+
+
+class DeviceError(HaptixError):
+    """A device was used, or described, in a way that it cannot serve."""
+
+
+class DeviceNotFoundError(DeviceError):
+    """No device answers to the given address."""
+
+
+class DeviceDisconnectedError(DeviceError):
+    """The link to the device is closed or lost."""
+
+
+class ProtocolError(DeviceError):
+    """Bytes on the wire are not a well-formed frame, or a frame cannot be put on the wire."""
+
+
+class DeviceFaultError(DeviceError):
+    """The driver refused a frame, brought its output to 0 V and waits to be armed again."""
+
+
+class LimitError(HaptixError):
+    """A voltage, slew or limit beyond what is allowed: rejected, never clamped."""

@@ -1,0 +1,319 @@
+"""The host's one way to a link."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_io import (
+    Capabilities,
+    Device,
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceFaultError,
+    DriveLimits,
+    Frame,
+    FrameKind,
+    LimitError,
+    Link,
+    MockDriver,
+    MockLink,
+    codes_to_volts,
+    encode,
+    volts_to_codes,
+)
+
+HALF_STEP_V = 250.0 / 32767 / 2  # the mock's full scale is 250 V
+
+
+def mock_device(limits=None, **options):
+    return Device(MockLink(MockDriver(**options)), limits)
+
+
+def carrier(amplitude_v, samples=4800, rate=48e3):
+    return amplitude_v * np.sin(2 * np.pi * 1700.0 * np.arange(samples) / rate)
+
+
+def assert_safe(device, ceiling_v=200.0):
+    assert not device.is_armed
+    assert device.last_v == 0.0
+    assert device.mock.played_codes[-1] == 0
+    assert np.abs(device.mock.played_v).max() <= ceiling_v
+    assert not device.mock.is_armed
+
+
+@given(st.lists(st.integers(0, 700), min_size=1, max_size=6), st.integers(1, 300))
+def test_what_is_played_is_what_was_written(lengths, max_frame_samples):
+    device = mock_device(max_frame_samples=max_frame_samples)
+    volts = carrier(190.0, sum(lengths))
+    with device:
+        for piece in np.split(volts, np.cumsum(lengths)[:-1]):
+            device.write(piece)
+        played = device.mock.played_codes
+    np.testing.assert_array_equal(played, np.rint(volts / 250.0 * 32767))
+    # Half a step is what rounding to the nearest code costs; 1e-9 V is float64 rounding.
+    error = np.abs(codes_to_volts(played, 250.0) - volts)
+    assert error.max(initial=0.0) <= HALF_STEP_V + 1e-9
+
+
+def test_at_the_ceiling_the_code_is_rounded_down():
+    device = mock_device()
+    with device:
+        device.write([200.0, -200.0])
+    # 200 V is code 26213.6; 26214 would be 3 mV above the ceiling.
+    assert device.mock.played_codes[:2].tolist() == [26213, -26213]
+    assert device.mock.faults == 0
+
+
+def test_frames_and_counters():
+    device = mock_device(max_frame_samples=100)
+    with device:
+        device.write(np.zeros(250))
+        assert (device.frames_sent, device.samples_sent) == (4, 250)  # ARM and 100, 100, 50
+        assert device.bytes_sent == 4 * 24 + 2 * 250 == device.mock.bytes_received
+    assert device.frames_sent == 5 == device.mock.frames_received
+
+
+@pytest.mark.parametrize(
+    "bad_v", [math.nextafter(200.0, 300.0), -201.0, 1e300, np.nan, np.inf, -np.inf]
+)
+def test_over_limit_is_rejected_at_zero_volts(bad_v):
+    device = mock_device()
+    device.arm()
+    good = carrier(180.0, 1000)
+    device.write(good)
+    with pytest.raises(LimitError, match="Sample 500"):
+        device.write(np.r_[np.full(500, good[-1]), bad_v])
+    assert_safe(device)
+    # 5 ms of ramp at 48 kHz, and nothing of the rejected write.
+    assert device.mock.samples_played == 1000 + 240
+    assert device.mock.faults == 0
+
+
+def test_slew_counts_from_the_last_write():
+    limits = DriveLimits(max_slew_v_per_s=48e3)  # 1 V per sample at 48 kHz
+    device = mock_device(limits)
+    device.arm()
+    device.write([1.0, 2.0])
+    device.write([3.0])
+    with pytest.raises(LimitError, match=r"Sample 0 steps from 3 V to 4.5 V"):
+        device.write([4.5])
+    assert_safe(device)
+
+
+def test_ramp_keeps_a_gentle_slew_limit():
+    device = mock_device(DriveLimits(max_slew_v_per_s=480.0))  # 10 mV per sample
+    with device:
+        device.write(np.arange(1, 1001) * 0.009)  # up to 9 V
+    # 9 V down in steps below 10 mV is more than 900 samples; 5 ms would have been 240.
+    assert 1900 < device.mock.samples_played < 1910
+    assert np.abs(np.diff(device.mock.played_v)).max() < 0.01 + 2 * HALF_STEP_V
+    assert_safe(device)
+
+
+def test_an_error_inside_the_context_ends_at_zero():
+    device = mock_device()
+    with pytest.raises(ZeroDivisionError), device:
+        device.write([100.0])
+        _ = 1 / 0
+    assert_safe(device)
+
+
+def test_can_be_used_again():
+    device = mock_device()
+    for _ in range(2):
+        with device:
+            device.write([100.0])
+        assert_safe(device)
+    assert device.mock.faults == 0
+
+
+def test_stop_and_close_are_idempotent():
+    device = mock_device()
+    device.arm()
+    device.arm()
+    device.write([50.0])
+    device.stop()
+    frames = device.frames_sent
+    device.stop()
+    device.close()
+    device.close()
+    assert device.frames_sent == frames
+    assert_safe(device)
+    with pytest.raises(DeviceDisconnectedError, match="open it again"):
+        device.arm()
+
+
+def test_close_while_playing_ends_at_zero():
+    device = mock_device()
+    device.arm()
+    device.write([50.0])
+    device.close()
+    assert_safe(device)
+
+
+def test_must_be_armed_to_write():
+    device = mock_device()
+    with pytest.raises(DeviceError, match=r"call arm\(\) first"):
+        device.write([0.0])
+    assert device.frames_sent == 0
+
+
+@pytest.mark.parametrize(
+    "volts",
+    [5.0, [[1.0]], [1j], ["1"], [True], [None], [[1.0], [1.0, 2.0]]],
+    ids=str,
+)
+def test_input_that_is_no_row_of_real_numbers(volts):
+    device = mock_device()
+    device.arm()
+    device.write([10.0])
+    with pytest.raises(DeviceError, match="1-D array of real numbers"):
+        device.write(volts)
+    assert_safe(device)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.int16, np.uint8])
+def test_other_real_types(dtype):
+    device = mock_device()
+    with device:
+        device.write(np.array([0, 100], dtype))
+    assert device.mock.played_codes[1] == 13107
+
+
+def test_the_tighter_ceiling_is_in_force():
+    assert mock_device(DriveLimits(120.0)).limits.ceiling_v == 120.0
+    assert mock_device(ceiling_v=90.0).limits.ceiling_v == 90.0
+    assert mock_device(full_scale_v=60.0).limits.ceiling_v == 60.0
+
+
+def test_lower_ceiling():
+    device = mock_device()
+    device.lower_ceiling(150.0)
+    with device, pytest.raises(LimitError, match=r"ceiling of 150.0 V"):
+        device.write([150.1])
+    for ceiling_v in (150.1, 200.0, 300.0, np.nan, -5.0):
+        with pytest.raises(LimitError):
+            device.lower_ceiling(ceiling_v)
+    assert device.limits.ceiling_v == 150.0
+
+
+def test_lowering_the_ceiling_below_the_output_stops():
+    device = mock_device()
+    device.arm()
+    device.write([150.0])
+    device.lower_ceiling(100.0)
+    assert_safe(device)
+    device.arm()
+    device.write([50.0])
+    device.lower_ceiling(80.0)
+    assert device.is_armed
+
+
+def test_a_driver_fault_reaches_the_writer_and_arming_recovers():
+    device = mock_device()
+    device.arm()
+    device.write([100.0])
+    with pytest.raises(DeviceFaultError):  # another host interferes
+        device.mock.receive(encode(Frame(FrameKind.STREAM, 77, 0, np.zeros(1, np.int16))))
+    with pytest.raises(DeviceFaultError, match="Expected sequence 2, but 77 came") as caught:
+        device.write([100.0])
+    assert not hasattr(caught.value, "__notes__")  # stopping a driver that has stopped succeeds
+    assert_safe(device)
+    with device:
+        device.write([1.0])
+    assert device.mock.faults == 1
+
+
+class CorruptingLink(MockLink):
+    """Flips one bit of the frames whose numbers are listed."""
+
+    corrupt: tuple[int, ...] = ()
+    sent = 0
+
+    def send(self, frame):
+        damaged = frame[:-5] + bytes([frame[-5] ^ 1]) + frame[-4:]
+        self.sent += 1
+        super().send(damaged if self.sent - 1 in self.corrupt else frame)
+
+
+def test_damage_on_the_way_ends_at_zero():
+    link = CorruptingLink()
+    link.corrupt = (2,)
+    device = Device(link)
+    device.arm()
+    device.write([100.0])
+    with pytest.raises(DeviceError, match="CRC-32"):
+        device.write([120.0])
+    assert_safe(device)
+    assert device.mock.played_codes[:2].tolist() == [13107, 13052]  # 120 V never came
+
+
+def test_damage_to_the_ramp_is_reported_and_ends_at_zero():
+    link = CorruptingLink()
+    link.corrupt = (2,)
+    device = Device(link)
+    device.arm()
+    device.write([100.0])
+    with pytest.raises(DeviceError, match="CRC-32"):
+        device.stop()
+    assert_safe(device)
+
+
+class UnpluggedLink(Link):
+    """Delivers ARM and is then pulled."""
+
+    def __init__(self):
+        self.attempts = []
+        self.closed = False
+
+    @property
+    def capabilities(self):
+        return Capabilities("unplugged", 48e3, 250.0, 200.0, 64)
+
+    def send(self, frame):
+        self.attempts.append(frame[3])
+        if len(self.attempts) > 1:
+            raise DeviceDisconnectedError(f"Attempt {len(self.attempts)} found no device.")
+
+    def close(self):
+        self.closed = True
+
+
+def test_the_first_error_is_the_one_raised():
+    link = UnpluggedLink()
+    device = Device(link)
+    device.arm()
+    with pytest.raises(DeviceDisconnectedError, match="Attempt 2") as caught:
+        device.write([100.0])
+    assert "0 V failed as well" in caught.value.__notes__[0]
+    assert link.attempts == [1, 2, 2, 3]  # ARM, STREAM, and still the ramp and STOP
+    assert not device.is_armed
+    assert device.mock is None
+
+
+def test_an_error_in_the_context_outlives_a_failing_stop():
+    device = Device(UnpluggedLink())
+    with pytest.raises(KeyError, match="mine"), device:
+        raise KeyError("mine")
+    assert not device.is_armed
+
+
+def test_close_lets_a_failing_link_go():
+    link = UnpluggedLink()
+    device = Device(link)
+    device.arm()
+    with pytest.raises(DeviceDisconnectedError):
+        device.close()
+    assert link.closed
+
+
+def test_a_host_that_skips_its_checks_still_meets_the_drivers_ceiling():
+    driver = MockDriver(ceiling_v=80.0)
+    driver.receive(encode(Frame(FrameKind.ARM, 0, 0)))
+    too_much = Frame(FrameKind.STREAM, 1, 0, volts_to_codes([81.0], 250.0))
+    with pytest.raises(DeviceFaultError, match=r"ceiling of 80.0 V"):
+        driver.receive(encode(too_much))
+    assert driver.samples_played == 0
