@@ -1,0 +1,192 @@
+"""Surface roughness: an isotropic power spectrum C(q), piecewise a power law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from haptix.errors import InputError, check_positive
+
+
+@dataclass(frozen=True)
+class RoughnessSpectrum:
+    """Power spectrum of a randomly rough surface, linear in log-log between its nodes.
+
+    The convention is ``h_rms^2 = 2 pi int q C(q) dq`` and ``slope^2 = 2 pi int q^3 C(q) dq``
+    (Persson et al., J. Phys.: Condens. Matter 17, R1 (2005)). Build one with `self_affine`,
+    `from_table` or `from_topography`.
+
+    Parameters
+    ----------
+    wavenumber : Tensor, shape (nodes,)
+        Increasing wavenumbers q [1/m]; the first and last bound the spectrum.
+    density : Tensor, shape (nodes,)
+        C at the nodes [m^4], positive.
+    """
+
+    wavenumber: Tensor
+    density: Tensor
+
+    @classmethod
+    def self_affine(
+        cls, h_rms_m: float | Tensor, hurst: float, q0: float, q_rolloff: float, q1: float
+    ) -> RoughnessSpectrum:
+        """Constant from `q0` to the roll-off, then ``q^(-2(1+H))`` up to `q1`.
+
+        Parameters
+        ----------
+        h_rms_m : float or Tensor
+            Root-mean-square roughness [m].
+        hurst : float
+            Hurst exponent H, in (0, 1].
+        q0, q_rolloff, q1 : float
+            Longest wave, roll-off and shortest wave [1/m], ``0 < q0 <= q_rolloff <= q1``.
+
+        Raises
+        ------
+        InputError
+            If a value is outside its range.
+        """
+        for name, value in (("h_rms_m", h_rms_m), ("q0", q0), ("q1", q1), ("hurst", hurst)):
+            check_positive(name, value)
+        if hurst > 1:
+            raise InputError(f"hurst: expected a Hurst exponent in (0, 1], got {hurst:g}")
+        if not q0 <= q_rolloff <= q1 or q0 == q1:
+            raise InputError(
+                "expected q0 <= q_rolloff <= q1 and q0 < q1 [1/m], "
+                f"got {q0:g}, {q_rolloff:g}, {q1:g}"
+            )
+        nodes = sorted({float(q0), float(q_rolloff), float(q1)})
+        q = torch.tensor(nodes, dtype=torch.float64)
+        shape = torch.clamp(q / q_rolloff, min=1.0) ** (-2 * (1 + hurst))
+        unscaled = cls(q, shape)
+        h_rms = torch.as_tensor(h_rms_m, dtype=torch.float64)
+        return cls(q, shape * h_rms**2 / unscaled.moment(1))
+
+    @classmethod
+    def from_table(cls, q: Any, c: Any) -> RoughnessSpectrum:
+        """Take a measured spectrum: wavenumbers [1/m] and C [m^4], array-likes of one length.
+
+        Raises
+        ------
+        InputError
+            If the table is not one-dimensional, finite, positive and increasing in q.
+        """
+        wavenumber = torch.as_tensor(q, dtype=torch.float64)
+        density = torch.as_tensor(c, dtype=torch.float64)
+        if wavenumber.ndim != 1 or wavenumber.shape != density.shape or len(wavenumber) < 2:
+            raise InputError(
+                "expected q and c as two one-dimensional tables of one length (2 or more), "
+                f"got shapes {tuple(wavenumber.shape)} and {tuple(density.shape)}"
+            )
+        if not bool((wavenumber > 0).all() and (wavenumber.diff() > 0).all()):
+            raise InputError("q: expected positive wavenumbers [1/m] in increasing order")
+        if not bool((density > 0).all() and density.isfinite().all()):
+            raise InputError("c: expected positive finite C(q) [m^4]; drop empty bins first")
+        return cls(wavenumber, density)
+
+    @classmethod
+    def from_topography(
+        cls, height_m: Any, pixel_m: float, bins_per_decade: int = 10
+    ) -> RoughnessSpectrum:
+        """Radially averaged spectrum of a measured height map, mean plane removed.
+
+        A Hann window suppresses the jump at the borders of a map that is not periodic.
+
+        Parameters
+        ----------
+        height_m : array_like, shape (rows, columns)
+            Heights [m].
+        pixel_m : float
+            Distance between pixels [m]; the band is ``2 pi / side`` to ``pi / pixel_m``.
+        bins_per_decade : int
+            Width of the averaging rings.
+        """
+        check_positive("pixel_m", pixel_m)
+        height = np.asarray(height_m, dtype=float)
+        if height.ndim != 2 or min(height.shape) < 8 or not np.isfinite(height).all():
+            raise InputError(
+                "height_m: expected a finite map of at least 8 x 8 pixels, "
+                f"got shape {height.shape}; fill missing points first"
+            )
+        rows, columns = height.shape
+        y, x = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
+        plane = np.column_stack([x.ravel(), y.ravel(), np.ones(height.size)])
+        tilt, *_ = np.linalg.lstsq(plane, height.ravel(), rcond=None)
+        window = np.outer(np.hanning(rows), np.hanning(columns))
+        window /= np.sqrt((window**2).mean())
+        waves = np.fft.fft2((height.ravel() - plane @ tilt).reshape(height.shape) * window)
+        side_y, side_x = rows * pixel_m, columns * pixel_m
+        density = np.abs(waves) ** 2 / height.size**2 * side_x * side_y / (2 * pi) ** 2
+        q = 2 * pi * np.hypot(
+            np.fft.fftfreq(rows, pixel_m)[:, None], np.fft.fftfreq(columns, pixel_m)[None]
+        )
+        low, high = 2 * pi / min(side_x, side_y), pi / pixel_m
+        edges = np.geomspace(low, high, max(3, round(bins_per_decade * np.log10(high / low))) + 1)
+        ring = np.digitize(q, edges)
+        rings = [r for r in range(1, len(edges)) if (ring == r).any()]
+        centre = [float(np.exp(np.log(q[ring == r]).mean())) for r in rings]
+        return cls.from_table(centre, [float(density[ring == r].mean()) for r in rings])
+
+    @property
+    def q0(self) -> float:
+        """Longest wave of the spectrum [1/m]."""
+        return float(self.wavenumber[0])
+
+    @property
+    def q1(self) -> float:
+        """Shortest wave of the spectrum [1/m]."""
+        return float(self.wavenumber[-1])
+
+    @property
+    def h_rms_m(self) -> Tensor:
+        """Root-mean-square roughness [m]."""
+        return self.moment(1).sqrt()
+
+    @property
+    def slope_rms(self) -> Tensor:
+        """Root-mean-square slope (of the gradient's magnitude)."""
+        return self.moment(3).sqrt()
+
+    def __call__(self, q: Tensor) -> Tensor:
+        """C [m^4] at wavenumbers inside the band, any shape."""
+        segment, exponent = self._segment(q)
+        return self.density[segment] * (q / self.wavenumber[segment]) ** exponent
+
+    def moment(self, power: int, above: Tensor | None = None) -> Tensor:
+        """``2 pi int_q^q1 q'^power C dq'`` in closed form, for each lower limit in `above`.
+
+        ``moment(1, q)`` is the mean square of the roughness with waves shorter than q only.
+        """
+        q, c = self.wavenumber, self.density
+        exponent = torch.log(c[1:] / c[:-1]) / torch.log(q[1:] / q[:-1])
+        whole = _power_integral(c[:-1] * q[:-1] ** (power + 1), q[1:] / q[:-1], power + 1 + exponent)
+        tails = torch.cat([whole.flip(0).cumsum(0).flip(0), whole.new_zeros(1)])
+        if above is None:
+            return 2 * pi * tails[0]
+        segment, exponent_here = self._segment(above)
+        prefactor = self(above) * above ** (power + 1)
+        ratio = q[segment + 1] / above
+        rest = _power_integral(prefactor, ratio, power + 1 + exponent_here)
+        return 2 * pi * (rest + tails[segment + 1])
+
+    def _segment(self, q: Tensor) -> tuple[Tensor, Tensor]:
+        segment = torch.searchsorted(self.wavenumber, q.detach().contiguous(), right=True) - 1
+        segment = segment.clamp(0, len(self.wavenumber) - 2)
+        rise = torch.log(self.density[segment + 1] / self.density[segment])
+        return segment, rise / torch.log(self.wavenumber[segment + 1] / self.wavenumber[segment])
+
+
+def _power_integral(value_times_q: Tensor, ratio: Tensor, exponent: Tensor) -> Tensor:
+    """``int f dq`` over a segment where ``q f ~ q^exponent``; ``(ratio^e - 1)/e``, stable at 0."""
+    span = torch.log(ratio)
+    growth = exponent * span
+    small = growth.abs() < 1e-6
+    safe = torch.where(small, torch.ones_like(growth), growth)
+    factor = torch.where(small, 1 + growth / 2, torch.expm1(safe) / safe)
+    return value_times_q * span * factor

@@ -1,0 +1,94 @@
+"""One-dimensional tables for torch, batched and differentiable: linear, and uniform cubic.
+
+The contact model looks up the same smooth tables (the waves against their stress, the separation
+integral, the attraction against pressure) millions of times.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class PiecewiseLinear:
+    """A line per cell between increasing nodes; the end cells' lines go on beyond the nodes."""
+
+    nodes: Tensor
+    intercept: Tensor
+    slope: Tensor
+
+    @classmethod
+    def through(cls, nodes: Tensor, values: Tensor) -> PiecewiseLinear:
+        """Connect `values` at increasing `nodes`, both of shape (nodes,)."""
+        slope = values.diff() / nodes.diff()
+        return cls(nodes, values[:-1] - slope * nodes[:-1], slope)
+
+    def __call__(self, x: Tensor) -> Tensor:
+        """Value at `x`, any shape."""
+        inner = self.nodes.detach()[1:-1]
+        cell = torch.searchsorted(inner, x.detach().contiguous(), right=True)
+        return self.intercept[cell] + self.slope[cell] * x
+
+
+@dataclass(frozen=True)
+class UniformCubic:
+    """A C1 piecewise cubic through values with known slopes at uniformly spaced nodes.
+
+    Parameters
+    ----------
+    start, step : float
+        Position of the first node and distance between nodes.
+    values, slopes : Tensor, shape (nodes,) or (nodes, columns)
+        Node values and derivatives; each column is a function of its own.
+    """
+
+    start: float
+    step: float
+    values: Tensor
+    slopes: Tensor
+
+    @classmethod
+    def through(cls, start: float, step: float, values: Tensor) -> UniformCubic:
+        """Estimate the slopes by fourth-order differences (second order at the two ends)."""
+        if values.shape[0] < 5:
+            raise ValueError(f"expected at least 5 nodes, got {values.shape[0]}")
+        inner = (values[:-4] - 8 * values[1:-3] + 8 * values[3:-1] - values[4:]) / 12
+        second = ((values[2] - values[0]) / 2)[None]
+        second_last = ((values[-1] - values[-3]) / 2)[None]
+        first = (-1.5 * values[0] + 2 * values[1] - 0.5 * values[2])[None]
+        last = (1.5 * values[-1] - 2 * values[-2] + 0.5 * values[-3])[None]
+        slopes = torch.cat([first, second, inner, second_last, last]) / step
+        return cls(start, step, values, slopes)
+
+    def _cell(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        position = (x - self.start) / self.step
+        cell = position.detach().floor().clamp(0, self.values.shape[0] - 2).long()
+        return cell, position - cell
+
+    def _corners(self, cell: Tensor, column: Tensor | None) -> tuple[Tensor, ...]:
+        if column is None:
+            table, slopes = self.values, self.slopes
+            return table[cell], table[cell + 1], slopes[cell], slopes[cell + 1]
+        return (
+            self.values[cell, column],
+            self.values[cell + 1, column],
+            self.slopes[cell, column],
+            self.slopes[cell + 1, column],
+        )
+
+    def __call__(self, x: Tensor, column: Tensor | None = None) -> Tensor:
+        """Value at `x` (any shape; `column` of the same shape picks each point's function)."""
+        return self.with_slope(x, column)[0]
+
+    def with_slope(self, x: Tensor, column: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Value and derivative at `x`; outside the nodes the end cubic goes on."""
+        cell, t = self._cell(x)
+        low, high, low_slope, high_slope = self._corners(cell, column)
+        rise = high - low
+        a, b = low_slope * self.step - rise, rise - high_slope * self.step
+        value = low + t * (rise + (1 - t) * (a * (1 - t) + b * t))
+        slope = (rise + (1 - 2 * t) * (a * (1 - t) + b * t) + t * (1 - t) * (b - a)) / self.step
+        return value, slope
