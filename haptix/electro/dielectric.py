@@ -1,0 +1,77 @@
+"""Dielectric of the stratum corneum, and the effective thickness h0 of all insulators."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import torch
+from pydantic import BaseModel, ConfigDict, PositiveFloat, model_validator
+from torch import Tensor
+
+VACUUM_PERMITTIVITY = 8.8541878128e-12
+"""eps0 [F/m], CODATA 2018."""
+
+
+class SkinDielectric(BaseModel):
+    """Permittivity and resistivity of the stratum corneum against frequency.
+
+    ``eps2(w) = eps_SC + i / (w eps0 rho_SC)`` (paper, Eq. 4), log-log interpolated; beyond its ends
+    the table holds its last values. The built-in table is an order of magnitude only and says so.
+
+    Parameters
+    ----------
+    frequency_hz, permittivity, resistivity_ohm_m : tuple of float
+        Columns of the table, frequency increasing. A single row means constants.
+    is_placeholder : bool
+        True while the numbers are not measured ones.
+    source : str
+        Where the numbers come from.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    frequency_hz: tuple[PositiveFloat, ...] = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6)
+    permittivity: tuple[PositiveFloat, ...] = (1e4, 3e3, 1.5e3, 1e3, 6e2, 3e2)
+    resistivity_ohm_m: tuple[PositiveFloat, ...] = (1e5, 1e5, 3e4, 8e3, 2e3, 3e2)
+    is_placeholder: bool = True
+    source: str = "order of magnitude after Yamamoto & Yamamoto (1976); not measured values"
+
+    @model_validator(mode="after")
+    def _columns_match(self) -> Self:
+        rows = len(self.frequency_hz)
+        if not rows or rows != len(self.permittivity) or rows != len(self.resistivity_ohm_m):
+            raise ValueError("expected three columns of one length, 1 or more")
+        if list(self.frequency_hz) != sorted(set(self.frequency_hz)):
+            raise ValueError("expected frequencies in increasing order")
+        return self
+
+    def relative_permittivity(self, frequency_hz: Tensor) -> Tensor:
+        """Complex eps2 at frequencies [Hz] of any shape."""
+        log_f = torch.log(frequency_hz)
+        permittivity = torch.exp(self._interpolate(log_f, self.permittivity))
+        resistivity = torch.exp(self._interpolate(log_f, self.resistivity_ohm_m))
+        loss = 1 / (2 * torch.pi * frequency_hz * VACUUM_PERMITTIVITY * resistivity)
+        return torch.complex(permittivity, loss)
+
+    def _interpolate(self, log_f: Tensor, column: tuple[float, ...]) -> Tensor:
+        nodes = torch.log(torch.tensor(self.frequency_hz, dtype=log_f.dtype, device=log_f.device))
+        values = torch.log(torch.tensor(column, dtype=log_f.dtype, device=log_f.device))
+        if len(nodes) == 1:
+            return values.expand_as(log_f)
+        inside = log_f.clamp(nodes[0], nodes[-1])
+        cell = torch.searchsorted(nodes[1:-1], inside.detach().contiguous(), right=True)
+        part = (inside - nodes[cell]) / (nodes[cell + 1] - nodes[cell])
+        return values[cell] + part * (values[cell + 1] - values[cell])
+
+
+def effective_thickness(
+    h0_m: Tensor, frequency_hz: Any, skin_thickness_m: float, skin: SkinDielectric
+) -> Tensor:
+    """``h0 = d1/eps1 + d2/eps2(w)`` [m], complex; `h0_m` is the screen's d1/eps1.
+
+    Without a frequency the skin counts as a conductor and `h0_m` comes back as it is.
+    """
+    if frequency_hz is None:
+        return h0_m
+    frequency = torch.as_tensor(frequency_hz, dtype=h0_m.dtype, device=h0_m.device)
+    return h0_m + skin_thickness_m / skin.relative_permittivity(frequency)

@@ -1,0 +1,111 @@
+"""The finger: elasticity, roughness, friction and apparent contact area of the fingertip's skin."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Self
+
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat
+from torch import Tensor
+
+from haptix.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum
+from haptix.electro import SkinDielectric
+from haptix.profile import Profile, named_preset
+
+PoissonRatio = Annotated[float, Field(gt=-1, le=0.5)]
+
+
+class Roughness(BaseModel):
+    """Self-affine roughness with a roll-off: the numbers of `RoughnessSpectrum.self_affine`.
+
+    The default has the paper's h_rms 22 um and H = 0.86 and its rms slope of 0.91; the spectrum of
+    the paper's finger itself is only printed as a figure, so its band is a stand-in.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    h_rms_m: PositiveFloat = 22e-6
+    hurst: Annotated[float, Field(gt=0, le=1)] = 0.86
+    q0_per_m: PositiveFloat = 1e3
+    q_rolloff_per_m: PositiveFloat = 3992.9
+    q1_per_m: PositiveFloat = 1e9
+    is_placeholder: bool = True
+
+    def spectrum(self) -> RoughnessSpectrum:
+        """Return the spectrum itself."""
+        return RoughnessSpectrum.self_affine(
+            self.h_rms_m, self.hurst, self.q0_per_m, self.q_rolloff_per_m, self.q1_per_m
+        )
+
+
+class Finger(Profile):
+    """One fingertip. Presets and sources: physics page, section 3 (Ayyildiz et al., PNAS 2018).
+
+    Parameters
+    ----------
+    name : str
+        What to call it.
+    youngs_modulus_pa, poisson_ratio, layer_thickness_m
+        The stratum corneum.
+    bulk_modulus_pa, bulk_poisson_ratio
+        The tissue below. Without a bulk modulus the skin is one half-space.
+    hardness_pa
+        Penetration hardness of dry skin, or None for elastic contact.
+    frictional_shear_stress_pa
+        tau_f, the friction force per real contact area.
+    apparent_area_at_1n_m2, apparent_area_exponent
+        ``A0 = area * (F_N / 1 N)^exponent``, from 3 kPa at 0.1 N and 20 kPa at 0.9 N.
+    roughness, dielectric
+        Roughness spectrum, and the skin's permittivity and resistivity.
+    """
+
+    name: str = "custom"
+    youngs_modulus_pa: PositiveFloat = 40e6
+    poisson_ratio: PoissonRatio = 0.5
+    layer_thickness_m: PositiveFloat = 200e-6
+    bulk_modulus_pa: PositiveFloat | None = 10e3
+    bulk_poisson_ratio: PoissonRatio = 0.5
+    hardness_pa: PositiveFloat | None = None
+    frictional_shear_stress_pa: PositiveFloat = 8e6
+    apparent_area_at_1n_m2: PositiveFloat = 45.65e-6
+    apparent_area_exponent: Annotated[float, Field(ge=0, lt=1)] = 0.1366
+    roughness: Roughness = Roughness()
+    dielectric: SkinDielectric = SkinDielectric()
+
+    @classmethod
+    def preset(cls, name: str) -> Self:
+        """Return "semi-wet" (the paper's Fig. 3C), "dry" or "wet".
+
+        Raises
+        ------
+        InputError
+            If there is no preset of that name.
+        """
+        return cls(name=name, **named_preset("finger", name, _PRESETS))
+
+    def solid(self) -> ElasticSolid:
+        """Return the elastic solid: the layered skin, or a half-space without bulk."""
+        if self.bulk_modulus_pa is None:
+            return HalfSpace(self.youngs_modulus_pa, self.poisson_ratio)
+        return Layered(
+            self.youngs_modulus_pa,
+            self.poisson_ratio,
+            self.layer_thickness_m,
+            self.bulk_modulus_pa,
+            self.bulk_poisson_ratio,
+        )
+
+    def apparent_area_m2(self, normal_force_n: Tensor) -> Tensor:
+        """A0 [m^2] at normal forces [N] of any shape."""
+        return self.apparent_area_at_1n_m2 * normal_force_n**self.apparent_area_exponent
+
+
+_PRESETS: dict[str, dict[str, Any]] = {
+    "semi-wet": {},
+    "dry": {
+        "youngs_modulus_pa": 1e9,
+        "poisson_ratio": 0.3,
+        "hardness_pa": 50e6,
+        "frictional_shear_stress_pa": 13e6,
+    },
+    "wet": {"youngs_modulus_pa": 10e6, "frictional_shear_stress_pa": 5e6},
+}

@@ -1,0 +1,74 @@
+"""Profiles of things in the world: validated, frozen, read from TOML, replaced field by field."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any, Self
+
+import tomlkit
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from haptix.errors import FileFormatError, InputError
+
+
+class Profile(BaseModel):
+    """Base of `Finger` and `Screen`: unknown keys and values out of range are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    schema_version: int = 1
+
+    def __init__(self, **fields: Any) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            raise InputError(_sentence(type(self).__name__, error)) from None
+
+    def replace(self, **fields: Any) -> Self:
+        """Return a copy with some fields changed, validated like a new one."""
+        return type(self)(**{**dict(self), **fields})
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a TOML file.
+
+        Raises
+        ------
+        FileFormatError
+            If the file is missing, is not TOML, or is of a later schema.
+        InputError
+            If a field is unknown or outside its range.
+        """
+        path = Path(path)
+        try:
+            fields = tomllib.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise FileFormatError(f"cannot read {path}: {error.strerror}") from None
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise FileFormatError(f"{path}: expected a TOML file, got: {error}") from None
+        version = fields.get("schema_version", 1)
+        if version != 1:
+            raise FileFormatError(
+                f"{path}: expected schema_version 1, got {version!r}; update haptix to read it"
+            )
+        return cls(**fields)
+
+    def save(self, path: str | Path) -> None:
+        """Write the profile as TOML that `load` reads back to an equal one."""
+        fields = self.model_dump(mode="json", exclude_none=True)
+        Path(path).write_text(tomlkit.dumps(fields), encoding="utf-8")
+
+
+def _sentence(name: str, error: ValidationError) -> str:
+    first = error.errors()[0]
+    field = ".".join(str(part) for part in first["loc"])
+    got = f", got {first['input']!r}" if first["type"] != "missing" else ""
+    return f"{name}.{field}: {first['msg'][0].lower()}{first['msg'][1:]}{got}"
+
+
+def named_preset(kind: str, name: str, presets: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Look a preset up, or say which exist."""
+    if name not in presets:
+        raise InputError(f"unknown {kind} preset {name!r}: expected one of {', '.join(presets)}")
+    return presets[name]
