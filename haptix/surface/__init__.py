@@ -1,0 +1,6 @@
+"""The friction surface mu(F_N, V0, f, h0): build, evaluate, invert, save."""
+
+from haptix.surface.build import build_surface, surface_key
+from haptix.surface.surface import FrictionSurface, Inversion, SurfaceSample
+
+__all__ = ["FrictionSurface", "Inversion", "SurfaceSample", "build_surface", "surface_key"]

@@ -1,0 +1,288 @@
+"""The friction surface: evaluated and inverted in batches, by interpolation alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from haptix.errors import InputError, RangeError
+from haptix.friction import ContactModel
+from haptix.status import Status
+from haptix.surface.grid import Axis
+
+Corner = tuple[Tensor, Tensor]
+
+
+@dataclass(frozen=True)
+class SurfaceSample:
+    """Friction at query points, of their broadcast shape."""
+
+    mu: Tensor
+    """Friction coefficient; where the status is not OK, that of the nearest point inside."""
+    status: Tensor
+    """Integers of `Status`: OK, PULL_IN or OUT_OF_RANGE."""
+
+
+@dataclass(frozen=True)
+class Inversion:
+    """Voltages for wanted frictions, of their broadcast shape."""
+
+    voltage_v: Tensor
+    """Amplitude [V] that gives the wanted friction, or the nearest one that can be given."""
+    status: Tensor
+    """Integers of `Status`: OK, BELOW, ABOVE, PULL_IN (limited by pull-in) or OUT_OF_RANGE."""
+
+
+@dataclass(frozen=True)
+class FrictionSurface:
+    """mu(F_N, V0, f, h0) on a grid, multilinear between its nodes.
+
+    Each column runs from 0 V to its own end, the lower of the voltage limit and a margin below
+    pull-in, on nodes of ``(V0 / end)^2``: there friction is nearly linear, and no node lies where
+    there is no contact. Columns rise with voltage, and so does every blend of them, which makes
+    the inverse unique and exact on the interpolant.
+
+    Parameters
+    ----------
+    normal_force_n, frequency_hz, h0_m : Axis
+        The axes; one that does not vary has a single node.
+    drive : Tensor, shape (drives,)
+        Nodes of ``(V0 / end)^2``, from 0 to 1.
+    mu : Tensor, shape (forces, frequencies, thicknesses, drives)
+        Friction coefficient, not falling along the last axis.
+    voltage_end_v : Tensor, shape (forces, frequencies, thicknesses)
+        Highest amplitude of each column [V].
+    voltage_limit_v : float
+        Highest amplitude asked for; a column that ends below it is limited by pull-in.
+    info : dict
+        What the surface was built from and how accurate it is; plain values.
+    """
+
+    normal_force_n: Axis
+    frequency_hz: Axis
+    h0_m: Axis
+    drive: Tensor
+    mu_table: Tensor
+    voltage_end_v: Tensor
+    voltage_limit_v: float
+    info: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def build(
+        cls,
+        model: ContactModel,
+        scene: Mapping[str, Any] | None = None,
+        tolerance: float = 2e-3,
+        on_progress: Callable[[float], None] | None = None,
+    ) -> FrictionSurface:
+        """Solve the model on a grid that is refined until held-out points agree.
+
+        Parameters
+        ----------
+        model : ContactModel
+            The model to tabulate.
+        scene : mapping, optional
+            Ranges ``(low, high)`` or single values for ``normal_force_n`` (0.1 to 1 N),
+            ``voltage_v`` (0 V to the screen's limit), ``frequency_hz`` (none) and ``h0_m`` (the
+            screen's own); in brackets what a missing one means.
+        tolerance : float
+            Largest error in mu against the model at held-out points.
+        on_progress : callable, optional
+            Called with the share of the work that is done.
+
+        Raises
+        ------
+        InputError
+            If a range is not one, or the tolerance cannot be met on a grid of reasonable size.
+        """
+        from haptix.surface.build import build_surface
+
+        return build_surface(model, scene or {}, tolerance, on_progress)
+
+    def save(self, path: str | Path) -> None:
+        """Write the surface to one file, whole or not at all."""
+        from haptix.surface.file import save_surface
+
+        save_surface(self, Path(path))
+
+    @classmethod
+    def load(cls, path: str | Path) -> FrictionSurface:
+        """Read a surface; nothing in the file is ever executed.
+
+        Raises
+        ------
+        FileFormatError
+            If the file is missing, foreign, damaged or of a later version.
+        """
+        from haptix.surface.file import load_surface
+
+        return load_surface(Path(path))
+
+    @property
+    def axes(self) -> tuple[Axis, Axis, Axis]:
+        """Force, frequency and thickness, in the order of the table."""
+        return self.normal_force_n, self.frequency_hz, self.h0_m
+
+    def mu(
+        self, normal_force_n: Any, voltage_v: Any, frequency_hz: Any = None, h0_m: Any = None
+    ) -> Tensor:
+        """Friction coefficient at points that broadcast together.
+
+        Raises
+        ------
+        RangeError
+            If a point lies outside the surface or past pull-in; `evaluate` returns a status
+            instead.
+        """
+        sample = self.evaluate(normal_force_n, voltage_v, frequency_hz, h0_m)
+        bad = sample.status != int(Status.OK)
+        if bool(bad.any()):
+            spans = ", ".join(
+                f"{axis.name} {axis.low:g} to {axis.high:g}"
+                for axis in self.axes
+                if not axis.is_absent
+            )
+            past = int((sample.status == int(Status.PULL_IN)).sum())
+            raise RangeError(
+                f"{int(bad.sum())} of {bad.numel()} points lie outside the surface ({past} of them "
+                f"past pull-in): expected {spans}, voltage_v 0 to {self.voltage_limit_v:g}; "
+                "build it for a wider range, or use evaluate() for a status per point"
+            )
+        return sample.mu
+
+    def evaluate(
+        self, normal_force_n: Any, voltage_v: Any, frequency_hz: Any = None, h0_m: Any = None
+    ) -> SurfaceSample:
+        """Friction coefficient and status at points that broadcast together."""
+        voltage = torch.as_tensor(voltage_v, dtype=self.mu_table.dtype, device=self.drive.device)
+        if not bool((voltage.isfinite() & (voltage >= 0)).all()):
+            raise InputError("voltage_v: expected finite amplitudes of 0 V or more")
+        corners, inside = self._corners(normal_force_n, frequency_hz, h0_m)
+        end = self._end(corners)
+        drive = (voltage / end) ** 2
+        sample = self._along(corners, drive.clamp(max=1.0))
+        past = drive > 1 + 1e-9
+        beyond = torch.where(
+            voltage > self.voltage_limit_v, int(Status.OUT_OF_RANGE), int(Status.PULL_IN)
+        )
+        status = torch.where(past, beyond, int(Status.OK))
+        return SurfaceSample(
+            sample, torch.where(inside, status, int(Status.OUT_OF_RANGE)).expand(sample.shape)
+        )
+
+    def voltage(
+        self, mu: Any, normal_force_n: Any, frequency_hz: Any = None, h0_m: Any = None
+    ) -> Inversion:
+        """Amplitude that gives a wanted friction, for points that broadcast together."""
+        wanted = torch.as_tensor(mu, dtype=self.mu_table.dtype, device=self.drive.device)
+        if not bool(wanted.isfinite().all()):
+            raise InputError("mu: expected finite friction coefficients")
+        corners, inside = self._corners(normal_force_n, frequency_hz, h0_m)
+        end = self._end(corners)
+        wanted, end, inside = torch.broadcast_tensors(wanted, end, inside)
+        low = torch.zeros_like(wanted, dtype=torch.long)
+        high = torch.full_like(low, len(self.drive) - 1)
+        bottom, top = self._at_node(corners, low), self._at_node(corners, high)
+        slack = 1e-9 * top  # a target equal to the end's own value is not out of reach by rounding
+        target = wanted.clamp(bottom, top)
+        for _ in range((len(self.drive) - 1).bit_length()):
+            middle = (low + high) // 2
+            left = self._at_node(corners, middle) <= target
+            low, high = torch.where(left, middle, low), torch.where(left, high, middle)
+        mu_low, mu_high = self._at_node(corners, low), self._at_node(corners, high)
+        rise = mu_high - mu_low
+        part = torch.where(rise > 0, (target - mu_low) / rise.clamp(min=1e-300), 0.0)
+        drive = self.drive[low] + part * (self.drive[high] - self.drive[low])
+        limited = torch.where(
+            end < self.voltage_limit_v * (1 - 1e-9), int(Status.PULL_IN), int(Status.ABOVE)
+        )
+        status = torch.where(wanted > top + slack, limited, int(Status.OK))
+        status = torch.where(wanted < bottom - slack, int(Status.BELOW), status)
+        status = torch.where(inside, status, int(Status.OUT_OF_RANGE))
+        return Inversion(end * drive.clamp(min=0.0).sqrt(), status)
+
+    def reachable(
+        self, normal_force_n: Any, frequency_hz: Any = None, h0_m: Any = None
+    ) -> tuple[Tensor, Tensor]:
+        """Lowest and highest friction coefficient that the surface can give."""
+        corners, _ = self._corners(normal_force_n, frequency_hz, h0_m)
+        first = torch.zeros((), dtype=torch.long, device=self.drive.device)
+        return self._at_node(corners, first), self._at_node(corners, first + len(self.drive) - 1)
+
+    def at(self, frequency_hz: Any = None, h0_m: Any = None) -> FrictionSurface:
+        """Slice frequency and thickness away, once, for queries that do not vary them.
+
+        None leaves an axis as it is.
+        """
+        mu, end = self.mu_table, self.voltage_end_v
+        axes = []
+        for dim, axis, value in ((1, self.frequency_hz, frequency_hz), (2, self.h0_m, h0_m)):
+            if value is None:
+                axes.append(axis)
+                continue
+            cell, part, inside = axis.locate(float(value))
+            if not bool(inside):
+                raise RangeError(
+                    f"{axis.name}: {float(value):g} is outside the surface's "
+                    f"{axis.low:g} to {axis.high:g}"
+                )
+            if axis.varies:
+                pair = torch.stack([cell, cell + 1])
+                weight = torch.stack([1 - part, part])
+                mu = torch.tensordot(weight, mu.index_select(dim, pair), ([0], [dim]))
+                end = torch.tensordot(weight, end.index_select(dim, pair), ([0], [dim]))
+                mu, end = mu.unsqueeze(dim), end.unsqueeze(dim)
+            axes.append(Axis(axis.name, axis.nodes.new_tensor([float(value)])))
+        return FrictionSurface(
+            self.normal_force_n, *axes, self.drive, mu, end, self.voltage_limit_v, self.info
+        )
+
+    def to(self, dtype: torch.dtype, device: torch.device | str = "cpu") -> FrictionSurface:
+        """Return a copy in another precision or on another device."""
+        return FrictionSurface(
+            *(Axis(axis.name, axis.nodes.to(device, dtype)) for axis in self.axes),
+            self.drive.to(device, dtype),
+            self.mu_table.to(device, dtype),
+            self.voltage_end_v.to(device, dtype),
+            self.voltage_limit_v,
+            self.info,
+        )
+
+    def _corners(self, *values: Any) -> tuple[list[Corner], Tensor]:
+        """Flat column numbers and weights of the columns around each point."""
+        corners: list[Corner] = []
+        everywhere = torch.ones((), dtype=torch.bool, device=self.drive.device)
+        for axis, value in zip(self.axes, values, strict=True):
+            cell, part, inside = axis.locate(value)
+            everywhere = everywhere & inside
+            sides = [(cell, 1 - part), (cell + 1, part)] if axis.varies else [(cell, None)]
+            if not corners:
+                corners = [(i, torch.ones_like(part) if w is None else w) for i, w in sides]
+            else:
+                corners = [
+                    (column * len(axis.nodes) + i, weight if w is None else weight * w)
+                    for column, weight in corners
+                    for i, w in sides
+                ]
+        return corners, everywhere
+
+    def _end(self, corners: list[Corner]) -> Tensor:
+        ends = self.voltage_end_v.reshape(-1)
+        return sum((w * ends[column] for column, w in corners), start=ends.new_zeros(()))
+
+    def _at_node(self, corners: list[Corner], node: Tensor) -> Tensor:
+        table = self.mu_table.reshape(-1, len(self.drive))
+        return sum((w * table[column, node] for column, w in corners), start=table.new_zeros(()))
+
+    def _along(self, corners: list[Corner], drive: Tensor) -> Tensor:
+        inner = self.drive[1:-1]
+        cell = torch.searchsorted(inner, drive.detach().contiguous(), right=True)
+        part = (drive - self.drive[cell]) / (self.drive[cell + 1] - self.drive[cell])
+        low = self._at_node(corners, cell)
+        return low + part * (self._at_node(corners, cell + 1) - low)
+
