@@ -20,7 +20,7 @@ from torch import Tensor
 from haptix.interpolation import UniformCubic
 
 LIGHT_CONTACT_LIMIT = 31.0
-"""Largest p/p0 that counts as light contact: the bound of the reference solver (physics page, 5)."""
+"""Largest p/p0 that counts as light contact: the bound of the reference solver (section 5)."""
 
 _BISECTIONS = 48
 _NEWTON_STEPS = 80
@@ -68,13 +68,11 @@ def lowest_branch(
     stiffness = (1 - pull * slope / pressure).detach()
     usable = stable & (stiffness > 1e-9)
     step = mismatch / torch.where(usable, stiffness, torch.ones_like(stiffness))
-    return Equilibrium(
-        torch.where(usable, pressure - step, pressure), bearable, stable
-    )
+    return Equilibrium(torch.where(usable, pressure - step, pressure), bearable, stable)
 
 
 def _end_of_branch(applied_pa: Tensor, log_attraction: UniformCubic, column: Tensor) -> Tensor:
-    """ln p where the light branch ends: at the fold, or at the limit of light contact.
+    """Ln p where the light branch ends: at the fold, or at the limit of light contact.
 
     The fold is where the slope of (p - p0)/I vanishes: ``1 - (1 - p0/p) dlnI/dlnp`` turns negative.
     """

@@ -164,8 +164,8 @@ class ContactModel:
         column = torch.arange(thickness.numel(), device=thickness.device).reshape(thickness.shape)
         flat = [t.expand(shape).reshape(-1) for t in (force, voltage, column)]
         blocks = [
-            self._solve_block(*block, thickness.reshape(-1))
-            for block in zip(*(t.split(_BLOCK) for t in flat), strict=True)
+            self._solve_block(force, voltage, column, thickness.reshape(-1))
+            for force, voltage, column in zip(*(t.split(_BLOCK) for t in flat), strict=True)
         ]
         return ContactState(
             *(
@@ -192,17 +192,17 @@ class ContactModel:
         counted = strength * torch.exp(log_attraction(log_pressure, column))
         spots = strength * area / thickness.abs()[column] ** 2
         gaps = counted - spots if self.contact_spots == "included" else counted
-        status = torch.where(found.is_stable, int(Status.OK), int(Status.PULL_IN))
-        state = (
-            self.finger.frictional_shear_stress_pa * area * apparent_area / force,
-            area,
-            pressure,
-            gaps,
-            spots,
-            torch.exp(table.log_mean_gap(log_pressure)),
-            drive_voltage(found.strength_at_fold),
+        friction = self.finger.frictional_shear_stress_pa * area * apparent_area
+        return ContactState(
+            mu=(friction / force).to(self.dtype),
+            area_fraction=area.to(self.dtype),
+            pressure_pa=pressure.to(self.dtype),
+            gap_attraction_pa=gaps.to(self.dtype),
+            spot_attraction_pa=spots.to(self.dtype),
+            mean_gap_m=torch.exp(table.log_mean_gap(log_pressure)).to(self.dtype),
+            pull_in_voltage_v=drive_voltage(found.strength_at_fold).to(self.dtype),
+            status=torch.where(found.is_stable, int(Status.OK), int(Status.PULL_IN)),
         )
-        return ContactState(*(t.to(self.dtype) for t in state), status)
 
     def _table_for(self, applied: Tensor) -> AttractionTable:
         low, high = float(applied.min()), LIGHT_CONTACT_LIMIT * float(applied.max())

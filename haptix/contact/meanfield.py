@@ -127,7 +127,7 @@ class MeanField:
 
     @property
     def stress_rms_pa(self) -> Tensor:
-        """``tau(1, zeta1)`` [Pa], about ``E* slope / sqrt(2)`` for a half-space; sets the scale of p."""
+        """``tau(1, zeta1)`` [Pa], ``E* slope / sqrt(2)`` for a half-space: the scale of p."""
         return self.stress_variance.sqrt()
 
     def area_fraction(self, pressure_pa: Any) -> Tensor:
@@ -240,7 +240,7 @@ class MeanField:
         safe_top = torch.where(open_, top, torch.ones_like(top))
         span = torch.log(safe_top / torch.where(open_, bottom, torch.ones_like(top)))
         total = torch.zeros_like(top)
-        # Looping over the Gauss points, not the batch, keeps every array small enough for the cache.
+        # A loop over the Gauss points, not over the batch, keeps every array within the cache.
         for point, weight in zip(self._points, self._weights, strict=True):
             tau = safe_top * torch.exp(span * ((point - 1) / 2))
             compliance = torch.exp(self._log_compliance(torch.log(variance + tau**2)))
@@ -262,6 +262,4 @@ class MeanField:
 def check_contact_spots(contact_spots: str) -> None:
     """Raise `InputError` unless the way to count contact spots has a name that is known."""
     if contact_spots not in get_args(ContactSpots):
-        raise InputError(
-            f'contact_spots: expected "excluded" or "included", got {contact_spots!r}'
-        )
+        raise InputError(f'contact_spots: expected "excluded" or "included", got {contact_spots!r}')

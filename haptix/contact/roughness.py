@@ -123,8 +123,12 @@ class RoughnessSpectrum:
         waves = np.fft.fft2((height.ravel() - plane @ tilt).reshape(height.shape) * window)
         side_y, side_x = rows * pixel_m, columns * pixel_m
         density = np.abs(waves) ** 2 / height.size**2 * side_x * side_y / (2 * pi) ** 2
-        q = 2 * pi * np.hypot(
-            np.fft.fftfreq(rows, pixel_m)[:, None], np.fft.fftfreq(columns, pixel_m)[None]
+        q = (
+            2
+            * pi
+            * np.hypot(
+                np.fft.fftfreq(rows, pixel_m)[:, None], np.fft.fftfreq(columns, pixel_m)[None]
+            )
         )
         low, high = 2 * pi / min(side_x, side_y), pi / pixel_m
         edges = np.geomspace(low, high, max(3, round(bins_per_decade * np.log10(high / low))) + 1)
@@ -165,7 +169,9 @@ class RoughnessSpectrum:
         """
         q, c = self.wavenumber, self.density
         exponent = torch.log(c[1:] / c[:-1]) / torch.log(q[1:] / q[:-1])
-        whole = _power_integral(c[:-1] * q[:-1] ** (power + 1), q[1:] / q[:-1], power + 1 + exponent)
+        whole = _power_integral(
+            c[:-1] * q[:-1] ** (power + 1), q[1:] / q[:-1], power + 1 + exponent
+        )
         tails = torch.cat([whole.flip(0).cumsum(0).flip(0), whole.new_zeros(1)])
         if above is None:
             return 2 * pi * tails[0]

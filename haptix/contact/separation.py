@@ -44,9 +44,7 @@ class SeparationIntegral:
         cells = (self._integrand(at) * weights).sum(-1) * step / 2
         total = cells.flip(0).cumsum(0).flip(0)[:_NODES]
         slope = -self._integrand(torch.exp(log_y)) / total
-        self._log_j = UniformCubic(
-            log(_Y_MIN), step, torch.log(total).to(device), slope.to(device)
-        )
+        self._log_j = UniformCubic(log(_Y_MIN), step, torch.log(total).to(device), slope.to(device))
 
     def _integrand(self, x: Tensor) -> Tensor:
         return (self.gamma + 3 * (1 - self.gamma) * torch.erf(x) ** 2) * torch.exp(-x * x)

@@ -75,12 +75,12 @@ class AttractionTable:
         return low <= lowest_pa and highest_pa <= high
 
     def log_inverse_square(self, h0_m: Tensor, contact_spots: ContactSpots) -> UniformCubic:
-        """ln I(p, h0) against ln p, one column for each of `h0_m` (1-D, real or complex)."""
+        """Ln I(p, h0) against ln p, one column for each of `h0_m` (1-D, real or complex)."""
         inverse_square = self.gaps.mass @ bin_inverse_square(self.gaps.edges_m, h0_m).T
         if contact_spots == "included":
             area = self.contact.area_fraction(torch.exp(self.log_pressure))
             inverse_square = inverse_square + area[:, None] / h0_m.abs() ** 2
-        # In complete contact no gap is left to pull; a share of the peak keeps the logarithm smooth.
+        # In complete contact no gap is left to pull; a share of the peak keeps ln I smooth.
         floor = _FLOOR * inverse_square.amax(0)
         log_table = torch.log(inverse_square + floor)
         return UniformCubic.through(float(self.log_pressure[0]), _STEP, log_table)

@@ -132,12 +132,11 @@ def build_surface(
 def _tabulate(
     model: ContactModel, ranges: Mapping[str, Any], intervals: Mapping[str, int]
 ) -> FrictionSurface:
-    axes = [
-        Axis.absent(name)
-        if ranges[name] is None
-        else Axis.spanning(name, *ranges[name], intervals[name])
-        for name in _AXES[:3]
-    ]
+    axes = (
+        _axis("normal_force_n", ranges, intervals),
+        _axis("frequency_hz", ranges, intervals),
+        _axis("h0_m", ranges, intervals),
+    )
     drive = torch.linspace(0, 1, intervals["drive"] + 1, dtype=torch.float64)
     force, frequency, h0 = torch.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
     frequency_or_none = None if axes[1].is_absent else frequency
@@ -153,11 +152,18 @@ def _tabulate(
     )
     # The solver rises with voltage already; this makes it true of the last bit as well.
     mu = state.mu.to(torch.float64).cummax(-1).values
-    return FrictionSurface(*axes, drive, mu, end, limit)
+    return FrictionSurface(axes, drive, mu, end, limit)
+
+
+def _axis(name: str, ranges: Mapping[str, Any], intervals: Mapping[str, int]) -> Axis:
+    if ranges[name] is None:
+        return Axis.absent(name)
+    low, high = ranges[name]
+    return Axis.spanning(name, low, high, intervals[name])
 
 
 def _midpoint_errors(model: ContactModel, surface: FrictionSurface) -> dict[str, float]:
-    """Largest error half-way between the nodes of one axis at a time; their sum bounds the whole."""
+    """Largest error half-way between nodes, one axis at a time; the sum bounds the whole."""
     errors = {}
     for name in [*(axis.name for axis in surface.axes if axis.varies), "drive"]:
         generator = torch.Generator().manual_seed(_SEED)

@@ -51,7 +51,7 @@ def save_surface(surface: FrictionSurface, path: Path) -> None:
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
-        os.replace(temporary, path)
+        Path(temporary).replace(path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
@@ -83,7 +83,11 @@ def load_surface(path: Path) -> FrictionSurface:
 
 
 def _assemble(path: Path, header: dict[str, Any], tensors: dict[str, Tensor]) -> FrictionSurface:
-    axes = [Axis(name, tensors[name]) for name in _TENSORS[:3]]
+    axes = (
+        Axis("normal_force_n", tensors["normal_force_n"]),
+        Axis("frequency_hz", tensors["frequency_hz"]),
+        Axis("h0_m", tensors["h0_m"]),
+    )
     mu, end, drive = tensors["mu"], tensors["voltage_end_v"], tensors["drive"]
     shape = tuple(len(axis.nodes) for axis in axes)
     sound = (
@@ -99,7 +103,7 @@ def _assemble(path: Path, header: dict[str, Any], tensors: dict[str, Tensor]) ->
         raise FileFormatError(f"{path} is damaged: its tables contradict each other")
     try:
         limit = float(header["voltage_limit_v"])
-        return FrictionSurface(*axes, drive, mu, end, limit, header["info"])
+        return FrictionSurface(axes, drive, mu, end, limit, header["info"])
     except (KeyError, TypeError, ValueError, HaptixError) as error:
         raise FileFormatError(f"{path} is damaged: {error}") from None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -49,11 +49,12 @@ class FrictionSurface:
 
     Parameters
     ----------
-    normal_force_n, frequency_hz, h0_m : Axis
-        The axes; one that does not vary has a single node.
+    axes : (Axis, Axis, Axis)
+        Normal force, frequency and h0, in the order of the table; one that does not vary has a
+        single node.
     drive : Tensor, shape (drives,)
         Nodes of ``(V0 / end)^2``, from 0 to 1.
-    mu : Tensor, shape (forces, frequencies, thicknesses, drives)
+    mu_table : Tensor, shape (forces, frequencies, thicknesses, drives)
         Friction coefficient, not falling along the last axis.
     voltage_end_v : Tensor, shape (forces, frequencies, thicknesses)
         Highest amplitude of each column [V].
@@ -63,9 +64,7 @@ class FrictionSurface:
         What the surface was built from and how accurate it is; plain values.
     """
 
-    normal_force_n: Axis
-    frequency_hz: Axis
-    h0_m: Axis
+    axes: tuple[Axis, Axis, Axis]
     drive: Tensor
     mu_table: Tensor
     voltage_end_v: Tensor
@@ -124,9 +123,19 @@ class FrictionSurface:
         return load_surface(Path(path))
 
     @property
-    def axes(self) -> tuple[Axis, Axis, Axis]:
-        """Force, frequency and thickness, in the order of the table."""
-        return self.normal_force_n, self.frequency_hz, self.h0_m
+    def normal_force_n(self) -> Axis:
+        """Axis of normal force [N]."""
+        return self.axes[0]
+
+    @property
+    def frequency_hz(self) -> Axis:
+        """Axis of drive frequency [Hz]."""
+        return self.axes[1]
+
+    @property
+    def h0_m(self) -> Axis:
+        """Axis of the screen's effective insulator thickness [m]."""
+        return self.axes[2]
 
     def mu(
         self, normal_force_n: Any, voltage_v: Any, frequency_hz: Any = None, h0_m: Any = None
@@ -166,7 +175,7 @@ class FrictionSurface:
         end = self._end(corners)
         drive = (voltage / end) ** 2
         sample = self._along(corners, drive.clamp(max=1.0))
-        past = drive > 1 + 1e-9
+        past = drive > 1 + max(1e-9, 8 * torch.finfo(drive.dtype).eps)
         beyond = torch.where(
             voltage > self.voltage_limit_v, int(Status.OUT_OF_RANGE), int(Status.PULL_IN)
         )
@@ -188,7 +197,8 @@ class FrictionSurface:
         low = torch.zeros_like(wanted, dtype=torch.long)
         high = torch.full_like(low, len(self.drive) - 1)
         bottom, top = self._at_node(corners, low), self._at_node(corners, high)
-        slack = 1e-9 * top  # a target equal to the end's own value is not out of reach by rounding
+        # A target equal to the end's own value is not out of reach by rounding.
+        slack = max(1e-9, 8 * torch.finfo(top.dtype).eps) * top
         target = wanted.clamp(bottom, top)
         for _ in range((len(self.drive) - 1).bit_length()):
             middle = (low + high) // 2
@@ -196,7 +206,9 @@ class FrictionSurface:
             low, high = torch.where(left, middle, low), torch.where(left, high, middle)
         mu_low, mu_high = self._at_node(corners, low), self._at_node(corners, high)
         rise = mu_high - mu_low
-        part = torch.where(rise > 0, (target - mu_low) / rise.clamp(min=1e-300), 0.0)
+        part = torch.where(
+            rise > 0, (target - mu_low) / rise.clamp(min=torch.finfo(rise.dtype).tiny), 0.0
+        )
         drive = self.drive[low] + part * (self.drive[high] - self.drive[low])
         limited = torch.where(
             end < self.voltage_limit_v * (1 - 1e-9), int(Status.PULL_IN), int(Status.ABOVE)
@@ -220,10 +232,10 @@ class FrictionSurface:
         None leaves an axis as it is.
         """
         mu, end = self.mu_table, self.voltage_end_v
-        axes = []
-        for dim, axis, value in ((1, self.frequency_hz, frequency_hz), (2, self.h0_m, h0_m)):
+        axes = list(self.axes)
+        for dim, value in ((1, frequency_hz), (2, h0_m)):
+            axis = axes[dim]
             if value is None:
-                axes.append(axis)
                 continue
             cell, part, inside = axis.locate(float(value))
             if not bool(inside):
@@ -237,20 +249,18 @@ class FrictionSurface:
                 mu = torch.tensordot(weight, mu.index_select(dim, pair), ([0], [dim]))
                 end = torch.tensordot(weight, end.index_select(dim, pair), ([0], [dim]))
                 mu, end = mu.unsqueeze(dim), end.unsqueeze(dim)
-            axes.append(Axis(axis.name, axis.nodes.new_tensor([float(value)])))
-        return FrictionSurface(
-            self.normal_force_n, *axes, self.drive, mu, end, self.voltage_limit_v, self.info
-        )
+            axes[dim] = Axis(axis.name, axis.nodes.new_tensor([float(value)]))
+        return replace(self, axes=(axes[0], axes[1], axes[2]), mu_table=mu, voltage_end_v=end)
 
     def to(self, dtype: torch.dtype, device: torch.device | str = "cpu") -> FrictionSurface:
         """Return a copy in another precision or on another device."""
-        return FrictionSurface(
-            *(Axis(axis.name, axis.nodes.to(device, dtype)) for axis in self.axes),
-            self.drive.to(device, dtype),
-            self.mu_table.to(device, dtype),
-            self.voltage_end_v.to(device, dtype),
-            self.voltage_limit_v,
-            self.info,
+        force, frequency, h0 = (Axis(a.name, a.nodes.to(device, dtype)) for a in self.axes)
+        return replace(
+            self,
+            axes=(force, frequency, h0),
+            drive=self.drive.to(device, dtype),
+            mu_table=self.mu_table.to(device, dtype),
+            voltage_end_v=self.voltage_end_v.to(device, dtype),
         )
 
     def _corners(self, *values: Any) -> tuple[list[Corner], Tensor]:
@@ -285,4 +295,3 @@ class FrictionSurface:
         part = (drive - self.drive[cell]) / (self.drive[cell + 1] - self.drive[cell])
         low = self._at_node(corners, cell)
         return low + part * (self._at_node(corners, cell + 1) - low)
-
