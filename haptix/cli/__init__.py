@@ -1,0 +1,39 @@
+"""The command line. Nothing here imports torch before a command runs, so that --help is instant."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from haptix.cli import demo, hardware, surfaces
+
+app = typer.Typer(
+    name="haptix",
+    help="Haptic rendering for electrovibration touchscreens: from contact mechanics to volts.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.command("demo")(demo.demo)
+app.command("build")(surfaces.build)
+app.command("query")(surfaces.query)
+app.command("invert")(surfaces.invert)
+app.command("devices")(hardware.devices)
+app.command("doctor")(hardware.doctor)
+
+
+def main() -> None:
+    """Run the command line; a wrong input is one sentence and exit code 2, never a traceback."""
+    try:
+        app()
+    except KeyboardInterrupt:
+        sys.stderr.write("haptix: interrupted\n")
+        sys.exit(130)
+    except Exception as error:
+        from firmware_io.errors import HaptixError  # loads numpy: too slow for --help
+
+        if not isinstance(error, HaptixError):
+            raise
+        sys.stderr.write(f"haptix: {error}\n")
+        sys.exit(2)

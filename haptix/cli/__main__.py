@@ -1,0 +1,5 @@
+"""``python -m haptix.cli``."""
+
+from haptix.cli import main
+
+main()

@@ -1,0 +1,72 @@
+"""``haptix devices`` and ``haptix doctor``."""
+
+from __future__ import annotations
+
+import platform
+from dataclasses import asdict
+from typing import Any
+
+import typer
+
+from haptix.cli.output import AsJson, show
+
+
+def devices(as_json: AsJson = False) -> None:
+    """List what can be opened, and what the USB, HID and audio buses show."""
+    from firmware_io import list_devices
+
+    show("devices", [asdict(device) for device in list_devices()], as_json)
+
+
+def doctor(as_json: AsJson = False) -> None:
+    """Check this machine: packages, system libraries, cache, and a solve against known numbers.
+
+    Exit code 1 if something that every use needs is broken.
+    """
+    from firmware_io import survey_buses
+
+    checks = [_check_python(), _check_torch(), _check_cache(), _check_solver()]
+    checks += [_row(report.kind, report.available, report.detail) for report in survey_buses()]
+    show("doctor", checks, as_json)
+    if any(row["ok"] == "no" for row in checks[:4]):
+        raise typer.Exit(1)
+
+
+def _row(what: str, good: bool, detail: str) -> dict[str, Any]:
+    return {"check": what, "ok": "yes" if good else "no", "detail": detail}
+
+
+def _check_python() -> dict[str, Any]:
+    from haptix.version import __version__
+
+    return _row("haptix", True, f"{__version__} on Python {platform.python_version()}")
+
+
+def _check_torch() -> dict[str, Any]:
+    import torch
+
+    device = torch.cuda.get_device_name() if torch.cuda.is_available() else "no GPU (none needed)"
+    return _row("torch", True, f"{torch.__version__}, {torch.get_num_threads()} threads, {device}")
+
+
+def _check_cache() -> dict[str, Any]:
+    import os
+
+    from haptix.surface.cache import cache_folder
+
+    folder = cache_folder()
+    there = folder
+    while not there.exists():
+        there = there.parent
+    good = os.access(there, os.W_OK)
+    return _row("cache", good, f"{folder}" if good else f"{folder} cannot be written")
+
+
+def _check_solver() -> dict[str, Any]:
+    from haptix.contact import HalfSpace, MeanField, RoughnessSpectrum
+
+    # Physics page, section 5: H = 0.8, q1/q0 = 1e3, no roll-off, h_rms = q0 = E* = 1, p = 1e-2.
+    contact = MeanField(RoughnessSpectrum.self_affine(1, 0.8, 1, 1, 1e3), HalfSpace(0.75, 0.5))
+    area, gap = float(contact.area_fraction(1e-2)), float(contact.mean_gap(1e-2))
+    good = abs(area / 2.070563e-3 - 1) < 1e-6 and abs(gap / 2.3627 - 1) < 1e-3
+    return _row("solver", good, f"A/A0 {area:.6e} (2.070563e-03), mean gap {gap:.4f} (2.3627)")

@@ -1,0 +1,66 @@
+"""Tables on the terminal, or the same rows as JSON; progress on the terminal's error stream."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Annotated, Any
+
+import typer
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+
+def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
+    """Print rows of one set of columns."""
+    if as_json:
+        sys.stdout.write(json.dumps(rows, indent=2) + "\n")
+        return
+    from rich.box import SIMPLE
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=SIMPLE, pad_edge=False)
+    for name, value in rows[0].items() if rows else ():
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        # Headings break at their underscores and numbers never, so that tables fit a terminal.
+        widest = max(len(_text(row[name])) for row in rows) if number else None
+        table.add_column(
+            name.replace("_", " "),
+            justify="right" if number else "left",
+            overflow="fold",
+            min_width=widest,
+        )
+    for row in rows:
+        table.add_row(*(escape(_text(value)) for value in row.values()))
+    Console().print(table)
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+@contextmanager
+def progress_bar(stages: Mapping[str, str]) -> Iterator[Callable[[str, float], None]]:
+    """Show one bar per stage as it comes up; yields ``update(stage, share)``."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        tasks: dict[str, Any] = {}
+
+        def update(stage: str, share: float) -> None:
+            for earlier in tasks.values():
+                if stage not in tasks:
+                    progress.update(earlier, completed=1.0)
+            if stage not in tasks:
+                tasks[stage] = progress.add_task(stages[stage], total=1.0)
+            progress.update(tasks[stage], completed=share)
+
+        yield update

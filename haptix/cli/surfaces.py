@@ -1,0 +1,210 @@
+"""``haptix build``, ``query`` and ``invert``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from haptix.cli.output import AsJson, progress_bar, show
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from haptix.friction import ContactModel
+
+Finger = Annotated[str, typer.Option(help="Finger: a preset (semi-wet, wet) or a TOML file.")]
+Screen = Annotated[str, typer.Option(help="Screen: a preset (3m-sct3250) or a TOML file.")]
+Force = Annotated[str, typer.Option(help="Normal forces [N], comma-separated.")]
+Voltage = Annotated[str, typer.Option(help="Amplitudes [V], comma-separated.")]
+Frequency = Annotated[
+    str | None, typer.Option(help="Drive frequencies [Hz], comma-separated. [default: no skin]")
+]
+Thickness = Annotated[
+    str | None, typer.Option(help="d1/eps1 of the insulator [m]. [default: the screen's own]")
+]
+
+
+def build(
+    out: Annotated[Path, typer.Argument(help="File to write, such as my.surface.")],
+    finger: Finger = "semi-wet",
+    screen: Screen = "3m-sct3250",
+    normal_force_n: Annotated[
+        str, typer.Option(help="Range of normal force [N]: LOW,HIGH or one value.")
+    ] = "0.1,1",
+    voltage_v: Annotated[
+        float | None, typer.Option(help="Highest amplitude [V]. [default: the screen's limit]")
+    ] = None,
+    frequency_hz: Annotated[
+        str | None,
+        typer.Option(help="Range of drive frequency [Hz]: LOW,HIGH or one. [default: no skin]"),
+    ] = None,
+    h0_m: Annotated[
+        str | None, typer.Option(help="Range of d1/eps1 [m]. [default: the screen's own]")
+    ] = None,
+    tolerance: Annotated[float, typer.Option(help="Largest error in mu.")] = 2e-3,
+    overwrite: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Solve the contact model once and write its friction surface."""
+    from haptix.errors import InputError
+    from haptix.surface import FrictionSurface
+
+    if out.exists() and not overwrite:
+        raise InputError(f"{out} exists: name another file, or pass --overwrite to replace it")
+    model = _model(finger, screen)
+    scene: dict[str, Any] = {"normal_force_n": _range("normal-force-n", normal_force_n)}
+    if voltage_v is not None:
+        scene["voltage_v"] = (0.0, voltage_v)
+    if frequency_hz is not None:
+        scene["frequency_hz"] = _range("frequency-hz", frequency_hz)
+    if h0_m is not None:
+        scene["h0_m"] = _range("h0-m", h0_m)
+    with progress_bar({"build": "build the surface"}) as update:
+        surface = FrictionSurface.build(
+            model, scene, tolerance, lambda share: update("build", share)
+        )
+    surface.save(out)
+    rows = [
+        {
+            "file": str(out),
+            "values": surface.mu_table.numel(),
+            "bytes": out.stat().st_size,
+            "mu_low": float(surface.mu_table.min()),
+            "mu_high": float(surface.mu_table.max()),
+            "error_max": surface.info["error_max"],
+            "error_p99": surface.info["error_p99"],
+            "tolerance": tolerance,
+        }
+    ]
+    show("friction surface", rows, as_json)
+
+
+def query(
+    normal_force_n: Force,
+    voltage_v: Voltage,
+    frequency_hz: Frequency = None,
+    h0_m: Thickness = None,
+    surface: Annotated[
+        Path | None, typer.Option(help="Read this surface instead of solving the model.")
+    ] = None,
+    finger: Finger = "semi-wet",
+    screen: Screen = "3m-sct3250",
+    as_json: AsJson = False,
+) -> None:
+    """Friction for given force and voltage, from the model or from a surface."""
+    from haptix.errors import LimitError
+    from haptix.surface import FrictionSurface
+
+    force, voltage, frequency, h0 = _product(
+        _numbers("normal-force-n", normal_force_n),
+        _numbers("voltage-v", voltage_v),
+        _numbers("frequency-hz", frequency_hz),
+        _numbers("h0-m", h0_m),
+    )
+    inputs = {
+        "normal_force_n": force,
+        "voltage_v": voltage,
+        "frequency_hz": frequency,
+        "h0_m": h0,
+    }
+    if surface is None:
+        state = _model(finger, screen).solve(**inputs)
+        outputs = {
+            "mu": state.mu,
+            "area_fraction": state.area_fraction,
+            "attraction_pa": state.attraction_pa,
+            "mean_gap_m": state.mean_gap_m,
+            "pull_in_voltage_v": state.pull_in_voltage_v,
+        }
+        status = state.status
+    else:
+        table = FrictionSurface.load(surface)
+        limit = table.info["model"]["screen"]["max_voltage_v"]
+        if float(voltage.max()) > limit:
+            raise LimitError(
+                f"voltage_v: {float(voltage.max()):g} V is above the limit of {limit:g} V of the "
+                "surface's screen; lower it (it is rejected, not clamped)"
+            )
+        sample = table.evaluate(**inputs)
+        outputs, status = {"mu": sample.mu}, sample.status
+    show("friction", _rows(inputs, outputs, status), as_json)
+
+
+def invert(
+    surface: Annotated[Path, typer.Argument(help="Surface made by `haptix build`.")],
+    mu: Annotated[str, typer.Option(help="Wanted friction coefficients, comma-separated.")],
+    normal_force_n: Force,
+    frequency_hz: Frequency = None,
+    h0_m: Thickness = None,
+    as_json: AsJson = False,
+) -> None:
+    """Voltage for a wanted friction, with the status of each: OK, BELOW, ABOVE, PULL_IN."""
+    from haptix.surface import FrictionSurface
+
+    wanted, force, frequency, h0 = _product(
+        _numbers("mu", mu),
+        _numbers("normal-force-n", normal_force_n),
+        _numbers("frequency-hz", frequency_hz),
+        _numbers("h0-m", h0_m),
+    )
+    found = FrictionSurface.load(surface).voltage(wanted, force, frequency, h0)
+    inputs = {"mu": wanted, "normal_force_n": force, "frequency_hz": frequency, "h0_m": h0}
+    show("voltage", _rows(inputs, {"voltage_v": found.voltage_v}, found.status), as_json)
+
+
+def _model(finger: str, screen: str) -> ContactModel:
+    from haptix.finger import Finger
+    from haptix.friction import ContactModel
+    from haptix.screen import Screen
+
+    return ContactModel(
+        Finger.load(finger) if finger.endswith(".toml") else Finger.preset(finger),
+        Screen.load(screen) if screen.endswith(".toml") else Screen.preset(screen),
+    )
+
+
+def _numbers(option: str, text: str | None) -> Tensor | None:
+    import torch
+
+    from haptix.errors import InputError
+
+    if text is None:
+        return None
+    try:
+        return torch.tensor([float(part) for part in text.split(",")], dtype=torch.float64)
+    except ValueError:
+        raise InputError(
+            f"--{option}: expected numbers separated by commas, such as 0.2,0.5, got {text!r}"
+        ) from None
+
+
+def _range(option: str, text: str) -> tuple[float, float]:
+    from haptix.errors import InputError
+
+    numbers = _numbers(option, text)
+    assert numbers is not None
+    if len(numbers) > 2:
+        raise InputError(f"--{option}: expected LOW,HIGH or one value, got {text!r}")
+    return float(numbers[0]), float(numbers[-1])
+
+
+def _product(*columns: Any) -> list[Any]:
+    """Every combination, one row each; columns that are None stay None."""
+    import torch
+
+    given = [column for column in columns if column is not None]
+    grids = iter(grid.reshape(-1) for grid in torch.meshgrid(*given, indexing="ij"))
+    return [None if column is None else next(grids) for column in columns]
+
+
+def _rows(inputs: dict[str, Any], outputs: dict[str, Any], status: Any) -> list[dict[str, Any]]:
+    from haptix.status import Status
+
+    columns = {name: column for name, column in (inputs | outputs).items() if column is not None}
+    return [
+        {name: float(column[row]) for name, column in columns.items()}
+        | {"status": Status(int(status[row])).name}
+        for row in range(len(status))
+    ]
