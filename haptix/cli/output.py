@@ -27,12 +27,12 @@ def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
     for name, value in rows[0].items() if rows else ():
         number = isinstance(value, int | float) and not isinstance(value, bool)
         # Headings break at their underscores and numbers never, so that tables fit a terminal.
-        widest = max(len(_text(row[name])) for row in rows) if number else None
+        widest = max(len(_text(row[name])) for row in rows)
         table.add_column(
             name.replace("_", " "),
             justify="right" if number else "left",
             overflow="fold",
-            min_width=widest,
+            min_width=widest if number else min(widest, 8),
         )
     for row in rows:
         table.add_row(*(escape(_text(value)) for value in row.values()))
