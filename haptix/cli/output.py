@@ -23,7 +23,7 @@ def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left", box=SIMPLE, pad_edge=False)
+    table = Table(title=title, title_justify="left", box=SIMPLE, padding=0)
     for name, value in rows[0].items() if rows else ():
         number = isinstance(value, int | float) and not isinstance(value, bool)
         # Headings break at their underscores and numbers never, so that tables fit a terminal.

@@ -111,7 +111,7 @@ def _friction(axes: Axes, outcome: Outcome) -> None:
     axes.set(
         ylabel="friction coefficient",
         ylim=(low.min() - 0.05 * room, high.max() + room),
-        title="2  Friction under the finger: reached lies on wanted",
+        title="2  Friction under the finger",
     )
     axes.legend(loc="upper center", ncols=3, fontsize=8, columnspacing=1.2)
 

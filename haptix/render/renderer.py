@@ -20,6 +20,9 @@ from haptix.texture import Texture
 
 Array = npt.NDArray[np.float64]
 
+DEFAULT_CARRIER_HZ = 4000.0
+"""Above what skin feels, and a whole twelfth of the usual 48 kHz."""
+
 
 @dataclass(frozen=True)
 class RenderedBlock:
@@ -55,15 +58,16 @@ class Renderer:
     Parameters
     ----------
     surface : FrictionSurface
-        Must hold the carrier's frequency and the screen's h0.
+        Must hold the carrier's frequency and the thickness.
     texture : Texture
         What to feel.
     device : Device
         Where the samples go; its ceiling is lowered to the surface's voltage limit.
     carrier_hz : float, optional
-        Frequency of the drive; needed only if the surface spans several.
+        Frequency of the drive. Without it the surface's own, or where that spans several or leaves
+        frequency out, the one nearest to `DEFAULT_CARRIER_HZ`.
     h0_m : float, optional
-        Effective insulator thickness; needed only if the surface spans several.
+        Effective insulator thickness, where the surface spans several; the screen's own without.
     block_s : float
         Longest block.
     keep_blocks : bool
@@ -80,15 +84,14 @@ class Renderer:
         block_s: float = 0.005,
         keep_blocks: bool = False,
     ) -> None:
-        if surface.frequency_hz.is_absent and carrier_hz is None:
-            raise InputError(
-                "carrier_hz: the surface was built without a frequency, so say which the drive has"
-            )
-        carrier_hz = surface.frequency_hz.low if carrier_hz is None else carrier_hz
-        frequency = None if surface.frequency_hz.is_absent else carrier_hz
-        self._surface = surface.at(frequency_hz=frequency, h0_m=h0_m)
-        if self._surface.h0_m.varies:
-            raise InputError("h0_m: the surface spans several; say which the screen has")
+        frequency = surface.frequency_hz
+        if carrier_hz is None:
+            carrier_hz = DEFAULT_CARRIER_HZ
+            if not frequency.is_absent:
+                carrier_hz = min(max(carrier_hz, frequency.low), frequency.high)
+        if surface.h0_m.varies and h0_m is None:
+            h0_m = surface.info["screen_h0_m"]
+        self._surface = surface.at(None if frequency.is_absent else carrier_hz, h0_m)
         self.texture = texture
         self.device = device
         self.carrier = Carrier(carrier_hz, device.capabilities.sample_rate_hz)

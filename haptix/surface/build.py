@@ -121,6 +121,7 @@ def build_surface(
         "key": surface_key(model, scene, tolerance),
         "model": model.describe(),
         "ranges": ranges,
+        "screen_h0_m": model.screen.h0_m,
         "tolerance": tolerance,
         "error_max": largest,
         "error_p99": p99,
@@ -141,8 +142,8 @@ def _tabulate(
     force, frequency, h0 = torch.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
     frequency_or_none = None if axes[1].is_absent else frequency
     limit = ranges["voltage_v"][1]
-    pull_in = model.solve(force, 0.0, frequency_or_none, h0).pull_in_voltage_v.to(torch.float64)
-    end = torch.clamp(PULL_IN_MARGIN * pull_in, max=limit)
+    pull_in = model.solve(force, 0.0, frequency_or_none, h0).pull_in_voltage_v
+    end = torch.clamp(PULL_IN_MARGIN * pull_in.to("cpu", torch.float64), max=limit)
     voltage = end[..., None] * drive.sqrt()
     state = model.solve(
         force[..., None],
@@ -151,7 +152,7 @@ def _tabulate(
         h0[..., None],
     )
     # The solver rises with voltage already; this makes it true of the last bit as well.
-    mu = state.mu.to(torch.float64).cummax(-1).values
+    mu = state.mu.to("cpu", torch.float64).cummax(-1).values
     return FrictionSurface(axes, drive, mu, end, limit)
 
 
@@ -204,5 +205,6 @@ def _error_at(
     corners, _ = surface._corners(force, frequency, h0)
     voltage = surface._end(corners) * drive.sqrt()
     state = model.solve(force, voltage, frequency, h0)
-    error = (surface.evaluate(force, voltage, frequency, h0).mu - state.mu.to(torch.float64)).abs()
-    return error[state.status == int(Status.OK)]
+    solved = state.mu.to("cpu", torch.float64)
+    error = (surface.evaluate(force, voltage, frequency, h0).mu - solved).abs()
+    return error[state.status.cpu() == int(Status.OK)]

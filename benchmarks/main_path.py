@@ -1,0 +1,105 @@
+"""Accuracy and speed along the main path, as the README quotes them.
+
+    .venv/bin/python benchmarks/main_path.py
+
+Errors are against the slow reference solver's numbers in tests/data/meanfield.json. Times are the
+median of five runs in one process.
+"""
+
+import json
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import torch
+from scipy.interpolate import RegularGridInterpolator
+
+from haptix import ContactModel, Finger, FrictionSurface, Screen
+from haptix.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum
+
+REFERENCE = Path(__file__).parent.parent / "tests" / "data" / "meanfield.json"
+
+
+def median_s(work: Callable[[], object]) -> float:
+    times = []
+    for _ in range(5):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return statistics.median(times)
+
+
+def reference_errors() -> None:
+    print("largest relative difference from the reference solver, spots included")
+    for case in json.loads(REFERENCE.read_text())["cases"]:
+        rough, solid = case["roughness"], case["solid"]
+        spectrum = RoughnessSpectrum.self_affine(
+            rough["h_rms"], rough["H"], rough["q0"], rough["qr"], rough["q1"]
+        )
+        modulus = HalfSpace(solid["E"], solid["nu"])
+        if "d" in solid:
+            modulus = Layered(
+                solid["E"], solid["nu"], solid["d"], solid["E_bulk"], solid["nu_bulk"]
+            )
+        contact = MeanField(spectrum, modulus, case["gamma"], case["gap_distribution"])
+        pressure = torch.tensor([row["p"] for row in case["rows"]], dtype=torch.float64)
+
+        def worst(ours: torch.Tensor, theirs: list[float]) -> float:
+            return float((ours / torch.tensor(theirs, dtype=torch.float64) - 1).abs().max())
+
+        area = worst(contact.area_fraction(pressure), [row["area"] for row in case["rows"]])
+        gap = worst(contact.mean_gap(pressure), [row["ubar"] for row in case["rows"]])
+        inverse = max(
+            worst(
+                contact.inverse_square_gap(pressure, complex(*h0) if isinstance(h0, list) else h0),
+                [row["I"][number] for row in case["rows"]],
+            )
+            for number, h0 in enumerate(case["h0"])
+        )
+        print(f"  {case['name']:48} A/A0 {area:.0e}   mean gap {gap:.0e}   I {inverse:.0e}")
+
+
+def speeds() -> None:
+    finger, screen = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
+    states = (
+        torch.logspace(-1, 0, 10)[:, None, None, None],
+        torch.linspace(0, 200, 50)[:, None, None],
+        torch.logspace(1, 5, 20)[:, None],
+        torch.logspace(-7, -6, 10),
+    )
+    first = median_s(lambda: ContactModel(finger, screen).solve(*states))
+    model = ContactModel(finger, screen)
+    model.solve(*states)
+    again = median_s(lambda: model.solve(*states))
+    print(f"100,000 states: {first:.2f} s with the contact tables, {again:.2f} s without")
+
+    ranges = {"normal_force_n": (0.1, 1.0), "frequency_hz": (1e3, 1e4), "h0_m": (1e-7, 1e-6)}
+    surface = FrictionSurface.build(model, ranges)
+    print(
+        f"4-D surface of {surface.mu_table.numel():,} values: largest error in mu "
+        f"{surface.info['error_max']:.1e}, 99 % below {surface.info['error_p99']:.1e}"
+    )
+    count = 1_000_000
+    generator = torch.Generator().manual_seed(1)
+    draw = torch.rand(4, count, generator=generator, dtype=torch.float64)
+    force, frequency, h0 = 0.1 * 10 ** draw[0], 1e3 * 10 ** draw[2], 1e-7 * 10 ** draw[3]
+    voltage = 200 * draw[1]
+    ours = median_s(lambda: surface.evaluate(force, voltage, frequency, h0))
+    axes = [axis.nodes.log().numpy() for axis in surface.axes]
+    theirs = RegularGridInterpolator((*axes, surface.drive.numpy()), surface.mu_table.numpy())
+    points = torch.stack([force.log(), frequency.log(), h0.log(), draw[1] ** 2], -1).numpy()
+    scipy_s = median_s(lambda: theirs(points.clip(*_bounds(theirs))))
+    mu = surface.evaluate(force, voltage, frequency, h0).mu
+    inverse = median_s(lambda: surface.voltage(mu, force, frequency, h0))
+    print(f"a million points in 4-D: evaluation {ours:.2f} s, {scipy_s / ours:.1f} times scipy's")
+    print(f"                         inversion  {inverse:.2f} s")
+
+
+def _bounds(interpolator: RegularGridInterpolator) -> tuple[list[float], list[float]]:
+    return [g[0] for g in interpolator.grid], [g[-1] for g in interpolator.grid]
+
+
+if __name__ == "__main__":
+    reference_errors()
+    speeds()
