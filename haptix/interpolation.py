@@ -22,14 +22,16 @@ class PiecewiseLinear:
 
     @classmethod
     def through(cls, nodes: Tensor, values: Tensor) -> PiecewiseLinear:
-        """Connect `values` at increasing `nodes`, both of shape (nodes,)."""
-        slope = values.diff() / nodes.diff()
-        return cls(nodes, values[:-1] - slope * nodes[:-1], slope)
+        """Connect `values`, shape (nodes,) or (nodes, columns), at increasing `nodes`."""
+        at = nodes if values.ndim == 1 else nodes[:, None]
+        slope = values.diff(dim=0) / at.diff(dim=0)
+        return cls(nodes, values[:-1] - slope * at[:-1], slope)
 
     def __call__(self, x: Tensor) -> Tensor:
-        """Value at `x`, any shape."""
+        """Value at `x` of any shape; with columns they are the last axis."""
         inner = self.nodes.detach()[1:-1]
         cell = torch.searchsorted(inner, x.detach().contiguous(), right=True)
+        x = x if self.slope.ndim == 1 else x[..., None]
         return self.intercept[cell] + self.slope[cell] * x
 
 

@@ -27,9 +27,11 @@ GapDistribution = Literal["plain", "combined"]
 ContactSpots = Literal["excluded", "included"]
 
 _WAVE_NODES = 4096  # nodes of T(q); T is integrated to 1e-12, q(T) interpolated to 1e-6
+_WAVE_RANGE = log(1e16)  # they reach from q1 down to where q/q0 - 1 is this much smaller
 _STRIPS = 384  # strips in magnification: I within 5e-4 of twice this number
 _DENSE_AT, _DENSE_WIDTH, _DENSE_END = 1.5, 2.0, 4.0  # in ln(T / (T1 - T)); end in widths
-_SEPARATION_POINTS = 40  # Gauss points in ln(tau) of one mean separation
+_SEPARATION_POINTS = 24  # Gauss points in each panel of one mean separation
+_MOST_BENDS = 20  # of a spectrum that is integrated from bend to bend
 _Y_FLAT = 5.9  # erfc(5.9) = 7e-17: contact at this y is complete to double precision
 _GAP_BINS = 400
 _GAP_RANGE = (1e-9, 1e2)  # bins from and to, in units of h_rms
@@ -88,25 +90,22 @@ class MeanField:
         )
         self.modulus = modulus
         self.gap_distribution = gap_distribution
+        self.gamma = gamma
         self.device = torch.device(device)
         self._separation_integral = SeparationIntegral(gamma, device)
-        self._points, self._weights = (
-            torch.from_numpy(a).to(device)
-            for a in np.polynomial.legendre.leggauss(_SEPARATION_POINTS)
-        )
         self._tabulate_waves()
         h_rms = float(self.spectrum.h_rms_m)
         decades = np.geomspace(_GAP_RANGE[0] * h_rms, _GAP_RANGE[1] * h_rms, _GAP_BINS)
         self.gap_edges_m = torch.tensor([0.0, *decades], dtype=torch.float64, device=device)
 
     def _tabulate_waves(self) -> None:
-        """T(q) and the compliance 1/(q E*) on wavenumbers graded towards q0."""
+        """Q and the compliance 1/(q E*) against ``ln(T / (T1 - T))``, graded to both ends."""
         q0, q1 = self.spectrum.q0, self.spectrum.q1
-        excess = torch.linspace(
-            log(1e-16), log(q1 / q0 - 1), _WAVE_NODES, dtype=torch.float64, device=self.device
-        )
-        kinks = torch.log(self.spectrum.wavenumber[1:-1] / q0 - 1)
-        excess = torch.cat([excess, kinks]).unique()
+        top = log(q1 / q0 - 1)
+        even = torch.linspace(top - _WAVE_RANGE, top, _WAVE_NODES, dtype=torch.float64)
+        near_q1 = torch.log(q1 * (1 - torch.logspace(-4, -2, 16, dtype=torch.float64)) / q0 - 1)
+        kinks = torch.log(self.spectrum.wavenumber[1:-1].detach().cpu() / q0 - 1)
+        excess = torch.cat([even, near_q1[near_q1.isfinite()], kinks]).unique().to(self.device)
         points, weights = (
             torch.from_numpy(a).to(self.device) for a in np.polynomial.legendre.leggauss(6)
         )
@@ -115,12 +114,30 @@ class MeanField:
         variance_per_wave = self._variance_per_wave(q0 * (1 + ratio)) * q0 * ratio
         cells = (variance_per_wave * half * weights).sum(-1)
         first = torch.exp(excess[:1]) * q0 * self._variance_per_wave(excess.new_tensor([q0]))
-        variance = torch.cat([first, cells]).cumsum(0)
+        below = torch.cat([first, cells]).cumsum(0)
+        above = cells.flip(0).cumsum(0).flip(0)  # summed from q1 down: T1 - T keeps its digits
+        logit = torch.log(below[:-1]) - torch.log(above)
+        self._log_excess = PiecewiseLinear.through(logit, excess[:-1])
+        self._logit_range = float(logit[0]), float(logit[-1])
         q = q0 * (1 + torch.exp(excess))
-        log_compliance = -torch.log(q * self.modulus.effective_modulus(q))
-        self._log_excess = PiecewiseLinear.through(torch.log(variance), excess)
-        self._log_compliance = PiecewiseLinear.through(torch.log(variance), log_compliance)
-        self.stress_variance = variance[-1]
+        # dT/dw / (2 q E*) with w = ln(q/q0 - 1)
+        opening = pi / 2 * q**2 * self.spectrum(q) * self.modulus.effective_modulus(q)
+        log_opening = torch.log(opening * q0) + excess
+        self._log_waves = PiecewiseLinear.through(
+            excess, torch.stack([torch.log(below), log_opening], -1)
+        )
+        # Panels of the separation integral: up to where q doubles q0, then from bend to bend of the
+        # spectrum, or evenly where a measured one has many.
+        last = float(excess[-1])
+        bends = [0.0, *(float(kink) for kink in kinks)]
+        if len(bends) > _MOST_BENDS:
+            bends = np.arange(0.0, last, 0.5).tolist()
+        self._panel_ends = [*sorted(bend for bend in bends if bend < last), last]
+        count = _SEPARATION_POINTS // 2 if len(bends) > 4 else _SEPARATION_POINTS
+        self._points, self._weights = (
+            torch.from_numpy(a).to(self.device) for a in np.polynomial.legendre.leggauss(count)
+        )
+        self.stress_variance = below[-1]
 
     def _variance_per_wave(self, q: Tensor) -> Tensor:
         return pi * q**3 * self.spectrum(q) * self.modulus.effective_modulus(q) ** 2
@@ -137,7 +154,7 @@ class MeanField:
     def mean_gap(self, pressure_pa: Any) -> Tensor:
         """Mean separation [m] of the two surfaces, for pressures [Pa] of any shape."""
         pressure = self._pressures(pressure_pa)
-        return self._separation(pressure, torch.zeros_like(pressure))
+        return self._separation(pressure, torch.zeros_like(pressure), self.stress_variance)
 
     def inverse_square_gap(
         self, pressure_pa: Any, h0_m: Any, contact_spots: ContactSpots = "included"
@@ -153,8 +170,7 @@ class MeanField:
         """
         check_contact_spots(contact_spots)
         pressure = self._pressures(pressure_pa)
-        h0 = torch.as_tensor(h0_m, device=self.device)
-        h0 = h0.to(torch.complex128 if h0.is_complex() else torch.float64)
+        h0 = self._numbers("h0_m", h0_m)
         thickness = h0.real if h0.is_complex() else h0
         if not bool((h0.abs().isfinite() & (thickness >= 0) & (h0.abs() > 0)).all()):
             raise InputError("h0_m: expected finite values [m] with a real part of 0 or more")
@@ -219,7 +235,7 @@ class MeanField:
         empty = share <= 0
         u1 = torch.where(empty, torch.zeros_like(lost), lost / share.masked_fill(empty, 1.0))
         u1 = u1.clamp(min=0.0)
-        rough = self.spectrum.moment(1, self._wavenumber(variance))
+        rough = self.spectrum.moment(1, self._wavenumber(torch.cat([logit, logit[..., -1:]], -1)))
         rough = (rough[..., 1:] + rough[..., :-1]) / 2
         if self.gap_distribution == "combined":
             closed = u1 <= 0
@@ -227,36 +243,54 @@ class MeanField:
             rough = both.masked_fill(closed, 0.0)
         return Strips(share.clamp(min=0.0), u1, rough)
 
-    def _separation(self, pressure: Tensor, variance: Tensor, rest: Tensor | None = None) -> Tensor:
+    def _separation(self, pressure: Tensor, variance: Tensor, rest: Tensor) -> Tensor:
         """Mean gap at a magnification: waves from T = `variance` on, local pressure given.
 
-        ``ubar = (2/sqrt(pi)) int dtau J(p/tau) / (q E*)``, tau from 0 to ``sqrt(T1 - T)``, in
-        ln(tau) from where J vanishes. `rest` is T1 - T where the caller knows it to more digits.
+        ``ubar = (2/sqrt(pi)) int dtau J(p/tau) / (q E*)``, tau from 0 to ``sqrt(T1 - T)`` (given as
+        `rest`). Where J does not vanish, tau is no less than a sixth of sqrt(T): the integral is
+        smooth in ``w = ln(q/q0 - 1)``, whatever the solid's layers make of tau(q).
         """
-        rest = self.stress_variance - variance if rest is None else rest
-        top = rest.sqrt()
-        bottom = torch.minimum(pressure / Y_MAX, top)
-        open_ = top > bottom
-        safe_top = torch.where(open_, top, torch.ones_like(top))
-        span = torch.log(safe_top / torch.where(open_, bottom, torch.ones_like(top)))
-        total = torch.zeros_like(top)
-        # A loop over the Gauss points, not over the batch, keeps every array within the cache.
-        for point, weight in zip(self._points, self._weights, strict=True):
-            tau = safe_top * torch.exp(span * ((point - 1) / 2))
-            compliance = torch.exp(self._log_compliance(torch.log(variance + tau**2)))
-            total = total + weight * tau * self._separation_integral(pressure / tau) * compliance
-        total = total * span / 2
-        return torch.where(open_, 2 / sqrt(pi) * total, torch.zeros_like(total))
+        rest = rest.expand_as(pressure)
+        start = (pressure / Y_MAX) ** 2
+        open_ = rest > start
+        above = torch.where(open_, rest - start, torch.ones_like(rest))
+        low = self._log_excess_at(variance + start, above)
+        least = 0.5 * start  # rounding must not take tau below where the integral starts
+        total = torch.zeros_like(rest)
+        # Loops over panels and points, not over the batch, keep every array within the cache.
+        for end in self._panel_ends:
+            high = low.clamp(min=end)
+            for point, weight in zip(self._points, self._weights, strict=True):
+                log_wave = self._log_waves(low + (high - low) * ((1 + point) / 2))
+                tau = torch.maximum(torch.exp(log_wave[..., 0]) - variance, least).sqrt()
+                opening = (high - low) * torch.exp(log_wave[..., 1]) / tau
+                total = total + weight * opening * self._separation_integral(pressure / tau)
+            low = high
+        return torch.where(open_, total / sqrt(pi), torch.zeros_like(total))
 
-    def _wavenumber(self, variance: Tensor) -> Tensor:
-        log_excess = self._log_excess(torch.log(variance))
+    def _log_excess_at(self, variance: Tensor, rest: Tensor) -> Tensor:
+        """Return ``ln(q/q0 - 1)`` at T and T1 - T."""
+        logit = torch.log(variance) - torch.log(rest)
+        return self._log_excess(logit.clamp(max=self._logit_range[1]))
+
+    def _wavenumber(self, logit: Tensor) -> Tensor:
+        log_excess = self._log_excess(logit.clamp(max=self._logit_range[1]))
         return (self.spectrum.q0 * (1 + torch.exp(log_excess))).clamp(max=self.spectrum.q1)
 
     def _pressures(self, pressure_pa: Any) -> Tensor:
-        pressure = torch.as_tensor(pressure_pa, dtype=torch.float64, device=self.device)
-        if not bool((pressure.isfinite() & (pressure > 0)).all()):
+        pressure = self._numbers("pressure_pa", pressure_pa)
+        if pressure.is_complex() or not bool((pressure.isfinite() & (pressure > 0)).all()):
             raise InputError("pressure_pa: expected finite pressures above 0 Pa")
         return pressure
+
+    def _numbers(self, name: str, value: Any) -> Tensor:
+        """Float64 or complex128 tensor; numpy reads what is no tensor, in double precision."""
+        try:
+            tensor = value if isinstance(value, Tensor) else torch.as_tensor(np.asarray(value))
+            wide = torch.complex128 if tensor.is_complex() else torch.float64
+            return tensor.to(self.device, wide)
+        except (TypeError, ValueError, RuntimeError):
+            raise InputError(f"{name}: expected numbers, got {value!r}") from None
 
 
 def check_contact_spots(contact_spots: str) -> None:

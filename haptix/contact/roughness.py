@@ -77,14 +77,18 @@ class RoughnessSpectrum:
         InputError
             If the table is not one-dimensional, finite, positive and increasing in q.
         """
-        wavenumber = torch.as_tensor(q, dtype=torch.float64)
-        density = torch.as_tensor(c, dtype=torch.float64)
+        try:
+            wavenumber = torch.as_tensor(q, dtype=torch.float64)
+            density = torch.as_tensor(c, dtype=torch.float64)
+        except (TypeError, ValueError, RuntimeError):
+            raise InputError("q and c: expected two tables of numbers") from None
         if wavenumber.ndim != 1 or wavenumber.shape != density.shape or len(wavenumber) < 2:
             raise InputError(
                 "expected q and c as two one-dimensional tables of one length (2 or more), "
                 f"got shapes {tuple(wavenumber.shape)} and {tuple(density.shape)}"
             )
-        if not bool((wavenumber > 0).all() and (wavenumber.diff() > 0).all()):
+        rising = (wavenumber > 0).all() & (wavenumber.diff() > 0).all()
+        if not bool(rising & wavenumber.isfinite().all()):
             raise InputError("q: expected positive wavenumbers [1/m] in increasing order")
         if not bool((density > 0).all() and density.isfinite().all()):
             raise InputError("c: expected positive finite C(q) [m^4]; drop empty bins first")
@@ -114,6 +118,8 @@ class RoughnessSpectrum:
                 "height_m: expected a finite map of at least 8 x 8 pixels, "
                 f"got shape {height.shape}; fill missing points first"
             )
+        if np.ptp(height) == 0:
+            raise InputError("height_m: expected some roughness, got a flat map")
         rows, columns = height.shape
         y, x = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
         plane = np.column_stack([x.ravel(), y.ravel(), np.ones(height.size)])
@@ -130,7 +136,8 @@ class RoughnessSpectrum:
                 np.fft.fftfreq(rows, pixel_m)[:, None], np.fft.fftfreq(columns, pixel_m)[None]
             )
         )
-        low, high = 2 * pi / min(side_x, side_y), pi / pixel_m
+        # A hair wider than the band, so that waves on its very ends count whatever the rounding.
+        low, high = 2 * pi / min(side_x, side_y) * (1 - 1e-9), pi / pixel_m * (1 + 1e-9)
         edges = np.geomspace(low, high, max(3, round(bins_per_decade * np.log10(high / low))) + 1)
         ring = np.digitize(q, edges)
         rings = [r for r in range(1, len(edges)) if (ring == r).any()]
@@ -146,6 +153,12 @@ class RoughnessSpectrum:
     def q1(self) -> float:
         """Shortest wave of the spectrum [1/m]."""
         return float(self.wavenumber[-1])
+
+    @property
+    def q_rolloff(self) -> float:
+        """Wavenumber [1/m] that contributes most to the mean square: where ``q^2 C`` is highest."""
+        q, c = self.wavenumber.detach(), self.density.detach()
+        return float(q[(q**2 * c).argmax()])
 
     @property
     def h_rms_m(self) -> Tensor:

@@ -1,0 +1,253 @@
+"""What must hold for every rough contact."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import special
+from scipy.integrate import quad
+
+from haptix.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum
+from haptix.contact.separation import SeparationIntegral
+from haptix.errors import InputError
+
+
+def tenth_powers(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high).map(lambda e: 10.0**e)
+
+
+LOADS = tenth_powers(-5, 0.3)  # p over tau, from a few spots to nearly full contact
+THICKNESSES = tenth_powers(-3, 1)  # h0 over h_rms
+
+
+@pytest.fixture(scope="module", params=["plain", "combined"])
+def skin(request: pytest.FixtureRequest) -> MeanField:
+    return MeanField(
+        RoughnessSpectrum.self_affine(22e-6, 0.86, 1e3, 3992.9, 1e9),
+        Layered(40e6, 0.5, 200e-6, 10e3, 0.5),
+        gap_distribution=request.param,
+    )
+
+
+@pytest.fixture(scope="module")
+def solid() -> MeanField:
+    return MeanField(RoughnessSpectrum.self_affine(2e-6, 0.8, 1e4, 5e4, 1e8), HalfSpace(40e6, 0.5))
+
+
+@settings(max_examples=20, deadline=None)
+@given(load=LOADS, more=st.floats(1.001, 10.0))
+def test_more_pressure_more_area_less_gap(skin: MeanField, load: float, more: float) -> None:
+    pressure = torch.tensor([load, load * more], dtype=torch.float64) * skin.stress_rms_pa
+    area, gap = skin.area_fraction(pressure), skin.mean_gap(pressure)
+    assert 0 < area[0] < area[1] <= 1 or area[0] == area[1] == 1
+    assert gap[0] > gap[1] >= 0 or gap[0] == gap[1] == 0
+
+
+@settings(max_examples=20, deadline=None)
+@given(load=LOADS, h0=THICKNESSES, more=st.floats(1.001, 10.0), turn=st.floats(0.0, 1.57))
+def test_a_thicker_insulator_pulls_less(
+    skin: MeanField, load: float, h0: float, more: float, turn: float
+) -> None:
+    pressure = load * float(skin.stress_rms_pa)
+    thickness = torch.tensor([h0, h0 * more], dtype=torch.complex128) * 22e-6
+    thickness = thickness * complex(abs(math.cos(turn)), math.sin(turn))
+    for spots in ("excluded", "included"):
+        pull = skin.inverse_square_gap(pressure, thickness, spots)
+        assert pull[0] > pull[1] > 0
+        # No gap is less than zero: nothing pulls more than complete contact.
+        assert bool((pull <= (1 + 1e-12) / thickness.abs() ** 2).all())
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    length=tenth_powers(-3, 3),
+    modulus=tenth_powers(-4, 4),
+    load=tenth_powers(-4, 0),
+    h0=tenth_powers(-2, 0),
+    gaps=st.sampled_from(["plain", "combined"]),
+)
+def test_only_ratios_of_lengths_and_of_moduli_matter(
+    length: float, modulus: float, load: float, h0: float, gaps: str
+) -> None:
+    def solve(x: float, e: float) -> list[float]:
+        field = MeanField(
+            RoughnessSpectrum.self_affine(5e-6 * x, 0.8, 1e4 / x, 4e4 / x, 1e7 / x),
+            Layered(1e7 * e, 0.45, 1e-4 * x, 1e5 * e, 0.5),
+            gap_distribution=gaps,
+        )
+        p = load * 1e6 * e
+        return [
+            float(field.area_fraction(p)),
+            float(field.mean_gap(p)) / x,
+            float(field.inverse_square_gap(p, complex(h0, h0) * 5e-6 * x, "excluded")) * x**2,
+        ]
+
+    # The same arithmetic on other numbers: rounding, grown by the differences between strips.
+    assert solve(length, modulus) == pytest.approx(solve(1.0, 1.0), rel=1e-9)
+
+
+@settings(max_examples=20, deadline=None)
+@given(load=LOADS)
+def test_gaps_and_spots_cover_the_nominal_area(solid: MeanField, load: float) -> None:
+    pressure = load * float(solid.stress_rms_pa)
+    covered = float(solid.gap_histogram(pressure).mass.sum() + solid.area_fraction(pressure))
+    assert covered == pytest.approx(1.0, abs=1e-9)
+
+
+@settings(max_examples=20, deadline=None)
+@given(load=LOADS)
+def test_no_share_of_area_is_negative(skin: MeanField, load: float) -> None:
+    pressure = load * float(skin.stress_rms_pa)
+    mass = skin.gap_histogram(pressure).mass
+    assert bool((mass >= -1e-15).all())  # differences of error functions, each right to rounding
+    assert float(mass.sum() + skin.area_fraction(pressure)) <= 1 + 1e-9
+
+
+@pytest.mark.parametrize("load", [1e-3, 0.05, 0.8])
+def test_density_and_histogram_are_one_distribution(skin: MeanField, load: float) -> None:
+    pressure = load * float(skin.stress_rms_pa)
+    histogram = skin.gap_histogram(pressure)
+    edges, mass = histogram.edges_m, histogram.mass
+    for first, last in ((1, 120), (120, 220), (220, 300), (300, 399)):
+        u = torch.exp(
+            torch.linspace(math.log(edges[first]), math.log(edges[last]), 4001, dtype=torch.float64)
+        )
+        integral = float(torch.trapezoid(skin.gap_density(pressure, u) * u, torch.log(u)))
+        expected = float(mass[first:last].sum())
+        # The trapezoidal rule on steps of 2e-3 in ln u; the shares themselves are within rounding.
+        assert integral == pytest.approx(expected, rel=1e-5, abs=1e-13)
+
+
+@settings(max_examples=6, deadline=None)
+@given(st.lists(LOADS, min_size=2, max_size=4), THICKNESSES)
+def test_a_batch_equals_its_members_one_by_one(
+    skin: MeanField, loads: list[float], h0: float
+) -> None:
+    pressure = torch.tensor(loads, dtype=torch.float64) * skin.stress_rms_pa
+    thickness = h0 * 22e-6
+    batch = [
+        skin.area_fraction(pressure),
+        skin.mean_gap(pressure),
+        skin.inverse_square_gap(pressure, thickness),
+        skin.gap_density(pressure, thickness),
+    ]
+    for i, p in enumerate(pressure.tolist()):
+        alone = [
+            skin.area_fraction(p),
+            skin.mean_gap(p),
+            skin.inverse_square_gap(p, thickness),
+            skin.gap_density(p, thickness),
+        ]
+        # The same operations; the sums may be ordered otherwise.
+        assert [float(value[i]) for value in batch] == pytest.approx(
+            [float(value) for value in alone], rel=1e-12
+        )
+
+
+@settings(max_examples=10, deadline=None)
+@given(load=LOADS, h0=THICKNESSES, spots=st.sampled_from(["excluded", "included"]))
+def test_a_complex_h0_on_the_real_axis_is_a_real_one(
+    skin: MeanField, load: float, h0: float, spots: str
+) -> None:
+    pressure, thickness = load * float(skin.stress_rms_pa), h0 * 22e-6
+    real = float(skin.inverse_square_gap(pressure, thickness, spots))
+    assert float(skin.inverse_square_gap(pressure, complex(thickness, 0.0), spots)) == (
+        pytest.approx(real, rel=1e-13)  # rounding
+    )
+    # Leaving the axis by 1e-7 of h0 changes I by the square of that, whichever way.
+    for side in (1, -1):
+        near = complex(thickness, side * 1e-7 * thickness)
+        value = float(skin.inverse_square_gap(pressure, near, spots))
+        assert value == pytest.approx(real, rel=1e-12)
+
+
+def test_complete_contact(skin: MeanField) -> None:
+    pressure = 10 * float(skin.stress_rms_pa)
+    assert float(skin.area_fraction(pressure)) == 1.0
+    assert float(skin.mean_gap(pressure)) == 0.0
+    h0 = 1e-7
+    # erfc(10) = 2e-45 of the area is open, at most.
+    assert float(skin.inverse_square_gap(pressure, h0, "excluded")) <= 1e-12 / h0**2
+    assert float(skin.inverse_square_gap(pressure, h0)) == pytest.approx(1 / h0**2, rel=1e-12)
+
+
+def test_light_contact_is_proportional_to_the_load(solid: MeanField) -> None:
+    # A/A0 = sqrt(8/pi) p / (E* slope); the next term is p^3, of relative order 1e-8 here.
+    slope = float(solid.spectrum.slope_rms)
+    modulus = 40e6 / 0.75
+    pressure = 1e-4 * modulus * slope
+    expected = math.sqrt(8 / math.pi) * 1e-4
+    # 1e-7: erf's next term (y^2/3 with y = 1.4e-4) and the integral of tau^2.
+    assert float(solid.area_fraction(pressure)) == pytest.approx(expected, rel=1e-7)
+
+
+def test_light_contact_gap_grows_with_the_logarithm_of_the_load(solid: MeanField) -> None:
+    # J(y) -> gamma ln(1/y): at light load a factor in p moves ubar by a constant length.
+    pressure = torch.tensor([1e-7, 1e-6, 1e-5], dtype=torch.float64) * solid.stress_rms_pa
+    first, second, third = solid.mean_gap(pressure).tolist()
+    assert first > second > third
+    # The first waves add stress only from tau ~ p on; that share falls with p.
+    assert first - second == pytest.approx(second - third, rel=0.01)
+
+
+@pytest.mark.parametrize("gamma", [0.2, 0.45, 1.0])
+def test_separation_integral_by_quadrature(gamma: float) -> None:
+    integral = SeparationIntegral(gamma)
+    y = np.concatenate([np.geomspace(1e-9, 5.5, 60), [1e-6, 1.0, 5.599]])
+
+    def integrand(t: float) -> float:
+        x = math.exp(t)
+        return (gamma + 3 * (1 - gamma) * special.erf(x) ** 2) * math.exp(-x * x)
+
+    def exact(low: float) -> float:
+        ends = [math.log(low), *(e for e in (-5.0, -1.0, 0.5) if e > math.log(low)), math.log(14)]
+        return sum(
+            quad(integrand, a, b, epsabs=0, epsrel=1e-11, limit=200)[0] for a, b in pairwise(ends)
+        )
+
+    # A cubic through exact slopes on steps of 0.008 in ln y: h^4/384 times 16 y^2 at worst.
+    assert integral(torch.tensor(y)).tolist() == pytest.approx([exact(v) for v in y], rel=1e-8)
+
+
+def test_separation_integral_vanishes_in_complete_contact() -> None:
+    far = SeparationIntegral(0.45)(torch.tensor([5.6, 6.0, 100.0, 1e300], dtype=torch.float64))
+    assert far.tolist() == [0.0] * 4
+
+
+@pytest.mark.parametrize("bad", [0.0, -0.1, 1.01, math.nan, math.inf])
+def test_impossible_gamma(bad: float) -> None:
+    with pytest.raises(InputError, match="gamma"):
+        MeanField(RoughnessSpectrum.self_affine(1e-6, 0.8, 1e4, 1e4, 1e7), HalfSpace(1e6), bad)
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf, [1e4, 0.0], "high", None])
+def test_impossible_pressures(solid: MeanField, bad: object) -> None:
+    for ask in (
+        solid.area_fraction,
+        solid.mean_gap,
+        solid.gap_histogram,
+        lambda p: solid.inverse_square_gap(p, 1e-7),
+        lambda p: solid.gap_density(p, 1e-7),
+    ):
+        with pytest.raises(InputError, match="pressure_pa"):
+            ask(bad)
+
+
+@pytest.mark.parametrize(
+    "bad", [0.0, -1e-7, math.nan, math.inf, complex(-1e-7, 1e-7), complex(1e-7, math.nan), "thin"]
+)
+def test_impossible_insulators(solid: MeanField, bad: object) -> None:
+    with pytest.raises(InputError, match="h0_m"):
+        solid.inverse_square_gap(1e4, bad)
+
+
+def test_unknown_choices() -> None:
+    spectrum = RoughnessSpectrum.self_affine(1e-6, 0.8, 1e4, 1e4, 1e7)
+    with pytest.raises(InputError, match=r'gap_distribution.*"plain" or "combined".*\'new\''):
+        MeanField(spectrum, HalfSpace(1e6), gap_distribution="new")
+    with pytest.raises(InputError, match=r'contact_spots.*"excluded" or "included".*\'all\''):
+        MeanField(spectrum, HalfSpace(1e6)).inverse_square_gap(1e4, 1e-7, "all")
