@@ -6,7 +6,8 @@ contact snaps in. Between p0 and that fold c(p) is monotone, so the root is uniq
 
 For self-affine roughness I grows a little slower than p, and the snap is a steep rise instead of a
 fold: within a few volts of the critical voltage p grows a hundredfold. There the contact is held by
-its own attraction, so the light branch is taken to end at `LIGHT_CONTACT_LIMIT` times p0 at most.
+its own attraction, so the light branch is taken to end at `LIGHT_CONTACT_LIMIT` times p0 at most
+(times the touching pressure, where a contact of finite size has the larger one).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from math import log
 import torch
 from torch import Tensor
 
-from haptix.interpolation import UniformCubic
+from haptix.electro import Attraction
 
 LIGHT_CONTACT_LIMIT = 31.0
 """Largest p/p0 that counts as light contact: the bound of the reference solver (section 5)."""
@@ -32,15 +33,13 @@ class Equilibrium:
 
     pressure_pa: Tensor
     """Effective pressure p; at the end of the branch where there is no solution."""
-    strength_at_fold: Tensor
+    strength_at_end: Tensor
     """Largest c = eps0 V0^2 / 4 [N] that the light contact bears."""
     is_stable: Tensor
     """True where a solution exists on the lowest branch."""
 
 
-def lowest_branch(
-    applied_pa: Tensor, strength: Tensor, log_attraction: UniformCubic, column: Tensor
-) -> Equilibrium:
+def lowest_branch(applied_pa: Tensor, strength: Tensor, attraction: Attraction) -> Equilibrium:
     """Solve a flat batch of states.
 
     Parameters
@@ -49,41 +48,40 @@ def lowest_branch(
         p0 [Pa], inside the table.
     strength : Tensor, shape (states,)
         c = eps0 V0^2 / 4 [N].
-    log_attraction : UniformCubic
-        ln I [1/m^2] against ln p [Pa], one column per h0.
-    column : Tensor of int, shape (states,)
-        Which h0 each state has.
+    attraction : Attraction
+        I(p) of each state.
     """
     with torch.no_grad():
-        log_end = _end_of_branch(applied_pa, log_attraction, column)
+        log_end = _end_of_branch(applied_pa, attraction)
         end = torch.exp(log_end)
-        bearable = (end - applied_pa) * torch.exp(-log_attraction(log_end, column))
+        bearable = (end - applied_pa) / attraction(log_end)[0]
         stable = strength <= bearable
-        root = _root(applied_pa, strength, log_attraction, column, end)
+        root = _root(applied_pa, strength, attraction, end)
         pressure = torch.where(stable, root, end)
     # One more Newton step, recorded for autograd, carries the implicit derivative dp = -dF/F'.
-    log_value, slope = log_attraction.with_slope(torch.log(pressure), column)
-    pull = strength * torch.exp(log_value)
-    mismatch = pressure - applied_pa - pull
-    stiffness = (1 - pull * slope / pressure).detach()
+    value, slope = attraction(torch.log(pressure))
+    mismatch = pressure - applied_pa - strength * value
+    stiffness = (1 - strength * slope / pressure).detach()
     usable = stable & (stiffness > 1e-9)
     step = mismatch / torch.where(usable, stiffness, torch.ones_like(stiffness))
     return Equilibrium(torch.where(usable, pressure - step, pressure), bearable, stable)
 
 
-def _end_of_branch(applied_pa: Tensor, log_attraction: UniformCubic, column: Tensor) -> Tensor:
+def _end_of_branch(applied_pa: Tensor, attraction: Attraction) -> Tensor:
     """Ln p where the light branch ends: at the fold, or at the limit of light contact.
 
     The fold is where the slope of (p - p0)/I vanishes: ``1 - (1 - p0/p) dlnI/dlnp`` turns negative.
     """
-    start, step = log_attraction.start, log_attraction.step
-    nodes = start + step * torch.arange(
-        log_attraction.values.shape[0], dtype=applied_pa.dtype, device=applied_pa.device
-    )
-    log_applied = torch.log(applied_pa)
-    limit = log_applied + log(LIGHT_CONTACT_LIMIT)
+    nodes, log_applied = attraction.nodes, torch.log(applied_pa)
+    step = float(nodes[1] - nodes[0])
+    light = log_applied
+    if attraction.floor is not None:
+        light = torch.maximum(light, attraction.floor)
+    limit = light + log(LIGHT_CONTACT_LIMIT)
     share = (1 - applied_pa[:, None] * torch.exp(-nodes)).clamp(min=0.0)
-    falling = (share * log_attraction.slopes.T[column] > 1) & (nodes < limit[:, None] + step)
+    falling = (share * attraction.log_slope_at_nodes() > 1) & (nodes < limit[:, None] + step)
+    if attraction.floor is not None:
+        falling &= nodes > attraction.floor[:, None]
     has_fold, first = falling.max(dim=-1)
     if not bool(has_fold.any()):
         return limit
@@ -91,28 +89,21 @@ def _end_of_branch(applied_pa: Tensor, log_attraction: UniformCubic, column: Ten
     low = torch.where(has_fold, torch.maximum(high - step, log_applied), limit)
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
-        _, slope = log_attraction.with_slope(middle, column)
-        rising = (1 - applied_pa * torch.exp(-middle)) * slope <= 1
+        value, slope = attraction(middle)
+        rising = (1 - applied_pa * torch.exp(-middle)) * slope <= value
         low, high = torch.where(rising, middle, low), torch.where(rising, high, middle)
     return torch.minimum(low, limit)
 
 
-def _root(
-    applied_pa: Tensor,
-    strength: Tensor,
-    log_attraction: UniformCubic,
-    column: Tensor,
-    end: Tensor,
-) -> Tensor:
+def _root(applied_pa: Tensor, strength: Tensor, attraction: Attraction, end: Tensor) -> Tensor:
     """Newton from p0 upwards, with bisection whenever a step would leave the bracket."""
     low, high, pressure = applied_pa, end, applied_pa
     for _ in range(_NEWTON_STEPS):
-        log_value, slope = log_attraction.with_slope(torch.log(pressure), column)
-        pull = strength * torch.exp(log_value)
-        mismatch = pressure - applied_pa - pull
+        value, slope = attraction(torch.log(pressure))
+        mismatch = pressure - applied_pa - strength * value
         low = torch.where(mismatch < 0, pressure, low)
         high = torch.where(mismatch < 0, high, pressure)
-        trial = pressure - mismatch / (1 - pull * slope / pressure)
+        trial = pressure - mismatch / (1 - strength * slope / pressure)
         inside = (trial > low) & (trial < high)
         following = torch.where(inside, trial, (low + high) / 2)
         settled = (following - pressure).abs() <= 1e-14 * pressure

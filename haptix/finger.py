@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, model_validator
 from torch import Tensor
 
 from haptix.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum
 from haptix.electro import SkinDielectric
-from haptix.profile import Profile, named_preset
+from haptix.profile import Profile, Quantity, named_preset
 
 PoissonRatio = Annotated[float, Field(gt=-1, le=0.5)]
 
@@ -23,12 +23,19 @@ class Roughness(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    h_rms_m: PositiveFloat = 22e-6
+    h_rms_m: Quantity = 22e-6
     hurst: Annotated[float, Field(gt=0, le=1)] = 0.86
     q0_per_m: PositiveFloat = 1e3
     q_rolloff_per_m: PositiveFloat = 3992.9
     q1_per_m: PositiveFloat = 1e9
     is_placeholder: bool = True
+
+    @model_validator(mode="after")
+    def _waves_in_order(self) -> Self:
+        q0, rolloff, q1 = self.q0_per_m, self.q_rolloff_per_m, self.q1_per_m
+        if not q0 <= rolloff <= q1 or q0 == q1:
+            raise ValueError("expected q0_per_m <= q_rolloff_per_m <= q1_per_m, and q0 < q1")
+        return self
 
     def spectrum(self) -> RoughnessSpectrum:
         """Return the spectrum itself."""
@@ -59,13 +66,13 @@ class Finger(Profile):
     """
 
     name: str = "custom"
-    youngs_modulus_pa: PositiveFloat = 40e6
+    youngs_modulus_pa: Quantity = 40e6
     poisson_ratio: PoissonRatio = 0.5
-    layer_thickness_m: PositiveFloat = 200e-6
-    bulk_modulus_pa: PositiveFloat | None = 10e3
+    layer_thickness_m: Quantity = 200e-6
+    bulk_modulus_pa: Quantity | None = None
     bulk_poisson_ratio: PoissonRatio = 0.5
-    hardness_pa: PositiveFloat | None = None
-    frictional_shear_stress_pa: PositiveFloat = 8e6
+    hardness_pa: Quantity | None = None
+    frictional_shear_stress_pa: Quantity = 8e6
     apparent_area_at_1n_m2: PositiveFloat = 45.65e-6
     apparent_area_exponent: Annotated[float, Field(ge=0, lt=1)] = 0.1366
     roughness: Roughness = Roughness()
@@ -82,9 +89,9 @@ class Finger(Profile):
         """
         return cls(name=name, **named_preset("finger", name, _PRESETS))
 
-    def solid(self) -> ElasticSolid:
-        """Return the elastic solid: the layered skin, or a half-space without bulk."""
-        if self.bulk_modulus_pa is None:
+    def solid(self, layered: bool = True) -> ElasticSolid:
+        """Return the elastic solid: the layered skin, or a half-space of the stratum corneum."""
+        if self.bulk_modulus_pa is None or not layered:
             return HalfSpace(self.youngs_modulus_pa, self.poisson_ratio)
         return Layered(
             self.youngs_modulus_pa,
@@ -100,12 +107,17 @@ class Finger(Profile):
 
 
 _PRESETS: dict[str, dict[str, Any]] = {
-    "semi-wet": {},
+    "semi-wet": {"bulk_modulus_pa": 10e3},
     "dry": {
+        "bulk_modulus_pa": 10e3,
         "youngs_modulus_pa": 1e9,
         "poisson_ratio": 0.3,
         "hardness_pa": 50e6,
         "frictional_shear_stress_pa": 13e6,
     },
-    "wet": {"youngs_modulus_pa": 10e6, "frictional_shear_stress_pa": 5e6},
+    "wet": {
+        "bulk_modulus_pa": 10e3,
+        "youngs_modulus_pa": 10e6,
+        "frictional_shear_stress_pa": 5e6,
+    },
 }

@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Literal, get_args
 
 import torch
 from torch import Tensor
 
 from haptix.contact import ContactSpots, GapDistribution, MeanField
+from haptix.contact.finite_size import highest_asperity
 from haptix.contact.meanfield import check_contact_spots
-from haptix.electro import AttractionTable, drive_strength, drive_voltage, effective_thickness
-from haptix.equilibrium import LIGHT_CONTACT_LIMIT, Equilibrium, lowest_branch
+from haptix.contact.plasticity import elastoplastic_area
+from haptix.electro import drive_strength, drive_voltage, effective_thickness
+from haptix.electro.breakdown import breaks_down, peak_field
 from haptix.errors import InputError, LimitError
+from haptix.fidelity import ClosedForm, Fidelity, Load, MeanFieldBalance
 from haptix.finger import Finger
 from haptix.screen import Screen
 from haptix.status import Status
+from haptix.terms import TERMS, chosen_terms
+
+FidelityName = Literal["closed-form", "mean-field"]
+
+LOWEST_FORCE_N, HIGHEST_FORCE_N = 1e-9, 1e6
+"""Forces that are solved: far beyond any finger, and far from the ends of double precision."""
 
 _BLOCK = 4096  # states solved together: bounds the memory, and fits the cache
+_REFERENCE_FORCE_N = 0.5  # where the closed form is exact; the middle of the paper's range
 
 
 @dataclass(frozen=True)
@@ -41,6 +52,8 @@ class ContactState:
     """Mean separation of the surfaces."""
     pull_in_voltage_v: Tensor
     """Amplitude at which the light contact ends."""
+    peak_field_v_per_m: Tensor
+    """Field at the edge of a contact spot, the highest in any gap."""
     status: Tensor
     """Integers of `Status`."""
 
@@ -59,10 +72,10 @@ class ContactModel:
     Parameters
     ----------
     finger : Finger
-        What touches.
+        What touches. Fields given as tensors that require grad are differentiated through.
     screen : Screen
         What is touched.
-    fidelity : {"mean-field"}
+    fidelity : {"mean-field", "closed-form"}
         How the contact is solved.
     dtype : torch.dtype
         Of the results; the arithmetic is float64.
@@ -73,50 +86,123 @@ class ContactModel:
         printed; boundary elements say "excluded".
     gap_distribution : {"plain", "combined"}
         See `haptix.contact.MeanField`.
+    gamma : float
+        Factor of the elastic energy in the separation, see `haptix.contact.MeanField`.
+    terms : set of str, or mapping of str to bool, optional
+        Names of all terms that are on, or single ones to switch; without it those that finger and
+        screen call for. `haptix.terms.TERMS` has them all.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, or terms contradict each other, the profiles or the fidelity.
     """
 
     def __init__(
         self,
         finger: Finger,
         screen: Screen,
-        fidelity: str = "mean-field",
+        fidelity: FidelityName = "mean-field",
         dtype: torch.dtype = torch.float64,
         device: torch.device | str = "cpu",
         contact_spots: ContactSpots = "excluded",
         gap_distribution: GapDistribution = "plain",
+        gamma: float = 0.45,
+        terms: Iterable[str] | Mapping[str, bool] | None = None,
     ) -> None:
-        if fidelity != "mean-field":
-            raise InputError(f'fidelity: expected "mean-field", got {fidelity!r}')
-        if finger.hardness_pa is not None:
-            raise InputError(
-                f"finger {finger.name!r} has a hardness of {finger.hardness_pa:g} Pa, and this "
-                "version solves elastic contact only; use finger.replace(hardness_pa=None), and "
-                "expect too small an area, or another preset"
-            )
+        if fidelity not in get_args(FidelityName):
+            raise InputError(f'fidelity: expected "mean-field" or "closed-form", got {fidelity!r}')
         check_contact_spots(contact_spots)
+        self.terms = chosen_terms(terms, finger, screen, fidelity)
         self.finger = finger
         self.screen = screen
         self.fidelity = fidelity
         self.dtype = dtype
-        self.contact_spots = contact_spots
+        self.contact_spots: ContactSpots = contact_spots
         self.contact = MeanField(
             finger.roughness.spectrum(),
-            finger.solid(),
+            finger.solid(layered="layered-skin" in self.terms),
+            gamma=gamma,
             gap_distribution=gap_distribution,
             device=device,
         )
-        self._table: AttractionTable | None = None
+        self.solver = self._solver()
+
+    def _solver(self) -> Fidelity:
+        if self.fidelity == "closed-form":
+            force = torch.tensor(_REFERENCE_FORCE_N, dtype=torch.float64)
+            reference = float(force / self._apparent_area(force))
+            return ClosedForm(self.contact, reference, self.contact_spots)
+        return MeanFieldBalance(
+            self.contact,
+            self.area_fraction,
+            self._highest_asperity if "finite-size" in self.terms else None,
+            self.contact_spots,
+            keeps_table=not self.contact.stress_variance.requires_grad,
+        )
+
+    def area_fraction(self, pressure_pa: Tensor) -> Tensor:
+        """A/A0 at pressures [Pa]: elastic, or elastoplastic where that term is on."""
+        if "plasticity" not in self.terms:
+            return self.contact.area_fraction(pressure_pa)
+        hardness = self.finger.hardness_pa
+        assert hardness is not None  # the term needs it
+        return elastoplastic_area(pressure_pa, self.contact.stress_rms_pa, hardness).total
+
+    def _apparent_area(self, normal_force_n: Tensor) -> Tensor:
+        if "apparent-area" in self.terms:
+            return self.finger.apparent_area_m2(normal_force_n)
+        return self.finger.apparent_area_m2(torch.ones_like(normal_force_n))
+
+    def _highest_asperity(self, apparent_area_m2: Tensor) -> Tensor:
+        spectrum = self.contact.spectrum
+        return highest_asperity(spectrum.h_rms_m, spectrum.q_rolloff, apparent_area_m2)
+
+    def effective_thickness(self, h0_m: Tensor, frequency_hz: Tensor | None) -> Tensor:
+        """h0 of screen, skin and leaking gap [m], real without a frequency, else complex."""
+        skin = self.finger.dielectric if "skin-dielectric" in self.terms else None
+        leak = self.screen.gap_resistivity_ohm_m if "leaky-gap" in self.terms else None
+        if leak is not None and frequency_hz is None:
+            raise InputError(
+                'frequency_hz: expected one, since the term "leaky-gap" depends on it; give one or '
+                "switch the term off"
+            )
+        return effective_thickness(h0_m, frequency_hz, self.finger.layer_thickness_m, skin, leak)
 
     def describe(self) -> dict[str, Any]:
         """Everything that determines the model's numbers, as plain values for files and hashes."""
+        finger = self.finger.model_dump(mode="json")
+        screen = self.screen.model_dump(mode="json")
+        terms = {}
+        for name, term in TERMS.items():
+            used = {f"finger.{field}": finger[field] for field in term.finger_fields}
+            used |= {f"screen.{field}": screen[field] for field in term.screen_fields}
+            terms[name] = {
+                "on": name in self.terms,
+                "what": term.summary,
+                "source": term.source,
+                "parameters": used,
+            }
         return {
             "fidelity": self.fidelity,
             "contact_spots": self.contact_spots,
             "gap_distribution": self.contact.gap_distribution,
+            "gamma": self.contact.gamma,
             "dtype": str(self.dtype).removeprefix("torch."),
-            "finger": self.finger.model_dump(mode="json"),
-            "screen": self.screen.model_dump(mode="json"),
+            "terms": terms,
+            "placeholders": self.placeholders(),
+            "finger": finger,
+            "screen": screen,
         }
+
+    def placeholders(self) -> list[str]:
+        """Name the stand-ins for measured data that the model's numbers rest on."""
+        found = []
+        if self.finger.roughness.is_placeholder:
+            found.append("roughness spectrum of the finger")
+        if "skin-dielectric" in self.terms and self.finger.dielectric.is_placeholder:
+            found.append("dielectric of the skin")
+        return found
 
     def solve(
         self,
@@ -146,21 +232,25 @@ class ContactModel:
             If a voltage is above the screen's limit.
         """
         force = self._checked("normal_force_n", normal_force_n, "above 0 N")
+        if not bool(((force >= LOWEST_FORCE_N) & (force <= HIGHEST_FORCE_N)).all()):
+            raise InputError(
+                f"normal_force_n: expected {LOWEST_FORCE_N:g} to {HIGHEST_FORCE_N:g} N, got "
+                f"{float(force.detach().min()):g} to {float(force.detach().max()):g} N"
+            )
         voltage = self._checked("voltage_v", voltage_v, "of 0 V or more", zero=True)
         h0 = self._checked("h0_m", self.screen.h0_m if h0_m is None else h0_m, "above 0 m")
         if frequency_hz is not None:
             frequency_hz = self._checked("frequency_hz", frequency_hz, "above 0 Hz")
         self._check_limit(voltage)
-        thickness = effective_thickness(
-            h0, frequency_hz, self.finger.layer_thickness_m, self.finger.dielectric
-        )
+        given = [force, voltage, h0] + ([] if frequency_hz is None else [frequency_hz])
         try:
-            shape = torch.broadcast_shapes(force.shape, voltage.shape, thickness.shape)
+            shape = torch.broadcast_shapes(*(tensor.shape for tensor in given))
         except RuntimeError:
             raise InputError(
                 "expected inputs that broadcast together, got shapes "
-                f"{tuple(force.shape)}, {tuple(voltage.shape)}, {tuple(thickness.shape)}"
+                f"{', '.join(str(tuple(tensor.shape)) for tensor in given)}"
             ) from None
+        thickness = self.effective_thickness(h0, frequency_hz)
         column = torch.arange(thickness.numel(), device=thickness.device).reshape(thickness.shape)
         flat = [t.expand(shape).reshape(-1) for t in (force, voltage, column)]
         blocks = [
@@ -180,38 +270,31 @@ class ContactModel:
         # Only the insulators that this block meets: with many, a table of all would not fit.
         used, column = column.unique(return_inverse=True)
         thickness = thickness[used]
-        apparent_area = self.finger.apparent_area_m2(force)
-        applied = force / apparent_area
-        table = self._table_for(applied)
-        strength = drive_strength(voltage)
-        log_attraction = table.log_inverse_square(thickness, self.contact_spots)
-        found: Equilibrium = lowest_branch(applied, strength, log_attraction, column)
-        pressure = found.pressure_pa
-        area = self.contact.area_fraction(pressure)
-        log_pressure = torch.log(pressure)
-        counted = strength * torch.exp(log_attraction(log_pressure, column))
-        spots = strength * area / thickness.abs()[column] ** 2
-        gaps = counted - spots if self.contact_spots == "included" else counted
-        friction = self.finger.frictional_shear_stress_pa * area * apparent_area
+        area = self._apparent_area(force)
+        load = Load(force / area, area, drive_strength(voltage), thickness, column)
+        found = self.solver.solve(load)
+        friction = self.finger.frictional_shear_stress_pa * found.area_fraction * area
+        own_thickness = thickness[column]
+        status = torch.where(found.is_stable, int(Status.OK), int(Status.PULL_IN))
+        if "breakdown" in self.terms:
+            broken = breaks_down(
+                voltage,
+                own_thickness,
+                self.screen.insulator_permittivity,
+                self.screen.insulator_strength_v_per_m,
+            )
+            status = torch.where(found.is_stable & broken, int(Status.BREAKDOWN), status)
         return ContactState(
             mu=(friction / force).to(self.dtype),
-            area_fraction=area.to(self.dtype),
-            pressure_pa=pressure.to(self.dtype),
-            gap_attraction_pa=gaps.to(self.dtype),
-            spot_attraction_pa=spots.to(self.dtype),
-            mean_gap_m=torch.exp(table.log_mean_gap(log_pressure)).to(self.dtype),
-            pull_in_voltage_v=drive_voltage(found.strength_at_fold).to(self.dtype),
-            status=torch.where(found.is_stable, int(Status.OK), int(Status.PULL_IN)),
+            area_fraction=found.area_fraction.to(self.dtype),
+            pressure_pa=found.pressure_pa.to(self.dtype),
+            gap_attraction_pa=found.gap_attraction_pa.to(self.dtype),
+            spot_attraction_pa=found.spot_attraction_pa.to(self.dtype),
+            mean_gap_m=found.mean_gap_m.to(self.dtype),
+            pull_in_voltage_v=drive_voltage(found.strength_at_end).to(self.dtype),
+            peak_field_v_per_m=peak_field(voltage, own_thickness).to(self.dtype),
+            status=status,
         )
-
-    def _table_for(self, applied: Tensor) -> AttractionTable:
-        low, high = float(applied.min()), LIGHT_CONTACT_LIMIT * float(applied.max())
-        if self._table is None or not self._table.covers(low, high):
-            if self._table is not None:
-                nodes = self._table.log_pressure.exp()
-                low, high = min(low, float(nodes[0])), max(high, float(nodes[-1]))
-            self._table = AttractionTable.solve(self.contact, low, high)
-        return self._table
 
     def _checked(self, name: str, value: Any, expected: str, zero: bool = False) -> Tensor:
         try:
@@ -226,7 +309,7 @@ class ContactModel:
         return tensor
 
     def _check_limit(self, voltage: Tensor) -> None:
-        highest = float(voltage.max())
+        highest = float(voltage.detach().max())
         if highest > self.screen.max_voltage_v:
             raise LimitError(
                 f"voltage_v: {highest:g} V is above the limit of {self.screen.max_voltage_v:g} V "

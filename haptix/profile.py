@@ -4,12 +4,35 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import tomlkit
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    PlainSerializer,
+    PlainValidator,
+    ValidationError,
+)
+from torch import Tensor
 
 from haptix.errors import FileFormatError, InputError
+
+
+def _positive(value: Any) -> float | Tensor:
+    if isinstance(value, str | bool):
+        raise ValueError("expected a number")
+    try:
+        number = float(value)
+    except (TypeError, ValueError, RuntimeError):
+        raise ValueError("expected a number") from None
+    if not 0 < number < float("inf"):
+        raise ValueError("expected a finite number above 0")
+    return value if isinstance(value, Tensor) else number
+
+
+Quantity = Annotated[float | Tensor, PlainValidator(_positive), PlainSerializer(float)]
+"""A positive number, or a tensor of one that is to be differentiated through."""
 
 
 class Profile(BaseModel):
@@ -17,7 +40,7 @@ class Profile(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    schema_version: int = 1
+    schema_version: Literal[1] = 1
 
     def __init__(self, **fields: Any) -> None:
         try:
@@ -52,19 +75,31 @@ class Profile(BaseModel):
             raise FileFormatError(
                 f"{path}: expected schema_version 1, got {version!r}; update haptix to read it"
             )
-        return cls(**fields)
+        try:
+            return cls(**fields)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
 
     def save(self, path: str | Path) -> None:
         """Write the profile as TOML that `load` reads back to an equal one."""
         fields = self.model_dump(mode="json", exclude_none=True)
-        Path(path).write_text(tomlkit.dumps(fields), encoding="utf-8")
+        path = Path(path)
+        whole = path.with_name(path.name + ".part")
+        try:
+            whole.write_text(tomlkit.dumps(fields), encoding="utf-8")
+            whole.replace(path)
+        except OSError as error:
+            raise FileFormatError(f"cannot write {path}: {error.strerror}") from None
+        finally:
+            whole.unlink(missing_ok=True)
 
 
 def _sentence(name: str, error: ValidationError) -> str:
     first = error.errors()[0]
     field = ".".join(str(part) for part in first["loc"])
     got = f", got {first['input']!r}" if first["type"] != "missing" else ""
-    return f"{name}.{field}: {first['msg'][0].lower()}{first['msg'][1:]}{got}"
+    message = first["msg"].removeprefix("Value error, ")
+    return f"{name}.{field}: {message[0].lower()}{message[1:]}{got}"
 
 
 def named_preset(kind: str, name: str, presets: dict[str, dict[str, Any]]) -> dict[str, Any]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
-from pydantic import PositiveFloat
+from pydantic import Field
 
 from haptix.profile import Profile, named_preset
+
+Plain = Annotated[float, Field(gt=0, strict=True)]
+Permittivity = Annotated[float, Field(ge=1)]
 
 
 class Screen(Profile):
@@ -18,14 +21,20 @@ class Screen(Profile):
         What to call it.
     insulator_thickness_m, insulator_permittivity
         d1 [m] and eps1 of the insulator over the conductor.
+    insulator_strength_v_per_m
+        Field [V/m] that the insulator bears; a film of SiO2 bears 500 to 1000 V/um.
+    gap_resistivity_ohm_m
+        Resistivity of what fills the gap [Ohm m], or None for dry air.
     max_voltage_v
         Highest amplitude [V] the screen may carry; anything above is rejected, never clamped.
     """
 
     name: str = "custom"
-    insulator_thickness_m: PositiveFloat = 1e-6
-    insulator_permittivity: PositiveFloat = 8.0
-    max_voltage_v: PositiveFloat = 200.0
+    insulator_thickness_m: Plain = 1e-6
+    insulator_permittivity: Permittivity = 8.0
+    insulator_strength_v_per_m: Plain = 500e6
+    gap_resistivity_ohm_m: Plain | None = None
+    max_voltage_v: Plain = 200.0
 
     @classmethod
     def preset(cls, name: str) -> Self:

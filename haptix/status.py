@@ -18,3 +18,5 @@ class Status(IntEnum):
     """The wanted friction is above what the highest voltage gives; that voltage is returned."""
     OUT_OF_RANGE = 4
     """The query lies outside the axes of the surface; values are those at its edge."""
+    BREAKDOWN = 5
+    """The field is beyond what the gap or the insulator bears; the values hold without sparks."""

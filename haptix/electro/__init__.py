@@ -1,16 +1,24 @@
 """Electrostatics of the contact: insulators in series, attraction against pressure."""
 
-from haptix.electro.attraction import AttractionTable, drive_strength, drive_voltage
+from haptix.electro.attraction import (
+    Attraction,
+    AttractionTable,
+    drive_strength,
+    drive_voltage,
+)
 from haptix.electro.dielectric import (
     VACUUM_PERMITTIVITY,
     SkinDielectric,
     effective_thickness,
 )
+from haptix.electro.waveform import Waveform
 
 __all__ = [
     "VACUUM_PERMITTIVITY",
+    "Attraction",
     "AttractionTable",
     "SkinDielectric",
+    "Waveform",
     "drive_strength",
     "drive_voltage",
     "effective_thickness",

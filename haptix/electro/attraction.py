@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import ceil, exp, floor, log
 
 import torch
 from torch import Tensor
 
-from haptix.contact import ContactSpots, MeanField
+from haptix.contact import MeanField
 from haptix.contact.gaps import GapHistogram, bin_inverse_square
 from haptix.electro.dielectric import VACUUM_PERMITTIVITY
 from haptix.interpolation import UniformCubic
 
 # ln p steps of one lattice for all tables, so that a node's place, and with it every result, does
-# not depend on which pressures were asked for. 24 a decade: the cubic is within 1e-6 of the solver.
+# not depend on which pressures were asked for. 24 a decade: the cubic is within a few 1e-6.
 _STEP = log(10) / 24
 _MARGIN = 3  # nodes beyond the ends, so that every slope in use has its full stencil
 _TINY = 1e-300
-_FLOOR = 1e-9
+# In complete contact no gap is left to pull; this share of what a gap of zero would pull keeps ln I
+# finite there.
+_FLOOR = 1e-15
 
 
 def drive_strength(voltage_v: Tensor) -> Tensor:
@@ -74,13 +77,96 @@ class AttractionTable:
         high = exp(float(self.log_pressure[-1 - _MARGIN]))
         return low <= lowest_pa and highest_pa <= high
 
-    def log_inverse_square(self, h0_m: Tensor, contact_spots: ContactSpots) -> UniformCubic:
-        """Ln I(p, h0) against ln p, one column for each of `h0_m` (1-D, real or complex)."""
-        inverse_square = self.gaps.mass @ bin_inverse_square(self.gaps.edges_m, h0_m).T
-        if contact_spots == "included":
-            area = self.contact.area_fraction(torch.exp(self.log_pressure))
-            inverse_square = inverse_square + area[:, None] / h0_m.abs() ** 2
-        # In complete contact no gap is left to pull; a share of the peak keeps ln I smooth.
-        floor = _FLOOR * inverse_square.amax(0)
-        log_table = torch.log(inverse_square + floor)
+    def log_inverse_square(self, h0_m: Tensor) -> UniformCubic:
+        """Ln I of the gaps against ln p, one column for each of `h0_m` (1-D, real or complex)."""
+        return self.log_pull(bin_inverse_square(self.gaps.edges_m, h0_m))
+
+    def log_pull(self, pull_of_bin: Tensor) -> UniformCubic:
+        """Ln of the mean pull against ln p, for pulls of shape (columns, bins)."""
+        pull = self.gaps.mass @ pull_of_bin.T
+        log_table = torch.log(pull + _FLOOR * pull_of_bin.amax(-1))
         return UniformCubic.through(float(self.log_pressure[0]), _STEP, log_table)
+
+
+@dataclass(frozen=True)
+class Attraction:
+    """``I(p)`` of a batch of states, the pull per unit of drive strength that loads the contact.
+
+    Parameters
+    ----------
+    log_gaps : UniformCubic
+        ln of the gaps' share against ln p, one column per thickness.
+    column : Tensor of int, shape (states,)
+        Which column each state has.
+    spot_weight : Tensor, shape (columns,), optional
+        ``1/|h0|^2`` of the contact spots; None where they do not load the contact.
+    log_area : UniformCubic, optional
+        ln A/A0 against ln p, a single column; with `spot_weight`.
+    floor : Tensor, shape (states,), optional
+        ln p below which the gaps stay as they are there (finite size).
+    """
+
+    log_gaps: UniformCubic
+    column: Tensor
+    spot_weight: Tensor | None = None
+    log_area: UniformCubic | None = None
+    floor: Tensor | None = None
+
+    @classmethod
+    def of(
+        cls,
+        table: AttractionTable,
+        thickness_m: Tensor,
+        column: Tensor,
+        spots: Callable[[Tensor], Tensor] | None = None,
+        floor: Tensor | None = None,
+    ) -> Attraction:
+        """Prepare the states of a batch; `spots` gives A/A0 at pressures where spots count."""
+        log_gaps = table.log_inverse_square(thickness_m)
+        if spots is None:
+            return cls(log_gaps, column, floor=floor)
+        area = torch.log(spots(torch.exp(table.log_pressure)).clamp(min=_TINY))
+        log_area = UniformCubic.through(log_gaps.start, log_gaps.step, area)
+        return cls(log_gaps, column, thickness_m.abs() ** -2, log_area, floor)
+
+    def gaps(self, log_pressure: Tensor) -> Tensor:
+        """I of the gaps alone at ln p, shape (states,)."""
+        return torch.exp(self._log_gaps(log_pressure)[0])
+
+    def __call__(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+        """I and dI/dlnp at ln p, shape (states,)."""
+        log_gaps, slope = self._log_gaps(log_pressure)
+        value = torch.exp(log_gaps)
+        slope = value * slope
+        if self.spot_weight is not None and self.log_area is not None:
+            log_area, area_slope = self.log_area.with_slope(log_pressure)
+            spots = self.spot_weight[self.column] * torch.exp(log_area)
+            value, slope = value + spots, slope + spots * area_slope
+        return value, slope
+
+    def _log_gaps(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+        if self.floor is None:
+            return self.log_gaps.with_slope(log_pressure, self.column)
+        value, slope = self.log_gaps.with_slope(
+            torch.maximum(log_pressure, self.floor), self.column
+        )
+        return value, torch.where(log_pressure < self.floor, torch.zeros_like(slope), slope)
+
+    @property
+    def nodes(self) -> Tensor:
+        """Ln p of the table's nodes."""
+        count = self.log_gaps.values.shape[0]
+        steps = torch.arange(count, dtype=torch.float64, device=self.column.device)
+        return self.log_gaps.start + self.log_gaps.step * steps
+
+    def log_slope_at_nodes(self) -> Tensor:
+        """dlnI/dlnp at the nodes, shape (states, nodes); below the floor it is that without one.
+
+        There the spots alone change, whose share of the slope is below 1: never a fold.
+        """
+        slope = self.log_gaps.slopes
+        if self.spot_weight is not None and self.log_area is not None:
+            gaps = torch.exp(self.log_gaps.values)
+            spots = self.spot_weight * torch.exp(self.log_area.values)[:, None]
+            slope = (gaps * slope + spots * self.log_area.slopes[:, None]) / (gaps + spots)
+        return slope.T[self.column]

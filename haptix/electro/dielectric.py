@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Self
 
 import torch
 from pydantic import BaseModel, ConfigDict, PositiveFloat, model_validator
@@ -28,7 +28,7 @@ class SkinDielectric(BaseModel):
         Where the numbers come from.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     frequency_hz: tuple[PositiveFloat, ...] = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6)
     permittivity: tuple[PositiveFloat, ...] = (1e4, 3e3, 1.5e3, 1e3, 6e2, 3e2)
@@ -57,7 +57,7 @@ class SkinDielectric(BaseModel):
         nodes = torch.log(torch.tensor(self.frequency_hz, dtype=log_f.dtype, device=log_f.device))
         values = torch.log(torch.tensor(column, dtype=log_f.dtype, device=log_f.device))
         if len(nodes) == 1:
-            return values.expand_as(log_f)
+            return values[0].expand_as(log_f)
         inside = log_f.clamp(nodes[0], nodes[-1])
         cell = torch.searchsorted(nodes[1:-1], inside.detach().contiguous(), right=True)
         part = (inside - nodes[cell]) / (nodes[cell + 1] - nodes[cell])
@@ -65,13 +65,41 @@ class SkinDielectric(BaseModel):
 
 
 def effective_thickness(
-    h0_m: Tensor, frequency_hz: Any, skin_thickness_m: float, skin: SkinDielectric
+    h0_m: Tensor,
+    frequency_hz: float | Tensor | None,
+    skin_thickness_m: float | Tensor,
+    skin: SkinDielectric | None,
+    gap_resistivity_ohm_m: float | None = None,
 ) -> Tensor:
-    """``h0 = d1/eps1 + d2/eps2(w)`` [m], complex; `h0_m` is the screen's d1/eps1.
+    """``h0 = eps_g (d1/eps1 + d2/eps2(w))`` [m]; `h0_m` is the screen's d1/eps1.
 
-    Without a frequency the skin counts as a conductor and `h0_m` comes back as it is.
+    Parameters
+    ----------
+    h0_m : Tensor
+        Effective thickness of the screen's insulator [m].
+    frequency_hz : float, Tensor or None
+        Frequency [Hz]; broadcasts with `h0_m`. Without one the skin counts as a conductor and the
+        gap as an insulator, and `h0_m` comes back as it is.
+    skin_thickness_m : float or Tensor
+        d2 [m].
+    skin : SkinDielectric or None
+        eps2(w); None for skin that conducts.
+    gap_resistivity_ohm_m : float, optional
+        rho_g of a gap that leaks: by continuity of the current ``E_gap = V / (u + eps_g h0)`` with
+        ``eps_g = 1 + i / (w eps0 rho_g)`` (physics page, section 3).
+
+    Returns
+    -------
+    Tensor
+        Complex with a frequency, real without.
     """
     if frequency_hz is None:
         return h0_m
-    frequency = torch.as_tensor(frequency_hz, dtype=h0_m.dtype, device=h0_m.device)
-    return h0_m + skin_thickness_m / skin.relative_permittivity(frequency)
+    frequency_hz = torch.as_tensor(frequency_hz, dtype=h0_m.dtype, device=h0_m.device)
+    thickness = torch.complex(h0_m, torch.zeros_like(h0_m))
+    if skin is not None:
+        thickness = thickness + skin_thickness_m / skin.relative_permittivity(frequency_hz)
+    if gap_resistivity_ohm_m is not None:
+        leak = 1 / (2 * torch.pi * frequency_hz * VACUUM_PERMITTIVITY * gap_resistivity_ohm_m)
+        thickness = thickness * torch.complex(torch.ones_like(leak), leak)
+    return thickness.expand(torch.broadcast_shapes(h0_m.shape, frequency_hz.shape))

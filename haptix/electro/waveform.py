@@ -1,0 +1,115 @@
+"""Attraction within a drive period, for any periodic voltage.
+
+The voltage divides over insulators and gap harmonic by harmonic, with the complex thickness
+``h0(n f)`` of each; the stress follows from the square of the field that they add up to. That a
+sine pulls at twice its frequency, with a full ripple, is a result of this and no assumption.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import pi
+from typing import Any, Self
+
+import torch
+from torch import Tensor
+
+from haptix.contact.gaps import GapHistogram
+from haptix.electro.dielectric import VACUUM_PERMITTIVITY
+from haptix.errors import InputError
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """One period of a voltage of amplitude 1, as ``V(t) = Re sum_n c_n exp(-i n w t)``, n from 0.
+
+    The sign of the exponent is that of ``eps2 = eps + i/(w eps0 rho)``.
+
+    Parameters
+    ----------
+    name : str
+        What to call it.
+    coefficient : Tensor of complex, shape (harmonics + 1,)
+        c_n; c_0 is the mean.
+    """
+
+    name: str
+    coefficient: Tensor
+
+    @classmethod
+    def sine(cls) -> Self:
+        """cos(w t), the drive of the paper."""
+        return cls("sine", torch.tensor([0.0, 1.0], dtype=torch.complex128))
+
+    @classmethod
+    def square(cls, harmonics: int = 99) -> Self:
+        """Square wave between -1 and 1, cut off after `harmonics`."""
+        n = torch.arange(harmonics + 1, dtype=torch.float64)
+        odd = n % 2 == 1
+        size = torch.where(odd, 4 / (pi * n.clamp(min=1)) * torch.sin(n * pi / 2), 0.0)
+        return cls("square", size.to(torch.complex128))
+
+    @classmethod
+    def from_samples(cls, samples: Any, name: str = "samples") -> Self:
+        """One period, sampled evenly; scaled so that its largest magnitude is 1."""
+        v = torch.as_tensor(samples, dtype=torch.float64)
+        if v.ndim != 1 or len(v) < 4 or not bool(v.isfinite().all()) or not bool(v.any()):
+            raise InputError(
+                "samples: expected one period of at least 4 finite values that are not all zero, "
+                f"got shape {tuple(v.shape)}"
+            )
+        spectrum = torch.fft.rfft(v / v.abs().max()) / len(v)
+        spectrum[1:] *= 2
+        if len(v) % 2 == 0:
+            spectrum[-1] /= 2  # the highest harmonic has no partner of negative frequency
+        return cls(name, spectrum.conj())
+
+    def at(self, phase: Tensor) -> Tensor:
+        """Voltage at phases [rad] of any shape."""
+        return (self.coefficient * self._turn(phase)).sum(-1).real
+
+    def _turn(self, phase: Tensor) -> Tensor:
+        n = torch.arange(len(self.coefficient), dtype=phase.dtype, device=phase.device)
+        return torch.exp(-1j * n * phase[..., None])
+
+    def stress_pa(
+        self,
+        gaps: GapHistogram,
+        area_fraction: Tensor,
+        voltage_v: float,
+        frequency_hz: float,
+        thickness_m: Callable[[Tensor], Tensor],
+        phase: Tensor,
+    ) -> tuple[Tensor, Tensor]:
+        """Mean pull of open gaps and of contact spots at each phase [Pa].
+
+        Parameters
+        ----------
+        gaps : GapHistogram, batch (...,)
+            Gap distribution.
+        area_fraction : Tensor, shape (...,)
+            A/A0, the share of the contact spots.
+        voltage_v, frequency_hz : float
+            Amplitude and fundamental frequency.
+        thickness_m : callable
+            Complex h0 [m] at frequencies [Hz] above 0, and at 0.
+        phase : Tensor, shape (phases,)
+            Phases [rad].
+
+        Returns
+        -------
+        (Tensor, Tensor), each of shape (..., phases)
+        """
+        n = torch.arange(len(self.coefficient), dtype=torch.float64, device=phase.device)
+        thickness = thickness_m(n * frequency_hz)
+        # Where gaps are wide 1/u^2 averages to 1/(u_low u_high) over a bin; elsewhere h0 dominates.
+        centre = (gaps.edges_m[:-1] * gaps.edges_m[1:]).sqrt()
+        voltage = voltage_v * self.coefficient.to(phase.device) * self._turn(phase)
+        open_field = (voltage @ (1 / (centre + thickness[:, None]))).real
+        spot_field = (voltage / thickness).sum(-1).real
+        half = VACUUM_PERMITTIVITY / 2
+        return (
+            half * gaps.mass @ (open_field**2).T,
+            half * area_fraction[..., None] * spot_field**2,
+        )

@@ -1,0 +1,51 @@
+"""What every fidelity is given, and what it gives back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Load:
+    """A flat batch of states.
+
+    Parameters
+    ----------
+    applied_pa, apparent_area_m2, strength : Tensor, shape (states,)
+        ``p0 = F_N/A0`` [Pa], A0 [m^2] and ``eps0 V0^2/4`` [N].
+    thickness_m : Tensor, shape (thicknesses,)
+        The effective insulator thicknesses h0 [m] that occur, real or complex.
+    column : Tensor of int, shape (states,)
+        Which thickness each state has.
+    """
+
+    applied_pa: Tensor
+    apparent_area_m2: Tensor
+    strength: Tensor
+    thickness_m: Tensor
+    column: Tensor
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Equilibrium of each state, all of shape (states,)."""
+
+    pressure_pa: Tensor
+    area_fraction: Tensor
+    gap_attraction_pa: Tensor
+    spot_attraction_pa: Tensor
+    mean_gap_m: Tensor
+    strength_at_end: Tensor
+    """``eps0 V0^2/4`` [N] at which the light contact ends."""
+    is_stable: Tensor
+
+
+class Fidelity(Protocol):
+    """A way to solve the contact."""
+
+    def solve(self, load: Load) -> Balance:
+        """Return the equilibrium of every state on the lowest branch."""
+        ...
