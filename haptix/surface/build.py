@@ -202,7 +202,7 @@ def _error_at(
     force, h0 = at["normal_force_n"], at["h0_m"]
     frequency = None if surface.frequency_hz.is_absent else at["frequency_hz"]
     # The drive is a share of the interpolated end of the column, as it is in a query.
-    corners, _ = surface._corners(force, frequency, h0)
+    corners, _ = surface._corners(drive, force, frequency, h0)
     voltage = surface._end(corners) * drive.sqrt()
     state = model.solve(force, voltage, frequency, h0)
     solved = state.mu.to("cpu", torch.float64)

@@ -18,7 +18,7 @@ def cache_folder() -> Path:
     """Return ``$HAPTIX_CACHE``, or ``haptix`` in the user's cache folder."""
     chosen = os.environ.get("HAPTIX_CACHE")
     if chosen:
-        return Path(chosen)
+        return Path(chosen).expanduser()
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "haptix"
 
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import tempfile
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -39,9 +40,9 @@ def save_surface(surface: FrictionSurface, path: Path) -> None:
         "units": {"normal_force_n": "N", "frequency_hz": "Hz", "h0_m": "m", "voltage_end_v": "V"},
         "drive": "(voltage_v / voltage_end_v)^2; mu does not fall along it",
         "voltage_limit_v": surface.voltage_limit_v,
-        "sha256": _digest(tensors),
         "info": dict(surface.info),
     }
+    header["sha256"] = _digest(header, tensors)
     data = to_bytes(tensors, metadata={"haptix": json.dumps(header, sort_keys=True)})
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -52,9 +53,10 @@ def save_surface(surface: FrictionSurface, path: Path) -> None:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
         Path(temporary).replace(path)
-    except BaseException:
+    except OSError as error:
+        raise FileFormatError(f"cannot write {path}: {error.strerror}") from None
+    finally:
         Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 def load_surface(path: Path) -> FrictionSurface:
@@ -77,7 +79,7 @@ def load_surface(path: Path) -> FrictionSurface:
             f"{path}: expected surface version {VERSION}, got {header.get('version')!r}; "
             "update haptix, or build the surface again"
         )
-    if set(tensors) != set(_TENSORS) or header.get("sha256") != _digest(tensors):
+    if set(tensors) != set(_TENSORS) or header.pop("sha256", "") != _digest(header, tensors):
         raise FileFormatError(f"{path} is damaged: its numbers do not match their checksum")
     return _assemble(path, header, tensors)
 
@@ -102,14 +104,16 @@ def _assemble(path: Path, header: dict[str, Any], tensors: dict[str, Tensor]) ->
     if not sound:
         raise FileFormatError(f"{path} is damaged: its tables contradict each other")
     try:
-        limit = float(header["voltage_limit_v"])
-        return FrictionSurface(axes, drive, mu, end, limit, header["info"])
+        limit, info = float(header["voltage_limit_v"]), dict(header["info"])
+        if not 0 < limit < inf:
+            raise ValueError(f"a voltage limit of {limit:g} V")
+        return FrictionSurface(axes, drive, mu, end, limit, info)
     except (KeyError, TypeError, ValueError, HaptixError) as error:
         raise FileFormatError(f"{path} is damaged: {error}") from None
 
 
-def _digest(tensors: dict[str, Tensor]) -> str:
-    digest = hashlib.sha256()
+def _digest(header: dict[str, Any], tensors: dict[str, Tensor]) -> str:
+    digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     for name in sorted(tensors):
         tensor = tensors[name].contiguous()
         digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())

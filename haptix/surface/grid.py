@@ -14,6 +14,14 @@ from haptix.errors import InputError
 _SLACK = 1e-6  # relative; a float32 copy of an axis value still counts as on the axis
 
 
+def numbers(name: str, value: Any, like: Tensor) -> Tensor:
+    """Return `value` as a tensor of the precision and device of `like`."""
+    try:
+        return torch.as_tensor(value, dtype=like.dtype, device=like.device)
+    except (TypeError, ValueError, RuntimeError):
+        raise InputError(f"{name}: expected numbers, got {value!r}") from None
+
+
 @dataclass(frozen=True)
 class Axis:
     """One axis, linear in the logarithm of its quantity.
@@ -80,9 +88,12 @@ class Axis:
                 )
             zero = torch.zeros((), dtype=nodes.dtype, device=nodes.device)
             return zero.long(), zero, torch.ones_like(zero, dtype=torch.bool)
-        x = torch.as_tensor(value, dtype=nodes.dtype, device=nodes.device)
+        x = numbers(self.name, value, nodes)
         if self.is_absent:
-            raise InputError(f"{self.name}: the surface was built without it; pass None")
+            raise InputError(
+                f"{self.name}: the surface was built without it; leave it out, or build a surface "
+                "that spans it"
+            )
         if not bool((x.isfinite() & (x > 0)).all()):
             raise InputError(f"{self.name}: expected finite values above 0")
         inside = (x >= self.low * (1 - _SLACK)) & (x <= self.high * (1 + _SLACK))

@@ -13,7 +13,7 @@ from torch import Tensor
 from haptix.errors import InputError, RangeError
 from haptix.friction import ContactModel
 from haptix.status import Status
-from haptix.surface.grid import Axis
+from haptix.surface.grid import Axis, numbers
 
 Corner = tuple[Tensor, Tensor]
 
@@ -168,10 +168,10 @@ class FrictionSurface:
         self, normal_force_n: Any, voltage_v: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> SurfaceSample:
         """Friction coefficient and status at points that broadcast together."""
-        voltage = torch.as_tensor(voltage_v, dtype=self.mu_table.dtype, device=self.drive.device)
+        voltage = numbers("voltage_v", voltage_v, self.drive)
         if not bool((voltage.isfinite() & (voltage >= 0)).all()):
             raise InputError("voltage_v: expected finite amplitudes of 0 V or more")
-        corners, inside = self._corners(normal_force_n, frequency_hz, h0_m)
+        corners, inside = self._corners(voltage, normal_force_n, frequency_hz, h0_m)
         end = self._end(corners)
         drive = (voltage / end) ** 2
         sample = self._along(corners, drive.clamp(max=1.0))
@@ -188,10 +188,10 @@ class FrictionSurface:
         self, mu: Any, normal_force_n: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> Inversion:
         """Amplitude that gives a wanted friction, for points that broadcast together."""
-        wanted = torch.as_tensor(mu, dtype=self.mu_table.dtype, device=self.drive.device)
+        wanted = numbers("mu", mu, self.drive)
         if not bool(wanted.isfinite().all()):
             raise InputError("mu: expected finite friction coefficients")
-        corners, inside = self._corners(normal_force_n, frequency_hz, h0_m)
+        corners, inside = self._corners(wanted, normal_force_n, frequency_hz, h0_m)
         end = self._end(corners)
         wanted, end, inside = torch.broadcast_tensors(wanted, end, inside)
         low = torch.zeros_like(wanted, dtype=torch.long)
@@ -222,7 +222,7 @@ class FrictionSurface:
         self, normal_force_n: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> tuple[Tensor, Tensor]:
         """Lowest and highest friction coefficient that the surface can give."""
-        corners, _ = self._corners(normal_force_n, frequency_hz, h0_m)
+        corners, _ = self._corners(self.drive[0], normal_force_n, frequency_hz, h0_m)
         first = torch.zeros((), dtype=torch.long, device=self.drive.device)
         return self._at_node(corners, first), self._at_node(corners, first + len(self.drive) - 1)
 
@@ -263,12 +263,23 @@ class FrictionSurface:
             voltage_end_v=self.voltage_end_v.to(device, dtype),
         )
 
-    def _corners(self, *values: Any) -> tuple[list[Corner], Tensor]:
-        """Flat column numbers and weights of the columns around each point."""
+    def _corners(self, other: Tensor, *values: Any) -> tuple[list[Corner], Tensor]:
+        """Flat column numbers and weights of the columns around each point.
+
+        `other` is the query's remaining quantity; all must broadcast together.
+        """
         corners: list[Corner] = []
         everywhere = torch.ones((), dtype=torch.bool, device=self.drive.device)
-        for axis, value in zip(self.axes, values, strict=True):
-            cell, part, inside = axis.locate(value)
+        located = [axis.locate(value) for axis, value in zip(self.axes, values, strict=True)]
+        shapes = [other.shape, *(part.shape for _, part, _ in located)]
+        try:
+            torch.broadcast_shapes(*shapes)
+        except RuntimeError:
+            raise InputError(
+                "expected inputs that broadcast together, got shapes "
+                f"{', '.join(str(tuple(shape)) for shape in shapes)}"
+            ) from None
+        for axis, (cell, part, inside) in zip(self.axes, located, strict=True):
             everywhere = everywhere & inside
             sides = [(cell, 1 - part), (cell + 1, part)] if axis.varies else [(cell, None)]
             if not corners:
@@ -283,7 +294,9 @@ class FrictionSurface:
 
     def _end(self, corners: list[Corner]) -> Tensor:
         ends = self.voltage_end_v.reshape(-1)
-        return sum((w * ends[column] for column, w in corners), start=ends.new_zeros(()))
+        end: Tensor = sum((w * ends[column] for column, w in corners), start=ends.new_zeros(()))
+        # A blend of equal ends may round a bit above them: never above the limit.
+        return end.clamp(max=self.voltage_limit_v)
 
     def _at_node(self, corners: list[Corner], node: Tensor) -> Tensor:
         table = self.mu_table.reshape(-1, len(self.drive))

@@ -1,0 +1,210 @@
+"""Evaluating and inverting: statuses, slices, and what a query must name."""
+
+import math
+from typing import Any
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptix import ContactModel, FrictionSurface, InputError, Status
+from haptix.errors import RangeError
+from haptix.friction import ContactState
+
+OK, PULL_IN, BELOW, ABOVE, OUT = (
+    int(Status[name]) for name in ("OK", "PULL_IN", "BELOW", "ABOVE", "OUT_OF_RANGE")
+)
+
+
+def tensor(*values: float) -> torch.Tensor:
+    return torch.tensor(values, dtype=torch.float64)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    force=st.floats(0.3, 0.9),
+    share=st.floats(0.0, 1.0),
+    frequency=st.floats(60, 500),
+    h0=st.floats(1e-7, 3e-7),
+)
+def test_friction_to_voltage_and_back(
+    full: FrictionSurface, force: float, share: float, frequency: float, h0: float
+) -> None:
+    low, high = full.reachable(force, frequency, h0)
+    wanted = low + share * (high - low)
+    found = full.voltage(wanted, force, frequency, h0)
+    assert int(found.status) == OK
+    assert 0 <= float(found.voltage_v) <= 150.0 * (1 + 1e-12)  # rounding
+    back = full.mu(force, found.voltage_v, frequency, h0)
+    assert float(back) == pytest.approx(float(wanted), rel=1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(force=st.floats(0.2, 1.0), voltage=st.floats(5.0, 200.0))
+def test_voltage_to_friction_and_back(plain: FrictionSurface, force: float, voltage: float) -> None:
+    found = plain.voltage(plain.mu(force, voltage), force)
+    assert int(found.status) == OK
+    # mu - mu(0) ~ V^2: rounding of mu, 1e-16, over its rise, 1e-4 at 5 V.
+    assert float(found.voltage_v) == pytest.approx(voltage, rel=1e-9)
+
+
+def test_wanted_friction_out_of_reach(plain: FrictionSurface) -> None:
+    low, high = plain.reachable(0.5)
+    found = plain.voltage(tensor(0.0, float(low) - 1e-3, float(high) + 1e-3, 50.0), 0.5)
+    assert found.status.tolist() == [BELOW, BELOW, ABOVE, ABOVE]
+    assert found.voltage_v.tolist() == pytest.approx([0.0, 0.0, 200.0, 200.0], rel=1e-12)
+    assert plain.voltage(torch.stack([low, high]), 0.5).status.tolist() == [OK, OK]
+
+
+def test_forces_outside_the_surface(plain: FrictionSurface) -> None:
+    force = tensor(0.1, 0.2, 1.0, 1.1)
+    sample = plain.evaluate(force, 100.0)
+    assert sample.status.tolist() == [OUT, OK, OK, OUT]
+    # "Values are those at its edge."
+    assert sample.mu[0] == sample.mu[1] and sample.mu[2] == sample.mu[3]
+    found = plain.voltage(sample.mu, force)
+    assert found.status.tolist() == [OUT, OK, OK, OUT]
+    assert bool(found.voltage_v.isfinite().all())
+
+
+def test_voltages_above_the_range_that_was_asked_for(full: FrictionSurface) -> None:
+    sample = full.evaluate(0.5, tensor(150.0, 150.1, 1e6), 100.0, 2e-7)
+    assert sample.status.tolist() == [OK, OUT, OUT]
+    assert sample.mu.tolist() == [float(sample.mu[0])] * 3
+
+
+def test_past_pull_in_there_is_a_status_and_a_finite_value(
+    hungry: ContactModel, past_pull_in: FrictionSurface
+) -> None:
+    force = torch.linspace(0.1, 0.5, 41, dtype=torch.float64)[:, None]
+    voltage = torch.linspace(0.0, 400.0, 201, dtype=torch.float64)
+    sample = past_pull_in.evaluate(force, voltage)
+    truth: ContactState = hungry.solve(force, voltage, h0_m=5e-8)
+    assert bool(sample.mu.isfinite().all())
+    assert set(sample.status.reshape(-1).tolist()) == {OK, PULL_IN}
+    solved = sample.status == OK
+    # No number with the status OK where the model has no light contact,
+    assert bool((truth.status[solved] == OK).all())
+    # and each is the model's, within the tolerance of the build.
+    assert float((sample.mu - truth.mu)[solved].abs().max()) <= 1e-2
+    # Past the model's pull-in the surface says so.
+    assert bool((sample.status[truth.status == PULL_IN] == PULL_IN).all())
+    # The margin that it keeps is 10 %, and no more.
+    kept = voltage < 0.89 * truth.pull_in_voltage_v
+    assert bool((sample.status[kept] == OK).all())
+
+
+def test_friction_that_only_pull_in_would_give(past_pull_in: FrictionSurface) -> None:
+    _, high = past_pull_in.reachable(0.3)
+    found = past_pull_in.voltage(tensor(float(high), float(high) * 1.01, 30.0), 0.3)
+    assert found.status.tolist() == [OK, PULL_IN, PULL_IN]
+    assert bool((found.voltage_v < 400.0).all())
+    assert past_pull_in.evaluate(0.3, found.voltage_v[2]).status == OK
+
+
+def test_mu_raises_where_evaluate_has_a_status(
+    plain: FrictionSurface, past_pull_in: FrictionSurface
+) -> None:
+    with pytest.raises(RangeError, match=r"1 of 2 points.*normal_force_n 0\.2 to 1"):
+        plain.mu(tensor(0.5, 1.5), 100.0)
+    with pytest.raises(RangeError, match=r"1 of 1 points.*1 of them past pull-in"):
+        past_pull_in.mu(0.3, 399.0)
+    with pytest.raises(RangeError, match="evaluate"):
+        plain.mu(0.5, 201.0)
+
+
+def test_a_slice_is_the_same_surface(full: FrictionSurface) -> None:
+    force, voltage = tensor(0.3, 0.4, 0.77, 0.9)[:, None], tensor(0.0, 31.0, 150.0)
+    whole = full.evaluate(force, voltage, 137.0, 1.7e-7)
+    target = (whole.mu * 1.02).clamp(max=whole.mu[:, -1:])
+    inverse = full.voltage(target, force, 137.0, 1.7e-7)
+    for sliced in (
+        full.at(137.0, 1.7e-7),
+        full.at(frequency_hz=137.0).at(h0_m=1.7e-7),
+        full.at(h0_m=1.7e-7).at(frequency_hz=137.0),
+    ):
+        assert tuple(sliced.mu_table.shape[1:3]) == (1, 1)
+        for query in ((force, voltage), (force, voltage, 137.0, 1.7e-7)):
+            sample = sliced.evaluate(*query)
+            # Rounding: the same weights in another order.
+            torch.testing.assert_close(sample.mu, whole.mu, rtol=1e-12, atol=0)
+            assert torch.equal(sample.status, whole.status)
+        found = sliced.voltage(target, force)
+        torch.testing.assert_close(found.voltage_v, inverse.voltage_v, rtol=1e-9, atol=1e-6)
+        assert torch.equal(found.status, inverse.status)
+
+
+def test_a_slice_holds_at_its_own_value_alone(full: FrictionSurface) -> None:
+    sliced = full.at(frequency_hz=137.0)
+    assert int(sliced.evaluate(0.5, 50.0, 138.0, 2e-7).status) == OUT
+    with pytest.raises(RangeError, match=r"frequency_hz: 1000 is outside.*60 to 500"):
+        full.at(frequency_hz=1000.0)
+    with pytest.raises(RangeError, match="h0_m"):
+        full.at(h0_m=4e-7)
+
+
+def test_an_axis_that_varies_must_be_named(full: FrictionSurface) -> None:
+    with pytest.raises(InputError, match="frequency_hz: expected a value"):
+        full.mu(0.5, 100.0, None, 2e-7)
+    with pytest.raises(InputError, match="h0_m: expected a value"):
+        full.voltage(0.3, 0.5, 100.0)
+    with pytest.raises(InputError, match="normal_force_n: expected a value"):
+        full.mu(None, 100.0, 100.0, 2e-7)
+
+
+def test_an_axis_that_does_not_vary_may_be_left_out(plain: FrictionSurface) -> None:
+    assert float(plain.mu(0.5, 100.0)) == float(plain.mu(0.5, 100.0, None, 2e-7))
+    assert int(plain.evaluate(0.5, 100.0, None, 2.1e-7).status) == OUT
+    with pytest.raises(InputError, match="frequency_hz: the surface was built without it"):
+        plain.mu(0.5, 100.0, 125.0)
+
+
+BAD: dict[str, Any] = {
+    "zero": 0.0,
+    "negative": -0.5,
+    "NaN": math.nan,
+    "infinite": math.inf,
+    "one of two": [0.5, math.nan],
+    "text": "0.5",
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_bad_queries_are_named(full: FrictionSurface, kind: str) -> None:
+    bad = BAD[kind]
+    with pytest.raises(InputError, match="normal_force_n"):
+        full.mu(bad, 100.0, 100.0, 2e-7)
+    with pytest.raises(InputError, match="frequency_hz"):
+        full.evaluate(0.5, 100.0, bad, 2e-7)
+    with pytest.raises(InputError, match="h0_m"):
+        full.voltage(0.3, 0.5, 100.0, bad)
+    if kind != "zero":
+        with pytest.raises(InputError, match="voltage_v"):
+            full.mu(0.5, bad, 100.0, 2e-7)
+    if kind not in ("zero", "negative"):
+        with pytest.raises(InputError, match="mu"):
+            full.voltage(bad, 0.5, 100.0, 2e-7)
+
+
+def test_queries_that_do_not_broadcast(full: FrictionSurface) -> None:
+    two, three = tensor(0.4, 0.5), tensor(50.0, 60.0, 70.0)
+    with pytest.raises(InputError, match="broadcast"):
+        full.evaluate(two, three, 100.0, 2e-7)
+    with pytest.raises(InputError, match="broadcast"):
+        full.evaluate(two, 50.0, three + 20, 2e-7)
+    with pytest.raises(InputError, match="broadcast"):
+        full.voltage(tensor(0.3, 0.31, 0.32), two, 100.0, 2e-7)
+
+
+def test_shapes_of_answers(full: FrictionSurface) -> None:
+    force = tensor(0.3, 0.5, 0.9)[:, None, None, None]
+    frequency, h0 = tensor(60.0, 100.0)[:, None], tensor(1e-7, 2e-7, 2.5e-7, 3e-7)
+    sample = full.evaluate(force, tensor(0.0, 50.0)[:, None, None], frequency, h0)
+    assert sample.mu.shape == sample.status.shape == (3, 2, 2, 4)
+    found = full.voltage(sample.mu, force, frequency, h0)
+    assert found.voltage_v.shape == found.status.shape == (3, 2, 2, 4)
+    assert float(full.mu(0.5, 50.0, 100.0, 2e-7)) == float(sample.mu[1, 1, 1, 1])
+    # A range of one value: the force's status has the shape of the whole all the same.
+    out = full.evaluate(tensor(0.1, 0.5)[:, None], tensor(0.0, 1.0, 2.0), 100.0, 2e-7)
+    assert out.status.tolist() == [[OUT] * 3, [OK] * 3]
