@@ -25,9 +25,9 @@ def write_screen_profile(screen: Screen, path: str | Path, overwrite: bool = Fal
     InputError
         If the file exists and may not be replaced, or the screen has no name of its own.
     """
-    if screen.name == "custom":
+    if screen.name.strip() in ("", "custom"):
         raise InputError(
-            'expected a screen with a name of its own, got "custom": use '
+            f"expected a screen with a name of its own, got {screen.name!r}: use "
             'screen.replace(name="...") so that outputs can say which screen they are for'
         )
     path = Path(path)

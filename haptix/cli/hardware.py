@@ -58,7 +58,7 @@ def _check_cache() -> dict[str, Any]:
     there = folder
     while not there.exists():
         there = there.parent
-    good = os.access(there, os.W_OK)
+    good = there.is_dir() and os.access(there, os.W_OK)
     return _row("cache", good, f"{folder}" if good else f"{folder} cannot be written")
 
 

@@ -16,7 +16,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a ta
 def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
     """Print rows of one set of columns."""
     if as_json:
-        sys.stdout.write(json.dumps(rows, indent=2) + "\n")
+        sys.stdout.write(json.dumps(rows, indent=2, allow_nan=False) + "\n")
         return
     from rich.box import SIMPLE
     from rich.console import Console
@@ -52,7 +52,8 @@ def progress_bar(stages: Mapping[str, str]) -> Iterator[Callable[[str, float], N
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         tasks: dict[str, Any] = {}
 
         def update(stage: str, share: float) -> None:

@@ -53,6 +53,8 @@ def build(
 
     if out.exists() and not overwrite:
         raise InputError(f"{out} exists: name another file, or pass --overwrite to replace it")
+    if out.is_dir() or not _makeable(out.absolute().parent):
+        raise InputError(f"{out}: expected a file in a folder that can be made")
     model = _model(finger, screen)
     scene: dict[str, Any] = {"normal_force_n": _range("normal-force-n", normal_force_n)}
     if voltage_v is not None:
@@ -115,7 +117,6 @@ def query(
             "mu": state.mu,
             "area_fraction": state.area_fraction,
             "attraction_pa": state.attraction_pa,
-            "mean_gap_m": state.mean_gap_m,
             "pull_in_voltage_v": state.pull_in_voltage_v,
         }
         status = state.status
@@ -152,6 +153,12 @@ def invert(
     found = FrictionSurface.load(surface).voltage(wanted, force, frequency, h0)
     inputs = {"mu": wanted, "normal_force_n": force, "frequency_hz": frequency, "h0_m": h0}
     show("voltage", _rows(inputs, {"voltage_v": found.voltage_v}, found.status), as_json)
+
+
+def _makeable(folder: Path) -> bool:
+    while not folder.exists():
+        folder = folder.parent
+    return folder.is_dir()
 
 
 def _model(finger: str, screen: str) -> ContactModel:

@@ -40,8 +40,9 @@ def draw(
     _friction(friction, outcome)
     voltage = figure.add_subplot(grid[1, 1], sharex=friction)
     _voltage(voltage, outcome, voltage_limit_v)
-    first = _liveliest(played_v, round(_ZOOM_S * sample_rate_hz))
-    zoom = np.arange(first, first + round(_ZOOM_S * sample_rate_hz))
+    count = min(round(_ZOOM_S * sample_rate_hz), len(played_v))
+    first = _liveliest(played_v, count)
+    zoom = np.arange(first, first + count)
     t = zoom / sample_rate_hz
     voltage.axvspan(t[0] - 0.01, t[-1] + 0.01, color="tab:purple", alpha=0.5)
     voltage.annotate(

@@ -14,13 +14,13 @@ import numpy.typing as npt
 import soundfile
 import torch
 
-from firmware_io import open_device
+from firmware_io import Device, open_device
 from firmware_io.mock import MockDriver
 from haptix.demo.figure import draw
 from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.friction import ContactModel
-from haptix.render import Renderer, RenderStats, Trajectory
+from haptix.render import Carrier, Renderer, RenderStats, Trajectory
 from haptix.screen import Screen
 from haptix.surface import FrictionSurface, cached_surface
 from haptix.texture import Texture
@@ -33,6 +33,7 @@ FINGER_PATH = Path(__file__).parent / "finger_path.csv"
 WEBER_FRACTION = 0.11
 """Smallest relative change of friction that is felt (Gueorguiev et al. 2017)."""
 
+_LEAST_PERIODS = 10
 _TOLERANCE = 5e-4  # of the surface, in mu: a sixtieth of what is felt
 
 
@@ -101,6 +102,16 @@ class DemoJob:
             raise InputError(f"--out: {self.folder} is a file; name a folder")
         began = time.perf_counter()
         path = Trajectory.from_csv(self.trajectory or FINGER_PATH)
+        device = open_device("mock:")
+        Carrier(
+            self.carrier_hz, device.capabilities.sample_rate_hz
+        )  # or say why not, before the work
+        if path.duration_s * self.carrier_hz < _LEAST_PERIODS:
+            raise InputError(
+                f"trajectory: expected {_LEAST_PERIODS} periods or more of the "
+                f"{self.carrier_hz:g} Hz carrier, got {path.duration_s:g} s; give a longer path or "
+                "a higher carrier"
+            )
         texture = self._texture()
         model = ContactModel(Finger.preset(self.finger), Screen.preset(self.screen))
         force = path.normal_force_n
@@ -113,7 +124,9 @@ class DemoJob:
         )
         on_progress("surface", 1.0)
         built = time.perf_counter()
-        driver, renderer, bytes_sent, frames_sent = _play(surface, texture, path, on_progress)
+        driver, renderer, bytes_sent, frames_sent = _play(
+            surface, texture, path, device, on_progress
+        )
         rendered = time.perf_counter()
         outcome = _judge(model, texture, path, renderer, driver)
         on_progress("judge", 1.0)
@@ -203,9 +216,12 @@ class DemoJob:
 
 
 def _play(
-    surface: FrictionSurface, texture: Texture, path: Trajectory, on_progress: Progress
+    surface: FrictionSurface,
+    texture: Texture,
+    path: Trajectory,
+    device: Device,
+    on_progress: Progress,
 ) -> tuple[MockDriver, Renderer, int, int]:
-    device = open_device("mock:")
     driver = device.mock
     assert driver is not None  # "mock:" has one
     with Renderer(surface, texture, device) as renderer:

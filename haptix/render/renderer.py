@@ -12,7 +12,7 @@ import numpy.typing as npt
 import torch
 
 from firmware_io import Device
-from haptix.errors import InputError
+from haptix.errors import InputError, LimitError, check_positive
 from haptix.render.modulation import Carrier
 from haptix.status import Status
 from haptix.surface import FrictionSurface
@@ -62,7 +62,8 @@ class Renderer:
     texture : Texture
         What to feel.
     device : Device
-        Where the samples go; its ceiling is lowered to the surface's voltage limit.
+        Where the samples go; its ceiling is lowered to the surface's voltage limit, and must not
+        be below it.
     carrier_hz : float, optional
         Frequency of the drive. Without it the surface's own, or where that spans several or leaves
         frequency out, the one nearest to `DEFAULT_CARRIER_HZ`.
@@ -90,7 +91,9 @@ class Renderer:
             if not frequency.is_absent:
                 carrier_hz = min(max(carrier_hz, frequency.low), frequency.high)
         if surface.h0_m.varies and h0_m is None:
-            h0_m = surface.info["screen_h0_m"]
+            h0_m = surface.info.get("screen_h0_m")
+            if h0_m is None:
+                raise InputError("h0_m: the surface spans several; say which the screen has")
         self._surface = surface.at(None if frequency.is_absent else carrier_hz, h0_m)
         self.texture = texture
         self.device = device
@@ -98,16 +101,24 @@ class Renderer:
         self.stats = RenderStats()
         self.blocks: list[RenderedBlock] = []
         self._keep_blocks = keep_blocks
+        check_positive("block_s", block_s)
         self._block = max(1, round(block_s * self.carrier.sample_rate_hz))
         self._touch: tuple[float, float, float, float] | None = None
         self._start_s = 0.0
         self._next_sample = 0
 
     def __enter__(self) -> Self:
-        limit = self._surface.voltage_limit_v
-        if limit < self.device.limits.ceiling_v:
+        limit, ceiling = self._surface.voltage_limit_v, self.device.limits.ceiling_v
+        if limit > ceiling:
+            raise LimitError(
+                f"the surface asks for up to {limit:g} V, but the device allows {ceiling:g} V; "
+                f"build the surface for voltages up to {ceiling:g} V"
+            )
+        if limit < ceiling:
             self.device.lower_ceiling(limit)
         self.device.arm()
+        self.stats = RenderStats()
+        self.blocks = []
         self._touch = None
         self._next_sample = 0
         return self
@@ -139,7 +150,12 @@ class Renderer:
         LimitError, DeviceError
             If the device rejects the samples or fails; its output is then at 0 V.
         """
-        touch = (float(t_s), float(x_mm), float(y_mm), float(normal_force_n))
+        try:
+            touch = (float(t_s), float(x_mm), float(y_mm), float(normal_force_n))
+        except (TypeError, ValueError):
+            raise InputError(
+                f"touch: expected four numbers, got {(t_s, x_mm, y_mm, normal_force_n)!r}"
+            ) from None
         if not np.isfinite(touch).all() or touch[3] <= 0:
             raise InputError(
                 "touch: expected finite t_s, x_mm, y_mm and a normal_force_n above 0, "
@@ -152,7 +168,8 @@ class Renderer:
             raise InputError(
                 f"touch: time must advance, but {touch[0]:g} s follows {self._touch[0]:g} s"
             )
-        end = int((touch[0] - self._start_s) * self.carrier.sample_rate_hz + 1e-6)
+        # Clocks that count from 1970 resolve a few 1e-7 s: that must not cost a sample.
+        end = int((touch[0] - self._start_s) * self.carrier.sample_rate_hz + 0.02)
         while self._next_sample < end:
             self._render(self._touch, touch, min(self._block, end - self._next_sample))
         self._touch = touch

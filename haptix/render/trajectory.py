@@ -63,24 +63,27 @@ class Trajectory:
         """Read a CSV with the columns t_s, x_mm, y_mm and normal_force_n, in any order."""
         path = Path(path)
         try:
-            with path.open(newline="", encoding="utf-8") as file:
-                reader = csv.DictReader(file)
-                missing = set(_COLUMNS) - set(reader.fieldnames or ())
-                if missing:
-                    raise InputError(
-                        f"{path}: expected a first line naming {', '.join(_COLUMNS)}; "
-                        f"missing: {', '.join(sorted(missing))}"
-                    )
-                rows = [[row[name] for name in _COLUMNS] for row in reader]
+            # Spreadsheets put a byte-order mark before the first name.
+            with path.open(newline="", encoding="utf-8-sig") as file:
+                rows = list(csv.reader(file, skipinitialspace=True))
         except OSError as error:
             raise InputError(f"cannot read the trajectory {path}: {error.strerror}") from None
         except (UnicodeDecodeError, csv.Error) as error:
             raise InputError(f"{path}: expected a CSV text file, got: {error}") from None
+        names = [name.strip() for name in rows[0]] if rows else []
+        missing = [name for name in _COLUMNS if names.count(name) != 1]
+        if missing:
+            raise InputError(
+                f"{path}: expected a first line naming {', '.join(_COLUMNS)}, each once; "
+                f"missing or repeated: {', '.join(missing)}"
+            )
+        table = [
+            _read_row(path, number, names, row) for number, row in enumerate(rows[1:], 2) if row
+        ]
         try:
-            table = np.array(rows, dtype=float).reshape(-1, len(_COLUMNS))
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{path}: expected numbers in every row: {error}") from None
-        return cls(*table.T)
+            return cls(*np.array(table, dtype=float).reshape(-1, len(_COLUMNS)).T)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
 
     @property
     def duration_s(self) -> float:
@@ -94,3 +97,26 @@ class Trajectory:
             np.interp(t, self.t_s, column) for column in (self.x_mm, self.y_mm, self.normal_force_n)
         )
         return x, y, force
+
+
+def _read_row(path: Path, line: int, names: list[str], row: list[str]) -> list[float]:
+    """Numbers of one line, in the order of the columns."""
+    if len(row) != len(names):
+        why = (
+            f"{names[len(row)]} is missing"
+            if len(row) < len(names)
+            else "decimals need a point, not a comma"
+        )
+        raise InputError(
+            f"{path}, line {line}: expected {len(names)} values, got {len(row)}; {why}"
+        )
+    values = []
+    for name in _COLUMNS:
+        text = row[names.index(name)]
+        try:
+            values.append(float(text))
+        except ValueError:
+            raise InputError(
+                f"{path}, line {line}: {name}: expected a number, got {text!r}"
+            ) from None
+    return values

@@ -32,16 +32,22 @@ def read_grey(image: str | Path | npt.ArrayLike) -> npt.NDArray[np.float64]:
                 f"image: {path} is not an image that can be read; expected PNG, JPEG or TIFF"
             ) from None
     else:
-        pixels = np.asarray(image)
-    pixels = np.asarray(pixels)
-    if pixels.ndim == 3 and pixels.shape[2] in (3, 4):
+        try:
+            pixels = np.asarray(image)
+            if pixels.dtype.kind not in "buif":
+                raise ValueError
+        except ValueError:
+            raise InputError("image: expected numbers in rows of one length") from None
+    if pixels.size and pixels.ndim == 3 and pixels.shape[2] in (3, 4):
         grey = rgb2gray(img_as_float64(pixels[..., :3]))
-    elif pixels.ndim == 2 and min(pixels.shape) > 0:
+    elif pixels.size and pixels.ndim == 3 and pixels.shape[2] == 2:
+        grey = pixels[..., 0].astype(np.float64)  # grey and opacity
+    elif pixels.size and pixels.ndim == 2:
         grey = pixels.astype(np.float64)
     else:
         raise InputError(
-            "image: expected pixels of shape (rows, columns) or (rows, columns, 3 or 4), "
-            f"got {pixels.shape}"
+            "image: expected pixels of shape (rows, columns), or (rows, columns, channels) with 2 "
+            f"to 4 channels, got {pixels.shape}"
         )
     if not np.isfinite(grey).all():
         raise InputError("image: expected finite pixels")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -47,8 +48,10 @@ class Texture:
             )
         if self.mu_range is not None:
             low, high = self.mu_range
-            if not 0 <= low < high:
-                raise InputError(f"mu_range: expected 0 <= low < high, got {low:g}, {high:g}")
+            if not 0 <= low < high < inf:
+                raise InputError(
+                    f"mu_range: expected finite 0 <= low < high, got {low:g}, {high:g}"
+                )
 
     @classmethod
     def from_image(
@@ -102,14 +105,12 @@ class Texture:
         -------
         ndarray
             Shares of the reachable range, or friction coefficients where the texture has a
-            `mu_range`. Beyond the edges it is level 0: no effect.
+            `mu_range`. Beyond the edges it is level 0, the lowest friction.
         """
         x, y = np.broadcast_arrays(np.asarray(x_mm, dtype=float), np.asarray(y_mm, dtype=float))
         rows, columns = self.level.shape
+        inside = (x >= 0) & (x <= self.width_mm) & (y >= 0) & (y <= self.height_mm)
         column, row = x / self.pixel_mm - 0.5, y / self.pixel_mm - 0.5
-        inside = (np.abs(column - (columns - 1) / 2) <= columns / 2) & (
-            np.abs(row - (rows - 1) / 2) <= rows / 2
-        )
         column = np.where(inside, column, 0).clip(0, columns - 1)
         row = np.where(inside, row, 0).clip(0, rows - 1)
         left, above = column.astype(np.intp), row.astype(np.intp)

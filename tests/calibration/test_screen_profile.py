@@ -1,0 +1,62 @@
+"""The profile that a calibration writes."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calibration import write_screen_profile
+from haptix import HaptixError, InputError, Screen
+
+SCREEN = Screen(
+    name="panel 7", insulator_thickness_m=1.1e-6, insulator_permittivity=3.9, max_voltage_v=150.0
+)
+
+positive = st.floats(1e-12, 1e6)
+# TOML holds any text but lone surrogates.
+names = st.text(st.characters(codec="utf-8"), min_size=1, max_size=20).filter(
+    lambda name: name.strip() and name != "custom"
+)
+
+
+@settings(deadline=None)
+@given(names, positive, positive.map(lambda value: 1 + value), positive)
+def test_round_trip(tmp_path_factory, name, thickness, permittivity, voltage):
+    screen = Screen(
+        name=name,
+        insulator_thickness_m=thickness,
+        insulator_permittivity=permittivity,
+        max_voltage_v=voltage,
+    )
+    path = tmp_path_factory.mktemp("profile") / "screen.toml"
+    write_screen_profile(screen, path)
+    assert Screen.load(path) == screen
+
+
+def test_an_existing_profile_is_kept(tmp_path):
+    path = tmp_path / "screen.toml"
+    path.write_text("# measured with great care\n")
+    with pytest.raises(InputError, match=r"screen\.toml exists: pass overwrite=True"):
+        write_screen_profile(SCREEN, path)
+    assert path.read_text() == "# measured with great care\n"
+    write_screen_profile(SCREEN, str(path), overwrite=True)
+    assert Screen.load(path) == SCREEN
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "custom",
+        "",
+        "  ",
+    ],
+)
+def test_a_screen_needs_a_name(tmp_path, name):
+    path = tmp_path / "screen.toml"
+    with pytest.raises(InputError, match=r'name.*screen\.replace\(name="\.\.\."\)'):
+        write_screen_profile(SCREEN.replace(name=name), path)
+    assert not path.exists()
+
+
+def test_a_folder_that_is_not_there(tmp_path):
+    with pytest.raises(HaptixError, match="nowhere"):
+        write_screen_profile(SCREEN, tmp_path / "nowhere" / "screen.toml")

@@ -1,0 +1,84 @@
+"""The command line in process, in a folder of its own."""
+
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from skimage.io import imsave
+
+import haptix
+from haptix.cli import main
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path, monkeypatch):
+    """Work in an empty folder, with a terminal of 80 columns and a cache elsewhere."""
+    folder = tmp_path / "work"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("HAPTIX_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("COLUMNS", "80")
+    for name in ("FORCE_COLOR", "CLICOLOR_FORCE", "PY_COLORS"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setenv("TERM", "dumb")
+    return folder
+
+
+@pytest.fixture
+def haptix_cli(monkeypatch, capsys):
+    """Call ``haptix ARGUMENTS``; an exception that leaves main is a traceback for the user."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["haptix", *map(str, arguments)])
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+        printed = capsys.readouterr()
+        return SimpleNamespace(code=code, out=printed.out, err=printed.err)
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def surface_file(tmp_path_factory):
+    """A surface without frequency, 0.2 to 1 N."""
+    model = haptix.ContactModel(
+        haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")
+    )
+    surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.2, 1.0)}, tolerance=0.01)
+    path = tmp_path_factory.mktemp("surface") / "my.surface"
+    surface.save(path)
+    return path
+
+
+@pytest.fixture
+def things(own_folder):
+    """Files that a person may have lying around, good and bad."""
+    texts = {
+        "not.toml": "youngs_modulus_pa = = 3",
+        "unknown.toml": 'name = "x"\ncolour = "red"',
+        "negative.toml": "max_voltage_v = -3",
+        "later.toml": "schema_version = 2",
+        "fragile.toml": 'name = "fragile"\nmax_voltage_v = 120',
+        "soft.toml": (
+            'name = "soft"\nyoungs_modulus_pa = 1e7\nbulk_modulus_pa = 1e4\n'
+            "frictional_shear_stress_pa = 5e6"
+        ),
+        "text.png": "hello",
+        "text.surface": "hello",
+        "empty.surface": "",
+        "empty.csv": "",
+        "backwards.csv": "t_s,x_mm,y_mm,normal_force_n\n1,1,1,1\n0,1,1,1\n",
+        "short.csv": "t_s,x_mm,y_mm,normal_force_n\n0,5,5,0.5\n0.02,20,9,0.5\n",
+        "file": "x",
+    }
+    for name, text in texts.items():
+        (own_folder / name).write_text(text)
+    columns = np.mgrid[0:32, 0:32][1]
+    grey = (120 + 100 * np.sin(columns / 3)).astype(np.uint8)
+    imsave(own_folder / "photo.png", grey, check_contrast=False)
+    return own_folder

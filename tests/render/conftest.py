@@ -1,0 +1,18 @@
+"""One model and one surface for all tests of the renderer."""
+
+import pytest
+
+import haptix
+
+CARRIER_HZ = 4000.0
+
+
+@pytest.fixture(scope="session")
+def model():
+    return haptix.ContactModel(haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250"))
+
+
+@pytest.fixture(scope="session")
+def surface(model):
+    scene = {"normal_force_n": (0.2, 1.0), "frequency_hz": CARRIER_HZ}
+    return haptix.FrictionSurface.build(model, scene, tolerance=2e-3)
