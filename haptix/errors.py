@@ -32,6 +32,6 @@ class FileFormatError(HaptixError):
 
 def check_positive(name: str, value: Any) -> None:
     """Raise `InputError` unless the scalar `value` is finite and above zero."""
-    number = float(value)
+    number = float(value.detach() if hasattr(value, "detach") else value)
     if not (math.isfinite(number) and number > 0):
         raise InputError(f"{name}: expected a finite number above 0, got {number:g}")

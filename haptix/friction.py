@@ -11,9 +11,10 @@ from torch import Tensor
 
 from haptix.contact import ContactSpots, GapDistribution, MeanField
 from haptix.contact.finite_size import highest_asperity
+from haptix.contact.gaps import bin_inverse_square
 from haptix.contact.meanfield import check_contact_spots
 from haptix.contact.plasticity import elastoplastic_area
-from haptix.electro import drive_strength, drive_voltage, effective_thickness
+from haptix.electro import Waveform, drive_strength, drive_voltage, effective_thickness
 from haptix.electro.breakdown import breaks_down, peak_field
 from haptix.errors import InputError, LimitError
 from haptix.fidelity import ClosedForm, Fidelity, Load, MeanFieldBalance
@@ -26,6 +27,8 @@ FidelityName = Literal["closed-form", "mean-field"]
 
 LOWEST_FORCE_N, HIGHEST_FORCE_N = 1e-9, 1e6
 """Forces that are solved: far beyond any finger, and far from the ends of double precision."""
+
+_SHORTED_M = 1e6  # thickness that leaves a gap no field: what leaks shorts a steady voltage
 
 _BLOCK = 4096  # states solved together: bounds the memory, and fits the cache
 _REFERENCE_FORCE_N = 0.5  # where the closed form is exact; the middle of the paper's range
@@ -61,6 +64,24 @@ class ContactState:
     def attraction_pa(self) -> Tensor:
         """Total time-averaged pull, gaps and spots."""
         return self.gap_attraction_pa + self.spot_attraction_pa
+
+
+@dataclass(frozen=True)
+class PeriodState:
+    """One period of the drive; every tensor has shape (samples,)."""
+
+    t_s: Tensor
+    """Time from the start of the period."""
+    drive_v: Tensor
+    """Voltage of the drive."""
+    attraction_pa: Tensor
+    """Pull of gaps and contact spots."""
+    pressure_pa: Tensor
+    """Effective pressure p that the contact carries."""
+    mu: Tensor
+    """Friction coefficient."""
+    status: Tensor
+    """Integers of `Status`."""
 
 
 class ContactModel:
@@ -271,7 +292,14 @@ class ContactModel:
         used, column = column.unique(return_inverse=True)
         thickness = thickness[used]
         area = self._apparent_area(force)
-        load = Load(force / area, area, drive_strength(voltage), thickness, column)
+        load = Load(
+            applied_pa=force / area,
+            apparent_area_m2=area,
+            strength=drive_strength(voltage),
+            gap_pull=bin_inverse_square(self.contact.gap_edges_m, thickness),
+            spot_pull=thickness.abs() ** -2,
+            column=column,
+        )
         found = self.solver.solve(load)
         friction = self.finger.frictional_shear_stress_pa * found.area_fraction * area
         own_thickness = thickness[column]
@@ -295,6 +323,70 @@ class ContactModel:
             peak_field_v_per_m=peak_field(voltage, own_thickness).to(self.dtype),
             status=status,
         )
+
+    def over_period(
+        self,
+        normal_force_n: float,
+        voltage_v: float,
+        frequency_hz: float,
+        waveform: Waveform | None = None,
+        h0_m: float | None = None,
+        samples: int = 256,
+    ) -> PeriodState:
+        """Solve one drive period in time, the contact following the pull without delay.
+
+        Parameters
+        ----------
+        normal_force_n, voltage_v, frequency_hz : float
+            Force [N], amplitude [V] and frequency of the drive [Hz].
+        waveform : Waveform, optional
+            Shape of the drive; a sine without.
+        h0_m : float, optional
+            Effective thickness of the screen's insulator [m]; the screen's own without.
+        samples : int
+            Instants in the period, 8 or more.
+
+        Raises
+        ------
+        InputError, LimitError
+            As `solve` does.
+        """
+        waveform = Waveform.sine() if waveform is None else waveform
+        if samples < 8:
+            raise InputError(f"samples: expected 8 or more in a period, got {samples}")
+        force = self._checked("normal_force_n", normal_force_n, "above 0 N").expand(samples)
+        voltage = self._checked("voltage_v", voltage_v, "of 0 V or more", zero=True)
+        frequency = self._checked("frequency_hz", frequency_hz, "above 0 Hz")
+        h0 = self._checked("h0_m", self.screen.h0_m if h0_m is None else h0_m, "above 0 m")
+        self._check_limit(voltage)
+        column = torch.arange(samples, device=self.contact.device)
+        phase = 2 * torch.pi * column.to(torch.float64) / samples
+        gap_pull, spot_pull = waveform.pulls(
+            self.contact.gap_edges_m,
+            float(voltage),
+            float(frequency),
+            lambda harmonic: self._harmonic_thickness(h0, harmonic),
+            phase,
+        )
+        area = self._apparent_area(force)
+        load = Load(force / area, area, torch.ones_like(phase), gap_pull, spot_pull, column)
+        found = self.solver.solve(load)
+        friction = self.finger.frictional_shear_stress_pa * found.area_fraction * area / force
+        return PeriodState(
+            t_s=(phase / (2 * torch.pi * frequency)).to(self.dtype),
+            drive_v=(voltage * waveform.at(phase)).to(self.dtype),
+            attraction_pa=(found.gap_attraction_pa + found.spot_attraction_pa).to(self.dtype),
+            pressure_pa=found.pressure_pa.to(self.dtype),
+            mu=friction.to(self.dtype),
+            status=torch.where(found.is_stable, int(Status.OK), int(Status.PULL_IN)),
+        )
+
+    def _harmonic_thickness(self, h0: Tensor, frequency_hz: Tensor) -> Tensor:
+        """h0 at the harmonics of a drive; a steady voltage meets skin and leaky gap as conductors."""
+        steady = frequency_hz == 0
+        thickness = self.effective_thickness(h0, torch.where(steady, 1.0, frequency_hz))
+        at_rest = _SHORTED_M if "leaky-gap" in self.terms else float(h0)
+        return torch.where(steady, at_rest, thickness)
 
     def _checked(self, name: str, value: Any, expected: str, zero: bool = False) -> Tensor:
         try:

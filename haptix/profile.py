@@ -19,11 +19,15 @@ from torch import Tensor
 from haptix.errors import FileFormatError, InputError
 
 
+def _number(value: float | Tensor) -> float:
+    return float(value.detach() if isinstance(value, Tensor) else value)
+
+
 def _positive(value: Any) -> float | Tensor:
     if isinstance(value, str | bool):
         raise ValueError("expected a number")
     try:
-        number = float(value)
+        number = _number(value)
     except (TypeError, ValueError, RuntimeError):
         raise ValueError("expected a number") from None
     if not 0 < number < float("inf"):
@@ -31,7 +35,7 @@ def _positive(value: Any) -> float | Tensor:
     return value if isinstance(value, Tensor) else number
 
 
-Quantity = Annotated[float | Tensor, PlainValidator(_positive), PlainSerializer(float)]
+Quantity = Annotated[float | Tensor, PlainValidator(_positive), PlainSerializer(_number)]
 """A positive number, or a tensor of one that is to be differentiated through."""
 
 

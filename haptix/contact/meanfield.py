@@ -94,7 +94,7 @@ class MeanField:
         self.device = torch.device(device)
         self._separation_integral = SeparationIntegral(gamma, device)
         self._tabulate_waves()
-        h_rms = float(self.spectrum.h_rms_m)
+        h_rms = float(self.spectrum.h_rms_m.detach())
         decades = np.geomspace(_GAP_RANGE[0] * h_rms, _GAP_RANGE[1] * h_rms, _GAP_BINS)
         self.gap_edges_m = torch.tensor([0.0, *decades], dtype=torch.float64, device=device)
 
@@ -118,7 +118,7 @@ class MeanField:
         above = cells.flip(0).cumsum(0).flip(0)  # summed from q1 down: T1 - T keeps its digits
         logit = torch.log(below[:-1]) - torch.log(above)
         self._log_excess = PiecewiseLinear.through(logit, excess[:-1])
-        self._logit_range = float(logit[0]), float(logit[-1])
+        self._logit_range = float(logit[0].detach()), float(logit[-1].detach())
         q = q0 * (1 + torch.exp(excess))
         # dT/dw / (2 q E*) with w = ln(q/q0 - 1)
         opening = pi / 2 * q**2 * self.spectrum(q) * self.modulus.effective_modulus(q)

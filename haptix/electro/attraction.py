@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from haptix.contact import MeanField
-from haptix.contact.gaps import GapHistogram, bin_inverse_square
+from haptix.contact.gaps import GapHistogram
 from haptix.electro.dielectric import VACUUM_PERMITTIVITY
 from haptix.interpolation import UniformCubic
 
@@ -77,10 +77,6 @@ class AttractionTable:
         high = exp(float(self.log_pressure[-1 - _MARGIN]))
         return low <= lowest_pa and highest_pa <= high
 
-    def log_inverse_square(self, h0_m: Tensor) -> UniformCubic:
-        """Ln I of the gaps against ln p, one column for each of `h0_m` (1-D, real or complex)."""
-        return self.log_pull(bin_inverse_square(self.gaps.edges_m, h0_m))
-
     def log_pull(self, pull_of_bin: Tensor) -> UniformCubic:
         """Ln of the mean pull against ln p, for pulls of shape (columns, bins)."""
         pull = self.gaps.mass @ pull_of_bin.T
@@ -99,7 +95,7 @@ class Attraction:
     column : Tensor of int, shape (states,)
         Which column each state has.
     spot_weight : Tensor, shape (columns,), optional
-        ``1/|h0|^2`` of the contact spots; None where they do not load the contact.
+        Pull of the contact spots, such as ``1/|h0|^2``; None where they do not load the contact.
     log_area : UniformCubic, optional
         ln A/A0 against ln p, a single column; with `spot_weight`.
     floor : Tensor, shape (states,), optional
@@ -116,18 +112,35 @@ class Attraction:
     def of(
         cls,
         table: AttractionTable,
-        thickness_m: Tensor,
+        gap_pull: Tensor,
+        spot_pull: Tensor,
         column: Tensor,
         spots: Callable[[Tensor], Tensor] | None = None,
         floor: Tensor | None = None,
     ) -> Attraction:
-        """Prepare the states of a batch; `spots` gives A/A0 at pressures where spots count."""
-        log_gaps = table.log_inverse_square(thickness_m)
+        """Prepare the states of a batch.
+
+        Parameters
+        ----------
+        table : AttractionTable
+            Covers the pressures that will be asked for.
+        gap_pull : Tensor, shape (columns, bins)
+            Pull per strength of a gap in each bin [1/m^2].
+        spot_pull : Tensor, shape (columns,)
+            The same of a contact spot.
+        column : Tensor of int, shape (states,)
+            Which column each state has.
+        spots : callable, optional
+            A/A0 at pressures [Pa], where the pull inside the spots counts.
+        floor : Tensor, shape (states,), optional
+            ln p below which the gaps stay as they are there.
+        """
+        log_gaps = table.log_pull(gap_pull)
         if spots is None:
             return cls(log_gaps, column, floor=floor)
         area = torch.log(spots(torch.exp(table.log_pressure)).clamp(min=_TINY))
         log_area = UniformCubic.through(log_gaps.start, log_gaps.step, area)
-        return cls(log_gaps, column, thickness_m.abs() ** -2, log_area, floor)
+        return cls(log_gaps, column, spot_pull, log_area, floor)
 
     def gaps(self, log_pressure: Tensor) -> Tensor:
         """I of the gaps alone at ln p, shape (states,)."""

@@ -67,11 +67,45 @@ class Waveform:
 
     def at(self, phase: Tensor) -> Tensor:
         """Voltage at phases [rad] of any shape."""
-        return (self.coefficient * self._turn(phase)).sum(-1).real
-
-    def _turn(self, phase: Tensor) -> Tensor:
         n = torch.arange(len(self.coefficient), dtype=phase.dtype, device=phase.device)
-        return torch.exp(-1j * n * phase[..., None])
+        turn = torch.exp(-1j * n * phase[..., None])
+        return (self.coefficient.to(phase.device) * turn).sum(-1).real
+
+    def pulls(
+        self,
+        gap_edges_m: Tensor,
+        voltage_v: float,
+        frequency_hz: float,
+        thickness_m: Callable[[Tensor], Tensor],
+        phase: Tensor,
+    ) -> tuple[Tensor, Tensor]:
+        """Stress [Pa] on a gap in each bin, and on a contact spot, at each phase: eps0 E^2 / 2.
+
+        Parameters
+        ----------
+        gap_edges_m : Tensor, shape (bins + 1,)
+            Edges of the bins [m].
+        voltage_v, frequency_hz : float
+            Amplitude and fundamental frequency.
+        thickness_m : callable
+            Complex h0 [m] at frequencies [Hz], zero among them where the waveform has a mean.
+        phase : Tensor, shape (phases,)
+            Phases [rad].
+
+        Returns
+        -------
+        (Tensor, Tensor), of shapes (phases, bins) and (phases,)
+        """
+        used = self.coefficient.abs() > 0
+        n = torch.arange(len(used), dtype=torch.float64)[used].to(phase.device)
+        thickness = thickness_m(n * frequency_hz)[:, None]
+        turn = torch.exp(-1j * n * phase[:, None])
+        voltage = voltage_v * self.coefficient[used].to(phase.device) * turn
+        # Where gaps are wide 1/u^2 averages to 1/(u_low u_high) over a bin; elsewhere h0 dominates.
+        centre = (gap_edges_m[:-1] * gap_edges_m[1:]).sqrt()
+        gap_field = (voltage @ (1 / (centre + thickness))).real
+        spot_field = (voltage @ (1 / thickness)).real[:, 0]
+        return VACUUM_PERMITTIVITY / 2 * gap_field**2, VACUUM_PERMITTIVITY / 2 * spot_field**2
 
     def stress_pa(
         self,
@@ -82,34 +116,9 @@ class Waveform:
         thickness_m: Callable[[Tensor], Tensor],
         phase: Tensor,
     ) -> tuple[Tensor, Tensor]:
-        """Mean pull of open gaps and of contact spots at each phase [Pa].
+        """Mean pull [Pa] of the open gaps and of the contact spots, shape (..., phases).
 
-        Parameters
-        ----------
-        gaps : GapHistogram, batch (...,)
-            Gap distribution.
-        area_fraction : Tensor, shape (...,)
-            A/A0, the share of the contact spots.
-        voltage_v, frequency_hz : float
-            Amplitude and fundamental frequency.
-        thickness_m : callable
-            Complex h0 [m] at frequencies [Hz] above 0, and at 0.
-        phase : Tensor, shape (phases,)
-            Phases [rad].
-
-        Returns
-        -------
-        (Tensor, Tensor), each of shape (..., phases)
+        `gaps` and `area_fraction` have the batch shape (...,); the rest is that of `pulls`.
         """
-        n = torch.arange(len(self.coefficient), dtype=torch.float64, device=phase.device)
-        thickness = thickness_m(n * frequency_hz)
-        # Where gaps are wide 1/u^2 averages to 1/(u_low u_high) over a bin; elsewhere h0 dominates.
-        centre = (gaps.edges_m[:-1] * gaps.edges_m[1:]).sqrt()
-        voltage = voltage_v * self.coefficient.to(phase.device) * self._turn(phase)
-        open_field = (voltage @ (1 / (centre + thickness[:, None]))).real
-        spot_field = (voltage / thickness).sum(-1).real
-        half = VACUUM_PERMITTIVITY / 2
-        return (
-            half * gaps.mass @ (open_field**2).T,
-            half * area_fraction[..., None] * spot_field**2,
-        )
+        of_gap, of_spot = self.pulls(gaps.edges_m, voltage_v, frequency_hz, thickness_m, phase)
+        return gaps.mass @ of_gap.T, area_fraction[..., None] * of_spot

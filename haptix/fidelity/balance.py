@@ -16,16 +16,20 @@ class Load:
     ----------
     applied_pa, apparent_area_m2, strength : Tensor, shape (states,)
         ``p0 = F_N/A0`` [Pa], A0 [m^2] and ``eps0 V0^2/4`` [N].
-    thickness_m : Tensor, shape (thicknesses,)
-        The effective insulator thicknesses h0 [m] that occur, real or complex.
+    gap_pull : Tensor, shape (columns, bins)
+        Pull per strength [1/m^2] of a gap in each bin of the contact's `gap_edges_m`, for each
+        insulator or instant that occurs.
+    spot_pull : Tensor, shape (columns,)
+        The same of a contact spot.
     column : Tensor of int, shape (states,)
-        Which thickness each state has.
+        Which column each state has.
     """
 
     applied_pa: Tensor
     apparent_area_m2: Tensor
     strength: Tensor
-    thickness_m: Tensor
+    gap_pull: Tensor
+    spot_pull: Tensor
     column: Tensor
 
 

@@ -46,8 +46,8 @@ class ClosedForm:
 
     def solve(self, load: Load) -> Balance:
         """Return the equilibrium of every state on the lowest branch."""
-        gap_pull = self._gaps.inverse_square(load.thickness_m) / self._reference_pa
-        spot_pull = self._area_per_pa / load.thickness_m.abs() ** 2
+        gap_pull = load.gap_pull @ self._gaps.mass[0] / self._reference_pa
+        spot_pull = self._area_per_pa * load.spot_pull
         loading = gap_pull + spot_pull if self._contact_spots == "included" else gap_pull
         share = load.strength * loading[load.column]
         end = 1 - 1 / LIGHT_CONTACT_LIMIT

@@ -55,7 +55,7 @@ class MeanFieldBalance:
         table = self.table(load.applied_pa, load.apparent_area_m2)
         floor, height = self._finite_size(table, load.apparent_area_m2)
         spots = self._area_fraction if self._contact_spots == "included" else None
-        attraction = Attraction.of(table, load.thickness_m, load.column, spots, floor)
+        attraction = Attraction.of(table, load.gap_pull, load.spot_pull, load.column, spots, floor)
         found = lowest_branch(load.applied_pa, load.strength, attraction)
         pressure = found.pressure_pa
         area = self._area_fraction(pressure)
@@ -67,7 +67,7 @@ class MeanFieldBalance:
             pressure_pa=pressure,
             area_fraction=area,
             gap_attraction_pa=strength * attraction.gaps(log_pressure),
-            spot_attraction_pa=strength * area / load.thickness_m.abs()[load.column] ** 2,
+            spot_attraction_pa=strength * area * load.spot_pull[load.column],
             mean_gap_m=mean_gap if height is None else torch.minimum(mean_gap, height),
             strength_at_end=found.strength_at_end,
             is_stable=found.is_stable,
@@ -78,7 +78,7 @@ class MeanFieldBalance:
         low, high = float(applied_pa.detach().min()), float(applied_pa.detach().max())
         if self._highest_asperity_m is not None:
             heights = self._highest_asperity_m(torch.stack(apparent_area_m2.detach().aminmax()))
-            touching = [self._touching_pressure(float(height)) for height in heights]
+            touching = [self._touching_pressure(float(height)) for height in heights.detach()]
             low, high = min(low, *touching), max(high, *touching)
         high *= LIGHT_CONTACT_LIMIT
         if self._kept is not None:
@@ -101,7 +101,7 @@ class MeanFieldBalance:
 
     def _touching_pressure(self, height_m: float) -> float:
         """Where the mean gap equals a height, to some per cent: only to size the table."""
-        scale = float(self._contact.stress_rms_pa)
+        scale = float(self._contact.stress_rms_pa.detach())
         low, high = log(scale) - 40.0, log(scale) + 1.0
         with torch.no_grad():
             for _ in range(12):
