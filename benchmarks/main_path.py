@@ -7,6 +7,7 @@ median of five runs in one process.
 """
 
 import json
+import resource
 import statistics
 import time
 from collections.abc import Callable
@@ -60,19 +61,34 @@ def reference_errors() -> None:
         print(f"  {case['name']:48} A/A0 {area:.0e}   mean gap {gap:.0e}   I {inverse:.0e}")
 
 
-def speeds() -> None:
-    finger, screen = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
-    states = (
+def states(count: int) -> tuple[torch.Tensor, ...]:
+    """Force, voltage, frequency and h0 that broadcast to 50 x 200 x `count` / 10,000 states."""
+    return (
         torch.logspace(-1, 0, 10)[:, None, None, None],
-        torch.linspace(0, 200, 50)[:, None, None],
+        torch.linspace(0, 200, count // 2000)[:, None, None],
         torch.logspace(1, 5, 20)[:, None],
         torch.logspace(-7, -6, 10),
     )
-    first = median_s(lambda: ContactModel(finger, screen).solve(*states))
+
+
+def peak_memory_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def speeds() -> None:
+    finger, screen = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
+    before = peak_memory_mb()
+    for fidelity in ("mean-field", "closed-form"):
+        first = median_s(
+            lambda fidelity=fidelity: ContactModel(finger, screen, fidelity).solve(*states(100_000))
+        )
+        print(f"100,000 states, {fidelity}: {first:.2f} s with the contact tables")
     model = ContactModel(finger, screen)
-    model.solve(*states)
-    again = median_s(lambda: model.solve(*states))
-    print(f"100,000 states: {first:.2f} s with the contact tables, {again:.2f} s without")
+    model.solve(*states(10_000))
+    for count in (10_000, 100_000, 1_000_000):
+        each = median_s(lambda count=count: model.solve(*states(count))) / count
+        print(f"{count:>9,} states on ready tables: {each * 1e6:.2f} us a state")
+    print(f"memory: {before:.0f} MB with torch loaded, {peak_memory_mb():.0f} MB at the peak")
 
     ranges = {"normal_force_n": (0.1, 1.0), "frequency_hz": (1e3, 1e4), "h0_m": (1e-7, 1e-6)}
     surface = FrictionSurface.build(model, ranges)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from typing import Annotated
 
@@ -38,9 +37,6 @@ def _options(
 
 def main() -> None:
     """Run the command line; a wrong input is one sentence and exit code 2, never a traceback."""
-    # Torch's threads wait for each other by spinning. One is as fast for arrays of this size, and
-    # 25 times faster on a machine whose cores are busy.
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
         app()
     except Exception as error:

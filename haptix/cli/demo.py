@@ -31,7 +31,7 @@ def demo(
     polarity: Annotated[
         str, typer.Option(help="bright-high or dark-high: which grey has high friction.")
     ] = "bright-high",
-    finger: Annotated[str, typer.Option(help="Finger preset: semi-wet, wet.")] = "semi-wet",
+    finger: Annotated[str, typer.Option(help="Finger preset: dry, semi-wet, wet.")] = "semi-wet",
     screen: Annotated[str, typer.Option(help="Screen preset.")] = "3m-sct3250",
     carrier_hz: Annotated[float, typer.Option(help="Frequency of the drive.")] = 4000.0,
     as_json: AsJson = False,

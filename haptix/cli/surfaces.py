@@ -14,8 +14,16 @@ if TYPE_CHECKING:
 
     from haptix.friction import ContactModel
 
-Finger = Annotated[str, typer.Option(help="Finger: a preset (semi-wet, wet) or a TOML file.")]
+Finger = Annotated[str, typer.Option(help="Finger: a preset (dry, semi-wet, wet) or a TOML file.")]
 Screen = Annotated[str, typer.Option(help="Screen: a preset (3m-sct3250) or a TOML file.")]
+Fidelity = Annotated[str, typer.Option(help="mean-field, or closed-form: faster and coarser.")]
+With = Annotated[
+    list[str] | None,
+    typer.Option("--with", help="Switch a term on, such as finite-size; may be repeated."),
+]
+Without = Annotated[
+    list[str] | None, typer.Option("--without", help="Switch a term off; may be repeated.")
+]
 Force = Annotated[str, typer.Option(help="Normal forces [N], comma-separated.")]
 Voltage = Annotated[str, typer.Option(help="Amplitudes [V], comma-separated.")]
 Frequency = Annotated[
@@ -45,6 +53,9 @@ def build(
     ] = None,
     tolerance: Annotated[float, typer.Option(help="Largest error in mu.")] = 2e-3,
     overwrite: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
+    fidelity: Fidelity = "mean-field",
+    with_terms: With = None,
+    without_terms: Without = None,
     as_json: AsJson = False,
 ) -> None:
     """Solve the contact model once and write its friction surface."""
@@ -55,7 +66,7 @@ def build(
         raise InputError(f"{out} exists: name another file, or pass --overwrite to replace it")
     if out.is_dir() or not _makeable(out.absolute().parent):
         raise InputError(f"{out}: expected a file in a folder that can be made")
-    model = _model(finger, screen)
+    model = _model(finger, screen, fidelity, with_terms, without_terms)
     scene: dict[str, Any] = {"normal_force_n": _range("normal-force-n", normal_force_n)}
     if voltage_v is not None:
         scene["voltage_v"] = (0.0, voltage_v)
@@ -93,6 +104,9 @@ def query(
     ] = None,
     finger: Finger = "semi-wet",
     screen: Screen = "3m-sct3250",
+    fidelity: Fidelity = "mean-field",
+    with_terms: With = None,
+    without_terms: Without = None,
     as_json: AsJson = False,
 ) -> None:
     """Friction for given force and voltage, from the model or from a surface."""
@@ -112,7 +126,7 @@ def query(
         "h0_m": h0,
     }
     if surface is None:
-        state = _model(finger, screen).solve(**inputs)
+        state = _model(finger, screen, fidelity, with_terms, without_terms).solve(**inputs)
         outputs = {
             "mu": state.mu,
             "area_fraction": state.area_fraction,
@@ -161,7 +175,13 @@ def _makeable(folder: Path) -> bool:
     return folder.is_dir()
 
 
-def _model(finger: str, screen: str) -> ContactModel:
+def _model(
+    finger: str,
+    screen: str,
+    fidelity: str,
+    with_terms: list[str] | None,
+    without_terms: list[str] | None,
+) -> ContactModel:
     from haptix.finger import Finger
     from haptix.friction import ContactModel
     from haptix.screen import Screen
@@ -169,6 +189,8 @@ def _model(finger: str, screen: str) -> ContactModel:
     return ContactModel(
         Finger.load(finger) if finger.endswith(".toml") else Finger.preset(finger),
         Screen.load(screen) if screen.endswith(".toml") else Screen.preset(screen),
+        fidelity=fidelity,  # type: ignore[arg-type]  # checked by the model
+        terms=dict.fromkeys(with_terms or [], True) | dict.fromkeys(without_terms or [], False),
     )
 
 

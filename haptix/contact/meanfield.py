@@ -22,6 +22,7 @@ from haptix.contact.roughness import RoughnessSpectrum
 from haptix.contact.separation import Y_MAX, SeparationIntegral
 from haptix.errors import InputError
 from haptix.interpolation import PiecewiseLinear
+from haptix.threads import one_thread
 
 GapDistribution = Literal["plain", "combined"]
 ContactSpots = Literal["excluded", "included"]
@@ -151,6 +152,7 @@ class MeanField:
         """A/A0 = erf(p / tau) at full magnification, for pressures [Pa] of any shape."""
         return torch.erf(self._pressures(pressure_pa) / self.stress_rms_pa)
 
+    @one_thread()
     def mean_gap(self, pressure_pa: Any) -> Tensor:
         """Mean separation [m] of the two surfaces, for pressures [Pa] of any shape."""
         pressure = self._pressures(pressure_pa)
@@ -179,6 +181,7 @@ class MeanField:
             inverse_square = inverse_square + self.area_fraction(pressure) / h0.abs() ** 2
         return inverse_square
 
+    @one_thread()
     def gap_density(self, pressure_pa: Any, gap_m: Any) -> Tensor:
         """P(u) [1/m] of the open gaps; pressures [Pa] and gaps [m] broadcast.
 
@@ -196,6 +199,7 @@ class MeanField:
         )
         return (weight * peaks / torch.sqrt(2 * pi * variance)).sum(-1)
 
+    @one_thread()
     def gap_histogram(self, pressure_pa: Any) -> GapHistogram:
         """Gap distribution binned over `gap_edges_m`, for pressures [Pa] of any shape."""
         pressure = self._pressures(pressure_pa)

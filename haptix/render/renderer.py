@@ -112,7 +112,8 @@ class Renderer:
         if limit > ceiling:
             raise LimitError(
                 f"the surface asks for up to {limit:g} V, but the device allows {ceiling:g} V; "
-                f"build the surface for voltages up to {ceiling:g} V"
+                f"build the surface for voltages up to {ceiling:g} V, or open the device anew if "
+                "an earlier surface has lowered its ceiling"
             )
         if limit < ceiling:
             self.device.lower_ceiling(limit)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,30 @@ class FrictionSurface:
     voltage_limit_v: float
     info: Mapping[str, Any] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        shape = tuple(len(axis.nodes) for axis in self.axes)
+        drive, mu, end = self.drive, self.mu_table, self.voltage_end_v
+        sound = {
+            "axes increase": all(
+                axis.is_absent or bool((axis.nodes.diff() > 0).all()) for axis in self.axes
+            ),
+            "drive runs from 0 to 1": len(drive) >= 2
+            and float(drive[0]) == 0
+            and float(drive[-1]) == 1
+            and bool((drive.diff() > 0).all()),
+            "the tables have the shape of the axes": tuple(end.shape) == shape
+            and tuple(mu.shape) == (*shape, len(drive)),
+            "mu is finite and does not fall": bool(mu.isfinite().all())
+            and bool((mu.diff(dim=-1) >= 0).all()),
+            "the voltage limit is finite and above 0": 0 < self.voltage_limit_v < inf,
+            "columns end above 0 V and within the limit": bool(
+                ((end > 0) & (end <= self.voltage_limit_v * (1 + 1e-6))).all()
+            ),
+        }
+        wrong = [rule for rule, holds in sound.items() if not holds]
+        if wrong:
+            raise InputError(f"a friction surface must keep that {'; '.join(wrong)}")
+
     @classmethod
     def build(
         cls,
@@ -99,7 +124,7 @@ class FrictionSurface:
         InputError
             If a range is not one, or the tolerance cannot be met on a grid of reasonable size.
         """
-        from haptix.surface.build import build_surface
+        from haptix.surface.build import build_surface  # which makes what this class holds
 
         return build_surface(model, scene or {}, tolerance, on_progress)
 
@@ -225,6 +250,13 @@ class FrictionSurface:
         corners, _ = self._corners(self.drive[0], normal_force_n, frequency_hz, h0_m)
         first = torch.zeros((), dtype=torch.long, device=self.drive.device)
         return self._at_node(corners, first), self._at_node(corners, first + len(self.drive) - 1)
+
+    def highest_voltage(
+        self, normal_force_n: Any, frequency_hz: Any = None, h0_m: Any = None
+    ) -> Tensor:
+        """Amplitude [V] at which the surface ends: the limit, or a margin below pull-in."""
+        corners, _ = self._corners(self.drive[0], normal_force_n, frequency_hz, h0_m)
+        return self._end(corners)
 
     def at(self, frequency_hz: Any = None, h0_m: Any = None) -> FrictionSurface:
         """Slice frequency and thickness away, once, for queries that do not vary them.

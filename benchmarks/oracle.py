@@ -1,0 +1,211 @@
+"""A slow, independent solution of one state of the contact model, in numpy, scipy and mpmath.
+
+Straight from the equations of the mean field (plain gap distribution): ``tau^2`` by the trapezoidal
+rule on very many waves, J by quadrature, the separation by Simpson's rule in ln tau, I as the
+integral of ``P(u)/|u + h0|^2`` over the gaps, a layer's response from its textbook form in 40
+digits, and the equilibrium by the secant method on I itself, with no table in between. It shares no
+code with the package.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from math import pi, sqrt
+
+import mpmath
+import numpy as np
+from scipy import special
+from scipy.integrate import quad, simpson
+from scipy.interpolate import CubicSpline
+
+EPS0 = 8.8541878128e-12
+
+
+@dataclass(frozen=True)
+class Solid:
+    """Young's moduli [Pa], Poisson ratios and the layer's thickness [m]; no bulk: half-space."""
+
+    modulus: float
+    poisson: float
+    thickness: float = 0.0
+    bulk: float | None = None
+    bulk_poisson: float = 0.5
+
+    def effective(self, q: np.ndarray) -> np.ndarray:
+        flat = self.modulus / (1 - self.poisson**2)
+        if self.bulk is None:
+            return np.full_like(q, flat)
+        # ln E* is smooth in ln q: on steps of 0.02 the spline is right to 1e-8.
+        ends = np.log(q.min()) - 0.1, np.log(q.max()) + 0.1
+        at = np.linspace(*ends, 20 + int((ends[1] - ends[0]) / 0.02))
+        with mpmath.workdps(40):
+            soft = [float(mpmath.log(self._response(mpmath.exp(t)))) for t in at.tolist()]
+        return flat * np.exp(-CubicSpline(at, soft)(np.log(q)))
+
+    def _response(self, q: mpmath.mpf) -> mpmath.mpf:
+        """S(q d) as it is printed; 40 digits bear the cancellation."""
+        x = q * self.thickness
+        if x > 30:
+            return mpmath.mpf(1)
+        nu0, nu1 = mpmath.mpf(self.poisson), mpmath.mpf(self.bulk_poisson)
+        k = (self.modulus / (1 + nu0)) / (self.bulk / (1 + nu1))
+        m = (k - 1) / (k + 3 - 4 * nu0)
+        n = 1 - 4 * (1 - nu0) / (1 + k * (3 - 4 * nu1))
+        e = mpmath.exp(-2 * x)
+        above = 1 + 4 * m * x * e - m * n * e**2
+        return above / (1 - (m + n + 4 * m * x**2) * e + m * n * e**2)
+
+
+@dataclass(frozen=True)
+class SelfAffine:
+    """Constant from q0 to the roll-off, then ``q^(-2(1+H))`` to q1; h_rms [m]."""
+
+    h_rms: float
+    hurst: float
+    q0: float
+    rolloff: float
+    q1: float
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        qr, two_h = self.rolloff, 2 * self.hurst
+        whole = (qr**2 - self.q0**2) / 2 + qr**2 * (1 - (self.q1 / qr) ** -two_h) / two_h
+        level = self.h_rms**2 / (2 * pi * whole)
+        return level * np.maximum(q / qr, 1.0) ** (-2 - two_h)
+
+
+def separation_integral(gamma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Ln J at values of ln y."""
+    log_y = np.linspace(np.log(1e-9), np.log(6.0), 1501)
+
+    def integrand(t: float) -> float:
+        y = np.exp(t)
+        return (gamma + 3 * (1 - gamma) * special.erf(y) ** 2) * np.exp(-y * y)
+
+    cells = [quad(integrand, a, b)[0] for a, b in pairwise(log_y)]
+    tail = quad(integrand, log_y[-1], np.log(9.0))[0]
+    return log_y, np.log(np.cumsum([tail, *cells[::-1]])[::-1])
+
+
+class Oracle:
+    """Area, separation, pull and equilibrium of one contact.
+
+    `fineness` multiplies the number of strips, depths and gaps; what a change of it moves is the
+    oracle's own error.
+    """
+
+    WAVES = 100_001
+
+    def __init__(
+        self, rough: SelfAffine, solid: Solid, gamma: float, fineness: float = 1.0
+    ) -> None:
+        self.strips, self.depth, self.gaps = (
+            int(n * fineness) // 2 * 2 + 1 for n in (500, 400, 500)
+        )
+        q0, q1 = rough.q0, rough.q1
+        x = np.linspace(np.log(1e-18), np.log(q1 / q0 - 1), self.WAVES)
+        if q0 < rough.rolloff < q1:
+            x = np.unique(np.append(x, np.log(rough.rolloff / q0 - 1)))
+        ratio = np.exp(x)
+        q = np.clip(q0 * (1 + ratio), q0, q1)
+        modulus = solid.effective(q)
+        added = pi * q**3 * rough(q) * modulus**2 * q0 * ratio
+        cells = (added[1:] + added[:-1]) / 2 * np.diff(x)
+        self.variance = added[0] + np.concatenate([[0.0], np.cumsum(cells)])
+        heights = 2 * pi * q * rough(q) * q0 * ratio
+        cells = (heights[1:] + heights[:-1]) / 2 * np.diff(x)
+        self.short_waves = np.concatenate([np.cumsum(cells[::-1])[::-1], [0.0]])
+        self.log_variance = np.log(self.variance)
+        self.log_stiffness = np.log(q * modulus)
+        self.tau = sqrt(self.variance[-1])
+        self.gamma = gamma
+        self.log_y, self.log_j = separation_integral(gamma)
+
+    def area_fraction(self, pressure: float) -> float:
+        return float(special.erf(pressure / self.tau))
+
+    def _separation(self, pressure: np.ndarray, before: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """Mean gap where waves of variance `before` are seen and those of `rest` are not yet."""
+        top = np.log(np.maximum(np.sqrt(rest), 1e-300))
+        low = np.minimum(np.log(pressure / 6.0), top)
+        span = top - low
+        log_tau = low[:, None] + span[:, None] * np.linspace(0, 1, self.depth)
+        log_y = np.log(pressure)[:, None] - log_tau
+        log_j = np.interp(log_y, self.log_y, self.log_j)
+        # J -> gamma ln(1/y) below the table's end.
+        beyond = np.maximum(self.log_y[0] - log_y, 0.0)
+        j = np.exp(log_j) + self.gamma * beyond
+        at = np.log(before[:, None] + np.exp(2 * log_tau))
+        stiffness = np.exp(np.interp(at, self.log_variance, self.log_stiffness))
+        integrand = np.exp(log_tau) * j / stiffness
+        return 2 / sqrt(pi) * simpson(integrand, dx=1 / (self.depth - 1), axis=1) * span
+
+    def gap_pull(self, pressure: float, h0: complex) -> float:
+        """``<1/|u + h0|^2>`` of the open gaps."""
+        total = self.variance[-1]
+        start = min((pressure / 6.0) ** 2, total / 4)
+        # First half of the magnifications graded towards q0, second towards q1.
+        early = np.geomspace(start, total / 2, self.strips)
+        late = np.geomspace(total / 2, total * 1e-12, self.strips)
+        before = np.concatenate([early, total - late[1:]])
+        rest = np.concatenate([total - early, late[1:]])
+        y = pressure / np.sqrt(before)
+        area = special.erf(y)
+        parts = 24
+        ubar = np.concatenate(
+            [
+                self._separation(*some)
+                for some in zip(
+                    np.array_split(pressure / area, parts),
+                    np.array_split(before, parts),
+                    np.array_split(rest, parts),
+                    strict=True,
+                )
+            ]
+        )
+        opened = np.where(y[1:] > 0.5, np.diff(special.erfc(y)), -np.diff(area))
+        u1 = np.maximum(-np.diff(area * ubar), 0.0) / np.maximum(opened, 1e-300)
+        middle = np.concatenate(
+            [np.sqrt(early[1:] * early[:-1]), total - (late[1:] + late[:-1]) / 2]
+        )
+        s = np.sqrt(np.interp(np.log(middle), self.log_variance, self.short_waves))
+        u = np.geomspace(1e-6 * abs(h0), (u1 + 8 * s).max(), self.gaps)
+        density = np.zeros_like(u)
+        for some in np.array_split(np.arange(len(s)), parts):
+            peaks = sum(
+                np.exp(-(((u[:, None] - side * u1[some]) / s[some]) ** 2) / 2) for side in (1, -1)
+            )
+            density += (peaks * opened[some] / (sqrt(2 * pi) * s[some])).sum(1)
+        kernel = 1 / ((u + h0.real) ** 2 + h0.imag**2)
+        return float(density[0] * u[0] * kernel[0] + simpson(density * kernel * u, x=np.log(u)))
+
+    def pull(self, pressure: float, h0: complex, spots: bool) -> float:
+        gaps = self.gap_pull(pressure, h0)
+        return gaps + self.area_fraction(pressure) / abs(h0) ** 2 if spots else gaps
+
+    def equilibrium(
+        self, applied: float, voltage: float, h0: complex, near: float, spots: bool = False
+    ) -> float:
+        """Root of ``p = p0 + eps0 V^2 I(p)/4`` by the secant method from a pressure near it."""
+        strength = EPS0 * voltage**2 / 4
+        if strength == 0:
+            return applied
+
+        def excess(p: float) -> float:
+            return p - applied - strength * self.pull(p, h0, spots)
+
+        before, now = near, near * 1.003
+        low, high = excess(before), excess(now)
+        for _ in range(12):
+            step = high * (now - before) / (high - low)
+            before, low, now = now, high, max(now - step, applied)
+            if abs(now - before) < 1e-8 * now:
+                break
+            high = excess(now)
+        return now
+
+    def nothing_below(
+        self, applied: float, voltage: float, h0: complex, root: float, spots: bool = False
+    ) -> bool:
+        """Whether the pull exceeds what the contact bears at pressures between p0 and the root."""
+        strength = EPS0 * voltage**2 / 4
+        between = applied + (root - applied) * np.array([0.25, 0.5, 0.8])
+        return all(strength * self.pull(p, h0, spots) >= p - applied for p in between)
