@@ -59,6 +59,7 @@ def build(
     as_json: AsJson = False,
 ) -> None:
     """Solve the contact model once and write its friction surface."""
+    from haptix.cli.numbers import read_pair
     from haptix.errors import InputError
     from haptix.surface import FrictionSurface
 
@@ -67,13 +68,13 @@ def build(
     if out.is_dir() or not _makeable(out.absolute().parent):
         raise InputError(f"{out}: expected a file in a folder that can be made")
     model = _model(finger, screen, fidelity, with_terms, without_terms)
-    scene: dict[str, Any] = {"normal_force_n": _range("normal-force-n", normal_force_n)}
+    scene: dict[str, Any] = {"normal_force_n": read_pair("normal-force-n", normal_force_n)}
     if voltage_v is not None:
         scene["voltage_v"] = (0.0, voltage_v)
     if frequency_hz is not None:
-        scene["frequency_hz"] = _range("frequency-hz", frequency_hz)
+        scene["frequency_hz"] = read_pair("frequency-hz", frequency_hz)
     if h0_m is not None:
-        scene["h0_m"] = _range("h0-m", h0_m)
+        scene["h0_m"] = read_pair("h0-m", h0_m)
     with progress_bar({"build": "build the surface"}) as update:
         surface = FrictionSurface.build(
             model, scene, tolerance, lambda share: update("build", share)
@@ -114,10 +115,10 @@ def query(
     from haptix.surface import FrictionSurface
 
     force, voltage, frequency, h0 = _product(
-        _numbers("normal-force-n", normal_force_n),
-        _numbers("voltage-v", voltage_v),
-        _numbers("frequency-hz", frequency_hz),
-        _numbers("h0-m", h0_m),
+        _tensor("normal-force-n", normal_force_n),
+        _tensor("voltage-v", voltage_v),
+        _tensor("frequency-hz", frequency_hz),
+        _tensor("h0-m", h0_m),
     )
     inputs = {
         "normal_force_n": force,
@@ -159,10 +160,10 @@ def invert(
     from haptix.surface import FrictionSurface
 
     wanted, force, frequency, h0 = _product(
-        _numbers("mu", mu),
-        _numbers("normal-force-n", normal_force_n),
-        _numbers("frequency-hz", frequency_hz),
-        _numbers("h0-m", h0_m),
+        _tensor("mu", mu),
+        _tensor("normal-force-n", normal_force_n),
+        _tensor("frequency-hz", frequency_hz),
+        _tensor("h0-m", h0_m),
     )
     found = FrictionSurface.load(surface).voltage(wanted, force, frequency, h0)
     inputs = {"mu": wanted, "normal_force_n": force, "frequency_hz": frequency, "h0_m": h0}
@@ -194,29 +195,12 @@ def _model(
     )
 
 
-def _numbers(option: str, text: str | None) -> Tensor | None:
+def _tensor(option: str, text: str | None) -> Tensor | None:
     import torch
 
-    from haptix.errors import InputError
+    from haptix.cli.numbers import read_numbers
 
-    if text is None:
-        return None
-    try:
-        return torch.tensor([float(part) for part in text.split(",")], dtype=torch.float64)
-    except ValueError:
-        raise InputError(
-            f"--{option}: expected numbers separated by commas, such as 0.2,0.5, got {text!r}"
-        ) from None
-
-
-def _range(option: str, text: str) -> tuple[float, float]:
-    from haptix.errors import InputError
-
-    numbers = _numbers(option, text)
-    assert numbers is not None
-    if len(numbers) > 2:
-        raise InputError(f"--{option}: expected LOW,HIGH or one value, got {text!r}")
-    return float(numbers[0]), float(numbers[-1])
+    return None if text is None else torch.tensor(read_numbers(option, text), dtype=torch.float64)
 
 
 def _product(*columns: Any) -> list[Any]:

@@ -14,7 +14,7 @@ from haptix.render import Trajectory
 from haptix.texture import Texture
 
 if TYPE_CHECKING:
-    from haptix.demo.job import Outcome
+    from haptix.demo.judge import Outcome
 
 Array = npt.NDArray[np.float64]
 
@@ -40,13 +40,14 @@ def draw(
     _friction(friction, outcome)
     voltage = figure.add_subplot(grid[1, 1], sharex=friction)
     _voltage(voltage, outcome, voltage_limit_v)
-    count = min(round(_ZOOM_S * sample_rate_hz), len(played_v))
+    period = float(np.median(np.diff(outcome.t_s)))
+    count = min(round(max(_ZOOM_S, 10 * period) * sample_rate_hz), len(played_v))
     first = _liveliest(played_v, count)
     zoom = np.arange(first, first + count)
     t = zoom / sample_rate_hz
     voltage.axvspan(t[0] - 0.01, t[-1] + 0.01, color="tab:purple", alpha=0.5)
     voltage.annotate(
-        "4",
+        "5",
         (t[0], 0.92 * voltage_limit_v),
         (5, 0),
         textcoords="offset points",
@@ -58,7 +59,7 @@ def draw(
     wave.set(
         xlabel="time (ms)",
         ylabel="drive (V)",
-        title="4  The wave that was played, sample by sample: the purple instant of 3",
+        title="5  The wave that was played, sample by sample: the purple band of 4",
     )
     figure.suptitle("haptix: from a photograph to volts", fontsize=14)
     figure.savefig(file, dpi=110)
@@ -86,7 +87,7 @@ def _photograph(axes: Axes, texture: Texture, path: Trajectory, bright_is_high: 
     axes.set(
         xlabel="x on the screen (mm)",
         ylabel="y (mm)",
-        title=f"1  Photograph ({grey} = high friction)\nand path of the finger",
+        title=f"1  Photograph ({grey} = high friction)\nand path of the finger, from red to yellow",
     )
 
 
@@ -95,7 +96,7 @@ def _force_and_speed(axes: Axes, path: Trajectory) -> None:
     t = path.t_s - path.t_s[0]
     axes.plot(t, path.normal_force_n, color="tab:green")
     axes.set_ylabel("normal force (N)", color="tab:green")
-    axes.set(ylim=(0, None), xlabel="time (s)", title="The finger's force and speed")
+    axes.set(ylim=(0, None), xlabel="time (s)", title="2  The finger's force and speed")
     twin = axes.twinx()
     twin.plot(t, speed, color="0.4", ls="--")
     twin.set_ylabel("speed (mm/s), dashed", color="0.4")
@@ -112,7 +113,7 @@ def _friction(axes: Axes, outcome: Outcome) -> None:
     axes.set(
         ylabel="friction coefficient",
         ylim=(low.min() - 0.05 * room, high.max() + room),
-        title="2  Friction under the finger",
+        title="3  Friction under the finger, which also depends on its force",
     )
     axes.legend(loc="upper center", ncols=3, fontsize=8, columnspacing=1.2)
 
@@ -125,7 +126,7 @@ def _voltage(axes: Axes, outcome: Outcome, voltage_limit_v: float) -> None:
         ylabel="amplitude (V)",
         ylim=(0, 1.15 * voltage_limit_v),
         xlabel="time (s)",
-        title="3  Voltage that does it",
+        title="4  Voltage that does it",
     )
 
 

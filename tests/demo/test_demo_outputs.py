@@ -94,23 +94,27 @@ def test_the_figures_of_friction_by_another_way(run, inputs):
     model = haptix.ContactModel(
         haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")
     )
-    reached, low, high = (
-        model.solve(torch.from_numpy(force), torch.as_tensor(v), CARRIER_HZ).mu.numpy()
-        for v in (amplitude.clip(0, 200), 0.0, 200.0)
-    )
+    load = torch.from_numpy(force)
+    reached = model.solve(load, torch.from_numpy(amplitude.clip(0, 200)), CARRIER_HZ).mu.numpy()
+    ends = {"normal_force_n": (table["normal_force_n"].min(), table["normal_force_n"].max())}
+    surface = haptix.FrictionSurface.build(model, {**ends, "frequency_hz": CARRIER_HZ}, 5e-4)
+    low, high = (mu.numpy() for mu in surface.reachable(load))
     target = low + share * (high - low)
-    error = np.abs(reached - target)[1:-1]  # a period at each end may see the ramp
+    error = np.abs(reached - target)
 
     friction = run.result.summary["friction"]
-    # The same arithmetic up to rounding: 1e-12 of mu, where the errors are 1e-5 or more.
-    assert friction["target_mu_min"] == pytest.approx(target.min(), abs=1e-10)
-    assert friction["target_mu_max"] == pytest.approx(target.max(), abs=1e-10)
-    assert friction["error_rms_mu"] == pytest.approx(np.sqrt((error**2).mean()), abs=1e-9)
-    assert friction["error_p95_mu"] == pytest.approx(np.percentile(error, 95), abs=1e-9)
-    assert friction["error_max_mu"] == pytest.approx(error.max(), abs=1e-9)
-    thresholds = error / (0.11 * target[1:-1])
+    # The job takes the mean of the two samples beside a period's middle, here it is the middle
+    # itself: along a bilinear map they differ by curvature and corners, a hundredth of the errors.
+    slack = 0.02 * error.max()
+    assert friction["target_mu_min"] == pytest.approx(target.min(), abs=slack)
+    assert friction["target_mu_max"] == pytest.approx(target.max(), abs=slack)
+    assert friction["error_rms_mu"] == pytest.approx(np.sqrt((error**2).mean()), abs=slack)
+    assert friction["error_p95_mu"] == pytest.approx(np.percentile(error, 95), abs=slack)
+    assert friction["error_max_mu"] == pytest.approx(error.max(), abs=slack)
+    assert friction["share_judged"] == 1.0
+    thresholds = error / (0.11 * target)
     assert friction["error_p95_difference_thresholds"] == pytest.approx(
-        np.percentile(thresholds, 95), abs=1e-7
+        np.percentile(thresholds, 95), abs=slack / 0.02
     )
     assert friction["error_p95_difference_thresholds"] < 0.1  # what nobody can feel
     assert target.max() - target.min() > 0.02  # and there was something to render

@@ -169,3 +169,23 @@ def test_one_job_without_any_input(tmp_path):
     assert result.summary["stream"]["faults"] == 0
     assert 0 <= max(result.summary["out_of_range"].values()) <= 1
     assert result.summary["friction"]["error_p95_difference_thresholds"] < 0.1
+
+
+def test_friction_out_of_reach_is_neither_judged_nor_shown_as_reachable(run, tmp_path):
+    """A light finger on a slow drive comes near pull-in, and the wish goes far beyond."""
+    path = tmp_path / "light.csv"
+    path.write_text("t_s,x_mm,y_mm,normal_force_n\n0,2,5,0.03\n0.4,28,9,0.03\n")
+    job = replace(
+        run.job,
+        folder=tmp_path / "out",
+        trajectory=path,
+        finger="wet",
+        carrier_hz=200.0,
+        mu_range=(0.2, 30.0),
+    )
+    summary = job.run().summary
+    assert summary["out_of_range"]["share_above"] > 0.1
+    assert summary["out_of_range"]["share_below"] > 0.01
+    assert 0 < summary["friction"]["share_judged"] < 0.9
+    # What can be reached is reached to a tenth of what is felt, but for 200 Hz sampling of edges.
+    assert summary["friction"]["error_p95_difference_thresholds"] < 1.0
