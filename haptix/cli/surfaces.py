@@ -27,7 +27,8 @@ Without = Annotated[
 Force = Annotated[str, typer.Option(help="Normal forces [N], comma-separated.")]
 Voltage = Annotated[str, typer.Option(help="Amplitudes [V], comma-separated.")]
 Frequency = Annotated[
-    str | None, typer.Option(help="Drive frequencies [Hz], comma-separated. [default: no skin]")
+    str | None,
+    typer.Option(help="Drive frequencies [Hz]; without, the skin counts as a conductor."),
 ]
 Thickness = Annotated[
     str | None, typer.Option(help="d1/eps1 of the insulator [m]. [default: the screen's own]")
@@ -46,7 +47,7 @@ def build(
     ] = None,
     frequency_hz: Annotated[
         str | None,
-        typer.Option(help="Range of drive frequency [Hz]: LOW,HIGH or one. [default: no skin]"),
+        typer.Option(help="Drive frequency [Hz]: LOW,HIGH or one; without, the skin conducts."),
     ] = None,
     h0_m: Annotated[
         str | None, typer.Option(help="Range of d1/eps1 [m]. [default: the screen's own]")
