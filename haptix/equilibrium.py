@@ -78,8 +78,14 @@ def _end_of_branch(applied_pa: Tensor, attraction: Attraction) -> Tensor:
     if attraction.floor is not None:
         light = torch.maximum(light, attraction.floor)
     limit = light + log(LIGHT_CONTACT_LIMIT)
+    slopes = attraction.log_slopes()
+    # 1 - p0/p is at most 1 - 1/31 on the branch, and below 1 with a floor: the usual case has no
+    # fold, and is spared the search.
+    least = 1.0 if attraction.floor is not None else 1 / (1 - 1 / LIGHT_CONTACT_LIMIT)
+    if float(slopes.max()) <= least:
+        return limit
     share = (1 - applied_pa[:, None] * torch.exp(-nodes)).clamp(min=0.0)
-    falling = (share * attraction.log_slope_at_nodes() > 1) & (nodes < limit[:, None] + step)
+    falling = (share * slopes.T[attraction.column] > 1) & (nodes < limit[:, None] + step)
     if attraction.floor is not None:
         falling &= nodes > attraction.floor[:, None]
     has_fold, first = falling.max(dim=-1)

@@ -17,7 +17,8 @@ class GapHistogram:
     edges_m : Tensor, shape (bins + 1,)
         Bin edges [m], from 0 up; the last bin also holds everything above.
     mass : Tensor, shape (..., bins)
-        Shares; they sum to ``1 - A/A0``.
+        Shares; they sum to ``1 - A/A0``. Under the "combined" distribution the strips that are
+        closed to double precision, 1.2 % of A, have no width and are left out.
     """
 
     edges_m: Tensor

@@ -168,8 +168,8 @@ class MeanField:
         pressure_pa, h0_m : float, complex or Tensor
             Pressure [Pa] and effective insulator thickness [m], real or complex; they broadcast.
         contact_spots : {"included", "excluded"}
-            Count the area in contact as gaps of zero, as Eq. 3 reads, or open gaps only. This is the
-            mean as the paper defines it; what loads the contact is `ContactModel`'s choice.
+            Count the area in contact as gaps of zero, as Eq. 3 reads, or open gaps only. This
+            is the paper's mean; what loads the contact is the choice of `ContactModel`.
         """
         check_contact_spots(contact_spots)
         pressure = self._pressures(pressure_pa)

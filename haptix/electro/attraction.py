@@ -172,14 +172,14 @@ class Attraction:
         steps = torch.arange(count, dtype=torch.float64, device=self.column.device)
         return self.log_gaps.start + self.log_gaps.step * steps
 
-    def log_slope_at_nodes(self) -> Tensor:
-        """dlnI/dlnp at the nodes, shape (states, nodes); below the floor it is that without one.
+    def log_slopes(self) -> Tensor:
+        """dlnI/dlnp at the nodes of each column, shape (nodes, columns), as if without a floor.
 
-        There the spots alone change, whose share of the slope is below 1: never a fold.
+        Below a floor the spots alone change, whose share of the slope is below 1: never a fold.
         """
         slope = self.log_gaps.slopes
         if self.spot_weight is not None and self.log_area is not None:
             gaps = torch.exp(self.log_gaps.values)
             spots = self.spot_weight * torch.exp(self.log_area.values)[:, None]
             slope = (gaps * slope + spots * self.log_area.slopes[:, None]) / (gaps + spots)
-        return slope.T[self.column]
+        return slope

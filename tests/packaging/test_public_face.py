@@ -138,7 +138,7 @@ ROOMS = [
     {"haptix.surface"},
     {"haptix.texture"},
     {"haptix.render"},
-    {"haptix.demo", "calibration"},
+    {"haptix.demo", "haptix.figures", "calibration"},
     {"haptix.cli"},
 ]
 RANK = {room: rank for rank, rooms in enumerate(ROOMS) for room in rooms}
