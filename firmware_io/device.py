@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import replace
 from types import TracebackType
 from typing import Self
@@ -9,24 +10,20 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.errors import (
-    DeviceDisconnectedError,
-    DeviceError,
-    DeviceFaultError,
-    LimitError,
-    ProtocolError,
-)
+from firmware_io.errors import DeviceDisconnectedError, DeviceError, LimitError
 from firmware_io.limits import DriveLimits
 from firmware_io.link import Capabilities, Link
 from firmware_io.mock import MockDriver, MockLink
-from firmware_io.protocol import SEQUENCE_MODULUS, Frame, FrameKind, encode, volts_to_codes
+from firmware_io.stream import Stream
 
 
 class Device:
     """Streams voltages to one driver, within limits.
 
-    As a context manager it arms on entry and always ends at 0 V; `close` lets the link go.
-    It belongs to one thread.
+    As a context manager it arms on entry and always ends at 0 V; `close` lets the link go. A
+    device that is forgotten closes itself, at the latest when the interpreter exits. Where STOP
+    cannot be delivered it stays owed (`stop_is_owed`), and `stop`, `close`, `arm` and leaving the
+    context try again; the driver's watchdog ends the output meanwhile. It belongs to one thread.
 
     Parameters
     ----------
@@ -40,56 +37,60 @@ class Device:
         limits = DriveLimits() if limits is None else limits
         reach = link.capabilities
         ceiling_v = min(limits.ceiling_v, reach.ceiling_v, reach.full_scale_v)
-        self._limits = replace(limits, ceiling_v=ceiling_v)
-        self._link = link
-        self._is_armed = False
+        self._stream = Stream(link, replace(limits, ceiling_v=ceiling_v))
         self._is_closed = False
-        self._sequence = 0
-        self._sample_index = 0
-        self._last_v = 0.0
-        self._frames_sent = 0
-        self._bytes_sent = 0
-        self._samples_sent = 0
+        # Holds the stream alone: a reference to the device would keep it from being forgotten.
+        weakref.finalize(self, self._stream.abandon)
 
     @property
     def capabilities(self) -> Capabilities:
         """What the driver can do."""
-        return self._link.capabilities
+        return self._stream.link.capabilities
 
     @property
     def limits(self) -> DriveLimits:
         """The limits in force: the tighter of the host's and the driver's."""
-        return self._limits
+        return self._stream.limits
 
     @property
     def is_armed(self) -> bool:
         """Whether samples can be written."""
-        return self._is_armed
+        return self._stream.is_armed
+
+    @property
+    def stop_is_owed(self) -> bool:
+        """Whether the driver may be armed: from the first try to arm it until a STOP arrived."""
+        return self._stream.stop_is_owed
 
     @property
     def frames_sent(self) -> int:
         """Frames delivered since construction, of every kind."""
-        return self._frames_sent
+        return self._stream.frames_sent
 
     @property
     def bytes_sent(self) -> int:
         """Bytes delivered since construction."""
-        return self._bytes_sent
+        return self._stream.bytes_sent
 
     @property
     def samples_sent(self) -> int:
         """Samples delivered since construction, ramps included."""
-        return self._samples_sent
+        return self._stream.samples_sent
 
     @property
     def last_v(self) -> float:
-        """The last voltage written; 0.0 when stopped."""
-        return self._last_v
+        """The last voltage that may stand on the output: the last written, 0.0 when stopped.
+
+        While a lost link leaves open whether the last frame arrived, it is the larger of the
+        voltages before and after that frame, until a STOP arrives.
+        """
+        return self._stream.last_v
 
     @property
     def mock(self) -> MockDriver | None:
         """The driver behind a mock link, for tests and the demo; None for any other link."""
-        return self._link.driver if isinstance(self._link, MockLink) else None
+        link = self._stream.link
+        return link.driver if isinstance(link, MockLink) else None
 
     def lower_ceiling(self, ceiling_v: float) -> None:
         """Lower the ceiling, for a screen that bears less than the driver gives.
@@ -100,38 +101,45 @@ class Device:
         ------
         LimitError
             If `ceiling_v` is above the present ceiling, or not finite and positive.
+        DeviceError
+            If the device had to stop and could not; the ceiling is lowered all the same.
         """
-        lowered = replace(self._limits, ceiling_v=ceiling_v)
-        if ceiling_v > self._limits.ceiling_v:
+        stream = self._stream
+        lowered = replace(stream.limits, ceiling_v=ceiling_v)
+        if ceiling_v > stream.limits.ceiling_v:
             raise LimitError(
-                f"The ceiling is {self._limits.ceiling_v!r} V and can only be lowered, but "
+                f"The ceiling is {stream.limits.ceiling_v!r} V and can only be lowered, but "
                 f"{ceiling_v!r} V was asked for; open the device anew for a higher one."
             )
-        if abs(self._last_v) > ceiling_v:
-            self.stop()
-        self._limits = lowered
+        try:
+            if abs(stream.last_v) > ceiling_v:
+                stream.stop()
+        finally:
+            stream.limits = lowered
 
     def arm(self) -> None:
         """Make the driver ready to play, from sample index 0; no effect if armed.
+
+        A stop still owed is delivered first.
 
         Raises
         ------
         DeviceDisconnectedError
             If the device is closed or its link lost.
+        DeviceError
+            If the driver refuses.
         """
         if self._is_closed:
             raise DeviceDisconnectedError("The device is closed; open it again before arming.")
-        if not self._is_armed:
-            self._sample_index = 0
-            self._last_v = 0.0
-            self._send(FrameKind.ARM)
-            self._is_armed = True
+        self._stream.arm()
 
     def write(self, volts: npt.ArrayLike) -> None:
         """Send samples to be played after those already sent.
 
         All samples are checked before the first is sent. On any error the output is brought to
-        0 V and the device is disarmed before the error is raised.
+        0 V and the device is disarmed before the error is raised. Samples must keep coming: a
+        driver that has played all it was sent, and waits longer than its watchdog allows, stops
+        by itself, and the next call raises `DeviceFaultError`.
 
         Parameters
         ----------
@@ -145,13 +153,13 @@ class Device:
         DeviceError
             If the device is not armed, `volts` is not a 1-D real array, or the driver fails.
         """
-        if not self._is_armed:
+        if not self._stream.is_armed:
             raise DeviceError(
                 "The device must be armed to write to it, but is not; call arm() first, "
                 "or use it in a with statement."
             )
         try:
-            self._stream(_as_samples(volts))
+            self._stream.write(_as_samples(volts))
         except BaseException as error:
             self._stop_after(error)
             raise
@@ -161,31 +169,26 @@ class Device:
 
         Raises
         ------
+        DeviceFaultError
+            If the driver had stopped by itself before; it is at 0 V and nothing is owed.
         DeviceError
-            If the ramp or STOP could not be delivered; the device is disarmed all the same.
+            If the ramp or STOP could not be delivered. The device is disarmed all the same; if
+            it was STOP, `stop_is_owed` stays True and the next call tries again.
         """
-        if not self._is_armed:
-            return
-        try:
-            if self._last_v != 0.0:
-                self._stream(
-                    self._limits.ramp_to_zero(self._last_v, self.capabilities.sample_rate_hz)
-                )
-        finally:
-            # A driver ramps on STOP too, so a ramp that fails is no reason to withhold STOP.
-            self._is_armed = False
-            self._last_v = 0.0
-            self._send(FrameKind.STOP)
+        self._stream.stop()
 
     def close(self) -> None:
-        """Stop, then let the link go. Idempotent."""
-        if self._is_closed:
+        """Stop, then let the link go. Idempotent.
+
+        Raises
+        ------
+        DeviceError
+            As from `stop`; the link is let go all the same.
+        """
+        if self._is_closed and not self.stop_is_owed:
             return
         self._is_closed = True
-        try:
-            self.stop()
-        finally:
-            self._link.close()
+        self._stream.close()
 
     def __enter__(self) -> Self:
         self.arm()
@@ -208,31 +211,6 @@ class Device:
             self.stop()
         except Exception as failure:
             error.add_note(f"Bringing the output to 0 V failed as well: {failure}")
-
-    def _stream(self, volts: npt.NDArray[np.float64]) -> None:
-        reach = self.capabilities
-        self._limits.check(volts, self._last_v, reach.sample_rate_hz)
-        codes = volts_to_codes(volts, reach.full_scale_v, self._limits.ceiling_v)
-        for start in range(0, codes.size, reach.max_frame_samples):
-            chunk = codes[start : start + reach.max_frame_samples]
-            # Known before the send: if that fails, the sample may stand on the output or not.
-            self._last_v = float(volts[start + chunk.size - 1])
-            self._send(FrameKind.STREAM, chunk)
-            self._sample_index += chunk.size
-            self._samples_sent += chunk.size
-
-    def _send(self, kind: FrameKind, codes: npt.NDArray[np.int16] | None = None) -> None:
-        samples = np.empty(0, dtype=np.int16) if codes is None else codes
-        data = encode(Frame(kind, self._sequence, self._sample_index, samples))
-        self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
-        try:
-            self._link.send(data)
-        except (ProtocolError, DeviceFaultError):
-            # The driver refused the frame and has ramped down by itself: nothing left to ramp.
-            self._last_v = 0.0
-            raise
-        self._frames_sent += 1
-        self._bytes_sent += len(data)
 
 
 def _as_samples(volts: npt.ArrayLike) -> npt.NDArray[np.float64]:

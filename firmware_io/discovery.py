@@ -20,6 +20,7 @@ class _MockSelector(TypedDict, total=False):
     full_scale_v: float
     ceiling_v: float
     lead_s: float
+    watchdog_s: float
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,8 @@ def open_device(address: str) -> Device:
     address : str
         A scheme, a colon and an optional selector of comma-separated key=value pairs, such as
         ``"mock:"`` or ``"mock:sample_rate_hz=250000,ceiling_v=150"``. The keys of the mock are
-        sample_rate_hz, full_scale_v (default 250), ceiling_v (default 200) and lead_s.
+        sample_rate_hz, full_scale_v (default 250), ceiling_v (default 200), lead_s (default 0.025)
+        and watchdog_s (default 0.25).
 
     Returns
     -------
@@ -89,10 +91,16 @@ def open_device(address: str) -> Device:
     DeviceNotFoundError
         If the scheme is unknown, or this version has no link for it.
     DeviceError
-        If the selector cannot be understood or describes no possible device.
+        If the address is no string, or the selector cannot be understood or describes no possible
+        device.
     LimitError
         If the selector asks for a ceiling above the absolute one.
     """
+    if not isinstance(address, str):
+        raise DeviceError(
+            f"An address is a string, but {address!r} came, of type {type(address).__name__}; "
+            'use for example "mock:".'
+        )
     scheme, colon, selector = address.partition(":")
     if colon and scheme in _HARDWARE_SCHEMES:
         raise DeviceNotFoundError(

@@ -17,6 +17,12 @@ ABSOLUTE_CEILING_V = 200.0
 #: that moves at up to 0.32 times the carrier's own rate (sqrt(1 + 0.32**2) = 1.05).
 DEFAULT_MAX_SLEW_V_PER_S = 1.05 * 2.0 * math.pi * 20e3 * ABSOLUTE_CEILING_V
 
+#: How long a driver holds its last voltage without a host before it ramps to 0 V and disarms.
+#: Long enough that a host's pauses cost an underrun and not the session: 20 ms in a slow block,
+#: some 100 ms on a busy desktop. Short enough that what a dead host leaves behind is gone in about
+#: the time a person takes to react.
+WATCHDOG_S = 0.25
+
 
 @dataclass(frozen=True)
 class DriveLimits:

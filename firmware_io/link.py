@@ -57,7 +57,8 @@ class Link(ABC):
     """Carries whole frames to one driver.
 
     A link knows nothing of limits: only `firmware_io.Device` holds one, and checks first.
-    An implementation turns its library's errors into those of `firmware_io.errors`.
+    An implementation turns its library's errors into those of `firmware_io.errors`; an OSError
+    may pass, and counts as a lost link.
     """
 
     @property
@@ -79,4 +80,4 @@ class Link(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Let the driver go. Idempotent."""
+        """Let the driver go, which then ends at 0 V, at the latest by its watchdog. Idempotent."""

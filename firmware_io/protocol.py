@@ -164,7 +164,7 @@ def decode(data: bytes) -> Frame:
 def volts_to_codes(
     volts: npt.ArrayLike, full_scale_v: float, ceiling_v: float | None = None
 ) -> npt.NDArray[np.int16]:
-    """Quantise voltages to the nearest code.
+    """Quantise voltages to the nearest code; rounding never goes above the ceiling.
 
     Parameters
     ----------

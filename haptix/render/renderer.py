@@ -53,7 +53,8 @@ class Renderer:
     """Renders a texture under one finger, touch by touch.
 
     Between two touches place and force are linear, so the signal lags one touch interval behind
-    the finger. Leaving the context ends at 0 V.
+    the finger. Leaving the context ends at 0 V; leave it while no finger touches, since a driver
+    whose host falls silent takes itself to 0 V and has to be armed again.
 
     Parameters
     ----------

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 from types import ModuleType, SimpleNamespace
 
 import pytest
@@ -39,14 +40,32 @@ def test_selectors():
     "selector", ["colour=red", "ceiling_v=high", "ceiling_v", "ceiling_v=1,ceiling_v=2", ",", "=3"]
 )
 def test_bad_selectors_list_the_keys(selector):
-    with pytest.raises(DeviceError, match="sample_rate_hz, full_scale_v, ceiling_v, lead_s"):
+    keys = "sample_rate_hz, full_scale_v, ceiling_v, lead_s, watchdog_s"
+    with pytest.raises(DeviceError, match=keys):
         open_device(f"mock:{selector}")
 
 
-@pytest.mark.parametrize("selector", ["sample_rate_hz=nan", "full_scale_v=0", "lead_s=-1"])
+@pytest.mark.parametrize(
+    "selector", ["sample_rate_hz=nan", "full_scale_v=0", "lead_s=-1", "watchdog_s=inf"]
+)
 def test_impossible_values(selector):
     with pytest.raises(DeviceError, match=selector.partition("=")[0]):
         open_device(f"mock:{selector}")
+
+
+def test_the_mocks_watchdog_can_be_chosen():
+    device = open_device("mock:lead_s=0,watchdog_s=0")
+    device.arm()
+    device.write([1.0])
+    time.sleep(0.001)  # longer than the one sample lasts
+    assert not device.mock.is_armed
+    assert "starved" in device.mock.fault
+
+
+@pytest.mark.parametrize("address", [5, None, b"mock:"])
+def test_an_address_that_is_no_string(address):
+    with pytest.raises(DeviceError, match=r'address is a string.*use for example "mock:"'):
+        open_device(address)
 
 
 def test_the_address_cannot_raise_the_ceiling():
