@@ -1,7 +1,7 @@
 """A slow, independent solution of one state of the contact model, in numpy, scipy and mpmath.
 
 Straight from the equations of the mean field (plain gap distribution): ``tau^2`` by the trapezoidal
-rule on very many waves, J by quadrature, the separation by Simpson's rule in ln tau, I as the
+rule on very many waves, J by quadrature, the separation by Simpson's rule in ln(q/q0 - 1), I as the
 integral of ``P(u)/|u + h0|^2`` over the gaps, a layer's response from its textbook form in 40
 digits, and the equilibrium by the secant method on I itself, with no table in between. It shares no
 code with the package.
@@ -102,20 +102,25 @@ class Oracle:
         )
         q0, q1 = rough.q0, rough.q1
         x = np.linspace(np.log(1e-18), np.log(q1 / q0 - 1), self.WAVES)
+        self.bend = x[0]
         if q0 < rough.rolloff < q1:
-            x = np.unique(np.append(x, np.log(rough.rolloff / q0 - 1)))
+            self.bend = np.log(rough.rolloff / q0 - 1)
+            x = np.unique(np.append(x, self.bend))
         ratio = np.exp(x)
         q = np.clip(q0 * (1 + ratio), q0, q1)
         modulus = solid.effective(q)
         added = pi * q**3 * rough(q) * modulus**2 * q0 * ratio
         cells = (added[1:] + added[:-1]) / 2 * np.diff(x)
-        self.variance = added[0] + np.concatenate([[0.0], np.cumsum(cells)])
+        below = added[0] + np.concatenate([[0.0], np.cumsum(cells)])
+        above = np.cumsum(cells[::-1])[::-1]  # from q1 down: what is left keeps its digits
+        self.total = below[-1]
+        self.logit = np.log(below[:-1] / above)
         heights = 2 * pi * q * rough(q) * q0 * ratio
         cells = (heights[1:] + heights[:-1]) / 2 * np.diff(x)
         self.short_waves = np.concatenate([np.cumsum(cells[::-1])[::-1], [0.0]])
-        self.log_variance = np.log(self.variance)
-        self.log_stiffness = np.log(q * modulus)
-        self.tau = sqrt(self.variance[-1])
+        self.x, self.log_below = x, np.log(below)
+        self.log_opening = np.log(added / (q * modulus))  # dT/dx over q E*
+        self.tau = sqrt(self.total)
         self.gamma = gamma
         self.log_y, self.log_j = separation_integral(gamma)
 
@@ -124,23 +129,40 @@ class Oracle:
 
     def _separation(self, pressure: np.ndarray, before: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Mean gap where waves of variance `before` are seen and those of `rest` are not yet."""
-        top = np.log(np.maximum(np.sqrt(rest), 1e-300))
-        low = np.minimum(np.log(pressure / 6.0), top)
-        span = top - low
-        log_tau = low[:, None] + span[:, None] * np.linspace(0, 1, self.depth)
-        log_y = np.log(pressure)[:, None] - log_tau
-        log_j = np.interp(log_y, self.log_y, self.log_j)
+        # In x = ln(q/q0 - 1), not in tau: over a soft layer on a stiff base tau stands still where
+        # q, and with it the compliance, runs over decades.
+        start = (pressure / 6.0) ** 2
+        is_open = rest > start
+        left = np.where(is_open, rest - start, 1.0)
+        low = np.interp(np.log((before + start) / left), self.logit, self.x[:-1])
+        # Up to the roll-off and from there: Simpson's rule would stumble over the bend.
+        bend = np.maximum(low, self.bend)
+        first = self._panel(pressure, before, start, low, bend)
+        second = self._panel(pressure, before, start, bend, np.full_like(low, self.x[-1]))
+        return np.where(is_open, first + second, 0.0)
+
+    def _panel(
+        self,
+        pressure: np.ndarray,
+        before: np.ndarray,
+        start: np.ndarray,
+        low: np.ndarray,
+        high: np.ndarray,
+    ) -> np.ndarray:
+        span = high - low
+        x = low[:, None] + span[:, None] * np.linspace(0, 1, self.depth)
+        seen = np.exp(np.interp(x, self.x, self.log_below)) - before[:, None]
+        tau = np.sqrt(np.maximum(seen, start[:, None]))
+        log_y = np.log(pressure)[:, None] - np.log(tau)
         # J -> gamma ln(1/y) below the table's end.
-        beyond = np.maximum(self.log_y[0] - log_y, 0.0)
-        j = np.exp(log_j) + self.gamma * beyond
-        at = np.log(before[:, None] + np.exp(2 * log_tau))
-        stiffness = np.exp(np.interp(at, self.log_variance, self.log_stiffness))
-        integrand = np.exp(log_tau) * j / stiffness
+        beyond = self.gamma * np.maximum(self.log_y[0] - log_y, 0.0)
+        j = np.exp(np.interp(log_y, self.log_y, self.log_j)) + beyond
+        integrand = np.exp(np.interp(x, self.x, self.log_opening)) / (2 * tau) * j
         return 2 / sqrt(pi) * simpson(integrand, dx=1 / (self.depth - 1), axis=1) * span
 
     def gap_pull(self, pressure: float, h0: complex) -> float:
         """``<1/|u + h0|^2>`` of the open gaps."""
-        total = self.variance[-1]
+        total = self.total
         start = min((pressure / 6.0) ** 2, total / 4)
         # First half of the magnifications graded towards q0, second towards q1.
         early = np.geomspace(start, total / 2, self.strips)
@@ -163,10 +185,8 @@ class Oracle:
         )
         opened = np.where(y[1:] > 0.5, np.diff(special.erfc(y)), -np.diff(area))
         u1 = np.maximum(-np.diff(area * ubar), 0.0) / np.maximum(opened, 1e-300)
-        middle = np.concatenate(
-            [np.sqrt(early[1:] * early[:-1]), total - (late[1:] + late[:-1]) / 2]
-        )
-        s = np.sqrt(np.interp(np.log(middle), self.log_variance, self.short_waves))
+        middle = np.log(before[1:] / rest[1:] * before[:-1] / rest[:-1]) / 2
+        s = np.sqrt(np.interp(middle, self.logit, self.short_waves[:-1]))
         u = np.geomspace(1e-6 * abs(h0), (u1 + 8 * s).max(), self.gaps)
         density = np.zeros_like(u)
         for some in np.array_split(np.arange(len(s)), parts):
@@ -175,7 +195,11 @@ class Oracle:
             )
             density += (peaks * opened[some] / (sqrt(2 * pi) * s[some])).sum(1)
         kernel = 1 / ((u + h0.real) ** 2 + h0.imag**2)
-        return float(density[0] * u[0] * kernel[0] + simpson(density * kernel * u, x=np.log(u)))
+        # What lies below the first node pulls as a gap of zero does, to 1e-6.
+        width = sqrt(2) * s
+        below = special.erf((u[0] - u1) / width) + special.erf((u[0] + u1) / width)
+        closed = float((opened * below).sum()) / 2 * kernel[0]
+        return closed + float(simpson(density * kernel * u, x=np.log(u)))
 
     def pull(self, pressure: float, h0: complex, spots: bool) -> float:
         gaps = self.gap_pull(pressure, h0)

@@ -64,7 +64,9 @@ def lowest_branch(applied_pa: Tensor, strength: Tensor, attraction: Attraction) 
     stiffness = (1 - strength * slope / pressure).detach()
     usable = stable & (stiffness > 1e-9)
     step = mismatch / torch.where(usable, stiffness, torch.ones_like(stiffness))
-    return Equilibrium(torch.where(usable, pressure - step, pressure), bearable, stable)
+    # The end of the branch moves in proportion to p0.
+    at_end = pressure * (applied_pa / applied_pa.detach())
+    return Equilibrium(torch.where(usable, pressure - step, at_end), bearable, stable)
 
 
 def _end_of_branch(applied_pa: Tensor, attraction: Attraction) -> Tensor:

@@ -17,6 +17,8 @@ from haptix.contact.gaps import GapHistogram
 from haptix.equilibrium import LIGHT_CONTACT_LIMIT
 from haptix.fidelity.balance import Balance, Load
 
+_LEAST_SHARE = 1e-15
+
 
 class ClosedForm:
     """See the module.
@@ -46,7 +48,9 @@ class ClosedForm:
 
     def solve(self, load: Load) -> Balance:
         """Return the equilibrium of every state on the lowest branch."""
-        gap_pull = load.gap_pull @ self._gaps.mass[0] / self._reference_pa
+        # In complete contact no gap is left; the least share keeps the voltage of its end finite.
+        open_share = load.gap_pull @ self._gaps.mass[0] + _LEAST_SHARE * load.gap_pull.amax(-1)
+        gap_pull = open_share / self._reference_pa
         spot_pull = self._area_per_pa * load.spot_pull
         loading = gap_pull + spot_pull if self._contact_spots == "included" else gap_pull
         share = load.strength * loading[load.column]

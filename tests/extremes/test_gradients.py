@@ -1,0 +1,130 @@
+"""Gradients of mu by inputs and by the finger's own materials, against central differences."""
+
+import pytest
+import torch
+from torch import Tensor
+
+from haptix import ContactModel, Finger, Screen, Status
+from haptix.finger import Roughness
+from haptix.friction import ContactState
+
+AT = {
+    "normal_force_n": 0.5,
+    "h0_m": 2e-7,
+    "youngs_modulus_pa": 40e6,
+    "layer_thickness_m": 200e-6,
+    "frictional_shear_stress_pa": 8e6,
+    "h_rms_m": 22e-6,
+}
+MODELS = {
+    "plain": {},
+    "spots, combined": {"contact_spots": "included", "gap_distribution": "combined"},
+    "finite size": {"terms": {"finite-size": True}},
+    "closed form": {"fidelity": "closed-form"},
+}
+
+
+def solve(values: dict[str, Tensor | float], voltage: Tensor | float, model: str) -> ContactState:
+    finger = Finger(
+        youngs_modulus_pa=values["youngs_modulus_pa"],
+        layer_thickness_m=values["layer_thickness_m"],
+        frictional_shear_stress_pa=values["frictional_shear_stress_pa"],
+        bulk_modulus_pa=1e5,
+        roughness=Roughness(h_rms_m=values["h_rms_m"]),
+    )
+    contact = ContactModel(finger, Screen(max_voltage_v=5000.0), **MODELS[model])
+    return contact.solve(values["normal_force_n"], voltage, 200.0, values["h0_m"])
+
+
+# Directions in the logarithms of the numbers: each alone, and for the other models all together, so
+# that every part raises mu and none hides another.
+ALONE = {name: {name: 1.0} for name in AT}
+TOGETHER = {
+    "normal_force_n": -0.3,
+    "h0_m": -0.4,
+    "youngs_modulus_pa": -0.5,
+    "layer_thickness_m": -0.6,
+    "frictional_shear_stress_pa": 0.2,
+    "h_rms_m": -0.3,
+}
+CHECKS = [("plain", d) for d in ALONE.values()] + [(m, TOGETHER) for m in MODELS if m != "plain"]
+
+
+@pytest.mark.parametrize(
+    ("model", "direction"), CHECKS, ids=[f"{m}: {', '.join(d)}" for m, d in CHECKS]
+)
+def test_gradients_of_everything(model: str, direction: dict[str, float]) -> None:
+    end = float(solve(AT, 0.0, model).pull_in_voltage_v)
+    voltages = torch.tensor([0.0, 0.5, 0.9, 0.99], dtype=torch.float64) * end
+    leaves = {
+        name: torch.tensor(AT[name], dtype=torch.float64).requires_grad_() for name in direction
+    }
+    mu = solve({**AT, **leaves}, voltages, model).mu
+    found = torch.stack(
+        [
+            sum(
+                slope * AT[name] * part
+                for slope, (name, part) in zip(
+                    torch.autograd.grad(one, list(leaves.values()), retain_graph=True),
+                    direction.items(),
+                    strict=True,
+                )
+            )
+            for one in mu
+        ]
+    )
+    # Five points with steps of 2e-4: 1e-9 of curvature away from the end, where mu bends on the
+    # scale of 1 - V/V_end, and 1e-10 of rounding and of the tables' own roughness.
+    step = 2e-4
+    value = {
+        side: solve(
+            {name: at * (1 + side * step * direction.get(name, 0.0)) for name, at in AT.items()},
+            voltages,
+            model,
+        ).mu
+        for side in (-2, -1, 1, 2)
+    }
+    expected = (8 * (value[1] - value[-1]) - (value[2] - value[-2])) / (12 * step)
+    # Where mu hardly depends on a number (h0 at V0 = 0) the difference is noise.
+    torch.testing.assert_close(found / mu, expected / mu, rtol=1e-4, atol=1e-7)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_gradients_by_voltage(model: str) -> None:
+    end = float(solve(AT, 0.0, model).pull_in_voltage_v)
+    voltages = torch.tensor([0.0, 0.1, 0.5, 0.9, 0.99], dtype=torch.float64) * end
+    leaf = voltages.clone().requires_grad_()
+    (found,) = torch.autograd.grad(solve(AT, leaf, model).mu.sum(), leaf)
+    steps = torch.tensor([-2, -1, 1, 2], dtype=torch.float64)[:, None] * 2e-4
+    value = solve(AT, voltages * (1 + steps), model).mu
+    expected = (8 * (value[2] - value[1]) - (value[3] - value[0])) / (12 * 2e-4)
+    # As above; at V0 = 0 both are zero.
+    torch.testing.assert_close(found * voltages, expected, rtol=1e-4, atol=1e-9)
+    assert float(found[0]) == 0.0
+
+
+def test_gradients_beside_and_past_the_end_are_finite() -> None:
+    end = float(solve(AT, 0.0, "plain").pull_in_voltage_v)
+    leaves = {name: torch.tensor(v, dtype=torch.float64).requires_grad_() for name, v in AT.items()}
+    shares = [0.99, 0.9999, 1 - 1e-9, 1 + 1e-9, 2.0]
+    state = solve(leaves, torch.tensor(shares, dtype=torch.float64) * end, "plain")
+    assert state.status.tolist() == [int(Status.OK)] * 3 + [int(Status.PULL_IN)] * 2
+    for one in state.mu:
+        slopes = torch.autograd.grad(
+            one, list(leaves.values()), retain_graph=True, allow_unused=True
+        )
+        assert all(slope is None or bool(slope.isfinite()) for slope in slopes)
+
+
+def test_past_the_end_mu_follows_the_load() -> None:
+    # There p = 31 p0, so mu = tau_f A(31 p0) A0/F hardly depends on the force.
+    end = float(solve(AT, 0.0, "plain").pull_in_voltage_v)
+    force = torch.tensor(0.5, dtype=torch.float64).requires_grad_()
+    mu = solve({**AT, "normal_force_n": force}, 1.5 * end, "plain").mu
+    (slope,) = torch.autograd.grad(mu, force)
+    up, down = (
+        float(solve({**AT, "normal_force_n": 0.5 * (1 + s)}, 1.5 * end, "plain").mu)
+        for s in (1e-4, -1e-4)
+    )
+    at = float(mu.detach())
+    assert float(slope) * 0.5 / at == pytest.approx((up - down) / 2e-4 / at, abs=1e-3)
