@@ -274,6 +274,9 @@ class ContactModel:
                 f"{', '.join(str(tuple(tensor.shape)) for tensor in given)}"
             ) from None
         thickness = self.effective_thickness(h0, frequency_hz)
+        # Blocks come in the order of the forces: a table that grew with each would be solved often.
+        area = self._apparent_area(force)
+        self.solver.prepare(force / area, area)
         column = torch.arange(thickness.numel(), device=thickness.device).reshape(thickness.shape)
         flat = [t.expand(shape).reshape(-1) for t in (force, voltage, column)]
         blocks = [

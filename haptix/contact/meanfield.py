@@ -29,7 +29,7 @@ ContactSpots = Literal["excluded", "included"]
 
 _WAVE_NODES = 4096  # nodes of T(q); T is integrated to 1e-12, q(T) interpolated to 1e-6
 _WAVE_RANGE = log(1e16)  # they reach from q1 down to where q/q0 - 1 is this much smaller
-_STRIPS = 384  # strips in magnification: I within 5e-4 of twice this number
+_STRIPS = 640  # strips in magnification: I within 2e-4 for a finger, 1e-3 at A/A0 of 1e-6
 _DENSE_AT, _DENSE_WIDTH, _DENSE_END = 1.5, 2.0, 4.0  # in ln(T / (T1 - T)); end in widths
 _SEPARATION_POINTS = 24  # Gauss points in each panel of one mean separation
 _MOST_BENDS = 20  # of a spectrum that is integrated from bend to bend

@@ -15,7 +15,7 @@ from torch import Tensor
 
 _TERMS = 40
 # Both series converge to double precision within _TERMS on their own side of this ratio.
-_SPREAD_AT_SWITCH = 0.35
+_SPREAD_AT_SWITCH = 0.08
 
 
 @dataclass(frozen=True)
@@ -60,37 +60,35 @@ def elastoplastic_area(
     mean = (pressure_pa / hardness_pa).clamp(max=1.0)
     spread = torch.as_tensor(stress_rms_pa / hardness_pa).expand_as(mean) / 2**0.5
     wide = spread > _SPREAD_AT_SWITCH
-    series_area, series_load = _by_modes(mean, spread.clamp(min=_SPREAD_AT_SWITCH))
-    image_area, image_load = _by_images(mean, spread.clamp(max=_SPREAD_AT_SWITCH))
-    elastic = torch.where(wide, series_area, image_area).clamp(0.0, 1.0)
-    load = torch.where(wide, series_load, image_load)
-    plastic = (mean - load).clamp(min=0.0)
-    # Rounding of the difference of two nearly equal loads; real plastic shares are far larger.
-    plastic = torch.where(plastic < 1e-13 * mean, torch.zeros_like(plastic), plastic)
-    return PlasticSplit(elastic, plastic)
+    series = _by_modes(mean, spread.clamp(min=_SPREAD_AT_SWITCH))
+    images = _by_images(mean, spread.clamp(max=_SPREAD_AT_SWITCH))
+    return PlasticSplit(
+        torch.where(wide, series.elastic, images.elastic),
+        torch.where(wide, series.plastic, images.plastic),
+    )
 
 
-def _by_modes(mean: Tensor, spread: Tensor) -> tuple[Tensor, Tensor]:
-    """Area and load between the walls as a sine series."""
+def _by_modes(mean: Tensor, spread: Tensor) -> PlasticSplit:
+    """Sine series of the elastic area and of the load it bears; the rest of the load yields."""
     n = torch.arange(1, _TERMS + 1, dtype=mean.dtype, device=mean.device)
     sign = 1 - 2 * (n % 2)  # (-1)^n
     wave = n * pi
     mode = torch.sin(wave * mean[..., None]) * torch.exp(-((wave * spread[..., None]) ** 2) / 2)
-    area = 2 / pi * ((1 - sign) / n * mode).sum(-1)
+    elastic = 2 / pi * ((1 - sign) / n * mode).sum(-1)
     load = -2 / pi * (sign / n * mode).sum(-1)
-    return area, load
+    plastic = (mean - load).clamp(min=0.0)
+    # Rounding of the difference of two nearly equal loads; real plastic shares are far larger.
+    plastic = torch.where(plastic < 1e-13 * mean, torch.zeros_like(plastic), plastic)
+    return PlasticSplit(elastic.clamp(0.0, 1.0), plastic)
 
 
-def _by_images(mean: Tensor, spread: Tensor) -> tuple[Tensor, Tensor]:
-    """Area and load between the walls from Gaussians mirrored at them."""
-    area, load = torch.zeros_like(mean), torch.zeros_like(mean)
-    for k in range(-3, 4):
-        for sign, centre in ((1.0, 2 * k + mean), (-1.0, 2 * k - mean)):
-            at = [(wall - centre) / (2**0.5 * spread) for wall in (0.0, 1.0)]
-            share = (torch.erf(at[1]) - torch.erf(at[0])) / 2
-            density = [torch.exp(-(a**2)) for a in at]
-            area = area + sign * share
-            load = load + sign * (
-                centre * share - spread / (2 * pi) ** 0.5 * (density[1] - density[0])
-            )
-    return area, load
+def _by_images(mean: Tensor, spread: Tensor) -> PlasticSplit:
+    """Gaussians mirrored at the walls: what lies beyond a wall has been absorbed there."""
+    width = 2**0.5 * spread
+
+    def beyond(wall: float) -> Tensor:
+        return torch.erfc((wall - mean) / width) - torch.erfc((wall + mean) / width)
+
+    plastic = beyond(1.0) + beyond(3.0)
+    elastic = torch.erf(mean / width) + beyond(2.0) + beyond(4.0) - plastic
+    return PlasticSplit(elastic.clamp(0.0, 1.0), plastic)

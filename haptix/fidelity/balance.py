@@ -50,6 +50,10 @@ class Balance:
 class Fidelity(Protocol):
     """A way to solve the contact."""
 
+    def prepare(self, applied_pa: Tensor, apparent_area_m2: Tensor) -> None:
+        """Make what many loads share, once, for all that will be solved."""
+        ...
+
     def solve(self, load: Load) -> Balance:
         """Return the equilibrium of every state on the lowest branch."""
         ...

@@ -17,7 +17,7 @@ from haptix.contact.gaps import GapHistogram
 from haptix.equilibrium import LIGHT_CONTACT_LIMIT
 from haptix.fidelity.balance import Balance, Load
 
-_LEAST_SHARE = 1e-15
+_LEAST_SHARE = 1e-15  # of the area, as gaps of zero
 
 
 class ClosedForm:
@@ -45,6 +45,9 @@ class ClosedForm:
         self._gap_m = gap[0]
         self._gap_fall_m = (gap[0] - gap[1]) / torch.log(pressure[1] / pressure[0])
         self._area_per_pa = 2 / sqrt(pi) / contact.stress_rms_pa
+
+    def prepare(self, applied_pa: Tensor, apparent_area_m2: Tensor) -> None:
+        """Nothing: there is no table."""
 
     def solve(self, load: Load) -> Balance:
         """Return the equilibrium of every state on the lowest branch."""

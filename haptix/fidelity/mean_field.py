@@ -50,6 +50,11 @@ class MeanFieldBalance:
         self._keeps_table = keeps_table
         self._kept: AttractionTable | None = None
 
+    def prepare(self, applied_pa: Tensor, apparent_area_m2: Tensor) -> None:
+        """Solve the table for all of these loads, where it is kept."""
+        if self._keeps_table:
+            self.table(applied_pa, apparent_area_m2)
+
     def solve(self, load: Load) -> Balance:
         """Return the equilibrium of every state on the lowest branch."""
         table = self.table(load.applied_pa, load.apparent_area_m2)
