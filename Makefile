@@ -23,7 +23,7 @@ setup: ## set up again, or mend, .venv (PYTHON=... picks the interpreter)
 	@bash scripts/setup.sh
 
 clean: ## remove caches and outputs; .venv stays
-	rm -rf haptix-demo haptix-figures dist build .benchmarks .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf haptix-demo haptix-figures my.surface dist build .benchmarks .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find . \( -name .venv -o -name .git \) -prune -o -name __pycache__ -type d -exec rm -rf {} +
 
 # Written by setup.sh as its last act, so an interrupted set-up is taken up again.
