@@ -114,7 +114,9 @@ def test_density_and_histogram_are_one_distribution(skin: MeanField, load: float
     edges, mass = histogram.edges_m, histogram.mass
     for first, last in ((1, 120), (120, 220), (220, 300), (300, 399)):
         u = torch.exp(
-            torch.linspace(math.log(edges[first]), math.log(edges[last]), 16001, dtype=torch.float64)
+            torch.linspace(
+                math.log(edges[first]), math.log(edges[last]), 16001, dtype=torch.float64
+            )
         )
         integral = float(torch.trapezoid(skin.gap_density(pressure, u) * u, torch.log(u)))
         expected = float(mass[first:last].sum())
