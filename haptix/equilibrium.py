@@ -13,7 +13,7 @@ its own attraction, so the light branch is taken to end at `LIGHT_CONTACT_LIMIT`
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import log
+from math import inf, log
 
 import torch
 from torch import Tensor
@@ -24,6 +24,8 @@ LIGHT_CONTACT_LIMIT = 31.0
 """Largest p/p0 that counts as light contact: the bound of the reference solver (section 5)."""
 
 _BISECTIONS = 48
+_NEARBY = 1e-4  # in ln p: distance of the difference that gives the fold its curvature
+_LEAST_CURVATURE = 1e-6
 _NEWTON_STEPS = 80
 
 
@@ -51,56 +53,64 @@ def lowest_branch(applied_pa: Tensor, strength: Tensor, attraction: Attraction) 
     attraction : Attraction
         I(p) of each state.
     """
+    light = torch.log(applied_pa)
+    if attraction.floor is not None:
+        light = torch.maximum(light, attraction.floor)
+    log_limit = light + log(LIGHT_CONTACT_LIMIT)
+    log_fold = _first_fold(applied_pa, attraction, log_limit)
+    log_end = log_limit if log_fold is None else torch.minimum(log_fold, log_limit)
+    end = torch.exp(log_end)
+    bearable = (end - applied_pa) / attraction(log_end)[0]
+    stable = strength <= bearable
     with torch.no_grad():
-        log_end = _end_of_branch(applied_pa, attraction)
-        end = torch.exp(log_end)
-        bearable = (end - applied_pa) / attraction(log_end)[0]
-        stable = strength <= bearable
-        root = _root(applied_pa, strength, attraction, end)
-        pressure = torch.where(stable, root, end)
+        pressure = torch.where(stable, _root(applied_pa, strength, attraction, end), end)
     # One more Newton step, recorded for autograd, carries the implicit derivative dp = -dF/F'.
     value, slope = attraction(torch.log(pressure))
     mismatch = pressure - applied_pa - strength * value
     stiffness = (1 - strength * slope / pressure).detach()
     usable = stable & (stiffness > 1e-9)
     step = mismatch / torch.where(usable, stiffness, torch.ones_like(stiffness))
-    # The end of the branch moves in proportion to p0.
-    at_end = pressure * (applied_pa / applied_pa.detach())
-    return Equilibrium(torch.where(usable, pressure - step, at_end), bearable, stable)
+    return Equilibrium(torch.where(usable, pressure - step, end), bearable, stable)
 
 
-def _end_of_branch(applied_pa: Tensor, attraction: Attraction) -> Tensor:
-    """Ln p where the light branch ends: at the fold, or at the limit of light contact.
+def _first_fold(applied_pa: Tensor, attraction: Attraction, log_limit: Tensor) -> Tensor | None:
+    """Ln p of the first fold of each state, infinite where there is none; None without any.
 
     The fold is where the slope of (p - p0)/I vanishes: ``1 - (1 - p0/p) dlnI/dlnp`` turns negative.
     """
-    nodes, log_applied = attraction.nodes, torch.log(applied_pa)
-    step = float(nodes[1] - nodes[0])
-    light = log_applied
-    if attraction.floor is not None:
-        light = torch.maximum(light, attraction.floor)
-    limit = light + log(LIGHT_CONTACT_LIMIT)
-    slopes = attraction.log_slopes()
-    # 1 - p0/p is at most 1 - 1/31 on the branch, and below 1 with a floor: the usual case has no
-    # fold, and is spared the search.
-    least = 1.0 if attraction.floor is not None else 1 / (1 - 1 / LIGHT_CONTACT_LIMIT)
-    if float(slopes.max()) <= least:
-        return limit
-    share = (1 - applied_pa[:, None] * torch.exp(-nodes)).clamp(min=0.0)
-    falling = (share * slopes.T[attraction.column] > 1) & (nodes < limit[:, None] + step)
-    if attraction.floor is not None:
-        falling &= nodes > attraction.floor[:, None]
-    has_fold, first = falling.max(dim=-1)
-    if not bool(has_fold.any()):
-        return limit
-    high = torch.where(has_fold, nodes[first], limit)
-    low = torch.where(has_fold, torch.maximum(high - step, log_applied), limit)
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        value, slope = attraction(middle)
-        rising = (1 - applied_pa * torch.exp(-middle)) * slope <= value
-        low, high = torch.where(rising, middle, low), torch.where(rising, high, middle)
-    return torch.minimum(low, limit)
+    with torch.no_grad():
+        nodes, step = attraction.nodes, attraction.log_gaps.step
+        slopes = attraction.log_slopes()
+        # 1 - p0/p is at most 1 - 1/31 on the branch, and below 1 with a floor: the usual case has
+        # no fold, and is spared the search.
+        least = 1.0 if attraction.floor is not None else 1 / (1 - 1 / LIGHT_CONTACT_LIMIT)
+        if float(slopes.max()) <= least:
+            return None
+        share = (1 - applied_pa[:, None] * torch.exp(-nodes)).clamp(min=0.0)
+        falling = (share * slopes.T[attraction.column] > 1) & (nodes < log_limit[:, None] + step)
+        if attraction.floor is not None:
+            falling &= nodes > attraction.floor[:, None]
+        has_fold, first = falling.max(dim=-1)
+        if not bool(has_fold.any()):
+            return None
+        high = torch.where(has_fold, nodes[first], log_limit)
+        low = torch.where(has_fold, torch.maximum(high - step, torch.log(applied_pa)), log_limit)
+        for _ in range(_BISECTIONS):
+            middle = (low + high) / 2
+            rising = _rise(applied_pa, attraction, middle) >= 0
+            low, high = torch.where(rising, middle, low), torch.where(rising, high, middle)
+        curvature = _rise(applied_pa, attraction, low + _NEARBY)
+        curvature = (curvature - _rise(applied_pa, attraction, low - _NEARBY)) / (2 * _NEARBY)
+    # One Newton step that autograd sees: load and material move the fold.
+    drift = _rise(applied_pa, attraction, low) / curvature.clamp(max=-_LEAST_CURVATURE)
+    fold = low - (drift - drift.detach())
+    return torch.where(has_fold, fold, torch.full_like(fold, inf))
+
+
+def _rise(applied_pa: Tensor, attraction: Attraction, log_pressure: Tensor) -> Tensor:
+    """``1 - (1 - p0/p) dlnI/dlnp``: above 0 where the bearable drive rises with p."""
+    value, slope = attraction(log_pressure)
+    return 1 - (1 - applied_pa * torch.exp(-log_pressure)) * slope / value
 
 
 def _root(applied_pa: Tensor, strength: Tensor, attraction: Attraction, end: Tensor) -> Tensor:

@@ -41,19 +41,21 @@ class UniformCubic:
 
     Parameters
     ----------
-    start, step : float
-        Position of the first node and distance between nodes.
+    start : float or Tensor
+        Position of the first node, a single number.
+    step : float
+        Distance between nodes.
     values, slopes : Tensor, shape (nodes,) or (nodes, columns)
         Node values and derivatives; each column is a function of its own.
     """
 
-    start: float
+    start: float | Tensor
     step: float
     values: Tensor
     slopes: Tensor
 
     @classmethod
-    def through(cls, start: float, step: float, values: Tensor) -> UniformCubic:
+    def through(cls, start: float | Tensor, step: float, values: Tensor) -> UniformCubic:
         """Estimate the slopes by fourth-order differences (second order at the two ends)."""
         if values.shape[0] < 5:
             raise ValueError(f"expected at least 5 nodes, got {values.shape[0]}")

@@ -37,8 +37,8 @@ def touching_log_pressure(log_mean_gap: UniformCubic, log_height: Tensor) -> Ten
     log_height : Tensor
         ln of the height [m], any shape.
     """
-    start, step = log_mean_gap.start, log_mean_gap.step
-    low = torch.full_like(log_height, start)
+    step = log_mean_gap.step
+    low = torch.zeros_like(log_height) + torch.as_tensor(log_mean_gap.start).detach()
     high = low + step * (log_mean_gap.values.shape[0] - 1)
     with torch.no_grad():
         for _ in range(_BISECTIONS):

@@ -1,6 +1,7 @@
 """Electrostatics of the contact: insulators in series, attraction against pressure."""
 
 from haptix.electro.attraction import (
+    AreaFraction,
     Attraction,
     AttractionTable,
     drive_strength,
@@ -15,6 +16,7 @@ from haptix.electro.waveform import Waveform
 
 __all__ = [
     "VACUUM_PERMITTIVITY",
+    "AreaFraction",
     "Attraction",
     "AttractionTable",
     "SkinDielectric",

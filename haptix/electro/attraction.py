@@ -14,14 +14,18 @@ from haptix.contact.gaps import GapHistogram
 from haptix.electro.dielectric import VACUUM_PERMITTIVITY
 from haptix.interpolation import UniformCubic
 
-# ln p steps of one lattice for all tables, so that a node's place, and with it every result, does
-# not depend on which pressures were asked for. 24 a decade: the cubic is within a few 1e-6.
+# ln p steps of one lattice for all tables of a contact, so that a node's place, and with it every
+# result, does not depend on which pressures were asked for. It is anchored to the contact's own
+# stress, so that it scales with the moduli. 24 a decade: the cubic is within a few 1e-6.
 _STEP = log(10) / 24
 _MARGIN = 3  # nodes beyond the ends, so that every slope in use has its full stencil
 _TINY = 1e-300
 # In complete contact no gap is left to pull; this share of what a gap of zero would pull keeps ln I
 # finite there.
 _FLOOR = 1e-15
+
+AreaFraction = Callable[[Tensor], Tensor]
+"""A/A0 at pressures [Pa]: elastic, or elastoplastic."""
 
 
 def drive_strength(voltage_v: Tensor) -> Tensor:
@@ -58,30 +62,31 @@ class AttractionTable:
     @classmethod
     def solve(cls, contact: MeanField, lowest_pa: float, highest_pa: float) -> AttractionTable:
         """Tabulate from `lowest_pa` to `highest_pa`."""
-        first = floor(log(lowest_pa) / _STEP) - _MARGIN
-        last = ceil(log(highest_pa) / _STEP) + _MARGIN
+        anchor = torch.log(contact.stress_rms_pa)
+        first = floor((log(lowest_pa) - float(anchor.detach())) / _STEP) - _MARGIN
+        last = ceil((log(highest_pa) - float(anchor.detach())) / _STEP) + _MARGIN
         nodes = torch.arange(first, last + 1, dtype=torch.float64, device=contact.device)
-        log_pressure = nodes * _STEP
+        log_pressure = anchor + nodes * _STEP
         pressure = torch.exp(log_pressure)
         mean_gap = torch.log(contact.mean_gap(pressure).clamp(min=_TINY))
         return cls(
             contact,
             log_pressure,
             contact.gap_histogram(pressure),
-            UniformCubic.through(float(log_pressure[0]), _STEP, mean_gap),
+            UniformCubic.through(log_pressure[0], _STEP, mean_gap),
         )
 
     def covers(self, lowest_pa: float, highest_pa: float) -> bool:
         """Whether every slope between these pressures has its full stencil."""
-        low = exp(float(self.log_pressure[_MARGIN]))
-        high = exp(float(self.log_pressure[-1 - _MARGIN]))
+        low = exp(float(self.log_pressure[_MARGIN].detach()))
+        high = exp(float(self.log_pressure[-1 - _MARGIN].detach()))
         return low <= lowest_pa and highest_pa <= high
 
     def log_pull(self, pull_of_bin: Tensor) -> UniformCubic:
         """Ln of the mean pull against ln p, for pulls of shape (columns, bins)."""
         pull = self.gaps.mass @ pull_of_bin.T
         log_table = torch.log(pull + _FLOOR * pull_of_bin.amax(-1))
-        return UniformCubic.through(float(self.log_pressure[0]), _STEP, log_table)
+        return UniformCubic.through(self.log_pressure[0], _STEP, log_table)
 
 
 @dataclass(frozen=True)
@@ -94,53 +99,19 @@ class Attraction:
         ln of the gaps' share against ln p, one column per thickness.
     column : Tensor of int, shape (states,)
         Which column each state has.
-    spot_weight : Tensor, shape (columns,), optional
-        Pull of the contact spots, such as ``1/|h0|^2``; None where they do not load the contact.
-    log_area : UniformCubic, optional
-        ln A/A0 against ln p, a single column; with `spot_weight`.
+    spot_pull : Tensor, shape (columns,), optional
+        Pull of a contact spot, such as ``1/|h0|^2``.
+    spots : callable, optional
+        A/A0 at pressures [Pa], where the pull inside the spots loads the contact.
     floor : Tensor, shape (states,), optional
         ln p below which the gaps stay as they are there (finite size).
     """
 
     log_gaps: UniformCubic
     column: Tensor
-    spot_weight: Tensor | None = None
-    log_area: UniformCubic | None = None
+    spot_pull: Tensor | None = None
+    spots: AreaFraction | None = None
     floor: Tensor | None = None
-
-    @classmethod
-    def of(
-        cls,
-        table: AttractionTable,
-        gap_pull: Tensor,
-        spot_pull: Tensor,
-        column: Tensor,
-        spots: Callable[[Tensor], Tensor] | None = None,
-        floor: Tensor | None = None,
-    ) -> Attraction:
-        """Prepare the states of a batch.
-
-        Parameters
-        ----------
-        table : AttractionTable
-            Covers the pressures that will be asked for.
-        gap_pull : Tensor, shape (columns, bins)
-            Pull per strength of a gap in each bin [1/m^2].
-        spot_pull : Tensor, shape (columns,)
-            The same of a contact spot.
-        column : Tensor of int, shape (states,)
-            Which column each state has.
-        spots : callable, optional
-            A/A0 at pressures [Pa], where the pull inside the spots counts.
-        floor : Tensor, shape (states,), optional
-            ln p below which the gaps stay as they are there.
-        """
-        log_gaps = table.log_pull(gap_pull)
-        if spots is None:
-            return cls(log_gaps, column, floor=floor)
-        area = torch.log(spots(torch.exp(table.log_pressure)).clamp(min=_TINY))
-        log_area = UniformCubic.through(log_gaps.start, log_gaps.step, area)
-        return cls(log_gaps, column, spot_pull, log_area, floor)
 
     def gaps(self, log_pressure: Tensor) -> Tensor:
         """I of the gaps alone at ln p, shape (states,)."""
@@ -151,10 +122,10 @@ class Attraction:
         log_gaps, slope = self._log_gaps(log_pressure)
         value = torch.exp(log_gaps)
         slope = value * slope
-        if self.spot_weight is not None and self.log_area is not None:
-            log_area, area_slope = self.log_area.with_slope(log_pressure)
-            spots = self.spot_weight[self.column] * torch.exp(log_area)
-            value, slope = value + spots, slope + spots * area_slope
+        if self.spot_pull is not None and self.spots is not None:
+            area, area_slope = _with_slope(self.spots, log_pressure)
+            weight = self.spot_pull[self.column]
+            value, slope = value + weight * area, slope + weight * area_slope
         return value, slope
 
     def _log_gaps(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
@@ -178,8 +149,17 @@ class Attraction:
         Below a floor the spots alone change, whose share of the slope is below 1: never a fold.
         """
         slope = self.log_gaps.slopes
-        if self.spot_weight is not None and self.log_area is not None:
+        if self.spot_pull is not None and self.spots is not None:
             gaps = torch.exp(self.log_gaps.values)
-            spots = self.spot_weight * torch.exp(self.log_area.values)[:, None]
-            slope = (gaps * slope + spots * self.log_area.slopes[:, None]) / (gaps + spots)
+            area, area_slope = _with_slope(self.spots, self.nodes)
+            area, area_slope = area[:, None] * self.spot_pull, area_slope[:, None] * self.spot_pull
+            slope = (gaps * slope + area_slope) / (gaps + area)
         return slope
+
+
+def _with_slope(area_fraction: AreaFraction, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+    """A/A0 and dA/dlnp; the slope is for steps only and carries no gradient of its own."""
+    with torch.enable_grad():
+        at = log_pressure.detach().requires_grad_()
+        (slope,) = torch.autograd.grad(area_fraction(torch.exp(at)).sum(), at)
+    return area_fraction(torch.exp(log_pressure)), slope

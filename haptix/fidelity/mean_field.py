@@ -10,11 +10,10 @@ from torch import Tensor
 
 from haptix.contact import ContactSpots, MeanField
 from haptix.contact.finite_size import touching_log_pressure
-from haptix.electro import Attraction, AttractionTable
+from haptix.electro import AreaFraction, Attraction, AttractionTable
 from haptix.equilibrium import LIGHT_CONTACT_LIMIT, lowest_branch
 from haptix.fidelity.balance import Balance, Load
 
-AreaFraction = Callable[[Tensor], Tensor]
 Height = Callable[[Tensor], Tensor]
 
 
@@ -60,7 +59,9 @@ class MeanFieldBalance:
         table = self.table(load.applied_pa, load.apparent_area_m2)
         floor, height = self._finite_size(table, load.apparent_area_m2)
         spots = self._area_fraction if self._contact_spots == "included" else None
-        attraction = Attraction.of(table, load.gap_pull, load.spot_pull, load.column, spots, floor)
+        attraction = Attraction(
+            table.log_pull(load.gap_pull), load.column, load.spot_pull, spots, floor
+        )
         found = lowest_branch(load.applied_pa, load.strength, attraction)
         pressure = found.pressure_pa
         area = self._area_fraction(pressure)

@@ -4,9 +4,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from haptix import ContactModel, Finger, Screen, Status
+from haptix import ContactModel, ContactState, Finger, Screen, Status
 from haptix.finger import Roughness
-from haptix.friction import ContactState
 
 AT = {
     "normal_force_n": 0.5,
@@ -101,6 +100,21 @@ def test_gradients_by_voltage(model: str) -> None:
     # As above; at V0 = 0 both are zero.
     torch.testing.assert_close(found * voltages, expected, rtol=1e-4, atol=1e-9)
     assert float(found[0]) == 0.0
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_gradients_of_the_end(model: str) -> None:
+    names = [name for name in AT if name != "frictional_shear_stress_pa"]  # it moves no end
+    leaves = {name: torch.tensor(AT[name], dtype=torch.float64).requires_grad_() for name in names}
+    end = solve({**AT, **leaves}, 0.0, model).pull_in_voltage_v
+    found = torch.autograd.grad(end, list(leaves.values()), materialize_grads=True)
+    for name, slope in zip(names, found, strict=True):
+        sides = [
+            float(solve({**AT, name: AT[name] * (1 + side * 2e-4)}, 0.0, model).pull_in_voltage_v)
+            for side in (-1, 1)
+        ]
+        expected = (sides[1] - sides[0]) / 4e-4
+        assert float(slope) * AT[name] == pytest.approx(expected, rel=1e-4), name
 
 
 def test_gradients_beside_and_past_the_end_are_finite() -> None:

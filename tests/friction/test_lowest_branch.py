@@ -130,3 +130,38 @@ def test_the_implicit_derivative() -> None:
     (slope,) = torch.autograd.grad(found.pressure_pa.sum(), strength)
     pressure = 2 / (1 + math.sqrt(0.3))
     assert float(slope) == pytest.approx(pressure**2 * SCALE / math.sqrt(0.3), rel=1e-9)
+
+
+def test_the_derivative_of_the_fold() -> None:
+    # p = n p0/(n - 1) and c = (p - p0)/(a p^n) there, by p0, n and ln a.
+    names = {"applied": 1.3, "n": 2.5, "scale": math.log(SCALE)}
+    inputs = {name: tensor(value).requires_grad_() for name, value in names.items()}
+    applied, n, scale = inputs.values()
+    cubic = table(lambda log_p: scale + n * log_p)
+    found = lowest_branch(applied, tensor(1e9), Attraction(cubic, torch.zeros(1, dtype=torch.long)))
+    assert not bool(found.is_stable)
+    fold = n * applied / (n - 1)
+    expected = {"pressure_pa": fold, "strength_at_end": (fold - applied) / (scale.exp() * fold**n)}
+    for name, value in expected.items():
+        ours = torch.autograd.grad(
+            getattr(found, name).sum(), list(inputs.values()), retain_graph=True
+        )
+        right = torch.autograd.grad(
+            value.sum(), list(inputs.values()), retain_graph=True, allow_unused=True
+        )
+        for one, other in zip(ours, right, strict=True):
+            # The fold's curvature is a difference over 1e-4 in ln p; c is flat at it.
+            wanted = 0.0 if other is None else float(other)
+            assert float(one) == pytest.approx(wanted, rel=1e-6, abs=1e-9), name
+
+
+def test_the_derivative_of_the_limit() -> None:
+    applied = tensor(1.3).requires_grad_()
+    found = lowest_branch(
+        applied, tensor(1e9), Attraction(power_law(0.5), torch.zeros(1, dtype=torch.long))
+    )
+    # c = 30 p0 / (a sqrt(31 p0)): rises as sqrt(p0).
+    (by_load,) = torch.autograd.grad(found.strength_at_end.sum(), applied)
+    assert float(by_load) == pytest.approx(
+        float(found.strength_at_end.detach()) / 2 / 1.3, rel=1e-10
+    )
