@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from firmware_io import open_device
     from haptix.errors import HaptixError, InputError, LimitError
     from haptix.finger import Finger
-    from haptix.friction import ContactModel, ContactState
+    from haptix.friction import ContactModel
     from haptix.render import Renderer, Trajectory
     from haptix.screen import Screen
+    from haptix.states import ContactState
     from haptix.status import Status
     from haptix.surface import FrictionSurface
     from haptix.texture import Texture
@@ -43,7 +44,7 @@ __all__ = [
 
 _HOME = {
     "ContactModel": "haptix.friction",
-    "ContactState": "haptix.friction",
+    "ContactState": "haptix.states",
     "Finger": "haptix.finger",
     "FrictionSurface": "haptix.surface",
     "HaptixError": "haptix.errors",

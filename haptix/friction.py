@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Any, Literal, get_args
 
 import torch
@@ -15,11 +15,19 @@ from haptix.contact.gaps import bin_inverse_square
 from haptix.contact.meanfield import check_contact_spots
 from haptix.contact.plasticity import elastoplastic_area
 from haptix.electro import Waveform, drive_strength, drive_voltage, effective_thickness
-from haptix.electro.breakdown import breaks_down, peak_field
+from haptix.electro.breakdown import (
+    PASCHEN_MINIMUM_GAP_M,
+    PASCHEN_MINIMUM_V,
+    bearable_field,
+    breakdown_voltage,
+    peak_field,
+)
 from haptix.errors import InputError, LimitError
 from haptix.fidelity import ClosedForm, Fidelity, Load, MeanFieldBalance
 from haptix.finger import Finger
+from haptix.inputs import broadcast_shape, checked
 from haptix.screen import Screen
+from haptix.states import ContactState, PeriodState
 from haptix.status import Status
 from haptix.terms import TERMS, chosen_terms
 from haptix.threads import one_thread
@@ -33,56 +41,6 @@ _SHORTED_M = 1e6  # thickness that leaves a gap no field: what leaks shorts a st
 
 _BLOCK = 4096  # states solved together: bounds the memory, and fits the cache
 _REFERENCE_FORCE_N = 0.5  # where the closed form is exact; the middle of the paper's range
-
-
-@dataclass(frozen=True)
-class ContactState:
-    """Solved states; every tensor has the broadcast shape of the inputs.
-
-    Where `status` is `Status.PULL_IN` there is no light contact: the values are those at its end.
-    """
-
-    mu: Tensor
-    """Friction coefficient, ``tau_f A / F_N``."""
-    area_fraction: Tensor
-    """Real over apparent contact area, A/A0."""
-    pressure_pa: Tensor
-    """Effective pressure p that the contact carries."""
-    gap_attraction_pa: Tensor
-    """Time-averaged pull of the open gaps."""
-    spot_attraction_pa: Tensor
-    """Time-averaged pull inside the contact spots."""
-    mean_gap_m: Tensor
-    """Mean separation of the surfaces."""
-    pull_in_voltage_v: Tensor
-    """Amplitude at which the light contact ends."""
-    peak_field_v_per_m: Tensor
-    """Field at the edge of a contact spot, the highest in any gap."""
-    status: Tensor
-    """Integers of `Status`."""
-
-    @property
-    def attraction_pa(self) -> Tensor:
-        """Total time-averaged pull, gaps and spots."""
-        return self.gap_attraction_pa + self.spot_attraction_pa
-
-
-@dataclass(frozen=True)
-class PeriodState:
-    """One period of the drive; every tensor has shape (samples,)."""
-
-    t_s: Tensor
-    """Time from the start of the period."""
-    drive_v: Tensor
-    """Voltage of the drive."""
-    attraction_pa: Tensor
-    """Pull of gaps and contact spots."""
-    pressure_pa: Tensor
-    """Effective pressure p that the contact carries."""
-    mu: Tensor
-    """Friction coefficient."""
-    status: Tensor
-    """Integers of `Status`."""
 
 
 class ContactModel:
@@ -266,13 +224,7 @@ class ContactModel:
             frequency_hz = self._checked("frequency_hz", frequency_hz, "above 0 Hz")
         self._check_limit(voltage)
         given = [force, voltage, h0] + ([] if frequency_hz is None else [frequency_hz])
-        try:
-            shape = torch.broadcast_shapes(*(tensor.shape for tensor in given))
-        except RuntimeError:
-            raise InputError(
-                "expected inputs that broadcast together, got shapes "
-                f"{', '.join(str(tuple(tensor.shape)) for tensor in given)}"
-            ) from None
+        shape = broadcast_shape(*given)
         thickness = self.effective_thickness(h0, frequency_hz)
         # Blocks come in the order of the forces: a table that grew with each would be solved often.
         area = self._apparent_area(force)
@@ -308,15 +260,7 @@ class ContactModel:
         found = self.solver.solve(load)
         friction = self.finger.frictional_shear_stress_pa * found.area_fraction * area
         own_thickness = thickness[column]
-        status = torch.where(found.is_stable, int(Status.OK), int(Status.PULL_IN))
-        if "breakdown" in self.terms:
-            broken = breaks_down(
-                voltage,
-                own_thickness,
-                self.screen.insulator_permittivity,
-                self.screen.insulator_strength_v_per_m,
-            )
-            status = torch.where(found.is_stable & broken, int(Status.BREAKDOWN), status)
+        breakdown = breakdown_voltage(own_thickness, *self._insulator)
         return ContactState(
             mu=(friction / force).to(self.dtype),
             area_fraction=found.area_fraction.to(self.dtype),
@@ -326,7 +270,8 @@ class ContactModel:
             mean_gap_m=found.mean_gap_m.to(self.dtype),
             pull_in_voltage_v=drive_voltage(found.strength_at_end).to(self.dtype),
             peak_field_v_per_m=peak_field(voltage, own_thickness).to(self.dtype),
-            status=status,
+            breakdown_voltage_v=breakdown.to(self.dtype),
+            status=self._status(found.is_stable, voltage > breakdown),
         )
 
     @one_thread()
@@ -367,12 +312,18 @@ class ContactModel:
         self._check_limit(voltage)
         column = torch.arange(samples, device=self.contact.device)
         phase = 2 * torch.pi * column.to(torch.float64) / samples
-        gap_pull, spot_pull = waveform.pulls(
-            self.contact.gap_edges_m,
+        drive = (
             float(voltage),
             float(frequency),
             lambda harmonic: self._harmonic_thickness(h0, harmonic),
             phase,
+        )
+        gap_pull, spot_pull = waveform.pulls(self.contact.gap_edges_m, *drive)
+        # At the edge of a spot, and in the gap where air gives way first.
+        weakest = self.contact.gap_edges_m.new_tensor([0.0, PASCHEN_MINIMUM_GAP_M])
+        at_spot, in_gap = waveform.fields(weakest, *drive).abs().unbind(-1)
+        broken = (at_spot > bearable_field(*self._insulator)) | (
+            in_gap * PASCHEN_MINIMUM_GAP_M > PASCHEN_MINIMUM_V
         )
         area = self._apparent_area(force)
         load = Load(force / area, area, torch.ones_like(phase), gap_pull, spot_pull, column)
@@ -384,8 +335,18 @@ class ContactModel:
             attraction_pa=(found.gap_attraction_pa + found.spot_attraction_pa).to(self.dtype),
             pressure_pa=found.pressure_pa.to(self.dtype),
             mu=friction.to(self.dtype),
-            status=torch.where(found.is_stable, int(Status.OK), int(Status.PULL_IN)),
+            status=self._status(found.is_stable, broken),
         )
+
+    @property
+    def _insulator(self) -> tuple[float, float]:
+        return self.screen.insulator_permittivity, self.screen.insulator_strength_v_per_m
+
+    def _status(self, is_stable: Tensor, breaks_down: Tensor) -> Tensor:
+        status = torch.where(is_stable, int(Status.OK), int(Status.PULL_IN))
+        if "breakdown" not in self.terms:
+            return status
+        return torch.where(is_stable & breaks_down, int(Status.BREAKDOWN), status)
 
     def _harmonic_thickness(self, h0: Tensor, frequency_hz: Tensor) -> Tensor:
         """h0 at harmonics of a drive; to a steady voltage skin and leaky gap are conductors."""
@@ -395,16 +356,7 @@ class ContactModel:
         return torch.where(steady, at_rest, thickness)
 
     def _checked(self, name: str, value: Any, expected: str, zero: bool = False) -> Tensor:
-        try:
-            tensor = torch.as_tensor(value, dtype=torch.float64, device=self.contact.device)
-        except (TypeError, ValueError, RuntimeError):
-            raise InputError(f"{name}: expected numbers {expected}, got {value!r}") from None
-        good = tensor.isfinite() & ((tensor >= 0) if zero else (tensor > 0))
-        if tensor.numel() == 0 or not bool(good.all()):
-            bad = tensor[~good].reshape(-1)
-            got = f"{float(bad[0]):g}" if len(bad) else "an empty tensor"
-            raise InputError(f"{name}: expected finite values {expected}, got {got}")
-        return tensor
+        return checked(name, value, expected, self.contact.device, zero)
 
     def _check_limit(self, voltage: Tensor) -> None:
         highest = float(voltage.detach().max())

@@ -1,11 +1,12 @@
-"""Electrical breakdown of the gap and of the insulator."""
+"""Electrical breakdown of the gap and of the insulator (physics page, section 3)."""
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 NARROW_GAP_FIELD_V_PER_M = 350e6
-"""What gaps under 1 um bear (physics page, section 3)."""
+"""What gaps under 1 um bear."""
 
 PASCHEN_MINIMUM_V = 327.0
 PASCHEN_MINIMUM_GAP_M = 7.5e-6
@@ -17,25 +18,24 @@ def peak_field(voltage_v: Tensor, thickness_m: Tensor) -> Tensor:
     return voltage_v / thickness_m.abs()
 
 
-def breaks_down(
-    voltage_v: Tensor,
-    thickness_m: Tensor,
-    insulator_permittivity: float,
-    insulator_strength_v_per_m: float,
+def breakdown_voltage(
+    thickness_m: Tensor, insulator_permittivity: float, insulator_strength_v_per_m: float
 ) -> Tensor:
-    """Whether a narrow gap, a gap at Paschen's minimum, or the insulator is beyond its limit.
+    """Amplitude [V] from which a narrow gap, one at Paschen's minimum, or the insulator gives way.
 
     Parameters
     ----------
-    voltage_v, thickness_m : Tensor
-        Amplitude [V] and effective thickness h0 [m], real or complex; they broadcast.
+    thickness_m : Tensor
+        Effective thickness h0 [m], real or complex, any shape.
     insulator_permittivity, insulator_strength_v_per_m : float
         eps1, and the field that the insulator bears [V/m].
     """
-    field = peak_field(voltage_v, thickness_m)
-    across = voltage_v * PASCHEN_MINIMUM_GAP_M / (PASCHEN_MINIMUM_GAP_M + thickness_m).abs()
-    return (
-        (field > NARROW_GAP_FIELD_V_PER_M)
-        | (across > PASCHEN_MINIMUM_V)
-        | (field / insulator_permittivity > insulator_strength_v_per_m)
-    )
+    narrow = bearable_field(insulator_permittivity, insulator_strength_v_per_m) * thickness_m.abs()
+    # The share of the voltage that falls over such a gap is u / |u + h0|.
+    wide = (PASCHEN_MINIMUM_GAP_M + thickness_m).abs() / PASCHEN_MINIMUM_GAP_M * PASCHEN_MINIMUM_V
+    return torch.minimum(narrow, wide)
+
+
+def bearable_field(insulator_permittivity: float, insulator_strength_v_per_m: float) -> float:
+    """Field [V/m] at a spot's edge up to which narrow gap and insulator both hold."""
+    return min(NARROW_GAP_FIELD_V_PER_M, insulator_strength_v_per_m * insulator_permittivity)

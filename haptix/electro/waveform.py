@@ -71,6 +71,34 @@ class Waveform:
         turn = torch.exp(-1j * n * phase[..., None])
         return (self.coefficient.to(phase.device) * turn).sum(-1).real
 
+    def fields(
+        self,
+        gap_m: Tensor,
+        voltage_v: float,
+        frequency_hz: float,
+        thickness_m: Callable[[Tensor], Tensor],
+        phase: Tensor,
+    ) -> Tensor:
+        """Field [V/m] in gaps at each phase, shape (phases, gaps).
+
+        Parameters
+        ----------
+        gap_m : Tensor, shape (gaps,)
+            Gaps [m]; 0 is the edge of a contact spot.
+        voltage_v, frequency_hz : float
+            Amplitude and fundamental frequency.
+        thickness_m : callable
+            Complex h0 [m] at frequencies [Hz], zero among them where the waveform has a mean.
+        phase : Tensor, shape (phases,)
+            Phases [rad].
+        """
+        used = self.coefficient.abs() > 0
+        n = torch.arange(len(used), dtype=torch.float64)[used].to(phase.device)
+        thickness = thickness_m(n * frequency_hz)[:, None]
+        turn = torch.exp(-1j * n * phase[:, None])
+        voltage = voltage_v * self.coefficient[used].to(phase.device) * turn
+        return (voltage @ (1 / (gap_m + thickness))).real
+
     def pulls(
         self,
         gap_edges_m: Tensor,
@@ -81,31 +109,22 @@ class Waveform:
     ) -> tuple[Tensor, Tensor]:
         """Stress [Pa] on a gap in each bin, and on a contact spot, at each phase: eps0 E^2 / 2.
 
-        Parameters
-        ----------
-        gap_edges_m : Tensor, shape (bins + 1,)
-            Edges of the bins [m].
-        voltage_v, frequency_hz : float
-            Amplitude and fundamental frequency.
-        thickness_m : callable
-            Complex h0 [m] at frequencies [Hz], zero among them where the waveform has a mean.
-        phase : Tensor, shape (phases,)
-            Phases [rad].
+        `gap_edges_m`, shape (bins + 1,), are the edges of the bins [m]; the rest is that of
+        `fields`.
 
         Returns
         -------
         (Tensor, Tensor), of shapes (phases, bins) and (phases,)
         """
-        used = self.coefficient.abs() > 0
-        n = torch.arange(len(used), dtype=torch.float64)[used].to(phase.device)
-        thickness = thickness_m(n * frequency_hz)[:, None]
-        turn = torch.exp(-1j * n * phase[:, None])
-        voltage = voltage_v * self.coefficient[used].to(phase.device) * turn
         # Where gaps are wide 1/u^2 averages to 1/(u_low u_high) over a bin; elsewhere h0 dominates.
         centre = (gap_edges_m[:-1] * gap_edges_m[1:]).sqrt()
-        gap_field = (voltage @ (1 / (centre + thickness))).real
-        spot_field = (voltage @ (1 / thickness)).real[:, 0]
-        return VACUUM_PERMITTIVITY / 2 * gap_field**2, VACUUM_PERMITTIVITY / 2 * spot_field**2
+        gap = torch.cat([centre, torch.zeros_like(centre[:1])])
+        stress = (
+            VACUUM_PERMITTIVITY
+            / 2
+            * self.fields(gap, voltage_v, frequency_hz, thickness_m, phase) ** 2
+        )
+        return stress[:, :-1], stress[:, -1]
 
     def stress_pa(
         self,

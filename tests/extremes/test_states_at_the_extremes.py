@@ -9,10 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from haptix import ContactModel, Finger, Screen, Status
+from haptix import ContactModel, ContactState, Finger, Screen, Status
 from haptix.contact import RoughnessSpectrum
 from haptix.finger import Roughness
-from haptix.friction import ContactState
 
 FLOATS = [f.name for f in fields(ContactState) if f.name != "status"]
 PULL_IN = int(Status.PULL_IN)

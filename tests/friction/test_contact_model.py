@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from haptix import ContactModel, Finger, Screen, Status
+from haptix import ContactModel, ContactState, Finger, Screen, Status
 from haptix.contact import MeanField
-from haptix.friction import ContactState
 
 EPS0 = 8.8541878128e-12
 FIELDS = (

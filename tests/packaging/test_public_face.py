@@ -129,7 +129,7 @@ def test_the_command_and_the_data_files_ship():
 ROOMS = [
     {"firmware_io"},
     {"haptix.version", "haptix.allocator", "haptix.threads", "haptix.status", "haptix.errors"},
-    {"haptix.interpolation", "haptix.profile"},
+    {"haptix.interpolation", "haptix.profile", "haptix.inputs", "haptix.states"},
     {"haptix.contact"},
     {"haptix.electro"},
     {"haptix.equilibrium", "haptix.finger", "haptix.screen"},

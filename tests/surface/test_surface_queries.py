@@ -8,9 +8,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptix import ContactModel, FrictionSurface, InputError, Status
+from haptix import ContactModel, ContactState, FrictionSurface, InputError, Status
 from haptix.errors import RangeError
-from haptix.friction import ContactState
 
 OK, PULL_IN, BELOW, ABOVE, OUT = (
     int(Status[name]) for name in ("OK", "PULL_IN", "BELOW", "ABOVE", "OUT_OF_RANGE")
