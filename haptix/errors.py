@@ -14,6 +14,7 @@ __all__ = [
     "InputError",
     "LimitError",
     "RangeError",
+    "ToleranceError",
     "check_positive",
 ]
 
@@ -24,6 +25,22 @@ class InputError(HaptixError, ValueError):
 
 class RangeError(InputError):
     """A query outside the range for which a surface was built, or past the contact's pull-in."""
+
+
+class ToleranceError(HaptixError):
+    """A surface could not be made as accurate as asked within its size; `best` is what it reached.
+
+    Parameters
+    ----------
+    message : str
+        What was asked for and what was reached.
+    best : FrictionSurface or None
+        The most accurate surface of that size.
+    """
+
+    def __init__(self, message: str, best: Any = None) -> None:
+        super().__init__(message)
+        self.best = best
 
 
 class FileFormatError(HaptixError):

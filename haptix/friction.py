@@ -212,17 +212,53 @@ class ContactModel:
         LimitError
             If a voltage is above the screen's limit.
         """
+        voltage = self._checked("voltage_v", voltage_v, "of 0 V or more", zero=True)
+        self._check_limit(voltage)
+        return self._solve(voltage, *self._places(normal_force_n, frequency_hz, h0_m))
+
+    @one_thread()
+    def at_drive(
+        self, normal_force_n: Any, drive: Any, frequency_hz: Any = None, h0_m: Any = None
+    ) -> ContactState:
+        """Solve at shares of each contact's own pull-in: ``drive = (V0 / V_pull-in)^2``.
+
+        What a surface tabulates: its nodes reach beyond the screen's limit where that lies between
+        them, so it is not applied here. The rest is that of `solve`.
+
+        Parameters
+        ----------
+        drive : float or Tensor
+            0 or more.
+        """
+        share = self._checked("drive", drive, "of 0 or more", zero=True)
+        places = self._places(normal_force_n, frequency_hz, h0_m)
+        pull_in = self._solve(share.new_zeros(()), *places).pull_in_voltage_v
+        return self._solve(pull_in.to(torch.float64) * share.sqrt(), *places)
+
+    def bends(self) -> dict[str, tuple[float, ...]]:
+        """Values of an input at which the model has a corner: where a surface needs a node."""
+        if "skin-dielectric" not in self.terms:
+            return {}
+        return {"frequency_hz": self.finger.dielectric.frequency_hz}
+
+    def _places(
+        self, normal_force_n: Any, frequency_hz: Any, h0_m: Any
+    ) -> tuple[Tensor, Tensor | None, Tensor]:
+        """Check all of a state but its voltage."""
         force = self._checked("normal_force_n", normal_force_n, "above 0 N")
         if not bool(((force >= LOWEST_FORCE_N) & (force <= HIGHEST_FORCE_N)).all()):
             raise InputError(
                 f"normal_force_n: expected {LOWEST_FORCE_N:g} to {HIGHEST_FORCE_N:g} N, got "
                 f"{float(force.detach().min()):g} to {float(force.detach().max()):g} N"
             )
-        voltage = self._checked("voltage_v", voltage_v, "of 0 V or more", zero=True)
         h0 = self._checked("h0_m", self.screen.h0_m if h0_m is None else h0_m, "above 0 m")
         if frequency_hz is not None:
             frequency_hz = self._checked("frequency_hz", frequency_hz, "above 0 Hz")
-        self._check_limit(voltage)
+        return force, frequency_hz, h0
+
+    def _solve(
+        self, voltage: Tensor, force: Tensor, frequency_hz: Tensor | None, h0: Tensor
+    ) -> ContactState:
         given = [force, voltage, h0] + ([] if frequency_hz is None else [frequency_hz])
         shape = broadcast_shape(*given)
         thickness = self.effective_thickness(h0, frequency_hz)

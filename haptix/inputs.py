@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -35,8 +36,9 @@ def checked(
 def broadcast_shape(*tensors: Tensor) -> torch.Size:
     """Return the shape to which the tensors broadcast, or raise `InputError`."""
     try:
-        return torch.Size(torch.broadcast_shapes(*(tensor.shape for tensor in tensors)))
-    except RuntimeError:
+        # numpy's, since torch's imports its compiler the first time, for half a second.
+        return torch.Size(np.broadcast_shapes(*(tensor.shape for tensor in tensors)))
+    except ValueError:
         raise InputError(
             "expected inputs that broadcast together, got shapes "
             f"{', '.join(str(tuple(tensor.shape)) for tensor in tensors)}"

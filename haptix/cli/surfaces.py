@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,10 +16,17 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from haptix.friction import ContactModel
+    from haptix.surface import FrictionSurface
 
-Finger = Annotated[str, typer.Option(help="Finger: a preset (dry, semi-wet, wet) or a TOML file.")]
-Screen = Annotated[str, typer.Option(help="Screen: a preset (3m-sct3250) or a TOML file.")]
-Fidelity = Annotated[str, typer.Option(help="mean-field, or closed-form: faster and coarser.")]
+    Update = Callable[[str, float], None]
+    Work = Callable[[Update, int], FrictionSurface]
+
+_FINGER_HELP = "Finger: a preset (dry, semi-wet, wet) or a TOML file."
+_SCREEN_HELP = "Screen: a preset (3m-sct3250) or a TOML file."
+_FIDELITY_HELP = "mean-field, or closed-form: faster and coarser."
+Finger = Annotated[str, typer.Option(help=_FINGER_HELP)]
+Screen = Annotated[str, typer.Option(help=_SCREEN_HELP)]
+Fidelity = Annotated[str, typer.Option(help=_FIDELITY_HELP)]
 With = Annotated[
     list[str] | None,
     typer.Option("--with", help="Switch a term on, such as finite-size; may be repeated."),
@@ -36,12 +46,24 @@ Thickness = Annotated[
 
 
 def build(
-    out: Annotated[Path, typer.Argument(help="File to write, such as my.surface.")],
-    finger: Finger = "semi-wet",
-    screen: Screen = "3m-sct3250",
+    what: Annotated[
+        Path,
+        typer.Argument(
+            metavar="OUT|SCENE.toml",
+            help="File to write, such as my.surface; or a scene, whose plan is built.",
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="File to write for a scene. [default: SCENE.surface]")
+    ] = None,
+    finger: Annotated[str | None, typer.Option(help=f"{_FINGER_HELP} [default: semi-wet]")] = None,
+    screen: Annotated[
+        str | None, typer.Option(help=f"{_SCREEN_HELP} [default: 3m-sct3250]")
+    ] = None,
     normal_force_n: Annotated[
-        str, typer.Option(help="Range of normal force [N]: LOW,HIGH or one value.")
-    ] = "0.1,1",
+        str | None,
+        typer.Option(help="Range of normal force [N]: LOW,HIGH or one value. [default: 0.1,1]"),
+    ] = None,
     voltage_v: Annotated[
         float | None, typer.Option(help="Highest amplitude [V]. [default: the screen's limit]")
     ] = None,
@@ -52,48 +74,76 @@ def build(
     h0_m: Annotated[
         str | None, typer.Option(help="Range of d1/eps1 [m]. [default: the screen's own]")
     ] = None,
-    tolerance: Annotated[float, typer.Option(help="Largest error in mu.")] = 2e-3,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            help='Largest error: in mu, "0.05 thresholds" or "0.2 %" of the range. '
+            "[default: 0.002, or the plan's]"
+        ),
+    ] = None,
+    largest_mb: Annotated[float, typer.Option(help="Size that the surface may have.")] = 64.0,
+    accept_best: Annotated[
+        bool, typer.Option(help="Write the best of that size, where the tolerance cannot be met.")
+    ] = False,
     overwrite: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
-    fidelity: Fidelity = "mean-field",
+    fidelity: Annotated[
+        str | None, typer.Option(help=f"{_FIDELITY_HELP} [default: mean-field]")
+    ] = None,
     with_terms: With = None,
     without_terms: Without = None,
     as_json: AsJson = False,
 ) -> None:
-    """Solve the contact model once and write its friction surface."""
-    from haptix.cli.numbers import read_pair
-    from haptix.errors import InputError
-    from haptix.surface import FrictionSurface
+    """Solve the contact model once and write its friction surface.
 
-    if out.exists() and not overwrite:
-        raise InputError(f"{out} exists: name another file, or pass --overwrite to replace it")
-    if out.is_dir() or not _makeable(out.absolute().parent):
-        raise InputError(f"{out}: expected a file in a folder that can be made")
-    model = _model(finger, screen, fidelity, with_terms, without_terms)
-    scene: dict[str, Any] = {"normal_force_n": read_pair("normal-force-n", normal_force_n)}
-    if voltage_v is not None:
-        scene["voltage_v"] = (0.0, voltage_v)
-    if frequency_hz is not None:
-        scene["frequency_hz"] = read_pair("frequency-hz", frequency_hz)
-    if h0_m is not None:
-        scene["h0_m"] = read_pair("h0-m", h0_m)
-    with progress_bar({"build": "build the surface"}) as update:
-        surface = FrictionSurface.build(
-            model, scene, tolerance, lambda share: update("build", share)
+    Exit code 3: the tolerance cannot be met within the size, and nothing is written unless
+    --accept-best.
+    """
+    from haptix.errors import InputError, ToleranceError
+
+    scene = what if what.suffix == ".toml" else None
+    if scene is None and out is not None:
+        raise InputError(f"--out goes with a scene; {what} is the file to write")
+    target = what if scene is None else out or what.with_suffix(".surface")
+    _check_writable(target, overwrite)
+    if largest_mb <= 0 or largest_mb != largest_mb:
+        raise InputError(f"--largest-mb: expected a size above 0, got {largest_mb:g}")
+    size = int(min(largest_mb, 1e6) * 1e6)
+    if scene is not None:
+        _refuse_beside_a_scene(
+            {
+                "finger": finger,
+                "screen": screen,
+                "normal-force-n": normal_force_n,
+                "voltage-v": voltage_v,
+                "frequency-hz": frequency_hz,
+                "h0-m": h0_m,
+                "fidelity": fidelity,
+                "with": with_terms,
+                "without": without_terms,
+            }
         )
-    surface.save(out)
-    rows = [
-        {
-            "file": str(out),
-            "values": surface.mu_table.numel(),
-            "bytes": out.stat().st_size,
-            "mu_low": float(surface.mu_table.min()),
-            "mu_high": float(surface.mu_table.max()),
-            "error_max": surface.info["error_max"],
-            "error_p99": surface.info["error_p99"],
-            "tolerance": tolerance,
-        }
-    ]
-    show("friction surface", rows, as_json)
+        work = _planned(scene, tolerance)
+    else:
+        model = _model(
+            finger or "semi-wet",
+            screen or "3m-sct3250",
+            fidelity or "mean-field",
+            with_terms,
+            without_terms,
+        )
+        ranges = _ranges(normal_force_n or "0.1,1", voltage_v, frequency_hz, h0_m)
+        work = partial(_unplanned, model, ranges, tolerance or "0.002")
+    stages = {"plan": "plan the scene", "build": "build the surface"}
+    try:
+        with progress_bar(stages) as update:
+            surface = work(update, size)
+    except ToleranceError as error:
+        if not accept_best or error.best is None:
+            sys.stderr.write(f"haptix: {error}; or pass --accept-best\n")
+            raise typer.Exit(3) from None
+        surface = error.best
+    surface.save(target)
+    show("friction surface", [_summary(target, surface)], as_json)
 
 
 def query(
@@ -169,6 +219,82 @@ def invert(
     found = FrictionSurface.load(surface).voltage(wanted, force, frequency, h0)
     inputs = {"mu": wanted, "normal_force_n": force, "frequency_hz": frequency, "h0_m": h0}
     show("voltage", _rows(inputs, {"voltage_v": found.voltage_v}, found.status), as_json)
+
+
+def _check_writable(path: Path, overwrite: bool) -> None:
+    from haptix.errors import InputError
+
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists: name another file, or pass --overwrite to replace it")
+    if path.is_dir() or not _makeable(path.absolute().parent):
+        raise InputError(f"{path}: expected a file in a folder that can be made")
+
+
+def _refuse_beside_a_scene(options: dict[str, Any]) -> None:
+    from haptix.errors import InputError
+
+    given = [f"--{name}" for name, value in options.items() if value is not None]
+    if given:
+        raise InputError(
+            f"{', '.join(given)}: a scene says this itself; change it there, or in its [override]"
+        )
+
+
+def _planned(scene: Path, tolerance: str | None) -> Work:
+    def work(update: Update, largest_bytes: int) -> FrictionSurface:
+        from haptix.planning import plan_scene
+        from haptix.scene import Scene
+
+        plan = plan_scene(Scene.load(scene), lambda share: update("plan", share))
+        asked = plan.tolerance if tolerance is None else tolerance
+        return plan.build(lambda share: update("build", share), asked, largest_bytes)
+
+    return work
+
+
+def _unplanned(
+    model: ContactModel,
+    ranges: dict[str, Any],
+    tolerance: str,
+    update: Update,
+    largest_bytes: int,
+) -> FrictionSurface:
+    from haptix.surface import FrictionSurface
+
+    return FrictionSurface.build(
+        model, ranges, tolerance, lambda share: update("build", share), largest_bytes
+    )
+
+
+def _ranges(
+    normal_force_n: str, voltage_v: float | None, frequency_hz: str | None, h0_m: str | None
+) -> dict[str, Any]:
+    from haptix.cli.numbers import read_pair
+
+    ranges: dict[str, Any] = {"normal_force_n": read_pair("normal-force-n", normal_force_n)}
+    if voltage_v is not None:
+        ranges["voltage_v"] = (0.0, voltage_v)
+    if frequency_hz is not None:
+        ranges["frequency_hz"] = read_pair("frequency-hz", frequency_hz)
+    if h0_m is not None:
+        ranges["h0_m"] = read_pair("h0-m", h0_m)
+    return ranges
+
+
+def _summary(path: Path, surface: FrictionSurface) -> dict[str, Any]:
+    info = surface.info
+    return {
+        "file": str(path),
+        "grid": " x ".join(str(size) for size in surface.mu_table.shape if size > 1),
+        "bytes": path.stat().st_size,
+        "mu_low": info["mu_low"],
+        "mu_high": info["mu_high"],
+        "error_max": info["error_max"],
+        "error_p99": info["error_p99"],
+        "tolerance": info["tolerance"]["value"],
+        "unit": info["tolerance"]["unit"],
+        "met": info["tolerance_met"],
+    }
 
 
 def _makeable(folder: Path) -> bool:

@@ -12,14 +12,12 @@ import torch
 
 from firmware_io.mock import MockDriver
 from haptix.friction import ContactModel
+from haptix.perception import WEBER_FRACTION
 from haptix.render import Renderer, Trajectory
 from haptix.status import Status
 from haptix.surface import FrictionSurface
 
 Array = npt.NDArray[np.float64]
-
-WEBER_FRACTION = 0.11
-"""Smallest relative change of friction that is felt (Gueorguiev et al. 2017)."""
 
 
 @dataclass(frozen=True)

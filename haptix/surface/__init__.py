@@ -1,14 +1,19 @@
 """The friction surface mu(F_N, V0, f, h0): build, evaluate, invert, save."""
 
-from haptix.surface.build import build_surface, surface_key
 from haptix.surface.cache import cached_surface
-from haptix.surface.surface import FrictionSurface, Inversion, SurfaceSample
+from haptix.surface.identity import surface_key
+from haptix.surface.interpolant import PULL_IN_DRIVE, Interpolant
+from haptix.surface.surface import LARGEST_BYTES, FrictionSurface, Inversion, SurfaceSample
+from haptix.surface.tolerance import Tolerance
 
 __all__ = [
+    "LARGEST_BYTES",
+    "PULL_IN_DRIVE",
     "FrictionSurface",
+    "Interpolant",
     "Inversion",
     "SurfaceSample",
-    "build_surface",
+    "Tolerance",
     "cached_surface",
     "surface_key",
 ]

@@ -1,236 +1,222 @@
-"""Build a friction surface: refine the axes until held-out solver points agree."""
+"""Build a friction surface: place the nodes, solve the columns, and check at points held out."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping
-from dataclasses import replace
-from functools import cache
-from math import isfinite
-from pathlib import Path
+from dataclasses import dataclass
+from itertools import pairwise
+from math import floor, log, log2
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from haptix.errors import InputError, LimitError
+from haptix.errors import InputError, ToleranceError
 from haptix.friction import ContactModel
-from haptix.status import Status
 from haptix.surface.grid import Axis
+from haptix.surface.identity import model_hash, surface_key
+from haptix.surface.interpolant import PULL_IN_DRIVE, Interpolant
+from haptix.surface.placement import fewest_nodes
+from haptix.surface.ranges import Ranges, read_ranges
+from haptix.surface.sampling import PLACES, AxisPilot, DrivePilot, HeldOut, Sampler, solve_columns
 from haptix.surface.surface import FrictionSurface
+from haptix.surface.tolerance import Tolerance
 from haptix.version import __version__
 
-PULL_IN_MARGIN = 0.9
-"""Columns end at this share of the pull-in voltage: by ``1/(1 - (V/Vc)^2)`` friction is five times
-that without voltage there, and doubles within the next 5 %."""
+_PILOT_POINTS = 97  # along an axis at first; doubled where cells come down to single steps
+_MOST_PILOT_POINTS = 3000
+_KEPT_BACK = 0.9  # share of the tolerance that the first held-out points may use: a sample
+_MOST_ROUNDS = 10
+_LN2 = log(2)
+# The axes' errors do not all peak at one place: together they may take more than the tolerance.
+_FIRST_SHARE = 1.8
 
-_AXES = ("normal_force_n", "frequency_hz", "h0_m", "voltage_v")
-_FIRST_INTERVALS = {"normal_force_n": 4, "frequency_hz": 4, "h0_m": 4, "drive": 8}
-_MOST_VALUES = 4_000_000  # 32 MB
-_HELD_OUT = 4096  # points of an error estimate: the 99th percentile rests on 40 of them
-_SEED = 20181127  # any; fixed, so that the same inputs give the same bytes
-
-
-def read_ranges(model: ContactModel, scene: Mapping[str, Any]) -> dict[str, Any]:
-    """Fill in what is missing and check the rest: ``(low, high)`` per axis, None where absent."""
-    unknown = set(scene) - set(_AXES)
-    if unknown:
-        raise InputError(
-            f"unknown range {', '.join(sorted(unknown))}: expected some of {', '.join(_AXES)}"
-        )
-    ranges = {
-        "normal_force_n": (0.1, 1.0),
-        "voltage_v": (0.0, model.screen.max_voltage_v),
-        "frequency_hz": None,
-        "h0_m": model.screen.h0_m,
-        **scene,
-    }
-    checked = {name: _read_range(name, value) for name, value in ranges.items()}
-    if checked["normal_force_n"] is None or checked["voltage_v"] is None:
-        raise InputError("normal_force_n and voltage_v: expected a range, got None")
-    if checked["h0_m"] is None:
-        checked["h0_m"] = (model.screen.h0_m, model.screen.h0_m)
-    if checked["voltage_v"][1] > model.screen.max_voltage_v:
-        raise LimitError(
-            f"voltage_v: {checked['voltage_v'][1]:g} V is above the limit of "
-            f"{model.screen.max_voltage_v:g} V of screen {model.screen.name!r}; lower the range"
-        )
-    if checked["voltage_v"][1] <= 0:
-        raise InputError("voltage_v: expected a range that reaches above 0 V")
-    checked["voltage_v"] = (0.0, checked["voltage_v"][1])  # a column always starts without voltage
-    return checked
-
-
-def _read_range(name: str, value: Any) -> tuple[float, float] | None:
-    if value is None:
-        return None
-    try:
-        low, high = (float(v) for v in (value if isinstance(value, tuple | list) else (value,) * 2))
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: expected (low, high) or one value, got {value!r}") from None
-    least = 0.0 if name == "voltage_v" else 1e-300
-    if not (isfinite(low) and isfinite(high) and least <= low <= high):
-        raise InputError(
-            f"{name}: expected finite low <= high, {'0 or more' if least == 0 else 'above 0'}, "
-            f"got ({low:g}, {high:g})"
-        )
-    return low, high
-
-
-def surface_key(model: ContactModel, scene: Mapping[str, Any], tolerance: float) -> str:
-    """Hash of everything that decides a surface's numbers; the name of its cache entry."""
-    identity = {
-        "haptix": __version__,
-        "code": _code_digest(),
-        "model": model.describe(),
-        "ranges": read_ranges(model, scene),
-        "tolerance": tolerance,
-    }
-    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-
-
-@cache
-def _code_digest() -> str:
-    """Hash of the sources that make a surface's numbers: a mended solver finds no stale surface."""
-    digest = hashlib.sha256()
-    package = Path(__file__).parent.parent
-    rooms = [package / room for room in ("contact", "electro", "fidelity", "surface")]
-    for file in sorted([*package.glob("*.py"), *(f for room in rooms for f in room.glob("*.py"))]):
-        digest.update(file.read_bytes())
-    return digest.hexdigest()
+Progress = Callable[[float], None]
 
 
 def build_surface(
     model: ContactModel,
-    scene: Mapping[str, Any],
-    tolerance: float,
-    on_progress: Callable[[float], None] | None,
+    scene: Any,
+    tolerance: Tolerance,
+    on_progress: Progress | None,
+    largest_bytes: int,
+    notes: Mapping[str, Any],
 ) -> FrictionSurface:
     """See `FrictionSurface.build`."""
-    if not (isfinite(tolerance) and tolerance > 0):
-        raise InputError(f"tolerance: expected an error in mu above 0, got {tolerance:g}")
-    if "breakdown" in model.terms:
-        raise InputError(
-            'terms: a surface cannot report "breakdown"; build it without that term, and ask '
-            "ContactModel.solve where the field matters"
-        )
     ranges = read_ranges(model, scene)
-    intervals = dict(_FIRST_INTERVALS)
-    while True:
-        surface = _tabulate(model, ranges, intervals)
-        errors = _midpoint_errors(model, surface)
-        total = sum(errors.values())
-        if on_progress is not None:
-            on_progress(0.9 * min(1.0, tolerance / max(total, 1e-300)))
-        if total <= tolerance:
-            largest, p99 = _held_out_error(model, surface)
-            if largest <= tolerance:
-                break
-        # Halving an interval quarters the error of linear interpolation: refine what is too coarse.
-        coarse = [name for name, error in errors.items() if error > tolerance / len(errors)]
-        coarse = coarse or [max(errors, key=lambda name: errors[name])]
-        if surface.mu_table.numel() * 2 ** len(coarse) > _MOST_VALUES:
-            raise InputError(
-                f"tolerance {tolerance:g} cannot be met with {_MOST_VALUES} grid values: reached "
-                f"{total:.2g}; ask for less, or for a narrower range of {', '.join(coarse)}"
-            )
-        for name in coarse:
-            intervals[name] *= 2
-    if on_progress is not None:
-        on_progress(1.0)
+    build = _Build(model, ranges, tolerance, largest_bytes)
+    found = build.run(on_progress or (lambda _: None))
     info = {
         "haptix": __version__,
-        "key": surface_key(model, scene, tolerance),
+        "key": surface_key(model, scene, tolerance, largest_bytes),
         "model": model.describe(),
+        "model_hash": model_hash(model.describe()),
         "ranges": ranges,
         "screen_h0_m": model.screen.h0_m,
-        "tolerance": tolerance,
-        "error_max": largest,
-        "error_p99": p99,
-        "held_out_points": _HELD_OUT,
+        "notes": dict(notes),
+        "tolerance": {"value": tolerance.value, "unit": tolerance.unit},
+        "tolerance_met": found.is_met,
+        "mu_low": build.low,
+        "mu_high": build.high,
+        "error_max": float(found.error.max()),
+        "error_p99": float(found.error.quantile(0.99)),
+        "error_max_in_units": found.worst,
+        "held_out_points": found.error.numel(),
+        "monotone_corrections": found.corrections,
     }
-    return replace(surface, info=info)
+    surface = FrictionSurface(found.table, info)
+    if not found.is_met:
+        raise ToleranceError(
+            f"tolerance {tolerance} cannot be met within {largest_bytes:,} bytes: reached "
+            f"{found.worst:.3g} {tolerance.unit} with {surface.nbytes:,} bytes; ask for less, for "
+            "a narrower range, or allow more bytes",
+            surface,
+        )
+    return surface
 
 
-def _tabulate(
-    model: ContactModel, ranges: Mapping[str, Any], intervals: Mapping[str, int]
-) -> FrictionSurface:
-    axes = (
-        _axis("normal_force_n", ranges, intervals),
-        _axis("frequency_hz", ranges, intervals),
-        _axis("h0_m", ranges, intervals),
-    )
-    drive = torch.linspace(0, 1, intervals["drive"] + 1, dtype=torch.float64)
-    force, frequency, h0 = torch.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
-    frequency_or_none = None if axes[1].is_absent else frequency
-    limit = ranges["voltage_v"][1]
-    pull_in = model.solve(force, 0.0, frequency_or_none, h0).pull_in_voltage_v
-    end = torch.clamp(PULL_IN_MARGIN * pull_in.to("cpu", torch.float64), max=limit)
-    voltage = end[..., None] * drive.sqrt()
-    state = model.solve(
-        force[..., None],
-        voltage,
-        None if frequency_or_none is None else frequency[..., None],
-        h0[..., None],
-    )
-    # The solver rises with voltage already; this makes it true of the last bit as well.
-    mu = state.mu.to("cpu", torch.float64).cummax(-1).values
-    return FrictionSurface(axes, drive, mu, end, limit)
+@dataclass(frozen=True)
+class _Attempt:
+    """A table and its errors at held-out points, in mu and at worst in units of the tolerance."""
+
+    table: Interpolant
+    corrections: int
+    error: Tensor
+    worst: float
+    is_met: bool = False
 
 
-def _axis(name: str, ranges: Mapping[str, Any], intervals: Mapping[str, int]) -> Axis:
-    if ranges[name] is None:
-        return Axis.absent(name)
-    low, high = ranges[name]
-    return Axis.spanning(name, low, high, intervals[name])
+class _Build:
+    """One run: shares the tolerance between the axes until the held-out points agree."""
 
+    def __init__(
+        self, model: ContactModel, ranges: Ranges, tolerance: Tolerance, largest_bytes: int
+    ) -> None:
+        self.sampler = Sampler(model, ranges)
+        self.tolerance = tolerance
+        self.largest_bytes = largest_bytes
+        self.axes = self.sampler.varying()
+        self.points = dict.fromkeys([*self.axes, "drive"], _PILOT_POINTS)
+        self.pilots: dict[str, AxisPilot | DrivePilot] = {}
 
-def _midpoint_errors(model: ContactModel, surface: FrictionSurface) -> dict[str, float]:
-    """Largest error half-way between nodes, one axis at a time.
+    def run(self, report: Progress) -> _Attempt:
+        held_out = self.sampler.held_out(seed=1)
+        self._check_reach(held_out)
+        self.low, self.high = float(held_out.mu.min()), float(held_out.mu.max())
+        # With some margin for what lies between the points.
+        self.last_drive = min(1.05 * float(held_out.end_drive.max()), PULL_IN_DRIVE)
+        report(0.3)
+        share, best, coarsening = _FIRST_SHARE, None, False
+        for round_ in range(_MOST_ROUNDS):
+            nodes = self._place(share)
+            if self._size(nodes) > self.largest_bytes:
+                if best is not None:
+                    break
+                share, coarsening = 2 * share, True
+                continue
+            report(0.3 + 0.6 * (1 - 0.5 ** (round_ + 1)))
+            table, corrections = self._tabulate(nodes)
+            error = held_out.error(table)
+            worst = self._worst(error, held_out)
+            if worst <= _KEPT_BACK * self.tolerance.value:
+                fresh = self.sampler.held_out(seed=2)
+                other = fresh.error(table)
+                worst = max(worst, self._worst(other, fresh))
+                error = torch.cat([error.reshape(-1), other.reshape(-1)])
+            attempt = _Attempt(table, corrections, error.reshape(-1), worst)
+            if len(attempt.error) > held_out.mu.numel() and worst <= self.tolerance.value:
+                report(1.0)
+                return _Attempt(table, corrections, attempt.error, worst, is_met=True)
+            if best is None or worst < best.worst:
+                best = attempt
+            if coarsening:
+                break
+            share *= min(0.8, max(0.2, 0.9 * _KEPT_BACK * self.tolerance.value / worst))
+        if best is None:
+            raise ToleranceError(
+                f"tolerance {self.tolerance}: not even a coarse surface fits into "
+                f"{self.largest_bytes:,} bytes; allow more, or narrow the ranges"
+            )
+        return best
 
-    Where linear interpolation errs by its curvature, the sum bounds the error of all together; the
-    held-out points then measure it.
-    """
-    errors = {}
-    for name in [*(axis.name for axis in surface.axes if axis.varies), "drive"]:
-        generator = torch.Generator().manual_seed(_SEED)
-        coordinates = {}
-        for axis in surface.axes:
-            nodes = torch.log(axis.nodes)
-            pick = torch.randint(len(nodes), (_HELD_OUT,), generator=generator)
-            if axis.name == name:
-                nodes = (nodes[1:] + nodes[:-1]) / 2
-                pick = pick.clamp(max=len(nodes) - 1)
-            coordinates[axis.name] = torch.exp(nodes[pick])
-        drive = surface.drive
-        pick = torch.randint(1, len(drive), (_HELD_OUT,), generator=generator)
-        at = (drive[pick] + drive[pick - 1]) / 2 if name == "drive" else drive[pick]
-        errors[name] = float(_error_at(model, surface, coordinates, at).max())
-    return errors
+    def _check_reach(self, held_out: HeldOut) -> None:
+        lowest = self.sampler.span("voltage_v")[0]
+        highest = float(held_out.end_v.max())
+        if lowest > highest:
+            raise InputError(
+                f"voltage_v: all of the range from {lowest:g} V lies past the end of the light "
+                f"contact, {highest:g} V at most in these ranges; lower it, or raise force or h0_m"
+            )
 
+    def _place(self, share: float) -> dict[str, Tensor]:
+        """Nodes of every axis, for a share of the tolerance that they divide among them."""
+        tolerance = share * self.tolerance.value / len(self.points)
+        nodes = {}
+        for name in self.points:
+            while True:
+                pilot = self._pilot(name)
+                chosen = fewest_nodes(len(pilot.at), pilot.error, tolerance)
+                # Where cells come down to the pilot's own steps their error is not seen.
+                shortest = min(b - a for a, b in pairwise(chosen))
+                if shortest > 1 or self.points[name] >= _MOST_PILOT_POINTS:
+                    break
+                self.points[name] = 2 * self.points[name] - 1
+                del self.pilots[name]
+            nodes[name] = pilot.at[chosen]
+        return nodes
 
-def _held_out_error(model: ContactModel, surface: FrictionSurface) -> tuple[float, float]:
-    """Largest and 99th-percentile error at points anywhere between the nodes."""
-    generator = torch.Generator().manual_seed(_SEED + 1)
-    coordinates = {}
-    for axis in surface.axes:
-        share = torch.rand(_HELD_OUT, generator=generator, dtype=torch.float64)
-        low, high = torch.log(axis.nodes[0]), torch.log(axis.nodes[-1])
-        coordinates[axis.name] = torch.exp(low + share * (high - low)).clamp(axis.low, axis.high)
-    drive = torch.rand(_HELD_OUT, generator=generator, dtype=torch.float64)
-    error = _error_at(model, surface, coordinates, drive)
-    return float(error.max()), float(error.quantile(0.99))
+    def _pilot(self, name: str) -> AxisPilot | DrivePilot:
+        if name not in self.pilots:
+            points = self.points[name]
+            self.pilots[name] = (
+                self.sampler.along_drive(points, self.last_drive, self._unit)
+                if name == "drive"
+                else self.sampler.along(name, points, self.last_drive, self._unit)
+            )
+        return self.pilots[name]
 
+    def _tabulate(self, nodes: Mapping[str, Tensor]) -> tuple[Interpolant, int]:
+        axes = tuple(self._axis(name, nodes) for name in PLACES)
+        grid = torch.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
+        places = {
+            axis.name: None if axis.is_absent else at for axis, at in zip(axes, grid, strict=True)
+        }
+        columns = solve_columns(self.sampler.model, places, nodes["drive"])
+        # The solver rises with voltage; this makes it true of the last bit as well.
+        falling = columns.falling.cummax(-1).values
+        corrections = int((falling != columns.falling).sum())
+        voltages = torch.stack([columns.log_pull_in, columns.log_breakdown], -1)
+        # A power of two well below all of them keeps the logarithms above 0.
+        unit_v = 2.0 ** (floor(float(voltages.min()) / _LN2) - 2)
+        table = Interpolant(
+            (axes[0], axes[1], axes[2]),
+            nodes["drive"],
+            torch.cat([falling, voltages - log2(unit_v) * _LN2], -1),
+            unit_v,
+            self.sampler.limit_v,
+            self.sampler.ends_at_breakdown,
+        )
+        return table, corrections
 
-def _error_at(
-    model: ContactModel, surface: FrictionSurface, at: Mapping[str, Tensor], drive: Tensor
-) -> Tensor:
-    force, h0 = at["normal_force_n"], at["h0_m"]
-    frequency = None if surface.frequency_hz.is_absent else at["frequency_hz"]
-    # The drive is a share of the interpolated end of the column, as it is in a query.
-    voltage = surface.highest_voltage(force, frequency, h0) * drive.sqrt()
-    state = model.solve(force, voltage, frequency, h0)
-    solved = state.mu.to("cpu", torch.float64)
-    error = (surface.evaluate(force, voltage, frequency, h0).mu - solved).abs()
-    return error[state.status.cpu() != int(Status.PULL_IN)]
+    def _axis(self, name: str, nodes: Mapping[str, Tensor]) -> Axis:
+        if self.sampler.ranges[name] is None:
+            return Axis.absent(name)
+        low, high = self.sampler.span(name)
+        if name not in nodes:
+            return Axis(name, torch.tensor([low], dtype=torch.float64))
+        values = torch.exp(nodes[name])
+        values[0], values[-1] = low, high
+        return Axis(name, values)
+
+    def _size(self, nodes: Mapping[str, Tensor]) -> int:
+        columns = 1
+        for name in self.axes:
+            columns *= len(nodes[name])
+        return 8 * columns * (len(nodes["drive"]) + 2)
+
+    def _unit(self, mu: Tensor) -> Tensor:
+        unit = self.tolerance.unit_in_mu(mu, self.low, self.high)
+        return torch.as_tensor(unit, dtype=mu.dtype).expand_as(mu)
+
+    def _worst(self, error: Tensor, held_out: HeldOut) -> float:
+        return float((error / self._unit(held_out.mu)).max())

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from haptix.errors import FileFormatError
 from haptix.friction import ContactModel
-from haptix.surface.build import build_surface, surface_key
+from haptix.surface.identity import surface_key
 from haptix.surface.surface import FrictionSurface
+from haptix.surface.tolerance import Tolerance
 
 
 def cache_folder() -> Path:
@@ -24,8 +25,8 @@ def cache_folder() -> Path:
 
 def cached_surface(
     model: ContactModel,
-    scene: Mapping[str, Any],
-    tolerance: float,
+    scene: Any,
+    tolerance: Tolerance | float | str,
     on_progress: Callable[[float], None] | None = None,
 ) -> tuple[FrictionSurface, bool]:
     """Load the surface of these inputs or build and keep it; say whether it was found.
@@ -39,7 +40,7 @@ def cached_surface(
         surface = FrictionSurface.load(path)
         if surface.info.get("key") == key:
             return surface, True
-    surface = build_surface(model, scene, tolerance, on_progress)
+    surface = FrictionSurface.build(model, scene, tolerance, on_progress)
     with suppress(FileFormatError, OSError):
         surface.save(path)
     return surface, False

@@ -6,6 +6,8 @@ import hashlib
 import json
 import os
 import tempfile
+import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,33 +17,54 @@ from safetensors.torch import save as to_bytes
 from torch import Tensor
 
 from haptix.errors import FileFormatError
+from haptix.friction import ContactModel
 from haptix.surface.grid import Axis
+from haptix.surface.identity import model_hash
+from haptix.surface.interpolant import Interpolant
 from haptix.surface.surface import FrictionSurface
 
 FORMAT = "haptix-friction-surface"
-VERSION = 1
-_TENSORS = ("normal_force_n", "frequency_hz", "h0_m", "drive", "mu", "voltage_end_v")
+VERSION = "2.0"
+"""Major and minor: readers refuse another major, and read any minor."""
+
+_AXES = ("normal_force_n", "frequency_hz", "h0_m")
+_TENSORS = (*_AXES, "drive", "columns")
+_SCHEMA = {
+    "format": FORMAT,
+    "version": VERSION,
+    "axes": [*_AXES, "drive"],
+    "units": {
+        "normal_force_n": "N",
+        "frequency_hz": "Hz",
+        "h0_m": "m",
+        "drive": "1",
+        "unit_v": "V",
+        "voltage_limit_v": "V",
+    },
+    "monotone_axis": "drive",
+    "columns": "-1/mu at each drive, not falling; ln(pull-in voltage / unit_v); "
+    "ln(breakdown voltage / unit_v)",
+    "drive": "(voltage_v / pull-in voltage)^2",
+    "interpolation": "linear in the logarithms of normal_force_n, frequency_hz and h0_m, for whole "
+    "columns; then linear in drive",
+}
 
 
 def save_surface(surface: FrictionSurface, path: Path) -> None:
     """Write to a temporary file beside `path`, then move it there."""
-    tensors = {axis.name: axis.nodes for axis in surface.axes}
-    tensors |= {
-        "drive": surface.drive,
-        "mu": surface.mu_table,
-        "voltage_end_v": surface.voltage_end_v,
-    }
+    table = surface.table
+    tensors = {axis.name: axis.nodes for axis in table.axes}
+    tensors |= {"drive": table.drive, "columns": table.columns}
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     header = {
-        "format": FORMAT,
-        "version": VERSION,
-        "axes": ["normal_force_n", "frequency_hz", "h0_m", "drive"],
-        "units": {"normal_force_n": "N", "frequency_hz": "Hz", "h0_m": "m", "voltage_end_v": "V"},
-        "drive": "(voltage_v / voltage_end_v)^2; mu does not fall along it",
-        "voltage_limit_v": surface.voltage_limit_v,
+        **_SCHEMA,
+        "unit_v": table.unit_v,
+        "voltage_limit_v": table.voltage_limit_v,
+        "ends_at_breakdown": table.ends_at_breakdown,
         "info": dict(surface.info),
+        "crc32": {name: _checksum(tensor) for name, tensor in tensors.items()},
     }
-    header["sha256"] = _digest(header, tensors)
+    header["sha256"] = _digest(header)
     data = to_bytes(tensors, metadata={"haptix": json.dumps(header, sort_keys=True)})
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -58,8 +81,11 @@ def save_surface(surface: FrictionSurface, path: Path) -> None:
         Path(temporary).unlink(missing_ok=True)
 
 
-def load_surface(path: Path) -> FrictionSurface:
-    """Read a file, or say what is wrong with it; never returns half a surface."""
+def load_surface(path: Path, model: ContactModel | None = None) -> FrictionSurface:
+    """Read a file, or say what is wrong with it; never returns half a surface.
+
+    The tensors stay in the file and are mapped into memory.
+    """
     if not path.is_file():
         raise FileFormatError(f"no surface file at {path}: build one with `haptix build`")
     try:
@@ -73,39 +99,54 @@ def load_surface(path: Path) -> FrictionSurface:
             f"{path} is a safetensors file, but not a friction surface; build one with "
             "`haptix build`"
         )
-    if header.get("version") != VERSION:
+    major = VERSION.split(".")[0]
+    if str(header.get("version")).split(".")[0] != major:
         raise FileFormatError(
-            f"{path}: expected surface version {VERSION}, got {header.get('version')!r}; "
+            f"{path}: expected surface version {major}, got {header.get('version')!r}; "
             "update haptix, or build the surface again"
         )
-    if set(tensors) != set(_TENSORS) or header.pop("sha256", "") != _digest(header, tensors):
+    told = header.pop("sha256", "")
+    if told != _digest(header):
+        raise FileFormatError(f"{path} is damaged: its description does not match its checksum")
+    if {name: _checksum(tensor) for name, tensor in tensors.items()} != header.get("crc32"):
         raise FileFormatError(f"{path} is damaged: its numbers do not match their checksum")
-    return _assemble(path, header, tensors)
+    surface = _assemble(path, header, tensors)
+    _check_model(path, surface, model)
+    return surface
 
 
-def _assemble(path: Path, header: dict[str, Any], tensors: dict[str, Tensor]) -> FrictionSurface:
-    axes = (
-        Axis("normal_force_n", tensors["normal_force_n"]),
-        Axis("frequency_hz", tensors["frequency_hz"]),
-        Axis("h0_m", tensors["h0_m"]),
-    )
+def _assemble(path: Path, header: Mapping[str, Any], tensors: dict[str, Tensor]) -> FrictionSurface:
     try:
-        return FrictionSurface(
-            axes,
+        force, frequency, h0 = (Axis(name, tensors[name]) for name in _AXES)
+        table = Interpolant(
+            (force, frequency, h0),
             tensors["drive"],
-            tensors["mu"],
-            tensors["voltage_end_v"],
+            tensors["columns"],
+            float(header["unit_v"]),
             float(header["voltage_limit_v"]),
-            dict(header["info"]),
+            bool(header["ends_at_breakdown"]),
         )
+        surface = FrictionSurface(table, dict(header["info"]))
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise FileFormatError(f"{path} is damaged: {error}") from None
+    return surface
 
 
-def _digest(header: dict[str, Any], tensors: dict[str, Tensor]) -> str:
-    digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
-    for name in sorted(tensors):
-        tensor = tensors[name].contiguous()
-        digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}".encode())
-        digest.update(tensor.view(torch.uint8).numpy().tobytes() if tensor.numel() else b"")
-    return digest.hexdigest()
+def _check_model(path: Path, surface: FrictionSurface, model: ContactModel | None) -> None:
+    stored = surface.info.get("model_hash")
+    if stored != model_hash(surface.info.get("model", {})):
+        raise FileFormatError(f"{path} is damaged: its model does not match its hash")
+    if model is not None and stored != model_hash(model.describe()):
+        raise FileFormatError(
+            f"{path} was built from another model than the one given; build it again, or load it "
+            "without naming a model"
+        )
+
+
+def _digest(header: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(header, sort_keys=True).encode()).hexdigest()
+
+
+def _checksum(tensor: Tensor) -> int:
+    """CRC-32 of the bytes: against damage, and fast enough to check each time a file is opened."""
+    return zlib.crc32(tensor.contiguous().view(torch.uint8).numpy().data)

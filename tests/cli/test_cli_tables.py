@@ -182,10 +182,10 @@ def test_build_writes_a_surface_that_keeps_its_promise(haptix_cli):
     path = Path("sub/my.surface")
     assert row["file"] == str(path)
     assert row["bytes"] == path.stat().st_size
-    assert row["tolerance"] == 0.01
+    assert (row["tolerance"], row["unit"], row["met"]) == (0.01, "mu", True)
     assert 0 < row["error_p99"] <= row["error_max"] <= 0.01
     surface = FrictionSurface.load(path)
-    assert row["values"] == surface.mu_table.numel()
+    assert row["grid"] == " x ".join(str(n) for n in surface.mu_table.shape if n > 1)
     assert surface.voltage_limit_v == 150.0
     assert (surface.normal_force_n.low, surface.normal_force_n.high) == (0.4, 0.6)
     solved = model()
@@ -194,6 +194,33 @@ def test_build_writes_a_surface_that_keeps_its_promise(haptix_cli):
         expected = float(solved.solve(force, voltage, 2000.0).mu)
         assert float(surface.mu(force, voltage, 2000.0)) == pytest.approx(expected, abs=0.01)
     assert list(path.parent.iterdir()) == [path]  # and no temporary file beside it
+
+
+def test_build_says_when_a_tolerance_cannot_be_met(haptix_cli):
+    asked = ("build", "my.surface", "--normal-force-n", "0.3,0.9", "--tolerance", "1e-6")
+    refused = haptix_cli(*asked, "--largest-mb", "0.001")
+    assert refused.code == 3
+    assert "tolerance 1e-06 mu cannot be met within 1,000 bytes: reached" in refused.err
+    assert "--accept-best" in refused.err
+    assert not Path("my.surface").exists()
+    accepted = haptix_cli(*asked, "--largest-mb", "0.001", "--accept-best", "--json")
+    assert accepted.code == 0
+    (row,) = json.loads(accepted.out)
+    assert row["met"] is False
+    assert row["error_max"] > 1e-6
+    surface = FrictionSurface.load("my.surface")
+    assert surface.nbytes <= 1000
+    error = abs(float(surface.mu(0.5, 150.0)) - float(model().solve(0.5, 150.0).mu))
+    assert error <= row["error_max"]
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "unit"), [("0.05 thresholds", "thresholds"), ("0.5 %", "percent of range")]
+)
+def test_tolerances_in_units_of_people(haptix_cli, tolerance, unit):
+    asked = ("build", "my.surface", "--tolerance", tolerance, "--overwrite", "--json")
+    (row,) = json.loads(haptix_cli(*asked).out)
+    assert (row["unit"], row["met"]) == (unit, True)
 
 
 def test_build_overwrites_only_if_told(haptix_cli):

@@ -1,14 +1,15 @@
 """What a surface is built for, and what is refused before the work begins."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 
-import haptix.surface.build
-from haptix import ContactModel, Finger, FrictionSurface, InputError, LimitError, Screen
-from haptix.surface import cached_surface, surface_key
+from haptix import ContactModel, Finger, FrictionSurface, InputError, LimitError, Screen, Status
+from haptix.errors import ToleranceError
+from haptix.surface import Tolerance, cached_surface, surface_key
 
 SMALL = {"normal_force_n": (0.4, 0.5), "voltage_v": (0.0, 100.0)}
 
@@ -46,17 +47,92 @@ def test_impossible_tolerances(model: ContactModel, bad: float) -> None:
         FrictionSurface.build(model, SMALL, tolerance=bad)
 
 
-def test_a_tolerance_that_cannot_be_met(
-    model: ContactModel, monkeypatch: pytest.MonkeyPatch
+def test_a_tolerance_that_cannot_be_met(model: ContactModel) -> None:
+    with pytest.raises(ToleranceError, match=r"tolerance 1e-07 mu.*600 bytes: reached") as caught:
+        FrictionSurface.build(model, SMALL, tolerance=1e-7, largest_bytes=600)
+    best = caught.value.best
+    assert best.nbytes <= 600
+    assert best.info["tolerance_met"] is False
+    # What it says of itself is so.
+    force, voltage = torch.rand(2, 500, dtype=torch.float64)
+    force, voltage = 0.4 + 0.1 * force, 100 * voltage
+    error = (best.mu(force, voltage) - model.solve(force, voltage).mu).abs()
+    assert 1e-7 < float(error.max()) <= 1.1 * best.info["error_max"]  # a sample of others
+
+
+def test_no_surface_fits_into_a_few_bytes(model: ContactModel) -> None:
+    with pytest.raises(ToleranceError, match="not even a coarse surface fits") as caught:
+        FrictionSurface.build(model, SMALL, tolerance=1e-3, largest_bytes=10)
+    assert caught.value.best is None
+
+
+@pytest.mark.parametrize("tolerance", ["1e-4", "0.01 thresholds", "0.5 %", Tolerance(2e-4)])
+def test_the_tolerance_is_kept_in_its_own_unit(model: ContactModel, tolerance: Any) -> None:
+    surface = FrictionSurface.build(model, SMALL, tolerance=tolerance)
+    generator = torch.Generator().manual_seed(7)
+    force, voltage = torch.rand(2, 4000, dtype=torch.float64, generator=generator)
+    force, voltage = 0.4 + 0.1 * force, 100 * voltage
+    mu = model.solve(force, voltage).mu
+    error = (surface.mu(force, voltage) - mu).abs()
+    asked = Tolerance.read(tolerance)
+    unit = {"mu": 1.0, "thresholds": 0.11 * mu, "percent of range": (mu.max() - mu.min()) / 100}
+    worst = float((error / unit[asked.unit]).max())
+    # The range is that of the points that were drawn, and theirs was another draw.
+    assert worst <= asked.value * 1.01
+    # As coarse as allowed: an order of magnitude finer would be a waste.
+    assert worst > asked.value / 10
+
+
+@pytest.mark.parametrize("bad", ["", "fine", "0.1 volts", "-1 %", "nan", "0 thresholds"])
+def test_tolerances_that_are_none(bad: str) -> None:
+    with pytest.raises(InputError, match="tolerance"):
+        Tolerance.read(bad)
+
+
+def test_a_voltage_range_past_pull_in_everywhere(hungry: ContactModel) -> None:
+    with pytest.raises(InputError, match=r"from 300 V lies past the end of the light contact"):
+        FrictionSurface.build(
+            hungry, {"normal_force_n": 0.2, "voltage_v": (300.0, 400.0), "h0_m": 5e-8}
+        )
+
+
+def test_breakdown_ends_a_surface() -> None:
+    finger, screen = Finger.preset("semi-wet"), Screen(max_voltage_v=150.0)
+    model = ContactModel(finger, screen, terms={"breakdown": True})
+    scene = {"normal_force_n": (0.4, 0.8), "h0_m": (1.5e-7, 6e-7)}
+    surface = FrictionSurface.build(model, scene, tolerance=1e-3)
+    h0 = torch.linspace(1.5e-7, 6e-7, 50, dtype=torch.float64)[:, None]
+    voltage = torch.linspace(0.0, 150.0, 151, dtype=torch.float64)
+    ours, truth = surface.evaluate(0.6, voltage, None, h0), model.solve(0.6, voltage, None, h0)
+    # 350 V/um times h0: 52 V at the thinnest, beyond the limit at the thickest.
+    assert set(truth.status.unique().tolist()) == {int(Status.OK), int(Status.BREAKDOWN)}
+    certain = (voltage / (350e6 * h0) - 1).abs() > 1e-3  # ln h0 between nodes is exact to rounding
+    assert torch.equal(ours.status[certain], truth.status[certain])
+    inside = truth.status == int(Status.OK)
+    assert float((ours.mu - truth.mu)[inside].abs().max()) <= 1e-3
+    _, high = surface.reachable(0.6, None, 2e-7)
+    found = surface.voltage(high * torch.tensor([1.0, 1.1]), 0.6, None, 2e-7)
+    assert found.status.tolist() == [int(Status.OK), int(Status.BREAKDOWN)]
+    assert found.voltage_v.tolist() == pytest.approx([70.0, 70.0], rel=1e-3)  # as above
+
+
+def test_a_build_that_is_stopped_leaves_nothing(
+    model: ContactModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(haptix.surface.build, "_MOST_VALUES", 100)
-    with pytest.raises(InputError, match=r"tolerance 1e-07 cannot be met with 100 grid values"):
-        FrictionSurface.build(model, SMALL, tolerance=1e-7)
+    monkeypatch.setenv("HAPTIX_CACHE", str(tmp_path))
+
+    def stop(share: float) -> None:
+        if share > 0.5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        cached_surface(model, SMALL, 1e-3, stop)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_progress_rises_to_the_end(model: ContactModel) -> None:
     seen: list[float] = []
-    FrictionSurface.build(model, SMALL, tolerance=5e-6, on_progress=seen.append)
+    FrictionSurface.build(model, SMALL, tolerance=1e-4, on_progress=seen.append)
     assert seen[-1] == 1.0
     assert len(seen) > 2  # it was refined
     assert seen == sorted(seen)
@@ -76,20 +152,24 @@ def test_defaults_of_a_scene(model: ContactModel) -> None:
 def test_single_values_are_axes_that_do_not_vary(model: ContactModel) -> None:
     scene = {"normal_force_n": 0.5, "voltage_v": (0.0, 100.0), "frequency_hz": 125.0}
     surface = FrictionSurface.build(model, scene, tolerance=1e-3)
-    assert not any(axis.varies for axis in surface.axes)
+    assert not any(axis.varies for axis in surface.table.axes)
     expected = model.solve(0.5, 60.0, 125.0).mu
     for mu in (surface.mu(0.5, 60.0, 125.0), surface.mu(None, 60.0)):
         assert float(mu) == pytest.approx(float(expected), abs=1e-3)  # the tolerance
 
 
-def test_the_same_inputs_give_the_same_surface(model: ContactModel) -> None:
+def test_the_same_inputs_give_the_same_surface(model: ContactModel, tmp_path: Path) -> None:
     first = FrictionSurface.build(model, SMALL, tolerance=1e-3)
     # Another model, which has been asked for other things before.
     again = ContactModel(Finger.preset("semi-wet"), Screen.preset("3m-sct3250"))
     second = FrictionSurface.build(again, SMALL, tolerance=1e-3)
     assert first.info["key"] == second.info["key"]
-    # 1e-12: the tables have their nodes on one lattice.
+    # The tables have their nodes on one lattice, whatever was asked before.
     torch.testing.assert_close(first.mu_table, second.mu_table, rtol=1e-12, atol=0)
+    fresh = [ContactModel(Finger.preset("semi-wet"), Screen.preset("3m-sct3250")) for _ in "ab"]
+    for number, one in enumerate(fresh):
+        FrictionSurface.build(one, SMALL, tolerance=1e-3).save(tmp_path / str(number))
+    assert (tmp_path / "0").read_bytes() == (tmp_path / "1").read_bytes()
 
 
 def test_the_key_tells_apart_all_that_decides_the_numbers(model: ContactModel) -> None:

@@ -1,9 +1,11 @@
 """The surface file: round trips, damage of every kind, and writing whole or not at all."""
 
+import hashlib
 import json
 import os
 import pickle
 import struct
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from haptix import FrictionSurface
+from haptix import ContactModel, Finger, FrictionSurface, Screen
 from haptix.errors import FileFormatError
 
 
@@ -57,9 +59,12 @@ def test_a_loaded_surface_is_the_saved_one(
     surface.save(path)
     loaded = FrictionSurface.load(path)
     assert torch.equal(loaded.mu_table, surface.mu_table)
-    assert torch.equal(loaded.voltage_end_v, surface.voltage_end_v)
-    assert torch.equal(loaded.drive, surface.drive)
-    for a, b in zip(loaded.axes, surface.axes, strict=True):
+    ours, theirs = loaded.table, surface.table
+    assert torch.equal(ours.pull_in_voltage_v, theirs.pull_in_voltage_v)
+    assert torch.equal(ours.breakdown_voltage_v, theirs.breakdown_voltage_v)
+    assert torch.equal(ours.drive, theirs.drive)
+    assert ours.ends_at_breakdown == theirs.ends_at_breakdown
+    for a, b in zip(ours.axes, theirs.axes, strict=True):
         assert a.name == b.name
         assert torch.equal(a.nodes.nan_to_num(-1.0), b.nodes.nan_to_num(-1.0))
         assert a.is_absent == b.is_absent
@@ -87,10 +92,13 @@ def test_single_precision_and_slices_are_saved_too(full: FrictionSurface, tmp_pa
 
 def test_the_header_says_what_the_file_holds(data: bytes) -> None:
     header = json.loads(split(data)[0]["__metadata__"]["haptix"])
-    assert header["units"] == {
-        "normal_force_n": "N", "frequency_hz": "Hz", "h0_m": "m", "voltage_end_v": "V"
-    }  # fmt: skip
-    assert header["info"]["error_max"] <= header["info"]["tolerance"]
+    units = {"normal_force_n": "N", "frequency_hz": "Hz", "h0_m": "m"}
+    assert units.items() <= header["units"].items()
+    assert header["axes"] == [*units, "drive"]
+    assert header["monotone_axis"] == "drive"
+    assert header["info"]["error_max"] <= header["info"]["tolerance"]["value"]
+    assert header["info"]["error_p99"] <= header["info"]["error_max"]
+    assert header["info"]["monotone_corrections"] == 0
     assert header["info"]["model"]["contact_spots"] == "excluded"
     assert header["info"]["model"]["finger"]["dielectric"]["is_placeholder"] is True
 
@@ -205,10 +213,58 @@ def test_metadata_that_is_not_json(tmp_path: Path) -> None:
         FrictionSurface.load(path)
 
 
-@pytest.mark.parametrize("version", [2, "1.0", None, 0])
+@pytest.mark.parametrize("version", [1, "3.0", "20.0", None, 0])
 def test_other_versions(data: bytes, version: Any, tmp_path: Path) -> None:
-    with pytest.raises(FileFormatError, match="expected surface version 1, got"):
+    with pytest.raises(FileFormatError, match="expected surface version 2, got"):
         load(tmp_path, with_metadata(data, version=version))
+
+
+def test_a_later_minor_version_is_read(data: bytes, tmp_path: Path) -> None:
+    header, _ = split(data)
+    own = json.loads(header["__metadata__"]["haptix"])
+    own.pop("sha256")
+    own |= {"version": "2.9", "something new": [1, 2]}
+    digest = hashlib.sha256(json.dumps(own, sort_keys=True).encode()).hexdigest()
+    loaded = load(tmp_path, with_metadata(data, **own, sha256=digest))
+    assert loaded.info["tolerance_met"] is True
+
+
+def test_the_model_that_is_named(full: FrictionSurface, data: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "some.surface"
+    path.write_bytes(data)
+    finger, screen = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
+    same = FrictionSurface.load(path, ContactModel(finger, screen))
+    assert torch.equal(same.mu_table, full.mu_table)
+    for other in (
+        ContactModel(finger.replace(youngs_modulus_pa=41e6), screen),
+        ContactModel(finger, screen, terms={"finite-size": True}),
+        ContactModel(finger, screen, contact_spots="included"),
+    ):
+        with pytest.raises(FileFormatError, match="built from another model"):
+            FrictionSurface.load(path, other)
+
+
+def test_two_processes_that_save_at_once(full: FrictionSurface, tmp_path: Path) -> None:
+    path = tmp_path / "shared.surface"
+    small = full.at(137.0, 1.7e-7)
+    halt = threading.Event()
+
+    def save_often(surface: FrictionSurface) -> None:
+        while not halt.is_set():
+            surface.save(path)
+
+    full.save(path)
+    threads = [threading.Thread(target=save_often, args=(s,)) for s in (full, small)]
+    for thread in threads:
+        thread.start()
+    try:
+        sizes = {FrictionSurface.load(path).mu_table.numel() for _ in range(60)}
+    finally:
+        halt.set()
+        for thread in threads:
+            thread.join()
+    assert sizes <= {full.mu_table.numel(), small.mu_table.numel()}
+    assert [p.name for p in tmp_path.iterdir()] == ["shared.surface"]
 
 
 @pytest.mark.parametrize(

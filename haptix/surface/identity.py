@@ -1,0 +1,55 @@
+"""What decides a surface's numbers, as hashes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from haptix.friction import ContactModel
+from haptix.surface.ranges import read_ranges
+from haptix.surface.surface import LARGEST_BYTES
+from haptix.surface.tolerance import Tolerance
+from haptix.version import __version__
+
+
+def model_hash(description: Mapping[str, Any]) -> str:
+    """Hash of what `ContactModel.describe` tells."""
+    return _hash(description)
+
+
+def surface_key(
+    model: ContactModel,
+    scene: Any,
+    tolerance: Tolerance | float | str,
+    largest_bytes: int = LARGEST_BYTES,
+) -> str:
+    """Hash of everything that decides a surface's numbers; the name of its cache entry."""
+    return _hash(
+        {
+            "haptix": __version__,
+            "code": _code_digest(),
+            "model": model.describe(),
+            "ranges": read_ranges(model, scene),
+            "tolerance": str(Tolerance.read(tolerance)),
+            "largest_bytes": largest_bytes,
+        }
+    )
+
+
+def _hash(plain: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+
+@cache
+def _code_digest() -> str:
+    """Hash of the sources that make a surface's numbers: a mended solver finds no stale surface."""
+    digest = hashlib.sha256()
+    package = Path(__file__).parent.parent
+    rooms = [package / room for room in ("contact", "electro", "fidelity", "surface")]
+    for file in sorted([*package.glob("*.py"), *(f for room in rooms for f in room.glob("*.py"))]):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()

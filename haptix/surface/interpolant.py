@@ -1,0 +1,233 @@
+"""The interpolant of a friction surface: columns of 1/mu, blended, evaluated and inverted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from haptix.errors import RangeError
+from haptix.inputs import broadcast_shape
+from haptix.status import Status
+from haptix.surface.blocks import in_blocks
+from haptix.surface.grid import Axis, Cells
+
+PULL_IN_DRIVE = 0.81
+"""``(V0 / V_pull-in)^2`` at which a surface ends: at 90 % of the pull-in voltage friction is some
+five times that without voltage, and doubles within the next 5 %."""
+
+_EXTRA = 2  # numbers of a column after those of mu: ln of the pull-in and breakdown voltage
+_OK, _ABOVE, _BELOW = int(Status.OK), int(Status.ABOVE), int(Status.BELOW)
+_PULL_IN, _BREAKDOWN = int(Status.PULL_IN), int(Status.BREAKDOWN)
+_OUT_OF_RANGE = int(Status.OUT_OF_RANGE)
+
+
+@dataclass(frozen=True)
+class Interpolant:
+    """mu(F_N, V0, f, h0) on a grid.
+
+    Each column, at one force, frequency and thickness, holds 1/mu at nodes of the drive
+    ``s = (V0 / V_pull-in)^2`` and its own pull-in voltage. The closed form ``mu = mu_0 / (1 - s)``
+    makes 1/mu nearly linear in s, whatever the column; columns are blended linearly in the
+    logarithms of their axes. 1/mu falls along every column and so along every blend of them, which
+    makes the inverse unique and exact on the interpolant.
+
+    Parameters
+    ----------
+    axes : (Axis, Axis, Axis)
+        Normal force, frequency and h0, in the order of the table; one that does not vary has a
+        single node.
+    drive : Tensor, shape (drives,)
+        Nodes of s, from 0 up to 0.81 or to the highest that occurs within the voltage limit.
+    columns : Tensor, shape (forces, frequencies, thicknesses, drives + 2)
+        ``-1/mu`` at each drive, not falling; then ln of the pull-in and of the breakdown voltage,
+        each in units of `unit_v` and above 0.
+    unit_v : float
+        Voltage below all of those [V].
+    voltage_limit_v : float
+        Highest amplitude asked for [V].
+    ends_at_breakdown : bool
+        Whether the surface ends where gap or insulator break down.
+    """
+
+    axes: tuple[Axis, Axis, Axis]
+    drive: Tensor
+    columns: Tensor
+    unit_v: float
+    voltage_limit_v: float
+    ends_at_breakdown: bool = False
+
+    @property
+    def mu(self) -> Tensor:
+        """Friction coefficient at the nodes, shape (forces, frequencies, thicknesses, drives)."""
+        return -1 / self.columns[..., :-_EXTRA]
+
+    @property
+    def pull_in_voltage_v(self) -> Tensor:
+        """Pull-in voltage of each column [V]."""
+        return self.unit_v * torch.exp(self.columns[..., -2])
+
+    @property
+    def breakdown_voltage_v(self) -> Tensor:
+        """Breakdown voltage of each column [V]."""
+        return self.unit_v * torch.exp(self.columns[..., -1])
+
+    def evaluate(self, voltage_v: Tensor, places: list[Any]) -> tuple[Tensor, Tensor]:
+        """Friction and status at amplitudes [V] and places on the axes, which broadcast."""
+        mu, status = self._ask(self._evaluate, voltage_v, places)
+        return mu, status
+
+    def invert(self, mu: Tensor, places: list[Any]) -> tuple[Tensor, Tensor]:
+        """Amplitude [V] and status for wanted frictions and places on the axes."""
+        voltage, status = self._ask(self._invert, mu, places)
+        return voltage, status
+
+    def end(self, places: list[Any]) -> Tensor:
+        """Amplitude [V] at which the columns end: by limit, pull-in or breakdown."""
+        (end,) = self._ask(self._end_of_block, torch.zeros_like(self.drive[0]), places)
+        return end
+
+    def at(self, frequency_hz: float | None, h0_m: float | None) -> Interpolant:
+        """Slice axes away; None leaves one as it is."""
+        columns, axes = self.columns, list(self.axes)
+        for dim, value in ((1, frequency_hz), (2, h0_m)):
+            if value is None:
+                continue
+            axis, value = axes[dim], float(value)
+            if axis.varies:
+                cell, part = axis.locate_one(value)
+                low, high = columns.narrow(dim, cell, 1), columns.narrow(dim, cell + 1, 1)
+                columns = torch.lerp(low, high, part)
+            elif axis.is_absent or not bool(axis.contains(axis.nodes.new_tensor(value))):
+                raise RangeError(f"{axis.name}: {value:g} is not the surface's {axis.low:g}")
+            axes[dim] = Axis(axis.name, axis.nodes.new_tensor([value]))
+        return replace(self, axes=(axes[0], axes[1], axes[2]), columns=columns)
+
+    def to(self, dtype: torch.dtype, device: torch.device | str) -> Interpolant:
+        """Return a copy in another precision or on another device."""
+        force, frequency, h0 = (Axis(a.name, a.nodes.to(device, dtype)) for a in self.axes)
+        return replace(
+            self,
+            axes=(force, frequency, h0),
+            drive=self.drive.to(device, dtype),
+            columns=self.columns.to(device, dtype),
+        )
+
+    def _ask(
+        self, answer: Callable[..., tuple[Tensor, ...]], first: Tensor, values: list[Any]
+    ) -> tuple[Tensor, ...]:
+        """Broadcast the query's first quantity with its places on the axes, and answer it."""
+        places = [axis.read(value) for axis, value in zip(self.axes, values, strict=True)]
+        shape = broadcast_shape(first, *(place for place in places if place is not None))
+        flat = [None if t is None else t.expand(shape).reshape(-1) for t in (first, *places)]
+        return tuple(result.reshape(shape) for result in in_blocks(answer, flat))
+
+    def _evaluate(self, voltage: Tensor, *places: Tensor | None) -> tuple[Tensor, Tensor]:
+        column, inside = self._blend(voltage, places)
+        pull_in, breakdown, top = self._ends(column)
+        drive = (voltage / pull_in).square()
+        cell, part = self._drive_cells.find(torch.minimum(drive, top))
+        low, high = self._pair(column, cell)
+        mu = torch.lerp(low, high, part).reciprocal().neg()
+        slack = 1 + max(1e-9, 8 * torch.finfo(drive.dtype).eps)
+        past = drive > PULL_IN_DRIVE * slack
+        status = past * _PULL_IN
+        if self.ends_at_breakdown:
+            status = status + (~past & (voltage > breakdown * slack)) * _BREAKDOWN
+        on_axes = inside & (voltage <= self.voltage_limit_v * slack)
+        return mu, status * on_axes + ~on_axes * _OUT_OF_RANGE
+
+    def _invert(self, wanted: Tensor, *places: Tensor | None) -> tuple[Tensor, Tensor]:
+        column, inside = self._blend(wanted, places)
+        pull_in, breakdown, top = self._ends(column)
+        tiny = torch.finfo(wanted.dtype).tiny
+        target = wanted.clamp(min=tiny**0.5).reciprocal().neg()
+        # -1/mu rises along a column, and the voltages after it are above 0: the search through the
+        # whole row finds the cell.
+        found = torch.searchsorted(column.detach(), target.detach()[:, None], right=True)[:, 0]
+        cell = found.sub_(1).clamp_(0, len(self.drive) - 2)
+        low, high = self._pair(column, cell)
+        # Per unit of drive; a column that does not rise is left at once.
+        slope = (high - low).clamp(min=tiny) * self._drive_cells.scale.index_select(0, cell)
+        at = self.drive.index_select(0, cell) + (target - low) / slope
+        # A target equal to an end's own value is not out of reach by rounding.
+        slack = max(1e-9, 8 * torch.finfo(wanted.dtype).eps) * target
+        above = (top - at) * slope < slack
+        below = target < column[:, 0] + slack
+        status = above * self._limited_by(pull_in, breakdown, top) + below * _BELOW
+        if not bool(inside.all()):
+            status = torch.where(inside, status, _OUT_OF_RANGE)
+        voltage = pull_in * torch.minimum(at, top).clamp(min=0.0).sqrt()
+        return voltage.clamp(max=self.voltage_limit_v), status  # never above it by rounding
+
+    def _limited_by(self, pull_in: Tensor, breakdown: Tensor, top: Tensor) -> Tensor:
+        """Status of a friction above what each column reaches."""
+        by_pull_in = top >= PULL_IN_DRIVE * (1 - 1e-6)
+        if not self.ends_at_breakdown:
+            return _ABOVE + by_pull_in * (_PULL_IN - _ABOVE)
+        by_breakdown = breakdown <= pull_in * top.sqrt() * (1 + 1e-6)
+        by_breakdown &= breakdown < self.voltage_limit_v
+        limited = torch.where(by_pull_in, _PULL_IN, _ABOVE)
+        return torch.where(by_breakdown, _BREAKDOWN, limited)
+
+    def _end_of_block(self, like: Tensor, *places: Tensor | None) -> tuple[Tensor]:
+        column, _ = self._blend(like, places)
+        pull_in, _, top = self._ends(column)
+        return ((pull_in * top.sqrt()).clamp(max=self.voltage_limit_v),)
+
+    def _blend(self, like: Tensor, places: tuple[Tensor | None, ...]) -> tuple[Tensor, Tensor]:
+        """Blend the columns around each point; also say which points are on the axes."""
+        inside = torch.ones(1, dtype=torch.bool, device=like.device).expand(len(like))
+        row: Tensor | None = None
+        weight: Tensor | None = None
+        for axis, place in zip(self.axes, places, strict=True):
+            if place is None:
+                continue
+            inside = inside & axis.contains(place)
+            if not axis.varies:
+                continue
+            cell, part = axis.locate(place)
+            if row is None or weight is None:
+                row, weight = torch.stack([cell, cell + 1], -1), torch.stack([1 - part, part], -1)
+                continue
+            first = row * len(axis.nodes) + cell[:, None]
+            high = weight * part[:, None]
+            row = torch.cat([first, first + 1], -1)
+            weight = torch.cat([weight - high, high], -1)
+        table = self.columns.reshape(-1, self.columns.shape[-1])
+        if row is None or weight is None:
+            return table.expand(len(like), -1).contiguous(), inside
+        each = row.shape[1]
+        offsets = torch.arange(0, row.numel(), each, device=row.device)
+        column: Tensor = torch.nn.functional.embedding_bag(
+            row.reshape(-1), table, offsets, per_sample_weights=weight.reshape(-1), mode="sum"
+        )
+        return column, inside
+
+    def _ends(self, column: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Pull-in and breakdown voltage, and the drive at which the surface ends."""
+        pull_in = self.unit_v * torch.exp(column[:, -2])
+        if not self.ends_at_breakdown:
+            end = (self.voltage_limit_v / pull_in).square()
+            return pull_in, pull_in, end.clamp(max=self._last_drive)
+        breakdown = self.unit_v * torch.exp(column[:, -1])
+        end = (breakdown.clamp(max=self.voltage_limit_v) / pull_in).square()
+        return pull_in, breakdown, end.clamp(max=self._last_drive)
+
+    def _pair(self, column: Tensor, cell: Tensor) -> tuple[Tensor, Tensor]:
+        """Two neighbouring numbers of each column."""
+        first = torch.arange(0, column.numel(), column.shape[1], device=cell.device) + cell
+        flat = column.reshape(-1)
+        return flat.index_select(0, first), flat.index_select(0, first + 1)
+
+    @cached_property
+    def _drive_cells(self) -> Cells:
+        return Cells.between(self.drive)
+
+    @cached_property
+    def _last_drive(self) -> float:
+        return float(self.drive[-1])

@@ -1,0 +1,71 @@
+"""Where the nodes of an axis must lie: as few as keep linear interpolation within a tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+CellError = Callable[[int, int], float]
+
+
+def fewest_nodes(points: int, error: CellError, tolerance: float) -> list[int]:
+    """Choose nodes among points so that the error of no cell exceeds the tolerance.
+
+    Cells are made as long as they may be, one after the other; then the last cell's slack is spread
+    by making all of them a little shorter, which costs no node.
+
+    Parameters
+    ----------
+    points : int
+        Points along the axis; the first and the last are always nodes.
+    error : callable
+        Largest error inside a cell between two points; grows with the cell.
+    tolerance : float
+        What it may be.
+
+    Returns
+    -------
+    list of int
+        Increasing. A cell between neighbouring points has no error that could be seen.
+    """
+    nodes = _longest_cells(points, error, tolerance)
+    for share in (0.5, 0.7, 0.85):
+        shorter = _longest_cells(points, error, share * tolerance)
+        if len(shorter) == len(nodes):
+            return shorter
+    return nodes
+
+
+def _longest_cells(points: int, error: CellError, tolerance: float) -> list[int]:
+    nodes = [0]
+    while nodes[-1] < points - 1:
+        start, good, bad = nodes[-1], nodes[-1] + 1, points
+        reach = 2
+        while good < bad - 1:  # doubling first: most cells are short
+            end = min(start + reach, (good + bad) // 2 if bad < points else points - 1)
+            end = max(end, good + 1)
+            if error(start, end) <= tolerance:
+                good, reach = end, 2 * reach
+            else:
+                bad = end
+        nodes.append(good)
+    return nodes
+
+
+def chord_error(values: Tensor, at: Tensor, start: int, end: int) -> Tensor:
+    """Chord minus curve inside a cell, shape (inner points, ...).
+
+    Parameters
+    ----------
+    values : Tensor, shape (points, ...)
+        The curves.
+    at : Tensor, shape (points,)
+        Where the points lie.
+    start, end : int
+        Points between which the chord runs.
+    """
+    share = (at[start + 1 : end] - at[start]) / (at[end] - at[start])
+    share = share.reshape(-1, *([1] * (values.ndim - 1)))
+    return torch.lerp(values[start], values[end], share) - values[start + 1 : end]

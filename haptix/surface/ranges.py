@@ -1,0 +1,69 @@
+"""The ranges that a surface is to span, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import isfinite
+from typing import Any
+
+from haptix.errors import InputError, LimitError
+from haptix.friction import ContactModel
+
+Ranges = Mapping[str, tuple[float, float] | None]
+
+_AXES = ("normal_force_n", "frequency_hz", "h0_m", "voltage_v")
+
+
+def read_ranges(model: ContactModel, scene: Any) -> dict[str, tuple[float, float] | None]:
+    """Fill in what is missing and check the rest: ``(low, high)`` per axis, None where absent.
+
+    Parameters
+    ----------
+    model : ContactModel
+        Gives what is missing.
+    scene : mapping, or what has ``ranges()``
+        ``(low, high)`` or one value by name.
+    """
+    given = scene if isinstance(scene, Mapping) else scene.ranges()
+    unknown = set(given) - set(_AXES)
+    if unknown:
+        raise InputError(
+            f"unknown range {', '.join(sorted(unknown))}: expected some of {', '.join(_AXES)}"
+        )
+    ranges = {
+        "normal_force_n": (0.1, 1.0),
+        "voltage_v": (0.0, model.screen.max_voltage_v),
+        "frequency_hz": None,
+        "h0_m": model.screen.h0_m,
+        **given,
+    }
+    checked = {name: _read_range(name, value) for name, value in ranges.items()}
+    force, voltage = checked["normal_force_n"], checked["voltage_v"]
+    if force is None or voltage is None:
+        raise InputError("normal_force_n and voltage_v: expected a range, got None")
+    if checked["h0_m"] is None:
+        checked["h0_m"] = (model.screen.h0_m, model.screen.h0_m)
+    if voltage[1] > model.screen.max_voltage_v:
+        raise LimitError(
+            f"voltage_v: {voltage[1]:g} V is above the limit of "
+            f"{model.screen.max_voltage_v:g} V of screen {model.screen.name!r}; lower the range"
+        )
+    if voltage[1] <= 0:
+        raise InputError("voltage_v: expected a range that reaches above 0 V")
+    return checked
+
+
+def _read_range(name: str, value: Any) -> tuple[float, float] | None:
+    if value is None:
+        return None
+    try:
+        low, high = (float(v) for v in (value if isinstance(value, tuple | list) else (value,) * 2))
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: expected (low, high) or one value, got {value!r}") from None
+    least = 0.0 if name == "voltage_v" else 1e-300
+    if not (isfinite(low) and isfinite(high) and least <= low <= high):
+        raise InputError(
+            f"{name}: expected finite low <= high, {'0 or more' if least == 0 else 'above 0'}, "
+            f"got ({low:g}, {high:g})"
+        )
+    return low, high

@@ -1,0 +1,272 @@
+"""What a build asks the solver: columns, lines along an axis, and points held out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import product
+from math import log
+
+import torch
+from torch import Tensor
+
+from haptix.friction import ContactModel
+from haptix.surface.interpolant import PULL_IN_DRIVE, Interpolant
+from haptix.surface.placement import chord_error
+from haptix.surface.ranges import Ranges
+
+PLACES = ("normal_force_n", "frequency_hz", "h0_m")
+
+_LINES = 6  # along an axis at random, besides those at all corners of the others
+_LEVELS = 5  # of drive on each line
+_INSULATORS = 512  # pairs of f and h0 held out; each has its own table of attraction
+_HELD_OUT = 8192  # points of an error estimate: the 99th percentile rests on 80 of them
+
+UnitInMu = Callable[[Tensor], Tensor]
+"""The tolerance's unit, in mu, at frictions of any shape."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Solved columns: shape (...,), and (..., drives) of `falling`."""
+
+    falling: Tensor
+    """-1/mu at each drive."""
+    log_pull_in: Tensor
+    """ln of the pull-in voltage [V]."""
+    log_breakdown: Tensor
+    """ln of the breakdown voltage [V]."""
+
+    def top(self, limit_v: float, ends_at_breakdown: bool) -> Tensor:
+        """Drive at which each column ends."""
+        end = torch.full_like(self.log_pull_in, log(limit_v))
+        if ends_at_breakdown:
+            end = torch.minimum(end, self.log_breakdown)
+        return torch.exp(2 * (end - self.log_pull_in)).clamp(max=PULL_IN_DRIVE)
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Solved points, all of one shape, that no node was placed by.
+
+    Parameters
+    ----------
+    places : dict of Tensor or None
+        Values of each axis.
+    voltage_v, mu : Tensor
+        Amplitude [V] and solved friction.
+    end_v, end_drive : Tensor
+        Amplitude [V] and drive at which the contact's column ends.
+    """
+
+    places: Mapping[str, Tensor | None]
+    voltage_v: Tensor
+    mu: Tensor
+    end_v: Tensor
+    end_drive: Tensor
+
+    def error(self, table: Interpolant) -> Tensor:
+        """Absolute error of mu at every point."""
+        # Within rounding of a column's end the value is that of the end: compared all the same.
+        mu, _ = table.evaluate(self.voltage_v, [self.places[name] for name in PLACES])
+        return (mu - self.mu).abs()
+
+
+def solve_columns(
+    model: ContactModel, places: Mapping[str, Tensor | None], drive: Tensor
+) -> Columns:
+    """Solve at places that broadcast, for every drive, shape (drives,)."""
+    force, frequency, h0 = (places[name] for name in PLACES)
+    assert force is not None and h0 is not None
+    state = model.at_drive(
+        force[..., None], drive, None if frequency is None else frequency[..., None], h0[..., None]
+    )
+    return Columns(
+        -1 / state.mu.to("cpu", torch.float64),
+        torch.log(state.pull_in_voltage_v[..., 0].to("cpu", torch.float64)),
+        torch.log(state.breakdown_voltage_v[..., 0].to("cpu", torch.float64)),
+    )
+
+
+@dataclass(frozen=True)
+class AxisPilot:
+    """Columns on a few lines along one axis.
+
+    Parameters
+    ----------
+    at : Tensor, shape (points,)
+        ln of the axis.
+    falling, fall : Tensor, shape (points, lines, levels)
+        -1/mu, and its derivative by the drive.
+    log_pull_in : Tensor, shape (points, lines)
+        ln of the pull-in voltage [V].
+    reach : Tensor, shape (points, lines, levels)
+        Drive of the level, or where the column ends if that is less.
+    unit : Tensor or float, broadcasting with `falling`
+        The tolerance's unit in mu.
+    """
+
+    at: Tensor
+    falling: Tensor
+    fall: Tensor
+    log_pull_in: Tensor
+    reach: Tensor
+    unit: Tensor
+
+    def error(self, start: int, end: int) -> float:
+        """Largest error of mu between two nodes, in units of the tolerance."""
+        if end - start < 2:
+            return 0.0
+        inner = slice(start + 1, end)
+        wrong = chord_error(self.falling, self.at, start, end)
+        # A pull-in voltage that is off by a factor takes the drive for another one.
+        shift = chord_error(self.log_pull_in, self.at, start, end)[..., None]
+        wrong = wrong - 2 * shift * self.reach[inner] * self.fall[inner]
+        return float((wrong.abs() / self.falling[inner] ** 2 / self.unit[inner]).max())
+
+
+@dataclass(frozen=True)
+class DrivePilot:
+    """A few columns along their own axis, the drive.
+
+    Parameters
+    ----------
+    at : Tensor, shape (points,)
+        Drive.
+    falling, unit : Tensor, shape (points, columns)
+        -1/mu, and the tolerance's unit in mu.
+    top : Tensor, shape (columns,)
+        Where each column ends; what lies beyond does not count.
+    """
+
+    at: Tensor
+    falling: Tensor
+    unit: Tensor
+    top: Tensor
+
+    def error(self, start: int, end: int) -> float:
+        """Largest error of mu between two nodes, in units of the tolerance."""
+        if end - start < 2:
+            return 0.0
+        inner = slice(start + 1, end)
+        wrong = chord_error(self.falling, self.at, start, end).abs()
+        wrong = wrong / self.falling[inner] ** 2 / self.unit[inner]
+        return float(torch.where(self.at[inner, None] <= self.top, wrong, 0.0).max())
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Asks a model within ranges.
+
+    Parameters
+    ----------
+    model : ContactModel
+        Who is asked.
+    ranges : mapping
+        See `haptix.surface.ranges`.
+    """
+
+    model: ContactModel
+    ranges: Ranges
+
+    @property
+    def limit_v(self) -> float:
+        """Highest amplitude asked for [V]."""
+        return self.span("voltage_v")[1]
+
+    @property
+    def ends_at_breakdown(self) -> bool:
+        """Whether breakdown ends a column."""
+        return "breakdown" in self.model.terms
+
+    def span(self, name: str) -> tuple[float, float]:
+        """``(low, high)`` of a range that is there."""
+        found = self.ranges[name]
+        assert found is not None
+        return found
+
+    def varying(self) -> list[str]:
+        """Names of the axes that have more than one value."""
+        return [
+            name
+            for name in PLACES
+            if self.ranges[name] is not None and self.span(name)[0] < self.span(name)[1]
+        ]
+
+    def positions(self, name: str, points: int) -> Tensor:
+        """Values along an axis: even in the logarithm, with those where the model bends."""
+        low, high = self.span(name)
+        even = torch.exp(torch.linspace(log(low), log(high), points, dtype=torch.float64))
+        even[0], even[-1] = low, high
+        bends = [bend for bend in self.model.bends().get(name, ()) if low < bend < high]
+        both: Tensor = torch.cat([even, even.new_tensor(bends)]).unique()
+        return both
+
+    def along(self, name: str, points: int, last_drive: float, unit: UnitInMu) -> AxisPilot:
+        """Solve lines along one axis."""
+        values = self.positions(name, points)
+        places = self._lines(without=name)
+        places[name] = values[:, None]
+        drive = torch.linspace(0, last_drive, _LEVELS, dtype=torch.float64)
+        columns = solve_columns(self.model, places, drive)
+        top = columns.top(self.limit_v, self.ends_at_breakdown)
+        return AxisPilot(
+            torch.log(values),
+            columns.falling,
+            torch.gradient(columns.falling, spacing=(drive,), dim=-1)[0],
+            columns.log_pull_in,
+            torch.minimum(drive, top[..., None]),
+            unit(-1 / columns.falling),
+        )
+
+    def along_drive(self, points: int, last_drive: float, unit: UnitInMu) -> DrivePilot:
+        """Solve columns finely along their own axis."""
+        drive = torch.linspace(0, last_drive, points, dtype=torch.float64)
+        columns = solve_columns(self.model, self._lines(), drive)
+        top = columns.top(self.limit_v, self.ends_at_breakdown)
+        falling = columns.falling.T
+        return DrivePilot(drive, falling, unit(-1 / falling), top)
+
+    def held_out(self, seed: int) -> HeldOut:
+        """Draw points anywhere within the ranges, some at their ends, and solve them."""
+        generator = torch.Generator().manual_seed(seed)
+
+        def draw(*shape: int) -> Tensor:
+            stretched = 1.16 * torch.rand(shape, generator=generator, dtype=torch.float64) - 0.08
+            return stretched.clamp(0.0, 1.0)
+
+        insulators = _INSULATORS if set(self.varying()) - {"normal_force_n"} else 1
+        shares = {
+            "normal_force_n": draw(insulators, _HELD_OUT // insulators),
+            "frequency_hz": draw(insulators, 1),
+            "h0_m": draw(insulators, 1),
+        }
+        places = {name: self._place(name, share) for name, share in shares.items()}
+        force, frequency, h0 = (places[name] for name in PLACES)
+        at_rest = solve_columns(self.model, places, torch.zeros(1, dtype=torch.float64))
+        top = at_rest.top(self.limit_v, self.ends_at_breakdown)
+        drive = top * draw(*shares["normal_force_n"].shape)
+        mu = self.model.at_drive(force, drive, frequency, h0).mu.to("cpu", torch.float64)
+        pull_in = torch.exp(at_rest.log_pull_in)
+        voltage = (pull_in * drive.sqrt()).clamp(max=self.limit_v)
+        return HeldOut(places, voltage, mu, pull_in * top.sqrt(), top)
+
+    def _lines(self, without: str = "") -> dict[str, Tensor | None]:
+        """Places at all corners of the axes that vary, and some at random: shape (lines,) each."""
+        others = [name for name in self.varying() if name != without]
+        corners = torch.tensor(list(product((0.0, 1.0), repeat=len(others))), dtype=torch.float64)
+        generator = torch.Generator().manual_seed(len(others))
+        random = torch.rand((_LINES if others else 0, len(others)), generator=generator)
+        shares = torch.cat([corners, random.to(torch.float64)])
+        places = {}
+        for name in PLACES:
+            share = shares[:, others.index(name)] if name in others else torch.zeros(len(shares))
+            places[name] = self._place(name, share)
+        return places
+
+    def _place(self, name: str, share: Tensor) -> Tensor | None:
+        if self.ranges[name] is None:
+            return None
+        low, high = self.span(name)
+        place = torch.exp(log(low) + share.to(torch.float64) * (log(high) - log(low)))
+        return place.clamp(low, high)

@@ -1,0 +1,83 @@
+"""How far a surface may be from the model: in mu, of its range, or in what a finger can tell."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from math import isfinite
+from typing import Literal, Self, get_args
+
+from torch import Tensor
+
+from haptix.errors import InputError
+from haptix.perception import WEBER_FRACTION
+
+Unit = Literal["mu", "thresholds", "percent of range"]
+
+_SPELLINGS: dict[str, Unit] = {
+    "": "mu",
+    "mu": "mu",
+    "threshold": "thresholds",
+    "thresholds": "thresholds",
+    "%": "percent of range",
+    "percent": "percent of range",
+    "percent of range": "percent of range",
+}
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Largest error of friction.
+
+    Parameters
+    ----------
+    value : float
+        Above 0.
+    unit : {"mu", "thresholds", "percent of range"}
+        Of friction coefficient; of the difference threshold, ``0.11 mu`` where the finger is; or
+        of the span between lowest and highest mu in the ranges asked for.
+
+    Raises
+    ------
+    InputError
+        If the value is not finite and above 0, or the unit is unknown.
+    """
+
+    value: float
+    unit: Unit = "mu"
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.value) and self.value > 0):
+            raise InputError(f"tolerance: expected an error in mu above 0, got {self.value:g}")
+        if self.unit not in get_args(Unit):
+            raise InputError(
+                f"tolerance: expected a unit of {', '.join(get_args(Unit))}, got {self.unit!r}"
+            )
+
+    @classmethod
+    def read(cls, value: Self | float | str) -> Self:
+        """Read ``0.002``, ``"0.002"``, ``"0.05 thresholds"`` or ``"0.2 %"``."""
+        if isinstance(value, cls):
+            return value
+        match = re.fullmatch(r"\s*([-+.\deE]+|nan|inf)\s*([a-z% ]*?)\s*", str(value))
+        try:
+            if match is None:
+                raise ValueError
+            return cls(float(match[1]), _SPELLINGS[match[2]])
+        except (KeyError, ValueError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(
+                f'tolerance: expected a number in mu, "0.05 thresholds" or "0.2 %", got {value!r}'
+            ) from None
+
+    def __str__(self) -> str:
+        return f"{self.value:g} {self.unit}"
+
+    def unit_in_mu(self, mu: Tensor, low: float, high: float) -> Tensor | float:
+        """Size of the unit at friction `mu`, where mu runs from `low` to `high`."""
+        if self.unit == "thresholds":
+            return WEBER_FRACTION * mu
+        if self.unit == "percent of range":
+            return max(high - low, 1e-12 * high) / 100
+        return 1.0
