@@ -1,10 +1,12 @@
 """A slow, independent solution of one state of the contact model, in numpy, scipy and mpmath.
 
-Straight from the equations of the mean field (plain gap distribution): ``tau^2`` by the trapezoidal
-rule on very many waves, J by quadrature, the separation by Simpson's rule in ln(q/q0 - 1), I as the
-integral of ``P(u)/|u + h0|^2`` over the gaps, a layer's response from its textbook form in 40
-digits, and the equilibrium by the secant method on I itself, with no table in between. It shares no
-code with the package.
+Straight from the equations of the mean field: ``tau^2`` by the trapezoidal rule on very many waves,
+J by quadrature, the separation by Simpson's rule in ln(q/q0 - 1), I as the integral of
+``P(u)/|u + h0|^2`` over the gaps, a layer's response from its textbook form in 40 digits, and the
+equilibrium by the secant method on I itself, with no table in between. The terms: both gap
+distributions, finite size by a root of the mean gap, plasticity by mirror images in 50 digits, the
+skin's and a leaking gap's impedance in complex numbers, and the critical-voltage formula. It shares
+no code with the package.
 """
 
 from dataclasses import dataclass
@@ -16,8 +18,11 @@ import numpy as np
 from scipy import special
 from scipy.integrate import quad, simpson
 from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
 
 EPS0 = 8.8541878128e-12
+LIGHT = 31.0  # a contact that carries more than this times its load counts as snapped in
+CLOSED = 5.6  # p/tau beyond which the combined distribution drops a strip, as the package does
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,77 @@ class SelfAffine:
         level = self.h_rms**2 / (2 * pi * whole)
         return level * np.maximum(q / qr, 1.0) ** (-2 - two_h)
 
+    def highest_asperity(self, apparent_area: float) -> float:
+        """Of N waves of the roll-off, ``h_rms sqrt(2 ln N)``; there are two of them at least."""
+        number = apparent_area * (self.rolloff / (2 * pi)) ** 2
+        return self.h_rms * sqrt(2 * np.log(max(number, 2.0)))
+
+
+@dataclass(frozen=True)
+class State:
+    """Pressure p0 [Pa], amplitude [V], complex h0 [m], and how gaps and spots pull.
+
+    `touching` [Pa] is the pressure below which the gaps stay as they are there (finite size).
+    """
+
+    applied: float
+    voltage: float
+    h0: complex
+    spots: bool = False
+    touching: float = 0.0
+
+    @property
+    def strength(self) -> float:
+        return EPS0 * self.voltage**2 / 4
+
+
+def thickness(
+    h0: float,
+    frequency: float,
+    skin: float,
+    table: tuple[tuple[float, ...], ...],
+    gap_resistivity: float | None = None,
+) -> complex:
+    """``eps_g (h0 + d2/eps2)`` [m] with `skin` d2; `table` has f, eps and rho of the skin."""
+    omega = 2 * pi * frequency
+    f, eps, rho = (np.log(column) for column in table)
+    eps2 = np.exp(np.interp(np.log(frequency), f, eps)) + 1j / (
+        omega * EPS0 * np.exp(np.interp(np.log(frequency), f, rho))
+    )
+    leak = 0.0 if gap_resistivity is None else 1 / (omega * EPS0 * gap_resistivity)
+    return complex((h0 + skin / eps2) * (1 + 1j * leak))
+
+
+def breaks_down(voltage: float, h0: complex, permittivity: float, strength: float) -> bool:
+    """A narrow gap at 350 V/um, a gap of 7.5 um at Paschen's 327 V, or the insulator."""
+    field = voltage / abs(h0)
+    paschen = voltage * 7.5e-6 / abs(7.5e-6 + h0)
+    return field > 350e6 or paschen > 327 or field / permittivity > strength
+
+
+def two_walls(mean: float, spread: float) -> tuple[float, float]:
+    """Elastic and plastic share of a stress that diffuses between absorbing walls at 0 and 1.
+
+    Mirror images of the Gaussian it would be without walls; what the area within does not bear of
+    the load has gone to the wall at 1.
+    """
+    if mean >= 1:
+        return 0.0, 1.0
+    if spread > 4:  # of the elastic share exp(-(4 pi)^2/2) = 1e-34 is left
+        return 0.0, mean
+    with mpmath.workdps(50):
+        m, s = mpmath.mpf(mean), mpmath.mpf(spread)
+        area = load = mpmath.mpf(0)
+        reach = 2 + int(8 * s)  # the images left out are 16 spreads away: exp(-16^2/2) = 1e-56
+        for k in range(-reach, reach + 1):
+            for sign, centre in ((1, 2 * k + m), (-1, 2 * k - m)):
+                low, high = -centre / (mpmath.sqrt(2) * s), (1 - centre) / (mpmath.sqrt(2) * s)
+                share = (mpmath.erf(high) - mpmath.erf(low)) / 2
+                peaks = mpmath.exp(-(high**2)) - mpmath.exp(-(low**2))
+                area += sign * share
+                load += sign * (centre * share - s / mpmath.sqrt(2 * mpmath.pi) * peaks)
+        return float(area), float(m - load)
+
 
 def separation_integral(gamma: float) -> tuple[np.ndarray, np.ndarray]:
     """Ln J at values of ln y."""
@@ -89,14 +165,24 @@ class Oracle:
     """Area, separation, pull and equilibrium of one contact.
 
     `fineness` multiplies the number of strips, depths and gaps; what a change of it moves is the
-    oracle's own error.
+    oracle's own error. `combined` gives every strip the width ``1/s^2 = 1/h_rms^2(q) + 1/u1^2``;
+    strips whose gap is zero to double precision have none and are dropped, as in the package
+    (`keep_closed` counts them as gaps of zero instead). With a `hardness` [Pa] the area yields.
     """
 
     WAVES = 100_001
 
     def __init__(
-        self, rough: SelfAffine, solid: Solid, gamma: float, fineness: float = 1.0
+        self,
+        rough: SelfAffine,
+        solid: Solid,
+        gamma: float,
+        fineness: float = 1.0,
+        combined: bool = False,
+        hardness: float | None = None,
+        keep_closed: bool = False,
     ) -> None:
+        self.combined, self.hardness, self.keep_closed = combined, hardness, keep_closed
         self.strips, self.depth, self.gaps = (
             int(n * fineness) // 2 * 2 + 1 for n in (500, 400, 500)
         )
@@ -125,7 +211,28 @@ class Oracle:
         self.log_y, self.log_j = separation_integral(gamma)
 
     def area_fraction(self, pressure: float) -> float:
-        return float(special.erf(pressure / self.tau))
+        if self.hardness is None:
+            return float(special.erf(pressure / self.tau))
+        # erf(p/tau) is what a wall at 0 leaves of a Gaussian of variance tau^2/2.
+        return sum(two_walls(pressure / self.hardness, self.tau / sqrt(2) / self.hardness))
+
+    def mean_gap(self, pressure: float) -> float:
+        at = np.array([pressure])
+        return float(self._separation(at, np.zeros(1), np.array([self.total]))[0])
+
+    def touching_pressure(self, height: float) -> float:
+        """Pressure at which the mean gap is a height."""
+        scale = np.log(self.tau)
+        return float(
+            np.exp(
+                brentq(
+                    lambda t: self.mean_gap(np.exp(t)) - height,
+                    scale - 60,
+                    scale + 1.7,
+                    xtol=1e-10,
+                )
+            )
+        )
 
     def _separation(self, pressure: np.ndarray, before: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Mean gap where waves of variance `before` are seen and those of `rest` are not yet."""
@@ -187,6 +294,15 @@ class Oracle:
         u1 = np.maximum(-np.diff(area * ubar), 0.0) / np.maximum(opened, 1e-300)
         middle = np.log(before[1:] / rest[1:] * before[:-1] / rest[:-1]) / 2
         s = np.sqrt(np.interp(middle, self.logit, self.short_waves[:-1]))
+        if self.combined:
+            is_open = (rest[:-1] > (pressure / area[:-1] / CLOSED) ** 2) & (u1 > 0)
+            if self.keep_closed:
+                u1 = np.maximum(u1, 1e-9 * abs(h0))
+            else:
+                opened, u1, s = opened[is_open], u1[is_open], s[is_open]
+            s = s * u1 / np.hypot(s, u1)
+        if len(s) == 0:  # complete contact
+            return 0.0
         u = np.geomspace(1e-6 * abs(h0), (u1 + 8 * s).max(), self.gaps)
         density = np.zeros_like(u)
         for some in np.array_split(np.arange(len(s)), parts):
@@ -201,35 +317,42 @@ class Oracle:
         closed = float((opened * below).sum()) / 2 * kernel[0]
         return closed + float(simpson(density * kernel * u, x=np.log(u)))
 
-    def pull(self, pressure: float, h0: complex, spots: bool) -> float:
-        gaps = self.gap_pull(pressure, h0)
-        return gaps + self.area_fraction(pressure) / abs(h0) ** 2 if spots else gaps
+    def pull(self, pressure: float, state: State) -> float:
+        """``<1/|u + h0|^2>`` that loads the contact."""
+        gaps = self.gap_pull(max(pressure, state.touching), state.h0)
+        return gaps + self.area_fraction(pressure) / abs(state.h0) ** 2 if state.spots else gaps
 
-    def equilibrium(
-        self, applied: float, voltage: float, h0: complex, near: float, spots: bool = False
-    ) -> float:
+    def equilibrium(self, state: State, near: float) -> float:
         """Root of ``p = p0 + eps0 V^2 I(p)/4`` by the secant method from a pressure near it."""
-        strength = EPS0 * voltage**2 / 4
-        if strength == 0:
-            return applied
+        if state.strength == 0:
+            return state.applied
 
         def excess(p: float) -> float:
-            return p - applied - strength * self.pull(p, h0, spots)
+            return p - state.applied - state.strength * self.pull(p, state)
 
         before, now = near, near * 1.003
         low, high = excess(before), excess(now)
         for _ in range(12):
             step = high * (now - before) / (high - low)
-            before, low, now = now, high, max(now - step, applied)
-            if abs(now - before) < 1e-8 * now:
+            before, low, now = now, high, max(now - step, state.applied)
+            if abs(now - before) < 1e-7 * now:
                 break
             high = excess(now)
         return now
 
-    def nothing_below(
-        self, applied: float, voltage: float, h0: complex, root: float, spots: bool = False
-    ) -> bool:
-        """Whether the pull exceeds what the contact bears at pressures between p0 and the root."""
-        strength = EPS0 * voltage**2 / 4
-        between = applied + (root - applied) * np.array([0.25, 0.5, 0.8])
-        return all(strength * self.pull(p, h0, spots) >= p - applied for p in between)
+    def nothing_below(self, state: State, root: float, shares: tuple[float, ...]) -> bool:
+        """Whether the pull exceeds what the contact bears at these shares of the way to a root."""
+        between = state.applied * (root / state.applied) ** np.array(shares)
+        return all(state.strength * self.pull(p, state) >= p - state.applied for p in between)
+
+    def critical_voltage(self, reference: float, h0: complex, spots: bool = False) -> float:
+        """``Vc = 2 / sqrt(eps0 Lambda)``, Lambda = I/p at a reference pressure."""
+        proportion = self.gap_pull(reference, h0) / reference
+        if spots:
+            proportion += 2 / sqrt(pi) / self.tau / abs(h0) ** 2
+        return 2 / sqrt(EPS0 * max(proportion, 1e-300))  # complete contact: nothing pulls
+
+    def closed_form_area(self, applied: float, voltage: float, critical: float) -> float:
+        """A/A0 of light contact: in proportion to ``p0 / (1 - (V/Vc)^2)``."""
+        pressure = applied / (1 - (voltage / critical) ** 2)
+        return min(1.0, 2 / sqrt(pi) * pressure / self.tau)
