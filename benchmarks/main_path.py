@@ -14,9 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import torch
-from scipy.interpolate import RegularGridInterpolator
 
-from haptix import ContactModel, Finger, FrictionSurface, Screen
+from haptix import ContactModel, Finger, Screen
 from haptix.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum
 
 REFERENCE = Path(__file__).parent.parent / "tests" / "data" / "meanfield.json"
@@ -89,31 +88,6 @@ def speeds() -> None:
         each = median_s(lambda count=count: model.solve(*states(count))) / count
         print(f"{count:>9,} states on ready tables: {each * 1e6:.2f} us a state")
     print(f"memory: {before:.0f} MB with torch loaded, {peak_memory_mb():.0f} MB at the peak")
-
-    ranges = {"normal_force_n": (0.1, 1.0), "frequency_hz": (1e3, 1e4), "h0_m": (1e-7, 1e-6)}
-    surface = FrictionSurface.build(model, ranges)
-    print(
-        f"4-D surface of {surface.mu_table.numel():,} values: largest error in mu "
-        f"{surface.info['error_max']:.1e}, 99 % below {surface.info['error_p99']:.1e}"
-    )
-    count = 1_000_000
-    generator = torch.Generator().manual_seed(1)
-    draw = torch.rand(4, count, generator=generator, dtype=torch.float64)
-    force, frequency, h0 = 0.1 * 10 ** draw[0], 1e3 * 10 ** draw[2], 1e-7 * 10 ** draw[3]
-    voltage = 200 * draw[1]
-    ours = median_s(lambda: surface.evaluate(force, voltage, frequency, h0))
-    axes = [axis.nodes.log().numpy() for axis in surface.axes]
-    theirs = RegularGridInterpolator((*axes, surface.drive.numpy()), surface.mu_table.numpy())
-    points = torch.stack([force.log(), frequency.log(), h0.log(), draw[1] ** 2], -1).numpy()
-    scipy_s = median_s(lambda: theirs(points.clip(*_bounds(theirs))))
-    mu = surface.evaluate(force, voltage, frequency, h0).mu
-    inverse = median_s(lambda: surface.voltage(mu, force, frequency, h0))
-    print(f"a million points in 4-D: evaluation {ours:.2f} s, {scipy_s / ours:.1f} times scipy's")
-    print(f"                         inversion  {inverse:.2f} s")
-
-
-def _bounds(interpolator: RegularGridInterpolator) -> tuple[list[float], list[float]]:
-    return [g[0] for g in interpolator.grid], [g[-1] for g in interpolator.grid]
 
 
 if __name__ == "__main__":

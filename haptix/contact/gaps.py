@@ -18,7 +18,8 @@ class GapHistogram:
         Bin edges [m], from 0 up; the last bin also holds everything above.
     mass : Tensor, shape (..., bins)
         Shares; they sum to ``1 - A/A0``. Under the "combined" distribution the strips that are
-        closed to double precision, 1.2 % of A, have no width and are left out.
+        closed to double precision have no width and are left out: 1.2 % of A in light contact,
+        but most of what is still open near complete contact, where "plain" is to be preferred.
     """
 
     edges_m: Tensor

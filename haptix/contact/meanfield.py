@@ -9,7 +9,7 @@ waves, where a light contact breaks up within 1e-4 of q0, and the last ones, whe
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import asinh, log, pi, sqrt
+from math import log, pi, sqrt
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -29,12 +29,14 @@ ContactSpots = Literal["excluded", "included"]
 
 _WAVE_NODES = 4096  # nodes of T(q); T is integrated to 1e-12, q(T) interpolated to 1e-6
 _WAVE_RANGE = log(1e16)  # they reach from q1 down to where q/q0 - 1 is this much smaller
-_STRIPS = 640  # strips in magnification: I within 2e-4 for a finger, 1e-3 at A/A0 of 1e-6
-_DENSE_AT, _DENSE_WIDTH, _DENSE_END = 1.5, 2.0, 4.0  # in ln(T / (T1 - T)); end in widths
-_SEPARATION_POINTS = 24  # Gauss points in each panel of one mean separation
+_STRIPS = 512  # strips in magnification
+_DENSE_AT, _DENSE_WIDTH = 1.5, 2.0  # in ln(T / (T1 - T))
+_LAST_LOGIT = 56.0  # there T1 - T is below rounding
+_PER_WAVE = 0.2  # strips in ln(q/q0 - 1) for one in asinh(ln(T / (T1 - T)))
+_SEPARATION_POINTS = 32  # Gauss points in each panel of one mean separation
 _MOST_BENDS = 20  # of a spectrum that is integrated from bend to bend
 _Y_FLAT = 5.9  # erfc(5.9) = 7e-17: contact at this y is complete to double precision
-_GAP_BINS = 400
+_GAP_BINS = 600  # with the strips: I within 3e-4 for any contact, 1e-4 usually
 _GAP_RANGE = (1e-9, 1e2)  # bins from and to, in units of h_rms
 
 
@@ -120,6 +122,11 @@ class MeanField:
         logit = torch.log(below[:-1]) - torch.log(above)
         self._log_excess = PiecewiseLinear.through(logit, excess[:-1])
         self._logit_range = float(logit[0].detach()), float(logit[-1].detach())
+        # Strips are densest where the gaps close (T near T1) and sparser towards both ends; where a
+        # layer makes T stand still while q runs over decades, they follow q.
+        place = torch.asinh((logit - _DENSE_AT) / _DENSE_WIDTH) + _PER_WAVE * excess[:-1]
+        self._strip_place = PiecewiseLinear.through(logit, place)
+        self._strip_logit = PiecewiseLinear.through(place, logit)
         q = q0 * (1 + torch.exp(excess))
         # dT/dw / (2 q E*) with w = ln(q/q0 - 1)
         opening = pi / 2 * q**2 * self.spectrum(q) * self.modulus.effective_modulus(q)
@@ -225,10 +232,10 @@ class MeanField:
         # From the magnification where contact is still complete to the last wave.
         start = ((pressure / _Y_FLAT) ** 2 / total).clamp(max=1 - 1e-6)
         low = torch.log(start) - torch.log1p(-start)
-        # Densest where the gaps close (T near T1), sparser towards both ends.
-        low, high = torch.asinh((low - _DENSE_AT) / _DENSE_WIDTH), asinh(_DENSE_END)
+        low = self._strip_place(low)
+        high = self._strip_place(low.new_tensor(self._logit_range[1]).clamp(max=_LAST_LOGIT))
         grid = torch.linspace(0, 1, _STRIPS, dtype=torch.float64, device=self.device)
-        logit = _DENSE_AT + _DENSE_WIDTH * torch.sinh(low + (high - low) * grid)
+        logit = self._strip_logit(low + (high - low) * grid)
         variance = torch.cat([total * torch.sigmoid(logit), total.expand_as(low)], -1)
         rest = torch.cat([total * torch.sigmoid(-logit), torch.zeros_like(low)], -1)
         y = pressure / variance.sqrt()
