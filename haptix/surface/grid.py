@@ -165,7 +165,8 @@ class Axis:
 
     def contains(self, x: Tensor) -> Tensor:
         """Whether values lie between the first and the last node."""
-        return (x >= self.low * (1 - _SLACK)) & (x <= self.high * (1 + _SLACK))
+        above = x >= self.low * (1 - _SLACK)
+        return above.logical_and_(x <= self.high * (1 + _SLACK))
 
     def locate(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Cell and position in the cell (0 to 1); values beyond the ends are held there."""

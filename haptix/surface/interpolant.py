@@ -159,8 +159,7 @@ class Interpolant:
         above = (top - at) * slope < slack
         below = target < column[:, 0] + slack
         status = above * self._limited_by(pull_in, breakdown, top) + below * _BELOW
-        if not bool(inside.all()):
-            status = torch.where(inside, status, _OUT_OF_RANGE)
+        status = status * inside + ~inside * _OUT_OF_RANGE
         voltage = pull_in * torch.minimum(at, top).clamp(min=0.0).sqrt()
         return voltage.clamp(max=self.voltage_limit_v), status  # never above it by rounding
 
@@ -181,13 +180,14 @@ class Interpolant:
 
     def _blend(self, like: Tensor, places: tuple[Tensor | None, ...]) -> tuple[Tensor, Tensor]:
         """Blend the columns around each point; also say which points are on the axes."""
-        inside = torch.ones(1, dtype=torch.bool, device=like.device).expand(len(like))
+        inside: Tensor | None = None
         row: Tensor | None = None
         weight: Tensor | None = None
         for axis, place in zip(self.axes, places, strict=True):
             if place is None:
                 continue
-            inside = inside & axis.contains(place)
+            on_axis = axis.contains(place)
+            inside = on_axis if inside is None else inside.logical_and_(on_axis)
             if not axis.varies:
                 continue
             cell, part = axis.locate(place)
@@ -198,6 +198,8 @@ class Interpolant:
             high = weight * part[:, None]
             row = torch.cat([first, first + 1], -1)
             weight = torch.cat([weight - high, high], -1)
+        if inside is None:
+            inside = torch.ones_like(like, dtype=torch.bool)
         table = self.columns.reshape(-1, self.columns.shape[-1])
         if row is None or weight is None:
             return table.expand(len(like), -1).contiguous(), inside
@@ -210,11 +212,12 @@ class Interpolant:
 
     def _ends(self, column: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Pull-in and breakdown voltage, and the drive at which the surface ends."""
-        pull_in = self.unit_v * torch.exp(column[:, -2])
+        # Contiguous first: exp is vectorised then.
+        pull_in = self.unit_v * torch.exp(column[:, -2].contiguous())
         if not self.ends_at_breakdown:
             end = (self.voltage_limit_v / pull_in).square()
             return pull_in, pull_in, end.clamp(max=self._last_drive)
-        breakdown = self.unit_v * torch.exp(column[:, -1])
+        breakdown = self.unit_v * torch.exp(column[:, -1].contiguous())
         end = (breakdown.clamp(max=self.voltage_limit_v) / pull_in).square()
         return pull_in, breakdown, end.clamp(max=self._last_drive)
 

@@ -107,6 +107,12 @@ class FrictionSurface:
 
         save_surface(self, Path(path))
 
+    def to_netcdf(self, path: str | Path) -> None:
+        """Write the surface as NetCDF, for other programs; see `haptix.surface.archive`."""
+        from haptix.surface.archive import export_netcdf
+
+        export_netcdf(self, Path(path))
+
     @classmethod
     def load(cls, path: str | Path, model: ContactModel | None = None) -> FrictionSurface:
         """Read a surface, memory-mapped; nothing in the file is ever executed.

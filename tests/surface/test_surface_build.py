@@ -111,7 +111,7 @@ def test_breakdown_ends_a_surface() -> None:
     inside = truth.status == int(Status.OK)
     assert float((ours.mu - truth.mu)[inside].abs().max()) <= 1e-3
     _, high = surface.reachable(0.6, None, 2e-7)
-    found = surface.voltage(high * torch.tensor([1.0, 1.1]), 0.6, None, 2e-7)
+    found = surface.voltage(torch.stack([high, 1.1 * high]), 0.6, None, 2e-7)
     assert found.status.tolist() == [int(Status.OK), int(Status.BREAKDOWN)]
     assert found.voltage_v.tolist() == pytest.approx([70.0, 70.0], rel=1e-3)  # as above
 

@@ -1,0 +1,134 @@
+"""The friction surface: time to build, evaluate, invert, slice and load.
+
+    python benchmarks/surface.py
+
+Ratios are of times measured in turn in one run; every time is the best of several, which is what a
+machine that has other work to do can still show.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import torch
+from scipy.interpolate import RegularGridInterpolator
+
+from haptix import ContactModel, Finger, FrictionSurface, Screen
+from haptix.surface import Interpolant
+
+RANGES = {
+    "normal_force_n": (0.1, 1.0),
+    "frequency_hz": (60.0, 1e4),
+    "h0_m": (5e-8, 5e-7),
+}
+POINTS = 1_000_000
+
+
+def best_s(work: Callable[[], object], repeats: int = 7) -> float:
+    """Shortest of some runs, after one that does not count."""
+    work()
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return min(times)
+
+
+def build() -> FrictionSurface:
+    """Build from nothing: the contact's tables included."""
+    model = ContactModel(Finger.preset("semi-wet"), Screen.preset("3m-sct3250"))
+    return FrictionSurface.build(model, RANGES, "0.2 %")
+
+
+def draw(low: float, high: float, generator: torch.Generator) -> torch.Tensor:
+    """Points even in the logarithm."""
+    share = torch.rand(POINTS, generator=generator, dtype=torch.float64)
+    return (low * (high / low) ** share).clamp(low, high)
+
+
+def queries(surface: FrictionSurface) -> None:
+    """Evaluation and inversion against scipy's interpolator on the same table."""
+    generator = torch.Generator().manual_seed(1)
+    force, frequency, h0 = (draw(*RANGES[name], generator) for name in RANGES)
+    voltage = 40 * torch.rand(POINTS, generator=generator, dtype=torch.float64)
+    table = surface.table
+    axes = [axis.nodes.log().numpy() for axis in table.axes]
+    theirs = RegularGridInterpolator((*axes, table.drive.numpy()), table.mu.numpy())
+    drive = torch.rand(POINTS, dtype=torch.float64) * table.drive[-1]
+    points = torch.stack([force.log(), frequency.log(), h0.log(), drive], -1).numpy()
+    ends = [axis[0] for axis in theirs.grid], [axis[-1] for axis in theirs.grid]
+    points = points.clip(*ends)
+
+    for dtype in (torch.float64, torch.float32):
+        for threads in (1, 2):
+            torch.set_num_threads(threads)
+            ours = surface.to(dtype)
+            at = (force.to(dtype), voltage.to(dtype), frequency.to(dtype), h0.to(dtype))
+            mu = ours.evaluate(*at).mu
+            scipy_s = best_s(partial(theirs, points), 3)
+            evaluate = best_s(partial(ours.evaluate, *at))
+            invert = best_s(partial(ours.voltage, mu, at[0], *at[2:]))
+            print(
+                f"4-D, {str(dtype).removeprefix('torch.')}, {threads} thread(s): evaluation "
+                f"{evaluate * 1e3:4.0f} ms a million, {scipy_s / evaluate:4.1f} times as fast as "
+                f"scipy's {scipy_s * 1e3:.0f} ms; inversion {invert * 1e3:4.0f} ms"
+            )
+    torch.set_num_threads(1)
+    flat = surface.at(1000.0, 2e-7).to(torch.float32)
+    force32, volts32 = force.float(), voltage.float()
+    mu32 = flat.evaluate(force32, volts32).mu
+    evaluate = best_s(lambda: flat.evaluate(force32, volts32))
+    invert = best_s(lambda: flat.voltage(mu32, force32))
+    print(
+        f"2-D slice, float32, 1 thread: evaluation {1 / evaluate:.1f} million a second, "
+        f"inversion {1 / invert:.1f} million a second"
+    )
+    frequencies = np.geomspace(61.0, 9.9e3, 1000).tolist()
+    each = best_s(lambda: [surface.at(f, 2e-7) for f in frequencies]) / len(frequencies)
+    print(f"slices at new frequencies: {each * 1e6:.0f} us each")
+
+
+def load(surface: FrictionSurface) -> None:
+    """Load a file of 20 MB: the surface's columns, many times over along the force."""
+    table = surface.table
+    many = int(20e6 / table.columns.nbytes * len(table.axes[0].nodes)) + 1
+    force = type(table.axes[0])("normal_force_n", torch.logspace(-1, 0, many, dtype=torch.float64))
+    copies = table.columns[torch.arange(many) % len(table.axes[0].nodes)]
+    large = FrictionSurface(
+        Interpolant(
+            (force, *table.axes[1:]), table.drive, copies, table.unit_v, table.voltage_limit_v
+        ),
+        surface.info,
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "large.surface"
+        large.save(path)
+        size = path.stat().st_size / 1e6
+        seconds = best_s(lambda: FrictionSurface.load(path))
+        print(f"load, checksums included: {seconds * 1e3:.1f} ms for {size:.0f} MB")
+
+
+def main() -> None:
+    """Print all."""
+    torch.set_num_threads(2)
+    seconds = best_s(build, 3)
+    surface = build()
+    size = " x ".join(str(n) for n in surface.mu_table.shape)
+    span = surface.info["mu_high"] - surface.info["mu_low"]
+    print(
+        f"4-D surface of {size}: built in {seconds:.2f} s with the contact's tables; largest error "
+        f"{100 * surface.info['error_max'] / span:.2f} % of the mu range, "
+        f"99 % below {100 * surface.info['error_p99'] / span:.2f} %"
+    )
+    queries(surface)
+    load(surface)
+
+
+if __name__ == "__main__":
+    main()
