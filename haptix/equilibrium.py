@@ -27,6 +27,7 @@ _BISECTIONS = 48
 _NEARBY = 1e-4  # in ln p: distance of the difference that gives the fold its curvature
 _LEAST_CURVATURE = 1e-6
 _NEWTON_STEPS = 80
+_SETTLED = 1e-13  # relative; the step that follows is below rounding
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,9 @@ def lowest_branch(applied_pa: Tensor, strength: Tensor, attraction: Attraction) 
     bearable = (end - applied_pa) / attraction(log_end)[0]
     stable = strength <= bearable
     with torch.no_grad():
-        pressure = torch.where(stable, _root(applied_pa, strength, attraction, end), end)
+        # A drive of zero in place of one that has no root: it is found at once.
+        bearing = torch.where(stable, strength, torch.zeros_like(strength))
+        pressure = torch.where(stable, _root(applied_pa, bearing, attraction, end), end)
     # One more Newton step, recorded for autograd, carries the implicit derivative dp = -dF/F'.
     value, slope = attraction(torch.log(pressure))
     mismatch = pressure - applied_pa - strength * value
@@ -114,18 +117,25 @@ def _rise(applied_pa: Tensor, attraction: Attraction, log_pressure: Tensor) -> T
 
 
 def _root(applied_pa: Tensor, strength: Tensor, attraction: Attraction, end: Tensor) -> Tensor:
-    """Newton from p0 upwards, with bisection whenever a step would leave the bracket."""
+    """Newton from p0 upwards, with bisection whenever a step would leave the bracket.
+
+    The unknown is ``w = p0/p``: where I is proportional to p the balance ``1 - w = c I/p`` is linear
+    in it, so that few steps do even close to the critical voltage.
+    """
     low, high, pressure = applied_pa, end, applied_pa
     for _ in range(_NEWTON_STEPS):
         value, slope = attraction(torch.log(pressure))
-        mismatch = pressure - applied_pa - strength * value
-        low = torch.where(mismatch < 0, pressure, low)
-        high = torch.where(mismatch < 0, high, pressure)
-        trial = pressure - mismatch / (1 - strength * slope / pressure)
+        share = applied_pa / pressure
+        lack = 1 - share - strength * value / pressure
+        low = torch.where(lack < 0, pressure, low)
+        high = torch.where(lack < 0, high, pressure)
+        steepness = 1 + (1 / share - 1) * (1 - slope / value)
+        trial = applied_pa / (share + lack / steepness)
+        # At the root rounding decides on which side of it the bracket closes: a step that small
+        # is taken wherever it leads.
+        settled = (trial - pressure).abs() <= _SETTLED * pressure
         inside = (trial > low) & (trial < high)
-        following = torch.where(inside, trial, (low + high) / 2)
-        settled = (following - pressure).abs() <= 1e-14 * pressure
-        pressure = following
+        pressure = torch.where(inside | settled, trial, (low + high) / 2)
         if bool(settled.all()):
             break
     return pressure

@@ -73,14 +73,14 @@ class UniformCubic:
         return cell, position - cell
 
     def _corners(self, cell: Tensor, column: Tensor | None) -> tuple[Tensor, ...]:
-        if column is None:
-            table, slopes = self.values, self.slopes
-            return table[cell], table[cell + 1], slopes[cell], slopes[cell + 1]
-        return (
-            self.values[cell, column],
-            self.values[cell + 1, column],
-            self.slopes[cell, column],
-            self.slopes[cell + 1, column],
+        columns = 1 if self.values.ndim == 1 else self.values.shape[1]
+        low = cell if column is None else cell * columns + column
+        shape, low = low.shape, low.reshape(-1)
+        table, slopes = self.values.reshape(-1), self.slopes.reshape(-1)
+        return tuple(
+            numbers.index_select(0, at).reshape(shape)
+            for numbers in (table, slopes)
+            for at in (low, low + columns)
         )
 
     def __call__(self, x: Tensor, column: Tensor | None = None) -> Tensor:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tempfile
+import secrets
 import zlib
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -66,19 +67,18 @@ def save_surface(surface: FrictionSurface, path: Path) -> None:
     }
     header["sha256"] = _digest(header)
     data = to_bytes(tensors, metadata={"haptix": json.dumps(header, sort_keys=True)})
+    # Not tempfile's, which nobody but its owner may read; two processes have two names.
+    part = path.with_name(f"{path.name}.{os.getpid()}.{secrets.token_hex(4)}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-    except OSError as error:
-        raise FileFormatError(f"cannot write {path}: {error.strerror}") from None
-    try:
-        with os.fdopen(handle, "wb") as file:
+        with part.open("xb") as file:
             file.write(data)
-        Path(temporary).replace(path)
+        part.replace(path)
     except OSError as error:
         raise FileFormatError(f"cannot write {path}: {error.strerror}") from None
     finally:
-        Path(temporary).unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
 
 
 def load_surface(path: Path, model: ContactModel | None = None) -> FrictionSurface:
@@ -86,14 +86,7 @@ def load_surface(path: Path, model: ContactModel | None = None) -> FrictionSurfa
 
     The tensors stay in the file and are mapped into memory.
     """
-    if not path.is_file():
-        raise FileFormatError(f"no surface file at {path}: build one with `haptix build`")
-    try:
-        with safe_open(path, framework="pt") as file:
-            header = json.loads((file.metadata() or {}).get("haptix", "null"))
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError, ValueError) as error:
-        raise FileFormatError(f"{path} is not a friction surface, or is damaged: {error}") from None
+    header, tensors = _read(path)
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise FileFormatError(
             f"{path} is a safetensors file, but not a friction surface; build one with "
@@ -113,6 +106,34 @@ def load_surface(path: Path, model: ContactModel | None = None) -> FrictionSurfa
     surface = _assemble(path, header, tensors)
     _check_model(path, surface, model)
     return surface
+
+
+def _read(path: Path) -> tuple[Any, dict[str, Tensor]]:
+    while True:
+        if not path.is_file():
+            raise FileFormatError(f"no surface file at {path}: build one with `haptix build`")
+        before = path.stat()
+        try:
+            with safe_open(path, framework="pt") as file:
+                header = json.loads((file.metadata() or {}).get("haptix", "null"))
+                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        except (SafetensorError, OSError, RuntimeError, ValueError) as error:
+            # The library opens the file twice; between the two another may have taken its place.
+            if _is_same(path, before):
+                raise FileFormatError(
+                    f"{path} is not a friction surface, or is damaged: {error}"
+                ) from None
+        else:
+            if _is_same(path, before):
+                return header, tensors
+
+
+def _is_same(path: Path, before: os.stat_result) -> bool:
+    try:
+        now = path.stat()
+    except OSError:
+        return True  # it is gone: nothing to try again
+    return (now.st_ino, now.st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
 
 
 def _assemble(path: Path, header: Mapping[str, Any], tensors: dict[str, Tensor]) -> FrictionSurface:

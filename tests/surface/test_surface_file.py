@@ -309,7 +309,7 @@ def test_a_failed_save_leaves_the_old_file_whole(
         raise OSError(28, "No space left on device")
 
     if step == "write":
-        monkeypatch.setattr(os, "fdopen", fail)
+        monkeypatch.setattr(Path, "open", fail)
     else:
         monkeypatch.setattr(Path, "replace", fail)
     with pytest.raises((FileFormatError, OSError), match="No space left"):
@@ -324,6 +324,15 @@ def test_a_folder_that_cannot_be_made(full: FrictionSurface, tmp_path: Path) -> 
     (tmp_path / "file").write_text("")
     with pytest.raises(FileFormatError, match="cannot write"):
         full.save(tmp_path / "file" / "my.surface")
+
+
+def test_others_may_read_a_saved_surface(full: FrictionSurface, tmp_path: Path) -> None:
+    before = os.umask(0o022)
+    try:
+        full.save(tmp_path / "my.surface")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "my.surface").stat().st_mode & 0o777 == 0o644
 
 
 def test_saving_replaces(full: FrictionSurface, plain: FrictionSurface, tmp_path: Path) -> None:
