@@ -119,8 +119,8 @@ def _rise(applied_pa: Tensor, attraction: Attraction, log_pressure: Tensor) -> T
 def _root(applied_pa: Tensor, strength: Tensor, attraction: Attraction, end: Tensor) -> Tensor:
     """Newton from p0 upwards, with bisection whenever a step would leave the bracket.
 
-    The unknown is ``w = p0/p``: where I is proportional to p the balance ``1 - w = c I/p`` is linear
-    in it, so that few steps do even close to the critical voltage.
+    The unknown is ``w = p0/p``: where I is proportional to p the balance ``1 - w = c I/p`` is
+    linear in it, so that few steps do even close to the critical voltage.
     """
     low, high, pressure = applied_pa, end, applied_pa
     for _ in range(_NEWTON_STEPS):

@@ -105,7 +105,14 @@ class Interpolant:
             elif axis.is_absent or not bool(axis.contains(axis.nodes.new_tensor(value))):
                 raise RangeError(f"{axis.name}: {value:g} is not the surface's {axis.low:g}")
             axes[dim] = Axis(axis.name, axis.nodes.new_tensor([value]))
-        return replace(self, axes=(axes[0], axes[1], axes[2]), columns=columns)
+        return Interpolant(
+            (axes[0], axes[1], axes[2]),
+            self.drive,
+            columns,
+            self.unit_v,
+            self.voltage_limit_v,
+            self.ends_at_breakdown,
+        )
 
     def to(self, dtype: torch.dtype, device: torch.device | str) -> Interpolant:
         """Return a copy in another precision or on another device."""
@@ -135,11 +142,11 @@ class Interpolant:
         mu = torch.lerp(low, high, part).reciprocal().neg()
         slack = 1 + max(1e-9, 8 * torch.finfo(drive.dtype).eps)
         past = drive > PULL_IN_DRIVE * slack
-        status = past * _PULL_IN
+        status = _small(past) * _PULL_IN
         if self.ends_at_breakdown:
-            status = status + (~past & (voltage > breakdown * slack)) * _BREAKDOWN
-        on_axes = inside & (voltage <= self.voltage_limit_v * slack)
-        return mu, status * on_axes + ~on_axes * _OUT_OF_RANGE
+            status += _small((voltage > breakdown * slack).logical_and_(~past)) * _BREAKDOWN
+        inside = inside.logical_and_(voltage <= self.voltage_limit_v * slack)
+        return mu, _outside(status, inside)
 
     def _invert(self, wanted: Tensor, *places: Tensor | None) -> tuple[Tensor, Tensor]:
         column, inside = self._blend(wanted, places)
@@ -158,20 +165,20 @@ class Interpolant:
         slack = max(1e-9, 8 * torch.finfo(wanted.dtype).eps) * target
         above = (top - at) * slope < slack
         below = target < column[:, 0] + slack
-        status = above * self._limited_by(pull_in, breakdown, top) + below * _BELOW
-        status = status * inside + ~inside * _OUT_OF_RANGE
+        status = _small(above) * self._limited_by(pull_in, breakdown, top) + _small(below) * _BELOW
         voltage = pull_in * torch.minimum(at, top).clamp(min=0.0).sqrt()
-        return voltage.clamp(max=self.voltage_limit_v), status  # never above it by rounding
+        # Never above the limit by rounding.
+        return voltage.clamp(max=self.voltage_limit_v), _outside(status, inside)
 
     def _limited_by(self, pull_in: Tensor, breakdown: Tensor, top: Tensor) -> Tensor:
         """Status of a friction above what each column reaches."""
-        by_pull_in = top >= PULL_IN_DRIVE * (1 - 1e-6)
-        if not self.ends_at_breakdown:
-            return _ABOVE + by_pull_in * (_PULL_IN - _ABOVE)
-        by_breakdown = breakdown <= pull_in * top.sqrt() * (1 + 1e-6)
-        by_breakdown &= breakdown < self.voltage_limit_v
-        limited = torch.where(by_pull_in, _PULL_IN, _ABOVE)
-        return torch.where(by_breakdown, _BREAKDOWN, limited)
+        by_pull_in = _small(top >= PULL_IN_DRIVE * (1 - 1e-6))
+        limited = by_pull_in * (_PULL_IN - _ABOVE) + _ABOVE
+        if self.ends_at_breakdown:
+            by_breakdown = breakdown <= pull_in * top.sqrt() * (1 + 1e-6)
+            by_breakdown.logical_and_(breakdown < self.voltage_limit_v)
+            limited += _small(by_breakdown) * (_BREAKDOWN - limited)
+        return limited
 
     def _end_of_block(self, like: Tensor, *places: Tensor | None) -> tuple[Tensor]:
         column, _ = self._blend(like, places)
@@ -234,3 +241,14 @@ class Interpolant:
     @cached_property
     def _last_drive(self) -> float:
         return float(self.drive[-1])
+
+
+def _small(truth: Tensor) -> Tensor:
+    """Truth as numbers of one byte: statuses are put together an eighth as wide as they end up."""
+    return truth.view(torch.int8)
+
+
+def _outside(status: Tensor, inside: Tensor) -> Tensor:
+    """Put OUT_OF_RANGE where a point is not inside."""
+    within = _small(inside)
+    return (within * status + (1 - within) * _OUT_OF_RANGE).long()
