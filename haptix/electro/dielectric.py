@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Self
 
+import numpy as np
 import torch
 from pydantic import BaseModel, ConfigDict, PositiveFloat, model_validator
 from torch import Tensor
@@ -102,4 +103,4 @@ def effective_thickness(
     if gap_resistivity_ohm_m is not None:
         leak = 1 / (2 * torch.pi * frequency_hz * VACUUM_PERMITTIVITY * gap_resistivity_ohm_m)
         thickness = thickness * torch.complex(torch.ones_like(leak), leak)
-    return thickness.expand(torch.broadcast_shapes(h0_m.shape, frequency_hz.shape))
+    return thickness.expand(np.broadcast_shapes(h0_m.shape, frequency_hz.shape))

@@ -145,8 +145,8 @@ def test_the_attraction_table_covers_what_it_was_asked_for() -> None:
     for spots in ("excluded", "included"):
         for i in range(2):
             counted = field.area_fraction if spots == "included" else None
-            pulls = bin_inverse_square(field.gap_edges_m, h0), h0**-2
-            attraction = Attraction.of(table, *pulls, torch.full((41,), i), counted)
+            log_gaps = table.log_pull(bin_inverse_square(field.gap_edges_m, h0))
+            attraction = Attraction(log_gaps, torch.full((41,), i), h0**-2, counted)
             exact = field.inverse_square_gap(pressure, h0[i], spots)
             # A cubic on 24 nodes a decade through fourth-order slopes: a few 1e-6 between them.
             torch.testing.assert_close(attraction(torch.log(pressure))[0], exact, rtol=4e-6, atol=0)
