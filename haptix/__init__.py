@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from haptix.finger import Finger
     from haptix.friction import ContactModel
     from haptix.render import Renderer, Trajectory
+    from haptix.scene import Scene
     from haptix.screen import Screen
     from haptix.states import ContactState
     from haptix.status import Status
@@ -34,6 +35,7 @@ __all__ = [
     "InputError",
     "LimitError",
     "Renderer",
+    "Scene",
     "Screen",
     "Status",
     "Texture",
@@ -51,6 +53,7 @@ _HOME = {
     "InputError": "haptix.errors",
     "LimitError": "haptix.errors",
     "Renderer": "haptix.render",
+    "Scene": "haptix.scene",
     "Screen": "haptix.screen",
     "Status": "haptix.status",
     "Texture": "haptix.texture",

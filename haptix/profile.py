@@ -17,6 +17,7 @@ from pydantic import (
 from torch import Tensor
 
 from haptix.errors import FileFormatError, InputError
+from haptix.units import with_numbers
 
 
 def _number(value: float | Tensor) -> float:
@@ -58,7 +59,7 @@ class Profile(BaseModel):
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a TOML file.
+        """Read a TOML file; numbers may be strings with units, such as "150 V".
 
         Raises
         ------
@@ -80,9 +81,14 @@ class Profile(BaseModel):
                 f"{path}: expected schema_version 1, got {version!r}; update haptix to read it"
             )
         try:
-            return cls(**fields)
+            return cls._from_table(with_numbers(cls.__name__, fields), path.parent)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
+
+    @classmethod
+    def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
+        """Make one from the table of a file in `folder`."""
+        return cls(**fields)
 
     def save(self, path: str | Path) -> None:
         """Write the profile as TOML that `load` reads back to an equal one."""
@@ -100,10 +106,12 @@ class Profile(BaseModel):
 
 def _sentence(name: str, error: ValidationError) -> str:
     first = error.errors()[0]
-    field = ".".join(str(part) for part in first["loc"])
-    got = f", got {first['input']!r}" if first["type"] != "missing" else ""
+    field = ".".join((name, *(str(part) for part in first["loc"])))
+    # What contradicts itself as a whole has said so; all of its fields would bury that.
+    told = first["type"] == "missing" or not first["loc"]
+    got = "" if told else f", got {first['input']!r}"
     message = first["msg"].removeprefix("Value error, ")
-    return f"{name}.{field}: {message[0].lower()}{message[1:]}{got}"
+    return f"{field}: {message[0].lower()}{message[1:]}{got}"
 
 
 def named_preset(kind: str, name: str, presets: dict[str, dict[str, Any]]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from haptix.cli import demo, figures, hardware, surfaces
+from haptix.cli import archive, demo, figures, hardware, scenes, surfaces
 from haptix.version import __version__
 
 app = typer.Typer(
@@ -22,6 +22,9 @@ app.command("demo")(demo.demo)
 app.command("build")(surfaces.build)
 app.command("query")(surfaces.query)
 app.command("invert")(surfaces.invert)
+app.command("export")(archive.export)
+app.command("plan")(scenes.plan)
+app.command("tradeoff")(scenes.tradeoff)
 app.command("figures")(figures.figures)
 app.command("devices")(hardware.devices)
 app.command("doctor")(hardware.doctor)

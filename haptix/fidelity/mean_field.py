@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import exp, log
 
 import torch
 from torch import Tensor
@@ -48,6 +47,14 @@ class MeanFieldBalance:
         self._contact_spots = contact_spots
         self._keeps_table = keeps_table
         self._kept: AttractionTable | None = None
+        self._touching: tuple[tuple[float, float], tuple[float, float]] | None = None
+
+    def share_table(self, other: MeanFieldBalance) -> None:
+        """Use what another has tabulated, whose contact must be equal to this one's.
+
+        The area fraction, finite size and contact spots may differ: the table has none of them.
+        """
+        self._kept, self._touching = other._kept, other._touching
 
     def prepare(self, applied_pa: Tensor, apparent_area_m2: Tensor) -> None:
         """Solve the table for all of these loads, where it is kept."""
@@ -84,7 +91,7 @@ class MeanFieldBalance:
         low, high = float(applied_pa.detach().min()), float(applied_pa.detach().max())
         if self._highest_asperity_m is not None:
             heights = self._highest_asperity_m(torch.stack(apparent_area_m2.detach().aminmax()))
-            touching = [self._touching_pressure(float(height)) for height in heights.detach()]
+            touching = self._touching_pressures(*map(float, heights.detach()))
             low, high = min(low, *touching), max(high, *touching)
         high *= LIGHT_CONTACT_LIMIT
         if self._kept is not None:
@@ -105,13 +112,26 @@ class MeanFieldBalance:
         height = self._highest_asperity_m(apparent_area_m2)
         return touching_log_pressure(table.log_mean_gap, torch.log(height)), height
 
-    def _touching_pressure(self, height_m: float) -> float:
-        """Where the mean gap equals a height, to some per cent: only to size the table."""
-        scale = float(self._contact.stress_rms_pa.detach())
-        low, high = log(scale) - 40.0, log(scale) + 1.0
+    def _touching_pressures(self, low_m: float, high_m: float) -> tuple[float, float]:
+        """Pressures that enclose those at which the mean gap equals heights from low to high."""
+        if self._touching is not None:
+            (known_low, known_high), pressures = self._touching
+            if known_low <= low_m and high_m <= known_high:
+                return pressures
+        heights = self._contact.stress_rms_pa.detach().new_tensor([high_m, low_m])
+        of_high, of_low = self._touching_pressure(heights).tolist()
+        if self._keeps_table:
+            self._touching = (low_m, high_m), (of_high, of_low)
+        return of_high, of_low
+
+    def _touching_pressure(self, height_m: Tensor) -> Tensor:
+        """Where the mean gap equals heights, to some per cent: only to size the table."""
+        scale = torch.log(self._contact.stress_rms_pa.detach())
+        low, high = scale.expand_as(height_m) - 40.0, scale.expand_as(height_m) + 1.0
         with torch.no_grad():
             for _ in range(12):
                 middle = (low + high) / 2
-                is_wider = float(self._contact.mean_gap(exp(middle))) > height_m
-                low, high = (middle, high) if is_wider else (low, middle)
-        return exp(low)
+                is_wider = self._contact.mean_gap(torch.exp(middle)) > height_m
+                low = torch.where(is_wider, middle, low)
+                high = torch.where(is_wider, high, middle)
+        return torch.exp(low)

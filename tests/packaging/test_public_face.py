@@ -58,6 +58,7 @@ FACE = {
     "Finger.preset": ["name"],
     "Screen.preset": ["name"],
     "Screen.load": ["path"],
+    "Scene.load": ["path"],
     "ContactModel": ["finger", "screen", "fidelity", "dtype", "device"],
     "ContactModel.solve": ["normal_force_n", "voltage_v", "frequency_hz", "h0_m"],
     "FrictionSurface.build": ["model", "scene", "tolerance"],

@@ -1,0 +1,28 @@
+"""``haptix export``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptix.cli.output import AsJson, show
+
+
+def export(
+    surface: Annotated[Path, typer.Argument(help="Surface made by `haptix build`.")],
+    out: Annotated[Path, typer.Argument(help="NetCDF file to write, such as my.nc.")],
+    overwrite: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a surface's numbers as NetCDF, for other programs; needs xarray and h5netcdf."""
+    from haptix.errors import InputError
+    from haptix.surface import FrictionSurface
+
+    if out.exists() and not overwrite:
+        raise InputError(f"{out} exists: name another file, or pass --overwrite to replace it")
+    table = FrictionSurface.load(surface)
+    table.to_netcdf(out)
+    rows = [{"file": str(out), "values": table.mu_table.numel(), "bytes": out.stat().st_size}]
+    show("exported surface", rows, as_json)

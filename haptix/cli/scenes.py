@@ -1,0 +1,130 @@
+"""``haptix plan`` and ``tradeoff``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from haptix.cli.output import AsJson, progress_bar, show
+
+if TYPE_CHECKING:
+    from haptix.planning import Plan
+
+_TRADEOFF_STAGES = {
+    "plan": "plan the scene",
+    "truth": "solve the held-out points",
+    "run": "build, query and invert",
+    "write": "write tables and plot",
+}
+
+
+def plan(
+    scene: Annotated[Path, typer.Argument(help="Scene: a TOML file.")],
+    as_json: AsJson = False,
+) -> None:
+    """Measure what each part of the model does in a scene, and drop what its budget allows.
+
+    Effects are the largest over points of the scene, in friction coefficient and in difference
+    thresholds; what is saved is measured, or estimated where it has a ~.
+    """
+    with progress_bar({"plan": "plan the scene"}) as update:
+        # torch loads here: seconds that the bar should already cover.
+        update("plan", 0.0)
+        from haptix.planning import plan_scene
+        from haptix.scene import Scene
+
+        found = plan_scene(Scene.load(scene), lambda share: update("plan", share))
+    nodes = " x ".join(str(count) for count in found.nodes.values() if count > 1)
+    dtype = str(found.dtype).removeprefix("torch.")
+    title = (
+        f"{found.scene.name}: {found.model.fidelity}, {dtype}, at most some {nodes} nodes, "
+        f"tolerance {found.tolerance.value:.3g} {found.tolerance.unit}; left out "
+        f"{found.effect.thresholds_max:.2g} of {found.scene.budget_thresholds:g} thresholds"
+    )
+    show(title, _full_rows(found) if as_json else _rows(found), as_json)
+
+
+def _rows(plan: Plan) -> list[dict[str, Any]]:
+    return [
+        {
+            "": row.name,
+            "decision": "kept" if row.kept else "dropped",
+            "mu": f"{row.effect_mu:.2g}",
+            "thresholds": f"{row.effect_thresholds:.2g}",
+            "saves": _saved(row.time_saved_s, row.memory_saved_bytes, row.savings),
+            "why": row.why,
+        }
+        for row in plan.rows
+    ]
+
+
+def _saved(time_s: float, memory_bytes: int, savings: str) -> str:
+    about = "~" if savings == "estimated" else ""
+    parts = [f"{about}{time_s * 1e3:.2g} ms"] * (time_s > 0)
+    parts += [f"{about}{memory_bytes} B"] * (memory_bytes > 0)
+    return ", ".join(parts) or "-"
+
+
+def _full_rows(plan: Plan) -> list[dict[str, Any]]:
+    return [
+        {
+            "kind": row.kind,
+            "name": row.name,
+            "decision": "kept" if row.kept else "dropped",
+            "why": row.why,
+            "effect_mu_max": row.effect.mu_max,
+            "effect_mu_p99": row.effect.mu_p99,
+            "effect_thresholds_max": row.effect.thresholds_max,
+            "effect_thresholds_p99": row.effect.thresholds_p99,
+            "time_saved_s": row.time_saved_s,
+            "memory_saved_bytes": row.memory_saved_bytes,
+            "savings": row.savings,
+        }
+        for row in plan.rows
+    ]
+
+
+def tradeoff(
+    scene: Annotated[
+        Path | None, typer.Argument(help="Scene: a TOML file. [default: one that is built in]")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for the outputs.")] = Path("haptix-tradeoff"),
+    quick: Annotated[bool, typer.Option("--quick", help="Few runs and short timings.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Measure error, build time, query time and memory of many ways to build a scene's surface.
+
+    Writes tradeoff.csv, tradeoff.json and tradeoff.png.
+    """
+    with progress_bar(_TRADEOFF_STAGES) as update:
+        update("plan", 0.0)
+        from haptix.scene import Scene
+        from haptix.tradeoff import default_scene, write_tradeoff
+
+        chosen = default_scene() if scene is None else Scene.load(scene)
+        found = write_tradeoff(chosen, out, quick, update)
+    if as_json:
+        rows = [run.row() for run in found.runs]
+    else:
+        rows = [
+            {
+                "model": run.setting.model,
+                "tolerance": run.setting.tolerance.removesuffix(" thresholds"),
+                "asked as": " ".join(run.setting.asked),
+                "error": f"{run.error.thresholds_max:.2g}",
+                "build": f"{run.build_s:.2g}",
+                "query": f"{run.query_s_per_million:.2g}",
+                "invert": f"{run.invert_s_per_million:.2g}",
+                "bytes": run.memory_bytes,
+                "front": " ".join(name[0] for name in run.fronts),
+            }
+            for run in found.runs
+        ]
+    title = (
+        f"haptix tradeoff: outputs in {out}; error and tolerance in thresholds (budget "
+        f"{chosen.budget_thresholds:g}), build in s, query and invert in s per million, on the "
+        "front of build time, query time, memory"
+    )
+    show(title, rows, as_json)

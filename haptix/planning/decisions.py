@@ -1,0 +1,161 @@
+"""What to leave out: the scene's own wishes first, then what its budget allows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf
+
+from haptix.planning.choices import Choice, Omission
+from haptix.planning.effects import Effect, Trials
+from haptix.scene import Scene
+from haptix.terms import chosen_terms
+
+MODELLING_SHARE = 0.5
+"""Share of the budget that may go into what is left out; the surface's tolerance gets the rest."""
+
+_OVERREACH = 0.05  # past breakdown, whose "about 350 V/um" is not known better than that
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Whether something is kept, and why."""
+
+    kept: bool
+    why: str
+
+
+def with_overrides(
+    scene: Scene, everything: list[Omission]
+) -> tuple[Choice, dict[Omission, Decision]]:
+    """Return the model from which things are left out, and what is not up to planning."""
+    override = scene.override
+    base = Choice(scene.possible_terms(override.fidelity or "mean-field") - {"breakdown"})
+    for name, is_on in override.terms.items():
+        if is_on:  # says so where the profiles or the fidelity do not allow it
+            fidelity = override.fidelity or "mean-field"
+            chosen_terms({name: True}, scene.finger, scene.screen, fidelity)
+    settled: dict[Omission, Decision] = {}
+    for one in everything:
+        wanted = _overridden(scene, one)
+        if wanted is None:
+            continue
+        settled[one] = Decision(wanted, f"{'kept' if wanted else 'dropped'} by the scene")
+        if not wanted:
+            base = one.of(base)
+    for one in everything:
+        if one.kind == "term" and one.name not in base.terms and one not in settled:
+            settled[one] = Decision(False, "contradicts the scene's fidelity")
+        if one.kind == "fidelity" and one not in settled:
+            needed = {name for name, is_on in override.terms.items() if is_on} - one.possible
+            if needed - {"breakdown"}:
+                names = ", ".join(sorted(needed))
+                settled[one] = Decision(True, f"needed by {names}, kept by the scene")
+    return base, settled
+
+
+def _overridden(scene: Scene, one: Omission) -> bool | None:
+    """What the scene says of one thing: True to keep it, None if it says nothing."""
+    override = scene.override
+    if one.kind == "term":
+        return override.terms.get(one.name)
+    if one.kind == "axis":
+        wish = override.axes.get("h0_m" if one.name == "h0_m" else "frequency_hz")
+        return None if wish is None else wish == "keep"
+    said = override.fidelity if one.kind == "fidelity" else override.dtype
+    return None if said is None else said == one.name
+
+
+def effect_alone(scene: Scene, trials: Trials, base: Choice, one: Omission) -> Effect:
+    """What leaving out one thing does, all else being as in `base`."""
+    without = one.of(base)
+    if without != base:
+        return trials.effect(base, without)
+    # It is off already, by an override: switch it on.
+    if one.kind == "term":
+        if one.name not in scene.possible_terms(base.fidelity):
+            return Effect()
+        truth = Choice(base.terms | {one.name}, base.fidelity, base.dtype, base.held)
+    elif one.kind == "axis":
+        held = tuple(pair for pair in base.held if pair[0] != one.name)
+        truth = Choice(base.terms, base.fidelity, base.dtype, held)
+    elif one.kind == "fidelity":
+        truth = Choice(base.terms, "mean-field", base.dtype, base.held)
+    else:
+        truth = Choice(base.terms, base.fidelity, "float64", base.held)
+    return trials.effect(truth, base)
+
+
+def spend(
+    scene: Scene,
+    trials: Trials,
+    base: Choice,
+    free: list[Omission],
+    effects: Mapping[Omission, Effect],
+) -> tuple[Choice, Effect, dict[Omission, Decision]]:
+    """Drop things while the budget lasts, as if it grew from nothing to what it is.
+
+    What a small budget drops a larger one therefore drops as well.
+    """
+    share = MODELLING_SHARE * scene.budget_thresholds
+    chosen, joint = base, Effect()
+    decisions: dict[Omission, Decision] = {}
+    left = [one for one in free if _price(one, effects[one]) <= share]
+    while left:
+        together = {one: trials.effect(base, one.of(chosen)) for one in left}
+        due = {one: max(_price(one, effects[one]), _cost(together[one])) for one in left}
+        nearest = min(left, key=lambda one: due[one])
+        if due[nearest] > share:
+            break
+        left.remove(nearest)
+        if nearest.of(chosen) == chosen:
+            decisions[nearest] = Decision(False, "not in the closed form")
+            continue
+        chosen, joint = nearest.of(chosen), together[nearest]
+        decisions[nearest] = Decision(False, _why_dropped(nearest, effects[nearest], joint))
+    for one in free:
+        if one not in decisions:
+            decisions[one] = Decision(True, _why_kept(one, effects[one], share))
+    return chosen, joint, decisions
+
+
+def _price(one: Omission, alone: Effect) -> float:
+    """Modelling budget [thresholds] from which on it pays: what saves little may cost little."""
+    return _cost(alone) / one.work
+
+
+def _cost(effect: Effect) -> float:
+    """Thresholds; without limit where voltages would go past breakdown."""
+    return inf if effect.overreach > _OVERREACH else effect.thresholds_max
+
+
+def _why_dropped(one: Omission, alone: Effect, together: Effect) -> str:
+    held = f"held at {one.value:.4g}; " if one.kind == "axis" else ""
+    if alone.thresholds_max == 0:
+        return f"{held}changes nothing here"
+    return f"{held}all dropped so far cost {together.thresholds_max:.2g} thresholds"
+
+
+def _why_kept(one: Omission, alone: Effect, share: float) -> str:
+    if alone.overreach > _OVERREACH:
+        return f"without it the surface would end {alone.overreach:.0%} past breakdown"
+    if alone.thresholds_max > share:
+        return f"matters: more than {share:.2g} thresholds"
+    if _price(one, alone) > share:
+        return f"saves too little to cost more than {share * one.work:.2g} thresholds"
+    return f"with what is dropped, more than {share:.2g} thresholds"
+
+
+def decide_breakdown(scene: Scene, trials: Trials, chosen: Choice) -> Decision:
+    """End the surface at breakdown if the scene says so; else say how near its voltages come.
+
+    What is sparks at the edges of contact spots to the model are voltages that laboratories use
+    every day (the paper's own 200 V on 1 um of SiO2 among them).
+    """
+    wanted = scene.override.terms.get("breakdown", False)
+    share = trials.breakdown_share(chosen)
+    why = f"{'kept' if wanted else 'dropped'} by the scene; " * (
+        "breakdown" in scene.override.terms
+    )
+    why += f"voltages reach {share:.0%} of its voltage"
+    return Decision(wanted, why + (": the surface ends there" if wanted and share >= 1 else ""))

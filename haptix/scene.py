@@ -1,0 +1,311 @@
+"""The scene: what will touch what, how it is driven, and how wrong its friction may be."""
+
+from __future__ import annotations
+
+import os
+from math import isfinite
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import torch
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PositiveFloat,
+    field_validator,
+    model_validator,
+)
+
+from haptix.errors import FileFormatError, InputError
+from haptix.finger import Finger
+from haptix.friction import ContactModel, FidelityName
+from haptix.profile import Profile
+from haptix.screen import Screen
+from haptix.terms import TERMS, chosen_terms
+
+DtypeName = Literal["float32", "float64"]
+AxisName = Literal["frequency_hz", "h0_m"]
+
+
+def _low_and_high(value: Any) -> tuple[float, float]:
+    pair = value if isinstance(value, list | tuple) else (value, value)
+    if len(pair) != 2 or any(isinstance(v, bool) or not isinstance(v, int | float) for v in pair):
+        raise ValueError("expected one number, or [low, high]")
+    low, high = float(pair[0]), float(pair[1])
+    if not (isfinite(low) and isfinite(high) and 0 < low <= high):
+        raise ValueError("expected finite 0 < low <= high")
+    return low, high
+
+
+Range = Annotated[tuple[float, float], BeforeValidator(_low_and_high)]
+"""(low, high), both above 0; one number stands for both."""
+
+
+class Part(BaseModel):
+    """A table within a scene: unknown keys and values out of range are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class DirectDrive(Part):
+    """The screen is driven at the frequency that is felt, half of it to be exact.
+
+    Parameters
+    ----------
+    frequency_hz : (float, float)
+        Range of the drive, or one value.
+    waveform : {"sine", "square"}
+        Shape of the drive.
+    max_voltage_v : float, optional
+        Highest amplitude; the screen's limit without.
+    """
+
+    scheme: Literal["direct"]
+    frequency_hz: Range
+    waveform: Literal["sine", "square"] = "sine"
+    max_voltage_v: PositiveFloat | None = None
+
+    @property
+    def drive_hz(self) -> tuple[float, float]:
+        """Range of the frequencies at which the insulators are driven."""
+        return self.frequency_hz
+
+
+class CarrierDrive(Part):
+    """A carrier too fast to be felt, whose envelope is.
+
+    Parameters
+    ----------
+    carrier_hz : (float, float)
+        Frequency of the carrier; a range where devices or settings differ.
+    envelope_hz : float, optional
+        Highest frequency of the envelope.
+    max_voltage_v : float, optional
+        Highest amplitude; the screen's limit without.
+    """
+
+    scheme: Literal["carrier"]
+    carrier_hz: Range
+    envelope_hz: PositiveFloat | None = None
+    max_voltage_v: PositiveFloat | None = None
+
+    @property
+    def drive_hz(self) -> tuple[float, float]:
+        """Range of the frequencies at which the insulators are driven."""
+        return self.carrier_hz
+
+    @model_validator(mode="after")
+    def _envelope_is_slower(self) -> Self:
+        # Above half of the carrier its side bands fold over each other: there is no envelope.
+        if self.envelope_hz is not None and self.envelope_hz > self.carrier_hz[0] / 2:
+            raise ValueError("expected envelope_hz of at most half of carrier_hz")
+        return self
+
+
+class SceneTexture(Part):
+    """One texture of a scene.
+
+    Parameters
+    ----------
+    file : str
+        Photograph, relative to the scene's folder; it need not exist before it is used.
+    width_mm : float
+        Width on the screen.
+    mu_range : (float, float), optional
+        Absolute friction coefficients instead of shares of the reachable range.
+    """
+
+    file: Annotated[str, Field(min_length=1)]
+    width_mm: PositiveFloat
+    mu_range: Range | None = None
+
+
+class Override(Part):
+    """What planning must not decide: by name.
+
+    Parameters
+    ----------
+    terms : mapping of str to bool
+        Terms that are to be on or off.
+    fidelity, dtype, tolerance : optional
+        How the contact is solved, in what precision the surface is kept, and how far it may be
+        from the planned model (a number in mu, ``"0.05 thresholds"`` or ``"0.2 %"``).
+    axes : mapping of str to {"keep", "collapse"}
+        Whether the surface keeps the axis ``frequency_hz`` or ``h0_m``.
+    """
+
+    terms: dict[str, Annotated[bool, Field(strict=True)]] = {}
+    fidelity: FidelityName | None = None
+    dtype: DtypeName | None = None
+    tolerance: float | str | None = None
+    axes: dict[AxisName, Literal["keep", "collapse"]] = {}
+
+    @field_validator("terms")
+    @classmethod
+    def _are_known(cls, terms: dict[str, bool]) -> dict[str, bool]:
+        unknown = sorted(set(terms) - set(TERMS))
+        if unknown:
+            raise ValueError(
+                f"unknown {', '.join(map(repr, unknown))}; expected some of {', '.join(TERMS)}"
+            )
+        return terms
+
+
+class Scene(Profile):
+    """What a friction surface is for.
+
+    Parameters
+    ----------
+    name : str
+        What to call it.
+    finger, screen : Finger and Screen
+        Or the name of a preset, or the path of a TOML file relative to `folder`, or a table.
+    normal_force_n : (float, float)
+        Range of the normal force [N], or one value.
+    drive : DirectDrive or CarrierDrive
+        How the screen is driven; `scheme` says which.
+    speed_mm_per_s : (float, float), optional
+        Range of the finger's speed. Friction does not depend on it in the model; what is felt of
+        a texture does.
+    h0_m : (float, float), optional
+        Range of the screens' d1/eps1 [m]; the screen's own without.
+    textures : tuple of SceneTexture
+        What is to be felt.
+    budget_thresholds : float
+        Largest error of friction, in difference thresholds of ``0.11 mu``.
+    override : Override
+        Decisions taken out of planning's hands.
+    folder : Path
+        Where relative paths start: the folder of the file, the current one without a file.
+
+    Raises
+    ------
+    InputError
+        If a field is unknown, missing or outside its range.
+    """
+
+    name: str = "custom"
+    finger: Finger
+    screen: Screen
+    normal_force_n: Range
+    drive: Annotated[DirectDrive | CarrierDrive, Field(discriminator="scheme")]
+    speed_mm_per_s: Range | None = None
+    h0_m: Range | None = None
+    textures: tuple[SceneTexture, ...] = ()
+    budget_thresholds: PositiveFloat = 0.5
+    override: Override = Override()
+    folder: Annotated[Path, Field(exclude=True)] = Path()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _look_profiles_up(cls, fields: Any) -> Any:
+        if not isinstance(fields, dict):
+            return fields
+        folder = Path(fields.get("folder", "."))
+        kinds: tuple[tuple[str, type[Finger] | type[Screen]], ...] = (
+            ("finger", Finger),
+            ("screen", Screen),
+        )
+        found = {key: _profile(kind, fields[key], folder) for key, kind in kinds if key in fields}
+        return {**fields, **found}
+
+    @model_validator(mode="after")
+    def _within_the_limit(self) -> Self:
+        limit = self.screen.max_voltage_v
+        if self.max_voltage_v > limit:
+            raise ValueError(
+                f"drive.max_voltage_v: expected at most the {limit:g} V of screen "
+                f"{self.screen.name!r}, got {self.max_voltage_v:g} V"
+            )
+        return self
+
+    @classmethod
+    def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
+        if "folder" in fields:
+            raise InputError("Scene.folder: a scene file has none; its paths start where it lies")
+        return cls(**fields, folder=folder)
+
+    def save(self, path: str | Path) -> None:
+        """Write the scene as TOML; finger and screen are written out, paths are kept relative."""
+        folder = Path(path).parent
+        moved = [
+            texture.model_copy(update={"file": os.path.relpath(self.folder / texture.file, folder)})
+            for texture in self.textures
+        ]
+        Profile.save(self.replace(textures=moved, folder=folder), path)
+
+    @property
+    def max_voltage_v(self) -> float:
+        """Highest amplitude [V] of the drive."""
+        return self.drive.max_voltage_v or self.screen.max_voltage_v
+
+    def texture_file(self, texture: SceneTexture) -> Path:
+        """Return the path of a texture's photograph.
+
+        Raises
+        ------
+        FileFormatError
+            If it is not there.
+        """
+        path = self.folder / texture.file
+        if not path.is_file():
+            raise FileFormatError(
+                f"texture: no file at {path}; textures.file is relative to the scene's folder"
+            )
+        return path
+
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Ranges for `FrictionSurface.build`.
+
+        Raises
+        ------
+        InputError
+            If the drive is no sine, whose pull alone a friction surface holds.
+        """
+        if isinstance(self.drive, DirectDrive) and self.drive.waveform != "sine":
+            raise InputError(
+                'drive.waveform: a friction surface holds the pull of a sine, got "square"; use '
+                '"sine" here, and ContactModel.over_period for other shapes'
+            )
+        h0 = self.screen.h0_m
+        return {
+            "normal_force_n": self.normal_force_n,
+            "voltage_v": (0.0, self.max_voltage_v),
+            "frequency_hz": self.drive.drive_hz,
+            "h0_m": (h0, h0) if self.h0_m is None else self.h0_m,
+        }
+
+    def possible_terms(self, fidelity: FidelityName = "mean-field") -> frozenset[str]:
+        """Names of all terms that finger, screen and fidelity allow to be on."""
+        return frozenset(name for name in TERMS if self._allows(name, fidelity))
+
+    def _allows(self, name: str, fidelity: FidelityName) -> bool:
+        try:
+            chosen_terms({name: True}, self.finger, self.screen, fidelity)
+        except InputError:
+            return False
+        return True
+
+    def model(
+        self,
+        fidelity: FidelityName = "mean-field",
+        dtype: torch.dtype = torch.float64,
+        device: torch.device | str = "cpu",
+        terms: frozenset[str] | None = None,
+    ) -> ContactModel:
+        """Return the contact model of the scene, with all possible terms unless `terms` says."""
+        on = self.possible_terms(fidelity) if terms is None else terms
+        return ContactModel(
+            self.finger, self.screen, fidelity=fidelity, dtype=dtype, device=device, terms=on
+        )
+
+
+def _profile(kind: type[Finger] | type[Screen], value: Any, folder: Path) -> Any:
+    """Look up a preset or a file, or read a table; a profile passes."""
+    if isinstance(value, dict):
+        return kind(**value)
+    if not isinstance(value, str):
+        return value
+    return kind.load(folder / value) if value.endswith(".toml") else kind.preset(value)

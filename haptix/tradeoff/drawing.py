@@ -1,0 +1,117 @@
+"""The plot: error against build time, query time and memory."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from textwrap import wrap
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from haptix.tradeoff.run import Run, Tradeoff, machine
+
+_COLORS = {"mean-field": "tab:blue", "closed-form": "tab:orange", "planned": "tab:red"}
+_SHAPES = {"surface": "o", "slice": "s"}
+_DPI = 150
+
+_PANELS: tuple[tuple[str, str, Callable[[Run], float]], ...] = (
+    ("build", "build time [s]", lambda run: run.build_s),
+    ("query", "query time [s per million]", lambda run: run.query_s_per_million),
+    ("memory", "memory [bytes]", lambda run: float(run.memory_bytes)),
+)
+
+
+def png(tradeoff: Tradeoff) -> bytes:
+    """PNG of the three panels."""
+    file = io.BytesIO()
+    draw(tradeoff).savefig(file, format="png", dpi=_DPI)
+    return file.getvalue()
+
+
+def draw(tradeoff: Tradeoff) -> Figure:
+    """Return the drawing: every run, the fronts, and the scene's budget as a line."""
+    layout = ConstrainedLayoutEngine(rect=(0, 0.08, 1, 0.92))
+    figure = Figure(figsize=(13, 5.2), layout=layout)
+    panels = figure.subplots(1, len(_PANELS), sharey=True)
+    for axes, (name, label, cost) in zip(panels, _PANELS, strict=True):
+        _panel(axes, tradeoff, name, cost)
+        axes.set(xlabel=label, xscale="log", yscale="log")
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = axis.get_view_interval()
+            # Times often span less than a decade: powers of ten alone would leave them unlabelled.
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100 * low else (1.0,)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
+        axes.grid(which="major", color="0.9", lw=0.7)
+        axes.set_axisbelow(True)
+    panels[0].set_ylabel("largest error [difference thresholds]")
+    figure.legend(
+        handles=_legend(tradeoff), loc="outside right upper", frameon=False, alignment="left"
+    )
+    figure.text(0.01, 0.01, _caption(tradeoff), fontsize=8, color="0.3", va="bottom")
+    return figure
+
+
+def _panel(axes: Axes, tradeoff: Tradeoff, name: str, cost: Callable[[Run], float]) -> None:
+    for run in tradeoff.runs:
+        color = _COLORS[run.setting.model]
+        is_planned = run.setting.model == "planned"
+        axes.plot(
+            cost(run),
+            run.error.thresholds_max,
+            "*" if is_planned else _SHAPES[run.setting.form],
+            ms=13 if is_planned else 6,
+            mfc=color if run.setting.dtype == "float32" else "white",
+            mec="black" if run.setting.device != "cpu" else color,
+            mew=1.3,
+            zorder=4 if is_planned else 3,
+        )
+    front = sorted(
+        (cost(run), run.error.thresholds_max) for run in tradeoff.runs if name in run.fronts
+    )
+    axes.step(
+        [x for x, _ in front], [y for _, y in front], where="post", color="0.4", lw=1.2, zorder=2
+    )
+    axes.axhline(tradeoff.scene.budget_thresholds, color="tab:green", ls="--", lw=1.2, zorder=1)
+
+
+def _legend(tradeoff: Tradeoff) -> list[Line2D]:
+    def mark(shape: str, color: str, label: str, filled: bool = True, edge: str = "") -> Line2D:
+        return Line2D(
+            [], [], ls="", marker=shape, ms=7, mec=edge or color, mew=1.3, label=label,
+            mfc=color if filled else "white",
+        )  # fmt: skip
+
+    handles = [
+        mark("o", _COLORS["mean-field"], "mean field, all terms"),
+        mark("o", _COLORS["closed-form"], "closed form"),
+        mark("*", _COLORS["planned"], "as planned"),
+        mark("o", "0.3", "whole surface"),
+        mark("s", "0.3", "slice"),
+        mark("o", "0.3", "float32"),
+        mark("o", "0.3", "float64", filled=False),
+    ]
+    if any(run.setting.device != "cpu" for run in tradeoff.runs):
+        handles.append(mark("o", "0.8", "on the GPU", edge="black"))
+    return [
+        *handles,
+        Line2D([], [], color="0.4", lw=1.2, label="Pareto front"),
+        Line2D([], [], color="tab:green", ls="--", lw=1.2, label="budget of the scene"),
+    ]
+
+
+def _caption(tradeoff: Tradeoff) -> str:
+    what = machine()
+    text = (
+        f"{tradeoff.scene.name}. Errors against the mean field with every term, at "
+        f"{tradeoff.points} points held out, those of a slice at its own frequency and h0; times "
+        f"in batches of {tradeoff.batch:,} on "
+        f"{what['threads']} thread(s) of {what['processor']}"
+        + (f" and {what['gpu']}" if what["gpu"] else "")
+        + f", torch {what['torch']}. Planning itself took {tradeoff.plan_s:.2g} s."
+    )
+    return "\n".join(wrap(text, 190))

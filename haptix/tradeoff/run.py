@@ -1,0 +1,304 @@
+"""Build, ask and judge every setting of a scene."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from haptix.errors import ToleranceError
+from haptix.planning import Effect, Plan, plan_scene
+from haptix.planning.choices import AXES, Choice, middle
+from haptix.planning.effects import Points, Trials
+from haptix.scene import Scene
+from haptix.status import Status
+from haptix.surface import FrictionSurface
+from haptix.tradeoff.pareto import pareto_front
+from haptix.tradeoff.settings import (
+    FIDELITIES,
+    QUICK_TOLERANCES,
+    TOLERANCES,
+    Setting,
+    ways_to_ask,
+)
+
+Progress = Callable[[str, float], None]
+
+_SEED = 20180518  # of the held-out points; neither planning nor a build has it
+_POINTS = 2000
+_QUICK_POINTS = 500
+_BATCH = 1_000_000
+_QUICK_BATCH = 50_000
+_REPEATS = 3  # of which the fastest counts
+
+
+@dataclass(frozen=True)
+class Run:
+    """One setting, measured.
+
+    Parameters
+    ----------
+    setting : Setting
+        What was measured.
+    error : Effect
+        Against the mean field with every term, at points held out.
+    outside : float
+        Share of those points that the surface says it does not reach.
+    build_s, query_s_per_million, invert_s_per_million : float
+        Times.
+    memory_bytes : int
+        Of the surface or slice that is asked.
+    fronts : tuple of str
+        Of "build", "query" and "memory": where nothing has both less error and less of it.
+    """
+
+    setting: Setting
+    error: Effect
+    outside: float
+    build_s: float
+    query_s_per_million: float
+    invert_s_per_million: float
+    memory_bytes: int
+    fronts: tuple[str, ...] = ()
+
+    def row(self) -> dict[str, Any]:
+        """Everything as plain values, for files and tables."""
+        return {
+            "model": self.setting.model,
+            "tolerance": self.setting.tolerance,
+            "dtype": self.setting.dtype,
+            "form": self.setting.form,
+            "device": self.setting.device,
+            "error_max_thresholds": self.error.thresholds_max,
+            "error_p99_thresholds": self.error.thresholds_p99,
+            "error_max_mu": self.error.mu_max,
+            "error_p99_mu": self.error.mu_p99,
+            "outside_share": self.outside,
+            "build_s": self.build_s,
+            "query_s_per_million": self.query_s_per_million,
+            "invert_s_per_million": self.invert_s_per_million,
+            "memory_bytes": self.memory_bytes,
+            "fronts": " ".join(self.fronts),
+        }
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """All settings of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    runs : tuple of Run
+        The plan's first.
+    plan : Plan
+        What planning decides.
+    plan_s : float
+        Time that it took, which the build time of the planned run does not hold.
+    points, batch : int
+        States held out, and queries timed together.
+    """
+
+    scene: Scene
+    runs: tuple[Run, ...]
+    plan: Plan
+    plan_s: float
+    points: int
+    batch: int
+
+    def record(self) -> dict[str, Any]:
+        """Everything as plain values, with the machine."""
+        return {
+            "scene": self.scene.name,
+            "budget_thresholds": self.scene.budget_thresholds,
+            "held_out_points": self.points,
+            "queries_timed_together": self.batch,
+            "machine": machine(),
+            "plan": self.plan.record(),
+            "plan_s": self.plan_s,
+            "runs": [run.row() for run in self.runs],
+        }
+
+
+def machine() -> dict[str, Any]:
+    """What the times were measured on."""
+    gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
+    return {
+        "processor": platform.processor() or platform.machine(),
+        "threads": torch.get_num_threads(),
+        "gpu": gpu,
+        "python": platform.python_version(),
+        "torch": torch.__version__,
+    }
+
+
+def run_tradeoff(
+    scene: Scene, quick: bool = False, on_progress: Progress = lambda stage, share: None
+) -> Tradeoff:
+    """Measure every setting of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    quick : bool
+        Two tolerances and small batches, whose times say little.
+    on_progress : callable
+        Called with "plan", "truth" or "run" and the share of it that is done.
+
+    Raises
+    ------
+    InputError
+        If the scene contradicts itself.
+    """
+    began = perf_counter()
+    plan = plan_scene(scene, lambda share: on_progress("plan", share))
+    plan_s = perf_counter() - began
+    judge = _Judge(scene, _QUICK_POINTS if quick else _POINTS, _QUICK_BATCH if quick else _BATCH)
+    on_progress("truth", 1.0)
+    runs = judge.ask_planned(plan)
+    tolerances = QUICK_TOLERANCES if quick else TOLERANCES
+    builds = [
+        (fidelity, f"{value:g} thresholds") for fidelity in FIDELITIES for value in tolerances
+    ]
+    on_progress("run", 1 / (1 + len(builds)))
+    for number, (fidelity, tolerance) in enumerate(builds, start=2):
+        began = perf_counter()
+        model = scene.model(fidelity, terms=_terms(scene, fidelity))
+        try:
+            surface = FrictionSurface.build(model, scene.ranges(), tolerance)
+        except ToleranceError as error:  # a row too: what the memory allows
+            surface, tolerance = error.best, f"{tolerance}, not met"
+        build_s = perf_counter() - began
+        runs += [
+            judge.ask(surface, Setting(fidelity, tolerance, *way), build_s) for way in ways_to_ask()
+        ]
+        on_progress("run", number / (1 + len(builds)))
+    return Tradeoff(scene, _with_fronts(runs), plan, plan_s, judge.count, judge.batch)
+
+
+def _terms(scene: Scene, fidelity: Any) -> frozenset[str]:
+    breakdown = {"breakdown"} if scene.override.terms.get("breakdown", False) else set()
+    return (scene.possible_terms(fidelity) - {"breakdown"}) | breakdown
+
+
+class _Judge:
+    """Points held out, the truth at them, and the queries that are timed."""
+
+    def __init__(self, scene: Scene, count: int, batch: int) -> None:
+        everything = Choice(scene.possible_terms() - {"breakdown"})
+        self.batch = batch
+        self.middles = {axis: middle(*scene.ranges()[axis]) for axis in AXES}
+        trials = Trials(scene, everything, count, _SEED)
+        self.count = len(trials.voltage_v)
+        self.truths: dict[str, tuple[Points, Tensor, Tensor]] = {}
+        held = {
+            name: torch.full_like(trials.voltage_v, value) for name, value in self.middles.items()
+        }
+        for form, points in (
+            ("surface", trials.points),
+            ("slice", replace(trials.points, **held)),
+        ):
+            voltage = points.voltage_share * trials.highest_voltage(everything, points)
+            self.truths[form] = points, voltage, trials.friction(everything, points, voltage)
+
+    def ask_planned(self, plan: Plan) -> list[Run]:
+        """Build as planned, and ask it as a slice and as it is."""
+        began = perf_counter()
+        # A model of its own: the plan's has the tables of its trials already.
+        model = plan.scene.model(plan.model.fidelity, plan.dtype, terms=plan.model.terms)
+        surface = replace(plan, model=model).build()
+        build_s = perf_counter() - began
+        dtype = plan.record()["dtype"]
+        tolerance = f"{plan.tolerance.value:.3g} {plan.tolerance.unit}"
+        return [
+            self.ask(surface, Setting("planned", tolerance, *way), build_s)
+            for way in ways_to_ask()
+            if way[0] == dtype
+        ]
+
+    def ask(self, surface: FrictionSurface, setting: Setting, build_s: float) -> Run:
+        """Judge and time one surface in one way to ask it."""
+        dtype = getattr(torch, setting.dtype)
+        points, voltage, truth = self.truths[setting.form]
+        asked = surface
+        if setting.form == "slice":
+            asked = surface.at(
+                **{name: v for name, v in self.middles.items() if self._varies(surface, name)}
+            )
+        asked = asked.to(dtype, setting.device)
+        place = self._place(asked, points)
+        sample = asked.evaluate(points.normal_force_n, voltage, **place)
+        error = Effect.between(truth, sample.mu.to("cpu", torch.float64))
+        return Run(
+            setting,
+            error,
+            float((sample.status != int(Status.OK)).double().mean()),
+            build_s,
+            *self._times(asked, points, voltage, place, dtype, setting.device),
+            asked.nbytes,
+        )
+
+    def _place(self, surface: FrictionSurface, points: Points) -> dict[str, Any]:
+        """Frequency and h0 where the surface wants them: a collapsed axis stands for its range."""
+        given = {"frequency_hz": points.frequency_hz, "h0_m": points.h0_m}
+        return {name: value for name, value in given.items() if self._varies(surface, name)}
+
+    @staticmethod
+    def _varies(surface: FrictionSurface, name: str) -> bool:
+        return len((surface.h0_m if name == "h0_m" else surface.frequency_hz).nodes) > 1
+
+    def _times(
+        self,
+        surface: FrictionSurface,
+        points: Points,
+        voltage_v: Tensor,
+        place: Mapping[str, Tensor],
+        dtype: torch.dtype,
+        device: str,
+    ) -> tuple[float, float]:
+        """Seconds per million of evaluations and of inversions, in one large batch."""
+        generator = torch.Generator().manual_seed(_SEED)
+        rows = torch.randint(len(voltage_v), (self.batch,), generator=generator)
+
+        def many(column: Tensor) -> Tensor:
+            return column[rows].to(device, dtype)
+
+        force, voltage = many(points.normal_force_n), many(voltage_v)
+        at: dict[str, Any] = {name: many(column) for name, column in place.items()}
+        mu = surface.evaluate(force, voltage, **at).mu
+        return (
+            self._seconds(lambda: surface.evaluate(force, voltage, **at), device),
+            self._seconds(lambda: surface.voltage(mu, force, **at), device),
+        )
+
+    def _seconds(self, work: Callable[[], object], device: str) -> float:
+        times = []
+        for _ in range(_REPEATS):
+            began = perf_counter()
+            work()
+            if device != "cpu":
+                torch.cuda.synchronize()
+            times.append(perf_counter() - began)
+        return min(times) * 1e6 / self.batch
+
+
+def _with_fronts(runs: list[Run]) -> tuple[Run, ...]:
+    costs: Mapping[str, list[float]] = {
+        "build": [run.build_s for run in runs],
+        "query": [run.query_s_per_million for run in runs],
+        "memory": [float(run.memory_bytes) for run in runs],
+    }
+    # To three digits: what float64 gains in the seventh is no reason to take it.
+    errors = [float(f"{run.error.thresholds_max:.3g}") for run in runs]
+    on = {name: pareto_front(list(zip(cost, errors, strict=True))) for name, cost in costs.items()}
+    return tuple(
+        replace(run, fronts=tuple(name for name in costs if on[name][number]))
+        for number, run in enumerate(runs)
+    )

@@ -1,0 +1,103 @@
+"""Numbers with units, as people write them in files: "150 V", "0.2 um", "500 V/um"."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from decimal import Decimal
+from typing import Any
+
+from haptix.errors import InputError
+
+Dimension = Mapping[str, int]
+
+_PREFIXES = {
+    "p": -12, "n": -9, "u": -6, "\N{MICRO SIGN}": -6, "\N{GREEK SMALL LETTER MU}": -6,
+    "m": -3, "c": -2, "": 0, "k": 3, "M": 6, "G": 9, "T": 12,
+}  # fmt: skip
+_SYMBOLS = {
+    "V": "V", "N": "N", "Hz": "Hz", "m": "m", "Pa": "Pa", "s": "s",
+    "Ohm": "Ohm", "ohm": "Ohm", "\N{GREEK CAPITAL LETTER OMEGA}": "Ohm", "\N{OHM SIGN}": "Ohm",
+}  # fmt: skip
+
+# Suffix of a field's name: an example, and the power of ten of its own unit. Longest first, so
+# that "_mm_per_s" is not taken for seconds.
+_SUFFIXES: Mapping[str, tuple[str, str]] = {
+    "_v_per_m": ("V/m", "500 V/um"),
+    "_mm_per_s": ("mm/s", "100 mm/s"),
+    "_ohm_m": ("Ohm m", "1 MOhm m"),
+    "_per_m": ("/m", "4000 /m"),
+    "_m2": ("m2", "45 mm2"),
+    "_hz": ("Hz", "20 kHz"),
+    "_pa": ("Pa", "40 MPa"),
+    "_mm": ("mm", "40 mm"),
+    "_m": ("m", "0.2 um"),
+    "_n": ("N", "0.5 N"),
+    "_v": ("V", "150 V"),
+}
+
+_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*")
+_FACTOR = re.compile(
+    rf"([{''.join(_PREFIXES)}]?)({'|'.join(_SYMBOLS)})(?:\^?(-?\d)|(\N{{SUPERSCRIPT TWO}}))?"
+)
+
+
+def with_numbers(name: str, fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the table of a file with every string that is a quantity as a number.
+
+    Parameters
+    ----------
+    name : str
+        What the table is, for errors.
+    fields : mapping
+        Values, lists and tables within. The end of a key says its unit: ``h0_m`` takes
+        ``"0.2 um"`` and becomes 2e-7. Other strings stay as they are.
+
+    Raises
+    ------
+    InputError
+        If a string under such a key is no number with a unit of that kind.
+    """
+    return {key: _converted(f"{name}.{key}", key, value) for key, value in fields.items()}
+
+
+def _converted(place: str, key: str, value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return with_numbers(place, value)
+    if isinstance(value, list):
+        return [_converted(f"{place}.{i}", key, item) for i, item in enumerate(value)]
+    if isinstance(value, str):
+        suffix = next((end for end in _SUFFIXES if key.endswith(end)), None)
+        return value if suffix is None else _quantity(place, value, *_SUFFIXES[suffix])
+    return value
+
+
+def _quantity(place: str, text: str, unit: str, example: str) -> float:
+    wrong = InputError(
+        f'{place}: expected a number, or one with its unit such as "{example}", got {text!r}'
+    )
+    match = _NUMBER.fullmatch(text)
+    if match is None:
+        raise wrong
+    power, dimension = _read_unit(match[2]) or (0, {})
+    own_power, own_dimension = _read_unit(unit) or (0, {})
+    if dimension != own_dimension:
+        raise wrong
+    # Decimal powers of ten are exact: "0.2 um" is the float that 2e-7 is.
+    return float(Decimal(match[1]).scaleb(power - own_power))
+
+
+def _read_unit(text: str) -> tuple[int, Dimension] | None:
+    """Power of ten and dimension of units such as "kV/mm", "Ohm m" or "/m"; None if it is none."""
+    power = 0
+    dimension: dict[str, int] = {}
+    for side, part in zip((1, -1), text.split("/"), strict=False):
+        for factor in part.split():
+            match = _FACTOR.fullmatch(factor)
+            if match is None:
+                return None
+            exponent = side * (2 if match[4] else int(match[3] or 1))
+            symbol = _SYMBOLS[match[2]]
+            power += exponent * _PREFIXES[match[1]]
+            dimension[symbol] = dimension.get(symbol, 0) + exponent
+    return None if text.count("/") > 1 else (power, dimension)

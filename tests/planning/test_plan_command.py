@@ -1,0 +1,46 @@
+"""``haptix plan``."""
+
+import json
+
+import pytest
+
+
+@pytest.fixture
+def scene_file(plain, tmp_path):
+    path = tmp_path / "scene.toml"
+    plain.save(path)
+    return path
+
+
+def test_a_table_and_the_same_as_json(haptix_cli, scene_file, plain_plan, monkeypatch):
+    table = haptix_cli("plan", scene_file)
+    # The second time only the form is new.
+    monkeypatch.setattr("haptix.planning.plan_scene", lambda scene, on_progress: plain_plan)
+    assert table.code == 0
+    assert max(map(len, table.out.splitlines())) <= 80
+    rows = json.loads(haptix_cli("plan", scene_file, "--json").out)
+    assert [row["decision"] for row in rows if row["name"] == "apparent-area"] == ["dropped"]
+    for row in rows:
+        assert row["name"] in table.out
+        assert row["decision"] in ("kept", "dropped")
+        assert row["savings"] in ("measured", "estimated", "none")
+        assert row["why"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("gel", "gel", "cannot read"),
+        ('scheme = "direct"', 'scheme = "magic"', "'magic'"),
+        ('waveform = "sine"', 'waveform = "square"', "sine"),
+    ],
+)
+def test_a_wrong_scene_is_one_sentence_and_exit_code_2(haptix_cli, scene_file, old, new, sentence):
+    text = scene_file.read_text()
+    assert old in text
+    scene_file.write_text(text.replace(old, new))
+    done = haptix_cli("plan", scene_file if old != new else scene_file.parent / "none.toml")
+    assert done.code == 2
+    assert done.out == ""
+    assert sentence in done.err
+    assert len(done.err.splitlines()) == 1
