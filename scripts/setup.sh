@@ -85,24 +85,25 @@ if ! usable; then
     "$python" -m venv --clear .venv
 fi
 
-# --- shared libraries: PortAudio for audio links, libusb for USB links --------------------------------
+# --- PortAudio for audio links, libusb for USB links, a C compiler for the example in C --------------
 
-# Only audio and USB links need them, so nothing that goes wrong here stops the set-up.
+# Only audio and USB links and the example need them, so nothing that goes wrong here stops the set-up.
 ldconfig=$(command -v ldconfig || echo /sbin/ldconfig)
-missing_libraries() {
+missing_packages() {
     local known
     known=$("$ldconfig" -p 2>/dev/null || true)
     [[ $known == *libportaudio.so.2* ]] || echo libportaudio2
     [[ $known == *libusb-1.0.so.0* ]] || echo libusb-1.0-0
+    command -v cc >/dev/null || printf '%s\n' gcc libc6-dev
 }
-mapfile -t missing < <(missing_libraries)
+mapfile -t missing < <(missing_packages)
 if [ "${#missing[@]}" -gt 0 ] && may_install; then
     say "installing ${missing[*]}"
     apt_install "${missing[@]}" || say "apt-get failed (its reason is above)"
-    mapfile -t missing < <(missing_libraries)
+    mapfile -t missing < <(missing_packages)
 fi
 if [ "${#missing[@]}" -gt 0 ]; then
-    say "missing: ${missing[*]}; only audio links (libportaudio2) or USB links (libusb-1.0-0) and their tests need them and are skipped."
+    say "missing: ${missing[*]}; only audio links (libportaudio2), USB links (libusb-1.0-0), examples/read_surface.c (gcc libc6-dev) and their tests need them and are skipped."
     say "to add them: sudo apt-get install ${missing[*]}"
 fi
 
