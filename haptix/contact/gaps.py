@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-
 _NARROW = 0.05  # below, what five terms of the series leave out is t^10/11 < 1e-14
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from math import floor, log, log2
+from math import floor, inf, log, log2, prod, sqrt
 from typing import Any
 
 import torch
@@ -26,8 +26,10 @@ from haptix.version import __version__
 _PILOT_POINTS = 97  # along an axis at first; doubled where cells come down to single steps
 _MOST_PILOT_POINTS = 3000
 _KEPT_BACK = 0.9  # share of the tolerance that the first held-out points may use: a sample
-_MOST_ROUNDS = 10
+_MOST_ROUNDS = 12
+_CLOSE = 1.2  # a size is used up well enough when the share that fits is this near
 _LN2 = log(2)
+_ONE = (None,)  # the node of an axis that does not vary
 # The axes' errors do not all peak at one place: together they may take more than the tolerance.
 _FIRST_SHARE = 1.8
 
@@ -83,7 +85,7 @@ class _Attempt:
     corrections: int
     error: Tensor
     worst: float
-    is_met: bool = False
+    is_met: bool
 
 
 class _Build:
@@ -106,38 +108,48 @@ class _Build:
         # With some margin for what lies between the points.
         self.last_drive = min(1.05 * float(held_out.end_drive.max()), PULL_IN_DRIVE)
         report(0.3)
-        share, best, coarsening = _FIRST_SHARE, None, False
+        share, best = _FIRST_SHARE, None
+        fits, exceeds = inf, 0.0  # shares of the tolerance: the finest that fits, the coarsest not
         for round_ in range(_MOST_ROUNDS):
             nodes = self._place(share)
             if self._size(nodes) > self.largest_bytes:
-                if best is not None:
-                    break
-                share, coarsening = 2 * share, True
-                continue
-            report(0.3 + 0.6 * (1 - 0.5 ** (round_ + 1)))
-            table, corrections = self._tabulate(nodes)
-            error = held_out.error(table)
-            worst = self._worst(error, held_out)
-            if worst <= _KEPT_BACK * self.tolerance.value:
-                fresh = self.sampler.held_out(seed=2)
-                other = fresh.error(table)
-                worst = max(worst, self._worst(other, fresh))
-                error = torch.cat([error.reshape(-1), other.reshape(-1)])
-            attempt = _Attempt(table, corrections, error.reshape(-1), worst)
-            if len(attempt.error) > held_out.mu.numel() and worst <= self.tolerance.value:
-                report(1.0)
-                return _Attempt(table, corrections, attempt.error, worst, is_met=True)
-            if best is None or worst < best.worst:
-                best = attempt
-            if coarsening:
+                exceeds = max(exceeds, share)
+            else:
+                report(0.3 + 0.6 * (1 - 0.5 ** (round_ + 1)))
+                attempt = self._attempt(nodes, held_out)
+                if attempt.is_met:
+                    report(1.0)
+                    return attempt
+                if best is None or attempt.worst < best.worst:
+                    best = attempt
+                fits = min(fits, share)
+            if exceeds == 0.0:
+                share *= min(0.8, max(0.2, 0.9 * _KEPT_BACK * self.tolerance.value / attempt.worst))
+            elif fits == inf:
+                share = 2 * exceeds
+            elif fits > _CLOSE * exceeds:
+                share = sqrt(fits * exceeds)
+            else:
                 break
-            share *= min(0.8, max(0.2, 0.9 * _KEPT_BACK * self.tolerance.value / worst))
         if best is None:
             raise ToleranceError(
                 f"tolerance {self.tolerance}: not even a coarse surface fits into "
                 f"{self.largest_bytes:,} bytes; allow more, or narrow the ranges"
             )
         return best
+
+    def _attempt(self, nodes: Mapping[str, Tensor], held_out: HeldOut) -> _Attempt:
+        table, corrections = self._tabulate(nodes)
+        error = held_out.error(table)
+        worst = self._worst(error, held_out)
+        is_met = worst <= _KEPT_BACK * self.tolerance.value
+        if is_met:  # at points that have decided nothing
+            fresh = self.sampler.held_out(seed=2)
+            other = fresh.error(table)
+            worst = max(worst, self._worst(other, fresh))
+            is_met = worst <= self.tolerance.value
+            error = torch.cat([error.reshape(-1), other.reshape(-1)])
+        return _Attempt(table, corrections, error.reshape(-1), worst, is_met)
 
     def _check_reach(self, held_out: HeldOut) -> None:
         lowest = self.sampler.span("voltage_v")[0]
@@ -209,10 +221,9 @@ class _Build:
         return Axis(name, values)
 
     def _size(self, nodes: Mapping[str, Tensor]) -> int:
-        columns = 1
-        for name in self.axes:
-            columns *= len(nodes[name])
-        return 8 * columns * (len(nodes["drive"]) + 2)
+        columns = prod(len(nodes.get(name, _ONE)) for name in PLACES)
+        axes = sum(len(nodes.get(name, _ONE)) for name in (*PLACES, "drive"))
+        return 8 * (columns * (len(nodes["drive"]) + 2) + axes)
 
     def _unit(self, mu: Tensor) -> Tensor:
         unit = self.tolerance.unit_in_mu(mu, self.low, self.high)
