@@ -1,0 +1,146 @@
+"""The lowest branch of a contact under attraction, followed by its pull instead of its strength.
+
+Where the attraction grows faster than the contact resists, no state follows from the strength (the
+squared voltage). Every pull has one: so the path is walked by the mean attraction p_a, the strength
+that keeps it up is measured at each step, and the wanted strengths are found on the way. Where the
+strength stops rising with the pull the contact snaps in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from math import exp, log
+
+_LARGEST_STEP = 0.5
+# Relative; the area of a contact near its end answers four times as strongly.
+_STRENGTH_TOLERANCE = 3e-4
+_SNAP_TOLERANCE = 0.02  # of the strength: half of it of the voltage
+_MOST_STEPS = 30
+
+
+@dataclass(frozen=True)
+class Reached:
+    """The state last asked for is that of strength number `index`."""
+
+    index: int
+
+
+@dataclass(frozen=True)
+class SnapIn:
+    """The lowest branch ends between these strengths; later ones are not reached."""
+
+    low: float
+    high: float
+
+
+Point = tuple[float, float]  # logarithms of a pull and of its strength
+Path = Generator[float | Reached, float, SnapIn | None]
+
+
+def lowest_branch(strengths: list[float], low_pull: float) -> Path:
+    """Walk up the branch: yields pulls [Pa] to be solved, takes the strength measured at each.
+
+    After a `Reached` the answer is not used. Returns where the contact snaps in, if it does before
+    the last strength.
+
+    Parameters
+    ----------
+    strengths : list of float
+        Wanted strengths, above 0 and rising.
+    low_pull : float
+        Pull of the first strength if the gaps did not close: a lower bound [Pa].
+    """
+    at = log(low_pull)
+    last = (at, log((yield exp(at))))
+    before: Point | None = None
+    top, left, right = last, before, last  # the highest strength so far, and its neighbours
+    for index, strength in enumerate(strengths):
+        wanted = log(strength)
+        while last[1] < wanted - _STRENGTH_TOLERANCE:
+            at = last[0] + _step(before, last, wanted)
+            new = (at, log((yield exp(at))))
+            if new[1] < top[1] - _SNAP_TOLERANCE:
+                found = yield from _summit(left, top, right if top != last else new, wanted)
+                if isinstance(found, SnapIn):
+                    return found
+                new = found
+            if new[1] >= wanted:
+                last, before = yield from _between(top, new, wanted)
+            else:
+                last, before = new, last
+            # A shallow dip is a row of pixels that close one by one: walk on over it.
+            if last[1] > top[1]:
+                top, left = last, before
+            elif top == before:
+                right = last
+        yield Reached(index)
+    return None
+
+
+def _step(before: Point | None, last: Point, wanted: float) -> float:
+    """Step in the logarithm of the pull by the slope so far, a little beyond what is wanted."""
+    slope = 1.0 if before is None else (last[1] - before[1]) / (last[0] - before[0])
+    slope = min(max(slope, 0.05), 1.0)
+    # Towards the end of the branch the slope falls: shorter steps do not leap over it.
+    return min(1.02 * (wanted - last[1]) / slope, _LARGEST_STEP * max(slope, 0.2))
+
+
+def _between(
+    low: Point, high: Point, wanted: float
+) -> Generator[float, float, tuple[Point, Point]]:
+    """Regula falsi (Illinois) between a point below and one not below what is wanted.
+
+    Returns the point found and one on its left.
+    """
+    if high[1] - wanted <= _STRENGTH_TOLERANCE:
+        return high, low
+    below, above = low[1] - wanted, high[1] - wanted
+    left, right = low[0], high[0]
+    found = high
+    for _ in range(_MOST_STEPS):
+        at = (left * above - right * below) / (above - below)
+        found = (at, log((yield exp(at))))
+        miss = found[1] - wanted
+        if abs(miss) <= _STRENGTH_TOLERANCE:
+            break
+        if miss < 0:
+            left, below, above = at, miss, above / 2
+        else:
+            right, above, below = at, miss, below / 2
+    return found, low
+
+
+def _summit(
+    before: Point | None, top: Point, after: Point, wanted: float
+) -> Generator[float, float, Point | SnapIn]:
+    """Narrow the highest strength between three points down, or find one that is high enough.
+
+    A strength rises no steeper than its pull: between two points it is at most that much higher.
+    """
+    left = (top[0] - _LARGEST_STEP, top[1] - _LARGEST_STEP) if before is None else before
+    right = after
+    bound = top[1]
+    for _ in range(_MOST_STEPS):
+        bound = max(left[1] + top[0] - left[0], top[1] + right[0] - top[0])
+        if bound - top[1] <= _SNAP_TOLERANCE:
+            break
+        at = top[0] + (right[0] - left[0]) * _lean(left, top, right)
+        new = (at, log((yield exp(at))))
+        if new[1] >= wanted:
+            return new
+        if new[1] > top[1]:
+            left, top, right = (top, new, right) if at > top[0] else (left, new, top)
+        elif at > top[0]:
+            right = new
+        else:
+            left = new
+    yield exp(top[0])
+    return SnapIn(exp(top[1]), exp(bound))
+
+
+def _lean(left: Point, top: Point, right: Point) -> float:
+    """Where to look next, from the top as a share of the bracket: into its longer part."""
+    longer = right[0] - top[0], top[0] - left[0]
+    width = right[0] - left[0]
+    return 0.5 * longer[0] / width if longer[0] >= longer[1] else -0.5 * longer[1] / width

@@ -1,0 +1,131 @@
+"""Contact and an attraction that depends on the gap, solved together at a given mean pull.
+
+The attraction is ``p_a phi(x)``, with ``phi`` of mean 1 the shape ``f(g)/<f(g)>`` of the traction
+f. It presses on the solid like an outer load, so that the contact is one of the heights
+``h - p_a K phi`` under the mean pressure ``p0 + p_a``; its gaps give the next shape. Anderson's
+mixing (J. ACM 12, 547 (1965)) makes these rounds converge in a few. The attraction acts on every
+point; inside a spot the contact's own pressure bears it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from haptix.contact.boundary_elements.bounded import BoundedProblem, BoundedSolution
+
+LocalAttraction = Callable[[Tensor], Tensor]
+"""Traction [Pa] at unit strength for gaps [m] of any shape: above 0, and falling with the gap."""
+
+_MOST_ROUNDS = 40
+_HISTORY = 3
+# Mean change of the shape from round to round: the strength then moves by less than half of it.
+_SETTLED = 3e-4
+_FIRST_TOLERANCE = 1e-3
+
+
+class PulledContact:
+    """One surface under an attraction of given mean; each solve starts from the one before.
+
+    Parameters
+    ----------
+    problem : BoundedProblem
+        Solid and grid.
+    height_m : Tensor, shape (n, n)
+        Heights.
+    pressure_pa : float
+        Applied pressure p0 [Pa].
+    attraction : LocalAttraction
+        Traction against gap.
+    tolerance : float
+        Residual of the contact, over h_rms.
+    """
+
+    def __init__(
+        self,
+        problem: BoundedProblem,
+        height_m: Tensor,
+        pressure_pa: float,
+        attraction: LocalAttraction,
+        tolerance: float,
+    ) -> None:
+        self._problem = problem
+        self._height = height_m[None]
+        self._scale = height_m.square().mean().sqrt()[None]
+        self._pressure = pressure_pa
+        self._attraction = attraction
+        self._tolerance = tolerance
+        self.iterations = 0
+        self.converged = True
+        self.contact = self._solve_contact(0.0, None, tolerance)
+        self.traction, self.shape = self._from_gap()
+
+    def strength(self, pull_pa: float) -> float:
+        """Solve at the mean attraction `pull_pa` [Pa]; the strength that keeps it up."""
+        mixing = _Anderson()
+        shape = self.shape
+        self.converged = False
+        tolerance = max(self._tolerance, _FIRST_TOLERANCE)
+        for _ in range(_MOST_ROUNDS):
+            self.contact = self._solve_contact(pull_pa, shape, tolerance)
+            self.traction, found = self._from_gap()
+            miss = float((found - shape).abs().mean())
+            # On small grids a single pixel that closes or opens is more than that.
+            settled = max(_SETTLED, 4 * float(found.max()) / found.numel())
+            if miss <= settled and tolerance == self._tolerance:
+                self.converged = bool(self.contact.converged)
+                break
+            # A contact much sharper than the shape it stands under is work for nothing.
+            tolerance = max(self._tolerance, min(tolerance, 0.03 * miss))
+            shape = mixing.next(shape, found)
+        self.shape = found
+        return pull_pa / float(self.traction.mean())
+
+    def _solve_contact(
+        self, pull: float, shape: Tensor | None, tolerance: float
+    ) -> BoundedSolution:
+        height = self._height
+        start = None
+        if shape is not None:
+            # The displacement under the pull, taken off the heights instead of put on the solid.
+            height = height + pull * self._problem.levels[0].displacement(shape)
+            start = self.contact.pressure_pa
+        mean = torch.full_like(self._scale, self._pressure + pull)
+        solved = self._problem.solve(height, mean, self._scale, tolerance, start)
+        self.iterations += int(solved.iterations)
+        return solved
+
+    def _from_gap(self) -> tuple[Tensor, Tensor]:
+        traction = self._attraction(self.contact.gap_m.clamp(min=0.0))
+        return traction, traction / traction.mean()
+
+
+class _Anderson:
+    """Anderson's mixing of the last rounds of a fixed point."""
+
+    def __init__(self) -> None:
+        self._inputs: list[Tensor] = []
+        self._misses: list[Tensor] = []
+
+    def next(self, given: Tensor, found: Tensor) -> Tensor:
+        """The next input, after `given` led to `found`."""
+        miss = (found - given).flatten()
+        if self._misses and miss.norm() > self._misses[-1].norm():
+            # The rounds are not linear where pixels close: what they did before says little.
+            self._inputs.clear()
+            self._misses.clear()
+        self._inputs.append(found.flatten())
+        self._misses.append(miss)
+        del self._inputs[: -_HISTORY - 1], self._misses[: -_HISTORY - 1]
+        if len(self._misses) == 1:
+            return found
+        change = torch.stack([miss - old for old in self._misses[:-1]], 1)
+        moved = torch.stack([self._inputs[-1] - old for old in self._inputs[:-1]], 1)
+        normal = change.T @ change
+        # A ridge of rounding's size: two rounds that hardly differ would make it singular.
+        ridge = 1e-10 * normal.diagonal().sum() * torch.eye(len(normal)).to(normal)
+        weights = torch.linalg.solve(normal + ridge, change.T @ miss)
+        mixed: Tensor = self._inputs[-1] - moved @ weights
+        return mixed.clamp_(min=0.0).reshape(found.shape)

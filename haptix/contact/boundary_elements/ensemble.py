@@ -1,0 +1,124 @@
+"""Many solves side by side, each kept in a file as soon as it is done."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from haptix.errors import FileFormatError
+from haptix.threads import one_thread
+
+Row = dict[str, Tensor]
+Progress = Callable[[int, int], None]
+"""Called with the number of jobs done and of all jobs, after each."""
+
+_FINGERPRINT = "fingerprint"
+
+
+def run_ensemble(
+    jobs: int,
+    work: Callable[[int], Row],
+    fingerprint: str,
+    workers: int = 1,
+    checkpoint: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
+) -> list[Row]:
+    """Do the jobs 0, 1, ... and return their rows; those in the checkpoint are not done again.
+
+    Every job runs on one thread of torch: fields that one thread works on stay in its cache, and
+    threads do not wait for each other.
+
+    Parameters
+    ----------
+    jobs : int
+        Number of jobs.
+    work : callable
+        One job's result, by its number.
+    fingerprint : str
+        What the results depend on; a checkpoint of another fingerprint is refused.
+    workers : int
+        Jobs at a time.
+    checkpoint : path, optional
+        File (.npz) that keeps finished jobs, replaced as a whole after each.
+    progress : Progress, optional
+        Called after each job, on the calling thread.
+
+    Raises
+    ------
+    FileFormatError
+        If the checkpoint cannot be read or belongs to another ensemble.
+    """
+    path = None if checkpoint is None else Path(checkpoint)
+    done = {} if path is None else _load(path, fingerprint)
+    missing = [job for job in range(jobs) if job not in done]
+
+    def finish(job: int, row: Row) -> None:
+        done[job] = row
+        if path is not None:
+            _save(path, fingerprint, done)
+        if progress is not None:
+            progress(len(done), jobs)
+
+    workers = min(workers, len(missing))
+    with one_thread():
+        if workers <= 1:
+            for job in missing:
+                finish(job, work(job))
+        else:
+            _run_side_by_side(workers, missing, work, finish)
+    return [done[job] for job in range(jobs)]
+
+
+def _run_side_by_side(
+    workers: int,
+    missing: list[int],
+    work: Callable[[int], Row],
+    finish: Callable[[int, Row], None],
+) -> None:
+    pool = ThreadPoolExecutor(workers, initializer=torch.set_num_threads, initargs=(1,))
+    try:
+        running = {pool.submit(work, job): job for job in missing}
+        for future in as_completed(running):
+            finish(running[future], future.result())
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _load(path: Path, fingerprint: str) -> dict[int, Row]:
+    if not path.exists():
+        return {}
+    done: dict[int, Row] = {}
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            found = str(file[_FINGERPRINT])
+            for key in file.files:
+                if key != _FINGERPRINT:
+                    job, _, name = key.partition(" ")
+                    done.setdefault(int(job), {})[name] = torch.from_numpy(file[key])
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise FileFormatError(
+            f"{path}: expected a checkpoint of an ensemble, cannot read it ({error}); delete it to "
+            "start again"
+        ) from None
+    if found != fingerprint:
+        raise FileFormatError(
+            f"{path}: expected the checkpoint of this ensemble, got one of other surfaces, loads "
+            "or settings; delete it or name another file"
+        )
+    return done
+
+
+def _save(path: Path, fingerprint: str, done: dict[int, Row]) -> None:
+    arrays = {f"{job} {name}": v.numpy() for job, row in done.items() for name, v in row.items()}
+    arrays[_FINGERPRINT] = np.array(fingerprint)
+    partial = path.with_name(path.name + ".partial")
+    with partial.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
+    partial.replace(path)

@@ -1,0 +1,359 @@
+"""Boundary elements: rough surfaces on an elastic solid, solved point by point."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass
+from functools import cached_property
+from math import nan
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from haptix.contact.boundary_elements.bounded import BoundedProblem, BoundedSolution
+from haptix.contact.boundary_elements.branch import Reached, lowest_branch
+from haptix.contact.boundary_elements.coupled import LocalAttraction, PulledContact
+from haptix.contact.boundary_elements.ensemble import Progress, Row, run_ensemble
+from haptix.contact.boundary_elements.memory import check_memory, surfaces_that_fit
+from haptix.contact.boundary_elements.results import (
+    ContactSolution,
+    corrected_area,
+    default_levels,
+    open_quantiles,
+)
+from haptix.contact.boundary_elements.surfaces import Surfaces
+from haptix.contact.elasticity import ElasticSolid
+from haptix.errors import InputError, check_positive
+from haptix.status import Status
+
+
+@dataclass(frozen=True)
+class BoundaryElements:
+    """Contact of periodic rough surfaces with an elastic solid, solved on their own pixels.
+
+    The reference for the mean field: nothing is averaged before the contact is solved. Pressures
+    are nominal, heights point towards the solid, all of it is double precision.
+
+    Parameters
+    ----------
+    surfaces : Surfaces
+        Height maps.
+    modulus : ElasticSolid
+        The solid's ``E*(q)``.
+    hardness_pa : float, optional
+        Pressure at which the solid yields [Pa]; by default it is elastic. Where it yields, the
+        gap is counted as 0.
+    tolerance : float
+        Largest violation of the contact conditions at any point, over h_rms: 1e-5 leaves the gaps
+        within about that of the exact ones on the grid, and fewer than one contact pixel in 10^3
+        undecided.
+    device : torch.device or str
+        Where the fields live.
+    at_a_time : int, optional
+        Surfaces in one batch: by default 1 on a CPU, where batches run side by side on its threads,
+        and as many as fit on a GPU.
+    """
+
+    surfaces: Surfaces
+    modulus: ElasticSolid
+    hardness_pa: float | None = None
+    tolerance: float = 1e-5
+    device: torch.device | str = "cpu"
+    at_a_time: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.hardness_pa is not None:
+            check_positive("hardness_pa", self.hardness_pa)
+        if not 1e-12 <= self.tolerance <= 1e-2:
+            raise InputError(f"tolerance: expected 1e-12 to 1e-2, got {self.tolerance!r}")
+        if self.at_a_time is not None and not self.at_a_time >= 1:
+            raise InputError(f"at_a_time: expected 1 or more surfaces, got {self.at_a_time!r}")
+
+    def full_contact_pressure(self) -> Tensor:
+        """Pressure [Pa] that closes every gap of an elastic solid, shape (surfaces,).
+
+        It is the deepest suction of the pressure that makes the displacement the height itself.
+        """
+        grid = self._problem.levels[0]
+        heights = self.surfaces.height_m.to(self.device)
+        return torch.stack([-grid.pressure(h).amin() for h in heights]).cpu()
+
+    def solve(
+        self,
+        pressure_pa: Any,
+        checkpoint: str | os.PathLike[str] | None = None,
+        progress: Progress | None = None,
+    ) -> ContactSolution:
+        """Solve all surfaces at every nominal pressure.
+
+        Parameters
+        ----------
+        pressure_pa : array_like, shape (loads,) or a number
+            Nominal pressures [Pa], in any order.
+        checkpoint : path, optional
+            File (.npz) in which finished surfaces are kept: the same call resumes from it.
+        progress : Progress, optional
+            Called with the batches done and all batches.
+
+        Returns
+        -------
+        ContactSolution
+            Of shape (loads, surfaces).
+
+        Raises
+        ------
+        InputError
+            If a pressure is not above 0, or closes every gap, or is above the hardness, or the
+            memory does not suffice.
+        FileFormatError
+            If the checkpoint is damaged or belongs to something else.
+        """
+        pressure = self._checked_pressure(pressure_pa)
+        batches = self._batches()
+
+        def work(job: int) -> Row:
+            rows = [self._measure(self._solve_batch(batches[job], p)) for p in pressure.tolist()]
+            return {key: torch.stack([row[key] for row in rows]).cpu() for key in rows[0]}
+
+        rows = run_ensemble(
+            len(batches),
+            work,
+            self._fingerprint(pressure, batches),
+            self._workers,
+            checkpoint,
+            progress,
+        )
+        found = {key: torch.cat([row[key] for row in rows], 1) for key in rows[0]}
+        shape = found["residual"].shape
+        return ContactSolution(
+            pressure_pa=pressure[:, None].expand(shape),
+            strength=torch.zeros(shape, dtype=torch.float64),
+            gap_levels=default_levels(),
+            status=torch.full(shape, int(Status.OK)),
+            snap_in_strength=torch.full((*shape, 2), nan, dtype=torch.float64),
+            **found,
+        )
+
+    def solve_attracted(
+        self,
+        pressure_pa: Any,
+        attraction: LocalAttraction,
+        strength: Any,
+        checkpoint: str | os.PathLike[str] | None = None,
+        progress: Progress | None = None,
+    ) -> ContactSolution:
+        """Solve all surfaces under an attraction that depends on the local gap.
+
+        The lowest branch is followed from no attraction on; where it ends the contact snaps in,
+        and stronger attractions have status PULL_IN and the values at the branch's end.
+
+        Parameters
+        ----------
+        pressure_pa : array_like, shape (loads,) or a number
+            Applied nominal pressures p0 [Pa].
+        attraction : callable
+            Traction [Pa] at strength 1 for gaps [m] of any shape: above 0, and falling with the
+            gap. For a voltage V on an insulator h0: ``eps0 / 4 / (u + h0)^2`` at strength V^2.
+        strength : array_like, shape (strengths,) or a number
+            Factors on the attraction, 0 or more, in rising order.
+        checkpoint, progress
+            As `solve` takes them.
+
+        Returns
+        -------
+        ContactSolution
+            Of shape (loads, strengths, surfaces).
+
+        Raises
+        ------
+        InputError
+            As `solve`; or if the strengths are not 0 or more and rising, or the attraction is not
+            above 0 and falling with the gap.
+        FileFormatError
+            If the checkpoint is damaged or belongs to something else.
+        """
+        pressure = self._checked_pressure(pressure_pa)
+        strengths = _checked_strength(strength)
+        _check_attraction(attraction, float(self.surfaces.h_rms_m.mean()))
+        heights = self.surfaces.height_m
+        at_once = min(self._workers, len(heights))
+        check_memory(self.surfaces.points, at_once, True, torch.device(self.device))
+
+        def work(job: int) -> Row:
+            height = heights[job].to(self.device)
+            paths = [self._follow(height, float(p), attraction, strengths) for p in pressure]
+            return {key: torch.stack([path[key] for path in paths]) for key in paths[0]}
+
+        probe = attraction(torch.linspace(0, 3, 31, dtype=torch.float64) * heights.std())
+        name = self._fingerprint(torch.cat([pressure, strengths, probe]), len(pressure))
+        rows = run_ensemble(len(heights), work, name, self._workers, checkpoint, progress)
+        found = {key: torch.stack([row[key] for row in rows], 2) for key in rows[0]}
+        shape = found["residual"].shape
+        return ContactSolution(
+            pressure_pa=pressure[:, None, None].expand(shape),
+            strength=strengths[:, None].expand(shape),
+            gap_levels=default_levels(),
+            **found,
+        )
+
+    def fields(self, pressure_pa: float) -> BoundedSolution:
+        """Pressure and gap of every point of all surfaces at one nominal pressure [Pa]."""
+        pressure = float(self._checked_pressure(pressure_pa)[0])
+        return self._solve_batch(slice(None), pressure)
+
+    @cached_property
+    def _problem(self) -> BoundedProblem:
+        box = self.surfaces
+        device = torch.device(self.device)
+        return BoundedProblem.on_grid(
+            self.modulus, box.points, box.side_m, self.hardness_pa, device
+        )
+
+    @property
+    def _workers(self) -> int:
+        """Batches at a time: a GPU is filled by one."""
+        return torch.get_num_threads() if torch.device(self.device).type == "cpu" else 1
+
+    def _checked_pressure(self, pressure_pa: Any) -> Tensor:
+        pressure = torch.as_tensor(pressure_pa, dtype=torch.float64).detach().cpu()
+        usable = bool(((pressure > 0) & pressure.isfinite()).all())
+        if pressure.ndim > 1 or pressure.numel() == 0 or not usable:
+            raise InputError(
+                "pressure_pa: expected finite pressures above 0 [Pa], a number or one dimension, "
+                f"got {pressure_pa!r}"
+            )
+        most = float(pressure.max())
+        if self.hardness_pa is not None:
+            if most >= self.hardness_pa:
+                raise InputError(
+                    f"pressure_pa: expected pressures below the hardness, {self.hardness_pa:g} Pa, "
+                    f"got {most:g} Pa; the whole surface would yield"
+                )
+        elif most >= (full := float(self.full_contact_pressure().min())):
+            raise InputError(
+                f"pressure_pa: expected pressures below {full:.4g} Pa, which closes every gap of "
+                f"a surface, got {most:g} Pa; nothing is left to solve there: A/A0 is 1"
+            )
+        return pressure.reshape(-1)
+
+    def _batches(self) -> list[slice]:
+        """Surfaces to be solved in one batch each."""
+        box, device = self.surfaces, torch.device(self.device)
+        size = self.at_a_time
+        if size is None:
+            size = 1 if device.type == "cpu" else surfaces_that_fit(box.points, device)
+        size = min(size, len(box))
+        check_memory(box.points, min(size * self._workers, len(box)), False, device)
+        return [slice(i, i + size) for i in range(0, len(box), size)]
+
+    def _solve_batch(self, batch: slice, pressure: float) -> BoundedSolution:
+        height = self.surfaces.height_m[batch].to(self.device)
+        scale = height.square().mean((-2, -1)).sqrt()
+        mean = torch.full_like(scale, pressure)
+        return self._problem.solve(height, mean, scale, self.tolerance)
+
+    def _measure(self, solved: BoundedSolution) -> Row:
+        contact = solved.pressure_pa > 0
+        gap = solved.gap_m.clamp(min=0.0).masked_fill_(contact, 0.0)
+        zero = torch.zeros_like(solved.residual)
+        plastic = zero
+        if self.hardness_pa is not None:
+            plastic = (solved.pressure_pa >= self.hardness_pa).to(gap.dtype).mean((-2, -1))
+        levels = default_levels()
+        return {
+            "area_fraction_raw": contact.to(gap.dtype).mean((-2, -1)),
+            "area_fraction": corrected_area(contact),
+            "plastic_fraction": plastic,
+            "mean_gap_m": gap.mean((-2, -1)),
+            "gap_quantiles_m": torch.stack(
+                [open_quantiles(g, c, levels) for g, c in zip(gap, contact, strict=True)]
+            ),
+            "attraction_gaps_pa": zero,
+            "attraction_spots_pa": zero,
+            "residual": solved.residual,
+            "iterations": solved.iterations,
+            "converged": solved.converged,
+        }
+
+    def _follow(
+        self, height: Tensor, pressure: float, attraction: LocalAttraction, strengths: Tensor
+    ) -> Row:
+        """One surface at one pressure along all strengths."""
+        contact = PulledContact(self._problem, height, pressure, attraction, self.tolerance)
+        reached: list[Row] = []
+
+        def record(strength: float, status: Status) -> None:
+            reached.append(self._measure_pulled(contact, strength, status))
+
+        unloaded = int((strengths == 0).sum())
+        if unloaded:
+            record(0.0, Status.OK)
+        wanted = strengths.tolist()[unloaded:]
+        bracket = (nan, nan)
+        if wanted:
+            path = lowest_branch(wanted, wanted[0] * float(contact.traction.mean()))
+            try:
+                step = next(path)
+                while True:
+                    if isinstance(step, Reached):
+                        record(wanted[step.index], Status.OK)
+                        step = path.send(nan)
+                    else:
+                        step = path.send(contact.strength(step))
+            except StopIteration as end:
+                if end.value is not None:
+                    bracket = (end.value.low, end.value.high)
+        while len(reached) < len(strengths):
+            record(bracket[0], Status.PULL_IN)
+        rows = {key: torch.stack([row[key] for row in reached]) for key in reached[0]}
+        rows["snap_in_strength"] = torch.tensor(bracket, dtype=torch.float64).repeat(
+            len(strengths), 1
+        )
+        return rows
+
+    def _measure_pulled(self, contact: PulledContact, strength: float, status: Status) -> Row:
+        row = {key: value[0] for key, value in self._measure(contact.contact).items()}
+        spots = contact.contact.pressure_pa > 0
+        traction = strength * contact.traction
+        row["attraction_spots_pa"] = (traction * spots).mean()
+        row["attraction_gaps_pa"] = (traction * ~spots).mean()
+        row["iterations"] = torch.tensor(contact.iterations)
+        row["converged"] = torch.tensor(contact.converged)
+        row["status"] = torch.tensor(int(status))
+        return {key: value.cpu() for key, value in row.items()}
+
+    def _fingerprint(self, *loads: Any) -> str:
+        """What the results depend on, as a hash."""
+        digest = hashlib.sha256()
+        grid = self._problem.levels[0]
+        for field in (self.surfaces.height_m, grid.compliance.cpu()):
+            digest.update(field.contiguous().numpy().tobytes())
+        digest.update(repr((self.hardness_pa, self.tolerance)).encode())
+        for load in loads:
+            text = load.tolist() if isinstance(load, Tensor) else load
+            digest.update(repr(text).encode())
+        return digest.hexdigest()
+
+
+def _checked_strength(strength: Any) -> Tensor:
+    checked = torch.as_tensor(strength, dtype=torch.float64).detach().cpu().reshape(-1)
+    rising = bool((checked.diff() > 0).all())
+    if len(checked) == 0 or not rising or not bool(((checked >= 0) & checked.isfinite()).all()):
+        raise InputError(
+            "strength: expected finite factors of 0 or more in rising order, "
+            f"got {checked.tolist()}"
+        )
+    return checked
+
+
+def _check_attraction(attraction: LocalAttraction, h_rms: float) -> None:
+    gaps = torch.linspace(0, 5, 101, dtype=torch.float64) * h_rms
+    traction = attraction(gaps)
+    if traction.shape != gaps.shape or not bool((traction > 0).all() and traction.isfinite().all()):
+        raise InputError(
+            "attraction: expected a finite traction above 0 [Pa] for every gap, of the gaps' shape"
+        )
+    if bool((traction.diff() > 0).any()):
+        raise InputError("attraction: expected a traction that falls as the gap grows")

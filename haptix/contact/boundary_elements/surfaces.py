@@ -1,0 +1,266 @@
+"""Periodic rough surfaces on a grid: random from a spectrum, or a measured height map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, isfinite, pi
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from haptix.contact.boundary_elements.kernel import wavenumbers
+from haptix.contact.boundary_elements.resolution import check_resolution
+from haptix.contact.roughness import RoughnessSpectrum
+from haptix.errors import InputError, check_positive
+
+Amplitudes = Literal["fixed", "gaussian"]
+
+_LEAST_POINTS = 16
+# Of a measured map's mean-square slope: what lies in waves shorter than the band is noise.
+_SHARE_IN_BAND = 0.999
+# A map whose borders do not meet has a jump there of many usual steps between neighbours.
+_JUMP = 3.0
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """A batch of periodic square height maps, towards the solid that is pressed on them.
+
+    Build one with `random` or `measured`.
+
+    Parameters
+    ----------
+    height_m : Tensor, shape (surfaces, n, n)
+        Heights [m], double precision, each with mean 0.
+    side_m : float
+        Length of the periodic box [m].
+    q_low, q_high : float
+        Longest and shortest wave [1/m].
+    waves_in_box : float
+        Number of waves at the roll-off along a side: ``q_r side / 2 pi``.
+    """
+
+    height_m: Tensor
+    side_m: float
+    q_low: float
+    q_high: float
+    waves_in_box: float
+
+    @classmethod
+    def random(
+        cls,
+        spectrum: RoughnessSpectrum,
+        points: int,
+        side_m: float | None = None,
+        surfaces: int = 1,
+        seed: int = 0,
+        q_high: float | None = None,
+        amplitudes: Amplitudes = "fixed",
+    ) -> Surfaces:
+        """Draw surfaces with the spectrum C(q), wave by wave with random phases.
+
+        Every wave ``2 pi (i, j) / side`` in the band has the mean square ``C(q) (2 pi / side)^2``
+        (Persson et al., J. Phys.: Condens. Matter 17, R1 (2005)). Surface i of a seed is the same
+        on every grid, and however many are drawn with it.
+
+        Parameters
+        ----------
+        spectrum : RoughnessSpectrum
+            C(q) [m^4]; outside its band there are no waves.
+        points : int
+            Pixels along a side, n.
+        side_m : float, optional
+            Box [m]; by default the spectrum's longest wave fits once.
+        surfaces : int
+            Number of surfaces.
+        seed : int
+            Seed of the phases, 0 or more.
+        q_high : float, optional
+            Cut the spectrum at this wave [1/m]; by default its own end. What is cut off is missed:
+            compare `slope_rms` with the spectrum's.
+        amplitudes : {"fixed", "gaussian"}
+            "fixed": each wave has exactly its mean square, and all surfaces one roughness;
+            "gaussian": amplitudes scatter as those of a Gaussian process do.
+
+        Raises
+        ------
+        InputError
+            If a number is impossible, or the grid has less than 2 pixels in the shortest wave, or
+            the box less than one wave of the roll-off.
+
+        Warns
+        -----
+        ResolutionWarning
+            If the grid or the box is coarse enough to bias area or gap, with that bias.
+        """
+        if amplitudes not in ("fixed", "gaussian"):
+            raise InputError(f"amplitudes: expected 'fixed' or 'gaussian', got {amplitudes!r}")
+        _check_count("points", points, _LEAST_POINTS)
+        _check_count("surfaces", surfaces, 1)
+        _check_count("seed", seed, 0)
+        q_end = spectrum.q1 if q_high is None else min(q_high, spectrum.q1)
+        check_positive("q_high", q_end)
+        side = 2 * pi / spectrum.q0 if side_m is None else float(side_m)
+        check_positive("side_m", side)
+        if q_end <= spectrum.q0:
+            raise InputError(
+                f"q_high: expected a wave above the spectrum's longest, {spectrum.q0:g} /m, "
+                f"got {q_end:g} /m"
+            )
+        waves_in_box = spectrum.q_rolloff * side / (2 * pi)
+        check_resolution(2 * pi / q_end * points / side, waves_in_box)
+        # A hair wider than the band, so that waves on its very ends count whatever the rounding.
+        low, high = spectrum.q0 * (1 - 1e-9), q_end * (1 + 1e-9)
+        block = 2 * (ceil(high * side / (2 * pi)) + 1)
+        q = wavenumbers(block, side)
+        inside = (q >= low) & (q <= high)
+        within = q.clamp(spectrum.q0, q_end)
+        amplitude = torch.where(inside, spectrum(within).detach().sqrt(), 0.0) * (2 * pi / side)
+        height = torch.empty(surfaces, points, points, dtype=torch.float64)
+        for i in range(surfaces):
+            noise = np.random.default_rng([seed, i]).standard_normal((block, block))
+            waves = torch.fft.rfft2(torch.from_numpy(noise)) / block
+            if amplitudes == "fixed":
+                waves = torch.polar(torch.ones_like(q), waves.angle())
+            height[i] = _on_grid(waves * amplitude, points)
+        return cls(height, side, max(spectrum.q0, 2 * pi / side), q_end, waves_in_box)
+
+    @classmethod
+    def measured(cls, height_m: Any, pixel_m: float, mirrored: bool = False) -> Surfaces:
+        """Take measured height maps, with the mean of each taken off.
+
+        Parameters
+        ----------
+        height_m : array_like, shape (n, n) or (surfaces, n, n)
+            Heights [m].
+        pixel_m : float
+            Distance between pixels [m].
+        mirrored : bool
+            Reflect the map at its borders, to 2n by 2n: for maps that do not continue from one
+            border to the other, as the periodic solution takes them to do.
+
+        Raises
+        ------
+        InputError
+            If the map is not square, not finite, flat or smaller than 16 by 16.
+
+        Warns
+        -----
+        ResolutionWarning
+            As `random` does; the shortest wave is that below which 99.9 % of the mean-square slope
+            lies. Also where opposite borders do not meet.
+        """
+        check_positive("pixel_m", pixel_m)
+        height = torch.as_tensor(np.asarray(height_m, dtype=float)).clone()
+        if height.ndim == 2:
+            height = height[None]
+        if height.ndim != 3 or height.shape[1] != height.shape[2] or len(height) == 0:
+            raise InputError(
+                "height_m: expected a square map (n, n) or a batch of them, got shape "
+                f"{tuple(np.shape(height_m))}; cut it to a square first"
+            )
+        if height.shape[1] < _LEAST_POINTS:
+            raise InputError(
+                f"height_m: expected at least {_LEAST_POINTS} pixels along a side, "
+                f"got {height.shape[1]}"
+            )
+        if not bool(height.isfinite().all()):
+            raise InputError("height_m: expected finite heights; fill missing points first")
+        if bool((height.amax((-2, -1)) == height.amin((-2, -1))).any()):
+            raise InputError("height_m: expected some roughness, got a flat map")
+        if mirrored:
+            height = torch.cat([height, height.flip(-1)], -1)
+            height = torch.cat([height, height.flip(-2)], -2)
+        height -= height.mean((-2, -1), keepdim=True)
+        points = height.shape[-1]
+        side = points * pixel_m
+        q = wavenumbers(points, side)
+        power = _power(height).mean(0)
+        order = q.flatten().argsort()
+        rising = q.flatten()[order]
+        slope = (q**2 * power).flatten()[order].cumsum(0)
+        roughness = power.flatten()[order].cumsum(0)
+        at_share = int(torch.searchsorted(slope, _SHARE_IN_BAND * slope[-1]))
+        q_high = float(rising[min(at_share, len(rising) - 1)])
+        # Half of the mean square lies in waves longer than this one.
+        middle = float(rising[int(torch.searchsorted(roughness, roughness[-1] / 2))])
+        waves_in_box = middle * side / (2 * pi)
+        check_resolution(2 * pi / (q_high * pixel_m), waves_in_box, _border_jump(height))
+        return cls(height, side, 2 * pi / side, q_high, waves_in_box)
+
+    def __len__(self) -> int:
+        return len(self.height_m)
+
+    @property
+    def points(self) -> int:
+        """Pixels along a side."""
+        return self.height_m.shape[-1]
+
+    @property
+    def pixel_m(self) -> float:
+        """Distance between pixels [m]."""
+        return self.side_m / self.points
+
+    @property
+    def pixels_per_shortest_wave(self) -> float:
+        """How finely the shortest wave is sampled."""
+        return 2 * pi / (self.q_high * self.pixel_m)
+
+    @property
+    def h_rms_m(self) -> Tensor:
+        """Root-mean-square height achieved [m], shape (surfaces,)."""
+        return self.height_m.square().mean((-2, -1)).sqrt()
+
+    @property
+    def slope_rms(self) -> Tensor:
+        """Root-mean-square slope achieved, shape (surfaces,): that of the waves, not of pixels."""
+        q = wavenumbers(self.points, self.side_m)
+        return torch.stack([(q**2 * _power(h)).sum().sqrt() for h in self.height_m])
+
+    def statement(self) -> str:
+        """One line on the band, the sampling and the roughness achieved."""
+        return (
+            f"{len(self)} surface(s) of {self.points} x {self.points} pixels, side "
+            f"{self.side_m:.4g} m, waves {self.q_low:.4g} to {self.q_high:.4g} /m, "
+            f"{self.pixels_per_shortest_wave:.3g} pixels in the shortest wave, "
+            f"{self.waves_in_box:.3g} waves of the roll-off in the box, "
+            f"h_rms {float(self.h_rms_m.mean()):.4g} m, slope {float(self.slope_rms.mean()):.4g}"
+        )
+
+
+def _check_count(name: str, value: int, least: int) -> None:
+    if type(value) is not int or value < least:
+        raise InputError(f"{name}: expected a whole number of {least} or more, got {value!r}")
+
+
+def _on_grid(waves: Tensor, points: int) -> Tensor:
+    """Heights on `points` x `points` pixels of waves given on a block of their own."""
+    block = waves.shape[-2]
+    half = min(block, points) // 2
+    placed = waves.new_zeros(points, points // 2 + 1)
+    placed[:half, :half] = waves[:half, :half]
+    placed[-half + 1 :, :half] = waves[-half + 1 :, :half]
+    height: Tensor = torch.fft.irfft2(placed, s=(points, points)) * points**2
+    return height
+
+
+def _power(height: Tensor) -> Tensor:
+    """Mean square of each wave of the half spectrum, both of its halves counted."""
+    points = height.shape[-1]
+    power: Tensor = (torch.fft.rfft2(height) / points**2).abs() ** 2
+    last = -1 if points % 2 == 0 else None
+    power[..., 1:last] *= 2
+    return power
+
+
+def _border_jump(height: Tensor) -> float:
+    """Rms step from border to border over that between neighbours, the larger of two directions."""
+    jumps = []
+    for axis in (-2, -1):
+        inside = height.diff(dim=axis).square().mean().sqrt()
+        across = (height.select(axis, 0) - height.select(axis, -1)).square().mean().sqrt()
+        jumps.append(float(across / inside))
+    worst = max(jumps)
+    return worst if isfinite(worst) and worst > _JUMP else 0.0

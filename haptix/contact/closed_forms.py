@@ -1,0 +1,196 @@
+"""Contacts with exact solutions, to measure numerical ones by: Hertz, Westergaard, parallel plates.
+
+All of them are of an elastic half-space ``E* = E/(1 - nu^2)`` against a rigid surface without
+adhesion or friction. Numbers and arrays go in and come out alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptix.errors import InputError, check_positive
+
+VACUUM_PERMITTIVITY = 8.8541878128e-12  # [F/m], CODATA 2018
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HertzSphere:
+    """A rigid sphere on a half-space.
+
+    Source: Johnson, Contact Mechanics (1985), section 4.2.
+
+    Parameters
+    ----------
+    radius_m : float
+        R [m].
+    modulus_pa : float
+        E* [Pa].
+    """
+
+    radius_m: float
+    modulus_pa: float
+
+    def __post_init__(self) -> None:
+        check_positive("radius_m", self.radius_m)
+        check_positive("modulus_pa", self.modulus_pa)
+
+    def contact_radius_m(self, force_n: ArrayLike) -> Array:
+        """``a = (3 F R / 4 E*)^(1/3)`` [m] under a force [N]."""
+        force = _not_negative("force_n", force_n)
+        return np.cbrt(3 * force * self.radius_m / (4 * self.modulus_pa))
+
+    def indentation_m(self, force_n: ArrayLike) -> Array:
+        """Approach of distant points, ``a^2 / R`` [m]."""
+        return self.contact_radius_m(force_n) ** 2 / self.radius_m
+
+    def peak_pressure_pa(self, force_n: ArrayLike) -> Array:
+        """Pressure at the middle, ``3 F / (2 pi a^2) = 2 E* a / (pi R)`` [Pa]."""
+        return 2 * self.modulus_pa * self.contact_radius_m(force_n) / (pi * self.radius_m)
+
+    def pressure_pa(self, force_n: float, distance_m: ArrayLike) -> Array:
+        """Pressure [Pa] at a distance [m] from the axis: half an ellipse over the contact."""
+        radius = self.contact_radius_m(force_n)
+        inside = np.clip(1 - (np.asarray(distance_m, dtype=float) / radius) ** 2, 0, None)
+        return self.peak_pressure_pa(force_n) * np.sqrt(inside)
+
+
+@dataclass(frozen=True)
+class WavySurface:
+    """A wave ``h = amplitude cos(2 pi x / wavelength)`` in one direction on a half-space.
+
+    Source: Westergaard, J. Appl. Mech. 6, A49 (1939); Johnson, Contact Mechanics, section 13.2.
+
+    Parameters
+    ----------
+    amplitude_m, wavelength_m : float
+        The wave [m]; from crest to trough it is twice the amplitude.
+    modulus_pa : float
+        E* [Pa].
+    """
+
+    amplitude_m: float
+    wavelength_m: float
+    modulus_pa: float
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude_m", "wavelength_m", "modulus_pa"):
+            check_positive(name, getattr(self, name))
+
+    @property
+    def full_contact_pressure_pa(self) -> float:
+        """Mean pressure ``p* = pi E* amplitude / wavelength`` [Pa] that closes every gap."""
+        return pi * self.modulus_pa * self.amplitude_m / self.wavelength_m
+
+    def contact_fraction(self, mean_pressure_pa: ArrayLike) -> Array:
+        """Contact width over the wavelength, ``(2/pi) asin(sqrt(p/p*))``; 1 from p* on."""
+        mean = _not_negative("mean_pressure_pa", mean_pressure_pa)
+        share = np.clip(mean / self.full_contact_pressure_pa, 0, 1)
+        return 2 / pi * np.arcsin(np.sqrt(share))
+
+    def mean_pressure_pa(self, contact_fraction: ArrayLike) -> Array:
+        """Mean pressure ``p* sin^2(pi f / 2)`` [Pa] for a contact width f over the wavelength."""
+        share = np.asarray(contact_fraction, dtype=float)
+        if not bool(((share >= 0) & (share <= 1)).all()):
+            raise InputError(f"contact_fraction: expected 0 to 1, got {contact_fraction!r}")
+        return self.full_contact_pressure_pa * np.sin(pi / 2 * share) ** 2
+
+    def pressure_pa(self, mean_pressure_pa: float, x_m: ArrayLike) -> Array:
+        """Pressure [Pa] at places x [m] from a crest, below full contact.
+
+        ``p(x) = (2 p cos psi / sin^2 psi_a) sqrt(sin^2 psi_a - sin^2 psi)``, ``psi = pi x/lambda``.
+        """
+        sine_a = np.sin(pi / 2 * self.contact_fraction(mean_pressure_pa))
+        psi = pi * np.asarray(x_m, dtype=float) / self.wavelength_m
+        inside = np.clip(sine_a**2 - np.sin(psi) ** 2, 0, None)
+        pressure: Array = 2 * mean_pressure_pa * np.abs(np.cos(psi)) / sine_a**2 * np.sqrt(inside)
+        return pressure
+
+
+def crossed_waves_full_contact_pressure(
+    amplitude_m: float, wavelength_m: float, modulus_pa: float
+) -> float:
+    """Mean pressure [Pa] that flattens ``amplitude cos(2 pi x/lambda) cos(2 pi y/lambda)``.
+
+    ``p* = sqrt(2) pi E* amplitude / lambda``: the wave's wavenumber is ``sqrt(2) 2 pi / lambda``,
+    and its pressure ``q E*/2`` times the height reaches from -p* to p* (Johnson, Greenwood,
+    Higginson, Int. J. Mech. Sci. 27, 383 (1985)).
+
+    Parameters
+    ----------
+    amplitude_m, wavelength_m : float
+        The wave [m].
+    modulus_pa : float
+        E* [Pa].
+    """
+    for name, value in (
+        ("amplitude_m", amplitude_m),
+        ("wavelength_m", wavelength_m),
+        ("modulus_pa", modulus_pa),
+    ):
+        check_positive(name, value)
+    return 2**0.5 * pi * modulus_pa * amplitude_m / wavelength_m
+
+
+@dataclass(frozen=True)
+class PlateOnSpring:
+    """A plate on a spring over a fixed one under a constant voltage: the textbook of pull-in.
+
+    Source: Senturia, Microsystem Design (2001), section 6.4. Between the plates lies the air gap,
+    `gap_m` wide without voltage, and an insulator worth `insulator_m` of air (thickness over
+    permittivity); a stiffness and a force per area make it the contact's own problem.
+
+    Parameters
+    ----------
+    stiffness_pa_per_m : float
+        Spring constant per area k [Pa/m].
+    gap_m : float
+        Air gap g without voltage [m].
+    insulator_m : float
+        h0 [m], 0 or more.
+    """
+
+    stiffness_pa_per_m: float
+    gap_m: float
+    insulator_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_positive("stiffness_pa_per_m", self.stiffness_pa_per_m)
+        check_positive("gap_m", self.gap_m)
+        _not_negative("insulator_m", self.insulator_m)
+
+    @property
+    def pull_in_gap_m(self) -> float:
+        """Air gap left where the plate snaps, ``(2 g - h0)/3``, or 0 where it never does [m]."""
+        return max(0.0, (2 * self.gap_m - self.insulator_m) / 3)
+
+    @property
+    def pull_in_voltage_v(self) -> float:
+        """Constant voltage at which it snaps, ``sqrt(8 k (g + h0)^3 / 27 eps0)`` [V].
+
+        With an insulator of more than 2 g the plate closes without a snap, at the voltage given.
+        """
+        return float(self.voltage_v(self.pull_in_gap_m))
+
+    def voltage_v(self, air_gap_m: ArrayLike) -> Array:
+        """Constant voltage [V] that holds the plate at an air gap [m], stable or not.
+
+        ``k (g - u) = eps0 V^2 / 2 (u + h0)^2``.
+        """
+        left = np.asarray(air_gap_m, dtype=float)
+        if not bool(((left >= 0) & (left <= self.gap_m)).all()):
+            raise InputError(f"air_gap_m: expected 0 to {self.gap_m:g} m, got {air_gap_m!r}")
+        pull = self.stiffness_pa_per_m * (self.gap_m - left)
+        return (left + self.insulator_m) * np.sqrt(2 * pull / VACUUM_PERMITTIVITY)
+
+
+def _not_negative(name: str, value: ArrayLike) -> Array:
+    array = np.asarray(value, dtype=float)
+    if not bool(((array >= 0) & np.isfinite(array)).all()):
+        raise InputError(f"{name}: expected finite numbers of 0 or more, got {value!r}")
+    return array

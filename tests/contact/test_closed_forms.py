@@ -1,0 +1,112 @@
+"""The closed forms against their own integrals, balances and published limits."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.optimize import minimize_scalar
+
+from haptix.contact.closed_forms import (
+    VACUUM_PERMITTIVITY,
+    HertzSphere,
+    PlateOnSpring,
+    WavySurface,
+    crossed_waves_full_contact_pressure,
+)
+from haptix.errors import InputError
+
+lengths = st.floats(-9, 0).map(lambda e: 10**e)
+moduli = st.floats(3, 12).map(lambda e: 10**e)
+EXACT = 1e-7  # quadrature towards the root at the contact's border
+
+
+@given(lengths, moduli, st.floats(-6, 2).map(lambda e: 10**e))
+def test_hertz_pressure_carries_the_force(radius: float, modulus: float, force: float) -> None:
+    sphere = HertzSphere(radius, modulus)
+    a = float(sphere.contact_radius_m(force))
+    ring = 2 * np.pi * a * a / force
+    total = quad(lambda t: ring * t * float(sphere.pressure_pa(force, t * a)), 0, 1)[0]
+    assert total == pytest.approx(1, rel=EXACT)
+    # Johnson (1985), eq. 4.23 and 4.24, in their other form with the force cubed.
+    assert sphere.indentation_m(force) == pytest.approx(
+        (9 * force**2 / (16 * radius * modulus**2)) ** (1 / 3), rel=EXACT
+    )
+    assert sphere.peak_pressure_pa(force) == pytest.approx(
+        (6 * force * modulus**2 / (np.pi**3 * radius**2)) ** (1 / 3), rel=EXACT
+    )
+
+
+@given(lengths, lengths, moduli, st.floats(0.001, 0.999))
+def test_westergaard_pressure_carries_the_load(
+    amplitude: float, wavelength: float, modulus: float, share: float
+) -> None:
+    wave = WavySurface(amplitude, wavelength, modulus)
+    mean = share * wave.full_contact_pressure_pa
+    half = float(wave.contact_fraction(mean)) * wavelength / 2
+    width = 2 * half / wavelength / mean
+    total = quad(lambda t: width * float(wave.pressure_pa(mean, t * half)), 0, 1)[0]
+    assert total == pytest.approx(1, rel=EXACT)
+    assert wave.mean_pressure_pa(wave.contact_fraction(mean)) == pytest.approx(mean, rel=EXACT)
+
+
+def test_westergaard_at_light_load_is_hertz_on_a_line() -> None:
+    # Crest radius lambda^2 / (4 pi^2 amplitude); half-width sqrt(4 F R / pi E*) (Johnson, 4.43).
+    wave, load = WavySurface(1e-6, 1e-4, 1e8), 1e-6
+    per_length = load * wave.full_contact_pressure_pa * wave.wavelength_m
+    radius = wave.wavelength_m**2 / (4 * np.pi**2 * wave.amplitude_m)
+    half = np.sqrt(4 * per_length * radius / (np.pi * wave.modulus_pa))
+    found = wave.contact_fraction(load * wave.full_contact_pressure_pa) * wave.wavelength_m / 2
+    assert found == pytest.approx(half, rel=load)  # the next term is a sixth of the load's share
+
+
+def test_full_contact_of_a_single_wave() -> None:
+    wave = WavySurface(2e-6, 1e-4, 1e8)
+    assert wave.contact_fraction(wave.full_contact_pressure_pa) == 1
+    assert wave.contact_fraction(2 * wave.full_contact_pressure_pa) == 1
+    assert wave.contact_fraction(0.0) == 0
+    # The same wave rotated by 45 degrees is one of sqrt(2) of the wavenumber.
+    crossed = crossed_waves_full_contact_pressure(2e-6, 1e-4, 1e8)
+    assert crossed == pytest.approx(2**0.5 * wave.full_contact_pressure_pa, rel=EXACT)
+
+
+@given(st.floats(6, 14).map(lambda e: 10**e), lengths, st.floats(0, 5))
+def test_pull_in_is_the_highest_voltage_of_the_branch(
+    stiffness: float, gap: float, share: float
+) -> None:
+    plate = PlateOnSpring(stiffness, gap, share * gap)
+    found = minimize_scalar(
+        lambda t: -float(plate.voltage_v(t * gap)) / plate.pull_in_voltage_v,
+        bounds=(0, 1),
+        method="bounded",
+        options={"xatol": 1e-10},
+    )
+    # Where it closes without a snap the highest voltage is at the end of the range searched.
+    assert -found.fun == pytest.approx(1.0, rel=1e-8)
+    assert found.x * gap == pytest.approx(plate.pull_in_gap_m, abs=1e-4 * gap)
+
+
+def test_pull_in_without_insulator() -> None:
+    # Senturia (2001), eq. 6.37: V = sqrt(8 k g^3 / 27 eps0 A), at a third of the gap.
+    plate = PlateOnSpring(1e9, 1e-6)
+    assert plate.pull_in_voltage_v == pytest.approx(
+        np.sqrt(8 * 1e9 * 1e-18 / (27 * VACUUM_PERMITTIVITY)), rel=EXACT
+    )
+    assert plate.pull_in_gap_m == pytest.approx(2e-6 / 3, rel=EXACT)
+
+
+def test_impossible_numbers_are_refused() -> None:
+    with pytest.raises(InputError, match="radius_m"):
+        HertzSphere(0.0, 1.0)
+    with pytest.raises(InputError, match="force_n"):
+        HertzSphere(1.0, 1.0).contact_radius_m(-1.0)
+    with pytest.raises(InputError, match="wavelength_m"):
+        WavySurface(1.0, float("nan"), 1.0)
+    with pytest.raises(InputError, match="contact_fraction"):
+        WavySurface(1.0, 1.0, 1.0).mean_pressure_pa(1.5)
+    with pytest.raises(InputError, match="modulus_pa"):
+        crossed_waves_full_contact_pressure(1.0, 1.0, -1.0)
+    with pytest.raises(InputError, match="insulator_m"):
+        PlateOnSpring(1.0, 1.0, -1.0)
+    with pytest.raises(InputError, match="air_gap_m"):
+        PlateOnSpring(1.0, 1.0).voltage_v(2.0)
