@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PositiveFloat,
+    Tag,
+    model_validator,
+)
 from torch import Tensor
 
 from haptix.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum
@@ -44,6 +52,54 @@ class Roughness(BaseModel):
         )
 
 
+class MeasuredRoughness(BaseModel):
+    """A measured spectrum, as `RoughnessSpectrum.from_table` takes it.
+
+    Parameters
+    ----------
+    q_per_m, density_m4 : tuple of float
+        Wavenumbers [1/m], increasing, and C(q) [m^4]; nothing is assumed beyond their band.
+    source : str
+        Where the numbers come from.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    q_per_m: tuple[float, ...]
+    density_m4: tuple[float, ...]
+    source: str = ""
+    is_placeholder: bool = False
+
+    @classmethod
+    def of(cls, spectrum: RoughnessSpectrum, source: str = "") -> Self:
+        """Keep a spectrum, such as that of a measured topography."""
+        return cls(
+            q_per_m=tuple(spectrum.wavenumber.tolist()),
+            density_m4=tuple(spectrum.density.tolist()),
+            source=source,
+        )
+
+    @model_validator(mode="after")
+    def _is_a_spectrum(self) -> Self:
+        self.spectrum()
+        return self
+
+    def spectrum(self) -> RoughnessSpectrum:
+        """Return the spectrum itself."""
+        return RoughnessSpectrum.from_table(self.q_per_m, self.density_m4)
+
+
+def _kind_of_roughness(value: Any) -> str:
+    table = value if isinstance(value, dict) else getattr(type(value), "model_fields", ())
+    return "as-measured" if "q_per_m" in table else "self-affine"
+
+
+AnyRoughness = Annotated[
+    Annotated[Roughness, Tag("self-affine")] | Annotated[MeasuredRoughness, Tag("as-measured")],
+    Discriminator(_kind_of_roughness),
+]
+
+
 class Finger(Profile):
     """One fingertip. Presets and sources: physics page, section 3 (Ayyildiz et al., PNAS 2018).
 
@@ -75,7 +131,7 @@ class Finger(Profile):
     frictional_shear_stress_pa: Quantity = 8e6
     apparent_area_at_1n_m2: PositiveFloat = 45.65e-6
     apparent_area_exponent: Annotated[float, Field(ge=0, lt=1)] = 0.1366
-    roughness: Roughness = Roughness()
+    roughness: AnyRoughness = Roughness()
     dielectric: SkinDielectric = SkinDielectric()
 
     @classmethod

@@ -168,6 +168,7 @@ class ContactModel:
             "contact_spots": self.contact_spots,
             "gap_distribution": self.contact.gap_distribution,
             "gamma": self.contact.gamma,
+            "roughness": self.contact.spectrum.statement(),
             "dtype": str(self.dtype).removeprefix("torch."),
             "terms": terms,
             "placeholders": self.placeholders(),

@@ -106,7 +106,9 @@ class Profile(BaseModel):
 
 def _sentence(name: str, error: ValidationError) -> str:
     first = error.errors()[0]
-    field = ".".join((name, *(str(part) for part in first["loc"])))
+    # Tags of a union, such as "self-affine", are no keys that anybody typed.
+    keys = [part for part in first["loc"] if isinstance(part, int) or part.isidentifier()]
+    field = ".".join((name, *map(str, keys)))
     # What contradicts itself as a whole has said so; all of its fields would bury that.
     told = first["type"] == "missing" or not first["loc"]
     got = "" if told else f", got {first['input']!r}"

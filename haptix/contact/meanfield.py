@@ -35,6 +35,7 @@ _LAST_LOGIT = 56.0  # there T1 - T is below rounding
 _PER_WAVE = 0.2  # strips in ln(q/q0 - 1) for one in asinh(ln(T / (T1 - T)))
 _SEPARATION_POINTS = 32  # Gauss points in each panel of one mean separation
 _MOST_BENDS = 20  # of a spectrum that is integrated from bend to bend
+_LEAST_BAND = 3.0  # q1/q0; the theory is one of many waves, two decades of them are usual
 _Y_FLAT = 5.9  # erfc(5.9) = 7e-17: contact at this y is complete to double precision
 _GAP_BINS = 600  # with the strips: I within 3e-4 for any contact, 1e-4 usually
 _GAP_RANGE = (1e-9, 1e2)  # bins from and to, in units of h_rms
@@ -87,6 +88,12 @@ class MeanField:
         if gap_distribution not in get_args(GapDistribution):
             raise InputError(
                 f'gap_distribution: expected "plain" or "combined", got {gap_distribution!r}'
+            )
+        if spectrum.q1 < _LEAST_BAND * spectrum.q0:
+            raise InputError(
+                f"spectrum: expected waves from q0 to {_LEAST_BAND:g} q0 or shorter, since the "
+                f"slope that decides the area comes from short waves, got {spectrum.q0:g} to "
+                f"{spectrum.q1:g} /m; measure finer, or add the short waves as a self-affine tail"
             )
         self.spectrum = RoughnessSpectrum(
             spectrum.wavenumber.to(device), spectrum.density.to(device)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi
+from math import log10, pi
 from typing import Any
 
 import numpy as np
@@ -96,21 +96,31 @@ class RoughnessSpectrum:
 
     @classmethod
     def from_topography(
-        cls, height_m: Any, pixel_m: float, bins_per_decade: int = 10
+        cls, height_m: Any, pixel_m: float | None = None, bins_per_decade: int = 10
     ) -> RoughnessSpectrum:
         """Radially averaged spectrum of a measured height map, mean plane removed.
 
-        A Hann window suppresses the jump at the borders of a map that is not periodic.
+        A Hann window suppresses the jump at the borders of a map that is not periodic. The band is
+        ``2 pi / side`` to ``pi / pixel_m``, and no more: `statement` says so.
 
         Parameters
         ----------
-        height_m : array_like, shape (rows, columns)
-            Heights [m].
+        height_m : array_like, shape (rows, columns), or SurfaceTopography.Topography
+            Heights [m]; a topography brings its own unit and pixels.
         pixel_m : float
-            Distance between pixels [m]; the band is ``2 pi / side`` to ``pi / pixel_m``.
+            Distance between pixels [m]; left out for a topography.
         bins_per_decade : int
             Width of the averaging rings.
+
+        Raises
+        ------
+        InputError
+            If the map is not finite, too small or flat, or its unit or pixels are not known.
         """
+        if hasattr(height_m, "heights"):
+            height_m, pixel_m = _read_topography(height_m, pixel_m)
+        if pixel_m is None:
+            raise InputError("pixel_m: expected the distance between pixels [m], got None")
         check_positive("pixel_m", pixel_m)
         height = np.asarray(height_m, dtype=float)
         if height.ndim != 2 or min(height.shape) < 8 or not np.isfinite(height).all():
@@ -170,6 +180,14 @@ class RoughnessSpectrum:
         """Root-mean-square slope (of the gradient's magnitude)."""
         return self.moment(3).sqrt()
 
+    def statement(self) -> str:
+        """One line on the band and on what is in it."""
+        decades = log10(self.q1 / self.q0)
+        return (
+            f"waves of {self.q0:.3g} to {self.q1:.3g} /m ({decades:.1f} decades), h_rms "
+            f"{float(self.h_rms_m.detach()):.3g} m, rms slope {float(self.slope_rms.detach()):.3g}"
+        )
+
     def __call__(self, q: Tensor) -> Tensor:
         """C [m^4] at wavenumbers inside the band, any shape."""
         segment, exponent = self._segment(q)
@@ -199,6 +217,21 @@ class RoughnessSpectrum:
         segment = segment.clamp(0, len(self.wavenumber) - 2)
         rise = torch.log(self.density[segment + 1] / self.density[segment])
         return segment, rise / torch.log(self.wavenumber[segment + 1] / self.wavenumber[segment])
+
+
+def _read_topography(topography: Any, pixel_m: float | None) -> tuple[Any, float]:
+    """Heights [m] and pixel [m] of an object of SurfaceTopography's kind."""
+    if pixel_m is not None:
+        raise InputError(f"pixel_m: a topography brings its own pixels, got {pixel_m:g} as well")
+    if topography.unit is None:
+        raise InputError(
+            "height_m: expected a topography whose unit is known; give it one, such as unit='um'"
+        )
+    in_metres = topography.to_unit("m")
+    sides = np.unique(np.round(np.asarray(in_metres.pixel_size, dtype=float), 15))
+    if len(sides) != 1:
+        raise InputError(f"height_m: expected square pixels, got {in_metres.pixel_size} m")
+    return np.ma.filled(in_metres.heights(), np.nan), float(in_metres.pixel_size[0])
 
 
 def _power_integral(value_times_q: Tensor, ratio: Tensor, exponent: Tensor) -> Tensor:

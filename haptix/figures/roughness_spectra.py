@@ -34,7 +34,7 @@ def roughness_spectra(finger: Finger | None = None) -> FigureData:
     densities, slopes = [], []
     names = ("finger", *(f"stand_in_q1_1e{np.log10(s.q1_per_m):.0f}" for s in STAND_INS))
     colors = ("black", COLD_TO_HOT[0], COLD_TO_HOT[4])
-    for roughness, spectrum, name, color in zip(shown, spectra, names, colors, strict=True):
+    for spectrum, name, color in zip(spectra, names, colors, strict=True):
         inside = (wavenumber >= spectrum.q0) & (wavenumber <= spectrum.q1)
         q = torch.from_numpy(wavenumber[inside])
         density = np.full_like(wavenumber, np.nan)
@@ -45,8 +45,8 @@ def roughness_spectra(finger: Finger | None = None) -> FigureData:
         columns[f"c_{name}_m4"], columns[f"rms_slope_up_to_q_{name}"] = density, slope
         which = finger.name if name == "finger" else "other"
         label = (
-            f"{which}: $q_\\mathrm{{r}}$ = {roughness.q_rolloff_per_m:.0f} /m,\n"
-            f"$q_\\mathrm{{1}}$ = $\\mathrm{{10}}^{{{np.log10(roughness.q1_per_m):.3g}}}$ /m"
+            f"{which}: $q_\\mathrm{{r}}$ = {spectrum.q_rolloff:.0f} /m,\n"
+            f"$q_\\mathrm{{1}}$ = $\\mathrm{{10}}^{{{np.log10(spectrum.q1):.3g}}}$ /m"
         )
         style, width = ("-", 2.2) if name == "finger" else ("--", 1.6)
         densities.append(Curve("wavenumber_per_m", f"c_{name}_m4", "", color, style, width))
@@ -56,9 +56,9 @@ def roughness_spectra(finger: Finger | None = None) -> FigureData:
     first = shown[0]
     caption = (
         f"Left: roughness power spectrum of the {finger.name} finger (black) and of two others "
-        f"that have the same root-mean-square height ({float(first.h_rms_m) * 1e6:g} µm), slope "
-        f"({float(spectra[0].slope_rms):.2f}) and Hurst exponent ({first.hurst:g}) within "
-        "rounding, but end at "
+        f"that have the same root-mean-square height ({float(spectra[0].h_rms_m) * 1e6:.4g} µm), "
+        f"slope ({float(spectra[0].slope_rms):.2f}) and Hurst exponent "
+        f"({STAND_INS[0].hurst:g}) within rounding, but end at "
         "other wavenumbers q1. Right: root-mean-square slope of the waves longer than 2π/q. "
         "Convention: h_rms² = 2π ∫ q C dq. "
         + (

@@ -11,8 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from haptix.contact import RoughnessSpectrum
+from haptix import ContactModel, Finger, Screen
+from haptix.contact import HalfSpace, MeanField, RoughnessSpectrum
 from haptix.errors import InputError
+from haptix.finger import MeasuredRoughness
 
 SURFACES = [
     (22e-6, 0.86, 1e3, 3992.9, 1e9),
@@ -217,3 +219,53 @@ def test_bad_maps_are_rejected(name: str) -> None:
 def test_impossible_pixels(bad: float) -> None:
     with pytest.raises(InputError, match="pixel_m"):
         RoughnessSpectrum.from_topography(random_map(3)[0], bad)
+
+
+def test_a_topography_brings_its_unit_and_its_band() -> None:
+    topography = pytest.importorskip("SurfaceTopography", reason="the extra topography")
+    height, _, _ = random_map(4)
+    side_m = PIXELS * PIXEL_M
+    measured = topography.Topography(height * 1e6, (side_m * 1e6,) * 2, unit="um")
+    spectrum = RoughnessSpectrum.from_topography(measured)
+    plain = RoughnessSpectrum.from_topography(height, PIXEL_M)
+    np.testing.assert_allclose(spectrum.density, plain.density, rtol=1e-9)  # rounding of units
+    np.testing.assert_allclose(spectrum.wavenumber, plain.wavenumber, rtol=1e-12)
+    finger = Finger(roughness=MeasuredRoughness.of(spectrum, "a map made for this test"))
+    model = ContactModel(finger, Screen())
+    assert "roughness spectrum of the finger" not in model.placeholders()
+    told = model.describe()["roughness"]
+    assert f"{spectrum.q0:.3g} to {spectrum.q1:.3g} /m" in told
+    # Light contact: sqrt(8/pi) p / (E* slope), E* = 40 MPa / 0.75.
+    state = model.solve(0.01, 0.0)
+    expected = math.sqrt(8 / math.pi) * float(state.pressure_pa) * 0.75 / 40e6
+    assert float(state.area_fraction) == pytest.approx(
+        expected / float(spectrum.slope_rms), rel=1e-3
+    )  # the cubic term of erf
+    for wrong, sentence in (
+        ((topography.Topography(height, (1.0, 1.0)),), "unit is known"),
+        ((topography.Topography(height, (1.0, 2.0), unit="m"),), "square pixels"),
+        ((measured, 1e-6), "brings its own pixels"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            RoughnessSpectrum.from_topography(*wrong)
+    with pytest.raises(InputError, match="pixel_m"):
+        RoughnessSpectrum.from_topography(height)
+
+
+def test_a_spectrum_of_one_wave_has_no_short_ones() -> None:
+    narrow = RoughnessSpectrum.from_table([1e4, 2e4], [1e-20, 1e-21])
+    with pytest.raises(InputError, match=r"spectrum: expected waves from q0 to 3 q0.*10000 to 20"):
+        MeanField(narrow, HalfSpace(1e6, 0.5))
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"q_per_m": (1e4, 1e3), "density_m4": (1e-20, 1e-21)}, "roughness.*increasing"),
+        ({"q_per_m": (1e3, 1e4), "density_m4": (1e-20, 0.0)}, "roughness.*positive"),
+        ({"q_per_m": (1e3, 1e4), "density_m4": (1e-20,)}, "roughness.*one length"),
+    ],
+)
+def test_a_finger_refuses_a_table_that_is_no_spectrum(fields: Any, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        Finger(roughness=fields)
