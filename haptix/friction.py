@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 import torch
 from torch import Tensor
 
-from haptix.contact import ContactSpots, GapDistribution, MeanField
+from haptix.contact import ContactSpots, GapDistribution, MeanField, named_theory
 from haptix.contact.finite_size import highest_asperity
 from haptix.contact.gaps import bin_inverse_square
 from haptix.contact.meanfield import check_contact_spots
@@ -61,13 +61,15 @@ class ContactModel:
         Of the results. The arithmetic is float64, so float32 results are within 6e-8, relative.
     device : str
         Where the tables live.
-    contact_spots : {"excluded", "included"}
-        Whether the pull inside the contact spots loads the contact. "included" is the paper as
-        printed; boundary elements say "excluded".
-    gap_distribution : {"plain", "combined"}
-        See `haptix.contact.MeanField`.
-    gamma : float
-        Factor of the elastic energy in the separation, see `haptix.contact.MeanField`.
+    theory : {"open-gaps", "as-published", "corrected"}
+        Form of the mean field: the paper's, but for the pull inside the contact spots; the paper
+        as printed; or what agrees with boundary elements, see `haptix.contact.THEORIES`.
+    contact_spots : {"excluded", "included"}, optional
+        Whether the pull inside the contact spots loads the contact; as the theory has it without.
+    gap_distribution : {"plain", "combined"}, optional
+        See `haptix.contact.MeanField`; as the theory has it without.
+    gamma : float, optional
+        Factor of the elastic energy in the separation; as the theory has it without.
     terms : set of str, or mapping of str to bool, optional
         Names of all terms that are on, or single ones to switch; without it those that finger and
         screen call for. `haptix.terms.TERMS` has them all.
@@ -85,26 +87,30 @@ class ContactModel:
         fidelity: FidelityName = "mean-field",
         dtype: torch.dtype = torch.float64,
         device: torch.device | str = "cpu",
-        contact_spots: ContactSpots = "excluded",
-        gap_distribution: GapDistribution = "plain",
-        gamma: float = 0.45,
+        contact_spots: ContactSpots | None = None,
+        gap_distribution: GapDistribution | None = None,
+        gamma: float | None = None,
         terms: Iterable[str] | Mapping[str, bool] | None = None,
+        theory: str = "open-gaps",
     ) -> None:
         if fidelity not in get_args(FidelityName):
             raise InputError(f'fidelity: expected "mean-field" or "closed-form", got {fidelity!r}')
-        check_contact_spots(contact_spots)
+        chosen = named_theory(theory)
+        self.theory = theory
+        self.contact_spots: ContactSpots = contact_spots or chosen.contact_spots
+        check_contact_spots(self.contact_spots)
         self.terms = chosen_terms(terms, finger, screen, fidelity)
         self.finger = finger
         self.screen = screen
         self.fidelity = fidelity
         self.dtype = dtype
-        self.contact_spots: ContactSpots = contact_spots
         self.contact = MeanField(
             finger.roughness.spectrum(),
             finger.solid(layered="layered-skin" in self.terms),
-            gamma=gamma,
-            gap_distribution=gap_distribution,
+            gamma=chosen.gamma if gamma is None else gamma,
+            gap_distribution=gap_distribution or chosen.gap_distribution,
             device=device,
+            area=chosen.area,
         )
         self.solver = self._solver()
 
@@ -127,7 +133,8 @@ class ContactModel:
             return self.contact.area_fraction(pressure_pa)
         hardness = self.finger.hardness_pa
         assert hardness is not None  # the term needs it
-        return elastoplastic_area(pressure_pa, self.contact.stress_rms_pa, hardness).total
+        spread = pressure_pa / self.contact.area.argument(pressure_pa / self.contact.stress_rms_pa)
+        return elastoplastic_area(pressure_pa, spread, hardness).total
 
     def _apparent_area(self, normal_force_n: Tensor) -> Tensor:
         if "apparent-area" in self.terms:
@@ -165,6 +172,8 @@ class ContactModel:
             }
         return {
             "fidelity": self.fidelity,
+            "theory": self.theory,
+            "area_slowing": self.contact.area.slowing,
             "contact_spots": self.contact_spots,
             "gap_distribution": self.contact.gap_distribution,
             "gamma": self.contact.gamma,

@@ -27,6 +27,8 @@ _FIDELITY_HELP = "mean-field, or closed-form: faster and coarser."
 Finger = Annotated[str, typer.Option(help=_FINGER_HELP)]
 Screen = Annotated[str, typer.Option(help=_SCREEN_HELP)]
 Fidelity = Annotated[str, typer.Option(help=_FIDELITY_HELP)]
+_THEORY_HELP = "Mean field: open-gaps, as-published, or corrected by boundary elements."
+Theory = Annotated[str, typer.Option(help=_THEORY_HELP)]
 With = Annotated[
     list[str] | None,
     typer.Option("--with", help="Switch a term on, such as finite-size; may be repeated."),
@@ -89,6 +91,7 @@ def build(
     fidelity: Annotated[
         str | None, typer.Option(help=f"{_FIDELITY_HELP} [default: mean-field]")
     ] = None,
+    theory: Annotated[str | None, typer.Option(help=f"{_THEORY_HELP} [default: open-gaps]")] = None,
     with_terms: With = None,
     without_terms: Without = None,
     as_json: AsJson = False,
@@ -118,6 +121,7 @@ def build(
                 "frequency-hz": frequency_hz,
                 "h0-m": h0_m,
                 "fidelity": fidelity,
+                "theory": theory,
                 "with": with_terms,
                 "without": without_terms,
             }
@@ -128,6 +132,7 @@ def build(
             finger or "semi-wet",
             screen or "3m-sct3250",
             fidelity or "mean-field",
+            theory or "open-gaps",
             with_terms,
             without_terms,
         )
@@ -157,6 +162,7 @@ def query(
     finger: Finger = "semi-wet",
     screen: Screen = "3m-sct3250",
     fidelity: Fidelity = "mean-field",
+    theory: Theory = "open-gaps",
     with_terms: With = None,
     without_terms: Without = None,
     as_json: AsJson = False,
@@ -178,7 +184,7 @@ def query(
         "h0_m": h0,
     }
     if surface is None:
-        state = _model(finger, screen, fidelity, with_terms, without_terms).solve(**inputs)
+        state = _model(finger, screen, fidelity, theory, with_terms, without_terms).solve(**inputs)
         outputs = {
             "mu": state.mu,
             "area_fraction": state.area_fraction,
@@ -307,6 +313,7 @@ def _model(
     finger: str,
     screen: str,
     fidelity: str,
+    theory: str,
     with_terms: list[str] | None,
     without_terms: list[str] | None,
 ) -> ContactModel:
@@ -318,6 +325,7 @@ def _model(
         Finger.load(finger) if finger.endswith(".toml") else Finger.preset(finger),
         Screen.load(screen) if screen.endswith(".toml") else Screen.preset(screen),
         fidelity=fidelity,  # type: ignore[arg-type]  # checked by the model
+        theory=theory,
         terms=dict.fromkeys(with_terms or [], True) | dict.fromkeys(without_terms or [], False),
     )
 

@@ -1,11 +1,15 @@
 """Area and gaps of a rough contact against pressure: roughness, elasticity, mean field."""
 
 from haptix.allocator import keep_freed_memory
+from haptix.contact.area import AreaLaw
 from haptix.contact.elasticity import ElasticSolid, HalfSpace, Layered
 from haptix.contact.meanfield import ContactSpots, GapDistribution, MeanField
 from haptix.contact.roughness import RoughnessSpectrum
+from haptix.contact.theory import THEORIES, Theory, named_theory
 
 __all__ = [
+    "THEORIES",
+    "AreaLaw",
     "ContactSpots",
     "ElasticSolid",
     "GapDistribution",
@@ -13,6 +17,8 @@ __all__ = [
     "Layered",
     "MeanField",
     "RoughnessSpectrum",
+    "Theory",
+    "named_theory",
 ]
 
 keep_freed_memory()

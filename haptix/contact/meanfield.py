@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from haptix.contact.area import AreaLaw
 from haptix.contact.elasticity import ElasticSolid
 from haptix.contact.gaps import GapHistogram
 from haptix.contact.roughness import RoughnessSpectrum
@@ -75,6 +76,8 @@ class MeanField:
         Variance of a strip's gap: that of the shorter waves, or combined with u1 (later papers).
     device : str
         Where the tensors live. The arithmetic is float64 throughout.
+    area : AreaLaw, optional
+        Law of the area; Persson's without.
     """
 
     def __init__(
@@ -84,6 +87,7 @@ class MeanField:
         gamma: float = 0.45,
         gap_distribution: GapDistribution = "plain",
         device: torch.device | str = "cpu",
+        area: AreaLaw | None = None,
     ) -> None:
         if gap_distribution not in get_args(GapDistribution):
             raise InputError(
@@ -102,7 +106,8 @@ class MeanField:
         self.gap_distribution = gap_distribution
         self.gamma = gamma
         self.device = torch.device(device)
-        self._separation_integral = SeparationIntegral(gamma, device)
+        self.area = area or AreaLaw()
+        self._separation_integral = SeparationIntegral(gamma, device, self.area)
         self._tabulate_waves()
         h_rms = float(self.spectrum.h_rms_m.detach())
         decades = np.geomspace(_GAP_RANGE[0] * h_rms, _GAP_RANGE[1] * h_rms, _GAP_BINS)
@@ -163,8 +168,9 @@ class MeanField:
         return self.stress_variance.sqrt()
 
     def area_fraction(self, pressure_pa: Any) -> Tensor:
-        """A/A0 = erf(p / tau) at full magnification, for pressures [Pa] of any shape."""
-        return torch.erf(self._pressures(pressure_pa) / self.stress_rms_pa)
+        """A/A0 at full magnification, for pressures [Pa] of any shape: erf(p / tau) by Persson."""
+        y = self._pressures(pressure_pa) / self.stress_rms_pa
+        return torch.erf(self.area.argument(y))
 
     @one_thread()
     def mean_gap(self, pressure_pa: Any) -> Tensor:
@@ -245,7 +251,7 @@ class MeanField:
         logit = self._strip_logit(low + (high - low) * grid)
         variance = torch.cat([total * torch.sigmoid(logit), total.expand_as(low)], -1)
         rest = torch.cat([total * torch.sigmoid(-logit), torch.zeros_like(low)], -1)
-        y = pressure / variance.sqrt()
+        y = self.area.argument(pressure / variance.sqrt())
         area, open_area = torch.erf(y), torch.erfc(y)
         share = torch.where(y[..., 1:] > 0.5, open_area.diff(dim=-1), -area.diff(dim=-1))
         separation = self._separation(pressure / area, variance, rest)

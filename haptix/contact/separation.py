@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from haptix.contact.area import AreaLaw
 from haptix.errors import InputError
 from haptix.interpolation import UniformCubic
 
@@ -19,17 +20,26 @@ _NODES = 2048
 
 
 class SeparationIntegral:
-    """``J(y) = int_y^inf dx/x [gamma + 3 (1 - gamma) erf(x)^2] exp(-x^2)``.
+    """``J(y) = int_y^inf dx/x [gamma + 3 (1 - gamma) erf(t)^2] exp(-t^2) dt/dx``; Persson: t = x.
 
     Source: Yang & Persson, J. Phys.: Condens. Matter 20, 215214 (2008); physics page, section 2.
+    The elastic energy goes with the area A as ``gamma A + (1 - gamma) A^3``; with another law of
+    the area than erf(x) it follows that one.
 
     Parameters
     ----------
     gamma : float
         Share of the elastic energy that goes with the contact, in (0, 1]; about 0.45.
+    device : str
+        Where the table lives.
+    area : AreaLaw
+        Gives t at x.
     """
 
-    def __init__(self, gamma: float, device: torch.device | str = "cpu") -> None:
+    def __init__(
+        self, gamma: float, device: torch.device | str = "cpu", area: AreaLaw | None = None
+    ) -> None:
+        self._area = area or AreaLaw()
         if not 0 < gamma <= 1:
             raise InputError(f"gamma: expected a number in (0, 1], got {gamma:g}")
         self.gamma = gamma
@@ -47,12 +57,14 @@ class SeparationIntegral:
         self._log_j = UniformCubic(log(_Y_MIN), step, torch.log(total).to(device), slope.to(device))
 
     def _integrand(self, x: Tensor) -> Tensor:
-        return (self.gamma + 3 * (1 - self.gamma) * torch.erf(x) ** 2) * torch.exp(-x * x)
+        t = self._area.argument(x)
+        energy = self.gamma + 3 * (1 - self.gamma) * torch.erf(t) ** 2
+        return energy * torch.exp(-t * t) * self._area.growth(x)
 
     def __call__(self, y: Tensor) -> Tensor:
         """J(y) for y > 0 of any shape; exactly zero beyond `Y_MAX`."""
         log_y = torch.log(y)
         inside = torch.exp(self._log_j(log_y.clamp(log(_Y_MIN), log(Y_MAX))))
-        # For small y the bracket is gamma, and J grows as gamma ln(1/y).
-        small = self.gamma * torch.clamp(log(_Y_MIN) - log_y, min=0.0)
+        # For small y the bracket is gamma, and J grows as gamma ln(1/y) dt/dy.
+        small = self.gamma * self._area.light * torch.clamp(log(_Y_MIN) - log_y, min=0.0)
         return torch.where(y < Y_MAX, inside + small, torch.zeros_like(y))

@@ -44,7 +44,7 @@ class ClosedForm:
         gap = contact.mean_gap(pressure)
         self._gap_m = gap[0]
         self._gap_fall_m = (gap[0] - gap[1]) / torch.log(pressure[1] / pressure[0])
-        self._area_per_pa = 2 / sqrt(pi) / contact.stress_rms_pa
+        self._area_per_pa = 2 / sqrt(pi) * contact.area.light / contact.stress_rms_pa
 
     def prepare(self, applied_pa: Tensor, apparent_area_m2: Tensor) -> None:
         """Nothing: there is no table."""

@@ -1,0 +1,68 @@
+"""Sets of choices that belong together: what counts as the mean field, by one name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from haptix.contact.area import AreaLaw
+from haptix.contact.meanfield import ContactSpots, GapDistribution
+from haptix.errors import InputError
+
+
+@dataclass(frozen=True)
+class Theory:
+    """One form of the mean field.
+
+    Parameters
+    ----------
+    area : AreaLaw
+        Law of the real contact area.
+    gamma : float
+        Factor of the elastic energy in the separation.
+    gap_distribution : {"plain", "combined"}
+        Variance of the gaps.
+    contact_spots : {"excluded", "included"}
+        Whether the pull inside the contact spots loads the contact.
+    source : str
+        Where the choices come from.
+    """
+
+    area: AreaLaw
+    gamma: float
+    gap_distribution: GapDistribution
+    contact_spots: ContactSpots
+    source: str
+
+
+THEORIES: Mapping[str, Theory] = {
+    "as-published": Theory(
+        AreaLaw(),
+        0.45,
+        "plain",
+        "included",
+        "Ayyildiz et al., PNAS 115, 12668 (2018), Eq. 1-3",
+    ),
+    "open-gaps": Theory(
+        AreaLaw(),
+        0.45,
+        "plain",
+        "excluded",
+        "the same, without the pull inside the contact spots (physics page, section 1)",
+    ),
+    "corrected": Theory(
+        AreaLaw(0.48),
+        0.24,
+        "combined",
+        "excluded",
+        "area after Xu (2024); gamma from boundary elements' mean gap (docs/mean-field.md)",
+    ),
+}
+"""Forms of the mean field by name."""
+
+
+def named_theory(name: str) -> Theory:
+    """Look a theory up, or say which exist."""
+    if name not in THEORIES:
+        raise InputError(f"theory: expected one of {', '.join(THEORIES)}, got {name!r}")
+    return THEORIES[name]
