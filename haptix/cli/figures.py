@@ -17,6 +17,9 @@ _STAGES = {
 
 
 def figures(
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Some of them, such as 2d or gaps. [default: all]")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for the figures.")] = Path("haptix-figures"),
     as_json: AsJson = False,
 ) -> None:
@@ -29,7 +32,7 @@ def figures(
         update("model", 0.0)
         from haptix.figures import write_figures
 
-        written = write_figures(out, update)
+        written = write_figures(out, update, names or ())
     if as_json:
         rows = [
             {

@@ -23,7 +23,10 @@ COLD_TO_HOT = ("#4477aa", "#66a9c9", "#228833", "#ccaa22", "#ee6677", "#882255")
 
 @dataclass(frozen=True)
 class Curve:
-    """One line: a column against another; cells without a number leave a gap."""
+    """One line: a column against another; cells without a number leave a gap.
+
+    With `error`, a column of standard deviations, they are points with error bars.
+    """
 
     x: str
     y: str
@@ -31,6 +34,7 @@ class Curve:
     color: str = "black"
     style: str = "-"
     width: float = 1.8
+    error: str = ""
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,9 @@ class FigureData:
         shapes = {column.shape for column in self.columns.values()}
         if len(shapes) != 1 or any(len(shape) != 1 for shape in shapes):
             raise InputError(f"{self.name}: expected columns of one length, got shapes {shapes}")
-        named = {name for panel in self.panels for c in panel.curves for name in (c.x, c.y)}
+        named = {
+            name for panel in self.panels for c in panel.curves for name in (c.x, c.y, c.error)
+        } - {""}
         if missing := named - set(self.columns):
             raise InputError(f"{self.name}: no column {', '.join(sorted(missing))}")
 

@@ -90,6 +90,18 @@ def png(data: FigureData) -> bytes:
 
 def _panel(axes: Axes, panel: Panel, data: FigureData) -> None:
     for curve in panel.curves:
+        if curve.error:
+            axes.errorbar(
+                data.columns[curve.x],
+                data.columns[curve.y],
+                data.columns[curve.error],
+                fmt=curve.style,
+                color=curve.color,
+                ms=4,
+                capsize=2,
+                zorder=4,
+            )
+            continue
         axes.plot(
             data.columns[curve.x],
             data.columns[curve.y],

@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
 
 from haptix.errors import InputError
 from haptix.figures.area_against_frequency import area_against_frequency
+from haptix.figures.area_against_pressure import area_against_pressure
 from haptix.figures.area_against_voltage import area_against_voltage
 from haptix.figures.data import FigureData
 from haptix.figures.drawing import png
@@ -24,6 +25,7 @@ from haptix.version import __version__
 Progress = Callable[[str, float], None]
 
 FIGURES: Mapping[str, Callable[[], FigureData]] = {
+    "fig2d": area_against_pressure,
     "fig3b": friction_in_time,
     "fig3c": friction_against_force,
     "fig3d": area_against_voltage,
@@ -46,9 +48,11 @@ class Written:
 
 
 def write_figures(
-    folder: Path, on_progress: Progress = lambda stage, share: None
+    folder: Path,
+    on_progress: Progress = lambda stage, share: None,
+    names: Sequence[str] = (),
 ) -> tuple[Written, ...]:
-    """Draw every figure into a folder, which is made if needed.
+    """Draw figures into a folder, which is made if needed.
 
     Files of the same names are replaced, others are left alone. All is computed and drawn before
     the first file is written.
@@ -59,18 +63,21 @@ def write_figures(
         Where the files go.
     on_progress : callable
         Called with "model", "draw" or "write" and the share of it that is done.
+    names : sequence of str
+        Figures to draw, such as "fig2d" or "2d"; all of them without.
 
     Raises
     ------
     InputError
-        If the folder cannot be used; nothing is computed then.
+        If the folder cannot be used or a figure is unknown; nothing is computed then.
     """
-    written = [folder / f"{name}{end}" for name in FIGURES for end in (".png", ".csv")]
+    chosen = _chosen(names)
+    written = [folder / f"{name}{end}" for name in chosen for end in (".png", ".csv")]
     _check(folder, [*written, folder / CAPTIONS])
     figures = []
-    for number, make in enumerate(FIGURES.values(), start=1):
-        figures.append(make())
-        on_progress("model", number / len(FIGURES))
+    for number, name in enumerate(chosen, start=1):
+        figures.append(FIGURES[name]())
+        on_progress("model", number / len(chosen))
     files: dict[str, bytes] = {}
     for number, data in enumerate(figures, start=1):
         files[f"{data.name}.png"] = png(data)
@@ -117,6 +124,17 @@ def _captions(figures: list[FigureData]) -> str:
         },
     }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+def _chosen(names: Sequence[str]) -> list[str]:
+    """Names as they stand in `FIGURES`, in its order."""
+    found = {name if name in FIGURES else f"fig{name}" for name in names}
+    if unknown := found - set(FIGURES):
+        raise InputError(
+            f"figures: unknown {', '.join(sorted(n.removeprefix('fig') for n in unknown))}; "
+            f"expected some of {', '.join(name.removeprefix('fig') for name in FIGURES)}"
+        )
+    return [name for name in FIGURES if name in found or not names]
 
 
 def _check(folder: Path, files: list[Path]) -> None:

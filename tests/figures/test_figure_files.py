@@ -15,7 +15,7 @@ from haptix import InputError
 from haptix.cli.figures import figures as command
 from haptix.figures import FIGURES, draw, write_figures
 
-NAMES = ("fig3b", "fig3c", "fig3d", "fig4", "roughness", "gaps")
+NAMES = ("fig2d", "fig3b", "fig3c", "fig3d", "fig4", "roughness", "gaps")
 BOTH = "roughness spectrum of the finger and dielectric of the skin."
 ROUGHNESS = "Stand-ins for measured data: roughness spectrum of the finger."
 

@@ -183,3 +183,23 @@ def test_leakage_takes_low_frequencies_away_and_leaves_a_maximum(figures):
     # At 1 MHz w eps0 rho = 556 for 1e7 Ohm m: its square is the leakage's share.
     last = columns["area_on_over_off_leaky_gap_1e7_ohm_m"][-1]
     assert last - 1 == pytest.approx(dry[-1] - 1, rel=1e-2)
+
+
+def test_area_against_pressure_agrees_with_boundary_elements(figures):
+    columns = figures["fig2d"].columns
+    pressure = columns["pressure_pa"]
+    worst = {"as-published": 0.0, "corrected": 0.0}
+    for voltage in ("0v", "50v", "100v", "150v", "200v"):
+        marks = columns[f"area_fraction_boundary_elements_{voltage}"]
+        for name in worst:
+            line = columns[f"area_fraction_{name}_{voltage}"]
+            there, drawn = np.isfinite(marks), np.isfinite(line)
+            first, last = pressure[drawn][[0, -1]]
+            within = there & (pressure >= first) & (pressure <= last)
+            assert within.sum() >= 4
+            at = np.exp(np.interp(np.log(pressure[within]), np.log(pressure[drawn]),
+                                  np.log(line[drawn])))  # fmt: skip
+            worst[name] = max(worst[name], float(np.abs(at / marks[within] - 1).max()))
+    # Six surfaces scatter by up to 18 % near the instability; 15 % is what is asked of the theory.
+    assert worst["corrected"] < 0.20
+    assert worst["as-published"] > 0.30

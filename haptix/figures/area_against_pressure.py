@@ -1,0 +1,102 @@
+"""Contact area against pressure at several voltages, against boundary elements (paper, Fig. 2D)."""
+
+from __future__ import annotations
+
+import csv
+from functools import partial
+from importlib import resources
+
+import numpy as np
+import torch
+
+from haptix.contact import THEORIES, HalfSpace, MeanField, RoughnessSpectrum, Theory
+from haptix.contact.gaps import bin_inverse_square
+from haptix.electro import Attraction, AttractionTable, drive_strength
+from haptix.equilibrium import lowest_branch
+from haptix.figures.data import COLD_TO_HOT, Array, Curve, FigureData, Panel
+
+# What 512 x 512 points can hold with eight of them in the shortest wave: 1 um of roughness on skin
+# of 40 MPa, not a whole finger.
+SPECTRUM = RoughnessSpectrum.self_affine(1e-6, 0.8, 22.5e3, 90e3, 1.44e6)
+SKIN = HalfSpace(40e6, 0.5)
+H0_M = 0.2e-6
+PRESSURES_PA = (3e3, 1e4, 3e4, 1e5, 3e5, 1e6)
+VOLTAGES_V = (0.0, 50.0, 100.0, 150.0, 200.0)
+
+_LINES = {"as-published": "--", "corrected": "-"}
+_PRESSURE_PA = np.geomspace(2e3, 1.5e6, 121)
+
+
+def area_against_pressure() -> FigureData:
+    """A/A0 against p0 from 2 kPa to 1.5 MPa at 0 to 200 V, by two theories and solved."""
+    solved = _boundary_elements()
+    pressure = np.concatenate([_PRESSURE_PA, np.array(PRESSURES_PA)])
+    columns: dict[str, Array] = {"pressure_pa": pressure}
+    blank = np.full(len(PRESSURES_PA), np.nan)
+    curves = []
+    for voltage, color in zip(VOLTAGES_V, COLD_TO_HOT, strict=False):
+        for name, style in _LINES.items():
+            column = f"area_fraction_{name}_{voltage:g}v"
+            columns[column] = np.concatenate([_area(THEORIES[name], voltage), blank])
+            label = f"{voltage:g} V" if name == "corrected" else ""
+            curves.append(Curve("pressure_pa", column, label, color, style))
+        marks = [solved.get((p, voltage), (np.nan, np.nan)) for p in PRESSURES_PA]
+        column = f"area_fraction_boundary_elements_{voltage:g}v"
+        for end, k in (("", 0), ("_scatter", 1)):
+            values = np.array([mark[k] for mark in marks])
+            columns[column + end] = np.concatenate([np.full_like(_PRESSURE_PA, np.nan), values])
+        curves.append(Curve("pressure_pa", column, "", color, "o", error=f"{column}_scatter"))
+    return FigureData(
+        name="fig2d",
+        title="Contact area against pressure, by theory and by boundary elements",
+        caption=(
+            "Real over apparent contact area against applied pressure p0 at voltages of 0 to 200 V "
+            f"and h0 = {H0_M * 1e6:g} µm. Circles: boundary elements, the attraction acting on "
+            "every point, mean and standard deviation over random surfaces "
+            "(benchmarks/figure_2d.py). Dashed: the mean field as published, whose contact spots "
+            "pull too; solid: corrected (docs/mean-field.md). A line ends where its light contact "
+            f"does. Stand-in for a finger: half-space of 40 MPa, {SPECTRUM.statement()}, which is "
+            "what the grid can hold."
+        ),
+        columns=columns,
+        panels=(
+            Panel(
+                "applied pressure $p_\\mathrm{0}$ (Pa)",
+                "$A/A_\\mathrm{0}$",
+                tuple(curves),
+                x_scale="log",
+                y_scale="log",
+                x_range=(2e3, 1.5e6),
+            ),
+        ),
+    )
+
+
+def _area(theory: Theory, voltage_v: float) -> Array:
+    contact = MeanField(SPECTRUM, SKIN, theory.gamma, theory.gap_distribution, area=theory.area)
+    applied = torch.from_numpy(_PRESSURE_PA)
+    table = AttractionTable.solve(contact, float(applied[0]), 40 * float(applied[-1]))
+    h0 = torch.tensor([H0_M], dtype=torch.float64)
+    spots = contact.area_fraction if theory.contact_spots == "included" else None
+    pull = Attraction(
+        table.log_pull(bin_inverse_square(contact.gap_edges_m, h0)),
+        torch.zeros(len(applied), dtype=torch.long),
+        h0**-2,
+        spots,
+    )
+    strength = drive_strength(torch.full_like(applied, voltage_v))
+    found = lowest_branch(applied, strength, pull)
+    area = contact.area_fraction(found.pressure_pa)
+    return np.where(found.is_stable.numpy(), area.numpy(), np.nan)
+
+
+def _boundary_elements() -> dict[tuple[float, float], tuple[float, float]]:
+    """A/A0 and its scatter by pressure and voltage, solved beforehand."""
+    text = resources.files("haptix.figures").joinpath("fig2d_boundary_elements.csv").read_text()
+    number = partial(map, float)
+    return {
+        (pressure, voltage): (area, scatter)
+        for pressure, voltage, _, area, scatter in map(
+            number, list(csv.reader(text.splitlines()))[1:]
+        )
+    }
