@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -26,7 +27,9 @@ from haptix.version import __version__
 _PILOT_POINTS = 97  # along an axis at first; doubled where cells come down to single steps
 _MOST_PILOT_POINTS = 3000
 _KEPT_BACK = 0.9  # share of the tolerance that the first held-out points may use: a sample
-_MOST_ROUNDS = 12
+_MOST_ROUNDS = 16
+_COARSER = 8.0  # times the share that was too fine, until a size fits
+_BOUNDARY = 0.01  # largest relative error of the breakdown voltage, where that ends the surface
 _CLOSE = 1.2  # a size is used up well enough when the share that fits is this near
 _LN2 = log(2)
 _ONE = (None,)  # the node of an axis that does not vary
@@ -46,6 +49,10 @@ def build_surface(
 ) -> FrictionSurface:
     """See `FrictionSurface.build`."""
     ranges = read_ranges(model, scene)
+    try:
+        json.dumps(dict(notes), allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"notes: expected plain values that JSON can hold: {error}") from None
     build = _Build(model, ranges, tolerance, largest_bytes)
     found = build.run(on_progress or (lambda _: None))
     info = {
@@ -71,7 +78,7 @@ def build_surface(
         raise ToleranceError(
             f"tolerance {tolerance} cannot be met within {largest_bytes:,} bytes: reached "
             f"{found.worst:.3g} {tolerance.unit} with {surface.nbytes:,} bytes; ask for less, for "
-            "a narrower range, or allow more bytes",
+            "a narrower range, or, if that is near the size, allow more bytes",
             surface,
         )
     return surface
@@ -123,10 +130,10 @@ class _Build:
                 if best is None or attempt.worst < best.worst:
                     best = attempt
                 fits = min(fits, share)
-            if exceeds == 0.0:
+            if not exceeds:
                 share *= min(0.8, max(0.2, 0.9 * _KEPT_BACK * self.tolerance.value / attempt.worst))
             elif fits == inf:
-                share = 2 * exceeds
+                share = _COARSER * exceeds
             elif fits > _CLOSE * exceeds:
                 share = sqrt(fits * exceeds)
             else:
@@ -141,12 +148,12 @@ class _Build:
     def _attempt(self, nodes: Mapping[str, Tensor], held_out: HeldOut) -> _Attempt:
         table, corrections = self._tabulate(nodes)
         error = held_out.error(table)
-        worst = self._worst(error, held_out)
+        worst = self._worst(error, held_out, table)
         is_met = worst <= _KEPT_BACK * self.tolerance.value
         if is_met:  # at points that have decided nothing
             fresh = self.sampler.held_out(seed=2)
             other = fresh.error(table)
-            worst = max(worst, self._worst(other, fresh))
+            worst = max(worst, self._worst(other, fresh, table))
             is_met = worst <= self.tolerance.value
             error = torch.cat([error.reshape(-1), other.reshape(-1)])
         return _Attempt(table, corrections, error.reshape(-1), worst, is_met)
@@ -183,7 +190,9 @@ class _Build:
             self.pilots[name] = (
                 self.sampler.along_drive(points, self.last_drive, self._unit)
                 if name == "drive"
-                else self.sampler.along(name, points, self.last_drive, self._unit)
+                else self.sampler.along(
+                    name, points, self.last_drive, self._unit, _BOUNDARY / self.tolerance.value
+                )
             )
         return self.pilots[name]
 
@@ -229,5 +238,7 @@ class _Build:
         unit = self.tolerance.unit_in_mu(mu, self.low, self.high)
         return torch.as_tensor(unit, dtype=mu.dtype).expand_as(mu)
 
-    def _worst(self, error: Tensor, held_out: HeldOut) -> float:
-        return float((error / self._unit(held_out.mu)).max())
+    def _worst(self, error: Tensor, held_out: HeldOut, table: Interpolant) -> float:
+        """Largest error in units of the tolerance, that of the breakdown voltage included."""
+        boundary = held_out.boundary_error(table) * (self.tolerance.value / _BOUNDARY)
+        return max(float((error / self._unit(held_out.mu)).max()), float(boundary.max()))

@@ -9,6 +9,7 @@ import secrets
 import zlib
 from collections.abc import Mapping
 from contextlib import suppress
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -150,6 +151,19 @@ def _assemble(path: Path, header: Mapping[str, Any], tensors: dict[str, Tensor])
         surface = FrictionSurface(table, dict(header["info"]))
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise FileFormatError(f"{path} is damaged: {error}") from None
+    shape = (*(len(axis.nodes) for axis in table.axes), len(table.drive) + 2)
+    sound = {
+        "axes and units are those of this version": all(
+            header.get(key) == _SCHEMA[key] for key in ("axes", "units", "monotone_axis")
+        ),
+        "columns have the shape of the axes": tuple(table.columns.shape) == shape,
+        "all numbers are of one precision": len({t.dtype for t in tensors.values()}) == 1
+        and table.columns.dtype in (torch.float32, torch.float64),
+        "voltages are above 0": 0 < table.unit_v < inf and 0 < table.voltage_limit_v < inf,
+    }
+    wrong = [rule for rule, holds in sound.items() if not holds]
+    if wrong:
+        raise FileFormatError(f"{path}: expected that {'; '.join(wrong)}; build it again")
     return surface
 
 

@@ -8,11 +8,13 @@ from functools import cached_property
 from math import inf, log
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from haptix.errors import InputError, RangeError
 
+_COMPLEX = (torch.complex64, torch.complex128, np.complex64, np.complex128)
 _MOST_PLACES = 4096
 _SLACK = 1e-6  # relative; a float32 copy of an axis value still counts as on the axis
 
@@ -20,9 +22,13 @@ _SLACK = 1e-6  # relative; a float32 copy of an axis value still counts as on th
 def numbers(name: str, value: Any, like: Tensor) -> Tensor:
     """Return `value` as a tensor of the precision and device of `like`."""
     try:
+        if isinstance(value, np.ndarray):
+            value = np.ascontiguousarray(value)  # torch takes no negative strides
+        if isinstance(value, Tensor | np.ndarray) and value.dtype in _COMPLEX:
+            raise TypeError
         return torch.as_tensor(value, dtype=like.dtype, device=like.device)
     except (TypeError, ValueError, RuntimeError):
-        raise InputError(f"{name}: expected numbers, got {value!r}") from None
+        raise InputError(f"{name}: expected real numbers, got {value!r}") from None
 
 
 def within(x: Tensor, least: float, least_counts: bool = True) -> bool:
@@ -69,11 +75,13 @@ class Cells:
     def between(cls, nodes: Tensor) -> Cells:
         """Prepare for nodes, shape (2 or more,)."""
         low, high = float(nodes[0]), float(nodes[-1])
-        narrowest = float(nodes.diff().min())
+        # Nodes may coincide in single precision: a cell of no width is never entered.
+        width = nodes.diff().clamp(min=(high - low) * 1e-7)
+        narrowest = float(width.min())
         places = min(_MOST_PLACES, max(16, int((high - low) / narrowest) + 2))
         at = torch.linspace(low, high, places, dtype=nodes.dtype, device=nodes.device)
         guide = torch.bucketize(at, nodes[1:-1].contiguous(), right=True)
-        scale = 1 / nodes.diff()
+        scale = 1 / width
         return cls(
             low,
             (places - 1) / (high - low),

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from haptix.errors import RangeError
+from haptix.errors import InputError, RangeError
 from haptix.inputs import broadcast_shape
 from haptix.status import Status
 from haptix.surface.blocks import in_blocks
@@ -91,13 +91,18 @@ class Interpolant:
         (end,) = self._ask(self._end_of_block, torch.zeros_like(self.drive[0]), places)
         return end
 
+    def breakdown(self, places: list[Any]) -> Tensor:
+        """Amplitude [V] from which gap or insulator break down."""
+        (found,) = self._ask(self._breakdown_of_block, torch.zeros_like(self.drive[0]), places)
+        return found
+
     def at(self, frequency_hz: float | None, h0_m: float | None) -> Interpolant:
         """Slice axes away; None leaves one as it is."""
         columns, axes = self.columns, list(self.axes)
         for dim, value in ((1, frequency_hz), (2, h0_m)):
             if value is None:
                 continue
-            axis, value = axes[dim], float(value)
+            axis, value = axes[dim], _number(axes[dim].name, value)
             if axis.varies:
                 cell, part = axis.locate_one(value)
                 low, high = columns.narrow(dim, cell, 1), columns.narrow(dim, cell + 1, 1)
@@ -116,6 +121,8 @@ class Interpolant:
 
     def to(self, dtype: torch.dtype, device: torch.device | str) -> Interpolant:
         """Return a copy in another precision or on another device."""
+        if dtype not in (torch.float32, torch.float64):
+            raise InputError(f"dtype: expected torch.float32 or torch.float64, got {dtype}")
         force, frequency, h0 = (Axis(a.name, a.nodes.to(device, dtype)) for a in self.axes)
         return replace(
             self,
@@ -166,7 +173,10 @@ class Interpolant:
         above = (top - at) * slope < slack
         below = target < column[:, 0] + slack
         status = _small(above) * self._limited_by(pull_in, breakdown, top) + _small(below) * _BELOW
-        voltage = pull_in * torch.minimum(at, top).clamp(min=0.0).sqrt()
+        # Without drive the voltage is 0 and so is its gradient: that of the root is infinite.
+        driven = at > 0
+        root = torch.where(driven, torch.minimum(at, top), 1.0).sqrt()
+        voltage = pull_in * torch.where(driven, root, 0.0)
         # Never above the limit by rounding.
         return voltage.clamp(max=self.voltage_limit_v), _outside(status, inside)
 
@@ -184,6 +194,10 @@ class Interpolant:
         column, _ = self._blend(like, places)
         pull_in, _, top = self._ends(column)
         return ((pull_in * top.sqrt()).clamp(max=self.voltage_limit_v),)
+
+    def _breakdown_of_block(self, like: Tensor, *places: Tensor | None) -> tuple[Tensor]:
+        column, _ = self._blend(like, places)
+        return (self.unit_v * torch.exp(column[:, -1]),)
 
     def _blend(self, like: Tensor, places: tuple[Tensor | None, ...]) -> tuple[Tensor, Tensor]:
         """Blend the columns around each point; also say which points are on the axes."""
@@ -241,6 +255,13 @@ class Interpolant:
     @cached_property
     def _last_drive(self) -> float:
         return float(self.drive[-1])
+
+
+def _number(name: str, value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError, RuntimeError):
+        raise InputError(f"{name}: expected one number to slice at, got {value!r}") from None
 
 
 def _small(truth: Tensor) -> Tensor:

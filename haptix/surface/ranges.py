@@ -24,6 +24,8 @@ def read_ranges(model: ContactModel, scene: Any) -> dict[str, tuple[float, float
     scene : mapping, or what has ``ranges()``
         ``(low, high)`` or one value by name.
     """
+    if not isinstance(scene, Mapping) and not hasattr(scene, "ranges"):
+        raise InputError(f"scene: expected a scene or ranges by name, got {scene!r}")
     given = scene if isinstance(scene, Mapping) else scene.ranges()
     unknown = set(given) - set(_AXES)
     if unknown:
@@ -56,7 +58,11 @@ def read_ranges(model: ContactModel, scene: Any) -> dict[str, tuple[float, float
 def _read_range(name: str, value: Any) -> tuple[float, float] | None:
     if value is None:
         return None
+    if hasattr(value, "tolist"):
+        value = value.tolist()
     try:
+        if isinstance(value, str | bool):
+            raise TypeError
         low, high = (float(v) for v in (value if isinstance(value, tuple | list) else (value,) * 2))
     except (TypeError, ValueError):
         raise InputError(f"{name}: expected (low, high) or one value, got {value!r}") from None

@@ -17,6 +17,7 @@ from haptix.surface.ranges import Ranges
 
 PLACES = ("normal_force_n", "frequency_hz", "h0_m")
 
+_NARROWEST = 1e-5  # relative width of an axis, which single precision still divides into cells
 _LINES = 6  # along an axis at random, besides those at all corners of the others
 _LEVELS = 5  # of drive on each line
 _INSULATORS = 512  # pairs of f and h0 held out; each has its own table of attraction
@@ -57,6 +58,8 @@ class HeldOut:
         Amplitude [V] and solved friction.
     end_v, end_drive : Tensor
         Amplitude [V] and drive at which the contact's column ends.
+    log_breakdown : Tensor or None
+        ln of the breakdown voltage [V], where that ends columns.
     """
 
     places: Mapping[str, Tensor | None]
@@ -64,12 +67,20 @@ class HeldOut:
     mu: Tensor
     end_v: Tensor
     end_drive: Tensor
+    log_breakdown: Tensor | None
 
     def error(self, table: Interpolant) -> Tensor:
         """Absolute error of mu at every point."""
         # Within rounding of a column's end the value is that of the end: compared all the same.
         mu, _ = table.evaluate(self.voltage_v, [self.places[name] for name in PLACES])
         return (mu - self.mu).abs()
+
+    def boundary_error(self, table: Interpolant) -> Tensor:
+        """Absolute error of ln V_breakdown at every point; 0 where breakdown ends nothing."""
+        if self.log_breakdown is None:
+            return torch.zeros(1, dtype=torch.float64)
+        found = torch.log(table.breakdown([self.places[name] for name in PLACES]))
+        return (found - self.log_breakdown).abs()
 
 
 def solve_columns(
@@ -102,8 +113,11 @@ class AxisPilot:
         ln of the pull-in voltage [V].
     reach : Tensor, shape (points, lines, levels)
         Drive of the level, or where the column ends if that is less.
-    unit : Tensor or float, broadcasting with `falling`
+    unit : Tensor, shape of `falling`
         The tolerance's unit in mu.
+    boundary : Tensor or None, shape (points, lines)
+        ln of the breakdown voltage over what may be its error, in units of the tolerance, where
+        breakdown ends columns.
     """
 
     at: Tensor
@@ -112,6 +126,7 @@ class AxisPilot:
     log_pull_in: Tensor
     reach: Tensor
     unit: Tensor
+    boundary: Tensor | None
 
     def error(self, start: int, end: int) -> float:
         """Largest error of mu between two nodes, in units of the tolerance."""
@@ -122,7 +137,10 @@ class AxisPilot:
         # A pull-in voltage that is off by a factor takes the drive for another one.
         shift = chord_error(self.log_pull_in, self.at, start, end)[..., None]
         wrong = wrong - 2 * shift * self.reach[inner] * self.fall[inner]
-        return float((wrong.abs() / self.falling[inner] ** 2 / self.unit[inner]).max())
+        worst = float((wrong.abs() / self.falling[inner] ** 2 / self.unit[inner]).max())
+        if self.boundary is None:
+            return worst
+        return max(worst, float(chord_error(self.boundary, self.at, start, end).abs().max()))
 
 
 @dataclass(frozen=True)
@@ -190,7 +208,8 @@ class Sampler:
         return [
             name
             for name in PLACES
-            if self.ranges[name] is not None and self.span(name)[0] < self.span(name)[1]
+            if self.ranges[name] is not None
+            and self.span(name)[1] > self.span(name)[0] * (1 + _NARROWEST)
         ]
 
     def positions(self, name: str, points: int) -> Tensor:
@@ -202,8 +221,10 @@ class Sampler:
         both: Tensor = torch.cat([even, even.new_tensor(bends)]).unique()
         return both
 
-    def along(self, name: str, points: int, last_drive: float, unit: UnitInMu) -> AxisPilot:
-        """Solve lines along one axis."""
+    def along(
+        self, name: str, points: int, last_drive: float, unit: UnitInMu, boundary_error: float
+    ) -> AxisPilot:
+        """Solve lines along one axis; `boundary_error` is that of ln V_breakdown per unit."""
         values = self.positions(name, points)
         places = self._lines(without=name)
         places[name] = values[:, None]
@@ -217,6 +238,7 @@ class Sampler:
             columns.log_pull_in,
             torch.minimum(drive, top[..., None]),
             unit(-1 / columns.falling),
+            columns.log_breakdown / boundary_error if self.ends_at_breakdown else None,
         )
 
     def along_drive(self, points: int, last_drive: float, unit: UnitInMu) -> DrivePilot:
@@ -249,7 +271,8 @@ class Sampler:
         mu = self.model.at_drive(force, drive, frequency, h0).mu.to("cpu", torch.float64)
         pull_in = torch.exp(at_rest.log_pull_in)
         voltage = (pull_in * drive.sqrt()).clamp(max=self.limit_v)
-        return HeldOut(places, voltage, mu, pull_in * top.sqrt(), top)
+        boundary = at_rest.log_breakdown if self.ends_at_breakdown else None
+        return HeldOut(places, voltage, mu, pull_in * top.sqrt(), top, boundary)
 
     def _lines(self, without: str = "") -> dict[str, Tensor | None]:
         """Places at all corners of the axes that vary, and some at random: shape (lines,) each."""

@@ -59,6 +59,8 @@ class Tolerance:
         """Read ``0.002``, ``"0.002"``, ``"0.05 thresholds"`` or ``"0.2 %"``."""
         if isinstance(value, cls):
             return value
+        if isinstance(value, bool):
+            raise InputError(f"tolerance: expected a number in mu, got {value}")
         match = re.fullmatch(r"\s*([-+.\deE]+|nan|inf)\s*([a-z% ]*?)\s*", str(value))
         try:
             if match is None:
