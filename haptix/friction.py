@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from typing import Any, Literal, get_args
 
@@ -23,7 +23,16 @@ from haptix.electro.breakdown import (
     peak_field,
 )
 from haptix.errors import InputError, LimitError
-from haptix.fidelity import ClosedForm, Fidelity, Load, MeanFieldBalance
+from haptix.fidelity import (
+    BoundaryElementBalance,
+    BoundaryElementBox,
+    BoxedFinger,
+    ClosedForm,
+    Fidelity,
+    Load,
+    MeanFieldBalance,
+    Scatter,
+)
 from haptix.finger import Finger
 from haptix.inputs import broadcast_shape, checked
 from haptix.screen import Screen
@@ -32,7 +41,7 @@ from haptix.status import Status
 from haptix.terms import TERMS, chosen_terms
 from haptix.threads import one_thread
 
-FidelityName = Literal["closed-form", "mean-field"]
+FidelityName = Literal["closed-form", "mean-field", "boundary-element"]
 
 LOWEST_FORCE_N, HIGHEST_FORCE_N = 1e-9, 1e6
 """Forces that are solved: far beyond any finger, and far from the ends of double precision."""
@@ -55,7 +64,7 @@ class ContactModel:
         What touches. Fields given as tensors that require grad are differentiated through.
     screen : Screen
         What is touched.
-    fidelity : {"mean-field", "closed-form"}
+    fidelity : {"mean-field", "closed-form", "boundary-element"}
         How the contact is solved.
     dtype : torch.dtype
         Of the results. The arithmetic is float64, so float32 results are within 6e-8, relative.
@@ -73,6 +82,13 @@ class ContactModel:
     terms : set of str, or mapping of str to bool, optional
         Names of all terms that are on, or single ones to switch; without it those that finger and
         screen call for. `haptix.terms.TERMS` has them all.
+    boundary_elements : BoundaryElementBox, optional
+        Surfaces of fidelity "boundary-element". The default holds but a part of a finger's
+        roughness, and warns of it; `contact` and `theory` are then the mean field of that part.
+        Pull-in is looked for up to the highest voltage asked for at a place; where it is not met
+        its voltage is infinite.
+    on_progress : callable, optional
+        Called during a solve by boundary elements with the share that is done.
 
     Raises
     ------
@@ -92,20 +108,27 @@ class ContactModel:
         gamma: float | None = None,
         terms: Iterable[str] | Mapping[str, bool] | None = None,
         theory: str = "open-gaps",
+        boundary_elements: BoundaryElementBox | None = None,
+        on_progress: Callable[[float], None] | None = None,
     ) -> None:
         if fidelity not in get_args(FidelityName):
-            raise InputError(f'fidelity: expected "mean-field" or "closed-form", got {fidelity!r}')
+            raise InputError(
+                'fidelity: expected "mean-field", "closed-form" or "boundary-element", got '
+                f"{fidelity!r}"
+            )
         chosen = named_theory(theory)
         self.theory = theory
         self.contact_spots: ContactSpots = contact_spots or chosen.contact_spots
         check_contact_spots(self.contact_spots)
+        self.boxed = self._boxed(finger, fidelity, boundary_elements)
+        self.on_progress = on_progress
         self.terms = chosen_terms(terms, finger, screen, fidelity)
         self.finger = finger
         self.screen = screen
         self.fidelity = fidelity
         self.dtype = dtype
         self.contact = MeanField(
-            finger.roughness.spectrum(),
+            (finger.roughness if self.boxed is None else self.boxed.roughness).spectrum(),
             finger.solid(layered="layered-skin" in self.terms),
             gamma=chosen.gamma if gamma is None else gamma,
             gap_distribution=gap_distribution or chosen.gap_distribution,
@@ -114,11 +137,44 @@ class ContactModel:
         )
         self.solver = self._solver()
 
+    def _boxed(
+        self, finger: Finger, fidelity: FidelityName, box: BoundaryElementBox | None
+    ) -> BoxedFinger | None:
+        if fidelity != "boundary-element":
+            if box is None:
+                return None
+            raise InputError(
+                f'boundary_elements: expected none with fidelity "{fidelity}", got a box; leave it '
+                'out, or use "boundary-element"'
+            )
+        if self.contact_spots == "included":
+            raise InputError(
+                'contact_spots: expected "excluded" with fidelity "boundary-element", got '
+                '"included": the pull acts on every point, and inside a spot the contact itself '
+                "bears it"
+            )
+        given = [value for part in (finger, finger.roughness) for _, value in part]
+        if any(isinstance(value, Tensor) and value.requires_grad for value in given):
+            raise InputError(
+                "finger: expected values that need no gradient: boundary elements have none, got a "
+                'tensor that requires grad; detach it, or use fidelity "mean-field"'
+            )
+        return BoxedFinger(finger, box or BoundaryElementBox())
+
     def _solver(self) -> Fidelity:
         if self.fidelity == "closed-form":
             force = torch.tensor(_REFERENCE_FORCE_N, dtype=torch.float64)
             reference = float(force / self._apparent_area(force))
             return ClosedForm(self.contact, reference, self.contact_spots)
+        if self.boxed is not None:
+            hardness = self.finger.hardness_pa if "plasticity" in self.terms else None
+            return BoundaryElementBalance(
+                self.boxed,
+                self.finger.solid(layered="layered-skin" in self.terms),
+                None if hardness is None else float(hardness),
+                self.contact.device,
+                self.on_progress,
+            )
         return MeanFieldBalance(
             self.contact,
             self.area_fraction,
@@ -170,8 +226,10 @@ class ContactModel:
                 "source": term.source,
                 "parameters": used,
             }
+        boxed = {} if self.boxed is None else {"boundary_elements": self.boxed.describe()}
         return {
             "fidelity": self.fidelity,
+            **boxed,
             "theory": self.theory,
             "area_slowing": self.contact.area.slowing,
             "contact_spots": self.contact_spots,
@@ -240,6 +298,11 @@ class ContactModel:
         drive : float or Tensor
             0 or more.
         """
+        if self.boxed is not None:
+            raise InputError(
+                'at_drive: expected a fidelity that knows every pull-in, got "boundary-element"; '
+                "solve at voltages instead"
+            )
         share = self._checked("drive", drive, "of 0 or more", zero=True)
         places = self._places(normal_force_n, frequency_hz, h0_m)
         pull_in = self._solve(share.new_zeros(()), *places).pull_in_voltage_v
@@ -294,15 +357,8 @@ class ContactModel:
         # Only the insulators that this block meets: with many, a table of all would not fit.
         used, column = column.unique(return_inverse=True)
         thickness = thickness[used]
-        area = self._apparent_area(force)
-        load = Load(
-            applied_pa=force / area,
-            apparent_area_m2=area,
-            strength=drive_strength(voltage),
-            gap_pull=bin_inverse_square(self.contact.gap_edges_m, thickness),
-            spot_pull=thickness.abs() ** -2,
-            column=column,
-        )
+        load = self._load(force, voltage, column, thickness)
+        area = load.apparent_area_m2
         found = self.solver.solve(load)
         friction = self.finger.frictional_shear_stress_pa * found.area_fraction * area
         own_thickness = thickness[column]
@@ -319,6 +375,56 @@ class ContactModel:
             breakdown_voltage_v=breakdown.to(self.dtype),
             status=self._status(found.is_stable, voltage > breakdown),
         )
+
+    def _load(self, force: Tensor, voltage: Tensor, column: Tensor, thickness: Tensor) -> Load:
+        area = self._apparent_area(force)
+        return Load(
+            applied_pa=force / area,
+            apparent_area_m2=area,
+            strength=drive_strength(voltage),
+            gap_pull=bin_inverse_square(self.contact.gap_edges_m, thickness),
+            spot_pull=thickness.abs() ** -2,
+            column=column,
+            thickness_m=thickness,
+        )
+
+    @one_thread()
+    def scatter(
+        self,
+        normal_force_n: Any,
+        voltage_v: Any,
+        frequency_hz: Any = None,
+        h0_m: Any = None,
+    ) -> Scatter:
+        """Return what each surface of the boundary elements gives, for inputs as `solve` has them.
+
+        After a `solve` of the same states it costs nothing.
+
+        Returns
+        -------
+        Scatter
+            Tensors of the broadcast shape of the inputs, and (surfaces,).
+
+        Raises
+        ------
+        InputError, LimitError
+            As `solve` does; or if the fidelity is another one.
+        """
+        if not isinstance(self.solver, BoundaryElementBalance):
+            raise InputError(
+                f'scatter: expected fidelity "boundary-element", got "{self.fidelity}", which has '
+                "no surfaces that could scatter"
+            )
+        voltage = self._checked("voltage_v", voltage_v, "of 0 V or more", zero=True)
+        self._check_limit(voltage)
+        force, frequency, h0 = self._places(normal_force_n, frequency_hz, h0_m)
+        shape = broadcast_shape(*(t for t in (force, voltage, h0, frequency) if t is not None))
+        thickness = self.effective_thickness(h0, frequency)
+        column = torch.arange(thickness.numel(), device=thickness.device).reshape(thickness.shape)
+        force, voltage, column = (t.expand(shape).reshape(-1) for t in (force, voltage, column))
+        load = self._load(force, voltage, column, thickness.reshape(-1))
+        found = self.solver.scatter(load)
+        return Scatter(*(getattr(found, one.name).reshape(*shape, -1) for one in fields(Scatter)))
 
     @one_thread()
     def over_period(

@@ -80,7 +80,7 @@ def chosen_terms(
     called_for = {"apparent-area", "skin-dielectric"}
     if finger.bulk_modulus_pa is not None:
         called_for.add("layered-skin")
-    if finger.hardness_pa is not None and fidelity == "mean-field":
+    if finger.hardness_pa is not None and fidelity != "closed-form":
         called_for.add("plasticity")
     if screen.gap_resistivity_ohm_m is not None:
         called_for.add("leaky-gap")
@@ -121,3 +121,8 @@ def _check(on: set[str], finger: Finger, screen: Screen, fidelity: str) -> None:
                     f'terms: "{name}" contradicts fidelity "closed-form", which assumes light '
                     'elastic contact of infinite size; use "mean-field"'
                 )
+    if fidelity == "boundary-element" and "finite-size" in on:
+        raise InputError(
+            'terms: "finite-size" contradicts fidelity "boundary-element", whose box has a highest '
+            'asperity of its own; switch it off, or use "mean-field"'
+        )

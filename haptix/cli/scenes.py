@@ -16,6 +16,7 @@ _TRADEOFF_STAGES = {
     "plan": "plan the scene",
     "truth": "solve the held-out points",
     "run": "build, query and invert",
+    "measure": "solve boundary elements",
     "write": "write tables and plot",
 }
 
@@ -92,6 +93,10 @@ def tradeoff(
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for the outputs.")] = Path("haptix-tradeoff"),
     quick: Annotated[bool, typer.Option("--quick", help="Few runs and short timings.")] = False,
+    boundary_elements: Annotated[
+        bool,
+        typer.Option("--boundary-elements", help="A surface they correct, too: takes minutes."),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Measure error, build time, query time and memory of many ways to build a scene's surface.
@@ -104,7 +109,7 @@ def tradeoff(
         from haptix.tradeoff import default_scene, write_tradeoff
 
         chosen = default_scene() if scene is None else Scene.load(scene)
-        found = write_tradeoff(chosen, out, quick, update)
+        found = write_tradeoff(chosen, out, quick, update, boundary_elements)
     if as_json:
         rows = [run.row() for run in found.runs]
     else:

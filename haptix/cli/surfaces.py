@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 _FINGER_HELP = "Finger: a preset (dry, semi-wet, wet) or a TOML file."
 _SCREEN_HELP = "Screen: a preset (3m-sct3250) or a TOML file."
-_FIDELITY_HELP = "mean-field, or closed-form: faster and coarser."
+_FIDELITY_HELP = (
+    "mean-field; closed-form: faster and coarser; boundary-element: the reference, slow."
+)
 Finger = Annotated[str, typer.Option(help=_FINGER_HELP)]
 Screen = Annotated[str, typer.Option(help=_SCREEN_HELP)]
 Fidelity = Annotated[str, typer.Option(help=_FIDELITY_HELP)]
@@ -138,6 +140,8 @@ def build(
         )
         ranges = _ranges(normal_force_n or "0.1,1", voltage_v, frequency_hz, h0_m)
         work = partial(_unplanned, model, ranges, tolerance or "0.002")
+        if model.fidelity == "boundary-element":
+            work = _measured(model, ranges, tolerance or "0.002", target)
     stages = {"plan": "plan the scene", "build": "build the surface"}
     try:
         with progress_bar(stages) as update:
@@ -270,6 +274,28 @@ def _unplanned(
     return FrictionSurface.build(
         model, ranges, tolerance, lambda share: update("build", share), largest_bytes
     )
+
+
+def _measured(model: ContactModel, ranges: dict[str, Any], tolerance: str, target: Path) -> Work:
+    """Correct the mean field by boundary elements; an interrupted build resumes."""
+    from haptix.surface import MeasuringJob, measured_surface
+
+    job = MeasuringJob(model, ranges)
+    kept = target.with_name(target.name + ".partial.npz")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    sys.stderr.write(
+        f"haptix: {job.states} states of boundary elements, some {job.estimated_seconds():.2g} s; "
+        f"an interrupted build resumes from {kept}\n"
+    )
+
+    def work(update: Update, largest_bytes: int) -> FrictionSurface:
+        surface = measured_surface(
+            job, tolerance, lambda share: update("build", share), largest_bytes, checkpoint=kept
+        )
+        kept.unlink(missing_ok=True)
+        return surface
+
+    return work
 
 
 def _ranges(

@@ -23,6 +23,8 @@ class Load:
         The same of a contact spot.
     column : Tensor of int, shape (states,)
         Which column each state has.
+    thickness_m : Tensor, shape (columns,), optional
+        h0 [m], real or complex, of each column; None where the drive is not followed in its mean.
     """
 
     applied_pa: Tensor
@@ -31,6 +33,7 @@ class Load:
     gap_pull: Tensor
     spot_pull: Tensor
     column: Tensor
+    thickness_m: Tensor | None = None
 
 
 @dataclass(frozen=True)

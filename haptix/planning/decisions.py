@@ -63,6 +63,8 @@ def _overridden(scene: Scene, one: Omission) -> bool | None:
         wish = override.axes.get("h0_m" if one.name == "h0_m" else "frequency_hz")
         return None if wish is None else wish == "keep"
     said = override.fidelity if one.kind == "fidelity" else override.dtype
+    if said == "boundary-element":  # planned on the mean field, which they correct
+        return True
     return None if said is None else said == one.name
 
 

@@ -223,7 +223,7 @@ def plan_scene(
     plan = Plan(
         scene=scene,
         rows=tuple(rows),
-        model=trials.model(chosen, with_breakdown=breakdown.kept),
+        model=_model(scene, trials.model(chosen, with_breakdown=breakdown.kept)),
         ranges={**scene.ranges(), **{name: (value, value) for name, value in chosen.held}},
         tolerance=tolerance,
         dtype=getattr(torch, chosen.dtype),
@@ -233,6 +233,13 @@ def plan_scene(
     )
     on_progress(1.0)
     return plan
+
+
+def _model(scene: Scene, planned: ContactModel) -> ContactModel:
+    """The planned model, or boundary elements of its terms where the scene asks for them."""
+    if scene.override.fidelity != "boundary-element":
+        return planned
+    return scene.model("boundary-element", planned.dtype, terms=planned.terms)
 
 
 def _in_thresholds(tolerance: Tolerance, trials: Trials, chosen: Choice) -> float:

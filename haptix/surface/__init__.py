@@ -3,6 +3,7 @@
 from haptix.surface.cache import cached_surface
 from haptix.surface.identity import surface_key
 from haptix.surface.interpolant import PULL_IN_DRIVE, Interpolant
+from haptix.surface.measured import MeasuredPoints, MeasuringJob, measured_surface
 from haptix.surface.surface import LARGEST_BYTES, FrictionSurface, Inversion, SurfaceSample
 from haptix.surface.tolerance import Tolerance
 
@@ -12,8 +13,11 @@ __all__ = [
     "FrictionSurface",
     "Interpolant",
     "Inversion",
+    "MeasuredPoints",
+    "MeasuringJob",
     "SurfaceSample",
     "Tolerance",
     "cached_surface",
+    "measured_surface",
     "surface_key",
 ]

@@ -50,6 +50,6 @@ def _code_digest() -> str:
     digest = hashlib.sha256()
     package = Path(__file__).parent.parent
     rooms = [package / room for room in ("contact", "electro", "fidelity", "surface")]
-    for file in sorted([*package.glob("*.py"), *(f for room in rooms for f in room.glob("*.py"))]):
+    for file in sorted([*package.glob("*.py"), *(f for room in rooms for f in room.rglob("*.py"))]):
         digest.update(file.read_bytes())
     return digest.hexdigest()

@@ -70,6 +70,9 @@ class FrictionSurface:
     ) -> FrictionSurface:
         """Solve the model on axes that are refined until held-out solver points agree.
 
+        A model of boundary elements is solved at few points only, see
+        `haptix.surface.measured_surface`.
+
         Parameters
         ----------
         model : ContactModel
@@ -97,6 +100,11 @@ class FrictionSurface:
         """
         from haptix.surface.build import build_surface  # which makes what this class holds
 
+        if model.fidelity == "boundary-element":
+            from haptix.surface.measured import MeasuringJob, measured_surface
+
+            job = MeasuringJob(model, scene or {})
+            return measured_surface(job, tolerance, on_progress, largest_bytes, notes)
         return build_surface(
             model, scene or {}, Tolerance.read(tolerance), on_progress, largest_bytes, notes or {}
         )

@@ -14,7 +14,12 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from haptix.tradeoff.run import Run, Tradeoff, machine
 
-_COLORS = {"mean-field": "tab:blue", "closed-form": "tab:orange", "planned": "tab:red"}
+_COLORS = {
+    "mean-field": "tab:blue",
+    "closed-form": "tab:orange",
+    "boundary-element": "tab:purple",
+    "planned": "tab:red",
+}
 _SHAPES = {"surface": "o", "slice": "s"}
 _DPI = 150
 
@@ -89,6 +94,11 @@ def _legend(tradeoff: Tradeoff) -> list[Line2D]:
     handles = [
         mark("o", _COLORS["mean-field"], "mean field, all terms"),
         mark("o", _COLORS["closed-form"], "closed form"),
+        *(
+            [mark("o", _COLORS["boundary-element"], "boundary elements")]
+            if any(run.setting.model == "boundary-element" for run in tradeoff.runs)
+            else []
+        ),
         mark("*", _COLORS["planned"], "as planned"),
         mark("o", "0.3", "whole surface"),
         mark("s", "0.3", "slice"),

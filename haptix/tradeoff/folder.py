@@ -21,6 +21,7 @@ def write_tradeoff(
     folder: Path,
     quick: bool = False,
     on_progress: Progress = lambda stage, share: None,
+    boundary_elements: bool = False,
 ) -> Tradeoff:
     """Measure a scene into a folder, which is made if needed.
 
@@ -29,7 +30,7 @@ def write_tradeoff(
 
     Parameters
     ----------
-    scene, quick, on_progress
+    scene, quick, on_progress, boundary_elements
         As for `run_tradeoff`; progress has the stage "write" as well.
     folder : Path
         Where the files go.
@@ -40,7 +41,7 @@ def write_tradeoff(
         If the folder cannot be used, before anything is measured; or the scene contradicts itself.
     """
     _check(folder)
-    tradeoff = run_tradeoff(scene, quick, on_progress)
+    tradeoff = run_tradeoff(scene, quick, on_progress, boundary_elements)
     record = {"haptix": __version__, **tradeoff.record()}
     files = {
         "tradeoff.csv": table(tradeoff).encode("utf-8"),

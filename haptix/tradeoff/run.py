@@ -12,12 +12,14 @@ import torch
 from torch import Tensor
 
 from haptix.errors import ToleranceError
+from haptix.fidelity import BoundaryElementBox
+from haptix.friction import ContactModel
 from haptix.planning import Effect, Plan, plan_scene
 from haptix.planning.choices import AXES, Choice, middle
 from haptix.planning.effects import Points, Trials
 from haptix.scene import Scene
 from haptix.status import Status
-from haptix.surface import FrictionSurface
+from haptix.surface import FrictionSurface, MeasuredPoints, MeasuringJob, measured_surface
 from haptix.tradeoff.pareto import pareto_front
 from haptix.tradeoff.settings import (
     FIDELITIES,
@@ -34,6 +36,8 @@ _POINTS = 2000
 _QUICK_POINTS = 500
 _BATCH = 1_000_000
 _QUICK_BATCH = 50_000
+_BOX = BoundaryElementBox(points=64, surfaces=2)
+_MEASURED = MeasuredPoints(forces=2, drives=2, axis_values=1)
 _REPEATS = 3  # of which the fastest counts
 
 
@@ -139,7 +143,10 @@ def machine() -> dict[str, Any]:
 
 
 def run_tradeoff(
-    scene: Scene, quick: bool = False, on_progress: Progress = lambda stage, share: None
+    scene: Scene,
+    quick: bool = False,
+    on_progress: Progress = lambda stage, share: None,
+    boundary_elements: bool = False,
 ) -> Tradeoff:
     """Measure every setting of a scene.
 
@@ -150,7 +157,11 @@ def run_tradeoff(
     quick : bool
         Two tolerances and small batches, whose times say little.
     on_progress : callable
-        Called with "plan", "truth" or "run" and the share of it that is done.
+        Called with "plan", "truth" or "run" and the share of it that is done; with "measure" where
+        there are boundary elements.
+    boundary_elements : bool
+        Whether a surface corrected by them is measured too, from a small box and four states, which
+        takes minutes.
 
     Raises
     ------
@@ -180,7 +191,29 @@ def run_tradeoff(
             judge.ask(surface, Setting(fidelity, tolerance, *way), build_s) for way in ways_to_ask()
         ]
         on_progress("run", number / (1 + len(builds)))
+    if boundary_elements:
+        runs += _measured(scene, judge, lambda share: on_progress("measure", share))
     return Tradeoff(scene, _with_fronts(runs), plan, plan_s, judge.count, judge.batch)
+
+
+def _measured(scene: Scene, judge: _Judge, report: Callable[[float], None]) -> list[Run]:
+    """A surface that boundary elements correct, whole and as a slice."""
+    began = perf_counter()
+    model = ContactModel(
+        scene.finger,
+        scene.screen,
+        "boundary-element",
+        terms=_terms(scene, "boundary-element"),
+        boundary_elements=_BOX,
+    )
+    tolerance = f"{QUICK_TOLERANCES[0]:g} thresholds"
+    surface = measured_surface(MeasuringJob(model, scene, _MEASURED), tolerance, report)
+    build_s = perf_counter() - began
+    return [
+        judge.ask(surface, Setting("boundary-element", tolerance, *way), build_s)
+        for way in ways_to_ask()
+        if way[0] == "float64" and way[2] == "cpu"
+    ]
 
 
 def _terms(scene: Scene, fidelity: Any) -> frozenset[str]:

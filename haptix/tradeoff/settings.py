@@ -28,7 +28,7 @@ class Setting:
 
     Parameters
     ----------
-    model : {"mean-field", "closed-form", "planned"}
+    model : {"mean-field", "closed-form", "boundary-element", "planned"}
         A fidelity with every term that it can have, or what `plan_scene` decides.
     tolerance : str
         Of the surface against that model.

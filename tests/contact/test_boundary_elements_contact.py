@@ -211,3 +211,16 @@ def test_the_contact_conditions_hold(
     assert p.min() >= 0
     assert p.max() <= ceiling * (1 + 1e-12)
     assert p.mean() == pytest.approx(mean, rel=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore:3.99 pixels")
+def test_a_layer_thousands_of_times_stiffer_than_what_is_below_converges() -> None:
+    """Steps taken whatever they did to the energy went round and round here."""
+    spectrum = RoughnessSpectrum.self_affine(22e-6, 0.86, 1e3, 3992.9, 3.2e4)
+    surfaces = Surfaces.random(spectrum, 128, 2 * pi * 4 / 3992.9)
+    skin = Layered(40e6, 0.5, 200e-6, 10e3, 0.5)
+    found = BoundaryElements(surfaces, skin).solve([3e3, 2e4, 1e5])
+    assert bool(found.converged.all())
+    assert int(found.iterations.max()) < 500
+    assert bool((found.area_fraction.diff(dim=0) > 0).all())
+    assert bool((found.mean_gap_m.diff(dim=0) < 0).all())

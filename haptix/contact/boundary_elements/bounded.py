@@ -9,6 +9,9 @@ Here the points that want to join are part of the same search direction (Vollebr
 Theory Appl. 162, 931 (2014)), the residual is preconditioned by the exact inverse ``q E*(q)/2`` of
 the elastic response cut to those points, and a cold start solves the half-sized problem first.
 While no pressure meets a bound the gap is updated from the step, without a convolution of its own.
+Where one does, the pressures brought back must have less energy than before: else the step is taken
+back, and a few shorter ones follow the bare gap, which always leads down. Without that a skin whose
+layer is a thousand times stiffer than what lies below sends the pressures round and round.
 """
 
 from __future__ import annotations
@@ -25,6 +28,8 @@ from haptix.contact.elasticity import ElasticSolid
 COARSEST_POINTS = 64
 _COARSE_TOLERANCE = 1e-3
 _MOST_ROUNDS = 100
+_PLAIN_STEPS = 5.0
+_ROUNDING = 1e-13  # of the scale: energies that differ by less per moved pressure are equal
 
 
 @dataclass(frozen=True)
@@ -169,11 +174,12 @@ def _descend(
     rows = torch.arange(batch, device=height.device)
     mean, scale = mean[:, None, None], scale[:, None, None]
     p = start * (mean / start.mean((-2, -1), keepdim=True))
-    _restore_mean(p, mean, ceiling, p > 0)
+    p = _with_mean(p, mean, ceiling, p > 0)
     g = solid.displacement(p).sub_(height)
     exact = True  # g is a convolution of p, not a sum of steps
     search = torch.zeros_like(p)
     before, descent_before = torch.zeros_like(p), torch.ones_like(mean)
+    reach, plain = torch.ones_like(mean), torch.zeros_like(mean)
     for step in range(most_iterations + 1):
         free, residual = _free_points(p, g, ceiling)
         worst = _largest(residual) / scale[:, 0, 0]
@@ -194,11 +200,15 @@ def _descend(
             rows, mean, scale = rows[go_on], mean[go_on], scale[go_on]
             height, p, g, search = height[go_on], p[go_on], g[go_on], search[go_on]
             before, descent_before = before[go_on], descent_before[go_on]
+            reach, plain = reach[go_on], plain[go_on]
             free, residual = free[go_on], residual[go_on]
         weight = free.to(p.dtype)
         count = weight.sum((-2, -1), keepdim=True)
         _centre(residual, weight, count)
         steepest = solid.pressure(residual)
+        if bool((plain > 0).any()):
+            steepest = torch.where(plain > 0, residual, steepest)
+            plain = plain - 1
         _centre(steepest, weight, count)
         descent = _dot(steepest, residual)
         # Polak and Ribiere's form forgets the old direction by itself where the free points change.
@@ -207,19 +217,43 @@ def _descend(
         _centre(search, weight, count)
         before, descent_before = residual, descent
         answer = solid.displacement(search)
-        length = _dot(residual, search) / _dot(answer, search)
-        p.addcmul_(search, length, value=-1.0)
-        beyond = p.amin() < 0 if ceiling is None else (p.amin() < 0) | (p.amax() > ceiling)
-        if bool(beyond):
-            _restore_mean(p, mean, ceiling, free)
-            g = solid.displacement(p).sub_(height)
-            exact = True
-        else:
+        length = reach * _dot(residual, search) / _dot(answer, search)
+        trial = torch.addcmul(p, search, length, value=-1.0)
+        beyond = trial.amin() < 0
+        if ceiling is not None:
+            beyond |= trial.amax() > ceiling
+        reach = (2 * reach).clamp(max=1.0)
+        if not bool(beyond):
+            p = trial
             g.addcmul_(answer, length, value=-1.0)
             exact = False
+            continue
+        trial = _with_mean(trial, mean, ceiling, free)
+        gap = solid.displacement(trial).sub_(height)
+        rise = _rise(p, g, trial, gap)
+        failed = rise[:, :1, None] > _ROUNDING * scale * rise[:, 1:, None]
+        if not bool(failed.any()):
+            p, g, exact = trial, gap, True
+            continue
+        exact = False
+        p, g = torch.where(failed, p, trial), torch.where(failed, g, gap)
+        search.masked_fill_(failed, 0.0)
+        reach = torch.where(failed, reach / 8, reach)
+        plain = torch.where(failed, _PLAIN_STEPS, plain)
     return BoundedSolution(
         pressure_out, gap_out, residual_out, steps_out, residual_out <= tolerance
     )
+
+
+def _rise(p: Tensor, g: Tensor, trial: Tensor, gap: Tensor) -> Tensor:
+    """Rise of the energy from one pressure to another of the same mean, and what was moved.
+
+    The energy's gradient is the gap, of whatever level where the mean stays: its change is the mean
+    of both ends' gaps times the step, without a difference of large numbers.
+    """
+    moved = trial - p
+    energy = ((g + gap) * moved).sum((-2, -1)) / 2
+    return torch.stack([energy, moved.abs().sum((-2, -1))], -1)
 
 
 def _dot(a: Tensor, b: Tensor) -> Tensor:
@@ -261,20 +295,18 @@ def _free_points(p: Tensor, g: Tensor, ceiling: float | None) -> tuple[Tensor, T
     return free, g * free
 
 
-def _restore_mean(p: Tensor, mean: Tensor, ceiling: float | None, free: Tensor) -> None:
-    """Bring pressures back within the bounds and to their mean, in place."""
-    p.clamp_(min=0.0, max=ceiling)
-    if ceiling is None:
-        p.mul_(mean / p.mean((-2, -1), keepdim=True))
-        return
-    # Scaled, few points below the ceiling would swing wildly: shifted, they are projected. Each
-    # round sends points to a bound or ends.
+def _with_mean(p: Tensor, mean: Tensor, ceiling: float | None, free: Tensor) -> Tensor:
+    """Bring pressures back within the bounds and to their mean: the nearest ones, nearly."""
+    p = p.clamp(min=0.0, max=ceiling)
+    # Each round sends points to a bound or ends.
     for _ in range(_MOST_ROUNDS):
         lacking = mean - p.mean((-2, -1), keepdim=True)
         if bool((lacking.abs() <= 1e-13 * mean).all()):
-            return
-        movable = torch.where(lacking > 0, p < ceiling, p > 0)
+            break
+        below = torch.ones_like(free) if ceiling is None else p < ceiling
+        movable = torch.where(lacking > 0, below, p > 0)
         chosen = movable & free
         movable = torch.where(chosen.any(-1, True).any(-2, True), chosen, movable)
         share = movable.to(p.dtype)
         p.addcmul_(share, lacking / share.mean((-2, -1), keepdim=True)).clamp_(0.0, ceiling)
+    return p

@@ -27,6 +27,7 @@ from haptix.contact.boundary_elements.surfaces import Surfaces
 from haptix.contact.elasticity import ElasticSolid
 from haptix.errors import InputError, check_positive
 from haptix.status import Status
+from haptix.threads import given_threads
 
 
 @dataclass(frozen=True)
@@ -214,7 +215,7 @@ class BoundaryElements:
     @property
     def _workers(self) -> int:
         """Batches at a time: a GPU is filled by one."""
-        return torch.get_num_threads() if torch.device(self.device).type == "cpu" else 1
+        return given_threads() if torch.device(self.device).type == "cpu" else 1
 
     def _checked_pressure(self, pressure_pa: Any) -> Tensor:
         pressure = torch.as_tensor(pressure_pa, dtype=torch.float64).detach().cpu()

@@ -1,0 +1,255 @@
+"""The contact solved point by point on random surfaces: exact within its band, and slow."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from math import inf
+from time import perf_counter
+
+import torch
+from torch import Tensor
+
+from haptix.contact.boundary_elements import (
+    BoundaryElements,
+    ContactSolution,
+    LocalAttraction,
+    ResolutionWarning,
+)
+from haptix.contact.boundary_elements.kernel import PeriodicSolid
+from haptix.contact.boundary_elements.memory import check_memory
+from haptix.contact.elasticity import ElasticSolid
+from haptix.equilibrium import LIGHT_CONTACT_LIMIT
+from haptix.errors import InputError
+from haptix.fidelity.balance import Balance, Load
+from haptix.fidelity.box import BoxedFinger
+from haptix.status import Status
+from haptix.threads import given_threads
+
+# Of one surface at one voltage: 500 where the grid resolves h0, and up to 20,000 where it does not.
+_TRANSFORMS = 8000
+_RUNGS = 5
+_NEAR_END = 1.04  # of the strength: 2 % of the voltage
+
+Progress = Callable[[float], None]
+Place = tuple[float, complex]
+"""Applied pressure [Pa] and h0 [m]: states of one place lie on one branch."""
+
+
+class UnsettledWarning(UserWarning):
+    """Some surfaces did not reach the tolerance; the message says how many."""
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """States of every surface, all of shape (..., surfaces).
+
+    Parameters
+    ----------
+    area_fraction, mean_gap_m, gap_attraction_pa, spot_attraction_pa : Tensor
+        As those of `haptix.states.ContactState`.
+    strength_at_end : Tensor
+        ``eps0 V0^2/4`` [N] at which the branch ends, infinite where it was not met.
+    is_stable, converged : Tensor of bool
+        Whether the state is on the lowest branch, and solved to the tolerance.
+    """
+
+    area_fraction: Tensor
+    mean_gap_m: Tensor
+    gap_attraction_pa: Tensor
+    spot_attraction_pa: Tensor
+    strength_at_end: Tensor
+    is_stable: Tensor
+    converged: Tensor
+
+
+@dataclass
+class BoundaryElementBalance:
+    """Equilibria as the mean over the surfaces of a box.
+
+    The pull acts on every point; in a contact spot the spot's own pressure bears it, which is what
+    the mean field calls spots "excluded": ``pressure_pa`` is ``p0`` and the gaps' pull. A state has
+    pulled in where half of its surfaces have snapped in, or where the gaps pull so much that the
+    contact is no longer light (`haptix.equilibrium.LIGHT_CONTACT_LIMIT`).
+
+    Parameters
+    ----------
+    boxed : BoxedFinger
+        Surfaces.
+    solid : ElasticSolid
+        ``E*(q)``.
+    hardness_pa : float or None
+        Where the skin yields [Pa].
+    device : torch.device
+        Where fields and results live.
+    on_progress : callable, optional
+        Called with the share of a call's places that is done.
+    """
+
+    boxed: BoxedFinger
+    solid: ElasticSolid
+    hardness_pa: float | None
+    device: torch.device
+    on_progress: Progress | None = None
+    _known: dict[Place, dict[float, Scatter]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        box = self.boxed.box
+        check_memory(box.points, min(given_threads(), box.surfaces), True, self.device)
+        self._elements = BoundaryElements(
+            self.boxed.surfaces, self.solid, self.hardness_pa, box.tolerance, self.device
+        )
+
+    def prepare(self, applied_pa: Tensor, apparent_area_m2: Tensor) -> None:
+        """Nothing: there is no table."""
+
+    def solve(self, load: Load) -> Balance:
+        """Return the mean equilibrium of every state on the lowest branch."""
+        found = self.scatter(load)
+        stable = found.is_stable.to(torch.float64).mean(-1) > 0.5
+        gaps = found.gap_attraction_pa.mean(-1)
+        return Balance(
+            pressure_pa=load.applied_pa + gaps,
+            area_fraction=found.area_fraction.mean(-1),
+            gap_attraction_pa=gaps,
+            spot_attraction_pa=found.spot_attraction_pa.mean(-1),
+            mean_gap_m=found.mean_gap_m.mean(-1),
+            strength_at_end=found.strength_at_end.median(-1).values,
+            is_stable=stable,
+        )
+
+    def scatter(self, load: Load) -> Scatter:
+        """Return every state of every surface; what was solved before is not solved again."""
+        thickness = self._thickness(load)
+        states = [
+            ((applied, complex(thickness[column])), strength)
+            for applied, column, strength in zip(
+                load.applied_pa.tolist(), load.column.tolist(), load.strength.tolist(), strict=True
+            )
+        ]
+        missing: dict[Place, set[float]] = {}
+        for place, strength in states:
+            if strength not in self._known.get(place, {}):
+                missing.setdefault(place, set()).add(strength)
+        self._check_amount(sum(map(len, missing.values())))
+        for number, (place, strengths) in enumerate(missing.items(), start=1):
+            self._follow(place, sorted(strengths))
+            if self.on_progress is not None:
+                self.on_progress(number / len(missing))
+        rows = [self._known[place][strength] for place, strength in states]
+        return Scatter(
+            *(
+                torch.stack([getattr(row, name) for row in rows]).to(self.device)
+                for name in Scatter.__dataclass_fields__
+            )
+        )
+
+    def seconds_per_state(self) -> float:
+        """Rough time of one state, from that of a transform on this machine."""
+        box = self.boxed.box
+        grid = PeriodicSolid.on_grid(self.solid, box.points, self.boxed.side_m, self.device)
+        height = self.boxed.surfaces.height_m[:1].to(self.device)
+        grid.displacement(height)
+        began = perf_counter()
+        for _ in range(3):
+            grid.displacement(height)
+        if self.device.type == "cuda":
+            torch.cuda.synchronize(self.device)
+        each = (perf_counter() - began) / 3
+        rounds = -(-box.surfaces // min(given_threads(), box.surfaces))
+        return _TRANSFORMS * each * rounds
+
+    def _check_amount(self, states: int) -> None:
+        most = self.boxed.box.most_states
+        if states > most:
+            raise InputError(
+                f"expected at most {most} states that are new to the boundary elements in one "
+                f"call, got {states}, about {states * self.seconds_per_state() / 60:.2g} min; ask "
+                "for fewer, build a FrictionSurface, or raise BoundaryElementBox.most_states"
+            )
+
+    @staticmethod
+    def _thickness(load: Load) -> list[complex]:
+        if load.thickness_m is None:
+            raise InputError(
+                "over_period: boundary elements follow the mean pull of a sine only; use fidelity "
+                '"mean-field"'
+            )
+        given = (load.applied_pa, load.strength, load.thickness_m)
+        if any(tensor.requires_grad for tensor in given):
+            raise InputError(
+                "expected values that need no gradient: boundary elements have none, got one that "
+                'requires grad; detach it, or use fidelity "mean-field"'
+            )
+        return [complex(value) for value in load.thickness_m.tolist()]
+
+    def _follow(self, place: Place, strengths: list[float]) -> None:
+        """Solve one place along its rising strengths."""
+        applied, thickness = place
+        if strengths[-1] > 0 and self.boxed.gap_step_m > abs(thickness):
+            warnings.warn(
+                f"the gap changes by {self.boxed.gap_step_m:.2g} m from pixel to pixel, more than "
+                f"h0, {abs(thickness):.2g} m: the pull next to the spots is not resolved, and what "
+                "voltage does to the contact is rough; take more points in a smaller box",
+                ResolutionWarning,
+                stacklevel=2,
+            )
+        found = self._elements.solve_attracted([applied], _pull(thickness), strengths)
+        lost = int((~found.converged & (found.status == int(Status.OK))).sum())
+        if lost:
+            warnings.warn(
+                f"{lost} of {found.converged.numel()} states of single surfaces at {applied:.4g} "
+                "Pa were not solved to the tolerance: few pixels close and open in turn; take more "
+                "points",
+                UnsettledWarning,
+                stacklevel=2,
+            )
+        rows = [_row(found, number) for number in range(len(strengths))]
+        pulls = [float(row.gap_attraction_pa.mean()) for row in rows]
+        most = (LIGHT_CONTACT_LIMIT - 1) * applied
+        past = next((i for i, pull in enumerate(pulls) if pull > most), len(rows))
+        if past < len(rows):
+            # The pull grows at least as the strength does.
+            sure = strengths[past] * most / pulls[past]
+            end = self._light_end(place, max([sure, *strengths[:past]]), strengths[past], most)
+            rows = [*(replace(row, strength_at_end=end.strength_at_end) for row in rows[:past])]
+            rows += [end] * (len(strengths) - past)
+        self._known.setdefault(place, {}).update(zip(strengths, rows, strict=True))
+
+    def _light_end(self, place: Place, low: float, high: float, most_pa: float) -> Scatter:
+        """State at which the contact stops being light, that is between two strengths."""
+        applied, thickness = place
+        while True:
+            step = (high / low) ** (1 / (_RUNGS - 1))
+            ladder = [low * step**i for i in range(_RUNGS)]
+            found = self._elements.solve_attracted([applied], _pull(thickness), ladder)
+            pulls = found.attraction_gaps_pa[0].mean(-1)
+            last = max(int((pulls <= most_pa).sum()) - 1, 0)
+            if step <= _NEAR_END or last + 1 == _RUNGS:
+                row = _row(found, last)
+                return replace(
+                    row,
+                    strength_at_end=torch.full_like(row.strength_at_end, ladder[last]),
+                    is_stable=torch.zeros_like(row.is_stable),
+                )
+            low, high = ladder[last], ladder[last + 1]
+
+
+def _pull(thickness: complex) -> LocalAttraction:
+    """``1/|u + h0|^2`` [1/m^2]."""
+    return lambda gap: ((gap + thickness.real) ** 2 + thickness.imag**2).reciprocal()
+
+
+def _row(found: ContactSolution, strength: int) -> Scatter:
+    at = (0, strength)
+    end = found.snap_in_strength[at].mean(-1)
+    return Scatter(
+        found.area_fraction[at],
+        found.mean_gap_m[at],
+        found.attraction_gaps_pa[at],
+        found.attraction_spots_pa[at],
+        torch.where(end.isnan(), inf, end),
+        found.status[at] == int(Status.OK),
+        found.converged[at],
+    )

@@ -1,0 +1,327 @@
+"""Surfaces from few boundary elements: the mean-field surface, corrected by what they measure.
+
+A surface needs thousands of states and a boundary element takes seconds, so that only a few places
+are solved. At each the ratio of its friction to that of the mean field of the same waves is taken;
+the mean-field surface is multiplied by it, linear in its logarithm between the places, in the
+logarithms of the axes and in the squared voltage.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import product
+from math import exp, log, sqrt
+from typing import Any, Literal, get_args
+
+import torch
+from torch import Tensor
+
+from haptix.contact.boundary_elements.ensemble import Row, run_ensemble
+from haptix.errors import InputError, ToleranceError
+from haptix.fidelity import BoundaryElementBalance
+from haptix.friction import ContactModel
+from haptix.status import Status
+from haptix.surface.build import build_surface
+from haptix.surface.grid import Axis
+from haptix.surface.identity import model_hash, surface_key
+from haptix.surface.interpolant import Interpolant
+from haptix.surface.ranges import read_ranges
+from haptix.surface.sampling import PLACES
+from haptix.surface.surface import LARGEST_BYTES, FrictionSurface
+from haptix.surface.tolerance import Tolerance
+
+Band = Literal["finger", "box"]
+Progress = Callable[[float], None]
+
+_DRIVES_BETWEEN = 4  # nodes for each voltage solved: where the ratio bends differs by column
+
+
+@dataclass(frozen=True)
+class MeasuredPoints:
+    """Where boundary elements are solved.
+
+    Parameters
+    ----------
+    forces, drives : int
+        Forces, and squared voltages from 0 to where the surface ends, at each place.
+    axis_values : int
+        Values along frequency and along h0, where these vary.
+    band : {"finger", "box"}
+        Waves of the surface: all of the finger's, to which the ratio in the box is carried over; or
+        those of the box alone, of which the surface is then an interpolation.
+    """
+
+    forces: int = 3
+    drives: int = 3
+    axis_values: int = 2
+    band: Band = "finger"
+
+    def __post_init__(self) -> None:
+        for name, least in (("forces", 1), ("drives", 2), ("axis_values", 1)):
+            value = getattr(self, name)
+            if type(value) is not int or value < least:
+                raise InputError(f"{name}: expected a whole number of {least} or more, got {value}")
+        if self.band not in get_args(Band):
+            raise InputError(f'band: expected "finger" or "box", got {self.band!r}')
+
+
+@dataclass(frozen=True)
+class MeasuringJob:
+    """What is to be solved for a surface, before the work starts.
+
+    Parameters
+    ----------
+    model : ContactModel
+        Of fidelity "boundary-element".
+    scene : Scene or mapping
+        As for `FrictionSurface.build`.
+    points : MeasuredPoints
+        Where it is solved.
+    """
+
+    model: ContactModel
+    scene: Any
+    points: MeasuredPoints = MeasuredPoints()
+
+    def __post_init__(self) -> None:
+        if self.model.boxed is None:
+            raise InputError(
+                'model: expected fidelity "boundary-element", got '
+                f'"{self.model.fidelity}"; use FrictionSurface.build'
+            )
+
+    @property
+    def nodes(self) -> tuple[list[float | None], ...]:
+        """Values along force, frequency and h0."""
+        ranges = read_ranges(self.model, self.scene)
+        counts = (self.points.forces, self.points.axis_values, self.points.axis_values)
+        return tuple(_nodes(ranges[name], n) for name, n in zip(PLACES, counts, strict=True))
+
+    @property
+    def places(self) -> list[tuple[float | None, ...]]:
+        """Force, frequency and h0 of every column."""
+        return list(product(*self.nodes))
+
+    @property
+    def states(self) -> int:
+        """States to be solved."""
+        return len(self.places) * self.points.drives
+
+    def estimated_seconds(self) -> float:
+        """Rough time of the boundary elements, from that of a transform on this machine."""
+        solver = self.model.solver
+        assert isinstance(solver, BoundaryElementBalance)
+        return self.states * solver.seconds_per_state()
+
+    def mean_field(self, band: Band) -> ContactModel:
+        """Return the mean field of the finger's own waves, or of those in the box."""
+        model, boxed = self.model, self.model.boxed
+        assert boxed is not None
+        finger = model.finger
+        return ContactModel(
+            finger if band == "finger" else finger.replace(roughness=boxed.roughness),
+            model.screen,
+            dtype=model.dtype,
+            device=model.contact.device,
+            gap_distribution=model.contact.gap_distribution,
+            gamma=model.contact.gamma,
+            terms=model.terms,
+            theory=model.theory,
+        )
+
+
+def measured_surface(
+    job: MeasuringJob,
+    tolerance: Tolerance | float | str = 2e-3,
+    on_progress: Progress | None = None,
+    largest_bytes: int = LARGEST_BYTES,
+    notes: Mapping[str, Any] | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+) -> FrictionSurface:
+    """Build a surface from boundary elements with the mean field between them.
+
+    Parameters
+    ----------
+    job : MeasuringJob
+        Model, ranges and points.
+    tolerance, on_progress, largest_bytes, notes
+        As for `FrictionSurface.build`; the tolerance is that against the mean field, before the
+        correction.
+    checkpoint : path, optional
+        File (.npz) in which finished columns are kept: the same call resumes from it.
+
+    Returns
+    -------
+    FrictionSurface
+        With points, ratios and scatter in ``info["boundary_elements"]``.
+
+    Raises
+    ------
+    InputError, ToleranceError
+        As `FrictionSurface.build` does.
+    FileFormatError
+        If the checkpoint is damaged or belongs to something else.
+    """
+    report = on_progress or (lambda share: None)
+    asked = Tolerance.read(tolerance)
+    best: ToleranceError | None = None
+    try:
+        prior = build_surface(
+            job.mean_field(job.points.band),
+            job.scene,
+            asked,
+            lambda share: report(0.1 * share),
+            largest_bytes,
+            notes or {},
+        )
+    except ToleranceError as error:
+        if error.best is None:
+            raise
+        prior, best = error.best, error
+    measured = _measure(job, prior, checkpoint, lambda share: report(0.1 + 0.9 * share))
+    surface = _corrected(job, prior, measured, surface_key(job.model, job.scene, asked))
+    if best is not None:
+        raise ToleranceError(str(best), surface)
+    return surface
+
+
+def _nodes(span: tuple[float, float] | None, count: int) -> list[float | None]:
+    if span is None:
+        return [None]
+    low, high = span
+    if low == high:
+        return [low]
+    if count == 1:
+        return [sqrt(low * high)]
+    step = log(high / low) / (count - 1)
+    return [low, *(low * exp(step * i) for i in range(1, count - 1)), high]
+
+
+def _measure(
+    job: MeasuringJob,
+    prior: FrictionSurface,
+    checkpoint: str | os.PathLike[str] | None,
+    report: Progress,
+) -> Row:
+    """Solve every column; rows of shape (places, drives) and (places, drives, surfaces)."""
+    model, box_field = job.model, job.mean_field("box")
+    share = torch.linspace(0, 1, job.points.drives, dtype=torch.float64)
+
+    def column(number: int) -> Row:
+        force, frequency, h0 = job.places[number]
+        place = (force, None if prior.frequency_hz.is_absent else frequency, h0)
+        # The last bit of a voltage must not be beyond the screen's limit.
+        end = prior.highest_voltage(*place).to("cpu", torch.float64)
+        voltage = (end * share.sqrt()).clamp(max=model.screen.max_voltage_v)
+        exact, mean = (m.solve(force, voltage, frequency, h0) for m in (model, box_field))
+        scatter = model.scatter(force, voltage, frequency, h0)
+        area = scatter.area_fraction
+        return {
+            "voltage_v": voltage,
+            "mu": exact.mu.to("cpu", torch.float64),
+            "mean_field_mu": mean.mu.to("cpu", torch.float64),
+            "relative_scatter": (area.std(-1, correction=0) / area.mean(-1)).cpu(),
+            "is_stable": (exact.status != int(Status.PULL_IN)).cpu()
+            & (mean.status != int(Status.PULL_IN)).cpu(),
+            "converged_share": scatter.converged.to(torch.float64).mean(-1).cpu(),
+        }
+
+    name = json.dumps([surface_key(model, job.scene, 1.0), asdict(job.points)])
+    rows = run_ensemble(
+        len(job.places),
+        column,
+        name,
+        checkpoint=checkpoint,
+        progress=lambda done, all_: report(done / all_),
+    )
+    return {key: torch.stack([row[key] for row in rows]) for key in rows[0]}
+
+
+def _corrected(
+    job: MeasuringJob, prior: FrictionSurface, measured: Row, key: str
+) -> FrictionSurface:
+    log_ratio = torch.log(measured["mu"] / measured["mean_field_mu"])
+    # Past an end of the branch a ratio compares ends: the last one before it is kept instead.
+    for level in range(1, log_ratio.shape[1]):
+        stable = measured["is_stable"][:, level]
+        log_ratio[:, level] = torch.where(stable, log_ratio[:, level], log_ratio[:, level - 1])
+    if not bool(log_ratio.isfinite().all()):
+        raise InputError(
+            "boundary_elements: expected some contact at every place, got a surface without; take "
+            "more points, or larger forces"
+        )
+    table = _refined(prior.table, job)
+    shape = tuple(len(nodes) for nodes in job.nodes)
+    grid = log_ratio.reshape(*shape, -1)
+    for dim, axis in enumerate(table.axes):
+        grid = _along(grid, dim, job.nodes[dim], axis.nodes.to("cpu", torch.float64))
+    ends = measured["voltage_v"][:, -1].square().reshape(*shape, 1)
+    for dim, axis in enumerate(table.axes):
+        ends = _along(ends, dim, job.nodes[dim], axis.nodes.to("cpu", torch.float64))
+    pull_in = table.pull_in_voltage_v.to("cpu", torch.float64)
+    drive = table.drive.to("cpu", torch.float64) * pull_in[..., None].square() / ends
+    at = (drive.clamp(max=1.0) * (grid.shape[-1] - 1)).contiguous()
+    cell = at.long().clamp(max=grid.shape[-1] - 2)
+    correction = torch.lerp(grid.gather(-1, cell), grid.gather(-1, cell + 1), at - cell)
+    columns = table.columns.clone()
+    inverse = columns[..., : len(table.drive)] * torch.exp(-correction).to(columns)
+    falling = inverse.cummax(-1).values
+    columns[..., : len(table.drive)] = falling
+    info = {
+        **prior.info,
+        "key": key,
+        "model": job.model.describe(),
+        "model_hash": model_hash(job.model.describe()),
+        "boundary_elements": {
+            **asdict(job.points),
+            "theory": job.model.theory,
+            "places": [dict(zip(PLACES, place, strict=True)) for place in job.places],
+            "ratio": log_ratio.exp().tolist(),
+            **{name: values.tolist() for name, values in measured.items()},
+        },
+        "mu_low": float((-1 / falling).min()),
+        "mu_high": float((-1 / falling).max()),
+        "monotone_corrections": prior.info["monotone_corrections"]
+        + int((falling != inverse).sum()),
+    }
+    return FrictionSurface(replace(table, columns=columns), info)
+
+
+def _refined(table: Interpolant, job: MeasuringJob) -> Interpolant:
+    """The same interpolant with nodes where the correction has its own."""
+    columns, axes = table.columns.to("cpu", torch.float64), list(table.axes)
+    for dim, (axis, known) in enumerate(zip(table.axes, job.nodes, strict=True)):
+        if not axis.varies:
+            continue
+        inner = [value for value in known if value is not None and axis.low < value < axis.high]
+        nodes = axis.nodes.to("cpu", torch.float64)
+        both = torch.cat([nodes, nodes.new_tensor(inner)]).unique()
+        columns = _along(columns, dim, nodes.tolist(), both)
+        axes[dim] = Axis(axis.name, both)
+    drive = table.drive.to("cpu", torch.float64)
+    even = torch.linspace(0, float(drive[-1]), _DRIVES_BETWEEN * job.points.drives).to(drive)
+    finer = torch.cat([drive, even]).unique()
+    cell = torch.searchsorted(drive[1:-1].contiguous(), finer, right=True)
+    part = (finer - drive[cell]) / (drive[cell + 1] - drive[cell])
+    inverse = torch.lerp(columns[..., cell], columns[..., cell + 1], part)
+    return replace(
+        table,
+        axes=(axes[0], axes[1], axes[2]),
+        drive=finer,
+        columns=torch.cat([inverse, columns[..., len(drive) :]], -1),
+    )
+
+
+def _along(grid: Tensor, dim: int, known: Sequence[float | None], wanted: Tensor) -> Tensor:
+    """Interpolate one dimension, linear in the logarithm of its quantity."""
+    if len(known) == 1:
+        return grid.expand(*(len(wanted) if d == dim else n for d, n in enumerate(grid.shape)))
+    nodes = torch.log(wanted.new_tensor(known))
+    x = torch.log(wanted).clamp(nodes[0], nodes[-1])
+    cell = torch.searchsorted(nodes[1:-1].contiguous(), x, right=True)
+    part = (x - nodes[cell]) / (nodes[cell + 1] - nodes[cell])
+    part = part.reshape([-1 if d == dim else 1 for d in range(grid.ndim)])
+    return torch.lerp(grid.index_select(dim, cell), grid.index_select(dim, cell + 1), part)
