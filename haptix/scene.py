@@ -139,7 +139,7 @@ class Override(Part):
     terms: dict[str, Annotated[bool, Field(strict=True)]] = {}
     fidelity: FidelityName | None = None
     dtype: DtypeName | None = None
-    tolerance: float | str | None = None
+    tolerance: Annotated[float, Field(strict=True)] | str | None = None
     axes: dict[AxisName, Literal["keep", "collapse"]] = {}
 
     @field_validator("terms")

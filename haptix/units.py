@@ -63,7 +63,8 @@ def with_numbers(name: str, fields: Mapping[str, Any]) -> dict[str, Any]:
 
 def _converted(place: str, key: str, value: Any) -> Any:
     if isinstance(value, Mapping):
-        return with_numbers(place, value)
+        # There the names of quantities are keys of decisions: h0_m = "keep".
+        return dict(value) if key == "axes" else with_numbers(place, value)
     if isinstance(value, list):
         return [_converted(f"{place}.{i}", key, item) for i, item in enumerate(value)]
     if isinstance(value, str):

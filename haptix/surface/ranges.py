@@ -61,9 +61,10 @@ def _read_range(name: str, value: Any) -> tuple[float, float] | None:
     if hasattr(value, "tolist"):
         value = value.tolist()
     try:
-        if isinstance(value, str | bool):
+        ends = value if isinstance(value, tuple | list) else (value, value)
+        if any(isinstance(end, str | bool) for end in ends):
             raise TypeError
-        low, high = (float(v) for v in (value if isinstance(value, tuple | list) else (value,) * 2))
+        low, high = map(float, ends)
     except (TypeError, ValueError):
         raise InputError(f"{name}: expected (low, high) or one value, got {value!r}") from None
     least = 0.0 if name == "voltage_v" else 1e-300

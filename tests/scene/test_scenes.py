@@ -120,6 +120,12 @@ CHANGES = {
     "no budget": ("[drive]", "budget_thresholds = 0\n[drive]", r"budget_thresholds"),
     "unknown term": ("[drive]", "override.terms.magic = true\n[drive]", r"unknown 'magic'"),
     "unknown axis": ("[drive]", 'override.axes.mu = "keep"\n[drive]', r"override\.axes\.mu"),
+    "an axis of another": (
+        "[drive]",
+        'override.axes.normal_force_n = "keep"\n[drive]',
+        r"axes\.normal_force_n.*'frequency_hz' or 'h0_m'",
+    ),
+    "a tolerance": ("[drive]", "override.tolerance = true\n[drive]", r"tolerance.*got True"),
     "a folder": ("[drive]", 'folder = "/"\n[drive]', r"folder"),
     "later": ("finger", "schema_version = 2\nfinger", r"schema_version 1, got 2"),
     "a finger's field": ('"semi-wet"', "{ colour = 1 }", r"finger\.colour"),
@@ -135,6 +141,11 @@ def test_a_wrong_scene_is_told_in_one_line(name, tmp_path):
         Scene.load(path)
     assert "\n" not in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+def test_an_axis_is_kept_by_name(tmp_path):
+    text = SMALL.replace("[drive]", 'override.axes.h0_m = "keep"\n[drive]', 1)
+    assert Scene.load(scene_file(tmp_path, text)).override.axes == {"h0_m": "keep"}
 
 
 def test_an_envelope_is_slower_than_its_carrier():

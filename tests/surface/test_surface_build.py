@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -114,6 +115,66 @@ def test_breakdown_ends_a_surface() -> None:
     found = surface.voltage(torch.stack([high, 1.1 * high]), 0.6, None, 2e-7)
     assert found.status.tolist() == [int(Status.OK), int(Status.BREAKDOWN)]
     assert found.voltage_v.tolist() == pytest.approx([70.0, 70.0], rel=1e-3)  # as above
+
+
+def test_no_point_inside_is_broken_down_in_a_gap_that_leaks() -> None:
+    # There the breakdown voltage bends with frequency, as no other quantity of this finger does.
+    screen = Screen(gap_resistivity_ohm_m=1.84e7)
+    model = ContactModel(Finger.preset("dry"), screen, terms={"breakdown": True})
+    scene = {"normal_force_n": 0.5, "frequency_hz": (10.0, 1e5)}
+    surface = FrictionSurface.build(model, scene, tolerance="0.05 thresholds")
+    frequency = torch.logspace(1, 5, 401, dtype=torch.float64)[:, None].clamp(10.0, 1e5)
+    voltage = torch.linspace(1.0, 200.0, 200, dtype=torch.float64)
+    truth = model.solve(0.5, voltage, frequency)
+    ours = surface.evaluate(0.5, voltage, frequency)
+    assert int(Status.BREAKDOWN) in truth.status
+    ends = truth.breakdown_voltage_v.expand_as(voltage * frequency)
+    certain = (voltage / ends - 1).abs() > 0.012  # 1 % is what a build holds at its own points
+    assert torch.equal(ours.status[certain], truth.status[certain])
+
+
+def test_a_narrow_axis_is_one_point(model: ContactModel) -> None:
+    force = 0.5
+    scene = {"normal_force_n": (force, math.nextafter(force, 1.0)), "h0_m": (2e-7, 2.000001e-7)}
+    surface = FrictionSurface.build(model, scene, tolerance=1e-3)
+    assert not any(axis.varies for axis in surface.table.axes)
+    expected = float(model.solve(force, 100.0, h0_m=2e-7).mu)
+    single = surface.to(torch.float32)
+    for one in (surface, single):
+        assert float(one.mu(force, 100.0)) == pytest.approx(expected, abs=1e-3)  # the tolerance
+
+
+def test_a_size_that_only_a_coarser_grid_fits(model: ContactModel) -> None:
+    scene = {"normal_force_n": (0.1, 1.0), "frequency_hz": (60.0, 1e4), "voltage_v": (0.0, 150.0)}
+    with pytest.raises(ToleranceError, match="reached") as caught:
+        FrictionSurface.build(model, scene, tolerance=1e-6, largest_bytes=1500)
+    best = caught.value.best
+    assert best is not None
+    assert best.nbytes <= 1500
+
+
+@pytest.mark.parametrize(
+    ("scene", "options", "sentence"),
+    [
+        ({"normal_force_n": (True, 1.0)}, {}, "normal_force_n"),
+        ({"normal_force_n": ("0.1", "1.0")}, {}, "normal_force_n"),
+        (0.5, {}, "scene: expected a scene or ranges by name"),
+        (SMALL, {"tolerance": True}, "tolerance: expected a number"),
+        (SMALL, {"notes": {"made by": object()}}, "notes: expected plain values"),
+        (SMALL, {"notes": {"limit": math.inf}}, "notes: expected plain values"),
+    ],
+)
+def test_what_is_no_range_tolerance_or_note(
+    model: ContactModel, scene: Any, options: Any, sentence: str
+) -> None:
+    with pytest.raises(InputError, match=sentence):
+        FrictionSurface.build(model, scene, **options)
+
+
+def test_ranges_may_be_arrays(model: ContactModel) -> None:
+    scene = {"normal_force_n": np.array([0.4, 0.5]), "voltage_v": torch.tensor([0.0, 100.0])}
+    surface = FrictionSurface.build(model, scene, tolerance=1e-3)
+    assert surface.info["ranges"]["normal_force_n"] == (0.4, 0.5)
 
 
 def test_a_build_that_is_stopped_leaves_nothing(

@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
@@ -208,3 +209,27 @@ def test_shapes_of_answers(full: FrictionSurface) -> None:
     # A range of one value: the force's status has the shape of the whole all the same.
     out = full.evaluate(tensor(0.1, 0.5)[:, None], tensor(0.0, 1.0, 2.0), 100.0, 2e-7)
     assert out.status.tolist() == [[OUT] * 3, [OK] * 3]
+
+
+def test_the_gradient_at_the_lowest_friction_is_finite(plain: FrictionSurface) -> None:
+    low, high = plain.reachable(0.5)
+    wanted = torch.stack([low, (low + high) / 2]).detach().requires_grad_()
+    (gradient,) = torch.autograd.grad(plain.voltage(wanted, 0.5).voltage_v.sum(), wanted)
+    # V ~ sqrt(mu - mu0): its slope is infinite there, and said to be 0 as beyond the end.
+    assert gradient[0] == 0.0
+    assert 0 < float(gradient[1]) < math.inf
+
+
+def test_what_is_no_place_to_slice_at(full: FrictionSurface) -> None:
+    with pytest.raises(InputError, match="frequency_hz: expected one number"):
+        full.at((60.0, 500.0), None)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"dtype: expected torch\.float32 or torch\.float64"):
+        full.to(torch.float16)
+    with pytest.raises(InputError, match="normal_force_n: expected real numbers"):
+        full.mu(torch.tensor(0.5 + 0.1j), 100.0, 137.0, 1.7e-7)
+
+
+def test_arrays_of_any_stride(full: FrictionSurface) -> None:
+    force = np.linspace(0.4, 0.8, 7)
+    backwards = full.mu(force[::-1], 100.0, 137.0, 1.7e-7)
+    assert torch.equal(backwards.flip(0), full.mu(force, 100.0, 137.0, 1.7e-7))
