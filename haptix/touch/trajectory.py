@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.errors import InputError
+from haptix.touch.events import TouchEvent
+from haptix.touch.table import number_in, read_table
 
 _COLUMNS = ("t_s", "x_mm", "y_mm", "normal_force_n")
 Array = npt.NDArray[np.float64]
@@ -62,28 +63,21 @@ class Trajectory:
     def from_csv(cls, path: str | Path) -> Trajectory:
         """Read a CSV with the columns t_s, x_mm, y_mm and normal_force_n, in any order."""
         path = Path(path)
-        try:
-            # Spreadsheets put a byte-order mark before the first name.
-            with path.open(newline="", encoding="utf-8-sig") as file:
-                rows = list(csv.reader(file, skipinitialspace=True))
-        except OSError as error:
-            raise InputError(f"cannot read the trajectory {path}: {error.strerror}") from None
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise InputError(f"{path}: expected a CSV text file, got: {error}") from None
-        names = [name.strip() for name in rows[0]] if rows else []
-        missing = [name for name in _COLUMNS if names.count(name) != 1]
-        if missing:
-            raise InputError(
-                f"{path}: expected a first line naming {', '.join(_COLUMNS)}, each once; "
-                f"missing or repeated: {', '.join(missing)}"
-            )
         table = [
-            _read_row(path, number, names, row) for number, row in enumerate(rows[1:], 2) if row
+            [number_in(path, line, name, row[name]) for name in _COLUMNS]
+            for line, row in read_table(path, "the trajectory", _COLUMNS)
         ]
         try:
             return cls(*np.array(table, dtype=float).reshape(-1, len(_COLUMNS)).T)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
+
+    def events(self, touch_id: int = 0) -> list[TouchEvent]:
+        """Return it as the events of one touch: down, moves, and up at the last place."""
+        columns = (self.t_s, self.x_mm, self.y_mm, self.normal_force_n)
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        moves = [TouchEvent(t, touch_id, x, y, "move", force) for t, x, y, force in rows]
+        return [moves[0]._replace(kind="down"), *moves[1:], moves[-1]._replace(kind="up")]
 
     @property
     def duration_s(self) -> float:
@@ -97,26 +91,3 @@ class Trajectory:
             np.interp(t, self.t_s, column) for column in (self.x_mm, self.y_mm, self.normal_force_n)
         )
         return x, y, force
-
-
-def _read_row(path: Path, line: int, names: list[str], row: list[str]) -> list[float]:
-    """Numbers of one line, in the order of the columns."""
-    if len(row) != len(names):
-        why = (
-            f"{names[len(row)]} is missing"
-            if len(row) < len(names)
-            else "decimals need a point, not a comma"
-        )
-        raise InputError(
-            f"{path}, line {line}: expected {len(names)} values, got {len(row)}; {why}"
-        )
-    values = []
-    for name in _COLUMNS:
-        text = row[names.index(name)]
-        try:
-            values.append(float(text))
-        except ValueError:
-            raise InputError(
-                f"{path}, line {line}: {name}: expected a number, got {text!r}"
-            ) from None
-    return values

@@ -1,0 +1,238 @@
+"""How well the finger's place is predicted over the latency of the touchscreen.
+
+    .venv/bin/python benchmarks/prediction.py             # the defaults; half a minute
+    .venv/bin/python benchmarks/prediction.py --sweep     # the filters' parameters too; minutes
+
+Made-up fingers (`haptix.touch.strokes`) whose true place is known are reported by a touchscreen
+with noise and latency; a tracker is asked for its path in blocks of 1 ms, and the distance to the
+true place counts. "held" is the place of the last report: what there is without prediction.
+"""
+
+import argparse
+import gc
+import time
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from haptix.touch import (
+    ConstantVelocityKalman,
+    OneEuroFilter,
+    PlaceFilter,
+    SingerKalman,
+    Touches,
+    TouchSettings,
+    TouchTracker,
+)
+from haptix.touch.strokes import FingerPath
+
+KINDS = ("strokes", "scribble", "zigzag", "circles")
+SEEDS = tuple(range(1, 9))
+SPEEDS_MM_S = (50.0, 100.0, 200.0)  # of the sweep
+BLOCK_S = 0.001
+FILTERS: dict[str, PlaceFilter] = {
+    "Singer Kalman": SingerKalman(),
+    "Kalman": ConstantVelocityKalman(),
+    "One-Euro": OneEuroFilter(),
+}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A touchscreen, and how fast fingers move on it."""
+
+    speed_mm_s: float = 100.0
+    rate_hz: float = 100.0
+    latency_s: float = 0.03
+    noise_mm: float = 0.1
+    missing: float = 0.0
+    duration_s: float = 10.0
+
+
+def errors_mm(
+    kind: str, seed: int, setting: Setting, settings: TouchSettings
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Distance to the true place every block, held and predicted; and the share of time sliding."""
+    finger = FingerPath.make(kind, seed, setting.duration_s, setting.speed_mm_s)
+    events = finger.reports(
+        seed + 1000, setting.rate_hz, setting.latency_s, setting.noise_mm, missing=setting.missing
+    )[:-1]
+    arrivals = [event.t_s for event in events]
+    t0 = arrivals[0] + 0.1
+    starts = np.arange(t0, setting.duration_s, BLOCK_S)
+    truth = finger.place(starts)
+    held = np.empty_like(truth)
+    predicted = np.empty_like(truth)
+    touches = Touches(replace(settings, latency_s=setting.latency_s))
+    pushed = 0
+    sliding = 0
+    for i, start in enumerate(starts.tolist()):
+        known = bisect_right(arrivals, start)
+        while pushed < known:
+            touches.push(events[pushed])
+            pushed += 1
+        segment = touches[0].path(start, BLOCK_S / 48, 48)
+        predicted[i] = segment.x_mm, segment.y_mm
+        held[i] = events[known - 1][2:4]
+        sliding += segment.is_sliding
+    return (
+        np.hypot(*(held - truth).T), np.hypot(*(predicted - truth).T), sliding / len(starts),
+    )  # fmt: skip
+
+
+def p95(values: np.ndarray) -> float:
+    return float(np.percentile(values, 95))
+
+
+def compare(name: str, settings: TouchSettings, setting: Setting, seeds: Sequence[int]) -> None:
+    """One line per kind of path: p95 of both errors over all seeds, and the worst seed's ratio."""
+    for kind in KINDS:
+        runs = [errors_mm(kind, seed, setting, settings) for seed in seeds]
+        held = p95(np.concatenate([run[0] for run in runs]))
+        predicted = np.concatenate([run[1] for run in runs])
+        ratios = [p95(run[0]) / p95(run[1]) for run in runs]
+        print(
+            f"| {name} | {kind} | {held:.2f} | {np.median(predicted):.2f} | {p95(predicted):.2f} "
+            f"| {held / p95(predicted):.1f} | {min(ratios):.1f} |"
+        )
+
+
+def sweep(setting: Setting, seeds: Sequence[int]) -> None:
+    """Every filter of a grid, the best first: the worst ratio over kinds and seeds decides."""
+    for name, candidates in (
+        ("Singer Kalman", singers()),
+        ("Kalman", kalmans()),
+        ("One-Euro", one_euros()),
+    ):
+        found = []
+        for candidate in candidates:
+            settings = TouchSettings(filter=candidate)
+            ratios = [
+                p95(held) / p95(predicted)
+                for kind, seed, speed in product(KINDS, seeds, SPEEDS_MM_S)
+                for held, predicted, _ in [
+                    errors_mm(kind, seed, replace(setting, speed_mm_s=speed), settings)
+                ]
+            ]
+            found.append((min(ratios), float(np.exp(np.mean(np.log(ratios)))), candidate))
+        print(f"\n{name}: least ratio, mean ratio, parameters")
+        for least, mean, candidate in sorted(found, key=lambda row: -row[0])[:8]:
+            print(f"{least:6.2f} {mean:6.2f}  {candidate}")
+
+
+def singers() -> Iterator[SingerKalman]:
+    for still, per_speed, correlation in product(
+        (50.0, 100.0, 200.0), (2.0, 3.0, 5.0, 8.0), (0.1, 0.2, 0.4)
+    ):
+        yield SingerKalman(still, per_speed, correlation)
+
+
+def kalmans() -> Iterator[ConstantVelocityKalman]:
+    for psd in (1e4, 2e4, 4e4, 1e5):
+        yield ConstantVelocityKalman(psd)
+
+
+def one_euros() -> Iterator[OneEuroFilter]:
+    for cutoff, beta, derivative in product((2.0, 5.0, 10.0), (0.3, 1.0, 3.0), (12.0, 24.0, 36.0)):
+        yield OneEuroFilter(cutoff, beta, derivative)
+
+
+SURROUNDINGS = {
+    "as above": Setting(),
+    "60 Hz": Setting(rate_hz=60.0),
+    "240 Hz": Setting(rate_hz=240.0),
+    "15 ms": Setting(latency_s=0.015),
+    "50 mm/s": Setting(speed_mm_s=50.0),
+    "200 mm/s": Setting(speed_mm_s=200.0),
+    "noise 0.02 mm": Setting(noise_mm=0.02),
+    "noise 0.2 mm": Setting(noise_mm=0.2),
+    "one in ten missing": Setting(missing=0.1),
+}
+
+
+def surroundings(settings: TouchSettings, seeds: Sequence[int]) -> None:
+    """The ratio of p95 errors over all seeds, per kind of path, in other surroundings."""
+    for name, setting in SURROUNDINGS.items():
+        cells = []
+        for kind in KINDS:
+            runs = [errors_mm(kind, seed, setting, settings) for seed in seeds]
+            held, predicted = (np.concatenate([run[i] for run in runs]) for i in (0, 1))
+            cells.append(f"{p95(held) / p95(predicted):.1f} ({p95(predicted):.2f} mm)")
+        print(f"| {name} | {' | '.join(cells)} |")
+
+
+def sliding(seeds: Sequence[int]) -> None:
+    """The share of time said to slide, at rest and not; and how far off the path is at rest."""
+    for name, place_filter in FILTERS.items():
+        settings = TouchSettings(filter=place_filter)
+        for rate in (60.0, 100.0, 240.0):
+            setting = Setting(rate_hz=rate, duration_s=20.0)
+            rest = [errors_mm("rest", seed, setting, settings) for seed in seeds]
+            moving = [errors_mm("circles", seed, setting, settings) for seed in seeds]
+            slow = [
+                errors_mm("circles", seed, replace(setting, speed_mm_s=15.0), settings)
+                for seed in seeds
+            ]
+            wander = np.sqrt(np.mean(np.concatenate([run[1] for run in rest]) ** 2))
+            print(
+                f"| {name} | {rate:.0f} Hz | {100 * np.mean([run[2] for run in rest]):.2f} % "
+                f"| {100 * np.mean([run[2] for run in slow]):.1f} % "
+                f"| {100 * np.mean([run[2] for run in moving]):.1f} % | {wander:.2f} mm |"
+            )
+
+
+def cost() -> None:
+    """Microseconds of processor time for an event and for a path, medians of batches."""
+    events = FingerPath.make("scribble", 1).reports(2)[:-1]
+    for name, place_filter in FILTERS.items():
+        event_us, path_us = [], []
+        for _ in range(30):
+            touches = Touches(TouchSettings(filter=place_filter, latency_s=0.03))
+            touches.push(events[0])
+            gc.collect()
+            gc.disable()
+            began = time.thread_time()
+            for event in events[1:]:
+                touches.push(event)
+            event_us.append((time.thread_time() - began) / (len(events) - 1) * 1e6)
+            path_us.append(_paths_us(touches[0], events[-1].t_s))
+            gc.enable()
+        print(f"| {name} | {np.median(event_us):.1f} | {np.median(path_us):.1f} |")
+
+
+def _paths_us(tracker: TouchTracker, start_s: float, blocks: int = 70) -> float:
+    starts = [start_s + i * BLOCK_S for i in range(blocks)]
+    began = time.thread_time()
+    for start in starts:
+        tracker.path(start, BLOCK_S / 48, 48)
+    return (time.thread_time() - began) / blocks * 1e6
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sweep", action="store_true", help="try the filters' parameters")
+    arguments = parser.parse_args()
+    base = Setting()
+    if arguments.sweep:
+        sweep(base, SEEDS[::3])
+        return
+    print("| filter | path | held p95 [mm] | predicted median | p95 | ratio | worst of 8 seeds |")
+    print("|---|---|---|---|---|---|---|")
+    for name, place_filter in FILTERS.items():
+        compare(name, TouchSettings(filter=place_filter), base, SEEDS)
+    print(f"\n| ratio (p95) | {' | '.join(KINDS)} |")
+    print("|---" * (len(KINDS) + 1) + "|")
+    surroundings(TouchSettings(), SEEDS[:4])
+    print("\n| filter | reports | slides at rest | at 15 mm/s | at 100 mm/s | rms off at rest |")
+    print("|---|---|---|---|---|---|")
+    sliding(SEEDS[:4])
+    print("\n| filter | an event [us] | a path [us] |")
+    print("|---|---|---|")
+    cost()
+
+
+if __name__ == "__main__":
+    main()

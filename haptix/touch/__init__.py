@@ -1,0 +1,39 @@
+"""Touch: from a touchscreen's reports to where the finger is now, and how hard it presses."""
+
+from haptix.touch.events import TouchCounts, TouchEvent
+from haptix.touch.force import AreaProxy, ForceEstimate, ForceModel
+from haptix.touch.kalman import ConstantVelocityKalman
+from haptix.touch.one_euro import OneEuroFilter
+from haptix.touch.replay import paced, read_events
+from haptix.touch.settings import PlaceFilter, TouchSettings
+from haptix.touch.singer import SingerKalman
+from haptix.touch.slots import AxisRange, ScreenAxes, SlotDecoder
+from haptix.touch.touches import Touches
+from haptix.touch.touchscreen import Touchscreen, find_touchscreens
+from haptix.touch.tracker import PathSegment, TouchState, TouchTracker
+from haptix.touch.trajectory import Trajectory
+
+__all__ = [
+    "AreaProxy",
+    "AxisRange",
+    "ConstantVelocityKalman",
+    "ForceEstimate",
+    "ForceModel",
+    "OneEuroFilter",
+    "PathSegment",
+    "PlaceFilter",
+    "ScreenAxes",
+    "SingerKalman",
+    "SlotDecoder",
+    "TouchCounts",
+    "TouchEvent",
+    "TouchSettings",
+    "TouchState",
+    "TouchTracker",
+    "Touches",
+    "Touchscreen",
+    "Trajectory",
+    "find_touchscreens",
+    "paced",
+    "read_events",
+]

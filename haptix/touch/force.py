@@ -1,0 +1,173 @@
+"""The normal force of a touch: measured, from the contact area, or assumed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import exp, expm1, inf, log, sqrt
+from typing import Literal, NamedTuple, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.errors import InputError, check_positive
+
+ForceSource = Literal["axis", "area", "assumed"]
+
+
+class ForceEstimate(NamedTuple):
+    """A normal force [N], its standard deviation [N], and where it comes from."""
+
+    normal_force_n: float
+    sigma_n: float
+    source: ForceSource
+
+
+@dataclass(frozen=True)
+class AreaProxy:
+    """Force from contact area by a power law: ``F = 1 N * (area / area_at_1n)^(1 / exponent)``.
+
+    The inverse of the law by which `haptix.Finger` gives its apparent contact area; but what a
+    touchscreen calls area is its own, so calibrate (`fit`) with the screen and the finger at hand.
+
+    Parameters
+    ----------
+    area_at_1n_m2 : float
+        Reported area under 1 N [m^2].
+    exponent : float
+        How area grows with force; some 0.15 to 0.7 for fingertips.
+    log_sigma : float
+        Standard deviation of ln F about the law: 0.3 is a factor of 1.35 either way.
+    force_range_n : (float, float)
+        What can be believed; an area that means a force outside is not used.
+    """
+
+    area_at_1n_m2: float
+    exponent: float
+    log_sigma: float
+    force_range_n: tuple[float, float] = (0.02, 10.0)
+
+    def __post_init__(self) -> None:
+        for name in ("area_at_1n_m2", "exponent"):
+            check_positive(name, getattr(self, name))
+        low, high = self.force_range_n
+        if not 0 < low < high < inf:
+            raise InputError(
+                f"force_range_n: expected (low, high) with 0 < low < high, got {low:g}, {high:g}"
+            )
+        if not 0 <= self.log_sigma <= 3:
+            raise InputError(
+                f"log_sigma: expected 0 to 3 (a factor of 20), got {self.log_sigma:g}; with a "
+                "wider spread state a force instead (ForceModel.assumed_n)"
+            )
+
+    @classmethod
+    def fit(cls, contact_area_m2: npt.ArrayLike, normal_force_n: npt.ArrayLike) -> Self:
+        """Fit the law to pairs of reported area [m^2] and measured force [N], each of shape (n,).
+
+        Least squares of ln F against ln area, so that what is predicted, the force, has the least
+        spread; `log_sigma` is that of the residuals, and `force_range_n` half the smallest to twice
+        the largest force seen.
+
+        Raises
+        ------
+        InputError
+            If there are fewer than 3 pairs, a value is not above 0, or force does not grow with
+            area.
+        """
+        area = np.asarray(contact_area_m2, dtype=float)
+        force = np.asarray(normal_force_n, dtype=float)
+        if area.ndim != 1 or area.shape != force.shape or len(area) < 3:
+            raise InputError(
+                "area proxy: expected areas and forces of one length, 3 pairs or more, got shapes "
+                f"{area.shape} and {force.shape}"
+            )
+        for name, values in (("contact_area_m2", area), ("normal_force_n", force)):
+            bad = ~(np.isfinite(values) & (values > 0))
+            if bad.any():
+                raise InputError(
+                    f"area proxy: {name} of pair {int(bad.argmax()) + 1}: expected a finite number "
+                    f"above 0, got {values[bad][0]:g}"
+                )
+        ln_area, ln_force = np.log(area), np.log(force)
+        spread = ln_area - ln_area.mean()
+        square = float(spread @ spread)
+        slope = float(spread @ ln_force) / square if square > 0 else 0.0
+        if slope <= 0:
+            raise InputError(
+                "area proxy: expected areas that grow with force; press with several forces, from "
+                "light to firm"
+            )
+        offset = float(ln_force.mean() - slope * ln_area.mean())
+        residual = ln_force - slope * ln_area - offset
+        return cls(
+            area_at_1n_m2=exp(-offset / slope),
+            exponent=1 / slope,
+            log_sigma=sqrt(float(residual @ residual) / (len(area) - 2)),
+            force_range_n=(float(force.min()) / 2, 2 * float(force.max())),
+        )
+
+    def force(self, contact_area_m2: float) -> ForceEstimate | None:
+        """Median force and standard deviation (log-normal), or None where it is not to be believed.
+
+        The area is above 0.
+        """
+        ln_force = log(contact_area_m2 / self.area_at_1n_m2) / self.exponent
+        low, high = self.force_range_n
+        if not log(low) <= ln_force <= log(high):
+            return None
+        force = exp(ln_force)
+        variance = self.log_sigma**2
+        return ForceEstimate(force, force * exp(variance / 2) * sqrt(expm1(variance)), "area")
+
+
+@dataclass(frozen=True)
+class ForceModel:
+    """How a touch gets its force: the axis if there is one, else the area, else the assumption.
+
+    Parameters
+    ----------
+    assumed_n, assumed_sigma_n : float
+        Taken where nothing is measured: a usual exploring force, and how far people are from it.
+    axis_sigma : float
+        Standard deviation of a measured force, as a share of it.
+    area_proxy : AreaProxy, optional
+        Calibrated law; without it areas are not used.
+    """
+
+    assumed_n: float = 0.5
+    assumed_sigma_n: float = 0.25
+    axis_sigma: float = 0.05
+    area_proxy: AreaProxy | None = None
+    assumed: ForceEstimate = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        check_positive("assumed_n", self.assumed_n)
+        for name in ("assumed_sigma_n", "axis_sigma"):
+            if not 0 <= getattr(self, name) < inf:
+                raise InputError(
+                    f"{name}: expected a finite number, 0 or more, got {getattr(self, name):g}"
+                )
+        made = ForceEstimate(self.assumed_n, self.assumed_sigma_n, "assumed")
+        object.__setattr__(self, "assumed", made)
+
+    def estimate(
+        self, normal_force_n: float | None, contact_area_m2: float | None
+    ) -> ForceEstimate | None:
+        """Force of a report, or None where it says nothing that can be used."""
+        if normal_force_n is not None and _usable(normal_force_n):
+            force = float(normal_force_n)
+            return ForceEstimate(force, self.axis_sigma * force, "axis")
+        if self.area_proxy is not None and contact_area_m2 is not None and _usable(contact_area_m2):
+            return self.area_proxy.force(float(contact_area_m2))
+        return None
+
+
+LARGEST_FORCE_N = 1e3
+"""Of a finger on a screen: more is another unit."""
+
+
+def _usable(value: float) -> bool:
+    try:
+        return bool(0.0 < value <= LARGEST_FORCE_N)
+    except (TypeError, ValueError):
+        return False

@@ -1,0 +1,102 @@
+"""Recorded touches: from a CSV file, at their own pace."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+from haptix.errors import InputError, check_positive
+from haptix.touch.events import KINDS, TouchEvent
+from haptix.touch.table import number_in, read_table
+
+_REQUIRED = ("t_s", "x_mm", "y_mm")
+_OPTIONAL = ("touch_id", "kind", "normal_force_n", "contact_area_m2")
+
+
+def read_events(path: str | Path) -> list[TouchEvent]:
+    """Read the touches of a CSV, in the order of its lines.
+
+    Parameters
+    ----------
+    path : path
+        With the columns t_s, x_mm and y_mm, and where there are several fingers touch_id. Without a
+        column kind, the first line of an id is its "down" and its last is followed by an "up".
+        normal_force_n and contact_area_m2 may be missing, as columns or cell by cell.
+
+    Returns
+    -------
+    list of TouchEvent
+        As recorded: out of order, not finite or twice at one time if the file says so, which is for
+        `Touches` to sort out.
+
+    Raises
+    ------
+    InputError
+        If the file is no such table, naming the line.
+    """
+    path = Path(path)
+    events: list[TouchEvent] = []
+    seen: dict[int, int] = {}
+    has_kinds = False
+    for line, row in read_table(path, "the touches", _REQUIRED, _OPTIONAL):
+        t_s, x_mm, y_mm = (number_in(path, line, name, row[name]) for name in _REQUIRED)
+        touch_id = _integer(path, line, row.get("touch_id", "0"))
+        has_kinds = "kind" in row
+        kind = row["kind"].strip() if has_kinds else "move" if touch_id in seen else "down"
+        known = next((k for k in KINDS if k == kind), None)
+        if known is None:
+            raise InputError(
+                f"{path}, line {line}: kind: expected {', '.join(KINDS)}, got {kind!r}"
+            )
+        force, area = (
+            number_in(path, line, name, row[name]) if row.get(name, "").strip() else None
+            for name in _OPTIONAL[2:]
+        )
+        seen[touch_id] = len(events)
+        events.append(TouchEvent(t_s, touch_id, x_mm, y_mm, known, force, area))
+    if not events:
+        raise InputError(f"{path}: expected at least one touch, got none; is the file empty?")
+    if not has_kinds:
+        # From the end, so that the places still to come stay where they are.
+        for last in sorted(seen.values(), reverse=True):
+            events.insert(last + 1, events[last]._replace(kind="up"))
+    return events
+
+
+def paced(
+    events: Iterable[TouchEvent],
+    speed: float = 1.0,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Iterator[TouchEvent]:
+    """Yield events when their time has come, stamped with the clock instead.
+
+    Parameters
+    ----------
+    events : iterable of TouchEvent
+        A recording. An event of an earlier time than the one before comes at once.
+    speed : float
+        2 plays twice as fast.
+    clock, sleep : callable
+        What to read, and how to wait [s].
+    """
+    check_positive("speed", speed)
+    offset_s: float | None = None
+    for event in events:
+        if offset_s is None:
+            offset_s = clock() - event.t_s / speed
+        due_s = event.t_s / speed + offset_s
+        # Written so that a time that is not a number comes at once.
+        if (wait_s := due_s - clock()) > 0:
+            sleep(wait_s)
+        yield event._replace(t_s=due_s)
+
+
+def _integer(path: Path, line: int, text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise InputError(
+            f"{path}, line {line}: touch_id: expected an integer, got {text!r}"
+        ) from None

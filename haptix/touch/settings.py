@@ -1,0 +1,87 @@
+"""How touches are followed: the settings of every tracker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any, Protocol
+
+from haptix.errors import InputError, check_positive
+from haptix.touch.force import ForceModel
+from haptix.touch.singer import SingerKalman
+
+FilterState = Any
+"""A tuple of floats: t [s], x, y [mm], vx, vy [mm/s]; the rest is the filter's own."""
+
+
+class PlaceFilter(Protocol):
+    """A filter whose state is a tuple that is never changed, so that steps can be taken back."""
+
+    def start(self, t_s: float, x_mm: float, y_mm: float, /) -> FilterState:
+        """State after the first report."""
+
+    def step(self, state: FilterState, t_s: float, x_mm: float, y_mm: float, /) -> FilterState:
+        """State after a report later than that of `state`."""
+
+    def ahead(self, state: FilterState, ahead_s: float, /) -> tuple[float, float, float, float]:
+        """Place x, y [mm] and velocity [mm/s] `ahead_s` after the report of `state`."""
+
+
+@dataclass(frozen=True)
+class TouchSettings:
+    """Settings of a tracker; times in seconds.
+
+    Parameters
+    ----------
+    filter : PlaceFilter
+        `SingerKalman`, `ConstantVelocityKalman` or `OneEuroFilter`.
+    latency_s : float
+        Over how much time places are predicted, beyond the age of the last report: from the finger
+        being there to the time stamp of the report, plus from the time for which a sample is
+        rendered to the finger feeling it. Measure it end to end.
+    lost_after_s : float
+        A touch without a report for so long is lost: held where it was expected then, not sliding.
+        With the next report it is taken up anew, as if the finger had just come down.
+    blend_s : float
+        Time constant with which a path takes up what a new report corrects.
+    slide_above_mm_s, rest_below_mm_s : float
+        A finger starts to slide above the first and comes to rest below the second.
+    slide_smoothing_s : float
+        Time constant over which velocity, as a vector, is averaged for that decision.
+    reorder_s : float
+        An event that comes late by up to this is put in its place, later ones are dropped.
+    least_interval_s : float
+        Reports that follow each other faster than this replace each other.
+    force : ForceModel
+        Where the normal force comes from.
+    """
+
+    filter: PlaceFilter = field(default_factory=SingerKalman)
+    latency_s: float = 0.0
+    lost_after_s: float = 0.08
+    blend_s: float = 0.003
+    slide_above_mm_s: float = 8.0
+    rest_below_mm_s: float = 4.0
+    slide_smoothing_s: float = 0.05
+    reorder_s: float = 0.02
+    least_interval_s: float = 0.001
+    force: ForceModel = field(default_factory=ForceModel)
+
+    def __post_init__(self) -> None:
+        for name in ("lost_after_s", "blend_s", "slide_smoothing_s", "least_interval_s"):
+            check_positive(name, getattr(self, name))
+        for name in ("latency_s", "rest_below_mm_s", "reorder_s"):
+            if not 0 <= getattr(self, name) < inf:
+                raise InputError(
+                    f"{name}: expected a finite number, 0 or more, got {getattr(self, name):g}"
+                )
+        if self.latency_s > 0.5:
+            raise InputError(
+                f"latency_s: expected 0.5 s at most, got {self.latency_s:g}; is it in ms? No "
+                "finger can be predicted over more"
+            )
+        if not self.rest_below_mm_s <= self.slide_above_mm_s < inf:
+            raise InputError(
+                "expected rest_below_mm_s <= slide_above_mm_s, got "
+                f"{self.rest_below_mm_s:g} and {self.slide_above_mm_s:g}"
+            )

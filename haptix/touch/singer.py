@@ -1,0 +1,116 @@
+"""A Kalman filter whose acceleration lasts for a while, for a place on a plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, expm1, hypot, inf
+
+from haptix.errors import InputError, check_positive
+
+SingerState = tuple[
+    float, float, float, float, float, float, float, float, float, float, float, float, float
+]
+"""t [s], x, y [mm], vx, vy [mm/s], ax, ay [mm/s^2], and the covariance of each axis: place-place,
+place-velocity, place-acceleration, velocity-velocity, velocity-acceleration, acceleration twice."""
+
+
+@dataclass(frozen=True)
+class SingerKalman:
+    """Acceleration as a first-order Markov process (Singer, IEEE Trans. AES-6, 473, 1970).
+
+    A finger turns and brakes over tenths of a second, so its acceleration is worth estimating, and
+    predicting with as long as it is likely to last: ahead by h the place is
+    ``x + v h + a tau^2 (exp(-h/tau) - 1 + h/tau)``. The transition is Singer's own;
+    the noise that an interval adds is that for intervals short against `correlation_s`. Both axes
+    are alike and independent.
+
+    Parameters
+    ----------
+    acceleration_mm_s2 : float
+        Standard deviation of the acceleration along each axis of a finger at rest.
+    acceleration_per_speed_hz : float
+        How much that grows [mm/s^2] per speed [mm/s], as fast fingers turn in the same time as slow
+        ones. At 0 the filter is linear, as published.
+    correlation_s : float
+        tau: after it 1/e of an acceleration is left.
+    position_noise_mm : float
+        Standard deviation of a report along each axis.
+    first_speed_mm_s : float
+        Standard deviation of the velocity, along each axis, of a finger that has just come down.
+    """
+
+    acceleration_mm_s2: float = 200.0
+    acceleration_per_speed_hz: float = 3.0
+    correlation_s: float = 0.3
+    position_noise_mm: float = 0.1
+    first_speed_mm_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        for name in (
+            "acceleration_mm_s2", "correlation_s", "position_noise_mm", "first_speed_mm_s",
+        ):  # fmt: skip
+            check_positive(name, getattr(self, name))
+        if not 0 <= self.acceleration_per_speed_hz < inf:
+            raise InputError(
+                "acceleration_per_speed_hz: expected a finite number, 0 or more, got "
+                f"{self.acceleration_per_speed_hz:g}"
+            )
+
+    def start(self, t_s: float, x_mm: float, y_mm: float) -> SingerState:
+        """State after the first report."""
+        return (
+            t_s, x_mm, y_mm, 0.0, 0.0, 0.0, 0.0, self.position_noise_mm**2, 0.0, 0.0,
+            self.first_speed_mm_s**2, 0.0, self.acceleration_mm_s2**2,
+        )  # fmt: skip
+
+    def step(self, state: SingerState, t_s: float, x_mm: float, y_mm: float) -> SingerState:
+        """State after a report at `t_s`, which is not before that of `state`."""
+        t0, x, y, vx, vy, ax, ay, pxx, pxv, pxa, pvv, pva, paa = state
+        dt = t_s - t0
+        tau = self.correlation_s
+        left = exp(-dt / tau)
+        to_speed = tau * (1.0 - left)
+        to_place = tau * (dt - to_speed)
+        jerk = self.acceleration_mm_s2 + self.acceleration_per_speed_hz * hypot(vx, vy)
+        jerk *= 2.0 * jerk / tau  # its power spectral density
+        # P <- F P F^T + Q, with F = [[1, dt, to_place], [0, 1, to_speed], [0, 0, left]].
+        xa = pxa + dt * pva + to_place * paa
+        xv = pxv + dt * pvv + to_place * pva
+        va = pva + to_speed * paa
+        noise = jerk * dt * dt
+        pxx += dt * pxv + to_place * pxa + dt * xv + to_place * xa + noise * dt * dt * dt * 0.05
+        pxv = xv + to_speed * xa + noise * dt * dt * 0.125
+        pvv += to_speed * (pva + va) + noise * dt / 3.0
+        pxa = left * xa + noise * dt / 6.0
+        pva = left * va + noise * 0.5
+        paa = left * left * paa + jerk * dt
+        variance = self.position_noise_mm
+        variance *= variance
+        total = pxx + variance
+        gain_x = pxx / total
+        gain_v = pxv / total
+        gain_a = pxa / total
+        x += vx * dt + ax * to_place
+        y += vy * dt + ay * to_place
+        dx = x_mm - x
+        dy = y_mm - y
+        pvv -= gain_v * pxv
+        paa -= gain_a * pxa
+        return (
+            t_s, x + gain_x * dx, y + gain_x * dy,
+            vx + ax * to_speed + gain_v * dx, vy + ay * to_speed + gain_v * dy,
+            left * ax + gain_a * dx, left * ay + gain_a * dy,
+            variance * gain_x, variance * gain_v, variance * gain_a,
+            pvv if pvv > 0.0 else 0.0, pva - gain_v * pxa, paa if paa > 0.0 else 0.0,
+        )  # fmt: skip
+
+    def ahead(self, state: SingerState, ahead_s: float) -> tuple[float, float, float, float]:
+        """Place and velocity `ahead_s` after the state's report, or before it if below 0."""
+        tau = self.correlation_s
+        to_speed = -tau * expm1(-ahead_s / tau)
+        to_place = tau * (ahead_s - to_speed)
+        _, x, y, vx, vy, ax, ay, *_ = state
+        return (
+            x + vx * ahead_s + ax * to_place, y + vy * ahead_s + ay * to_place,
+            vx + ax * to_speed, vy + ay * to_speed,
+        )  # fmt: skip

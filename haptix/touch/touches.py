@@ -1,0 +1,202 @@
+"""All touches on a screen: events in, one tracker for each finger that is down."""
+
+from __future__ import annotations
+
+from math import nan
+
+from haptix.errors import InputError, check_positive
+from haptix.touch.events import (
+    LARGEST_MM,
+    LARGEST_S,
+    TouchCounts,
+    TouchEvent,
+    TouchKind,
+    problem_of,
+)
+from haptix.touch.settings import TouchSettings
+from haptix.touch.tracker import TouchTracker
+
+# Touches that are over, remembered so that their late events do not bring them back.
+_REMEMBERED = 32
+
+
+class Touches:
+    """Sorts events to trackers by their id.
+
+    Nothing that comes in stops it, since a finger must never be left under voltage because of one
+    bad report: what cannot be used is dropped and counted (`counts`), and the touch goes on. With
+    `strict`, what would be dropped raises instead, and changes nothing.
+
+    Parameters
+    ----------
+    settings : TouchSettings, optional
+        For every tracker.
+    strict : bool
+        Raise `InputError` for events that cannot be used.
+    max_touches : int
+        At most so many at once. One more takes the place of the touch that is lost for longest;
+        if none is lost, it is not taken.
+    """
+
+    def __init__(
+        self, settings: TouchSettings | None = None, strict: bool = False, max_touches: int = 16
+    ) -> None:
+        check_positive("max_touches", max_touches)
+        self.settings = TouchSettings() if settings is None else settings
+        self.strict = strict
+        self.max_touches = max_touches
+        self.counts = TouchCounts()
+        self._trackers: dict[int, TouchTracker] = {}
+        self._ended: dict[int, float] = {}
+        self._active: tuple[tuple[int, TouchTracker], ...] = ()
+
+    @property
+    def active(self) -> tuple[tuple[int, TouchTracker], ...]:
+        """Id and tracker of each finger that is down, in the order in which they came down."""
+        return self._active
+
+    def push(self, event: TouchEvent) -> bool:
+        """Take an event; False if it was dropped.
+
+        Raises
+        ------
+        InputError
+            Only if `strict`: a value is not finite or huge, a force or an area not above 0, the
+            event is too late, or the touch is not there or one too many.
+        """
+        if self.strict and (problem := problem_of(event)) is not None:
+            self.counts.invalid += 1
+            raise InputError(problem)
+        try:
+            t_s, touch_id, x_mm, y_mm, kind, force, area = event
+            tracker = self._trackers.get(touch_id)
+            if kind == "move" or kind == "down":
+                usable = (
+                    -LARGEST_MM <= x_mm <= LARGEST_MM
+                    and -LARGEST_MM <= y_mm <= LARGEST_MM
+                    and -LARGEST_S <= t_s <= LARGEST_S
+                    and type(touch_id) is int
+                )
+                t_s, x_mm, y_mm = float(t_s), float(x_mm), float(y_mm)
+            else:
+                usable = kind == "up"
+        except (TypeError, ValueError, OverflowError):
+            usable = False
+        if not usable:
+            self.counts.invalid += 1
+            return False
+        if kind == "up":
+            return self._lift(touch_id, t_s, tracker)
+        if tracker is None:
+            return self._begin(t_s, touch_id, x_mm, y_mm, kind == "down", force, area)
+        if kind == "down" and t_s > tracker.last_t_s:
+            self.counts.without_up += 1
+            self._end(touch_id, tracker)
+            return self._begin(t_s, touch_id, x_mm, y_mm, True, force, area)
+        # A "down" that comes after its first "move" is just an earlier report.
+        if tracker.push(t_s, x_mm, y_mm, force, area):
+            return True
+        return self._late(touch_id, t_s, tracker.last_t_s)
+
+    def touch(
+        self,
+        t_s: float,
+        x_mm: float,
+        y_mm: float,
+        normal_force_n: float | None = None,
+        touch_id: int = 0,
+        contact_area_m2: float | None = None,
+    ) -> bool:
+        """Take a report of a finger that is down; the first of an id brings it down."""
+        is_there = type(touch_id) is int and touch_id in self._trackers
+        kind: TouchKind = "move" if is_there else "down"
+        return self.push(
+            TouchEvent(t_s, touch_id, x_mm, y_mm, kind, normal_force_n, contact_area_m2)
+        )
+
+    def lift(self, touch_id: int = 0, t_s: float = nan) -> bool:
+        """End a touch, at a time if one is given."""
+        return self.push(TouchEvent(t_s, touch_id, 0.0, 0.0, "up"))
+
+    def lift_all(self) -> None:
+        """End every touch."""
+        for touch_id, tracker in self._active:
+            self._end(touch_id, tracker)
+
+    def __getitem__(self, touch_id: int) -> TouchTracker:
+        """Tracker of a finger that is down; KeyError if there is none."""
+        return self._trackers[touch_id]
+
+    def __contains__(self, touch_id: object) -> bool:
+        return touch_id in self._trackers
+
+    def __len__(self) -> int:
+        return len(self._trackers)
+
+    def _begin(
+        self,
+        t_s: float,
+        touch_id: int,
+        x_mm: float,
+        y_mm: float,
+        is_down: bool,
+        force: float | None,
+        area: float | None,
+    ) -> bool:
+        ended = self._ended.get(touch_id)
+        if not is_down and ended is not None and t_s <= ended:
+            self.counts.late += 1
+            return self._late(touch_id, t_s, ended)
+        if len(self._trackers) >= self.max_touches and not self._make_room(t_s):
+            self.counts.crowded += 1
+            if self.strict:
+                raise InputError(
+                    f"touch {touch_id}: expected at most {self.max_touches} touches at once; lift "
+                    "others first, or raise max_touches"
+                )
+            return False
+        if not is_down:
+            self.counts.without_down += 1
+        self._trackers[touch_id] = TouchTracker(
+            self.settings, t_s, x_mm, y_mm, force, area, self.counts
+        )
+        self._active = tuple(self._trackers.items())
+        return True
+
+    def _lift(self, touch_id: int, t_s: float, tracker: TouchTracker | None) -> bool:
+        if tracker is None:
+            self.counts.unknown_up += 1
+            if self.strict:
+                raise InputError(f"touch {touch_id}: went up, but was not down")
+            return False
+        self._end(touch_id, tracker, t_s)
+        return True
+
+    def _end(self, touch_id: int, tracker: TouchTracker, t_s: float = nan) -> None:
+        tracker.lift()
+        del self._trackers[touch_id]
+        self._active = tuple(self._trackers.items())
+        last_t_s = tracker.last_t_s
+        try:
+            # An "up" may carry any time, nan too: the touch was certainly there until its last.
+            self._ended[touch_id] = t_s if last_t_s < t_s <= LARGEST_S else last_t_s
+        except TypeError:
+            self._ended[touch_id] = last_t_s
+        if len(self._ended) > _REMEMBERED:
+            del self._ended[next(iter(self._ended))]
+
+    def _late(self, touch_id: int, t_s: float, last_t_s: float) -> bool:
+        if self.strict:
+            raise InputError(
+                f"touch {touch_id}: time must advance, but {t_s:g} s follows {last_t_s:g} s, "
+                f"which is more than {self.settings.reorder_s:g} s later (reorder_s)"
+            )
+        return False
+
+    def _make_room(self, t_s: float) -> bool:
+        touch_id, tracker = min(self._active, key=lambda item: item[1].last_t_s)
+        if t_s - tracker.last_t_s <= self.settings.lost_after_s:
+            return False
+        self.counts.without_up += 1
+        self._end(touch_id, tracker)
+        return True

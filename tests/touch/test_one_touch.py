@@ -1,0 +1,353 @@
+"""A tracker: order, gaps, clocks, floods, prediction, and the continuous path."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptix import InputError
+from haptix.touch import (
+    ConstantVelocityKalman,
+    ForceModel,
+    OneEuroFilter,
+    SingerKalman,
+    TouchSettings,
+    TouchTracker,
+)
+
+FILTERS = (ConstantVelocityKalman(), OneEuroFilter(), SingerKalman())
+BLOCK = (0.001 / 48, 48)
+
+
+def follow(reports, settings=None):
+    first, *rest = reports
+    tracker = TouchTracker(settings or TouchSettings(), *first)
+    for report in rest:
+        tracker.push(*report)
+    return tracker
+
+
+def line(count=60, dt=0.01, vx=80.0, vy=-60.0):
+    return [(dt * i, 10 + vx * dt * i, 20 + vy * dt * i) for i in range(count)]
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.03])
+def test_a_steady_finger_is_predicted_over_age_and_latency(latency):
+    tracker = follow(line(), TouchSettings(latency_s=latency))
+    t = 0.59 + 0.007
+    state = tracker.at(t)
+    # The filter has forgotten the start to 1e-4 of the speed.
+    ahead = t + latency
+    np.testing.assert_allclose((state.x_mm, state.y_mm), (10 + 80 * ahead, 20 - 60 * ahead), 1e-4)
+    np.testing.assert_allclose((state.vx_mm_s, state.vy_mm_s), (80, -60), rtol=1e-3)
+    assert state.speed_mm_s == pytest.approx(math.hypot(state.vx_mm_s, state.vy_mm_s))
+    assert state.age_s == pytest.approx(0.007)
+    assert state.is_sliding and state.is_down and not state.is_lost
+
+
+def test_a_touch_without_reports_is_held_as_lost():
+    tracker = follow(line(), TouchSettings(latency_s=0.03, lost_after_s=0.05))
+    before = tracker.at(0.59 + 0.0499999)
+    assert before.is_sliding and not before.is_lost
+    for age in (0.0501, 0.1, 10.0, 1e6):
+        held = tracker.at(0.59 + age)
+        assert held.is_lost and not held.is_sliding and held.is_down
+        assert held.speed_mm_s == held.vx_mm_s == held.vy_mm_s == 0
+        np.testing.assert_allclose(held[1:3], before[1:3], atol=1e-3)  # 80 mm/s for some 1e-7 s
+    # Also along a path, which does not jump there.
+    segments = [tracker.path(0.59 + 0.001 * i, *BLOCK) for i in range(100)]
+    assert segments[-1].is_lost and segments[-1].speed_mm_s == 0
+    assert segments[-1].x_slope_mm_s == pytest.approx(0, abs=1e-6)
+    assert max(abs(s.x_slope_mm_s) for s in segments) < 81
+
+
+def test_a_lost_touch_is_taken_up_anew():
+    tracker = follow(line())
+    assert tracker.push(5.0, 90.0, 90.0)
+    state = tracker.at(5.0)
+    assert state[1:5] == (90.0, 90.0, 0.0, 0.0)
+    assert not state.is_lost and not state.is_sliding
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.data())
+@pytest.mark.parametrize("place_filter", FILTERS, ids=lambda f: type(f).__name__)
+def test_events_out_of_order_end_as_if_in_order(place_filter, data):
+    # Each report comes up to 18 ms late: within the window of 20.
+    random = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    t = np.cumsum(random.uniform(0.0015, 0.012, 25))
+    reports = [tuple(row) for row in np.column_stack([t, random.normal(0, 9, (25, 2))]).tolist()]
+    arrivals = t + random.uniform(0, 0.018, 25)
+    arrivals[0] = 0.0
+    shuffled = [reports[i] for i in np.argsort(arrivals)]
+    how = TouchSettings(filter=place_filter)
+    found, wanted = follow(shuffled, how), follow(reports, how)
+    assert found.at(t[-1] + 0.01) == wanted.at(t[-1] + 0.01)
+    assert found.counts.late == 0
+    swaps = sum(b < max(shuffled[: i + 1])[0] for i, (b, _, _) in enumerate(shuffled))
+    assert found.counts.reordered == swaps
+    assert found.counts.taken == 25
+
+
+def test_a_report_before_the_first_is_put_there_too():
+    how = TouchSettings()
+    found = follow([(0.010, 1.0, 0.0), (0.002, 0.0, 0.0), (0.020, 2.0, 0.0)], how)
+    wanted = follow([(0.002, 0.0, 0.0), (0.010, 1.0, 0.0), (0.020, 2.0, 0.0)], how)
+    assert found.at(0.02) == wanted.at(0.02)
+
+
+def test_what_is_too_late_is_dropped_and_counted():
+    tracker = follow(line())
+    before = tracker.at(0.6)
+    assert not tracker.push(0.59 - 0.021, 500.0, 500.0)
+    assert tracker.counts.late == 1
+    assert tracker.at(0.6) == before
+
+
+def test_one_late_report_now_and_then_is_no_jump_of_the_clock():
+    tracker = follow(line(10))
+    for i in range(10, 30):
+        tracker.push(0.01 * i - 0.05, 500.0, 500.0)
+        tracker.push(0.01 * i, 10 + 0.8 * i, 20 - 0.6 * i)
+    assert tracker.counts.late == 20
+    assert tracker.counts.clock_jumps == 0
+    assert tracker.at(0.29).x_mm == pytest.approx(10 + 80 * 0.29, abs=0.01)
+
+
+def test_a_clock_that_runs_backwards_is_followed_with_the_third_report():
+    tracker = follow(line())
+    taken = [tracker.push(0.1 + 0.01 * i, 50.0 + i, 20.0) for i in range(50)]
+    assert taken == [False, False] + [True] * 48
+    assert tracker.counts.clock_jumps == 1
+    state = tracker.at(0.1 + 0.49)
+    np.testing.assert_allclose(state[1:3], (99, 20), atol=0.01)
+    np.testing.assert_allclose(state[3:5], (100, 0), atol=0.2)
+
+
+def test_a_clock_that_leaps_ahead_once_is_recovered_from():
+    tracker = follow([*line(), (4000.0, 60.0, -20.0)])
+    for i in range(61, 130):
+        tracker.push(0.01 * i, 10 + 0.8 * i, 20 - 0.6 * i)
+    assert tracker.counts.clock_jumps == 1
+    assert tracker.at(1.29).x_mm == pytest.approx(10 + 80 * 1.29, abs=0.01)
+
+
+def test_of_two_reports_at_one_time_the_later_counts():
+    reports = line()
+    wrong = [(t, 0.0, 0.0) for t, _, _ in reports]
+    doubled = [r for pair in zip(wrong, reports, strict=True) for r in pair]
+    found = follow(doubled)
+    assert found.at(0.6) == follow(reports).at(0.6)
+    assert found.counts.coalesced == len(reports)
+
+
+def test_a_flood_is_coalesced():
+    # 10 kHz of one finger at 100 mm/s with noise: filtered at 1 kHz at most.
+    random = np.random.default_rng(3)
+    t = np.arange(0, 1, 1e-4)
+    x = 100 * t + random.normal(0, 0.1, len(t))
+    reports = [(a, b, 0.0) for a, b in zip(t.tolist(), x.tolist(), strict=True)]
+    tracker = follow(reports)
+    kept = len(t) - tracker.counts.coalesced
+    assert 900 <= kept <= 1000
+    assert tracker.counts.taken == len(t)
+    state = tracker.at(1.0)
+    # Many reports make the place better than one is: 0.1 mm; velocity to some per cent.
+    assert state.x_mm == pytest.approx(100, abs=0.1)
+    assert state.vx_mm_s == pytest.approx(100, abs=15)
+    assert state.is_sliding
+
+
+@pytest.mark.parametrize("place_filter", FILTERS, ids=lambda f: type(f).__name__)
+@settings(deadline=None, max_examples=50)
+@given(
+    steps=st.lists(
+        st.tuples(st.floats(-0.05, 0.2), st.floats(-1e4, 1e4), st.floats(-1e4, 1e4)),
+        min_size=1,
+        max_size=30,
+    ),
+    length=st.floats(5e-4, 8e-3),
+)
+def test_a_path_never_jumps_and_stays_finite(place_filter, steps, length):
+    # Events at any times, backwards too; blocks follow each other on the renderer's clock.
+    tracker = TouchTracker(TouchSettings(filter=place_filter, latency_s=0.03), 0.0, 0.0, 0.0)
+    t = 0.0
+    start = 0.0
+    end = None
+    for dt, x, y in steps:
+        t += dt
+        tracker.push(t, x, y)
+        for _ in range(3):
+            piece = tracker.path(start, length / 10, 10)
+            assert np.isfinite(piece[:9]).all()
+            if end is not None:
+                assert (piece.x_mm, piece.y_mm, piece.normal_force_n) == end
+            start = piece.t1_s
+            span = piece.t1_s - piece.t0_s
+            end = (
+                piece.x_mm + piece.x_slope_mm_s * span,
+                piece.y_mm + piece.y_slope_mm_s * span,
+                piece.normal_force_n + piece.force_slope_n_s * span,
+            )
+            # The end is a product of rounded factors; the next piece starts at the sum itself.
+            end = pytest.approx(end, rel=1e-9, abs=1e-7)
+        assert np.isfinite(tracker.at(start)[:9]).all()
+
+
+def test_a_correction_is_taken_up_exponentially():
+    # A finger believed at rest; then reports say 1 mm to the right, with a filter that believes
+    # reports entirely and no velocity.
+    still = OneEuroFilter(1e6, 0.0, 1e-9)
+    tracker = TouchTracker(TouchSettings(filter=still, blend_s=0.004), 0.0, 0.0, 0.0)
+    tracker.path(0.0, *BLOCK)
+    tracker.push(0.001, 1.0, 0.0)
+    ends = []
+    for i in range(1, 21):
+        piece = tracker.path(0.001 * i, *BLOCK)
+        ends.append(piece.x_mm + piece.x_slope_mm_s * 0.001)
+    # e exp(-t / 4 ms), whatever the blocks; the filter itself is 1e-4 short of the report.
+    wanted = 1 - np.exp(-np.arange(1, 21) / 4)
+    np.testing.assert_allclose(ends, wanted, atol=1e-3)
+
+
+@pytest.mark.parametrize("samples", [24, 48, 96, 192])
+def test_blending_does_not_depend_on_the_block_length(samples):
+    tracker = follow(line())
+    start = 0.59
+    tracker.path(start - 0.008, 0.008 / 48, 48)
+    tracker.push(0.60, 30.0, 30.0)
+    t = start
+    for _ in range(192 // samples):
+        piece = tracker.path(t, BLOCK[0], samples)
+        t += samples * BLOCK[0]
+        place = piece.x_mm + piece.x_slope_mm_s * (piece.t1_s - piece.t0_s)
+    one = follow(line())
+    one.path(start - 0.008, 0.008 / 48, 48)
+    one.push(0.60, 30.0, 30.0)
+    whole = one.path(start, 0.004 / 48, 48)
+    assert place == pytest.approx(whole.x_mm + whole.x_slope_mm_s * 0.004, rel=1e-9)
+
+
+def test_over_a_gap_between_blocks_the_correction_goes_on():
+    def two():
+        tracker = follow(line())
+        tracker.path(0.59, *BLOCK)
+        tracker.push(0.60, 30.0, 30.0, 0.9)
+        return tracker
+
+    with_gap, without = two(), two()
+    for i in range(1, 6):
+        without.path(0.59 + 0.001 * i, *BLOCK)
+    wanted = without.path(0.596, *BLOCK)
+    np.testing.assert_allclose(with_gap.path(0.596, *BLOCK)[:8], wanted[:8], rtol=1e-9)
+
+
+def test_a_path_from_earlier_begins_anew_on_the_prediction():
+    tracker = follow(line())
+    tracker.path(0.7, *BLOCK)
+    assert tracker.path(0.59, *BLOCK).x_mm == pytest.approx(tracker.at(0.59).x_mm, rel=1e-12)
+
+
+def test_path_and_at_agree_where_nothing_is_corrected():
+    tracker = follow(line(), TouchSettings(latency_s=0.03))
+    for i in range(20):
+        t = 0.59 + 0.001 * i
+        piece, state = tracker.path(t, *BLOCK), tracker.at(t)
+        # A block's chord, against the curve of Singer's prediction at its ends: exact.
+        np.testing.assert_allclose(piece[2:4], state[1:3], rtol=1e-9)
+
+
+def test_sliding_has_hysteresis():
+    # Speed rises slowly from 0 to 20 mm/s and falls again.
+    speeds = np.concatenate([np.arange(0, 20, 0.05), np.arange(20, 0, -0.05)])
+    x = np.cumsum(speeds * 0.01)
+    tracker = TouchTracker(TouchSettings(), 0.0, 0.0, 0.0)
+    states = []
+    for i, place in enumerate(x, 1):
+        tracker.push(0.01 * i, float(place), 0.0)
+        states.append(tracker.at(0.01 * i).is_sliding)
+    changes = [i for i in range(1, len(states)) if states[i] != states[i - 1]]
+    assert len(changes) == 2
+    # Velocity is known with a lag of some 0.1 s, in which speed changes by 0.5 mm/s.
+    assert speeds[changes[0]] == pytest.approx(8.0, abs=1.0)
+    assert speeds[changes[1]] == pytest.approx(4.0, abs=1.0)
+
+
+@pytest.mark.parametrize("place_filter", FILTERS, ids=lambda f: type(f).__name__)
+@pytest.mark.parametrize("rate", [60, 100, 240])
+def test_a_noisy_resting_finger_does_not_slide_and_a_slow_one_does(place_filter, rate):
+    random = np.random.default_rng(4)
+    how = TouchSettings(filter=place_filter)
+    for speed, wanted in ((0.0, False), (20.0, True)):
+        tracker = TouchTracker(how, 0.0, 0.0, 0.0)
+        seen = set()
+        for i in range(1, 20 * rate):
+            t = i / rate
+            e, f = random.normal(0, 0.1, 2)
+            tracker.push(t, speed * t + float(e), float(f))
+            if t > 0.5:
+                seen.add(tracker.at(t).is_sliding)
+        assert seen == {wanted}
+
+
+def test_a_lifted_touch_does_not_slide_and_its_path_goes_on():
+    tracker = follow(line())
+    before = tracker.path(0.59, *BLOCK)
+    tracker.lift()
+    piece = tracker.path(0.591, *BLOCK)
+    assert before.is_sliding and before.is_down
+    assert not piece.is_sliding and not piece.is_down
+    state = tracker.at(0.591)
+    assert not state.is_sliding and not state.is_down
+    assert piece.x_slope_mm_s == pytest.approx(80, rel=1e-2)
+
+
+def test_force_is_blended_and_kept():
+    tracker = TouchTracker(TouchSettings(blend_s=0.004), 0.0, 0.0, 0.0)
+    state = tracker.at(0.0)
+    assert (state.normal_force_n, state.force_sigma_n, state.force_source) == (0.5, 0.25, "assumed")
+    tracker.path(0.0, *BLOCK)
+    tracker.push(0.001, 0.0, 0.0, 0.9)
+    pieces = [tracker.path(0.001 * i, *BLOCK) for i in range(1, 9)]
+    assert pieces[0].normal_force_n == 0.5
+    ends = [p.normal_force_n + p.force_slope_n_s * 0.001 for p in pieces]
+    np.testing.assert_allclose(ends, 0.9 - 0.4 * np.exp(-np.arange(1, 9) / 4), rtol=1e-9)
+    # A report that says nothing of force leaves it; one that came late does not bring an old one.
+    tracker.push(0.010, 0.0, 0.0)
+    tracker.push(0.005, 0.0, 0.0, 0.1)
+    state = tracker.at(0.01)
+    assert (state.normal_force_n, state.force_source) == (0.9, "axis")
+    assert state.force_sigma_n == pytest.approx(0.9 * ForceModel().axis_sigma)
+
+
+@pytest.mark.parametrize("force", [0.0, -1.0, math.nan, math.inf, 1e9, "firm"])
+def test_a_force_that_cannot_be_is_counted_and_the_touch_goes_on(force):
+    tracker = follow([(0.0, 0.0, 0.0, 0.7)])
+    assert tracker.push(0.01, 1.0, 0.0, force)
+    assert tracker.counts.bad_force == 1
+    assert tracker.at(0.01).normal_force_n == 0.7
+    assert tracker.last_t_s == 0.01
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        *itertools.product(
+            ("lost_after_s", "blend_s", "slide_smoothing_s", "least_interval_s"),
+            (0.0, -1.0, math.nan, math.inf),
+        ),
+        ("latency_s", -0.01),
+        ("latency_s", math.nan),
+        ("latency_s", 30.0),
+        ("reorder_s", -1.0),
+        ("rest_below_mm_s", -1.0),
+        ("slide_above_mm_s", 1.0),
+        ("slide_above_mm_s", math.inf),
+    ],
+)
+def test_settings_that_cannot_be(field, value):
+    with pytest.raises(InputError, match=field):
+        TouchSettings(**{field: value})
