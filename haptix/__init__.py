@@ -60,6 +60,7 @@ _HOME = {
     "Trajectory": "haptix.render",
     "contact": "haptix.contact",
     "open_device": "firmware_io",
+    "twin": "haptix.twin",
 }
 
 
@@ -67,10 +68,10 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'haptix' has no attribute {name!r}")
     module = import_module(_HOME[name])
-    value = module if name == "contact" else getattr(module, name)
+    value = module if _HOME[name] == f"haptix.{name}" else getattr(module, name)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted([*__all__, "contact"])
+    return sorted([*__all__, "contact", "twin"])

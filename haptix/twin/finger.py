@@ -1,0 +1,268 @@
+"""A virtual finger on a driven screen: friction force against time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.errors import InputError, LimitError, check_positive
+from haptix.friction import ContactModel
+from haptix.status import Status
+from haptix.twin.contact import GivenContact
+from haptix.twin.gap_field import GapField
+from haptix.twin.path import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, FingerPath, numbers
+from haptix.twin.played import Amplitude, Drive, Samples
+from haptix.twin.response import CUTOFF_HZ_PER_MM_PER_S, first_order, response_depth
+from haptix.twin.sensor import SensedForce, SensorModel
+
+Array = npt.NDArray[np.float64]
+
+_FINER = 4  # steps of the response in one of the output
+_PART_S = 10.0  # felt at a time: bounds the memory
+_ROUNDING = 1e-4  # of the limit: a driver's 16 bits may read back this much above it
+_FEWEST_SAMPLES = 4
+_DRIVE_RATES_HZ = (100.0, 1e6)  # of drivers there are, and what fits the memory
+_LOWEST_RATE_HZ = 10.0
+_MOST_SAMPLES = 20_000_000  # half an hour at 10 kHz, and a gigabyte
+_END = 1e-6  # of an output step: a path's last sample is felt though its time was rounded
+
+
+@dataclass(frozen=True)
+class Felt:
+    """What the finger felt; arrays of shape (samples,), evenly spaced in time."""
+
+    t_s: Array
+    """Time [s], on the clock of the path."""
+    x_mm: Array
+    y_mm: Array
+    """True place of the finger [mm]."""
+    speed_mm_per_s: Array
+    """Sliding speed [mm/s]."""
+    normal_force_n: Array
+    """Normal force [N]."""
+    mu: Array
+    """Friction coefficient; NaN where the finger stands or is lifted, since nothing slides."""
+    friction_force_n: Array
+    """Friction force against the motion [N]; 0 where nothing slides: no force is known to push a
+    standing finger, and friction is what it needs to be."""
+    status: npt.NDArray[np.int64]
+    """`haptix.Status`: `PULL_IN` where the contact snaps in (values at the branch's end),
+    `BREAKDOWN` where that term is on and the field too high, else `OK`."""
+
+    @property
+    def is_sliding(self) -> npt.NDArray[np.bool_]:
+        """Where there is friction to be felt."""
+        return np.isfinite(self.mu)
+
+
+class VirtualFinger:
+    """A finger that feels what a driver played, by the contact model and nothing else.
+
+    At each instant the gaps' field follows from the voltage's whole spectrum (complex h0 per
+    frequency), its square is the pull, the finger's first-order response smooths the pull over a
+    slid distance, and the contact is in equilibrium with it. ``docs/twin.md`` has the derivation.
+
+    Parameters
+    ----------
+    model : ContactModel
+        Finger and screen; "mean-field" or "closed-form".
+    sensor : SensorModel, optional
+        What `read` measures with; without one, perfectly.
+    seed : int
+        Of the sensor's noise.
+    h0_m : float, optional
+        Effective thickness of the screen's insulator [m]; the screen's own without.
+    cutoff_hz_per_mm_per_s : float or None
+        Cut-off of the response per sliding speed; None: the contact follows the pull at once.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range, or the model is solved by boundary elements.
+    """
+
+    def __init__(
+        self,
+        model: ContactModel,
+        sensor: SensorModel | None = None,
+        seed: int = 0,
+        h0_m: float | None = None,
+        cutoff_hz_per_mm_per_s: float | None = CUTOFF_HZ_PER_MM_PER_S,
+    ) -> None:
+        h0_m = model.screen.h0_m if h0_m is None else h0_m
+        check_positive("h0_m", h0_m)
+        if cutoff_hz_per_mm_per_s is not None:
+            check_positive("cutoff_hz_per_mm_per_s", cutoff_hz_per_mm_per_s)
+        self.model = model
+        self.sensor = SensorModel() if sensor is None else sensor
+        self.seed = seed
+        self.cutoff_hz_per_mm_per_s = cutoff_hz_per_mm_per_s
+        self._contact = GivenContact(model, h0_m)
+
+    def read(self, felt: Felt) -> SensedForce:
+        """Return what the finger's sensor reads of what it felt."""
+        return self.sensor.read(felt, self.seed)
+
+    def feel(
+        self,
+        drive_v: npt.ArrayLike,
+        sample_rate_hz: float,
+        t_s: npt.ArrayLike,
+        x_mm: npt.ArrayLike,
+        y_mm: npt.ArrayLike,
+        normal_force_n: npt.ArrayLike,
+        start_s: float = 0.0,
+        output_rate_hz: float = 10_000.0,
+    ) -> Felt:
+        """Feel a drive signal along a path.
+
+        Parameters
+        ----------
+        drive_v : array, shape (samples,)
+            Voltage played [V]; 0 V before its first and after its last sample.
+        sample_rate_hz : float
+            Of the drive [Hz].
+        t_s, x_mm, y_mm, normal_force_n : array, shape (touches,)
+            The finger's true path: times [s], places [mm] and normal forces [N], 0 where lifted;
+            all are linear in between. Place and force may be single numbers.
+        start_s : float
+            Time of the first sample of the drive, on the path's clock [s].
+        output_rate_hz : float
+            Rate of the result [Hz]; the pull is followed up to a fifth of it.
+
+        Returns
+        -------
+        Felt
+            From the first time of the path to its last.
+
+        Raises
+        ------
+        InputError
+            If a value is not finite or out of its range, or the path's times do not increase.
+        LimitError
+            If the drive exceeds the screen's voltage limit.
+        """
+        low, high = _DRIVE_RATES_HZ
+        if not low <= sample_rate_hz <= high:
+            raise InputError(
+                f"sample_rate_hz: expected {low:g} to {high:g} Hz, got {sample_rate_hz:g} Hz"
+            )
+        volts, start = self._volts("drive_v", drive_v), _number("start_s", start_s)
+        drive = Samples(volts, float(sample_rate_hz), start, self._contact.thickness_m)
+        path = FingerPath.checked(t_s, x_mm, y_mm, normal_force_n)
+        return self._feel(drive, path, output_rate_hz)
+
+    def feel_carrier(
+        self,
+        amplitude_v: npt.ArrayLike,
+        sample_rate_hz: float,
+        frequency_hz: float,
+        t_s: npt.ArrayLike,
+        x_mm: npt.ArrayLike,
+        y_mm: npt.ArrayLike,
+        normal_force_n: npt.ArrayLike,
+        start_s: float = 0.0,
+        output_rate_hz: float = 10_000.0,
+    ) -> Felt:
+        """Feel an ideal carrier of given amplitude: a drive whose modulation has no error.
+
+        Parameters
+        ----------
+        amplitude_v : array, shape (samples,)
+            Amplitude V0 [V] of the carrier, 0 or more; linear between samples, 0 V outside.
+        sample_rate_hz, frequency_hz : float
+            Rate of these samples, and the carrier's frequency [Hz].
+
+        The rest, the result and the errors are those of `feel`.
+        """
+        check_positive("sample_rate_hz", sample_rate_hz)
+        check_positive("frequency_hz", frequency_hz)
+        volts, start = self._volts("amplitude_v", amplitude_v), _number("start_s", start_s)
+        if volts.min() < 0:
+            raise InputError(f"amplitude_v: expected 0 V or more, got {volts.min():g} V")
+        (thickness,) = self._contact.thickness_m(np.array([float(frequency_hz)]))
+        drive = Amplitude(volts, float(sample_rate_hz), start, complex(thickness))
+        path = FingerPath.checked(t_s, x_mm, y_mm, normal_force_n)
+        return self._feel(drive, path, output_rate_hz)
+
+    def _feel(self, drive: Drive, path: FingerPath, output_rate_hz: float) -> Felt:
+        if not output_rate_hz >= _LOWEST_RATE_HZ:
+            raise InputError(
+                f"output_rate_hz: expected {_LOWEST_RATE_HZ:g} Hz or more, got {output_rate_hz:g}"
+            )
+        steps = path.duration_s * output_rate_hz
+        if not 1 - _END <= steps < _MOST_SAMPLES:
+            raise InputError(
+                f"output_rate_hz: expected one that gives 2 to {_MOST_SAMPLES:g} samples, got "
+                f"{output_rate_hz:g} Hz over the path's {path.duration_s:g} s; check the path's "
+                "clock, or feel it in parts"
+            )
+        count = int(steps + _END) + 1
+        field = drive.field(self._contact.widest_gap_m)
+        time = path.t_s[0] + np.arange(count) / output_rate_hz
+        x, y, force = path.at(time)
+        speed = path.speed_mm_per_s(time)
+        slides = (speed >= STANDING_BELOW_MM_PER_S) & (force >= LIFTED_BELOW_N)
+        squares, broken = self._squares(drive, field, path, count, output_rate_hz)
+        mu = np.full(count, np.nan)
+        status = np.full(count, int(Status.OK))
+        if slides.any():
+            mu[slides], status[slides] = self._contact.friction(
+                force[slides], squares[:, slides], field
+            )
+        status[slides & broken & (status == Status.OK)] = int(Status.BREAKDOWN)
+        return Felt(
+            t_s=time,
+            x_mm=x,
+            y_mm=y,
+            speed_mm_per_s=speed,
+            normal_force_n=force,
+            mu=mu,
+            friction_force_n=np.where(slides, mu * force, 0.0),
+            status=status,
+        )
+
+    def _volts(self, name: str, value: npt.ArrayLike) -> Array:
+        volts = numbers(name, value)
+        if len(volts) < _FEWEST_SAMPLES:
+            raise InputError(
+                f"{name}: expected {_FEWEST_SAMPLES} or more samples, got {len(volts)}"
+            )
+        limit = self.model.screen.max_voltage_v
+        highest = float(np.abs(volts).max())
+        if highest > limit * (1 + _ROUNDING):
+            raise LimitError(
+                f"{name}: {highest:g} V is above the limit of {limit:g} V of screen "
+                f"{self.model.screen.name!r}; what was played must not exceed it"
+            )
+        return volts
+
+    def _squares(
+        self, drive: Drive, field: GapField, path: FingerPath, count: int, rate_hz: float
+    ) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """Squared field after the response, (points, count), and where it broke down."""
+        squares = np.empty((field.points, count))
+        broken = np.zeros(count, dtype=bool)
+        part = max(2, round(_PART_S * rate_hz))
+        before: Array | None = None
+        for first in range(0, count, part):
+            last = min(first + part, count)
+            # One step of the output is shared with the next part, which goes on from there.
+            steps = np.arange(first * _FINER, last * _FINER + 1)
+            time = path.t_s[0] + steps / (_FINER * rate_hz)
+            excerpt = drive.excerpt(float(time[0]), float(time[-1]))
+            seen = excerpt.squares(field, time, rate_hz)
+            if self.cutoff_hz_per_mm_per_s is not None:
+                depth = response_depth(path.distance_mm(time), self.cutoff_hz_per_mm_per_s)
+                seen = first_order(seen, depth, seen[:, 0] if before is None else before)
+                before = seen[:, -1]
+            squares[:, first:last] = seen[:, :-1:_FINER]
+            broken[first:last] = self._contact.breaks_down(excerpt, time[::_FINER])
+        return squares, broken
+
+
+def _number(name: str, value: float) -> float:
+    (number,) = numbers(name, value)
+    return float(number)

@@ -1,0 +1,151 @@
+"""Places in the gap at which the squared field is followed, for any voltage.
+
+A gap u divides a voltage with the insulators frequency by frequency, ``E(f) = V(f)/(u + h0(f))``,
+and is pulled by the square of the field that they add up to in time. With a real length h near the
+insulators' own, and ``s = h/(u + h)``, which runs from 0 in wide gaps to 1 at a contact spot,
+
+    E = F^-1[ V(f) / (1 + d(f) s) ] / (u + h),    d(f) = h0(f)/h - 1.
+
+What is left under the transform is smooth in s: a polynomial through its squares at a few Chebyshev
+points holds it for all gaps, and without dispersion (d = 0) a single point is exact. Where the
+insulators span decades, as of a gap that leaks, the polynomial is in ``ln(u + |h0|)`` instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from numpy.polynomial.chebyshev import chebpts1, chebvander
+from scipy.signal import welch
+
+from haptix.errors import InputError
+
+Array = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+Thickness = Callable[[Array], ComplexArray]
+"""Complex h0 [m] at frequencies [Hz] from 0."""
+
+_TOLERANCE = 1e-4  # of the pull on any gap: about a thousandth of a difference threshold
+_COUNTS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128)
+_TESTED = 200  # gaps at which the polynomial is compared
+_BANDS_PER_OCTAVE = 8
+_WELCH = 1 << 16  # samples of one spectrum
+_EMPTY = 1e-12  # of the largest energy: rounding of the transform
+
+
+@dataclass(frozen=True)
+class GapField:
+    """Chebyshev points in the gap.
+
+    Parameters
+    ----------
+    reference_m : float
+        h [m].
+    points : int
+        Their number.
+    span_m : (float, float), optional
+        Thinnest insulator and widest gap [m] between which the points are even in
+        ``ln(u + thinnest)``; without it they are even in s.
+    """
+
+    reference_m: float
+    points: int
+    span_m: tuple[float, float] | None = None
+
+    @classmethod
+    def for_drive(
+        cls, drive_v: Array, sample_rate_hz: float, thickness_m: Thickness, widest_gap_m: float
+    ) -> GapField:
+        """Choose what holds this drive's pull, see `for_bands`."""
+        length = min(_WELCH, len(drive_v))
+        # With the silence around it: to be switched on and off is part of the drive.
+        drive_v = np.pad(drive_v, length // 2)
+        frequency, energy = welch(
+            drive_v, sample_rate_hz, "boxcar", length, detrend=False, scaling="spectrum"
+        )
+        thickness = thickness_m(frequency)
+        pull = energy / np.abs(thickness) ** 2
+        if not pull.any():
+            return cls(1.0, 1)
+        strongest, weight = _by_band(frequency, pull)
+        return cls.for_bands(thickness[strongest], weight, widest_gap_m)
+
+    @classmethod
+    def for_bands(cls, thickness_m: ComplexArray, pull: Array, widest_gap_m: float) -> GapField:
+        """Choose h and the fewest points that hold the pull on every gap within 1e-4.
+
+        Parameters
+        ----------
+        thickness_m : ndarray of complex, shape (bands,)
+            h0 [m] of each band of frequencies.
+        pull : ndarray, shape (bands,)
+            What each pulls on a contact spot, in any unit.
+        widest_gap_m : float
+            Gaps are no wider [m].
+
+        Raises
+        ------
+        InputError
+            If the insulators differ too much between the bands.
+        """
+        size = np.abs(thickness_m)
+        reference, thinnest = float((pull * size).sum() / pull.sum()), float(size.min())
+        for count in _COUNTS:
+            for span in (None, (thinnest, widest_gap_m)):
+                field = cls(reference, count, span)
+                if field._error(thickness_m, pull, widest_gap_m) <= _TOLERANCE:
+                    return field
+        raise InputError(
+            "drive_v: expected frequencies that meet similar insulators, got ones between "
+            f"{thinnest:.3g} and {size.max():.3g} m; remove what the drive has near 0 Hz"
+        )
+
+    @property
+    def share(self) -> Array:
+        """S of the points."""
+        even = np.asarray((1 + chebpts1(self.points)) / 2)
+        if self.span_m is None:
+            return even
+        thinnest, widest = self.span_m
+        gap = thinnest * np.expm1(even * np.log1p(widest / thinnest))
+        return np.asarray(self.reference_m / (gap + self.reference_m))
+
+    def basis_of_gaps(self, gap_m: Array) -> Array:
+        """Weight of each point's value in gaps [m], shape (points, gaps)."""
+        if self.span_m is None:
+            place = self.reference_m / (gap_m + self.reference_m)
+        else:
+            thinnest, widest = self.span_m
+            place = (np.log1p(gap_m / thinnest) / np.log1p(widest / thinnest)).clip(max=1.0)
+        at_points = chebvander(chebpts1(self.points), self.points - 1)
+        return np.asarray(
+            np.linalg.solve(at_points.T, chebvander(2 * place - 1, self.points - 1).T)
+        )
+
+    def _error(self, thickness_m: ComplexArray, pull: Array, widest_gap_m: float) -> float:
+        """Largest error of the pull on any gap, relative to the pull there."""
+        finest = 1e-2 * float(np.abs(thickness_m).min())
+        gap = np.append(0.0, np.geomspace(finest, widest_gap_m, _TESTED))
+        excess = (thickness_m / self.reference_m - 1)[:, None]
+        exact = 1 / (1 + excess * (self.reference_m / (gap + self.reference_m))) ** 2
+        lack = np.abs((1 / (1 + excess * self.share) ** 2) @ self.basis_of_gaps(gap) / exact - 1)
+        there = pull[:, None] * np.abs(thickness_m[:, None] / (gap + thickness_m[:, None])) ** 2
+        # A weak frequency pulls by its product with a strong one: its amplitude counts.
+        return float((np.sqrt(there / there.sum(axis=0)) * lack).max())
+
+
+def _by_band(frequency: Array, pull: Array) -> tuple[npt.NDArray[np.int64], Array]:
+    """Index of the strongest frequency, and the sum of the pull, of each band that is not empty."""
+    octave = np.log2(np.maximum(frequency, frequency[1] / 2) / frequency[1])
+    band = np.floor(octave * _BANDS_PER_OCTAVE).astype(int)
+    first = np.flatnonzero(np.diff(band, prepend=band[0] - 1))
+    total = np.add.reduceat(pull, first)
+    last = np.append(first[1:], len(pull))
+    strongest = np.array(
+        [low + int(pull[low:high].argmax()) for low, high in zip(first, last, strict=True)]
+    )
+    used = total > _EMPTY * total.max()
+    return strongest[used], total[used]

@@ -1,0 +1,197 @@
+"""What was played, as samples or as an amplitude: the squared field that it makes in gaps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
+
+from haptix.twin.gap_field import GapField, Thickness
+
+Array = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+FLAT_SHARE, CLOSED_SHARE = 0.2, 0.5
+"""The squared field passes whole up to the first share of the output rate, and not at all from the
+second: at 10 kHz the ripple of a direct drive of up to 1 kHz stays, that of a carrier of 2.5 kHz
+and more goes."""
+
+MEMORY_S = 0.5
+"""How long insulators remember: the drive this long before and after an instant counts. Skin
+forgets in 10 ms, gaps that leak in ``eps0 rho_g (u + h0)/h0``."""
+
+_FINEST_HZ = 96e3  # from this rate on straight lines between samples will do: 0.2 % off at 2 kHz
+
+
+class Excerpt(Protocol):
+    """The part of a drive that decides the field over some time."""
+
+    def squares(self, field: GapField, t_s: Array, output_rate_hz: float) -> Array:
+        """``(E (u + h))^2`` [V^2] at the points of `field` and at times [s], (points, times).
+
+        Band-limited for `output_rate_hz`, see `FLAT_SHARE`.
+        """
+        ...
+
+    def highest_field(self, gap_m: float, t_s: Array) -> Array:
+        """Largest magnitude of the field [V/m] in a gap, between times [s]: one fewer of them."""
+        ...
+
+
+class Drive(Protocol):
+    """What was played."""
+
+    def field(self, widest_gap_m: float) -> GapField:
+        """Return the points that hold this drive in gaps of up to `widest_gap_m`."""
+        ...
+
+    def excerpt(self, from_s: float, to_s: float) -> Excerpt:
+        """Return the part that decides the field between two times [s]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A drive signal, with 0 V before and after, band-limited between its samples.
+
+    Parameters
+    ----------
+    volts : ndarray, shape (samples,)
+        The samples [V].
+    sample_rate_hz, start_s : float
+        Their rate [Hz], and the time of the first [s].
+    thickness_m : callable
+        h0 [m] at frequencies [Hz].
+    """
+
+    volts: Array
+    sample_rate_hz: float
+    start_s: float
+    thickness_m: Thickness
+
+    def field(self, widest_gap_m: float) -> GapField:
+        """Return the points that hold this drive in gaps of up to `widest_gap_m`."""
+        return GapField.for_drive(self.volts, self.sample_rate_hz, self.thickness_m, widest_gap_m)
+
+    def excerpt(self, from_s: float, to_s: float) -> Spectrum:
+        """Return the part that decides the field between two times [s]."""
+        rate = self.sample_rate_hz
+        first = int(np.floor((from_s - MEMORY_S - self.start_s) * rate))
+        last = int(np.ceil((to_s + MEMORY_S - self.start_s) * rate)) + 1
+        count = next_fast_len(last - first, real=True)
+        volts = np.zeros(count)
+        low, high = max(first, 0), min(first + count, len(self.volts))
+        if low < high:
+            volts[low - first : high - first] = self.volts[low:high]
+        # Faded in and out over half of the memory: a cut would ring as far as it is remembered.
+        fade = np.hanning(2 * round(MEMORY_S / 2 * rate) + 1)
+        half = len(fade) // 2
+        volts[:half] *= fade[:half]
+        volts[count - half :] *= fade[half + 1 :]
+        finer = max(2, ceil(_FINEST_HZ / rate))  # squaring doubles the band
+        spectrum = rfft(volts) * finer
+        if count % 2 == 0:
+            spectrum[-1] /= 2  # at a higher rate the highest frequency stands on both sides
+        return Spectrum(
+            start_s=self.start_s + first / rate,
+            rate_hz=rate * finer,
+            samples=count * finer,
+            spectrum=spectrum,
+            thickness_m=self.thickness_m(rfftfreq(count, 1 / rate)),
+        )
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Part of a drive as a spectrum, to be read at a rate that holds its square.
+
+    Parameters
+    ----------
+    start_s, rate_hz, samples
+        Time of the first sample [s], rate [Hz] and number of the samples read.
+    spectrum, thickness_m : ndarray of complex, shape (frequencies,)
+        Of the voltage, up to half of the rate that it was played at; and h0 [m] there.
+    """
+
+    start_s: float
+    rate_hz: float
+    samples: int
+    spectrum: ComplexArray
+    thickness_m: ComplexArray
+
+    def squares(self, field: GapField, t_s: Array, output_rate_hz: float) -> Array:
+        """As `Excerpt` has it."""
+        found = np.zeros((field.points, len(t_s)))
+        if not self.spectrum.any():
+            return found
+        turn = rfftfreq(self.samples, 1 / self.rate_hz) / output_rate_hz - FLAT_SHARE
+        turn = np.clip(turn / (CLOSED_SHARE - FLAT_SHARE), 0.0, 1.0)
+        window = (1 + np.cos(np.pi * turn)) / 2
+        excess = self.thickness_m / field.reference_m - 1
+        t = self.start_s + np.arange(self.samples) / self.rate_hz
+        for row, share in zip(found, field.share, strict=True):
+            square = irfft(rfft(self._read(1 + excess * share) ** 2) * window, self.samples)
+            # The edge of a band swings a little below zero, a square cannot.
+            row[:] = np.maximum(np.interp(t_s, t, square), 0.0)
+        return found
+
+    def highest_field(self, gap_m: float, t_s: Array) -> Array:
+        """As `Excerpt` has it."""
+        size = np.abs(self._read(gap_m + self.thickness_m))
+        at = np.rint((t_s - self.start_s) * self.rate_hz).astype(int).clip(0, self.samples - 1)
+        # reduceat's last part runs on to the end, beyond the last time.
+        return np.asarray(np.maximum.reduceat(size, at)[:-1])
+
+    def _read(self, divisor: ComplexArray) -> Array:
+        """Voltage over a complex divisor, in time.
+
+        The divisor's imaginary part is that of exp(-i w t), numpy's transform that of exp(i w t).
+        """
+        return np.asarray(irfft(self.spectrum / divisor.conj(), self.samples))
+
+
+@dataclass(frozen=True)
+class Amplitude:
+    """An ideal carrier of which only the amplitude is known: its pull has no ripple.
+
+    Parameters
+    ----------
+    volts : ndarray, shape (samples,)
+        Amplitude V0 [V], linear between samples; 0 V before and after.
+    sample_rate_hz, start_s : float
+        Rate of the samples [Hz], and the time of the first [s].
+    thickness_m : complex
+        h0 [m] at the carrier's frequency.
+    """
+
+    volts: Array
+    sample_rate_hz: float
+    start_s: float
+    thickness_m: complex
+
+    def field(self, widest_gap_m: float) -> GapField:
+        """Return the points that hold this drive in gaps of up to `widest_gap_m`."""
+        return GapField.for_bands(np.array([self.thickness_m]), np.ones(1), widest_gap_m)
+
+    def excerpt(self, from_s: float, to_s: float) -> Amplitude:
+        """Return the whole: nothing is remembered."""
+        return self
+
+    def squares(self, field: GapField, t_s: Array, output_rate_hz: float) -> Array:
+        """As `Excerpt` has it; an amplitude is taken to be slower than the output."""
+        divisor = np.abs(1 + (self.thickness_m / field.reference_m - 1) * field.share) ** 2
+        return np.asarray(self._at(t_s) ** 2 / (2 * divisor[:, None]))
+
+    def highest_field(self, gap_m: float, t_s: Array) -> Array:
+        """As `Excerpt` has it."""
+        ends = self._at(t_s)
+        return np.asarray(np.maximum(ends[:-1], ends[1:]) / abs(gap_m + self.thickness_m))
+
+    def _at(self, t_s: Array) -> Array:
+        place = (t_s - self.start_s) * self.sample_rate_hz
+        at = np.interp(place, np.arange(len(self.volts)), self.volts, left=0.0, right=0.0)
+        return np.asarray(at)
