@@ -2,35 +2,68 @@
 
 from __future__ import annotations
 
+import warnings
+from math import prod
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import tifffile
+from PIL import Image, UnidentifiedImageError
 from skimage.color import rgb2gray
 from skimage.io import imread
 from skimage.util import img_as_float64
 
 from haptix.errors import InputError
+from haptix.texture.field import check_numbers
+
+LARGEST_BYTES = 1_500_000_000
+"""Memory that a texture may take while it is made, unless told otherwise: some 24 megapixels."""
+
+# For each pixel: grey and level, the levels of the pyramid (7/3) and one more that is being made,
+# each as a float64.
+_BYTES_PER_PIXEL = 8 * 6
 
 
-def read_grey(image: str | Path | npt.ArrayLike) -> npt.NDArray[np.float64]:
+def read_grey(
+    image: str | Path | npt.ArrayLike, largest_bytes: int = LARGEST_BYTES
+) -> npt.NDArray[np.float64]:
     """Return grey pixels, shape (rows, columns), from a file or from grey or colour pixels.
+
+    Parameters
+    ----------
+    image : path or array_like
+        A file, or pixels. Of a file the header is read first.
+    largest_bytes : int
+        Memory that reading and everything made of it may take.
 
     Raises
     ------
     InputError
-        If the file is missing or is no image, or the pixels have no image's shape.
+        If the file is missing or is no image, the pixels have no image's shape, or there are too
+        many of them: then nothing but a header was read.
     """
+    check_numbers(largest_bytes=largest_bytes)
     if isinstance(image, str | Path):
         path = Path(image)
         if not path.is_file():
             raise InputError(f"image: no file at {path}; give the path of a photograph")
+        no_image = InputError(
+            f"image: {path} is not an image that can be read; expected PNG, JPEG or TIFF"
+        )
         try:
-            pixels = imread(path)
+            shape, kind = _header(path)
+        except Image.DecompressionBombError as error:
+            raise InputError(f"image: {path} is too large ({error}); scale it down") from None
+        except Exception:  # each format has errors of its own
+            raise no_image from None
+        _check_size(f"image: {path}", shape, kind, largest_bytes)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # size is checked
+                pixels = imread(path)
         except Exception:  # each of the readers behind imread has errors of its own
-            raise InputError(
-                f"image: {path} is not an image that can be read; expected PNG, JPEG or TIFF"
-            ) from None
+            raise no_image from None
     else:
         try:
             pixels = np.asarray(image)
@@ -38,6 +71,7 @@ def read_grey(image: str | Path | npt.ArrayLike) -> npt.NDArray[np.float64]:
                 raise ValueError
         except ValueError:
             raise InputError("image: expected numbers in rows of one length") from None
+        _check_size("image", pixels.shape, 0, largest_bytes)
     if pixels.size and pixels.ndim == 3 and pixels.shape[2] in (3, 4):
         grey = rgb2gray(img_as_float64(pixels[..., :3]))
     elif pixels.size and pixels.ndim == 3 and pixels.shape[2] == 2:
@@ -52,3 +86,29 @@ def read_grey(image: str | Path | npt.ArrayLike) -> npt.NDArray[np.float64]:
     if not np.isfinite(grey).all():
         raise InputError("image: expected finite pixels")
     return np.asarray(grey, dtype=np.float64)
+
+
+def _header(path: Path) -> tuple[tuple[int, ...], int]:
+    """Shape of the pixels, and bytes of each channel of one."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            with Image.open(path) as picture:
+                return (picture.height, picture.width, len(picture.getbands())), 2
+    except UnidentifiedImageError:  # TIFF has kinds that Pillow does not know
+        with tifffile.TiffFile(path) as file:
+            page = file.series[0]
+            return tuple(page.shape), int(page.dtype.itemsize)
+
+
+def _check_size(name: str, shape: tuple[int, ...], kind: int, largest_bytes: int) -> None:
+    pixels = prod(shape[:2])
+    # Colour is converted in one float64 for each channel.
+    channels = prod(shape[2:])
+    needed = pixels * (_BYTES_PER_PIXEL + channels * kind + (8 * channels if channels > 2 else 0))
+    if needed > largest_bytes:
+        raise InputError(
+            f"{name} has {' x '.join(map(str, shape[1::-1]))} pixels, a texture of some "
+            f"{needed / 1e9:.3g} GB; expected at most {largest_bytes / 1e9:.3g} GB: scale it down, "
+            "since a fingertip feels nothing below some 0.05 mm, or raise largest_bytes"
+        )

@@ -2,56 +2,99 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import inf
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from haptix.errors import InputError, check_positive
-from haptix.texture.photograph import read_grey
+from haptix.texture.field import (
+    Array,
+    FrictionField,
+    Target,
+    check_numbers,
+    check_range,
+)
+from haptix.texture.heights import HeightRule, levels_by_rule, stretched
+from haptix.texture.photograph import LARGEST_BYTES, read_grey
+from haptix.texture.pyramid import Pyramid
+from haptix.texture.sidecar import Sidecar
+
+_COARSE_MM = 0.5  # of a pixel; a fingertip tells places of about a millimetre apart
+_MOST_PIXELS = 4_000_000  # of a map that is refined
 
 Polarity = Literal["bright-high", "dark-high"]
-Array = npt.NDArray[np.float64]
-
-# Percentiles of grey that become level 0 and 1, so that single pixels do not decide.
-_CLIPPED = (1.0, 99.0)
+Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Texture:
+class Texture(FrictionField):
     """Friction over a rectangle with its corner at (0, 0), x to the right and y downwards.
+
+    Without a range a level is a share of the friction range that is reachable at the finger's
+    force. Beyond the edges it is level 0, the lowest friction. With a footprint the edge is a ramp
+    at least as wide as a pixel, since a step would alias; at a point it is a step.
 
     Parameters
     ----------
     level : ndarray, shape (rows, columns)
-        0 to 1: from the lowest to the highest friction.
+        0 to 1: from the lowest to the highest friction, at the pixels' centres.
     width_mm : float
         Width on the screen; the height follows from the pixels, which are square.
     mu_range : (float, float), optional
-        Absolute friction coefficients of levels 0 and 1. Without it a level is a share of the
-        friction range that is reachable at the finger's force.
+        Absolute friction coefficients of levels 0 and 1.
+    contrast_range : (float, float), optional
+        Changes of levels 0 and 1 from the friction without voltage, as a part of it.
+    share_range : (float, float), optional
+        Shares of the reachable range of levels 0 and 1.
+    beyond : {"outside", "hold"}
+        What follows beyond the edges: level 0, or the level of the edge.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range, or more than one range is given.
     """
 
     level: Array
     width_mm: float
-    mu_range: tuple[float, float] | None = None
+    mu_range: Range | None = None
+    contrast_range: Range | None = None
+    share_range: Range | None = None
+    beyond: Literal["outside", "hold"] = "outside"
+    _pyramid: Pyramid = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        check_numbers(width_mm=self.width_mm)
         check_positive("width_mm", self.width_mm)
         level = self.level
+        if not isinstance(level, np.ndarray):
+            raise InputError(f"level: expected an array of numpy, got a {type(level).__name__}")
         if level.ndim != 2 or 0 in level.shape or not ((level >= 0) & (level <= 1)).all():
             raise InputError(
                 f"level: expected a map of values from 0 to 1, got shape {level.shape}"
             )
-        if self.mu_range is not None:
-            low, high = self.mu_range
-            if not 0 <= low < high < inf:
-                raise InputError(
-                    f"mu_range: expected finite 0 <= low < high, got {low:g}, {high:g}"
-                )
+        if self.beyond not in ("outside", "hold"):
+            raise InputError(f'beyond: expected "outside" or "hold", got {self.beyond!r}')
+        given = [name for name in _RANGES if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise InputError(f"expected one range, got {' and '.join(given)}")
+        try:
+            low, high = self.value_range
+        except (TypeError, ValueError):
+            raise InputError(f"{given[0]}: expected two numbers, low and high") from None
+        name = given[0] if given else "share_range"
+        check_numbers(**{name: low})
+        check_numbers(**{name: high})
+        check_range(name, self.target, low, high)
+        values = level if (low, high) == (0.0, 1.0) else low + (high - low) * level
+        finer = _finer(self.pixel_mm, values.shape)
+        pyramid = Pyramid(
+            _refined(values, finer), self.pixel_mm / finer, low, self.beyond, self.beyond
+        )
+        object.__setattr__(self, "_pyramid", pyramid)
 
     @classmethod
     def from_image(
@@ -59,8 +102,11 @@ class Texture:
         image: str | Path | npt.ArrayLike,
         width_mm: float,
         polarity: Polarity = "bright-high",
-        mu_range: tuple[float, float] | None = None,
-    ) -> Texture:
+        mu_range: Range | None = None,
+        contrast_range: Range | None = None,
+        share_range: Range | None = None,
+        largest_bytes: int = LARGEST_BYTES,
+    ) -> Self:
         """Take a photograph: grey between its 1st and 99th percentile becomes level 0 to 1.
 
         Parameters
@@ -71,22 +117,101 @@ class Texture:
             Width on the screen.
         polarity : {"bright-high", "dark-high"}
             Which end of the grey scale has the higher friction.
-        mu_range : (float, float), optional
-            Absolute friction coefficients instead of shares of the reachable range.
+        mu_range, contrast_range, share_range : (float, float), optional
+            What the ends of the grey scale are, see the class.
+        largest_bytes : int
+            Memory that the texture may take while it is made.
 
         Raises
         ------
         InputError
-            If the file is missing or no image, or a value is outside its range.
+            If the file is missing, no image or too large, or a value is outside its range.
         """
         if polarity not in get_args(Polarity):
             raise InputError(f'polarity: expected "bright-high" or "dark-high", got {polarity!r}')
-        grey = read_grey(image)
-        dark, bright = np.percentile(grey, _CLIPPED)
-        if bright <= dark:
-            raise InputError("image: expected some contrast, got pixels of one grey")
-        level = np.clip((grey - dark) / (bright - dark), 0.0, 1.0)
-        return cls(1 - level if polarity == "dark-high" else level, width_mm, mu_range)
+        level = stretched(read_grey(image, largest_bytes))
+        if polarity == "dark-high":
+            level = 1 - level
+        return cls(level, width_mm, mu_range, contrast_range, share_range)
+
+    @classmethod
+    def load(cls, image: str | Path, largest_bytes: int = LARGEST_BYTES) -> Self:
+        """Read a photograph with the JSON beside it, see `haptix.texture.Sidecar`.
+
+        Raises
+        ------
+        FileFormatError, InputError
+            If one of the two files is missing, or is not what it should be.
+        """
+        told = Sidecar.load(Sidecar.path_for(image))
+        ends: dict[str, Range] = {told.target: (told.low, told.high)}
+        return cls.from_image(
+            image,
+            told.width_mm,
+            told.polarity,
+            ends.get("mu"),
+            ends.get("contrast"),
+            ends.get("share"),
+            largest_bytes,
+        )
+
+    @classmethod
+    def from_heights(
+        cls,
+        heights: str | Path | npt.ArrayLike,
+        width_mm: float,
+        rule: HeightRule,
+        direction_deg: float = 0.0,
+        mu_range: Range | None = None,
+        contrast_range: Range | None = None,
+        share_range: Range | None = None,
+        largest_bytes: int = LARGEST_BYTES,
+    ) -> Self:
+        """Take a height map, bright or large being high.
+
+        Parameters
+        ----------
+        heights : path or array_like
+            An image file, or heights of shape (rows, columns) in any unit.
+        width_mm : float
+            Width on the screen.
+        rule : {"height", "slope-magnitude", "slope-along"}
+            What makes friction, see `haptix.texture.HeightRule`.
+        direction_deg : float
+            Direction of the stroke for "slope-along": 0 to the right, 90 down.
+        mu_range, contrast_range, share_range : (float, float), optional
+            What levels 0 and 1 are, see the class.
+        largest_bytes : int
+            Memory that the texture may take while it is made.
+
+        Raises
+        ------
+        InputError
+            If the heights cannot be read or hold nothing to feel, or a value is outside its range.
+        """
+        check_numbers(direction_deg=direction_deg)
+        level = levels_by_rule(read_grey(heights, largest_bytes), rule, direction_deg)
+        return cls(level, width_mm, mu_range, contrast_range, share_range)
+
+    @property
+    def target(self) -> Target:
+        """What the values of `friction` are: "mu", "contrast" or "share"."""
+        if self.mu_range is not None:
+            return "mu"
+        return "share" if self.contrast_range is None else "contrast"
+
+    @property
+    def value_range(self) -> Range:
+        """Values of levels 0 and 1."""
+        for name in _RANGES:
+            if getattr(self, name) is not None:
+                return getattr(self, name)  # type: ignore[no-any-return]
+        return (0.0, 1.0)
+
+    @property
+    def outside(self) -> float:
+        """Value of level 0."""
+        return self.value_range[0]
 
     @property
     def pixel_mm(self) -> float:
@@ -98,28 +223,39 @@ class Texture:
         """Height on the screen."""
         return self.pixel_mm * int(self.level.shape[0])
 
-    def friction(self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike) -> Array:
-        """Wanted friction at places of any common shape, bilinear between pixel centres.
+    def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
+        if isinstance(footprint_mm, np.ndarray) or footprint_mm > 0 or self.beyond == "hold":
+            return self._pyramid.sample(x_mm, y_mm, footprint_mm)
+        # At a point, a step is a step: the rim that the pyramid makes a ramp is held level.
+        half, width, height = self.pixel_mm / 2, self.width_mm, self.height_mm
+        inside = (x_mm >= 0) & (x_mm <= width) & (y_mm >= 0) & (y_mm <= height)
+        x_mm = np.fmin(np.fmax(x_mm, half), width - half)
+        y_mm = np.fmin(np.fmax(y_mm, half), height - half)
+        return np.where(inside, self._pyramid.sample(x_mm, y_mm, 0.0), self.outside)
 
-        Returns
-        -------
-        ndarray
-            Shares of the reachable range, or friction coefficients where the texture has a
-            `mu_range`. Beyond the edges it is level 0, the lowest friction.
-        """
-        x, y = np.broadcast_arrays(np.asarray(x_mm, dtype=float), np.asarray(y_mm, dtype=float))
-        rows, columns = self.level.shape
-        inside = (x >= 0) & (x <= self.width_mm) & (y >= 0) & (y <= self.height_mm)
-        column, row = x / self.pixel_mm - 0.5, y / self.pixel_mm - 0.5
-        column = np.where(inside, column, 0).clip(0, columns - 1)
-        row = np.where(inside, row, 0).clip(0, rows - 1)
-        left, above = column.astype(np.intp), row.astype(np.intp)
-        right, below = np.minimum(left + 1, columns - 1), np.minimum(above + 1, rows - 1)
-        across, down = column - left, row - above
-        upper = self.level[above, left] * (1 - across) + self.level[above, right] * across
-        lower = self.level[below, left] * (1 - across) + self.level[below, right] * across
-        level = np.where(inside, upper * (1 - down) + lower * down, 0.0)
-        if self.mu_range is None:
-            return level
-        low, high = self.mu_range
-        return low + level * (high - low)
+
+_RANGES = ("mu_range", "contrast_range", "share_range")
+
+
+def _finer(pixel_mm: float, shape: tuple[int, ...]) -> int:
+    """Parts, an odd number, into which a coarse map's pixels are split.
+
+    The ramp at the map's edge is a pixel wide: in a map of a few pixels it would be most of it.
+    """
+    parts = min(pixel_mm / _COARSE_MM, (_MOST_PIXELS / (shape[0] * shape[1])) ** 0.5)
+    return max(1, 2 * int(parts / 2) + 1)
+
+
+def _refined(values: Array, parts: int) -> Array:
+    """The same map, bilinear between its pixels' centres, in smaller pixels."""
+    if parts == 1:
+        return values
+    for axis in (0, 1):
+        count = values.shape[axis]
+        # An odd number of parts has one at every old centre, so that no corner is cut.
+        at = ((np.arange(count * parts) + 0.5) / parts - 0.5).clip(0, count - 1)
+        low = np.minimum(at.astype(np.intp), max(count - 2, 0))
+        share = (at - low).reshape((-1, 1) if axis == 0 else (1, -1))
+        start = np.take(values, low, axis)
+        values = start + share * (np.take(values, np.minimum(low + 1, count - 1), axis) - start)
+    return values

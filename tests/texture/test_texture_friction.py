@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from scipy.ndimage import map_coordinates
 
-from haptix import Texture
+from haptix import InputError, Texture
 
 # Weights of pixels carry some rounding errors of 1e-16 times the number of columns.
 ROUNDING = 1e-13
@@ -81,7 +81,7 @@ def test_just_beyond_each_edge(x, y):
 def test_the_edges_themselves_belong_to_the_picture(width_mm, rows, columns):
     texture = Texture(np.ones((rows, columns)), width_mm)
     x, y = np.array([0, 0, 1, 1]) * texture.width_mm, np.array([0, 1, 0, 1]) * texture.height_mm
-    np.testing.assert_array_equal(texture.friction(x, y), 1.0)
+    np.testing.assert_allclose(texture.friction(x, y), 1.0, rtol=0, atol=ROUNDING)
 
 
 @settings(deadline=None)
@@ -116,3 +116,38 @@ def test_places_broadcast():
     texture = Texture(np.eye(3), width_mm=3.0)
     assert texture.friction(0.5, 0.5).shape == ()
     assert texture.friction(np.zeros((4, 1)), np.zeros(5)).shape == (4, 5)
+
+
+@pytest.mark.parametrize("polarity", ["bright-high", "dark-high"])
+@pytest.mark.parametrize("footprint", [0.0, 0.1, 0.3, 0.5, 1.1, 2.3, 4.0])
+def test_an_asymmetric_picture_stays_where_it_is(polarity, footprint):
+    # A block of 14 x 10 pixels of half a millimetre, left and above the middle.
+    picture = np.zeros((64, 96))
+    picture[10:20, 20:34] = 1
+    picture = picture if polarity == "bright-high" else 1 - picture
+    texture = Texture.from_image(picture, width_mm=48.0, polarity=polarity)
+    step = 0.0625
+    x = (np.arange(-200, 968) + 0.5) * step
+    y = (np.arange(-200, 712) + 0.5) * step
+    value = texture.friction(x[None, :], y[:, None], footprint)
+    # Smoothing with symmetric kernels moves neither the sum nor the centre; the kernel at a pixel
+    # of 2 mm reaches 16 mm, past the picture's edge but not past these places. Bilinear sums are
+    # exact on a grid that divides the pixels.
+    assert value.sum() * step**2 == pytest.approx(140 * 0.25, rel=1e-9)
+    assert (value * x[None, :]).sum() / value.sum() == pytest.approx(13.5, abs=1e-6)
+    assert (value * y[:, None]).sum() / value.sum() == pytest.approx(7.5, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"mu_range": (0.1, 0.2), "contrast_range": (0.0, 0.1)},
+        {"contrast_range": (-1.1, 0.0)},
+        {"share_range": (0.0, 1.1)},
+        {"share_range": (0.5, 0.5)},
+        {"beyond": "repeat"},
+    ],
+)
+def test_bad_ranges_of_other_targets(options):
+    with pytest.raises(InputError):
+        Texture(np.eye(3), 3.0, **options)

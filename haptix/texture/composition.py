@@ -1,0 +1,272 @@
+"""Compositions: sprites with places, masks and an order, on a background."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from haptix.errors import InputError, check_positive
+from haptix.texture.field import (
+    Array,
+    FrictionField,
+    Target,
+    are_near,
+    check_numbers,
+    check_target,
+    without_far_places,
+)
+from haptix.texture.recorded import Recording
+from haptix.texture.texture import Texture
+
+Blend = Literal["over", "add", "multiply", "max", "min"]
+
+
+@dataclass(frozen=True)
+class Sprite:
+    """A field within a shape, somewhere on the screen.
+
+    Parameters
+    ----------
+    field : FrictionField
+        What is felt; its origin lies at the sprite's corner.
+    x_mm, y_mm : float
+        Corner on the screen, upper left.
+    width_mm, height_mm : float, optional
+        Size; a texture has its own.
+    z : float
+        Order: what is higher lies on top; of two at one height, the later one.
+    blend : {"over", "add", "multiply", "max", "min"}
+        What the sprite makes of the friction below it. A sprite that multiplies is a share.
+    opacity : float
+        0 to 1: how much of that is felt.
+    shape : {"rectangle", "ellipse"}
+        Its outline, the ellipse within the rectangle.
+    mask : FrictionField, optional
+        A share at every place of the sprite, by which it is more or less opaque.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range, or the size is missing.
+    """
+
+    field: FrictionField
+    x_mm: float = 0.0
+    y_mm: float = 0.0
+    width_mm: float | None = None
+    height_mm: float | None = None
+    z: float = 0.0
+    blend: Blend = "over"
+    opacity: float = 1.0
+    shape: Literal["rectangle", "ellipse"] = "rectangle"
+    mask: FrictionField | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.field, FrictionField):
+            raise InputError(
+                "field: expected a texture or another field of friction, got a "
+                f"{type(self.field).__name__}"
+            )
+        check_numbers(x_mm=self.x_mm, y_mm=self.y_mm, z=self.z, opacity=self.opacity)
+        for name in ("width_mm", "height_mm"):
+            if getattr(self, name) is None:
+                if not isinstance(self.field, Texture):
+                    raise InputError(f"{name}: expected a size, since the field has none")
+                object.__setattr__(self, name, getattr(self.field, name))
+            check_numbers(**{name: getattr(self, name)})
+            check_positive(name, getattr(self, name))
+        if self.blend not in get_args(Blend):
+            raise InputError(
+                f"blend: expected one of {', '.join(get_args(Blend))}, got {self.blend!r}"
+            )
+        if self.shape not in ("rectangle", "ellipse"):
+            raise InputError(f'shape: expected "rectangle" or "ellipse", got {self.shape!r}')
+        if not 0 <= self.opacity <= 1:
+            raise InputError(f"opacity: expected 0 to 1, got {self.opacity:g}")
+        if self.blend == "multiply" and self.field.target != "share":
+            raise InputError(
+                f"blend: a sprite that multiplies is a share, got a field of {self.field.target}"
+            )
+        if self.mask is not None:
+            if getattr(self.mask, "target", None) != "share":
+                raise InputError(
+                    "mask: expected a field of shares, got "
+                    f"{getattr(self.mask, 'target', type(self.mask).__name__)!r}"
+                )
+            object.__setattr__(self, "mask", _held(self.mask))
+        object.__setattr__(self, "field", _held(self.field))
+
+    def cover(
+        self, x_mm: Array, y_mm: Array, box: _Box, footprint_mm: float | Array
+    ) -> float | Array:
+        """How opaque the sprite is at places on the screen, shape (places,), within a box: 0 to 1.
+
+        One number where it is the same at all of them.
+        """
+        width, height = self.width_mm or 0.0, self.height_mm or 0.0  # never None: set above
+        left, right = box.left - self.x_mm, box.right - self.x_mm
+        top, bottom = box.top - self.y_mm, box.bottom - self.y_mm
+        half = 2 * box.footprint_mm + 1e-9
+        if left > width + half or right < -half or top > height + half or bottom < -half:
+            return 0.0
+        level = left > half and right < width - half and top > half and bottom < height - half
+        if level and self.shape == "rectangle" and self.mask is None:
+            return float(self.opacity)
+        x_mm, y_mm = x_mm - self.x_mm, y_mm - self.y_mm
+        ramp = np.maximum(4 * np.asarray(footprint_mm), 1e-9)
+        if self.shape == "ellipse":
+            a, b = width / 2, height / 2
+            depth = (1 - np.hypot(x_mm / a - 1, y_mm / b - 1)) * min(a, b)
+            opaque = _step(depth, ramp)
+        else:
+            # A step less the next one is right for sprites narrower than the ramps, too.
+            opaque = _step(x_mm, ramp) - _step(x_mm - width, ramp)
+            opaque *= _step(y_mm, ramp) - _step(y_mm - height, ramp)
+        if self.mask is not None:
+            share = self.mask._sample(x_mm, y_mm, 2 * footprint_mm)
+            opaque = opaque * np.clip(share, 0.0, 1.0)
+        return np.asarray(self.opacity * opaque)
+
+
+@dataclass(frozen=True)
+class _Box:
+    """The rectangle that holds some places, and their widest footprint [mm]."""
+
+    left: float
+    right: float
+    top: float
+    bottom: float
+    footprint_mm: float
+
+    @classmethod
+    def around(cls, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> _Box:
+        return cls(
+            float(x_mm[x_mm.argmin()]),
+            float(x_mm[x_mm.argmax()]),
+            float(y_mm[y_mm.argmin()]),
+            float(y_mm[y_mm.argmax()]),
+            float(footprint_mm.max()) if isinstance(footprint_mm, np.ndarray) else footprint_mm,
+        )
+
+
+@dataclass(frozen=True)
+class Composition(FrictionField):
+    """Sprites on a background.
+
+    Edges of sprites are ramps of four footprints, at a point they are steps. A product holds sums
+    of its factors' wavenumbers: with a sprite that multiplies, every layer is asked for twice the
+    footprint. "max" and "min" leave kinks where their fields cross, which are band-limited no more.
+
+    Parameters
+    ----------
+    sprites : sequence of Sprite
+        In any order of their z.
+    background : float or FrictionField
+        What lies below them all.
+    target : {"mu", "contrast", "share"}, optional
+        What the values are; the background's without. Every sprite must have the same, but for
+        those that multiply.
+
+    Raises
+    ------
+    InputError
+        If targets differ.
+    """
+
+    sprites: Sequence[Sprite]
+    background: float | FrictionField = 0.0
+    target: Target = None  # type: ignore[assignment]  # replaced below, never None
+
+    def __post_init__(self) -> None:
+        below = self.background
+        if self.target is None:
+            target = below.target if isinstance(below, FrictionField) else "share"
+            object.__setattr__(self, "target", target)
+        check_target(self.target)
+        if isinstance(below, FrictionField):
+            if below.target != self.target:
+                raise InputError(
+                    f"background: expected a target of {self.target}, got {below.target}"
+                )
+        else:
+            check_numbers(background=below)
+        try:
+            sprites = tuple(self.sprites)
+        except TypeError:
+            raise InputError("sprites: expected a list of them") from None
+        object.__setattr__(self, "sprites", sprites)
+        for i, sprite in enumerate(self.sprites):
+            if not isinstance(sprite, Sprite):
+                raise InputError(f"sprite {i}: expected a Sprite, got a {type(sprite).__name__}")
+            if sprite.blend != "multiply" and sprite.field.target != self.target:
+                raise InputError(
+                    f"sprite {i}: expected a target of {self.target}, the composition's, got "
+                    f"{sprite.field.target}"
+                )
+        ordered = sorted(self.sprites, key=lambda sprite: sprite.z)
+        object.__setattr__(self, "sprites", tuple(ordered))
+
+    @property
+    def outside(self) -> float:
+        """The background, or its own outside."""
+        below = self.background
+        return below.outside if isinstance(below, FrictionField) else float(below)
+
+    def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
+        if not are_near(x_mm, y_mm):
+            return without_far_places(self, x_mm, y_mm, footprint_mm)
+        if any(sprite.blend == "multiply" for sprite in self.sprites):
+            footprint_mm = 2 * footprint_mm
+        box = _Box.around(x_mm, y_mm, footprint_mm)
+        layers: list[tuple[Sprite, float | Array]] = []
+        hidden = False
+        for sprite in reversed(self.sprites):
+            cover = sprite.cover(x_mm, y_mm, box, footprint_mm)
+            if isinstance(cover, float) and cover == 0:
+                continue
+            layers.append((sprite, cover))
+            if isinstance(cover, float) and cover == 1 and sprite.blend == "over":
+                hidden = True  # and so is all below it
+                break
+        value: float | Array = 0.0
+        if not hidden:
+            below = self.background
+            if isinstance(below, FrictionField):
+                value = below._sample(x_mm, y_mm, footprint_mm)
+            else:
+                value = np.full(x_mm.shape, float(below))
+        for sprite, cover in reversed(layers):
+            x, y = x_mm - np.array(sprite.x_mm), y_mm - np.array(sprite.y_mm)
+            felt = sprite.field._sample(x, y, footprint_mm)
+            if isinstance(cover, float) and cover == 1:
+                value = _blended(sprite.blend, value, felt)
+            else:
+                value = value + cover * (_blended(sprite.blend, value, felt) - value)
+        return np.asarray(value)
+
+
+def _blended(blend: Blend, below: float | Array, felt: Array) -> Array:
+    if blend == "add":
+        return below + felt
+    if blend == "multiply":
+        return below * felt
+    if blend == "max":
+        return np.maximum(below, felt)
+    if blend == "min":
+        return np.minimum(below, felt)
+    return felt
+
+
+def _step(depth_mm: Array, ramp_mm: Array) -> Array:
+    """From 0 to 1 within a ramp around 0, where it is a half."""
+    return np.asarray(np.clip(0.5 + depth_mm / ramp_mm, 0.0, 1.0))
+
+
+def _held(field: FrictionField) -> FrictionField:
+    """The same without an end: within a sprite, its outline decides where it ends."""
+    if isinstance(field, Texture | Recording) and field.beyond == "outside":
+        return replace(field, beyond="hold")
+    return field

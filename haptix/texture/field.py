@@ -1,0 +1,183 @@
+"""What every texture is to the renderer: a field of wanted friction over the screen."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from math import cos, radians, sin
+from typing import Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.errors import InputError
+
+Array = npt.NDArray[np.float64]
+Floats = Any
+"""Numbers of any shape, or one number."""
+
+Target = Literal["mu", "contrast", "share"]
+"""How the numbers of a field are to be understood, see `as_mu`."""
+
+FARTHEST_MM = 1e6
+"""Places farther from the origin than this are no places on a screen."""
+
+
+def check_target(target: str) -> None:
+    """Raise `InputError` unless `target` is one."""
+    if target not in get_args(Target):
+        raise InputError(f'target: expected "mu", "contrast" or "share", got {target!r}')
+
+
+def check_numbers(**values: Any) -> None:
+    """Raise `InputError` for the first that is not one finite number; its key is its name."""
+    for name, value in values.items():
+        real = isinstance(value, int | float | np.integer | np.floating)
+        if not real or isinstance(value, bool) or not np.isfinite(value):
+            raise InputError(f"{name}: expected a finite number, got {value!r:.80}")
+
+
+def check_whole(name: str, value: Any, least: int) -> None:
+    """Raise `InputError` unless the value is a whole number from `least` on."""
+    if not isinstance(value, int) or value < least:
+        raise InputError(f"{name}: expected a whole number from {least}, got {value!r:.80}")
+
+
+def check_range(name: str, target: Target, low: float, high: float) -> None:
+    """Raise `InputError` unless `low` and `high` are finite, increasing and possible."""
+    least = {"mu": 0.0, "contrast": -1.0, "share": 0.0}[target]
+    most = {"mu": np.inf, "contrast": np.inf, "share": 1.0}[target]
+    if not (least <= low < high <= most and high < np.inf):
+        raise InputError(
+            f"{name}: expected finite {least:g} <= low < high"
+            f"{f' <= {most:g}' if most < np.inf else ''} "
+            f"for a target of {target}, got {low:g}, {high:g}"
+        )
+
+
+def as_mu(target: Target, value: Floats, lowest_mu: Floats, highest_mu: Floats) -> Any:
+    """Friction coefficients that values of a field ask for; arrays or tensors that broadcast.
+
+    Parameters
+    ----------
+    target : {"mu", "contrast", "share"}
+        The field's own: values are friction coefficients; or changes from `lowest_mu` as a part of
+        it, ``mu = lowest_mu (1 + value)``; or shares of the reachable range, 0 for `lowest_mu`, 1
+        for `highest_mu`.
+    value
+        What `FrictionField.friction` returned.
+    lowest_mu, highest_mu
+        Friction without voltage and at the highest, at the finger's force:
+        `FrictionSurface.reachable`.
+    """
+    if target == "mu":
+        return value
+    if target == "contrast":
+        return lowest_mu * (1 + value)
+    return lowest_mu + value * (highest_mu - lowest_mu)
+
+
+class FrictionField(ABC):
+    """Wanted friction at every place of the screen, band-limited to what the drive can follow.
+
+    x points right and y down, in millimetres from the screen's corner. A field has no state: any
+    thread may ask it.
+    """
+
+    @property
+    @abstractmethod
+    def target(self) -> Target:
+        """How the numbers are to be understood, see `as_mu`."""
+
+    @property
+    @abstractmethod
+    def outside(self) -> float:
+        """Value where there is no texture, and where the place is not a number."""
+
+    @abstractmethod
+    def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
+        """`friction` for one or more places, shape (places,); footprints of 0 or more, no NaN."""
+
+    def friction(
+        self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, footprint_mm: npt.ArrayLike = 0.0
+    ) -> Array:
+        """Wanted friction at places and footprints that broadcast together.
+
+        Parameters
+        ----------
+        x_mm, y_mm : array_like
+            Places. NaN, infinite and absurdly far ones have the value `outside`.
+        footprint_mm : array_like
+            Way of the finger during one sample of the drive's envelope. Waves along the path that
+            are shorter than two footprints would be felt as other, longer waves, and are left out.
+            0, and anything below it or NaN, is the point value with all detail. One number for a
+            whole block is the fast way.
+
+        Returns
+        -------
+        ndarray
+            Numbers that `target` explains, of the common shape.
+
+        Raises
+        ------
+        InputError
+            If these are no numbers, or their shapes do not broadcast.
+        """
+        try:
+            x = np.asarray(x_mm, dtype=np.float64)
+            y = np.asarray(y_mm, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError("x_mm, y_mm: expected numbers in rows of one length") from None
+        footprint: float | Array
+        if isinstance(footprint_mm, float | int):
+            footprint = footprint_mm if footprint_mm > 0 else 0.0
+            if x.ndim == 1 and x.shape == y.shape and x.size:
+                return self._sample(x, y, footprint)
+        try:
+            widths = np.fmax(np.asarray(footprint_mm, dtype=np.float64), 0.0)
+        except (TypeError, ValueError):
+            raise InputError(f"footprint_mm: expected numbers, got {footprint_mm!r:.80}") from None
+        try:
+            x, y, widths = np.broadcast_arrays(x, y, widths)
+        except ValueError:
+            raise InputError(
+                "x_mm, y_mm and footprint_mm: expected shapes that broadcast together, got "
+                f"{x.shape}, {y.shape} and {widths.shape}"
+            ) from None
+        if x.size == 0:
+            return np.empty(x.shape)
+        flat = widths.ravel()
+        footprint = float(flat[0]) if (flat == flat[0]).all() else flat
+        return self._sample(x.ravel(), y.ravel(), footprint).reshape(x.shape)
+
+
+def are_near(x_mm: Array, y_mm: Array) -> bool:
+    """Whether all places are numbers within `FARTHEST_MM`; NaN is not."""
+    # argmin and argmax find NaN, and take a fraction of the time of min and max.
+    return bool(
+        x_mm[x_mm.argmin()] >= -FARTHEST_MM
+        and x_mm[x_mm.argmax()] <= FARTHEST_MM
+        and y_mm[y_mm.argmin()] >= -FARTHEST_MM
+        and y_mm[y_mm.argmax()] <= FARTHEST_MM
+    )
+
+
+def far_places(x_mm: Array, y_mm: Array) -> npt.NDArray[np.bool_]:
+    """Mask of the places that are not near."""
+    return ~((np.abs(x_mm) <= FARTHEST_MM) & (np.abs(y_mm) <= FARTHEST_MM))
+
+
+def without_far_places(
+    field: FrictionField, x_mm: Array, y_mm: Array, footprint_mm: float | Array
+) -> Array:
+    """Values of a field that cannot be asked at places that are not near; there, its outside."""
+    far = far_places(x_mm, y_mm)
+    x_mm, y_mm = np.where(far, 0.0, x_mm), np.where(far, 0.0, y_mm)
+    return np.where(far, field.outside, field._sample(x_mm, y_mm, footprint_mm))
+
+
+def turned(x_mm: Array, y_mm: Array, angle_deg: float) -> tuple[Array, Array]:
+    """Places in axes that are turned by an angle, from x towards y."""
+    if angle_deg == 0:
+        return x_mm, y_mm
+    c, s = np.array(cos(radians(angle_deg))), np.array(sin(radians(angle_deg)))
+    return x_mm * c + y_mm * s, y_mm * c - x_mm * s

@@ -1,0 +1,161 @@
+"""Noise of a given spectrum: random friction that is the same every time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from haptix.errors import InputError, check_positive
+from haptix.texture.field import (
+    Array,
+    FrictionField,
+    Target,
+    are_near,
+    check_numbers,
+    check_target,
+    check_whole,
+    turned,
+    without_far_places,
+)
+from haptix.texture.pyramid import Pyramid
+
+Spectrum = Callable[[Array], Array]
+"""Power density against wavenumber [1/mm], 0 or more; its scale does not matter."""
+
+_MOST_PIXELS = 4096**2
+
+
+def power_law(exponent: float, shortest_mm: float, longest_mm: float) -> Spectrum:
+    """Spectrum ``k^-exponent`` between two wavelengths, and nothing beside.
+
+    An exponent of 0 is white; 2 (1 + H) is that of a self-affine surface of Hurst exponent H in two
+    dimensions, 1 + 2 H in one.
+
+    Raises
+    ------
+    InputError
+        If the wavelengths are not above 0 and increasing.
+    """
+    check_numbers(exponent=exponent, shortest_mm=shortest_mm, longest_mm=longest_mm)
+    if not 0 < shortest_mm < longest_mm:
+        raise InputError(
+            f"power_law: expected 0 < shortest_mm < longest_mm, got {shortest_mm:g}, {longest_mm:g}"
+        )
+
+    def density(k: Array) -> Array:
+        inside = (k >= 1 / longest_mm) & (k <= 1 / shortest_mm)
+        return np.where(inside, np.where(inside, k, 1.0) ** -exponent, 0.0)
+
+    return density
+
+
+@dataclass(frozen=True)
+class Noise(FrictionField):
+    """Gaussian noise, made on a tile that repeats without a seam.
+
+    Its tails are not cut off: 5 % of all places are beyond two deviations from the mean, and those
+    that are out of reach are the renderer's to treat.
+
+    Parameters
+    ----------
+    spectrum : callable
+        Power density against wavenumber [1/mm], such as `power_law`: over the plane, of the radial
+        wavenumber, or with ``grain="ribbed"`` along the one direction.
+    mean, deviation : float
+        Of the values; the deviation is that of the tile itself.
+    target : {"mu", "contrast", "share"}
+        What the values are, see `haptix.texture.as_mu`.
+    seed : int
+        Same seed, same noise.
+    tile_mm : float
+        Side of the tile.
+    pixels : int
+        Pixels along the tile's side, a power of two.
+    grain : {"isotropic", "ribbed"}
+        Noise over the plane, or along one direction with ridges across.
+    orientation_deg : float
+        That direction: 0 to the right, 90 down.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range, or the spectrum has nothing between the tile and two
+        pixels.
+    """
+
+    spectrum: Spectrum
+    mean: float = 0.5
+    deviation: float = 0.2
+    target: Target = "share"
+    seed: int = 0
+    tile_mm: float = 64.0
+    pixels: int = 1024
+    grain: Literal["isotropic", "ribbed"] = "isotropic"
+    orientation_deg: float = 0.0
+    _pyramid: Pyramid = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        check_target(self.target)
+        check_numbers(
+            mean=self.mean,
+            deviation=self.deviation,
+            tile_mm=self.tile_mm,
+            orientation_deg=self.orientation_deg,
+        )
+        if not callable(self.spectrum):
+            raise InputError(
+                "spectrum: expected a function of the wavenumber such as power_law(...), got "
+                f"{self.spectrum!r:.80}"
+            )
+        check_whole("seed", self.seed, 0)
+        check_whole("pixels", self.pixels, 4)
+        check_positive("deviation", self.deviation)
+        check_positive("tile_mm", self.tile_mm)
+        if self.grain not in ("isotropic", "ribbed"):
+            raise InputError(f'grain: expected "isotropic" or "ribbed", got {self.grain!r}')
+        rows = self.pixels if self.grain == "isotropic" else 1
+        two = self.pixels & (self.pixels - 1) == 0
+        if not two or rows * self.pixels > _MOST_PIXELS:
+            raise InputError(
+                f"pixels: expected a power of two, and at most {_MOST_PIXELS} pixels in "
+                f"all, got {rows} x {self.pixels}"
+            )
+        tile = self.mean + self.deviation * self._tile(rows)
+        pyramid = Pyramid(
+            tile,
+            self.tile_mm / self.pixels,
+            self.mean,
+            "repeat",
+            "repeat" if self.grain == "isotropic" else "hold",
+        )
+        object.__setattr__(self, "_pyramid", pyramid)
+
+    def _tile(self, rows: int) -> Array:
+        """Noise of mean 0 and deviation 1, shape (rows, pixels)."""
+        pixel = self.tile_mm / self.pixels
+        across = np.fft.rfftfreq(self.pixels, pixel)
+        k = np.hypot(np.fft.fftfreq(rows, pixel)[:, None], across)
+        density = np.broadcast_to(np.asarray(self.spectrum(k), dtype=np.float64), k.shape).copy()
+        density[0, 0] = 0.0  # the mean is given
+        if not (np.isfinite(density).all() and (density >= 0).all() and density.any()):
+            raise InputError(
+                "spectrum: expected finite densities of 0 or more, and some above 0 for waves from "
+                f"{2 * pixel:g} to {self.tile_mm:g} mm"
+            )
+        white = np.random.default_rng(self.seed).standard_normal((rows, self.pixels))
+        noise = np.fft.irfft2(np.fft.rfft2(white) * np.sqrt(density), s=white.shape)
+        return np.asarray(noise / noise.std())
+
+    @property
+    def outside(self) -> float:
+        """The mean."""
+        return self.mean
+
+    def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
+        if self.orientation_deg == 0 or are_near(x_mm, y_mm):
+            x_mm, y_mm = turned(x_mm, y_mm, self.orientation_deg)
+            return self._pyramid.sample(x_mm, y_mm, footprint_mm)
+        return without_far_places(self, x_mm, y_mm, footprint_mm)

@@ -1,0 +1,211 @@
+"""Texture models in the format of the Penn Haptic Texture Toolkit, as friction.
+
+The toolkit (Culbertson, Lopez Delgado and Kuchenbecker, IEEE Haptics Symposium 2014) models the
+acceleration of a tool that is dragged over a material: an autoregressive process for each of many
+speeds and normal forces, a Delaunay triangulation over these, and one friction coefficient;
+`haptix.texture.penn_file` has the format. Between the vertices of a triangle the line spectral
+frequencies, the variance and the gain are linear, which keeps the interpolated process stable.
+
+What becomes of it here, and what is lost: at one speed v and force F the process has a spectrum
+over frequency f; a pattern under a finger of that speed has the same over wavenumber ``k = f / v``.
+Accelerations are turned into friction by a mass m: ``mu(x) = mu + m a(x) / F``. So the pattern is
+right at its one speed and force. At other speeds its frequencies shift as those of a fixed pattern
+do, and its depth stays, while the toolkit's change by the triangulation. The tool's own resonances
+are part of the pattern, and the direction of the acceleration, which the toolkit had already folded
+into one, is taken to be the finger's. A tool is not a finger: this transfers a spectrum, not a
+feeling.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import freqz
+
+from haptix.errors import FileFormatError, InputError, check_positive
+from haptix.texture.field import Array, check_numbers
+from haptix.texture.line_spectrum import polynomial_of_lsf
+from haptix.texture.noise import Noise
+from haptix.texture.penn_file import Contents, contents_of, root_of
+
+TOOL_MASS_KG = 0.05
+"""Mass that turns the toolkit's accelerations into forces unless another is given: the order of a
+hand-held tool with the fingers on it, an assumption and no measurement."""
+
+_PIXELS = 16384
+
+
+@dataclass(frozen=True)
+class ProcessAt:
+    """The process at one speed and force: ``y[n] = gain (C * e)[n] - (A[1:] * y)[n]``."""
+
+    speed_mm_per_s: float
+    normal_force_n: float
+    ar: Array
+    """Denominator A, first 1."""
+    ma: Array
+    """Numerator C, first 1."""
+    gain: float
+    variance: float
+    """Of the white noise e [(m/s^2)^2]."""
+    sample_rate_hz: float
+
+    def density(self, frequency_hz: npt.ArrayLike) -> Array:
+        """One-sided power density of the acceleration [(m/s^2)^2/Hz], 0 above half the rate."""
+        f = np.asarray(frequency_hz, dtype=np.float64)
+        _, response = freqz(
+            self.gain * self.ma, self.ar, worN=2 * pi * f.ravel() / self.sample_rate_hz
+        )
+        power = 2 * self.variance / self.sample_rate_hz * np.abs(response.reshape(f.shape)) ** 2
+        return np.where(f <= self.sample_rate_hz / 2, power, 0.0)
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the acceleration [m/s^2]."""
+        f = np.linspace(0, self.sample_rate_hz / 2, 1 << 15)
+        return float(np.sqrt(np.trapezoid(self.density(f), f)))
+
+
+@dataclass(frozen=True)
+class PennModel:
+    """A material of the toolkit; make one by `load`.
+
+    Parameters
+    ----------
+    contents : Contents
+        What its file says.
+    """
+
+    contents: Contents
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a model's XML.
+
+        Raises
+        ------
+        FileFormatError
+            If the file is missing, is no such XML, contradicts itself or has an unstable model.
+        """
+        path = Path(path)
+        root = root_of(path)
+        try:
+            return cls(contents_of(root))
+        except ValueError as error:
+            raise FileFormatError(f"{path}: {error}") from None
+
+    def at(self, speed_mm_per_s: float, normal_force_n: float) -> ProcessAt:
+        """Interpolate to a speed and a force; those beyond the models are held at the nearest.
+
+        Raises
+        ------
+        InputError
+            If one is not above 0.
+        """
+        check_positive("speed_mm_per_s", speed_mm_per_s)
+        check_positive("normal_force_n", normal_force_n)
+        place = np.array([speed_mm_per_s, normal_force_n], dtype=np.float64)
+        nodes, weights = self._nearest(place)
+        return ProcessAt(
+            float(weights @ self.contents.speed_mm_per_s[nodes]),
+            float(weights @ self.contents.normal_force_n[nodes]),
+            polynomial_of_lsf(weights @ self.contents.ar_lsf[nodes]),
+            polynomial_of_lsf(weights @ self.contents.ma_lsf[nodes]),
+            float(weights @ self.contents.gain[nodes]),
+            float(weights @ self.contents.variance[nodes]),
+            self.contents.sample_rate_hz,
+        )
+
+    def _nearest(self, place: Array) -> tuple[npt.NDArray[np.intp], Array]:
+        """Three models and their weights at a place, or at the place nearest to it within any."""
+        points = np.column_stack([self.contents.speed_mm_per_s, self.contents.normal_force_n])
+        scale = np.ptp(points, axis=0)  # nearness must not depend on the units
+        points, place = points / scale, place / scale
+        best, found = np.inf, (self.contents.triangles[0], np.array([1.0, 0.0, 0.0]))
+        for triangle in self.contents.triangles:
+            weights = _closest_weights(points[triangle], place)
+            distance = float(np.linalg.norm(weights @ points[triangle] - place))
+            if distance < best:
+                best, found = distance, (triangle, weights)
+        return found
+
+    def texture(
+        self,
+        speed_mm_per_s: float,
+        normal_force_n: float,
+        mass_kg: float = TOOL_MASS_KG,
+        seed: int = 0,
+        orientation_deg: float = 0.0,
+    ) -> Noise:
+        """Friction of which a finger at this speed and force feels the model's spectrum.
+
+        Noise with ridges across `orientation_deg`: a stroke along it feels the spectrum, a slanted
+        one the same stretched, and one across nothing. The module says what else is lost.
+
+        Parameters
+        ----------
+        speed_mm_per_s, normal_force_n : float
+            Where in the triangulation, and the speed that turns frequencies into wavenumbers.
+        mass_kg : float
+            Turns accelerations into forces.
+        seed : int
+            Same seed, same noise.
+        orientation_deg : float
+            Direction of the stroke: 0 to the right, 90 down.
+
+        Returns
+        -------
+        Noise
+            Absolute friction coefficients around the model's `mu`, on a tile of 16384 steps of
+            the recording.
+
+        Raises
+        ------
+        InputError
+            If a value is not above 0, or the model does not vibrate there.
+        """
+        check_numbers(speed=speed_mm_per_s, normal_force_n=normal_force_n, mass_kg=mass_kg)
+        check_positive("mass_kg", mass_kg)
+        process = self.at(speed_mm_per_s, normal_force_n)
+        deviation = mass_kg * process.deviation / normal_force_n
+        if not deviation > 0:
+            raise InputError(
+                f"{self.contents.material}: no vibration at {speed_mm_per_s:g} mm/s and "
+                f"{normal_force_n:g} N; choose a higher speed or force"
+            )
+        return Noise(
+            lambda k: process.density(k * speed_mm_per_s),
+            self.contents.mu,
+            deviation,
+            "mu",
+            seed,
+            tile_mm=_PIXELS * speed_mm_per_s / self.contents.sample_rate_hz,
+            pixels=_PIXELS,
+            grain="ribbed",
+            orientation_deg=orientation_deg,
+        )
+
+
+def _closest_weights(corners: Array, place: Array) -> Array:
+    """Barycentric weights of the point of a triangle, shape (3, 2), that is nearest to a place."""
+    edges = (corners[1:] - corners[0]).T
+    if abs(np.linalg.det(edges)) > 1e-12:
+        inner = np.linalg.solve(edges, place - corners[0])
+        weights = np.array([1 - inner.sum(), *inner])
+        if weights.min() >= 0:
+            return weights
+    best, found = np.inf, np.array([1.0, 0.0, 0.0])
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        edge = corners[b] - corners[a]
+        length = float(edge @ edge)
+        part = float(np.clip((place - corners[a]) @ edge / length, 0, 1)) if length > 0 else 0.0
+        distance = float(np.linalg.norm(corners[a] + part * edge - place))
+        if distance < best:
+            best, found = distance, np.zeros(3)
+            found[a], found[b] = 1 - part, part
+    return found

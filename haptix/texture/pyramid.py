@@ -1,0 +1,272 @@
+"""A sampled map at falling resolutions, read where and as coarsely as the finger moves.
+
+Level 0 is the map itself, bilinear between its pixels. Level 1 is the map smoothed by the binomial
+kernel of 9 taps, whose response ``cos^8(pi k p)`` at wavenumber k leaves 6 % at a quarter of the
+pixels' rate 1/p and nothing at half of it. Each further level takes every second pixel of the one
+before and smooths again. A level so holds waves down to 4 of its pixels only, twice as long as it
+could: bilinear interpolation then makes little of waves that are not there.
+
+A footprint f carries waves longer than 2 f. Level 0 serves footprints up to p/2, level 1 those from
+p to 2 p, and each further level twice the footprint of the one before. In between, two levels are
+blended linearly in the footprint's logarithm, so nothing jumps when the speed changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import floor, frexp, log2
+from typing import Literal
+
+import numpy as np
+from scipy.ndimage import correlate1d
+
+from haptix.texture.field import Array, are_near, far_places
+
+Beyond = Literal["outside", "hold", "repeat"]
+"""What follows beyond the edges of a map: nothing, the edge's own level, the map again."""
+
+_KERNEL = np.array([1, 8, 28, 56, 70, 56, 28, 8, 1]) / 256
+_REACH = len(_KERNEL) // 2
+_Origin = tuple[int, int]
+"""Row and column of the map that are first in an array, in pixels of its level."""
+
+
+@dataclass(frozen=True)
+class _Level:
+    """One level, with what a bilinear look-up needs at hand.
+
+    Numbers are arrays of no dimension where numpy multiplies with them: it takes a third of the
+    time of a Python float.
+    """
+
+    corners: tuple[Array, Array, Array, Array]
+    """The flat map, and the map without its first pixel, first row, and both."""
+    per_mm: Array
+    column: Array
+    row: Array
+    """Pixels per millimetre, and pixel of the place (0, 0)."""
+    stride: Array
+    low_x: float
+    high_x: float
+    low_y: float
+    high_y: float
+    """Places [mm] between which there are four pixels around."""
+
+    @classmethod
+    def of(cls, values: Array, pixel_mm: float, column: float, row: float) -> _Level:
+        rows, columns = values.shape
+        flat = np.ascontiguousarray(values).reshape(-1)
+        # A hair inside, so that rounding cannot reach a pixel that is not there.
+        hair = 1e-9 * max(rows, columns)
+        return cls(
+            (flat, flat[1:], flat[columns:], flat[columns + 1 :]),
+            np.array(1 / pixel_mm),
+            np.array(column),
+            np.array(row),
+            np.array(float(columns)),
+            (hair - column) * pixel_mm,
+            (columns - 1 - hair - column) * pixel_mm,
+            (hair - row) * pixel_mm,
+            (rows - 1 - hair - row) * pixel_mm,
+        )
+
+    def at(self, x_mm: Array, y_mm: Array) -> Array:
+        """Bilinear values; places beyond are those at the rim, NaN too."""
+        if not (
+            x_mm[x_mm.argmin()] >= self.low_x
+            and x_mm[x_mm.argmax()] <= self.high_x
+            and y_mm[y_mm.argmin()] >= self.low_y
+            and y_mm[y_mm.argmax()] <= self.high_y
+        ):
+            # Unlike clip, fmax and fmin drop a NaN.
+            x_mm = np.fmin(np.fmax(x_mm, self.low_x), self.high_x)
+            y_mm = np.fmin(np.fmax(y_mm, self.low_y), self.high_y)
+        across = x_mm * self.per_mm
+        across += self.column
+        down = y_mm * self.per_mm
+        down += self.row
+        left, above = np.floor(across), np.floor(down)
+        across -= left
+        down -= above
+        above *= self.stride
+        above += left
+        index = above.astype(np.intp)
+        here, right, below, diagonal = self.corners
+        upper = here[index]
+        slope = right[index]
+        slope -= upper
+        slope *= across
+        upper += slope
+        lower = below[index]
+        slope = diagonal[index]
+        slope -= lower
+        slope *= across
+        lower += slope
+        lower -= upper
+        lower *= down
+        upper += lower
+        return upper
+
+
+class Pyramid:
+    """A map with its levels.
+
+    Parameters
+    ----------
+    values : ndarray, shape (rows, columns)
+        Values at the pixels' centres; the first pixel's corner is at (0, 0).
+    pixel_mm : float
+        Side of a pixel.
+    outside : float
+        Value far beyond the edges, and of places that are none. With `beyond` of "outside" the
+        edge is a ramp as wide as a pixel: a step would alias at any footprint.
+    beyond_x, beyond_y : {"outside", "hold", "repeat"}
+        What follows beyond left and right, and above and below. A map that repeats has a power of
+        two of pixels that way.
+    """
+
+    def __init__(
+        self,
+        values: Array,
+        pixel_mm: float,
+        outside: float,
+        beyond_x: Beyond = "outside",
+        beyond_y: Beyond = "outside",
+    ) -> None:
+        rows, columns = values.shape
+        self.pixel_mm = pixel_mm
+        self.outside = outside
+        self._modes: tuple[Beyond, Beyond] = (beyond_y, beyond_x)
+        self._period_x = columns * pixel_mm if beyond_x == "repeat" else None
+        self._period_y = rows * pixel_mm if beyond_y == "repeat" else None
+        self._levels = [self._level(values, (0, 0), 1)]
+        # Levels go on until a pixel spans the shorter period, or the map twice: a finger that moves
+        # farther from one sample to the next misses it anyway.
+        repeated = [
+            n for n, mode in zip(values.shape, self._modes, strict=True) if mode == "repeat"
+        ]
+        widest = min(repeated) if repeated else 2 * max(rows, columns)
+        smooth, origin, step = np.asarray(values, dtype=np.float64), (0, 0), 1
+        while len(self._levels) == 1 or step < widest:
+            if len(self._levels) > 1:
+                smooth, origin = self._halved(smooth, origin)
+                step *= 2
+            smooth, origin = self._smoothed(smooth, origin)
+            self._levels.append(self._level(smooth, origin, step))
+        self._last = len(self._levels) - 1
+
+    def _padded(self, values: Array, origin: _Origin, by: int) -> tuple[Array, _Origin]:
+        """The map with more pixels on every side but those where it repeats."""
+        first = list(origin)
+        for axis, mode in enumerate(self._modes):
+            if mode == "repeat":
+                continue
+            width = [(0, 0), (0, 0)]
+            width[axis] = (by, by)
+            if mode == "hold":
+                values = np.pad(values, width, mode="edge")
+            else:
+                values = np.pad(values, width, constant_values=self.outside)
+            first[axis] -= by
+        return values, (first[0], first[1])
+
+    def _smoothed(self, values: Array, origin: _Origin) -> tuple[Array, _Origin]:
+        values, origin = self._padded(values, origin, _REACH)
+        for axis, mode in enumerate(self._modes):
+            # What lies beyond the padding is as it was, and stays so.
+            ends = {"outside": "constant", "hold": "nearest", "repeat": "wrap"}[mode]
+            values = correlate1d(values, _KERNEL, axis=axis, mode=ends, cval=self.outside)
+        return values, origin
+
+    def _halved(self, values: Array, origin: _Origin) -> tuple[Array, _Origin]:
+        """Every second pixel: those at even places, so that levels stay aligned."""
+        values, origin = self._padded(values, origin, 1)
+        row, column = origin[0] % 2, origin[1] % 2
+        return values[row::2, column::2], ((origin[0] + row) // 2, (origin[1] + column) // 2)
+
+    def _level(self, values: Array, origin: _Origin, step: int) -> _Level:
+        # Two pixels: between them, where places beyond are held, there is no trace of the map.
+        values, origin = self._padded(values, origin, 2)
+        first = list(origin)
+        for axis, mode in enumerate(self._modes):
+            if mode == "repeat":
+                width = [(0, 0), (0, 0)]
+                width[axis] = (1, 1)
+                values = np.pad(values, width, mode="wrap")
+                first[axis] -= 1
+        # The centre of the map's first pixel is half a pixel from its corner.
+        row, column = (-0.5 / step - start for start in first)
+        return _Level.of(values, self.pixel_mm * step, column, row)
+
+    def sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
+        """Values at places, shape (places,); see `FrictionField.friction`."""
+        if self._modes == ("outside", "outside") or are_near(x_mm, y_mm):
+            return self._repeated(x_mm, y_mm, footprint_mm)
+        far = far_places(x_mm, y_mm)
+        x_mm, y_mm = np.where(far, 0.0, x_mm), np.where(far, 0.0, y_mm)
+        value = self._repeated(x_mm, y_mm, footprint_mm)
+        value[far] = self.outside
+        return value
+
+    def _repeated(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
+        if self._period_x is not None:
+            x_mm = _into(x_mm, self._period_x)
+        if self._period_y is not None:
+            y_mm = _into(y_mm, self._period_y)
+        return self._sample(x_mm, y_mm, footprint_mm)
+
+    def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
+        if isinstance(footprint_mm, np.ndarray):
+            return self._varied(x_mm, y_mm, footprint_mm)
+        level, part = self._choice(footprint_mm)
+        value = self._levels[level].at(x_mm, y_mm)
+        if part > 0:
+            coarse = self._levels[level + 1].at(x_mm, y_mm)
+            coarse -= value
+            coarse *= part
+            value += coarse
+        return value
+
+    def _choice(self, footprint_mm: float) -> tuple[int, float]:
+        """Level, and how much of the next one to blend in."""
+        wide = footprint_mm / self.pixel_mm
+        if wide <= 0.5 or self._last == 0:
+            return 0, 0.0
+        if wide <= 1:
+            return 0, log2(2 * wide)
+        if wide <= 2:
+            return 1, 0.0
+        if wide >= 2.0**self._last:
+            return self._last, 0.0
+        level = frexp(wide)[1] - 1
+        return level, log2(wide) - level
+
+    def _varied(self, x_mm: Array, y_mm: Array, footprint_mm: Array) -> Array:
+        with np.errstate(divide="ignore"):
+            depth = np.log2(footprint_mm / self.pixel_mm)
+        depth = np.maximum(np.minimum(depth + 1, 1.0), depth)
+        depth = np.minimum(np.maximum(depth, 0.0), float(self._last))
+        level = np.minimum(depth.astype(np.intp), max(self._last - 1, 0))
+        part = depth - level
+        value = np.empty(x_mm.shape)
+        for one in np.unique(level):
+            mine = level == one
+            x, y = x_mm[mine], y_mm[mine]
+            fine = self._levels[one].at(x, y)
+            if self._last > 0:
+                fine += part[mine] * (self._levels[one + 1].at(x, y) - fine)
+            value[mine] = fine
+        return value
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all levels."""
+        return sum(level.corners[0].nbytes for level in self._levels)
+
+
+def _into(place_mm: Array, period_mm: float) -> Array:
+    """Places moved by whole periods to between 0 and one."""
+    first = floor(place_mm[place_mm.argmin()] / period_mm)
+    if place_mm[place_mm.argmax()] < (first + 1) * period_mm:  # a block seldom crosses a seam
+        return place_mm - np.array(first * period_mm) if first else place_mm
+    return place_mm - period_mm * np.floor(place_mm / period_mm)

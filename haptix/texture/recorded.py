@@ -1,0 +1,193 @@
+"""Recorded profiles: friction against position, extruded across."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, field
+from math import ceil
+from pathlib import Path
+from typing import Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.errors import FileFormatError, InputError, check_positive
+from haptix.texture.field import (
+    Array,
+    FrictionField,
+    Target,
+    are_near,
+    check_numbers,
+    check_target,
+    turned,
+    without_far_places,
+)
+from haptix.texture.pyramid import Pyramid
+
+_MOST_SAMPLES = 4_000_000
+
+
+@dataclass(frozen=True)
+class Recording(FrictionField):
+    """Friction recorded along a line, the same all across it.
+
+    Between the positions the values are linear. They are taken over to an even grid as fine as the
+    closest two positions, or of `step_mm`.
+
+    Parameters
+    ----------
+    position_mm : ndarray, shape (samples,)
+        Increasing positions along the line.
+    value : ndarray, shape (samples,)
+        What was recorded there.
+    target : {"mu", "contrast", "share"}
+        What the values are, see `haptix.texture.as_mu`.
+    orientation_deg : float
+        Direction of the line from the origin: 0 to the right, 90 down.
+    beyond : {"outside", "hold"}
+        What follows beyond the ends: the lowest value, or that of the end.
+    step_mm : float, optional
+        Step of the even grid.
+
+    Raises
+    ------
+    InputError
+        If positions or values are not finite, too few, or not increasing, or the grid would have
+        more than 4 million steps.
+    """
+
+    position_mm: Array
+    value: Array
+    target: Target = "mu"
+    orientation_deg: float = 0.0
+    beyond: Literal["outside", "hold"] = "outside"
+    step_mm: float | None = None
+    _pyramid: Pyramid = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        check_target(self.target)
+        if self.beyond not in ("outside", "hold"):
+            raise InputError(f'beyond: expected "outside" or "hold", got {self.beyond!r}')
+        check_numbers(orientation_deg=self.orientation_deg)
+        try:
+            position = np.asarray(self.position_mm, dtype=np.float64)
+            value = np.asarray(self.value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError("recording: expected numbers for positions and values") from None
+        if position.ndim != 1 or position.shape != value.shape or len(position) < 2:
+            raise InputError(
+                "recording: expected 2 or more positions with a value each, got shapes "
+                f"{position.shape} and {value.shape}"
+            )
+        if not (np.isfinite(position).all() and np.isfinite(value).all()):
+            raise InputError("recording: expected finite positions and values")
+        steps = np.diff(position)
+        if steps.min() <= 0:
+            at = int(np.argmax(steps <= 0)) + 1
+            raise InputError(
+                f"recording: expected increasing positions, but {position[at]:g} mm follows "
+                f"{position[at - 1]:g} mm; sort them, or keep one stroke of several"
+            )
+        step = float(steps.min()) if self.step_mm is None else self.step_mm
+        check_numbers(step_mm=step)
+        check_positive("step_mm", step)
+        length = float(position[-1] - position[0])
+        count = ceil(length / step * (1 - 1e-9)) + 1
+        if count > _MOST_SAMPLES:
+            raise InputError(
+                f"recording: {length:g} mm in steps of {step:g} mm are {count} samples; expected "
+                f"at most {_MOST_SAMPLES}, give a larger step_mm"
+            )
+        step = length / (count - 1)
+        even = np.interp(position[0] + step * np.arange(count), position, value)
+        beyond_x: Literal["outside", "hold"] = self.beyond
+        pyramid = Pyramid(even[None, :], step, float(value.min()), beyond_x, "hold")
+        object.__setattr__(self, "_pyramid", pyramid)
+
+    @classmethod
+    def from_csv(
+        cls,
+        path: str | Path,
+        normal_force_n: float | None = None,
+        orientation_deg: float = 0.0,
+        beyond: Literal["outside", "hold"] = "outside",
+        step_mm: float | None = None,
+    ) -> Self:
+        """Read columns ``position_mm`` and ``mu``, or the tangential and the normal force.
+
+        Parameters
+        ----------
+        path : path
+            CSV with a line of names. Without ``mu`` it has ``tangential_force_n`` and, unless it is
+            given here, ``normal_force_n``; other columns are left alone.
+        normal_force_n : float, optional
+            The normal force, where it was constant and is no column.
+        orientation_deg, beyond, step_mm
+            See the class.
+
+        Raises
+        ------
+        FileFormatError
+            If the file cannot be read, a column is missing or a cell is no number.
+        InputError
+            If the numbers are not a profile.
+        """
+        path = Path(path)
+        names, rows = _read(path)
+        table = dict(zip(names, rows.T, strict=True))
+        if "position_mm" not in table or not {"mu", "tangential_force_n"} & set(table):
+            raise FileFormatError(
+                f"{path}: expected columns position_mm and mu, or position_mm and "
+                f"tangential_force_n, got {', '.join(names)}"
+            )
+        if "mu" in table:
+            mu = table["mu"]
+        else:
+            normal: npt.ArrayLike | None = table.get("normal_force_n", normal_force_n)
+            if normal is None:
+                raise InputError(
+                    f"{path}: expected a column normal_force_n beside tangential_force_n, or the "
+                    "one force as normal_force_n="
+                )
+            load = np.asarray(normal, dtype=np.float64)
+            if not (load > 0).all():
+                raise InputError(f"{path}: expected normal forces above 0 N")
+            mu = table["tangential_force_n"] / load
+        return cls(table["position_mm"], mu, "mu", orientation_deg, beyond, step_mm)
+
+    @property
+    def outside(self) -> float:
+        """The lowest value."""
+        return float(np.min(self.value))
+
+    def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
+        if self.orientation_deg != 0 and not are_near(x_mm, y_mm):
+            return without_far_places(self, x_mm, y_mm, footprint_mm)
+        along, across = turned(x_mm, y_mm, self.orientation_deg)
+        # The first value is at its position, which the pyramid has half a step from its corner.
+        start = float(self.position_mm[0]) - self._pyramid.pixel_mm / 2
+        return self._pyramid.sample(along - np.array(start), across, footprint_mm)
+
+
+def _read(path: Path) -> tuple[list[str], Array]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            lines = [line for line in csv.reader(file) if line]
+    except OSError as error:
+        raise FileFormatError(f"cannot read {path}: {error.strerror}") from None
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise FileFormatError(f"{path}: expected a CSV file, got: {error}") from None
+    if not lines:
+        raise FileFormatError(f"{path}: expected a CSV file with a line of names, got none")
+    names = [name.strip() for name in lines[0]]
+    numbers = np.empty((len(lines) - 1, len(names)))
+    for i, line in enumerate(lines[1:]):
+        try:
+            if len(line) != len(names):
+                raise ValueError
+            numbers[i] = [float(cell) for cell in line]
+        except ValueError:
+            raise FileFormatError(
+                f"{path}: row {i + 2}: expected {len(names)} numbers, got {','.join(line)!r:.60}"
+            ) from None
+    return names, numbers

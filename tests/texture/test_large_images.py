@@ -1,0 +1,92 @@
+"""Pictures larger than memory are refused by their header, before a pixel is read."""
+
+import struct
+import tracemalloc
+import zlib
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from haptix import InputError, Texture
+
+
+def png(path, width, height):
+    """Header of a PNG, 16-bit grey, and no more pixels than a few bytes hold."""
+
+    def chunk(kind, data):
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
+
+    head = struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0)
+    path.write_bytes(
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", head)
+        + chunk(b"IDAT", zlib.compress(b"\0" * 9))
+        + chunk(b"IEND", b"")
+    )
+    return path
+
+
+def tiff(path, width, height, sample_format=1, bits=8):
+    """One directory of a TIFF with a strip that is not there."""
+    entries = [
+        (256, 4, width), (257, 4, height), (258, 3, bits), (259, 3, 1), (262, 3, 1),
+        (273, 4, 8), (277, 3, 1), (278, 4, height), (279, 4, min(width * height, 2**32 - 1)),
+        (339, 3, sample_format),
+    ]  # fmt: skip
+    body = struct.pack("<H", len(entries))
+    for tag, kind, value in entries:
+        body += struct.pack("<HHII", tag, kind, 1, value)
+    path.write_bytes(b"II*\0" + struct.pack("<I", 8) + body + struct.pack("<I", 0))
+    return path
+
+
+@pytest.mark.parametrize("size", [(40_000, 40_000), (9_000, 9_000), (12_000, 12_000)])
+@pytest.mark.parametrize("kind", ["png", "tiff", "tiff of 64-bit floats"])
+def test_refused_with_an_estimate(tmp_path, kind, size):
+    if kind == "png":
+        path = png(tmp_path / "huge.png", *size)
+    elif kind == "tiff":
+        path = tiff(tmp_path / "huge.tif", *size)
+    else:
+        path = tiff(tmp_path / "huge.tif", *size, sample_format=3, bits=64)
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match=r"huge\.(png|tif).*scale it down") as caught:
+            Texture.from_image(path, width_mm=60)
+        assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    finally:
+        tracemalloc.stop()
+    assert "\n" not in str(caught.value)
+
+
+def test_the_limit_can_be_moved(tmp_path):
+    path = tmp_path / "photo.png"
+    pixels = np.random.default_rng(0).integers(0, 256, (100, 120)).astype(np.uint8)
+    Image.fromarray(pixels).save(path)
+    with pytest.raises(InputError, match=r"120 x 100.*at most 5e-05 GB.*largest_bytes"):
+        Texture.from_image(path, 60, largest_bytes=50_000)
+    with pytest.raises(InputError, match="largest_bytes"):
+        Texture.from_image(pixels, 60, largest_bytes=50_000)
+    with pytest.raises(InputError, match="largest_bytes"):
+        Texture.from_heights(pixels, 60, "height", largest_bytes=50_000)
+    assert Texture.from_image(path, 60, largest_bytes=1_000_000).level.shape == (100, 120)
+
+
+def test_the_estimate_is_near_what_it_takes(tmp_path):
+    # 1000 x 1000 pixels of 8 bits: the message says how much; measured, it must not be more.
+    path = tmp_path / "photo.png"
+    Image.fromarray(np.random.default_rng(0).integers(0, 256, (1000, 1000)).astype(np.uint8)).save(
+        path
+    )
+    with pytest.raises(InputError, match=r"some 0\.05 GB"):
+        Texture.from_image(path, 60, largest_bytes=1)
+    tracemalloc.start()
+    try:
+        Texture.from_image(path, 60)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert 0.02e9 < peak < 0.055e9  # half to a tenth more, for what numpy holds besides
