@@ -142,7 +142,7 @@ class DemoJob:
                 "rendering": round(rendered - built, 3),
             },
         }
-        self._write(model, surface, texture, path, driver, outcome, summary)
+        self._write(model, surface, texture, path, device, outcome, summary)
         on_progress("write", 1.0)
         return DemoResult(self.folder, summary)
 
@@ -181,12 +181,13 @@ class DemoJob:
         surface: FrictionSurface,
         texture: Texture,
         path: Trajectory,
-        driver: MockDriver,
+        device: Device,
         outcome: Outcome,
         summary: Mapping[str, Any],
     ) -> None:
         """Write everything beside the folder first, then move it there."""
-        reach = driver.capabilities
+        reach, driver = device.capabilities, device.mock
+        assert driver is not None  # "mock:" has one
         sidecar = {
             "what": "drive signal as the mock driver played it",
             "volts": "sample / 32767 * full_scale_v",

@@ -34,7 +34,7 @@ class Outcome:
     highest_mu: Array
     """Range that the surface can reach at the finger's force."""
     is_reachable: npt.NDArray[np.bool_]
-    """Whether the target lies in that range."""
+    """Whether the target lies in that range, and the finger slides and is given all of it."""
 
 
 def judge(
@@ -57,13 +57,15 @@ def judge(
     load = torch.from_numpy(path.at(t)[2])
     reached = model.solve(load, torch.from_numpy(amplitude), carrier.frequency_hz)
     lowest, highest = surface.reachable(load)
-    # The middle of a period may lie between two samples.
-    target = np.concatenate([block.target_mu for block in renderer.blocks])
-    target = np.interp(sample, np.arange(len(target)), target)
-    status = np.concatenate([block.status for block in renderer.blocks])
-    reachable = (status[np.floor(sample).astype(int)] == int(Status.OK)) & (
-        status[np.ceil(sample).astype(int)] == int(Status.OK)
+    # The middle of a period may lie between two control points: both count.
+    at, wanted, status, gain = (
+        np.concatenate([getattr(block, name) for block in renderer.blocks])
+        for name in ("sample", "target_mu", "status", "gain")
     )
+    target = np.interp(sample, at, wanted)
+    fed = (status == int(Status.OK)) & (gain == 1.0)
+    after = np.searchsorted(at, sample).clip(1, len(at) - 1)
+    reachable = fed[after - 1] & fed[after]
     return Outcome(
         t_s=t,
         target_mu=target,

@@ -1,7 +1,23 @@
 """Rendering: touch and texture to voltage, and voltage to a device."""
 
-from haptix.render.modulation import Carrier
-from haptix.render.renderer import RenderedBlock, Renderer, RenderStats
-from haptix.render.trajectory import Trajectory
+from haptix.render.block import Combination, RenderedBlock
+from haptix.render.fingers import Sliding
+from haptix.render.inverse import Amplitudes, SliceInverse, Wishes
+from haptix.render.modulation import Carrier, DirectDrive
+from haptix.render.renderer import Renderer
+from haptix.render.stats import RenderStats
+from haptix.touch import Trajectory
 
-__all__ = ["Carrier", "RenderStats", "RenderedBlock", "Renderer", "Trajectory"]
+__all__ = [
+    "Amplitudes",
+    "Carrier",
+    "Combination",
+    "DirectDrive",
+    "RenderStats",
+    "RenderedBlock",
+    "Renderer",
+    "SliceInverse",
+    "Sliding",
+    "Trajectory",
+    "Wishes",
+]

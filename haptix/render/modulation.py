@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from math import sqrt
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +12,10 @@ import numpy.typing as npt
 from haptix.errors import InputError, check_positive
 
 Array = npt.NDArray[np.float64]
+
+_LEAST_DC_FREE = 1e-6
+"""Of a waveform's mean: what rounding of a thousand samples leaves."""
+_PLACES = 4096  # of a waveform's table; a line between two is within 3e-7 of a sine
 
 
 @dataclass(frozen=True)
@@ -37,6 +43,16 @@ class Carrier:
                 f"samples per second, got {self.frequency_hz:g} Hz; choose a lower carrier"
             )
 
+    @property
+    def peak_per_sine(self) -> float:
+        """Peak of the wave over the amplitude of the sine that pulls as much."""
+        return 1.0
+
+    @property
+    def pulls(self) -> Array | None:
+        """Pull at even times of a period over its mean; None if too fast for the contact."""
+        return None
+
     def modulate(self, amplitude_v: Array, first_sample: int) -> Array:
         """Drive signal [V] for amplitudes at consecutive samples, shape (samples,)."""
         return amplitude_v * self._wave(first_sample, len(amplitude_v))
@@ -55,9 +71,89 @@ class Carrier:
         energy = np.add.reduceat(wave[: bounds[-1]] ** 2, starts)
         return (bounds[:-1] + bounds[1:] - 1) / 2, product / energy
 
+    def _turns(self, first_sample: int, count: int) -> Array:
+        """Phase in periods, small at the first sample: hours of samples keep their precision."""
+        start = first_sample * self.frequency_hz % self.sample_rate_hz / self.sample_rate_hz
+        return np.asarray(start + self.frequency_hz / self.sample_rate_hz * np.arange(count))
+
     def _wave(self, first_sample: int, count: int) -> Array:
-        # The phase in periods, reduced before the sine: hours of samples keep their precision.
-        turns = np.arange(first_sample, first_sample + count) * (
-            self.frequency_hz / self.sample_rate_hz
+        return np.asarray(np.sin(2 * np.pi * self._turns(first_sample, count)))
+
+
+@dataclass(frozen=True)
+class DirectDrive(Carrier):
+    """A wave at the frequency that is felt, of any shape.
+
+    Contact area follows the mean of the squared voltage, so an amplitude is that of the sine which
+    pulls as much: a square wave of amplitude A peaks at ``A / sqrt(2)``.
+
+    Parameters
+    ----------
+    waveform : "sine", "square" or array_like, shape (samples,)
+        One period, or its samples: not all 0, and with a mean of 0, since a constant voltage
+        charges the skin and then pulls no more.
+    """
+
+    waveform: Literal["sine", "square"] | npt.ArrayLike = "sine"
+    _table: Array = field(init=False, repr=False, compare=False)
+    _peak: float = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        table = np.append(one := _one_period(self.waveform), one[0])
+        # Of the period's straight lines: thirds of the products of neighbours.
+        squares = table[:-1] ** 2 + table[:-1] * table[1:] + table[1:] ** 2
+        scale = sqrt(0.5 / (float(squares.mean()) / 3))
+        object.__setattr__(self, "_table", table * scale)
+        object.__setattr__(self, "_peak", float(np.abs(table).max()) * scale)
+
+    @property
+    def peak_per_sine(self) -> float:
+        """Peak of the wave over the amplitude of the sine that pulls as much."""
+        return self._peak
+
+    @property
+    def pulls(self) -> Array | None:
+        """Pull at even times of a period over its mean; None if it is constant."""
+        # Coarser than the table: the mean of a period converges fast. Never at an edge at turn 0.
+        turns = (np.arange(64) + 0.37) / 64
+        places = len(self._table) - 1
+        pulls = np.interp(turns * places, np.arange(places + 1), self._table) ** 2
+        pulls /= pulls.mean()
+        return None if np.ptp(pulls) < 0.1 else pulls
+
+    def _wave(self, first_sample: int, count: int) -> Array:
+        places = len(self._table) - 1
+        at = (self._turns(first_sample, count) % 1.0) * places
+        cell = at.astype(np.intp)
+        start = self._table[cell]
+        return np.asarray(start + (at - cell) * (self._table[cell + 1] - start))
+
+
+def _one_period(waveform: Literal["sine", "square"] | npt.ArrayLike) -> Array:
+    turns = np.arange(_PLACES) / _PLACES
+    if isinstance(waveform, str):
+        if waveform == "sine":
+            return np.asarray(np.sin(2 * np.pi * turns))
+        if waveform == "square":
+            # Its two edges lie within one place of the table, and cross 0 at turns 0 and 1/2.
+            return np.asarray(np.sign(np.sin(2 * np.pi * turns).round(12)))
+        raise InputError(f'waveform: expected "sine", "square" or samples, got {waveform!r}')
+    try:
+        samples = np.asarray(waveform, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"waveform: expected samples of one period, got {waveform!r}") from None
+    if samples.ndim != 1 or len(samples) < 2 or not np.isfinite(samples).all():
+        raise InputError(
+            "waveform: expected two or more finite samples of one period, got an array of shape "
+            f"{samples.shape}"
         )
-        return np.asarray(np.sin(2 * np.pi * (turns % 1.0)))
+    peak = float(np.abs(samples).max())
+    if peak == 0:
+        raise InputError("waveform: expected samples that are not all 0")
+    if abs(float(samples.mean())) > _LEAST_DC_FREE * peak:
+        raise InputError(
+            f"waveform: expected a mean of 0, got {samples.mean() / peak:.3g} of its peak; "
+            "subtract the mean"
+        )
+    return samples / peak

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptix import InputError
-from haptix.render import Carrier
+from haptix.render import Carrier, DirectDrive
 
 RATE = 48_000.0
 frequencies = st.floats(200.0, RATE / 4)
@@ -22,7 +22,9 @@ def test_blocks_join_into_one_wave(frequency_hz, lengths, first):
     starts = np.cumsum([0, *lengths])
     blocks = [carrier.modulate(amplitude[a:b], first + a) for a, b in pairwise(starts)]
     whole = carrier.modulate(amplitude, first)
-    np.testing.assert_allclose(np.concatenate(blocks), whole, rtol=0, atol=1e-9)
+    # The phase at the start of a block is the remainder of a product of up to 1e13, good to 1e-3
+    # samples' worth of 48000: 4e-8 of a turn, where the frequency is no whole number of hertz.
+    np.testing.assert_allclose(np.concatenate(blocks), whole, rtol=0, atol=200 * 2 * np.pi * 4e-8)
 
 
 def test_hours_of_samples_keep_their_phase():
@@ -117,3 +119,48 @@ def test_impossible_carriers(bad):
         Carrier(bad, RATE)
     with pytest.raises(InputError, match="sample_rate_hz"):
         Carrier(100.0, bad)
+
+
+@pytest.mark.parametrize("frequency_hz", [50.0, 125.0, 997.0])
+def test_a_direct_sine_is_a_carrier(frequency_hz):
+    amplitude = np.full(4800, 100.0)
+    direct = DirectDrive(frequency_hz, RATE).modulate(amplitude, 77)
+    # Straight lines between 4096 places: (pi/4096)^2 / 2 = 3e-7 of the amplitude.
+    expected = Carrier(frequency_hz, RATE).modulate(amplitude, 77)
+    np.testing.assert_allclose(direct, expected, rtol=0, atol=100 * 4e-7)
+
+
+WAVES = {
+    "sine": "sine",
+    "square": "square",
+    "triangle": [0.0, 1.0, 0.0, -1.0],
+    "two harmonics": np.sin(2 * np.pi * np.arange(256) / 256)
+    + 0.5 * np.cos(6 * np.pi * np.arange(256) / 256),
+}
+
+
+@pytest.mark.parametrize("name", WAVES)
+def test_an_amplitude_pulls_as_much_whatever_the_wave(name):
+    drive = DirectDrive(100.0, RATE, WAVES[name])
+    wave = drive.modulate(np.full(48_000, 100.0), 0)  # 100 whole periods
+    # Attraction goes with the mean square. An edge of the square takes one of 480 samples.
+    assert (wave**2).mean() == pytest.approx(100.0**2 / 2, rel=5e-3)
+    assert abs(wave.mean()) <= 100 * 2 / 480 / 2
+    assert np.abs(wave).max() <= 100 * drive.peak_per_sine * (1 + 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("waveform", "sentence"),
+    [
+        ("saw", 'waveform: expected "sine", "square" or samples, got \'saw\''),
+        ([0.0, 1.0, 1.0], "expected a mean of 0, got 0.667 of its peak; subtract the mean"),
+        ([0.0, 0.0], "not all 0"),
+        ([1.0], "two or more finite samples"),
+        ([1.0, np.nan], "two or more finite samples"),
+        ([[1.0, -1.0]], "two or more finite samples"),
+        (["a", "b"], "expected samples of one period"),
+    ],
+)
+def test_waves_that_are_none(waveform, sentence):
+    with pytest.raises(InputError, match=sentence):
+        DirectDrive(100.0, RATE, waveform)

@@ -1,0 +1,227 @@
+"""The renderer's times, and its error under the virtual finger, as the README quotes them.
+
+    .venv/bin/python benchmarks/renderer.py [--stalls SECONDS]
+
+A block is 1 ms at 48 kHz. Its time runs from asking the touches for the fingers' paths to the drive
+samples: prediction, texture, surface, fades, wave. Beside it, in the same run, stands the bare path
+(one texture row, one table row, the inverse, a sine, 16 bits) in numpy, in eager torch and, where
+numba is installed, compiled. With --stalls, the whole chain plays on a mock device in real time
+while the renderer's thread and the link each stop for 10 ms now and then.
+"""
+
+import argparse
+import gc
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from skimage.data import brick
+
+import haptix
+from firmware_io import open_device
+from haptix.rehearsal import rehearse
+from haptix.render import Carrier, DirectDrive, SliceInverse, Sliding, Wishes
+from haptix.render.block import BlockRenderer
+from haptix.render.live import LiveFingers
+from haptix.touch import TouchEvent, TouchSettings, Trajectory
+
+RATE, STEP, BLOCK = 48_000.0, 4, 48
+POINTS = BLOCK // STEP
+
+
+def times_us(work: Callable[[], object], count: int = 4000) -> np.ndarray:
+    for _ in range(100):
+        work()
+    times = np.empty(count)
+    for i in range(count):
+        began = time.perf_counter()
+        work()
+        times[i] = time.perf_counter() - began
+    return times * 1e6
+
+
+def report(name: str, times: np.ndarray) -> None:
+    p50, p99 = np.percentile(times, [50, 99])
+    print(f"  {name:44} p50 {p50:6.1f}   p99 {p99:6.1f}   max {times.max():7.1f} us")
+
+
+def blocks(surface: Any, texture: Any) -> None:
+    print("a block of 1 ms at 48 kHz")
+    for fingers in (1, 2, 10):
+        touches = LiveFingers(TouchSettings(lost_after_s=60.0), Sliding())
+        for i in range(30):
+            for finger in range(fingers):
+                x, y, force = 10 + 0.5 * i, 20.0 + finger, 0.5 + 0.005 * i
+                touches.take(TouchEvent(0.01 * i, finger, x, y, "move", force))
+        block = BlockRenderer(surface, texture, None, Carrier(4000.0, RATE), STEP)
+        clock = {"sample": 0}
+
+        def one(touches=touches, block=block, clock=clock) -> None:
+            first = clock["sample"]
+            points = touches.points(0.3 + 1e-6 * first, STEP / RATE, POINTS)
+            block.render(points, first, POINTS)
+            clock["sample"] = first + BLOCK
+
+        report(f"{fingers} finger{'s' * (fingers > 1)}, everything on", times_us(one))
+
+
+def bare(surface: Any, texture: Any) -> None:
+    """One row of pixels under 48 places, one row of the surface, the sine, 16 bits."""
+    print("the bare path of it, one finger")
+    level = np.ascontiguousarray(texture.level[100])
+    row = SliceInverse(surface).row(0.5)
+    places = np.linspace(100.0, 110.0, BLOCK)
+    columns = np.arange(len(level), dtype=float)
+    wave = 2 * np.pi * 4000.0 / RATE * np.arange(BLOCK)
+
+    def by_numpy() -> np.ndarray:
+        found = row(np.interp(places, columns, level), Wishes("share"))
+        return (found.voltage_v * np.sin(wave) * (32767 / 250)).astype(np.int16)
+
+    report("numpy", times_us(by_numpy))
+
+    line, at, phase = torch.from_numpy(level), torch.from_numpy(places), torch.from_numpy(wave)
+    load = torch.tensor(0.5, dtype=torch.float64)
+
+    def by_torch() -> torch.Tensor:
+        cell = at.long()
+        share = torch.lerp(line[cell], line[cell + 1], at - cell)
+        low, high = surface.reachable(load)
+        voltage = surface.voltage(low + share * (high - low), load).voltage_v
+        return (voltage * torch.sin(phase) * (32767 / 250)).to(torch.int16)
+
+    report("torch, eager", times_us(by_torch, 1000))
+
+    try:
+        import numba
+    except ImportError:
+        print("  numba is not installed")
+        return
+    column, drive = row.column, row.drive
+    low, high, pull_in = row.lowest_mu, row.highest_mu, row.pull_in_v
+
+    @numba.njit
+    def compiled(places, level, column, drive, low, high, pull_in, wave):  # type: ignore[no-untyped-def]
+        codes = np.empty(len(places), np.int16)
+        for i in range(len(places)):
+            cell = int(places[i])
+            share = level[cell] + (places[i] - cell) * (level[cell + 1] - level[cell])
+            goal = -1 / (low + share * (high - low))
+            k = min(max(np.searchsorted(column, goal) - 1, 0), len(column) - 2)
+            part = (goal - column[k]) / (column[k + 1] - column[k])
+            s = max(drive[k] + part * (drive[k + 1] - drive[k]), 0.0)
+            codes[i] = int(pull_in * np.sqrt(s) * np.sin(wave[i]) * (32767 / 250))
+        return codes
+
+    report(
+        "numba",
+        times_us(lambda: compiled(places, level, column, drive, low, high, pull_in, wave)),
+    )
+
+
+def offline(surface: Any, texture: Any) -> None:
+    t = np.arange(0, 60.0, 0.01)
+    path = Trajectory(t, 30 + 20 * np.sin(2 * t), 20 + 10 * np.cos(2.1 * t), 0.5 + 0.2 * np.sin(t))
+    device = open_device("mock:")
+    renderer = haptix.Renderer(surface, texture, device)
+    began = time.perf_counter()
+    with renderer:
+        renderer.play(path)
+    spent = time.perf_counter() - began
+    device.close()
+    print(f"a recorded path, mock device included: {60 / spent:.0f} times real time")
+
+
+def verdicts(model: Any, texture: Any, path: Trajectory) -> None:
+    print("errors under the virtual finger: 95 % below, in difference thresholds")
+    force = (float(path.normal_force_n.min()), float(path.normal_force_n.max()))
+    for name, frequency, wave in (
+        ("carrier of 4 kHz", 4000.0, None),
+        ("direct sine of 125 Hz", 125.0, DirectDrive(125.0, RATE)),
+        ("direct square of 125 Hz", 125.0, DirectDrive(125.0, RATE, "square")),
+    ):
+        ranges = {"normal_force_n": force, "frequency_hz": frequency}
+        surface = haptix.FrictionSurface.build(model, ranges, tolerance=5e-4)
+        found = rehearse(model, surface, texture, path, wave=wave)
+        parts = "   ".join(
+            f"{part} {verdict.error_p95_thresholds:.2g}" for part, verdict in found.parts.items()
+        )
+        print(f"  {name:24} {parts}   all {found.verdict.error_p95_thresholds:.2g}")
+
+
+def stalls(surface: Any, texture: Any, seconds: float) -> None:
+    print(f"{seconds:g} s in real time, 10 ms stalls in the renderer and in the link")
+    for lead_ms in (25.0, 5.0):
+        device = open_device("mock:pace=real")
+        renderer = haptix.Renderer(
+            surface, texture, device, real_time=True, lead_s=lead_ms / 1e3, block_s=0.001
+        )
+        end = threading.Event()
+
+        def disturb(device: Any = device, end: threading.Event = end) -> None:
+            while not end.wait(0.37):
+                device.mock_link.inject("stall", seconds=0.010)
+            end.set()
+
+        slow = texture.friction
+        state = {"next": time.monotonic() + 0.5}
+
+        class Stalling(type(texture)):  # type: ignore[misc]
+            pass
+
+        def friction(*places: Any, slow: Any = slow, state: Any = state) -> Any:
+            if time.monotonic() > state["next"]:
+                state["next"] += 0.41
+                time.sleep(0.010)
+            return slow(*places)
+
+        object.__setattr__(texture, "friction", friction)
+        thread = threading.Thread(target=disturb)
+        thread.start()
+        try:
+            with renderer:
+                start = renderer.now_s()
+                while (t := renderer.now_s() - start) < seconds:
+                    x, y = 30 + 20 * np.sin(2 * t), 20 + 10 * np.cos(2.1 * t)
+                    renderer.touch(start + t, x, y, 0.5)
+                    time.sleep(0.01)
+        finally:
+            end.set()
+            thread.join()
+            object.__delattr__(texture, "friction")
+            device.close()
+        stats = renderer.stats
+        print(
+            f"  lead {lead_ms:g} ms: {stats.underruns} underruns, {stats.late_blocks} late blocks; "
+            f"block p50 {stats.p50_block_s * 1e6:.0f}, p99 {stats.p99_block_s * 1e6:.0f} us"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--stalls", type=float, metavar="SECONDS", help="play so long, with stalls")
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    model = haptix.ContactModel(
+        haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")
+    )
+    ranges = {"normal_force_n": (0.1, 1.0), "frequency_hz": 4000.0}
+    surface = haptix.FrictionSurface.build(model, ranges, tolerance=5e-4).at(4000.0)
+    texture = haptix.Texture.from_image(brick(), width_mm=60)
+    gc.collect()
+    gc.freeze()
+    blocks(surface, texture)
+    bare(surface, texture)
+    offline(surface, texture)
+    from haptix.demo.job import FINGER_PATH
+
+    verdicts(model, texture, Trajectory.from_csv(FINGER_PATH))
+    if arguments.stalls:
+        stalls(surface, texture, arguments.stalls)
+
+
+if __name__ == "__main__":
+    main()

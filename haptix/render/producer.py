@@ -1,0 +1,122 @@
+"""Real time: a thread that renders a lead ahead of what is played."""
+
+from __future__ import annotations
+
+import gc
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_io import Device
+from firmware_io.playback import Playback, PlaybackStats
+
+SWITCH_S = 5e-4
+"""How long a thread may hold the interpreter while another waits: with the usual 5 ms a busy
+thread delays a block by just that."""
+
+_FOLLOW = 0.02  # share of the difference to the device's clock that each block takes up
+_LOST_S = 0.05  # a difference that is no jitter: the clock is set anew
+
+
+@contextmanager
+def ready_interpreter() -> Iterator[None]:
+    """Keep garbage collection and thread switches short, and restore them.
+
+    A full collection of what is there by now takes some 100 ms; frozen, it is never visited.
+    """
+    switch_s = sys.getswitchinterval()
+    gc.collect()
+    gc.freeze()
+    sys.setswitchinterval(min(switch_s, SWITCH_S))
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(switch_s)
+        gc.unfreeze()
+
+
+class Producer:
+    """Asks for blocks as the device needs them.
+
+    Parameters
+    ----------
+    device : Device
+        Played on by a `Playback`, which owns it meanwhile.
+    render : callable
+        Returns the samples of the next block, for the time at which its first is played.
+    samples : int
+        Of each block.
+    lead_s : float
+        See `firmware_io.Playback`.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        render: Callable[[float], npt.NDArray[np.float64]],
+        samples: int,
+        lead_s: float,
+    ) -> None:
+        self._rate_hz = device.capabilities.sample_rate_hz
+        block_s = samples / self._rate_hz
+        self._playback = Playback(device, lead_s, min(block_s, lead_s / 3))
+        self._render = render
+        self._samples = samples
+        self._must_end = threading.Event()
+        self._error: BaseException | None = None
+        self._settings = ready_interpreter()
+        self._thread = threading.Thread(target=self._run, name="haptix renderer", daemon=True)
+
+    @property
+    def stats(self) -> PlaybackStats:
+        """Of the playback."""
+        return self._playback.stats
+
+    def start(self) -> None:
+        """Arm the device and begin."""
+        self._playback.start()
+        self._settings.__enter__()
+        self._thread.start()
+
+    def raise_once(self) -> None:
+        """Raise what ended the thread, the first time that it is asked."""
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+
+    def stop(self, error: BaseException | None) -> None:
+        """End at 0 V; raise what ended the thread, unless another error is on its way."""
+        self._must_end.set()
+        self._thread.join()
+        self._settings.__exit__(None, None, None)
+        try:
+            self._playback.stop(drain=error is None)
+        except BaseException as failure:
+            if error is None:
+                raise
+            if failure is not error:
+                error.add_note(f"Stopping the playback failed as well: {failure}")
+        if error is None:
+            self.raise_once()
+
+    def _run(self) -> None:
+        playback, block_s = self._playback, self._samples / self._rate_hz
+        at_s: float | None = None
+        try:
+            while not self._must_end.is_set():
+                if not playback.wait_for_room(self._samples, 0.1):
+                    continue
+                # When the first sample of this block will be played.
+                due_s = time.monotonic() + playback.queued_samples / self._rate_hz
+                if at_s is None or abs(due_s - at_s) > _LOST_S:
+                    at_s = due_s
+                at_s += _FOLLOW * (due_s - at_s)
+                playback.put(self._render(at_s))
+                at_s += block_s
+        except BaseException as error:
+            self._error = error
