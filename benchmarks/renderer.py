@@ -21,11 +21,12 @@ import torch
 from skimage.data import brick
 
 import haptix
-from firmware_io import open_device
+from firmware_io import Device, MockDriver, MockLink, open_device
 from haptix.rehearsal import rehearse
 from haptix.render import Carrier, DirectDrive, SliceInverse, Sliding, Wishes
 from haptix.render.block import BlockRenderer
 from haptix.render.live import LiveFingers
+from haptix.texture import FrictionField
 from haptix.touch import TouchEvent, TouchSettings, Trajectory
 
 RATE, STEP, BLOCK = 48_000.0, 4, 48
@@ -152,33 +153,42 @@ def verdicts(model: Any, texture: Any, path: Trajectory) -> None:
         print(f"  {name:24} {parts}   all {found.verdict.error_p95_thresholds:.2g}")
 
 
+class Stalling(FrictionField):
+    """A texture that takes 10 ms to answer now and then."""
+
+    def __init__(self, field: FrictionField) -> None:
+        self._field = field
+        self._next_s = time.monotonic() + 0.5
+
+    @property
+    def target(self) -> Any:
+        return self._field.target
+
+    @property
+    def outside(self) -> float:
+        return self._field.outside
+
+    def _sample(self, x_mm: Any, y_mm: Any, footprint_mm: Any) -> Any:
+        if time.monotonic() > self._next_s:
+            self._next_s += 0.41
+            time.sleep(0.010)
+        return self._field._sample(x_mm, y_mm, footprint_mm)
+
+
 def stalls(surface: Any, texture: Any, seconds: float) -> None:
     print(f"{seconds:g} s in real time, 10 ms stalls in the renderer and in the link")
     for lead_ms in (25.0, 5.0):
-        device = open_device("mock:pace=real")
+        link = MockLink(MockDriver(pace="real"))
+        device = Device(link)
         renderer = haptix.Renderer(
-            surface, texture, device, real_time=True, lead_s=lead_ms / 1e3, block_s=0.001
+            surface, Stalling(texture), device, real_time=True, lead_s=lead_ms / 1e3, block_s=0.001
         )
         end = threading.Event()
 
-        def disturb(device: Any = device, end: threading.Event = end) -> None:
+        def disturb(link: MockLink = link, end: threading.Event = end) -> None:
             while not end.wait(0.37):
-                device.mock_link.inject("stall", seconds=0.010)
-            end.set()
+                link.inject("stall", seconds=0.010)
 
-        slow = texture.friction
-        state = {"next": time.monotonic() + 0.5}
-
-        class Stalling(type(texture)):  # type: ignore[misc]
-            pass
-
-        def friction(*places: Any, slow: Any = slow, state: Any = state) -> Any:
-            if time.monotonic() > state["next"]:
-                state["next"] += 0.41
-                time.sleep(0.010)
-            return slow(*places)
-
-        object.__setattr__(texture, "friction", friction)
         thread = threading.Thread(target=disturb)
         thread.start()
         try:
@@ -191,7 +201,6 @@ def stalls(surface: Any, texture: Any, seconds: float) -> None:
         finally:
             end.set()
             thread.join()
-            object.__delattr__(texture, "friction")
             device.close()
         stats = renderer.stats
         print(

@@ -114,7 +114,9 @@ def play(
     direct_hz: DirectHz = None,
     waveform: Waveform = "sine",
     lead_ms: LeadMs = 25.0,
-    device: Annotated[str, typer.Option(help="Where to play, see `haptix devices`.")] = "mock:",
+    device: Annotated[str, typer.Option(help="Where to play, see `haptix devices`.")] = (
+        "mock:pace=real"
+    ),
     as_json: AsJson = False,
 ) -> None:
     """Play a recorded path on a device, in real time."""

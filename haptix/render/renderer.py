@@ -26,6 +26,9 @@ from haptix.touch.events import problem_of
 DEFAULT_CARRIER_HZ = 4000.0
 """Above what skin feels, and a whole twelfth of the usual 48 kHz."""
 
+LONGEST_GAP_S = 60.0
+"""Longest pause between touches that is rendered, in virtual time."""
+
 _LONG_S = 0.25  # a block of `play`: far longer than what numpy costs per call
 
 
@@ -263,6 +266,7 @@ class Renderer:
         elif self._settings is not None:
             # What plays within the lead of its arrival was computed before: it knows nothing of it.
             came_s = event.t_s if arrival_s is None else arrival_s
+            self._check_gap(came_s)
             self._simulate_until(came_s + self._lead_s)
             self._live.take(event)
             if self._start_s is None:
@@ -287,6 +291,7 @@ class Renderer:
         problem = problem_of(event)
         if problem is not None:
             raise InputError(problem)
+        self._check_gap(event.t_s)
         if event.kind == "up":
             self._replay.lift(event.touch_id, event.t_s)
             return
@@ -295,6 +300,17 @@ class Renderer:
         self._replay.touch(event.touch_id, event.t_s, event.x_mm, event.y_mm, force.normal_force_n)
         if self._start_s is None:
             self._start_s = event.t_s
+
+    def _check_gap(self, t_s: float) -> None:
+        """Refuse to render hours of nothing because a clock jumped."""
+        if self._start_s is None:
+            return
+        gap_s = t_s - self._start_s - self._next_sample / self.carrier.sample_rate_hz
+        if gap_s > LONGEST_GAP_S:
+            raise InputError(
+                f"touch: expected a time within {LONGEST_GAP_S:g} s of what is rendered, got one "
+                f"{gap_s:g} s later; is the clock in seconds? Enter the renderer anew after a pause"
+            )
 
     def _render_known(self, most: int, least: int = 1) -> None:
         """Render recorded fingers as far as their paths are known."""

@@ -257,6 +257,7 @@ BAD_TOUCHES = {
     "force is NaN": (0.2, 1, 1, np.nan),
     "no force": (0.2, 1, 1, 0.0),
     "pulling": (0.2, 1, 1, -0.5),
+    "time leaps": (1e6, 1, 1, 0.5),
     "time stands": (END[0], 1, 1, 0.5),
     "time goes back": (0.05, 1, 1, 0.5),
 }
