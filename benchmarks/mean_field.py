@@ -4,7 +4,8 @@
 
 The reference is tests/data/boundary-elements: solutions by tamaas of several random surfaces each,
 pure contact and with voltage, the attraction acting on every point. Rows at x = p/(E* slope) below
-2e-4 are left out: a few spots, which scatter by a sixth to a third.
+2e-4 are left out: a few spots, which scatter by a sixth to a third. Ends of the light contact,
+other surfaces and layers are our own boundary elements', from benchmarks/mean_field_cases.py.
 """
 
 from __future__ import annotations
@@ -12,16 +13,20 @@ from __future__ import annotations
 import argparse
 import csv
 import sys
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from haptix.contact import THEORIES, AreaLaw, HalfSpace, MeanField, RoughnessSpectrum, Theory
-from haptix.contact.gaps import bin_inverse_square
-from haptix.electro import Attraction, AttractionTable, drive_strength
-from haptix.equilibrium import lowest_branch
+from haptix.electro import drive_strength
+
+sys.path.insert(0, str(Path(__file__).parent))
+from mean_field_cases import FOLDER as OWN
+from mean_field_cases import Case, end_of_light_contact, pull_in_voltage
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "boundary-elements"
 SURFACE_OF_BASE = {"A": "S1", "C": "S6"}
@@ -54,6 +59,7 @@ class Reference:
     spots_load: bool
 
     @classmethod
+    @cache
     def of(cls, name: str, theory: Theory) -> Reference:
         """Take the spectrum at the roughness that the surfaces have."""
         row = next(row for row in rows("sets") if row["set"] == name)
@@ -76,14 +82,9 @@ class Reference:
 
     def coupled(self, applied_pa: float, voltage_v: float, h0_m: float) -> torch.Tensor:
         """Pressure of the contact under a voltage."""
-        table = AttractionTable.solve(self.contact, applied_pa, 40 * applied_pa)
-        h0 = torch.tensor([h0_m], dtype=torch.float64)
-        spots = self.contact.area_fraction if self.spots_load else None
-        kernel = bin_inverse_square(self.contact.gap_edges_m, h0)
-        pull = Attraction(table.log_pull(kernel), torch.zeros(1, dtype=torch.long), h0**-2, spots)
-        applied = torch.tensor([applied_pa], dtype=torch.float64)
-        strength = drive_strength(torch.tensor([voltage_v], dtype=torch.float64))
-        return lowest_branch(applied, strength, pull).pressure_pa
+        return end_of_light_contact(
+            self.contact, applied_pa, voltage_v, h0_m, self.spots_load
+        ).pressure_pa
 
 
 def pure_contact(theory: Theory) -> dict[str, np.ndarray]:
@@ -175,20 +176,142 @@ def by_load() -> str:
     return "\n".join(lines)
 
 
+def own_cases(name: str) -> Iterator[tuple[Case, dict[str, str]]]:
+    """Rows that benchmarks/mean_field_cases.py solved, each with its case."""
+    with (OWN / f"{name}.csv").open(newline="") as file:
+        for row in csv.DictReader(file):
+            given = {
+                item.name: row[item.name]
+                if item.type == "str"
+                else row[item.name] == "True"
+                if item.type == "bool"
+                else float(row[item.name])
+                for item in fields(Case)
+            }
+            yield Case(**given), row  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class Ending:
+    """One case under voltage: the mean field over boundary elements."""
+
+    case: Case
+    pull_in_v: float
+    """Of boundary elements, the mean over surfaces; NaN where a surface does not end."""
+    relative_scatter: float
+    ratio: float
+    """Voltage at which the light contact ends over theirs."""
+    pulled: tuple[float, ...]
+    """Pull of the gaps over p0, by boundary elements, at each voltage."""
+    area: tuple[float, ...]
+    gap: tuple[float, ...]
+
+
+def endings(theory: str, most_cases: int | None = None) -> list[Ending]:
+    """Cases of our own under voltage, by a theory."""
+    spots = THEORIES[theory].contact_spots == "included"
+    of_case: dict[Case, list[dict[str, str]]] = {}
+    for case, row in own_cases("voltage"):
+        of_case.setdefault(case, []).append(row)
+    found = []
+    for case, given in list(of_case.items())[:most_cases]:
+        contact = case.mean_field(theory, case.h_rms_m)
+        pulled, areas, gaps = [], [], []
+        for row in given:
+            voltage = float(row["voltage_v"])
+            state = end_of_light_contact(contact, case.pressure_pa, voltage, case.h0_m, spots)
+            if voltage == 0 or row["light"] != row["surfaces"] or not bool(state.is_stable):
+                continue  # past an end, of ours or of theirs: ends are compared by themselves
+            pulled.append(float(row["gaps_pa"]) / case.pressure_pa)
+            areas.append(float(contact.area_fraction(state.pressure_pa)) / float(row["area"]))
+            gaps.append(float(contact.mean_gap(state.pressure_pa)) / float(row["gap_m"]))
+        end = float(given[0]["pull_in_v"])
+        own = pull_in_voltage(end_of_light_contact(contact, case.pressure_pa, 0, case.h0_m, spots))
+        scatter = float(given[0]["pull_in_v_std"]) / end
+        found.append(
+            Ending(case, end, scatter, own / end, tuple(pulled), tuple(areas), tuple(gaps))
+        )
+    return found
+
+
+def by_voltage() -> str:
+    """Where the light contact ends, and what is between, case by case."""
+    lines = [
+        "| case | p0 [kPa] | h0 [um] | ends at [V] | as published | without the spots' pull | "
+        "corrected | gaps' pull / p0 | A/A0 | mean gap |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    of_theory = [endings(name) for name in ("as-published", "open-gaps", "corrected")]
+    for published, plain, corrected in zip(*of_theory, strict=True):
+        case = corrected.case
+        ends = "none"
+        if corrected.pull_in_v == corrected.pull_in_v:
+            ends = f"{corrected.pull_in_v:.0f} +- {100 * corrected.relative_scatter:.1f} %"
+        ratios = [
+            f"{e.ratio:.2f}" if e.ratio == e.ratio else "-" for e in (published, plain, corrected)
+        ]
+        lines.append(
+            f"| {case.name}{'' if case.in_reference else ' *'} | {case.pressure_pa / 1e3:g} | "
+            f"{case.h0_m * 1e6:g} | {ends} | {' | '.join(ratios)} | "
+            f"{' '.join(f'{pull:.1f}' for pull in corrected.pulled)} | "
+            f"{' '.join(f'{area:.2f}' for area in corrected.area)} | "
+            f"{' '.join(f'{gap:.2f}' for gap in corrected.gap)} |"
+        )
+    errors = []
+    for ends_of in of_theory:
+        ratios_of = np.array([ending.ratio for ending in ends_of])
+        errors.append(_error(ratios_of[~np.isnan(ratios_of)]))
+    lines.append(f"| median / largest error [%] | | | | {' | '.join(errors)} | | | |")
+    return "\n".join(lines)
+
+
+def by_layer() -> str:
+    """A/A0 and mean gap over boundary elements' for layered solids without voltage."""
+    lines = [
+        "| case | x = p/(E* slope) | A/A0 published | corrected | mean gap published | corrected |",
+        "|---|---|---|---|---|---|",
+    ]
+    for case, row in own_cases("layered"):
+        if int(row["converged"]) < 3:
+            continue
+        pressure = float(row["pressure_pa"])
+        fields_of = [case.mean_field(name, case.h_rms_m) for name in ("open-gaps", "corrected")]
+        cells = [float(c.area_fraction(pressure)) / float(row["area"]) for c in fields_of]
+        cells += [float(c.mean_gap(pressure)) / float(row["gap_m"]) for c in fields_of]
+        lines.append(
+            f"| {case.name} | {float(row['x']):.0e} | "
+            + " | ".join(f"{cell:.2f}" for cell in cells)
+            + " |"
+        )
+    return "\n".join(lines)
+
+
+def _put(page: str, mark: str, tables: str) -> str:
+    start, end = f"<!-- {mark} -->\n", f"<!-- end of {mark} -->\n"
+    before, _, rest = page.partition(start)
+    _, _, after = rest.partition(end)
+    if not after:
+        raise SystemExit(f"expected the marks {start.strip()} and {end.strip()} in the page")
+    return f"{before}{start}\n{tables}\n\n{end}{after}"
+
+
 def main() -> None:
     """Print the tables, or put them into the page between its marks."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, help="page to renew, such as docs/mean-field.md")
     arguments = parser.parse_args()
-    tables = f"{table()}\n\n{by_load()}\n"
+    parts = {
+        "tables": f"{table()}\n\n{by_load()}",
+        "voltage": by_voltage(),
+        "layers": by_layer(),
+    }
     if arguments.out is None:
-        sys.stdout.write(tables)
+        sys.stdout.write("\n\n".join(parts.values()) + "\n")
         return
     page = arguments.out.read_text(encoding="utf-8")
-    start, end = "<!-- tables -->\n", "<!-- end of tables -->\n"
-    before, _, rest = page.partition(start)
-    _, _, after = rest.partition(end)
-    arguments.out.write_text(f"{before}{start}\n{tables}\n{end}{after}", encoding="utf-8")
+    for mark, tables in parts.items():
+        page = _put(page, mark, tables)
+    arguments.out.write_text(page, encoding="utf-8")
 
 
 if __name__ == "__main__":

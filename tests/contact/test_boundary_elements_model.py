@@ -184,6 +184,63 @@ def test_snap_in_is_bracketed() -> None:
     assert above > end * 1.1
 
 
+@pytest.fixture(scope="module")
+def single(surfaces: Surfaces) -> BoundaryElements:
+    height = surfaces.height_m[:1]
+    one = Surfaces(height, 1.0, surfaces.q_low, surfaces.q_high, surfaces.waves_in_box)
+    return BoundaryElements(one, UNIT)
+
+
+def test_a_thin_insulator_under_a_rough_skin_is_solved(
+    surfaces: Surfaces, single: BoundaryElements
+) -> None:
+    # h0 a hundredth of h_rms: contacts solved to a share of h_rms alone left noise in the pull, and
+    # the rounds never settled.
+    h0 = 0.01
+    found = single.solve_attracted(0.3, lambda u: (h0 / (u + h0)) ** 2, [1.0, 10.0])
+    assert bool(found.converged.all())
+    assert bool((found.attraction_pa.diff(dim=1) > 0).all())
+    area, gap, attraction = settle(surfaces, 0.3, 10.0, h0)
+    # As above; of the few pixels that stick one more or less is a per cent.
+    assert float(found.attraction_pa[0, 1, 0]) == pytest.approx(attraction, rel=0.02)
+    assert float(found.mean_gap_m[0, 1, 0]) == pytest.approx(gap, rel=0.01)
+    assert float(found.area_fraction_raw[0, 1, 0]) == pytest.approx(area, rel=0.02)
+
+
+def test_the_branch_ends_with_light_contact_where_asked(single: BoundaryElements) -> None:
+    h0, pressure = 0.3, 0.3
+
+    def attraction(gap: torch.Tensor) -> torch.Tensor:
+        return (h0 / (gap + h0)) ** 2
+
+    whole = single.solve_attracted(pressure, attraction, [3.0, 12.0])
+    assert float(whole.attraction_gaps_pa[0, 1, 0]) > pressure
+    light = single.solve_attracted(pressure, attraction, [3.0, 12.0, 50.0], light_limit=2.0)
+    torch.testing.assert_close(
+        light.area_fraction[0, 0], whole.area_fraction[0, 0], rtol=2e-3, atol=0
+    )
+    assert light.status[0, :, 0].tolist() == [0, 1, 1]
+    low, high = light.snap_in_strength[0, 0, 0].tolist()
+    assert 3 < low < high <= 1.03 * low
+    assert high < 12
+    # The end is met to 2 % of the strength, and the gaps' pull rises no faster.
+    assert float(light.attraction_gaps_pa[0, -1, 0]) == pytest.approx(pressure, rel=0.03)
+    # How far is asked does not matter.
+    nearer = single.solve_attracted(pressure, attraction, 15.0, light_limit=2.0)
+    assert nearer.snap_in_strength[0, 0, 0].tolist() == pytest.approx([low, high], rel=0.02)
+    with pytest.raises(InputError, match="light_limit"):
+        single.solve_attracted(pressure, attraction, 1.0, light_limit=1.0)
+
+
+def test_a_pull_that_makes_all_yield_is_past_the_end(surfaces: Surfaces) -> None:
+    hard = BoundaryElements(surfaces, UNIT, hardness_pa=2.0)
+    found = hard.solve_attracted(0.5, lambda u: (0.5 / (u + 0.5)) ** 2, [0.5, 50.0])
+    assert found.status[0].tolist() == [[0] * 3, [1] * 3]
+    for values in (found.area_fraction, found.mean_gap_m, found.attraction_pa):
+        assert bool(values.isfinite().all())
+    assert bool((0.5 + found.attraction_pa < 2.0).all())
+
+
 # ---- refusals
 
 

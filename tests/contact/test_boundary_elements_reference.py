@@ -42,7 +42,7 @@ def check(name: str, ours: torch.Tensor, mean: float, std: float) -> None:
 
 # ---- without voltage
 
-LOADS = [0.001, 0.01, 0.05, 0.1, 0.3]
+LOADS = [0.001, 0.01, 0.3]
 
 
 def pure_contact(base: str, loads: list[float], surfaces: int) -> tuple[Surfaces, ContactSolution]:
@@ -77,7 +77,7 @@ def check_pure_contact(base: str, loads: list[float], surfaces: int) -> None:
 
 
 def test_pure_contact_and_gap_quantiles() -> None:
-    check_pure_contact("A", LOADS, 6)
+    check_pure_contact("A", LOADS, 5)
 
 
 def test_the_correction_for_pixels_is_the_reference_s() -> None:
@@ -149,7 +149,7 @@ def check_coupled(
 
 
 def test_coupled_contact() -> None:
-    check_coupled("S1", 512, 2e-7, 30000.0, 3, most_v=150.0)
+    check_coupled("S1", 512, 2e-7, 30000.0, 2, most_v=100.0)
 
 
 @slow

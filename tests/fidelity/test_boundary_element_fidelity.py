@@ -10,7 +10,7 @@ from torch import Tensor
 from haptix import ContactModel, Finger, InputError, LimitError, Screen, Status
 from haptix.contact import RoughnessSpectrum
 from haptix.contact.boundary_elements import BoundaryElements, ResolutionWarning, memory
-from haptix.fidelity import BoundaryElementBox
+from haptix.fidelity import BoundaryElementBox, UnsettledWarning
 from haptix.finger import MeasuredRoughness
 from haptix.terms import chosen_terms
 
@@ -119,6 +119,22 @@ def test_the_band_is_said_and_what_is_missing_warned_of() -> None:
     # An insulator thinner than what the gap does from pixel to pixel.
     with pytest.warns(ResolutionWarning, match=r"pull next to the spots is not resolved"):
         model.solve(0.1, 20.0)
+
+
+def test_a_preset_finger_is_solved_in_a_small_box(recwarn: pytest.WarningsRecorder) -> None:
+    # 22 um of roughness on 0.2 um of insulator and skin: rough, but solved.
+    box = BoundaryElementBox(points=64, surfaces=1)
+    finger, screen = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
+    model = ContactModel(finger, screen, fidelity="boundary-element", boundary_elements=box)
+    scatter = model.scatter(0.5, tensor(0.0, 50.0, 150.0), 125.0)
+    assert bool(scatter.converged.all())
+    assert bool((scatter.area_fraction.mean(-1).diff() >= 0).all())
+    assert not [w for w in recwarn if issubclass(w.category, UnsettledWarning)]
+
+
+def test_few_pixels_in_contact_are_said() -> None:
+    with pytest.warns(ResolutionWarning, match=r"pixels of a surface are in contact at 200 Pa"):
+        exact().solve(0.01, 0.0, h0_m=H0)
 
 
 def test_hardness_and_layers_come_through_the_terms() -> None:

@@ -49,7 +49,8 @@ def lowest_branch(strengths: list[float], low_pull: float) -> Path:
     strengths : list of float
         Wanted strengths, above 0 and rising.
     low_pull : float
-        Pull of the first strength if the gaps did not close: a lower bound [Pa].
+        Pull to start with [Pa], on the branch: that of the first strength if the gaps did not
+        close is a lower bound, but may lie beyond the end.
     """
     at = log(low_pull)
     last = (at, log((yield exp(at))))

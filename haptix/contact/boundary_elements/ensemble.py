@@ -96,6 +96,8 @@ def _load(path: Path, fingerprint: str) -> dict[int, Row]:
         return {}
     done: dict[int, Row] = {}
     try:
+        if not zipfile.is_zipfile(path):  # numpy would speak of pickles
+            raise ValueError("it is no .npz file")
         with np.load(path, allow_pickle=False) as file:
             found = str(file[_FINGERPRINT])
             for key in file.files:

@@ -6,7 +6,7 @@ import hashlib
 import os
 from dataclasses import dataclass
 from functools import cached_property
-from math import nan
+from math import inf, nan
 from typing import Any
 
 import torch
@@ -28,6 +28,13 @@ from haptix.contact.elasticity import ElasticSolid
 from haptix.errors import InputError, check_positive
 from haptix.status import Status
 from haptix.threads import given_threads
+
+# Of the strength reported past the limit of light contact, with the gaps' pull: steep enough that
+# a hundredth of that pull is a tenth of the strength, and no step is lost on what lies beyond.
+_FALL = -8.0
+# Of p0, at most, to start a branch with: a rough contact gives way by some h_rms/2 where its
+# pressure grows by e, and only a pull of about p0 answers that with as much again.
+_FIRST_PULL = 0.3
 
 
 @dataclass(frozen=True)
@@ -144,11 +151,13 @@ class BoundaryElements:
         strength: Any,
         checkpoint: str | os.PathLike[str] | None = None,
         progress: Progress | None = None,
+        light_limit: float = inf,
     ) -> ContactSolution:
         """Solve all surfaces under an attraction that depends on the local gap.
 
         The lowest branch is followed from no attraction on; where it ends the contact snaps in,
-        and stronger attractions have status PULL_IN and the values at the branch's end.
+        and stronger attractions have status PULL_IN and the values at the branch's end. Where all
+        of the solid would yield the branch ends too.
 
         Parameters
         ----------
@@ -161,6 +170,9 @@ class BoundaryElements:
             Factors on the attraction, 0 or more, in rising order.
         checkpoint, progress
             As `solve` takes them.
+        light_limit : float
+            The branch is also taken to end where p0 and the pull of the open gaps are this many
+            times p0: what lies beyond is not solved.
 
         Returns
         -------
@@ -177,6 +189,8 @@ class BoundaryElements:
         """
         pressure = self._checked_pressure(pressure_pa)
         strengths = _checked_strength(strength)
+        if not light_limit > 1:
+            raise InputError(f"light_limit: expected a number above 1, got {light_limit!r}")
         _check_attraction(attraction, float(self.surfaces.h_rms_m.mean()))
         heights = self.surfaces.height_m
         at_once = min(self._workers, len(heights))
@@ -184,11 +198,15 @@ class BoundaryElements:
 
         def work(job: int) -> Row:
             height = heights[job].to(self.device)
-            paths = [self._follow(height, float(p), attraction, strengths) for p in pressure]
+            paths = [
+                self._follow(height, float(p), attraction, strengths, light_limit) for p in pressure
+            ]
             return {key: torch.stack([path[key] for path in paths]) for key in paths[0]}
 
         probe = attraction(torch.linspace(0, 3, 31, dtype=torch.float64) * heights.std())
-        name = self._fingerprint(torch.cat([pressure, strengths, probe]), len(pressure))
+        name = self._fingerprint(
+            torch.cat([pressure, strengths, probe]), len(pressure), light_limit
+        )
         rows = run_ensemble(len(heights), work, name, self._workers, checkpoint, progress)
         found = {key: torch.stack([row[key] for row in rows], 2) for key in rows[0]}
         shape = found["residual"].shape
@@ -279,7 +297,12 @@ class BoundaryElements:
         }
 
     def _follow(
-        self, height: Tensor, pressure: float, attraction: LocalAttraction, strengths: Tensor
+        self,
+        height: Tensor,
+        pressure: float,
+        attraction: LocalAttraction,
+        strengths: Tensor,
+        light_limit: float,
     ) -> Row:
         """One surface at one pressure along all strengths."""
         contact = PulledContact(self._problem, height, pressure, attraction, self.tolerance)
@@ -294,7 +317,11 @@ class BoundaryElements:
         wanted = strengths.tolist()[unloaded:]
         bracket = (nan, nan)
         if wanted:
-            path = lowest_branch(wanted, wanted[0] * float(contact.traction.mean()))
+            # What the first strength pulls if nothing gives way may lie beyond the branch's end.
+            first = min(wanted[0] * float(contact.traction.mean()), _FIRST_PULL * pressure)
+            if self.hardness_pa is not None:
+                first = min(first, _FIRST_PULL * (self.hardness_pa - pressure))
+            path = lowest_branch(wanted, first)
             try:
                 step = next(path)
                 while True:
@@ -302,7 +329,9 @@ class BoundaryElements:
                         record(wanted[step.index], Status.OK)
                         step = path.send(nan)
                     else:
-                        step = path.send(contact.strength(step))
+                        step = path.send(
+                            contact.strength(step) * _beyond_light(contact, pressure, light_limit)
+                        )
             except StopIteration as end:
                 if end.value is not None:
                     bracket = (end.value.low, end.value.high)
@@ -336,6 +365,12 @@ class BoundaryElements:
             text = load.tolist() if isinstance(load, Tensor) else load
             digest.update(repr(text).encode())
         return digest.hexdigest()
+
+
+def _beyond_light(contact: PulledContact, pressure: float, light_limit: float) -> float:
+    """1 for a light contact; falls with the gaps' pull past its limit, where the branch ends."""
+    share = contact.gaps_share * contact.pull_pa / ((light_limit - 1) * pressure)
+    return 1.0 if share <= 1 else share**_FALL
 
 
 def _checked_strength(strength: Any) -> Tensor:

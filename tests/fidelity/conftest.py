@@ -1,0 +1,63 @@
+"""The command line in this process, and a finger that a small box holds."""
+
+import contextlib
+import io
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from haptix import Finger, Screen
+from haptix.cli import main
+from haptix.contact import RoughnessSpectrum
+from haptix.fidelity import BoundaryElementBox
+from haptix.finger import MeasuredRoughness
+
+Call = Callable[..., SimpleNamespace]
+
+
+def call(*arguments: Any) -> SimpleNamespace:
+    """Run ``haptix ARGUMENTS`` in this process; an interrupt is code 130."""
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        patch.setattr(sys, "argv", ["haptix", *map(str, arguments)])
+        patch.setenv("COLUMNS", "160")
+        patch.setenv("TERM", "dumb")
+        code: Any = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+    return SimpleNamespace(code=code, out=out.getvalue(), err=err.getvalue())
+
+
+@pytest.fixture
+def haptix_cli() -> Call:
+    """Call the command line."""
+    return call
+
+
+@pytest.fixture
+def gel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Options for a finger and a screen whose contact a box of 64 x 64 solves in a second."""
+    spectrum = RoughnessSpectrum.self_affine(1e-6, 0.8, 4.5e4, 9e4, 3.6e5)
+    Finger(
+        name="gel",
+        roughness=MeasuredRoughness.of(spectrum, "made up"),
+        apparent_area_at_1n_m2=50e-6,
+        apparent_area_exponent=0.0,
+    ).save(tmp_path / "gel.toml")
+    Screen(insulator_thickness_m=8e-6, max_voltage_v=1000.0).save(tmp_path / "screen.toml")
+    # There is no option for the box: the usual one takes ten times as long.
+    monkeypatch.setattr(
+        "haptix.friction.BoundaryElementBox",
+        lambda: BoundaryElementBox(points=64, surfaces=2, q_high_per_m=3.6e5),
+    )
+    return ["--finger", f"{tmp_path / 'gel.toml'}", "--screen", f"{tmp_path / 'screen.toml'}"]
