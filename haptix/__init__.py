@@ -60,6 +60,7 @@ _HOME = {
     "Trajectory": "haptix.render",
     "contact": "haptix.contact",
     "open_device": "firmware_io",
+    "stimuli": "haptix.stimuli",
     "twin": "haptix.twin",
 }
 
@@ -74,4 +75,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*__all__, "contact", "twin"])
+    return sorted([*__all__, "contact", "stimuli", "twin"])

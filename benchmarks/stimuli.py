@@ -1,0 +1,137 @@
+"""Offline stimuli: an hour of drive signal, its memory, its peak, and the virtual finger's verdict.
+
+    python benchmarks/stimuli.py [minutes]
+
+Times are those of this machine as it is; run it on a quiet one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import soundfile
+
+from haptix import ContactModel, Finger, Screen
+from haptix.perception import WEBER_FRACTION
+from haptix.stimuli import (
+    Apparatus,
+    Grating,
+    Noise,
+    Rendering,
+    Sine,
+    Stimulus,
+    StimulusSet,
+)
+from haptix.twin import VirtualFinger
+
+FINGER, SCREEN = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
+RATE = 48_000.0
+
+
+def signals() -> dict[str, object]:
+    return {
+        "sine": Sine(0.07, 20.0, offset=0.08),
+        "grating": Grating(0.07, 2.0, 80.0, offset=0.08),
+        "noise": Noise(0.014, (20.0, 200.0), seed=1, offset=0.1),  # 7 deviations: it is an hour
+    }
+
+
+def hour(kind: str, minutes: float, threads: int, encoding: str, container: str) -> None:
+    """One long file, in a process of its own so that its memory can be told."""
+    stimulus = Stimulus(kind, signals()[kind].lasting(60 * minutes))  # type: ignore[attr-defined]
+    parts = StimulusSet(
+        "hour", (stimulus,), FINGER, (SCREEN,), container=container, encoding=encoding
+    )
+    apparatus = parts.apparatus(SCREEN)  # the surface, which a cache keeps
+    apparatus.capacitance_f(stimulus, 100.0)
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        (table,) = parts.make(folder, threads).sidecars
+        took = time.perf_counter() - began
+        path = Path(folder) / table["file"]
+        peak = 0.0
+        with soundfile.SoundFile(path) as file:
+            for block in file.blocks(1 << 20, dtype="float64", always_2d=True):
+                peak = max(peak, float(np.abs(block[:, 0]).max()) * table["full_scale_v"])
+        result = {
+            "seconds": took,
+            "times_real_time": 60 * minutes / took,
+            "megabytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+            "sha256": hashlib.sha256(path.read_bytes()).hexdigest()
+            if minutes < 10
+            else table["sha256"],
+            "peak_error_steps": abs(peak - table["peak_v"]) / table["quantisation_step_v"],
+        }
+    print(json.dumps(result))
+
+
+def in_a_process(*arguments: object) -> dict[str, float]:
+    done = subprocess.run(
+        [sys.executable, __file__, "--hour", *map(str, arguments)],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def judged() -> None:
+    """Friction under the virtual finger, which solves the contact and knows no surface."""
+    length, force, speed = 4.0, 0.5, 80.0
+    model = ContactModel(FINGER, SCREEN)
+    for name, signal in signals().items():
+        stimulus = Stimulus(name, signal.lasting(length))  # type: ignore[attr-defined]
+        apparatus = Apparatus.build(FINGER, SCREEN, [stimulus])
+        response, _ = apparatus.responses(stimulus)
+        rendering = Rendering(stimulus, response, RATE)
+        t = np.array([0.0, length])
+        felt = VirtualFinger(model).feel(
+            rendering.whole(), RATE, t, speed * t, 0 * t + 20, 0 * t + force
+        )
+        values = stimulus.signal.values(0, rendering.samples, RATE)
+        at = np.rint(felt.t_s * RATE).astype(int).clip(0, rendering.samples - 1)
+        wanted = (1 + values[at]) * response.lowest_mu
+        inside = (felt.t_s > 0.05) & (felt.t_s < length - 0.02)
+        error = np.abs(felt.mu - wanted)[inside] / (WEBER_FRACTION * wanted[inside])
+        print(
+            f"{name}: under the virtual finger off by {np.percentile(error, 95):.3f} difference "
+            f"thresholds (95 %), {error.max():.3f} at most"
+        )
+
+
+def main() -> None:
+    minutes = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
+    digests = set()
+    for threads in (1, 2):
+        found = in_a_process("noise", min(minutes, 5.0), threads, "float32", "wav")
+        digests.add(found["sha256"])
+    print(f"equal bytes on 1 and 2 threads: {len(digests) == 1}")
+    for kind, encoding, container in (
+        ("sine", "float32", "wav"),
+        ("grating", "float32", "wav"),
+        ("noise", "float32", "wav"),
+        ("sine", "24-bit", "wav"),
+        ("sine", "24-bit", "flac"),
+    ):
+        found = in_a_process(kind, minutes, 2, encoding, container)
+        print(
+            f"{minutes:g} minutes of {kind}, {encoding} {container}, 2 threads: "
+            f"{found['seconds']:.1f} s, {found['times_real_time']:.0f} times real time, "
+            f"{found['megabytes']:.0f} MB; peak in the file off by "
+            f"{found['peak_error_steps']:.2f} steps"
+        )
+    judged()
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--hour"]:
+        name, length_min, count, form, kept_as = sys.argv[2:]
+        hour(name, float(length_min), int(count), form, kept_as)
+    else:
+        main()

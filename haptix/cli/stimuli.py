@@ -1,0 +1,151 @@
+"""``haptix stimuli``: make, show and run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from haptix.cli.output import AsJson, progress_bar, show
+
+app = typer.Typer(
+    help="Stimuli for perception experiments: make sets, look at them, run trials.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+)
+
+_STAGES = {
+    "surface": "build the friction surfaces",
+    "render": "render and check",
+    "write": "publish, draw the sheet",
+}
+
+
+@app.command()
+def make(
+    recipe: Annotated[Path, typer.Argument(help="Set of stimuli: a TOML file.")],
+    out: Annotated[Path | None, typer.Option(help="Folder. [default: the set's name]")] = None,
+    threads: Annotated[int, typer.Option(help="Threads; the bytes do not depend on it.")] = 2,
+    as_json: AsJson = False,
+) -> None:
+    """Render a set: drive files with sidecars, trial table, contact sheet, manifest.
+
+    Nothing is published unless all stimuli are within the limits and within reach. A run that was
+    cut short goes on where it stopped.
+    """
+    with progress_bar(_STAGES) as update:
+        update("surface", 0.0)
+        from haptix.stimuli.recipe import Recipe
+
+        parts = Recipe.load(recipe).stimulus_set()
+        result = parts.make(Path(parts.name) if out is None else out, threads, update)
+    rows = [dict(one) for one in result.sidecars] if as_json else [*map(_row, result.sidecars)]
+    again = f", {result.reused} of them from an earlier run" if result.reused else ""
+    show(f"{len(rows)} stimuli in {result.folder}{again}", rows, as_json)
+
+
+@app.command("show")
+def look(
+    what: Annotated[Path, typer.Argument(help="Drive file, or folder of a set.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Picture of a drive file. [default: its name + .png]")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Draw a stimulus (waveform, spectrum, friction, thresholds, audibility), or check a set."""
+    from haptix.errors import InputError
+    from haptix.stimuli.folder import read_json, write_whole
+
+    if what.is_dir():
+        from haptix.stimuli.making import check_manifest
+
+        wrong = check_manifest(what)
+        if wrong:
+            raise InputError(
+                f"{what}: {len(wrong)} files are missing or not what the manifest says: "
+                f"{', '.join(wrong[:5])}; make the set again"
+            )
+        manifest = read_json(what / "manifest.json")
+        names = [name for name in manifest["files"] if name.endswith((".wav", ".flac"))]
+        tables = [read_json((what / name).with_suffix(".json")) for name in names]
+        rows = tables if as_json else [*map(_row, tables)]
+        show(f"{manifest['set']}: all files are whole; sheet: {what / 'sheet.png'}", rows, as_json)
+        return
+    from haptix.stimuli.drawing import draw_stimulus
+
+    picture = what.with_suffix(".png") if out is None else out
+    data = draw_stimulus(what)
+    try:
+        write_whole(picture, data)
+    except OSError as error:
+        raise InputError(f"cannot write {picture}: {error.strerror}") from None
+    table = read_json(what.with_suffix(".json"))
+    show(f"picture: {picture}", [table if as_json else _row(table)], as_json)
+
+
+@app.command()
+def run(
+    recipe: Annotated[Path, typer.Argument(help="Experiment: a TOML file.")],
+    log: Annotated[Path, typer.Option(help="Table of the trials; gone on with if it exists.")],
+    device: Annotated[str, typer.Option(help="Address of the device.")] = "mock:",
+    simulate_db: Annotated[
+        float | None,
+        typer.Option("--simulate-db", help="Let an observer of this threshold [dB] answer."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run an adaptive experiment on a device; keys answer (1/2, or l/r).
+
+    With --simulate-db a simulated observer answers and nothing waits.
+    """
+    from firmware_io import open_device
+    from haptix.stimuli.adaptive import Experiment, Keys, SimulatedObserver
+    from haptix.stimuli.experiment_recipe import ExperimentRecipe
+
+    said = ExperimentRecipe.load(recipe)
+    opened = open_device(device)
+    try:
+        observer = None if simulate_db is None else SimulatedObserver(simulate_db, seed=said.seed)
+        method = said.make_method()
+        waiting: dict[str, Any] = {} if observer is None else {"wait": lambda seconds: None}
+        experiment = Experiment(
+            method,
+            said.presentation(opened.capabilities.sample_rate_hz),
+            opened,
+            Keys() if observer is None else observer,
+            log,
+            said.task,
+            said.seed,
+            said.ceiling_v,
+            said.pause_s,
+            **waiting,
+        )
+        experiment.run()
+    finally:
+        opened.close()
+    found = method.estimate()
+    spread = found.spread if found.spread == found.spread else None
+    row = {
+        "trials": experiment.trials,
+        "threshold_db": found.threshold,
+        "spread_db": spread,
+        **found.others,
+    }
+    show(f"{said.name}: trials in {log}", [row], as_json)
+
+
+def _row(table: Mapping[str, Any]) -> dict[str, Any]:
+    prediction, felt = table["predicted"], table["felt"]
+    return {
+        "file": table["file"],
+        "s": f"{table['length_s']:.3g}",
+        "peak V": f"{table['peak_v']:.1f}",
+        "mu": f"{prediction['mu_low']:.3f}-{prediction['mu_high']:.3f}",
+        "dB re threshold": "-" if felt is None else f"{felt['sensation_db']:+.1f}"
+        + ("*" if felt["threshold_is_placeholder"] else ""),
+        "audible": "yes" if table["audibility"]["audible"] else "no",
+        "stand-ins": "yes" if table["is_placeholder"] else "no",
+    }  # fmt: skip

@@ -1,0 +1,28 @@
+"""Methods that choose levels by the answers, and the runner that presents them."""
+
+from haptix.stimuli.adaptive.constant import ConstantStimuli, fit
+from haptix.stimuli.adaptive.experiment import Experiment, Presentation, Touch, amplitude_in_db
+from haptix.stimuli.adaptive.log import TrialLog
+from haptix.stimuli.adaptive.method import Estimate, Method
+from haptix.stimuli.adaptive.observer import Keys, Question, SimulatedObserver, scripted
+from haptix.stimuli.adaptive.quest import Quest
+from haptix.stimuli.adaptive.updown import UpDown, weighted_up_down
+
+__all__ = [
+    "ConstantStimuli",
+    "Estimate",
+    "Experiment",
+    "Keys",
+    "Method",
+    "Presentation",
+    "Quest",
+    "Question",
+    "SimulatedObserver",
+    "Touch",
+    "TrialLog",
+    "UpDown",
+    "amplitude_in_db",
+    "fit",
+    "scripted",
+    "weighted_up_down",
+]

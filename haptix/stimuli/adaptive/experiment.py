@@ -1,0 +1,278 @@
+"""Runs trials: presents, asks, checks the touch, writes down, and tells the method."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_io import Device
+from haptix.errors import InputError, LimitError
+from haptix.stimuli.adaptive.log import TrialLog
+from haptix.stimuli.adaptive.method import Method
+from haptix.stimuli.adaptive.observer import AnswerTo, Question
+from haptix.stimuli.signal import number, positive
+
+Array = npt.NDArray[np.float64]
+Task = Literal["2ifc", "2afc"]
+
+CHOICES: dict[str, tuple[str, str]] = {"2ifc": ("1", "2"), "2afc": ("l", "r")}
+"""Keys of the answers: first or second interval, left or right side."""
+
+_CLOSE = 1e-9
+
+
+@dataclass(frozen=True)
+class Touch:
+    """How the finger did in a trial: means over it."""
+
+    normal_force_n: float
+    speed_mm_per_s: float
+
+
+@dataclass(frozen=True)
+class Presentation:
+    """What a trial plays, from a level.
+
+    Parameters
+    ----------
+    target : callable
+        Drive [V], shape (samples,), for a level.
+    reference : ndarray
+        Drive [V] of the other alternative.
+    peak_v : callable
+        Highest voltage of the target at a level; must rise with it.
+    """
+
+    target: Callable[[float], Array]
+    reference: Array
+    peak_v: Callable[[float], float]
+
+
+def amplitude_in_db(wave: Array, reference_v: float = 1.0) -> Presentation:
+    """A wave of peak 1 whose level is its amplitude in dB re `reference_v`, against 0 V."""
+    peak = float(np.abs(wave).max()) if len(wave) else 0.0
+    positive("wave", peak)
+    unit = np.asarray(wave, dtype=float) / peak
+
+    def volts(level: float) -> float:
+        return float(reference_v * 10 ** (level / 20))
+
+    return Presentation(lambda level: volts(level) * unit, np.zeros(len(unit)), volts)
+
+
+class Experiment:
+    """A run of one method, on a device.
+
+    In "2ifc" target and reference come one after the other with a pause between; in "2afc" they
+    are the left and the right half of one stroke, without one. Which is which is drawn from the
+    seed and the trial's number. A trial whose force or speed was off by more than 15 % is written
+    down as not accepted and presented again at the same level. The voltage never exceeds the
+    ceiling: a level above it is lowered to it, which the log and the method are told.
+
+    Parameters
+    ----------
+    method : Method
+        Chooses the levels.
+    presentation : Presentation
+        Makes drive signals of them.
+    device : Device
+        Plays them; used as a context manager, once per interval.
+    answer : callable
+        `Keys`, `SimulatedObserver` or any function of a `Question`.
+    log_file : path
+        Where the trials go; an unfinished run is gone on with.
+    task : {"2ifc", "2afc"}
+        How the two alternatives are presented.
+    seed : int
+        Of the order of the alternatives.
+    ceiling_v : float, optional
+        Highest voltage; the device's without, and never above that.
+    pause_s : float
+        Between the intervals of "2ifc".
+    touch : callable, optional
+        Returns the `Touch` of the trial that has just been played, or None if there was none, which
+        is as bad as a wrong one.
+    normal_force_n, speed_mm_per_s : float, optional
+        What `touch` is held against.
+    tolerance : float
+        Share by which it may be off.
+    most_attempts : int
+        Attempts at one trial before it is given up with an error.
+    clock, wait : callable
+        Time [s], for the log, and to let the pause pass [s].
+    """
+
+    def __init__(
+        self,
+        method: Method,
+        presentation: Presentation,
+        device: Device,
+        answer: AnswerTo,
+        log_file: str | Path,
+        task: Task = "2ifc",
+        seed: int = 0,
+        ceiling_v: float | None = None,
+        pause_s: float = 0.5,
+        touch: Callable[[], Touch | None] | None = None,
+        normal_force_n: float | None = None,
+        speed_mm_per_s: float | None = None,
+        tolerance: float = 0.15,
+        most_attempts: int = 20,
+        clock: Callable[[], float] = time.monotonic,
+        wait: Callable[[float], None] = time.sleep,
+    ) -> None:
+        if task not in get_args(Task):
+            raise InputError(f'task: expected "2ifc" or "2afc", got {task!r}')
+        number("pause_s", pause_s, 0.0)
+        positive("tolerance", tolerance)
+        if touch is not None and normal_force_n is None and speed_mm_per_s is None:
+            raise InputError(
+                "touch: expected a normal_force_n or speed_mm_per_s to hold it against"
+            )
+        if device.mode != "waveform":
+            raise InputError(
+                f"device: expected one that takes samples of the wave, got one in {device.mode} "
+                "mode; open it in waveform mode"
+            )
+        allowed = device.limits.ceiling_v
+        self.ceiling_v = allowed if ceiling_v is None else float(ceiling_v)
+        if not 0 < self.ceiling_v <= allowed:
+            raise LimitError(
+                f"ceiling_v: expected above 0 and at most the device's {allowed:g} V, got "
+                f"{self.ceiling_v:g} V"
+            )
+        self.method, self.presentation, self.device, self.answer = (
+            method, presentation, device, answer,
+        )  # fmt: skip
+        self.task, self.seed, self.pause_s = task, seed, pause_s
+        self.touch, self.tolerance, self.most_attempts = touch, tolerance, most_attempts
+        self.normal_force_n, self.speed_mm_per_s = normal_force_n, speed_mm_per_s
+        self._clock, self._wait = clock, wait
+        self._start = clock()
+        header = json.dumps(
+            {
+                "method": method.describe(), "task": task, "seed": seed,
+                "ceiling_v": self.ceiling_v, "normal_force_n": normal_force_n,
+                "speed_mm_per_s": speed_mm_per_s, "tolerance": tolerance,
+            }
+        )  # fmt: skip
+        self.log = TrialLog(log_file, header)
+        self.trials = 0
+        """Accepted trials, those of an earlier run included."""
+        self._attempt = 0
+        for row in self.log.rows:
+            self._attempt += 1
+            if row["accepted"] == "true":
+                method.update(row["is_right"] == "true", float(row["level"]))
+                self.trials, self._attempt = self.trials + 1, 0
+
+    def run(self) -> None:
+        """Present trials until the method is done."""
+        for _ in self:
+            pass
+
+    def __iter__(self) -> Iterator[dict[str, str]]:
+        """Present trials one by one; yields the log's line of each attempt."""
+        while not self.method.is_done:
+            yield self._present()
+
+    def _present(self) -> dict[str, str]:
+        asked = float(self.method.level)
+        level = self.allowed(asked)
+        draw = np.random.default_rng([self.seed, self.trials, self._attempt])
+        choices = CHOICES[self.task]
+        right = int(draw.integers(2))
+        target = np.asarray(self.presentation.target(level), dtype=float)
+        highest = max(float(np.abs(one).max()) for one in (target, self.presentation.reference))
+        if highest > self.ceiling_v * (1 + _CLOSE):
+            raise LimitError(
+                f"the drive at level {level:g} reaches {highest:g} V, above the ceiling of "
+                f"{self.ceiling_v:g} V, though peak_v says otherwise; correct the presentation"
+            )
+        parts = [self.presentation.reference, target] if right else [
+            target, self.presentation.reference,
+        ]  # fmt: skip
+        if self.task == "2afc":
+            self._play(np.concatenate(parts))
+        else:
+            self._play(parts[0])
+            self._wait(self.pause_s)
+            self._play(parts[1])
+        felt = None if self.touch is None else self.touch()
+        why = self._objection(felt)
+        given = self.answer(Question(self.trials, choices, level, choices[right]))
+        if given not in choices:
+            raise InputError(f"answer: expected one of {', '.join(choices)}, got {given!r}")
+        is_right = given == choices[right]
+        self.log.append(
+            {
+                "trial": self.trials,
+                "attempt": self._attempt,
+                "time_s": round(self._clock() - self._start, 3),
+                "level_asked": asked,
+                "level": level,
+                "lowered_to_ceiling": level < asked,
+                "right": choices[right],
+                "answer": given,
+                "is_right": is_right,
+                "normal_force_n": None if felt is None else felt.normal_force_n,
+                "speed_mm_per_s": None if felt is None else felt.speed_mm_per_s,
+                "accepted": not why,
+                "why": why,
+            }
+        )
+        if why:
+            self._attempt += 1
+            if self._attempt >= self.most_attempts:
+                raise InputError(
+                    f"trial {self.trials}: {self._attempt} attempts were off, the last since "
+                    f"{why}; practise the stroke, or correct the sensor"
+                )
+        else:
+            self.method.update(is_right, level)
+            self.trials, self._attempt = self.trials + 1, 0
+        return self.log.rows[-1]
+
+    def allowed(self, level: float) -> float:
+        """Return the level, lowered to the highest whose voltage is within the ceiling."""
+        peak = self.presentation.peak_v
+        if peak(level) <= self.ceiling_v:
+            return level
+        low, high = level, level
+        span = 1.0
+        while peak(low) > self.ceiling_v:
+            low, span = low - span, 2 * span
+            if span > 1e6:
+                raise LimitError("no level keeps the target within the ceiling")
+        for _ in range(200):
+            middle = 0.5 * (low + high)
+            if middle in (low, high):
+                break
+            low, high = (middle, high) if peak(middle) <= self.ceiling_v else (low, middle)
+        return low
+
+    def _play(self, drive_v: Array) -> None:
+        """Play to the end; the device is at 0 V and disarmed then, whatever happens."""
+        with self.device as device:
+            device.write(drive_v)
+
+    def _objection(self, felt: Touch | None) -> str:
+        """Why a touch does not count; empty if it does."""
+        if self.touch is None:
+            return ""
+        if felt is None:
+            return "no touch"
+        for name in ("normal_force_n", "speed_mm_per_s"):
+            wanted, was = getattr(self, name), getattr(felt, name)
+            if wanted is not None and not abs(was - wanted) <= self.tolerance * wanted * (
+                1 + _CLOSE
+            ):
+                return f"{name} was {was:g}, not {wanted:g} within {self.tolerance:.0%}"
+        return ""

@@ -1,0 +1,107 @@
+"""Trials on disk, each as soon as it is over."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from haptix.errors import FileFormatError, InputError
+
+COLUMNS = (
+    "trial",
+    "attempt",
+    "time_s",
+    "level_asked",
+    "level",
+    "lowered_to_ceiling",
+    "right",
+    "answer",
+    "is_right",
+    "normal_force_n",
+    "speed_mm_per_s",
+    "accepted",
+    "why",
+)
+"""Columns of the table, in their order."""
+
+
+class TrialLog:
+    """A tab-separated table that grows by one line a trial, on the disk before the next begins.
+
+    A log that exists is gone on with. A last line that was cut off in the middle of writing is
+    dropped, for its trial was not over.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    header : str
+        What the experiment is, in one line; a log of another experiment is refused.
+    """
+
+    def __init__(self, path: str | Path, header: str) -> None:
+        self.path = Path(path)
+        head = f"# {header}\n" + "\t".join(COLUMNS) + "\n"
+        try:
+            known = self.path.read_bytes() if self.path.exists() else b""
+            whole = known[: known.rfind(b"\n") + 1]
+            lines = whole.decode().splitlines()
+            if len(lines) < 2:
+                whole, lines = head.encode(), head.splitlines()
+            if lines[:2] != head.splitlines():
+                raise FileFormatError(
+                    f"{self.path}: is the log of another experiment, or of other settings; name a "
+                    "new file, or go back to the settings in its first line"
+                )
+            self.rows = [self._read(line) for line in lines[2:]]
+            if whole != known:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                with self.path.open("wb") as file:
+                    file.write(whole)
+                    file.flush()
+                    os.fsync(file.fileno())
+        except OSError as error:
+            raise InputError(f"cannot use {self.path} as a log: {error.strerror}") from None
+        except UnicodeDecodeError:
+            raise FileFormatError(f"{self.path}: is no log of trials") from None
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Write one trial, and wait until the disk has it.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written: the experiment must not go on then.
+        """
+        cells = [_cell(row[name]) for name in COLUMNS]
+        try:
+            with self.path.open("ab") as file:
+                file.write(("\t".join(cells) + "\n").encode())
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise InputError(
+                f"cannot write trial {row['trial']} to {self.path}: {error.strerror}; make room, "
+                "and start again: it goes on from its log"
+            ) from None
+        self.rows.append(dict(zip(COLUMNS, cells, strict=True)))
+
+    def _read(self, line: str) -> dict[str, str]:
+        cells = line.split("\t")
+        if len(cells) != len(COLUMNS):
+            raise FileFormatError(
+                f"{self.path}: expected {len(COLUMNS)} columns, got {len(cells)} in: {line[:60]!r}"
+            )
+        return dict(zip(COLUMNS, cells, strict=True))
+
+
+def _cell(value: Any) -> str:
+    if value is None or value == "":
+        return "n/a"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return (
+        " ".join(repr(value).split()) if isinstance(value, float) else " ".join(str(value).split())
+    )

@@ -1,0 +1,125 @@
+"""Who answers: a person at the keys, a function, or a simulated observer."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TextIO
+
+import numpy as np
+
+from haptix.errors import InputError
+from haptix.stimuli.adaptive.psychometric import function_named
+
+AnswerTo = Callable[["Question"], str]
+"""Takes what was presented, returns one of `Question.choices`."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """One trial, as whoever answers may know it, and what only a simulation may look at."""
+
+    trial: int
+    choices: tuple[str, ...]
+    level: float
+    """Level of the target."""
+    right: str
+    """The choice that is right."""
+
+
+@dataclass(frozen=True)
+class SimulatedObserver:
+    """Answers right as often as a psychometric function says.
+
+    Parameters
+    ----------
+    threshold, slope, guess, lapse, function
+        Of the psychometric function.
+    seed : int
+        An answer depends on this and the trial's number alone.
+    """
+
+    threshold: float
+    slope: float = 3.5
+    guess: float = 0.5
+    lapse: float = 0.02
+    function: str = "weibull"
+    seed: int = 0
+
+    def share_right(self, level: float) -> float:
+        """Probability of a right answer."""
+        shape = function_named(self.function)
+        return float(shape(np.array(level), self.threshold, self.slope, self.guess, self.lapse))
+
+    def __call__(self, question: Question) -> str:
+        """Answer."""
+        draw = np.random.default_rng([self.seed, question.trial])
+        if draw.random() < self.share_right(question.level):
+            return question.right
+        wrong = [choice for choice in question.choices if choice != question.right]
+        return wrong[int(draw.integers(len(wrong)))]
+
+
+@dataclass(frozen=True)
+class Keys:
+    """Waits for one of the keys that the choices are.
+
+    Parameters
+    ----------
+    prompt : str
+        Shown before, with ``{choices}`` filled in.
+    source, sink : text streams
+        Where keys come from and the prompt goes; the terminal without.
+    """
+
+    prompt: str = "which one? {choices} "
+    source: TextIO | None = None
+    sink: TextIO | None = None
+
+    def __call__(self, question: Question) -> str:
+        """Answer."""
+        source = sys.stdin if self.source is None else self.source
+        sink = sys.stderr if self.sink is None else self.sink
+        sink.write(self.prompt.format(choices="/".join(question.choices)))
+        sink.flush()
+        while True:
+            key = _one_key(source)
+            if not key:
+                raise InputError(
+                    "the keys ended before the experiment did; it goes on from its log"
+                )
+            if key in question.choices:
+                sink.write(key + "\n")
+                return key
+
+
+def _one_key(source: TextIO) -> str:
+    """One key press of a terminal, one character of anything else."""
+    if not source.isatty():
+        return source.read(1)
+    import termios
+    import tty
+
+    descriptor = source.fileno()
+    before = termios.tcgetattr(descriptor)
+    try:
+        tty.setcbreak(descriptor)  # which forgets what was pressed before
+        # Past the stream's own buffer, in which a second key press would wait for the next trial.
+        return os.read(descriptor, 1).decode(errors="replace")
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+def scripted(answers: Sequence[str]) -> AnswerTo:
+    """Give prepared answers, one after the other."""
+    left = iter(answers)
+
+    def answer(question: Question) -> str:
+        try:
+            return next(left)
+        except StopIteration:
+            raise InputError("no prepared answer is left") from None
+
+    return answer

@@ -1,0 +1,56 @@
+"""Psychometric functions: how often an answer is right, against the level."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.errors import InputError
+
+Array = npt.NDArray[np.float64]
+Psychometric = Callable[..., Array]
+"""Share right for (level, threshold, slope, guess, lapse), which broadcast."""
+
+
+def weibull(level: Array, threshold: Array, slope: Array, guess: Array, lapse: Array) -> Array:
+    """Weibull function of a level in dB: ``1 - d - (1 - g - d) exp(-10^(b (x - t) / 20))``.
+
+    At the threshold ``1 - 1/e`` of the way from guess to ``1 - lapse`` is reached (Watson, J.
+    Vision 17(3):10 (2017), Eq. 6).
+    """
+    return np.asarray(
+        1 - lapse - (1 - guess - lapse) * np.exp(-(10 ** (slope * (level - threshold) / 20)))
+    )
+
+
+def normal(level: Array, threshold: Array, slope: Array, guess: Array, lapse: Array) -> Array:
+    """Cumulative normal of a linear level; `slope` is its standard deviation."""
+    from scipy.special import ndtr
+
+    return np.asarray(guess + (1 - guess - lapse) * ndtr((level - threshold) / slope))
+
+
+def symmetric_normal(
+    level: Array, threshold: Array, slope: Array, guess: Array, lapse: Array
+) -> Array:
+    """Cumulative normal between `lapse` and ``1 - lapse``, for two answers that are not right or
+    wrong; `guess` has no part in it.
+    """  # noqa: D205
+    return normal(level, threshold, slope, lapse, lapse)
+
+
+FUNCTIONS: dict[str, Psychometric] = {
+    "weibull": weibull,
+    "normal": normal,
+    "symmetric-normal": symmetric_normal,
+}
+"""By the names that recipes use."""
+
+
+def function_named(name: str) -> Psychometric:
+    """Look a function up, or say which there are."""
+    if name not in FUNCTIONS:
+        raise InputError(f"function: expected one of {', '.join(FUNCTIONS)}, got {name!r}")
+    return FUNCTIONS[name]

@@ -1,0 +1,164 @@
+"""QUEST+ on a grid, of which the psi method is the case of threshold and slope.
+
+Watson, J. Vision 17(3):10 (2017); Kontsevich & Tyler, Vision Res. 39, 2729 (1999).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.errors import InputError
+from haptix.stimuli.adaptive.method import Estimate
+from haptix.stimuli.adaptive.psychometric import function_named
+
+Array = npt.NDArray[np.float64]
+
+_NAMES = ("threshold", "slope", "guess", "lapse")
+
+
+class Quest:
+    """Presents the level after which least is expected to be unknown of the parameters.
+
+    Parameters
+    ----------
+    levels : sequence of float
+        Levels that can be presented, increasing.
+    threshold, slope, guess, lapse : sequence of float or float
+        Values that each parameter may have; one number is known for certain.
+    function : str
+        "weibull" (levels in dB), "normal" or "symmetric-normal".
+    trials : int
+        After how many it is done.
+    prior : mapping of str to sequence of float, optional
+        Probabilities of a parameter's values, for some parameters; even without.
+    estimate_by : {"mean", "mode"}
+        Which of the posterior is reported.
+    """
+
+    def __init__(
+        self,
+        levels: Sequence[float],
+        threshold: Sequence[float] | float,
+        slope: Sequence[float] | float = 3.5,
+        guess: Sequence[float] | float = 0.5,
+        lapse: Sequence[float] | float = 0.02,
+        function: str = "weibull",
+        trials: int = 40,
+        prior: dict[str, Sequence[float]] | None = None,
+        estimate_by: Literal["mean", "mode"] = "mean",
+    ) -> None:
+        self.levels = _increasing("levels", levels)
+        given = (threshold, slope, guess, lapse)
+        self.grids = {
+            name: _increasing(name, value) for name, value in zip(_NAMES, given, strict=True)
+        }
+        if type(trials) is not int or trials < 1:
+            raise InputError(f"trials: expected a whole number of 1 or more, got {trials!r}")
+        if estimate_by not in ("mean", "mode"):
+            raise InputError(f'estimate_by: expected "mean" or "mode", got {estimate_by!r}')
+        self.function, self.trials, self.estimate_by = function, trials, estimate_by
+        axes = np.meshgrid(*self.grids.values(), indexing="ij")
+        shape = axes[0].shape
+        flat = [axis.reshape(-1) for axis in axes]
+        guesses, lapses = self.grids["guess"], self.grids["lapse"]
+        if min(guesses[0], lapses[0]) < 0 or guesses[-1] + lapses[-1] >= 1:
+            raise InputError("guess and lapse: expected shares of 0 or more, together below 1")
+        right = function_named(function)(self.levels[:, None], *flat)
+        if not np.isfinite(right).all():
+            raise InputError("threshold and slope: expected values that give finite probabilities")
+        # Shape (answers, levels, parameters): wrong, right.
+        self._likelihood = np.stack([1 - right, right])
+        self.posterior = self._prior(prior or {}, shape).reshape(-1)
+        self._prior_given = {name: [float(v) for v in row] for name, row in (prior or {}).items()}
+        self._shape = shape
+        self.asked = 0
+        self._next: int | None = None
+
+    def _prior(self, given: dict[str, Sequence[float]], shape: tuple[int, ...]) -> Array:
+        weight = np.ones(shape)
+        for name, row in given.items():
+            if name not in self.grids:
+                raise InputError(f"prior.{name}: expected some of {', '.join(_NAMES)}")
+            p = np.asarray(row, dtype=float)
+            if p.shape != self.grids[name].shape or not (p >= 0).all() or not p.sum() > 0:
+                raise InputError(
+                    f"prior.{name}: expected {len(self.grids[name])} weights of 0 or more"
+                )
+            at = _NAMES.index(name)
+            weight = weight * p.reshape([-1 if i == at else 1 for i in range(len(_NAMES))])
+        return np.asarray(weight / weight.sum())
+
+    def expected_entropy(self) -> Array:
+        """Entropy of the posterior that is to be expected after each level, shape (levels,)."""
+        joint = self._likelihood * self.posterior
+        answer = joint.sum(-1)
+        share = joint / np.where(answer > 0, answer, 1.0)[..., None]
+        logs = np.log(share, out=np.zeros_like(share), where=share > 0)
+        return np.asarray(-(answer * (share * logs).sum(-1)).sum(0))
+
+    @property
+    def level(self) -> float:
+        """The level to be presented next."""
+        if self._next is None:
+            self._next = int(np.argmin(self.expected_entropy()))
+        return float(self.levels[self._next])
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it has had its trials."""
+        return self.asked >= self.trials
+
+    def update(self, is_right: bool, level: float | None = None) -> None:
+        """Take an answer; a level between two of the grid counts as the nearest."""
+        at = self.level if level is None else float(level)
+        index = int(np.argmin(np.abs(self.levels - at)))
+        posterior = self._likelihood[int(bool(is_right)), index] * self.posterior
+        total = posterior.sum()
+        if not total > 0:
+            raise InputError(
+                "an answer came that none of the parameters on the grid allows; "
+                "allow for a guess and a lapse"
+            )
+        self.posterior = posterior / total
+        self.asked += 1
+        self._next = None
+
+    def estimate(self) -> Estimate:
+        """Mean or mode of the posterior."""
+        table = self.posterior.reshape(self._shape)
+        found: dict[str, float] = {}
+        spread = 0.0
+        best = np.unravel_index(int(table.argmax()), self._shape)
+        for axis, (name, grid) in enumerate(self.grids.items()):
+            marginal = table.sum(tuple(i for i in range(table.ndim) if i != axis))
+            mean = float(marginal @ grid)
+            if name == "threshold":
+                spread = float(np.sqrt(max(0.0, marginal @ (grid - mean) ** 2)))
+            found[name] = mean if self.estimate_by == "mean" else float(grid[best[axis]])
+        return Estimate(found.pop("threshold"), spread, found)
+
+    def describe(self) -> dict[str, Any]:
+        """Everything that determines what it does."""
+        return {
+            "method": "quest+",
+            "function": self.function,
+            "levels": self.levels.tolist(),
+            **{name: grid.tolist() for name, grid in self.grids.items()},
+            "prior": self._prior_given,
+            "trials": self.trials,
+            "estimate_by": self.estimate_by,
+        }
+
+
+def _increasing(name: str, values: Sequence[float] | float) -> Array:
+    grid = np.atleast_1d(np.asarray(values, dtype=float))
+    if grid.ndim != 1 or not len(grid) or not np.isfinite(grid).all():
+        raise InputError(f"{name}: expected finite numbers in a row")
+    if any(b <= a for a, b in pairwise(grid)):
+        raise InputError(f"{name}: expected numbers that increase")
+    return grid

@@ -1,0 +1,144 @@
+"""Who touches what: fingers and a screen, with the surfaces that stimuli are rendered through."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.constants import epsilon_0
+
+from haptix.errors import InputError
+from haptix.finger import Finger
+from haptix.friction import ContactModel
+from haptix.screen import Screen
+from haptix.stimuli.population import Population
+from haptix.stimuli.response import Response
+from haptix.stimuli.stimulus import Stimulus
+from haptix.surface import FrictionSurface, cached_surface
+
+TOLERANCE = "0.02 thresholds"
+"""Of the surfaces: their share of the quarter of a threshold that a stimulus may be off."""
+
+
+@dataclass(frozen=True, eq=False)
+class Apparatus:
+    """Fingers on a screen.
+
+    Parameters
+    ----------
+    models : tuple of ContactModel
+        One per finger; the same screen in all.
+    surfaces : tuple of FrictionSurface
+        One per finger.
+    fingers : str
+        Who they are: the name of one, or how several were drawn.
+    """
+
+    models: tuple[ContactModel, ...]
+    surfaces: tuple[FrictionSurface, ...]
+    fingers: str
+
+    def __post_init__(self) -> None:
+        if not self.models or len(self.models) != len(self.surfaces):
+            raise InputError("models and surfaces: expected one surface for each finger")
+
+    @classmethod
+    def build(
+        cls,
+        finger: Finger | Population,
+        screen: Screen,
+        stimuli: Sequence[Stimulus],
+        ceiling_v: float | None = None,
+    ) -> Apparatus:
+        """Build, or find in the cache, the surfaces that some stimuli need.
+
+        Parameters
+        ----------
+        finger : Finger or Population
+            Who touches.
+        screen : Screen
+            What.
+        stimuli : sequence of Stimulus
+            They say forces, frequencies and thicknesses.
+        ceiling_v : float, optional
+            Highest amplitude; the screen's own limit without, and never above it.
+        """
+        people = finger.fingers if isinstance(finger, Population) else (finger,)
+        said = finger.statement if isinstance(finger, Population) else finger.name
+        forces = [one.normal_force_n for one in stimuli]
+        frequencies = []
+        for one in stimuli:
+            if one.frequency_hz is None:
+                raise InputError(
+                    f"{one.name}: drive_hz: expected the frequency of the drive, at which skin and "
+                    "insulator are taken, since there is no carrier"
+                )
+            frequencies.append(one.frequency_hz)
+        thicknesses = [screen.h0_m if one.h0_m is None else one.h0_m for one in stimuli]
+        ranges: dict[str, Any] = {
+            "normal_force_n": (min(forces), max(forces)),
+            "frequency_hz": (min(frequencies), max(frequencies)),
+            "h0_m": (min(thicknesses), max(thicknesses)),
+            "voltage_v": (0.0, min(ceiling_v or screen.max_voltage_v, screen.max_voltage_v)),
+        }
+        models = tuple(ContactModel(one, screen) for one in people)
+        surfaces = tuple(cached_surface(model, ranges, TOLERANCE)[0] for model in models)
+        return cls(models, surfaces, said)
+
+    @property
+    def screen(self) -> Screen:
+        """The screen."""
+        return self.models[0].screen
+
+    def responses(self, stimulus: Stimulus) -> tuple[Response, tuple[Response, ...]]:
+        """Return the median finger's response to a stimulus's drive, and that of each."""
+        each = tuple(
+            Response.of(surface, stimulus.normal_force_n, stimulus.frequency_hz, stimulus.h0_m)
+            for surface in self.surfaces
+        )
+        return Response.median(each), each
+
+    def placeholders(self) -> list[str]:
+        """Name the stand-ins for measured data that the predictions rest on."""
+        return sorted({name for model in self.models for name in model.placeholders()})
+
+    def profiles(self) -> dict[str, Any]:
+        """Profiles of the screen and of all fingers, as plain values."""
+        return {
+            "screen": self.screen.model_dump(mode="json"),
+            "fingers": [model.finger.model_dump(mode="json") for model in self.models],
+        }
+
+    def profile_hash(self) -> str:
+        """Hash of `profiles`."""
+        return hashlib.sha256(json.dumps(self.profiles(), sort_keys=True).encode()).hexdigest()
+
+    def surface_keys(self) -> list[str]:
+        """Hashes of everything that decides the surfaces' numbers."""
+        return [str(surface.info["key"]) for surface in self.surfaces]
+
+    def error_mu(self) -> float:
+        """Largest error of the surfaces against their models [mu]."""
+        return max(float(surface.info["error_max"]) for surface in self.surfaces)
+
+    def capacitance_f(self, stimulus: Stimulus, amplitude_v: float) -> float:
+        """Upper bound of the capacitance between finger and screen [F], of the first finger.
+
+        ``<1/|u + h0|> <= sqrt(<1/|u + h0|^2>)``, and the mean square is what the pull holds:
+        ``p_a = eps0 V0^2 I / 4``.
+        """
+        model = self.models[0]
+        amplitude = max(amplitude_v, 1.0)
+        state = model.solve(
+            stimulus.normal_force_n, amplitude, stimulus.frequency_hz, stimulus.h0_m
+        )
+        inverse_square = 4 * float(state.attraction_pa) / (epsilon_0 * amplitude**2)
+        import torch
+
+        force = torch.tensor(stimulus.normal_force_n, dtype=torch.float64)
+        area = float(model.finger.apparent_area_m2(force))
+        return float(epsilon_0 * area * np.sqrt(inverse_square))

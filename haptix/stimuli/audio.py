@@ -1,0 +1,167 @@
+"""Drive samples in audio files: float32 or 24-bit, in shares of a full-scale voltage."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self, get_args
+
+import numpy as np
+import numpy.typing as npt
+import soundfile
+
+from haptix.errors import FileFormatError, InputError
+
+Array = npt.NDArray[np.float64]
+Container = Literal["wav", "flac"]
+Encoding = Literal["float32", "24-bit"]
+
+_CODES = 1 << 23  # of 24 bits; every reader divides by this
+_LARGEST_WAV = 4_000_000_000  # bytes: sizes in its header have 32 bits
+
+
+def check_format(container: str, encoding: str) -> None:
+    """Refuse what cannot be written."""
+    if container not in get_args(Container):
+        raise InputError(f'format: expected "wav" or "flac", got {container!r}')
+    if encoding not in get_args(Encoding):
+        raise InputError(f'encoding: expected "float32" or "24-bit", got {encoding!r}')
+    if (container, encoding) == ("flac", "float32"):
+        raise InputError('encoding: FLAC holds integers; choose "24-bit", or format "wav"')
+
+
+def step_v(encoding: Encoding, full_scale_v: float, at_v: float) -> float:
+    """Return the quantisation step [V] at a voltage."""
+    if encoding == "24-bit":
+        return full_scale_v / _CODES
+    return float(np.spacing(np.float32(abs(at_v) / full_scale_v))) * full_scale_v
+
+
+class AudioWriter:
+    """Writes a file in blocks; whole when the context is left without an error.
+
+    Parameters
+    ----------
+    path : Path
+        Where to.
+    container, encoding : str
+        "wav" or "flac"; "float32" or "24-bit".
+    sample_rate_hz : float
+        A whole number.
+    full_scale_v : float
+        Voltage of sample 1.0; must be above every sample.
+    samples : int
+        How many will come, to refuse what a file cannot hold.
+    trigger : bool
+        Whether a second channel holds triggers.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        container: Container,
+        encoding: Encoding,
+        sample_rate_hz: float,
+        full_scale_v: float,
+        samples: int,
+        trigger: bool,
+    ) -> None:
+        check_format(container, encoding)
+        channels = 2 if trigger else 1
+        if container == "wav" and samples * channels * 4 > _LARGEST_WAV:
+            raise InputError(
+                f"{path.name}: {samples} samples are more than a WAV file holds; make it shorter, "
+                'or choose format "flac"'
+            )
+        self.path = path
+        self._encoding = encoding
+        self._full_scale_v = full_scale_v
+        subtype = "FLOAT" if encoding == "float32" else "PCM_24"
+        kind = "WAV" if container == "wav" else "FLAC"
+        self._file = soundfile.SoundFile(
+            path, "w", round(sample_rate_hz), channels, subtype, format=kind
+        )
+        self._trigger = trigger
+
+    def write(self, drive_v: Array, trigger: npt.NDArray[np.float32] | None) -> None:
+        """Append samples.
+
+        Raises
+        ------
+        OSError
+            If the disk takes no more.
+        """
+        frames = np.empty((len(drive_v), 2 if self._trigger else 1), self._dtype)
+        frames[:, 0] = self._encoded(drive_v / self._full_scale_v)
+        if trigger is not None:
+            frames[:, 1] = self._encoded(trigger)
+        try:
+            self._file.write(frames)
+        except (AssertionError, soundfile.SoundFileError) as error:  # a short write is an assertion
+            raise OSError(f"cannot write all of {self.path.name}: is the disk full? {error}") from (
+                None
+            )
+
+    @property
+    def _dtype(self) -> type[np.generic]:
+        return np.float32 if self._encoding == "float32" else np.int32
+
+    def _encoded(self, share: Any) -> Any:
+        if self._encoding == "float32":
+            return share
+        return np.rint(share * _CODES).astype(np.int32) << 8
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            self._file.close()
+            if error is None:
+                _forget_time(self.path)
+        except soundfile.SoundFileError as failure:
+            raise OSError(f"cannot finish {self.path.name}: is the disk full? {failure}") from None
+
+
+def _forget_time(path: Path) -> None:
+    """Clear the time of writing that float WAV files keep: equal samples make equal bytes."""
+    with path.open("r+b") as file:
+        head = file.read(4096)
+        at = head.find(b"PEAK")
+        if head[:4] == b"RIFF" and at > 0:
+            file.seek(at + 12)  # after name, size and version
+            file.write(bytes(4))
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def read_drive(
+    path: str | Path, full_scale_v: float, first: int = 0, count: int = -1
+) -> tuple[Array, Array | None, float]:
+    """Read volts, triggers (None without) and sample rate of a file.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no audio file of one or two channels.
+    """
+    try:
+        with soundfile.SoundFile(path) as file:
+            file.seek(first)
+            data = file.read(count, dtype="float64", always_2d=True)
+            rate = float(file.samplerate)
+    except (OSError, soundfile.SoundFileError) as error:
+        raise FileFormatError(f"cannot read {path}: {error}") from None
+    if data.shape[1] not in (1, 2):
+        raise FileFormatError(f"{path}: expected 1 or 2 channels, got {data.shape[1]}")
+    return data[:, 0] * full_scale_v, data[:, 1] if data.shape[1] == 2 else None, rate

@@ -1,0 +1,196 @@
+"""Designs of sets: full factorial, constant stimuli, matched intensity, equal friction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+from math import pi, sqrt
+from typing import Any, Literal
+
+from haptix.errors import InputError
+from haptix.perception import Perception
+from haptix.screen import Screen
+from haptix.stimuli.signal import number, positive
+from haptix.stimuli.stimulus import DEFAULT_CARRIER_HZ, Stimulus, stimulus_from
+from haptix.stimuli.waves import Sine
+
+
+def full_factorial(
+    name: str, make: Callable[..., Stimulus], **factors: Sequence[Any]
+) -> list[Stimulus]:
+    """Every combination of some factors' values.
+
+    Parameters
+    ----------
+    name : str
+        Beginning of the stimuli's names; a number follows.
+    make : callable
+        ``make(name, **values)`` returns a stimulus.
+    **factors : sequences
+        Values of each factor; they become the stimuli's conditions.
+    """
+    for factor, values in factors.items():
+        if isinstance(values, str) or not len(values):
+            raise InputError(f"{factor}: expected one value or more")
+    combinations = list(product(*factors.values()))
+    digits = max(2, len(str(len(combinations))))
+    found = []
+    for index, values in enumerate(combinations, 1):
+        chosen = dict(zip(factors, values, strict=True))
+        found.append(_with_conditions(make(f"{name}-{index:0{digits}d}", **chosen), chosen))
+    return found
+
+
+def constant_stimuli(
+    name: str,
+    make: Callable[[str, float], Stimulus],
+    threshold: float,
+    steps_db: Sequence[float],
+) -> list[Stimulus]:
+    """Levels in dB about a threshold.
+
+    Parameters
+    ----------
+    name : str
+        Beginning of the stimuli's names; a number follows.
+    make : callable
+        ``make(name, amplitude)`` returns a stimulus.
+    threshold : float
+        Amplitude at 0 dB.
+    steps_db : sequence of float
+        Levels ``20 log10(amplitude / threshold)``.
+    """
+    positive("threshold", threshold)
+    if not len(steps_db):
+        raise InputError("steps_db: expected one level or more")
+    found = []
+    for index, step in enumerate(steps_db, 1):
+        number("steps_db", step)
+        amplitude = float(threshold * 10 ** (step / 20))
+        one = make(f"{name}-{index:02d}", amplitude)
+        found.append(_with_conditions(one, {"level_db": step, "amplitude": amplitude}))
+    return found
+
+
+def matched_intensity(
+    name: str,
+    felt_hz: Sequence[float],
+    sensation_db: float,
+    length_s: float,
+    drive: Literal["direct", "carrier"] = "direct",
+    normal_force_n: float = 0.5,
+    carrier_hz: float = DEFAULT_CARRIER_HZ,
+    perception: Perception | None = None,
+    fade_s: float = 0.05,
+) -> list[Stimulus]:
+    """Tones of several felt frequencies at one level above threshold, by the rule of two channels.
+
+    Parameters
+    ----------
+    name : str
+        Beginning of the stimuli's names; the frequency follows.
+    felt_hz : sequence of float
+        Frequencies of the pull [Hz].
+    sensation_db : float
+        Level above the threshold of the channel that mediates [dB].
+    length_s, fade_s : float
+        Length, and of it each fade [s].
+    drive : {"direct", "carrier"}
+        A sine of half the felt frequency; or a carrier whose pull is a raised sine of the felt
+        frequency, which takes sqrt(2) times the amplitude for the same pull (dispersion of skin and
+        insulator between the two frequencies left out).
+    normal_force_n, carrier_hz : float
+        Of the touch and the drive.
+    perception : Perception, optional
+        Thresholds; those that ship without.
+    """
+    known = Perception.default() if perception is None else perception
+    number("sensation_db", sensation_db)
+    if drive not in ("direct", "carrier"):
+        raise InputError(f'drive: expected "direct" or "carrier", got {drive!r}')
+    found = []
+    for felt in felt_hz:
+        positive("felt_hz", felt)
+        channel = known.channel_at(felt)
+        volts = 10 ** ((channel.threshold(felt) + sensation_db) / 20)
+        if drive == "direct":
+            tone = Sine(volts, felt / 2)
+        else:
+            # The square of this amplitude is V^2 (1 + sin 2 pi f t) / 2: the pull's own shape.
+            tone = Sine(sqrt(2) * volts, felt / 2, phase_rad=pi / 4)
+        one = Stimulus(
+            f"{name}-{felt:g}Hz",
+            tone.lasting(length_s).window(fade_s),
+            "volts",
+            normal_force_n,
+            carrier_hz if drive == "carrier" else None,
+            felt / 2 if drive == "direct" else None,
+        )
+        conditions = {
+            "felt_hz": felt,
+            "sensation_db": sensation_db,
+            "channel": channel.name,
+            "threshold_is_placeholder": channel.is_placeholder,
+        }
+        found.append(_with_conditions(one, conditions))
+    return found
+
+
+def equal_friction(
+    stimuli: Sequence[Stimulus], screens: Sequence[Screen]
+) -> tuple[tuple[Stimulus, ...], tuple[Screen, ...]]:
+    """Check that a set means the same friction on several screens: each has volts of its own.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two screens, or a stimulus is in volts or relative to each screen.
+    """
+    if len(screens) < 2:
+        raise InputError("equal friction: expected two screens or more")
+    for one in stimuli:
+        if one.quantity != "mu":
+            raise InputError(
+                f'{one.name}: equal friction is asked for in quantity "mu", got {one.quantity!r}'
+            )
+    return tuple(stimuli), tuple(screens)
+
+
+def stimulus_maker(base: Mapping[str, Any], place: str) -> Callable[..., Stimulus]:
+    """Return ``make(name, **values)`` for a table, with values put at dotted places of it."""
+
+    def make(name: str, **values: Any) -> Stimulus:
+        table: Any = _copy(base)
+        for dotted, value in values.items():
+            _put(table, dotted, value, place)
+        return stimulus_from(name, table)
+
+    return make
+
+
+def _put(table: Any, dotted: str, value: Any, place: str) -> None:
+    *path, last = dotted.split(".")
+    at = table
+    try:
+        for step in path:
+            at = at[int(step)] if isinstance(at, list) else at[step]
+        if isinstance(at, list):
+            at[int(last)] = value
+        else:
+            at[last] = value
+    except (KeyError, IndexError, ValueError, TypeError):
+        raise InputError(
+            f"{place}.{dotted}: there is no such place in the base; write it as in "
+            '"signal.frequency_hz" or "signal.parts.0.amplitude"'
+        ) from None
+
+
+def _copy(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _copy(inner) for key, inner in value.items()}
+    return [_copy(inner) for inner in value] if isinstance(value, list | tuple) else value
+
+
+def _with_conditions(stimulus: Stimulus, more: Mapping[str, Any]) -> Stimulus:
+    return replace(stimulus, conditions={**stimulus.conditions, **more})

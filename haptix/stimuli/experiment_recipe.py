@@ -1,0 +1,155 @@
+"""An experiment as a TOML file: the stimulus whose level varies, the method, the task."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, PositiveFloat
+
+from haptix.errors import InputError
+from haptix.finger import Finger
+from haptix.profile import Profile
+from haptix.screen import Screen
+from haptix.stimuli.adaptive import ConstantStimuli, Method, Presentation, Quest, UpDown
+from haptix.stimuli.algebra import Product
+from haptix.stimuli.apparatus import Apparatus
+from haptix.stimuli.recipe import profile_named
+from haptix.stimuli.rendering import Rendering
+from haptix.stimuli.response import Response
+from haptix.stimuli.signal import Array, Constant, Signal, signal_from
+from haptix.stimuli.stimulus import Stimulus, stimulus_from
+
+_METHODS: dict[str, Callable[..., Method]] = {
+    "up-down": UpDown,
+    "quest+": Quest,
+    "constant-stimuli": ConstantStimuli,
+}
+
+
+class ExperimentRecipe(Profile):
+    """An experiment as a file says it.
+
+    Parameters
+    ----------
+    name : str
+        What to call it.
+    stimulus : table
+        A stimulus; the level multiplies its signal by ``10^(level / 20)``.
+    pedestal : table, optional
+        A signal in the same quantity that target and reference both have, for difference
+        thresholds; without it the reference is 0 V.
+    method : table
+        ``kind`` is "up-down", "quest+" or "constant-stimuli"; the rest are its parameters.
+    task : {"2ifc", "2afc"}
+        How the alternatives are presented.
+    finger, screen : str
+        Presets or TOML files.
+    """
+
+    name: str
+    stimulus: dict[str, Any]
+    method: dict[str, Any]
+    pedestal: dict[str, Any] | None = None
+    task: Literal["2ifc", "2afc"] = "2ifc"
+    finger: str = "semi-wet"
+    screen: str = "3m-sct3250"
+    seed: int = 0
+    pause_s: Annotated[float, Field(ge=0)] = 0.5
+    ceiling_v: PositiveFloat | None = None
+    folder: Annotated[Path, Field(exclude=True)] = Path()
+
+    @classmethod
+    def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
+        return cls(**fields, folder=folder)
+
+    def make_method(self) -> Method:
+        """Make the method."""
+        given = dict(self.method)
+        kind = given.pop("kind", None)
+        if kind not in _METHODS:
+            raise InputError(f"method.kind: expected one of {', '.join(_METHODS)}, got {kind!r}")
+        values = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in given.items()
+        }
+        try:
+            return _METHODS[kind](**values)
+        except TypeError as error:
+            raise InputError(f"method: {str(error).split('__init__() ')[-1]}") from None
+        except InputError as error:
+            raise InputError(f"method: {error}") from None
+
+    def presentation(self, sample_rate_hz: float) -> Presentation:
+        """Build the surface, and make what turns a level into volts."""
+        stimulus = stimulus_from("target", self.stimulus)
+        finger = profile_named(Finger, self.finger, self.folder)
+        screen = profile_named(Screen, self.screen, self.folder)
+        apparatus = Apparatus.build(finger, screen, [stimulus], self.ceiling_v)
+        response, _ = apparatus.responses(stimulus)
+        pedestal = None if self.pedestal is None else signal_from(self.pedestal, "pedestal")
+        return presentation_of(stimulus, response, sample_rate_hz, pedestal)
+
+
+def presentation_of(
+    stimulus: Stimulus,
+    response: Response,
+    sample_rate_hz: float,
+    pedestal: Signal | None = None,
+) -> Presentation:
+    """A stimulus whose level [dB] multiplies its signal by ``10^(level / 20)``.
+
+    Parameters
+    ----------
+    stimulus : Stimulus
+        In contrast or volts: a level multiplies what has a zero.
+    response : Response
+        What voltage does.
+    sample_rate_hz : float
+        Of the device.
+    pedestal : Signal, optional
+        What is added, and alone is the reference; 0 without.
+
+    Returns
+    -------
+    Presentation
+        A level whose friction there is not counts as above every ceiling.
+    """
+    if stimulus.quantity == "mu":
+        raise InputError(
+            f'{stimulus.name}: a level in dB multiplies, so that "mu" has none; use "contrast"'
+        )
+    rate, unit = sample_rate_hz, stimulus.signal
+    ground = Constant(0.0) if pedestal is None else pedestal
+    plain = Rendering(stimulus, response, rate)
+    values = unit.values(0, plain.samples, rate)
+    below = ground.values(0, plain.samples, rate)
+
+    def scale(level: float) -> float:
+        return float(10 ** (level / 20))
+
+    def drive(signal: Signal) -> Array:
+        return Rendering(replace(stimulus, signal=signal), response, rate).whole()
+
+    def target(level: float) -> Array:
+        return drive(ground.lasting(unit.length) + Product((Constant(scale(level)), unit)))
+
+    def peak(level: float) -> float:
+        total = below + scale(level) * values
+        if stimulus.quantity == "volts":
+            return float(np.abs(total).max())
+        mu = (1 + total) * response.lowest_mu
+        volts, too_low, too_high = response.voltage(mu)
+        if too_low:
+            raise InputError(
+                f"{stimulus.name}: asks for friction below that without voltage at level "
+                f"{level:g}; raise its offset or the pedestal"
+            )
+        return inf if too_high else float(volts.max())
+
+    reference = drive(ground.lasting(unit.length))
+    return Presentation(target, reference, peak)

@@ -1,0 +1,198 @@
+"""AHAP, the haptic patterns of Apple's Core Haptics: intensity against time.
+
+What is kept is the share of a friction range against time, as the intensity of one continuous
+event. Volts, force, carrier, absolute friction and everything in space are lost, and curves are
+kept at their corners only; sharpness has no counterpart in friction and is left at a constant.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from haptix.errors import FileFormatError, InputError
+from haptix.stimuli.folder import as_json, read_json, write_whole
+from haptix.stimuli.signal import Signal, number
+from haptix.stimuli.waves import Points
+
+_CORNERS_PER_CURVE = 16  # more in one are not played by every version of Core Haptics
+_LONGEST_EVENT_S = 30.0  # of a continuous event
+_SHARPNESS = 0.5
+
+
+def write_ahap(
+    path: str | Path, signal: Signal, low: float, high: float, rate_hz: float = 200.0
+) -> dict[str, Any]:
+    """Write a finite signal; `low` becomes intensity 0 and `high` becomes 1.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    signal : Signal
+        In any quantity.
+    low, high : float
+        Its range; values outside are an error.
+    rate_hz : float
+        Corners per second.
+
+    Returns
+    -------
+    dict
+        What is lost: ``lost`` in words, ``rms`` and ``largest`` of what the corners miss.
+    """
+    number("low", low)
+    number("high", high)
+    if high <= low:
+        raise InputError(f"low and high: expected low < high, got {low:g} and {high:g}")
+    length = signal.length
+    if not 0 < length <= _LONGEST_EVENT_S:
+        raise InputError(
+            f"signal: a continuous event lasts at most {_LONGEST_EVENT_S:g} s, got {length:g} s"
+        )
+    fine_hz = max(48_000.0, 4 * rate_hz)
+    count = signal.samples(fine_hz) or 1
+    values = signal.values(0, count, fine_hz)
+    if values.min() < low - 1e-9 * (high - low) or values.max() > high + 1e-9 * (high - low):
+        raise InputError(
+            f"signal: reaches {values.min():g} to {values.max():g}, outside {low:g} to {high:g}"
+        )
+    t = np.arange(count) / fine_hz
+    at = np.unique(np.append(np.arange(0, length, 1 / rate_hz), (count - 1) / fine_hz))
+    corner = np.clip((np.interp(at, t, values) - low) / (high - low), 0, 1)
+    pattern: list[dict[str, Any]] = [
+        {
+            "Event": {
+                "Time": 0.0,
+                "EventType": "HapticContinuous",
+                "EventDuration": length,
+                "EventParameters": [
+                    {"ParameterID": "HapticIntensity", "ParameterValue": 1.0},
+                    {"ParameterID": "HapticSharpness", "ParameterValue": _SHARPNESS},
+                ],
+            }
+        }
+    ]
+    # Curves share their ends, so that no straight line is lost between two of them.
+    for first in range(0, max(1, len(at) - 1), _CORNERS_PER_CURVE - 1):
+        part = slice(first, first + _CORNERS_PER_CURVE)
+        begin = float(at[first])
+        pattern.append(
+            {
+                "ParameterCurve": {
+                    "ParameterID": "HapticIntensityControl",
+                    "Time": begin,
+                    "ParameterCurveControlPoints": [
+                        {"Time": float(x) - begin, "ParameterValue": float(y)}
+                        for x, y in zip(at[part], corner[part], strict=True)
+                    ],
+                }
+            }
+        )
+    missed = low + np.interp(t, at, corner) * (high - low) - values
+    lost = {
+        "lost": (
+            "volts, force, carrier, absolute friction and places; what is between corners "
+            f"{1 / rate_hz:g} s apart"
+        ),
+        "rms": float(np.sqrt(np.mean(missed**2))),
+        "largest": float(np.abs(missed).max()),
+    }
+    table = {
+        "Version": 1.0,
+        "Metadata": {
+            "Project": "haptix",
+            "Description": f"intensity 0 to 1 is {low:g} to {high:g}; {lost['lost']}",
+        },
+        "Pattern": pattern,
+    }
+    try:
+        write_whole(Path(path), as_json(table))
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror}") from None
+    return lost
+
+
+def read_ahap(path: str | Path, low: float, high: float) -> tuple[Signal, list[str]]:
+    """Read the intensity of a pattern's continuous events; intensity 0 and 1 become low and high.
+
+    Returns
+    -------
+    Signal
+        Intensity times its control curve, as straight lines between corners.
+    list of str
+        What of the file is not in the signal.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no AHAP, or has no continuous event.
+    """
+    path = Path(path)
+    table = read_json(path)
+    try:
+        events = [one["Event"] for one in table["Pattern"] if "Event" in one]
+        curves = [one["ParameterCurve"] for one in table["Pattern"] if "ParameterCurve" in one]
+        lasting = [one for one in events if one["EventType"] == "HapticContinuous"]
+        spans = [
+            (float(one["Time"]), float(one["Time"]) + float(one["EventDuration"]), _intensity(one))
+            for one in lasting
+        ]
+        corners = sorted(
+            (float(curve["Time"]) + float(point["Time"]), float(point["ParameterValue"]))
+            for curve in curves
+            if curve["ParameterID"] == "HapticIntensityControl"
+            for point in curve["ParameterCurveControlPoints"]
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(f"{path}: expected an AHAP pattern, wrong or missing: {error}") from (
+            None
+        )
+    if not spans:
+        raise FileFormatError(f"{path}: has no HapticContinuous event, only those can be friction")
+    lost = []
+    others = len(events) - len(lasting)
+    if others:
+        lost.append(f"{others} events that are not HapticContinuous")
+    if any("HapticSharpness" in json.dumps(one) for one in lasting):
+        lost.append("sharpness, which friction has not")
+    control = sorted({one.get("ParameterID") for one in curves} - {"HapticIntensityControl"})
+    lost += [f"curves of {name}" for name in control]
+    return _drawn(spans, corners, low, high), lost
+
+
+def _intensity(event: dict[str, Any]) -> float:
+    for parameter in event.get("EventParameters", []):
+        if parameter["ParameterID"] == "HapticIntensity":
+            return min(max(float(parameter["ParameterValue"]), 0.0), 1.0)
+    return 1.0
+
+
+def _drawn(
+    spans: list[tuple[float, float, float]],
+    corners: list[tuple[float, float]],
+    low: float,
+    high: float,
+) -> Signal:
+    """Lines between the corners of the events and curves; before a curve its factor is 1."""
+    tiny = 1e-6  # an edge takes this long [s]
+    x = [t for t, _ in corners]
+    y = [value for _, value in corners]
+    end = max(span[1] for span in spans)
+    edges = {0.0, end, *(t for t in x if 0 <= t <= end)}
+    for begin, stop, _ in spans:
+        edges |= {begin, max(0.0, begin - tiny), stop, max(0.0, stop - tiny)}
+    times = sorted(edges)
+
+    def at(t: float) -> float:
+        loudest = max(
+            (level for begin, stop, level in spans if begin <= t < stop or t == stop == end),
+            default=0.0,
+        )
+        factor = 1.0 if not x or t < x[0] else float(np.interp(t, x, y))
+        return low + (high - low) * min(max(loudest * factor, 0.0), 1.0)
+
+    return Points(tuple(times), tuple(at(t) for t in times))

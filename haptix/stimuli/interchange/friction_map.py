@@ -1,0 +1,114 @@
+"""Friction over the screen as a 16-bit PNG with a sidecar that says what its greys mean."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from haptix.errors import FileFormatError, InputError, check_positive
+from haptix.stimuli.folder import as_json, read_json, write_whole
+
+Array = npt.NDArray[np.float64]
+MapQuantity = Literal["mu", "contrast"]
+
+_WHITE = 65535
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionMap:
+    """Friction over a rectangle, x to the right and y downwards from its corner.
+
+    Parameters
+    ----------
+    values : ndarray, shape (rows, columns)
+        In `quantity`.
+    width_mm : float
+        Width on the screen; pixels are square.
+    quantity : {"mu", "contrast"}
+        Friction coefficients, or friction over that without voltage, less 1.
+    """
+
+    values: Array
+    width_mm: float
+    quantity: MapQuantity = "mu"
+
+    def __post_init__(self) -> None:
+        check_positive("width_mm", self.width_mm)
+        if self.quantity not in get_args(MapQuantity):
+            raise InputError(f'quantity: expected "mu" or "contrast", got {self.quantity!r}')
+        if self.values.ndim != 2 or not self.values.size or not np.isfinite(self.values).all():
+            raise InputError(
+                f"values: expected finite values in rows and columns, got {self.values.shape}"
+            )
+
+    @property
+    def step(self) -> float:
+        """What rounding to 16 bits loses at most is half of this."""
+        return float(np.ptp(self.values)) / _WHITE
+
+    def save(self, path: str | Path) -> None:
+        """Write a PNG, and a JSON sidecar of the same name.
+
+        Black and white are the lowest and highest value; nothing but rounding to 16 bits is lost.
+        """
+        path = Path(path)
+        low, high = float(self.values.min()), float(self.values.max())
+        span = high - low
+        level = (self.values - low) / span if span else np.zeros_like(self.values)
+        try:
+            file = io.BytesIO()
+            Image.fromarray(np.rint(level * _WHITE).astype(np.uint16)).save(file, "png")
+            picture = file.getvalue()
+            write_whole(path, picture)
+            table = {
+                "what": "friction map",
+                "quantity": self.quantity,
+                "value": "black_is + grey / 65535 * (white_is - black_is)",
+                "black_is": low,
+                "white_is": high,
+                "width_mm": self.width_mm,
+                "orientation": "x to the right, y downwards",
+                "lost": f"rounding to 16 bits: at most {self.step / 2:.3g} in {self.quantity}",
+                "sha256": hashlib.sha256(picture).hexdigest(),
+            }
+            write_whole(path.with_suffix(".json"), as_json(table))
+        except OSError as error:
+            raise InputError(f"cannot write {path}: {error.strerror}") from None
+
+    @classmethod
+    def load(cls, path: str | Path) -> FrictionMap:
+        """Read a PNG with its sidecar.
+
+        Raises
+        ------
+        FileFormatError
+            If either is missing or of another form, or the sidecar is that of another picture.
+        """
+        path = Path(path)
+        table = read_json(path.with_suffix(".json"))
+        try:
+            low, high = float(table["black_is"]), float(table["white_is"])
+            width, quantity = float(table["width_mm"]), table["quantity"]
+        except (KeyError, TypeError, ValueError) as error:
+            raise FileFormatError(
+                f"{path.with_suffix('.json')}: expected the sidecar of a friction map, "
+                f"wrong or missing: {error}"
+            ) from None
+        try:
+            data = path.read_bytes()
+            with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
+                grey = np.asarray(picture)
+        except (OSError, ValueError, SyntaxError) as error:  # pillow's, for damaged PNG
+            raise FileFormatError(f"cannot read {path} as a picture: {error}") from None
+        if grey.dtype != np.uint16 or grey.ndim != 2:
+            raise FileFormatError(f"{path}: expected 16-bit grey, got {grey.dtype} {grey.shape}")
+        if table.get("sha256") not in (None, hashlib.sha256(data).hexdigest()):
+            raise FileFormatError(f"{path}: is not the picture that its sidecar was written for")
+        return cls(low + grey / _WHITE * (high - low), width, quantity)

@@ -1,0 +1,194 @@
+"""MPEG haptics, ISO/IEC 23090-31, in its JSON form (HJIF): friction along a line on the screen.
+
+The standard's modality "Friction" lies in space: positions are in metres times ten to the
+``unit_exponent``, and a signal of -1 to 1 per position. One band of straight lines ("Curve",
+"Linear") keeps a profile of friction; mu is written as it is where it is at most 1. Field names
+and their order follow the reference software of the standard (MPEGGroup/HapticReferenceSoftware).
+
+Lost: volts, force, speed, carrier, and what lies between the corners; positions are whole units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from haptix.errors import FileFormatError, InputError
+from haptix.stimuli.folder import as_json, read_json, write_whole
+from haptix.stimuli.space import Relief
+from haptix.stimuli.speed import SpeedProfile
+from haptix.stimuli.waves import demand_corners
+
+UNIT_EXPONENT = -6
+"""Micrometres: finer than any finger, and 2 km of them in the standard's integers."""
+
+_SPATIAL = ("Friction",)
+_UNSAID_EXPONENT = -3  # of a file that says none: the standard's default
+
+
+def write_hjif(
+    path: str | Path,
+    x_mm: Sequence[float],
+    mu: Sequence[float],
+    description: str = "friction along a line",
+    date: str | None = None,
+) -> dict[str, Any]:
+    """Write a profile of friction coefficients along a line.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    x_mm : sequence of float
+        Places of the corners [mm], 0 or more, increasing.
+    mu : sequence of float
+        Friction there, 0 to 1: the format's signals end at 1.
+    description, date : str
+        For the file's head; the date, as ISO 8601 has it, is today's unless given.
+
+    Returns
+    -------
+    dict
+        What is lost: in words, and ``largest_shift_mm`` of a corner.
+    """
+    places, values = tuple(map(float, x_mm)), tuple(map(float, mu))
+    demand_corners("x_mm", places, values)
+    if places[0] < 0 or min(values) < 0 or max(values) > 1:
+        raise InputError(
+            "x_mm and mu: expected places of 0 mm or more and friction of 0 to 1, which is what "
+            "the format holds"
+        )
+    unit_mm = 10.0 ** (UNIT_EXPONENT + 3)
+    whole = [round(x / unit_mm) for x in places]
+    if any(b <= a for a, b in pairwise(whole)):
+        raise InputError(f"x_mm: corners less than {unit_mm:g} mm apart fall together")
+    keyframes = [
+        {"relative_position": at - whole[0], "amplitude_modulation": value}
+        for at, value in zip(whole, values, strict=True)
+    ]
+    band = {
+        "band_type": "Curve",
+        "curve_type": "Linear",
+        "lower_frequency_limit": 0,
+        "upper_frequency_limit": 1000,
+        "effects": [
+            {
+                "effect_type": "Basis",
+                "position": whole[0],
+                "phase": 0.0,
+                "base_signal": "Sine",
+                "keyframes": keyframes,
+            }
+        ],
+    }
+    channel = {
+        "id": 0,
+        "description": "along the line",
+        "gain": 1.0,
+        "mixing_coefficient": 1.0,
+        "body_part_mask": 0,
+        "bands": [band],
+    }
+    perception = {
+        "id": 0,
+        "avatar_id": 0,
+        "description": description,
+        "perception_modality": "Friction",
+        "unit_exponent": UNIT_EXPONENT,
+        "perception_unit_exponent": 0,
+        "reference_devices": [],
+        "effect_library": [],
+        "channels": [channel],
+    }
+    table = {
+        "version": "2025",  # year of the standard
+        "profile": "Main",
+        "level": 2,
+        "date": datetime.now(UTC).date().isoformat() if date is None else date,
+        "description": f"{description}; amplitude is the friction coefficient",
+        "timescale": 1000,
+        "avatars": [],  # a perception of avatar 0 is that of none in particular
+        "perceptions": [perception],
+        "syncs": [],
+    }
+    try:
+        write_whole(Path(path), as_json(table))
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror}") from None
+    return {
+        "lost": "volts, force, speed and carrier; friction is straight between corners",
+        "largest_shift_mm": max(abs(a * unit_mm - b) for a, b in zip(whole, places, strict=True)),
+    }
+
+
+def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[Relief, list[str]]:
+    """Read the first profile of friction in a file.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    speed : SpeedProfile or float
+        How the finger moves over it; the file does not say.
+
+    Returns
+    -------
+    Relief
+        Friction along the line.
+    list of str
+        What of the file is not in it.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no HJIF, or holds no curve of friction.
+    """
+    path = Path(path)
+    table = read_json(path)
+    lost: list[str] = []
+    try:
+        perceptions = table["perceptions"]
+        chosen = [one for one in perceptions if one["perception_modality"] in _SPATIAL]
+        if not chosen:
+            kinds = sorted({one["perception_modality"] for one in perceptions})
+            raise FileFormatError(
+                f"{path}: expected a perception of the modality Friction, got "
+                f"{', '.join(kinds) or 'none'}"
+            )
+        first = chosen[0]
+        if len(perceptions) > 1:
+            lost.append(f"{len(perceptions) - 1} other perceptions")
+        unit_mm = 1e3 * 10.0 ** int(first.get("unit_exponent", _UNSAID_EXPONENT))
+        scale = 10.0 ** int(first.get("perception_unit_exponent", 0))
+        channel = first["channels"][0]
+        if len(first["channels"]) > 1:
+            lost.append(f"{len(first['channels']) - 1} other channels")
+        bands = [band for band in channel["bands"] if band["band_type"] == "Curve"]
+        if not bands:
+            raise FileFormatError(f"{path}: expected a band of curves, which is what is read")
+        others = len(channel["bands"]) - 1
+        if others:
+            lost.append(f"{others} other bands")
+        if bands[0].get("curve_type", "Linear") != "Linear":
+            lost.append(f"the shape of curve {bands[0]['curve_type']!r}: read as straight lines")
+        gain = float(channel.get("gain", 1.0)) * scale
+        corners: dict[float, float] = {}
+        for effect in bands[0]["effects"]:
+            if effect["effect_type"] != "Basis":
+                lost.append(f"an effect of type {effect['effect_type']!r}")
+                continue
+            for frame in effect["keyframes"]:
+                at = (int(effect["position"]) + int(frame["relative_position"])) * unit_mm
+                if "amplitude_modulation" in frame:
+                    corners[at] = float(frame["amplitude_modulation"]) * gain
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        if isinstance(error, FileFormatError):
+            raise
+        raise FileFormatError(f"{path}: expected HJIF, wrong or missing: {error}") from None
+    x = sorted(corners)
+    if len(x) < 2:
+        raise FileFormatError(f"{path}: expected two corners of friction or more, got {len(x)}")
+    return Relief(tuple(x), tuple(corners[at] for at in x), speed), lost

@@ -1,0 +1,230 @@
+"""How a set is made: file by file into drafts, judged as a whole, then published."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from haptix.errors import FileFormatError, InputError, LimitError, RangeError
+from haptix.stimuli.apparatus import TOLERANCE, Apparatus
+from haptix.stimuli.audio import file_hash, step_v
+from haptix.stimuli.drawing import contact_sheet
+from haptix.stimuli.folder import as_json, read_json, write_whole
+from haptix.stimuli.play import write_drive
+from haptix.stimuli.rendering import Rendering
+from haptix.stimuli.sidecar import reach, sidecar
+from haptix.stimuli.stimulus import Stimulus
+from haptix.stimuli.stimulus_set import Progress, StimulusSet
+from haptix.stimuli.trials import events, trigger_code
+from haptix.stimuli.trigger import Trigger
+from haptix.version import __version__
+
+_DRAFTS = ".drafts"
+
+
+@dataclass(frozen=True)
+class SetResult:
+    """What was made."""
+
+    folder: Path
+    sidecars: tuple[dict[str, Any], ...]
+    manifest: dict[str, Any]
+    reused: int
+    """Files that an earlier run had finished."""
+
+
+class Job:
+    """One run of `StimulusSet.make`."""
+
+    def __init__(
+        self, parts: StimulusSet, folder: Path, threads: int, on_progress: Progress
+    ) -> None:
+        self.parts, self.folder, self.threads = parts, folder, threads
+        self.drafts = folder / _DRAFTS
+        self.on_progress = on_progress
+        self.reused = 0
+        self.profiles: dict[str, Any] = {}
+        self.limits: list[str] = []
+        self.unreachable: list[str] = []
+
+    def run(self) -> SetResult:
+        """Make, judge and publish; see `StimulusSet.make`."""
+        parts = self.parts
+        if self.folder.exists() and not self.folder.is_dir():
+            raise InputError(f"{self.folder} is a file; name a folder")
+        self.drafts.mkdir(parents=True, exist_ok=True)
+        found: list[dict[str, Any]] = []
+        total = len(parts.screens) * len(parts.stimuli)
+        for screen in parts.screens:
+            self.on_progress("surface", 0.0)
+            apparatus = parts.apparatus(screen)
+            self.on_progress("surface", 1.0)
+            self.profiles[apparatus.profile_hash()] = apparatus.profiles()
+            for index, stimulus in enumerate(parts.stimuli):
+                found.append(self._one(apparatus, stimulus, index, len(found), total))
+        if self.limits or (self.unreachable and parts.unreachable == "reject"):
+            shutil.rmtree(self.drafts, ignore_errors=True)
+            self._reject()
+        return self._publish(found)
+
+    def _reject(self) -> None:
+        lines = "\n  ".join([*self.limits, *self.unreachable])
+        head = f"set {self.parts.name!r} is rejected whole, nothing was written:\n  {lines}"
+        if self.limits:
+            raise LimitError(head)
+        raise RangeError(
+            f'{head}\nlower what they ask for, or say unreachable = "nearest" to play the nearest '
+            "that there is"
+        )
+
+    def _one(
+        self, apparatus: Apparatus, stimulus: Stimulus, index: int, done: int, total: int
+    ) -> dict[str, Any]:
+        """Make one file and its sidecar in the drafts, or find them there or published."""
+        parts = self.parts
+        name = parts.file_name(stimulus, apparatus.screen)
+        recipe = self._recipe(apparatus, stimulus, index)
+        finished = self._finished(name, recipe)
+        response, each = apparatus.responses(stimulus)
+        if finished is not None:
+            self.reused += 1
+            self.on_progress("render", (done + 1) / total)
+            return finished
+        rendering = Rendering(stimulus, response, parts.sample_rate_hz)
+        if rendering.samples < 1:
+            raise InputError(f"{stimulus.name}: expected one sample or more, got none")
+        trigger = None
+        if parts.trigger:
+            trigger = Trigger(trigger_code(index), rendering.samples, parts.sample_rate_hz)
+        draft = self.drafts / f"{name}.part"
+        try:
+            tally = write_drive(
+                draft, rendering, parts.limits, parts.container, parts.encoding,
+                parts.full_scale_v, trigger, self.threads,
+                lambda share: self.on_progress("render", (done + share) / total),
+            )  # fmt: skip
+        except OSError:
+            draft.unlink(missing_ok=True)  # what is finished may need the room
+            raise
+        if tally.limits:
+            self.limits += [f"{name}: {line}" for line in tally.limits]
+            draft.unlink()
+            return {}
+        if not tally.is_reached:
+            self.unreachable.append(reach(name, tally, response))
+        table = {
+            "haptix": __version__,
+            "file": name,
+            "set": parts.name,
+            "volts": "sample of channel 1, read as -1 to 1, times full_scale_v",
+            "full_scale_v": parts.full_scale_v,
+            "format": parts.container,
+            "encoding": parts.encoding,
+            "quantisation_step_v": step_v(parts.encoding, parts.full_scale_v, tally.peak_v),
+            "ceiling_v": parts.limits.ceiling_v,
+            "trigger": None if trigger is None else trigger.describe(),
+            **sidecar(rendering, apparatus, each, tally, parts.perception),
+            "sha256": file_hash(draft),
+            "recipe_sha256": recipe,
+        }
+        draft.replace(self.drafts / name)
+        write_whole(self.drafts / _beside(name), as_json(table))
+        return table
+
+    def _recipe(self, apparatus: Apparatus, stimulus: Stimulus, index: int) -> str:
+        """Hash of everything that decides a file and its sidecar."""
+        parts = self.parts
+        text = json.dumps(
+            [
+                __version__, stimulus.describe(), apparatus.surface_keys(),
+                apparatus.profile_hash(), parts.sample_rate_hz, parts.container, parts.encoding,
+                parts.full_scale_v, parts.limits.ceiling_v, parts.trigger and trigger_code(index),
+                parts.name, TOLERANCE, repr(parts.perception),
+            ],
+            sort_keys=True,
+        )  # fmt: skip
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def _finished(self, name: str, recipe: str) -> dict[str, Any] | None:
+        """Sidecar of a file that this recipe has made before, if both are whole."""
+        for place in (self.drafts, self.folder):
+            if not (place / name).is_file() or not (place / _beside(name)).is_file():
+                continue
+            try:
+                table = read_json(place / _beside(name))
+            except FileFormatError:
+                continue
+            made = table.get("recipe_sha256") == recipe
+            if made and table.get("sha256") == file_hash(place / name):
+                wanted = table.get("wanted") or {}
+                if wanted.get("share_below_reach") or wanted.get("share_above_reach"):
+                    continue  # to be reported again
+                return table
+        return None
+
+    def _publish(self, found: list[dict[str, Any]]) -> SetResult:
+        parts = self.parts
+        self.on_progress("write", 0.0)
+        # A manifest is there when all that it lists is.
+        (self.folder / "manifest.json").unlink(missing_ok=True)
+        files = [str(table["file"]) for table in found]
+        for name in files:
+            for one in (name, _beside(name)):
+                if (self.drafts / one).exists():
+                    (self.drafts / one).replace(self.folder / one)
+        others: dict[str, bytes] = {"profiles.json": as_json(self.profiles)}
+        for number, screen in enumerate(parts.screens):
+            first = number * len(parts.stimuli)
+            on_screen = files[first : first + len(parts.stimuli)]
+            table, columns = events(parts.stimuli, on_screen, parts.trials)
+            others[f"events{parts.suffix(screen)}.tsv"] = table.encode()
+            others[f"events{parts.suffix(screen)}.json"] = as_json(columns)
+        others["sheet.png"] = contact_sheet(parts.name, self.folder, found)
+        for name, data in others.items():
+            write_whole(self.folder / name, data)
+        manifest = {
+            "haptix": __version__,
+            "set": parts.name,
+            "is_placeholder": any(table["is_placeholder"] for table in found),
+            "trials": {
+                "repeats": parts.trials.repeats,
+                "gap_s": parts.trials.gap_s,
+                "seed": parts.trials.seed,
+            },
+            "files": {
+                name: {
+                    "sha256": file_hash(self.folder / name),
+                    "bytes": (self.folder / name).stat().st_size,
+                }
+                for name in sorted([*files, *map(_beside, files), *others])
+            },
+        }
+        write_whole(self.folder / "manifest.json", as_json(manifest))
+        shutil.rmtree(self.drafts, ignore_errors=True)
+        self.on_progress("write", 1.0)
+        return SetResult(self.folder, tuple(found), manifest, self.reused)
+
+
+def check_manifest(folder: str | Path) -> list[str]:
+    """Names of files in a made folder that are missing or are not what its manifest says.
+
+    Raises
+    ------
+    FileFormatError
+        If there is no manifest.
+    """
+    folder = Path(folder)
+    table = read_json(folder / "manifest.json")
+    return [
+        name
+        for name, entry in table.get("files", {}).items()
+        if not (folder / name).is_file() or file_hash(folder / name) != entry["sha256"]
+    ]
+
+
+def _beside(name: str) -> str:
+    return f"{Path(name).stem}.json"

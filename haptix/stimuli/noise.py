@@ -1,0 +1,113 @@
+"""Noise with a given spectrum: stationary, without end, and random access."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import inf
+
+import numpy as np
+
+from haptix.errors import InputError
+from haptix.stimuli.signal import Array, Signal, number, positive, read_row
+from haptix.stimuli.waves import below_nyquist, demand_corners
+
+_HOP = 1 << 16
+_FADE = np.sin(np.pi / 2 * (np.arange(_HOP) + 0.5) / _HOP)
+
+
+@dataclass(frozen=True)
+class Noise(Signal):
+    """Gaussian noise of a given rms and shape of spectrum.
+
+    Pieces of twice 65,536 samples are drawn in the frequency domain, each from the seed and its own
+    number, and overlap by half with gains whose squares add to 1: the variance is the same
+    everywhere, the spectrum is resolved to the inverse of a piece's length (0.4 Hz at 48 kHz), and
+    any block can be made without those before it.
+
+    Parameters
+    ----------
+    rms : float
+        Root of the mean square about `offset`.
+    frequency_hz : tuple of float
+        Corners of the spectrum, increasing; nothing outside.
+    density : tuple of float
+        Power per hertz at the corners, relative; linear in between. Two equal numbers are a band.
+    seed : int
+        Decides the draw.
+    offset, length_s : float
+        Mean, and length [s].
+    """
+
+    kind = "noise"
+    rms: float
+    frequency_hz: tuple[float, ...]
+    seed: int
+    density: tuple[float, ...] = ()
+    offset: float = 0.0
+    length_s: float = inf
+
+    def __post_init__(self) -> None:
+        number("rms", self.rms, 0.0)
+        number("offset", self.offset)
+        positive("length_s", self.length_s, open_end=True)
+        if type(self.seed) is not int or self.seed < 0:
+            raise InputError(f"seed: expected a whole number of 0 or more, got {self.seed!r}")
+        read_row(self, "frequency_hz", "density")
+        if self.density == () and isinstance(self.frequency_hz, tuple):
+            object.__setattr__(self, "density", (1.0,) * len(self.frequency_hz))
+        demand_corners("frequency_hz", self.frequency_hz, self.density)
+        if self.frequency_hz[0] < 0 or min(self.density) < 0 or max(self.density) == 0:
+            raise InputError("frequency_hz and density: expected 0 or more, and some density")
+
+    @property
+    def length(self) -> float:
+        """Length [s]."""
+        return self.length_s
+
+    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        """Values."""
+        below_nyquist(self.frequency_hz[-1], sample_rate_hz)
+        values = np.empty(count)
+        done = 0
+        while done < count:
+            hop, start = divmod(first + done, _HOP)
+            run = min(count - done, _HOP - start)
+            part = slice(start, start + run)
+            # The second half of the piece before, the first of this one.
+            old, new = self._piece(hop, sample_rate_hz), self._piece(hop + 1, sample_rate_hz)
+            values[done : done + run] = (
+                old[_HOP:][part] * _FADE[::-1][part] + new[:_HOP][part] * _FADE[part]
+            )
+            done += run
+        return self.offset + self.rms * values
+
+    def _piece(self, index: int, sample_rate_hz: float) -> Array:
+        return _piece(self.frequency_hz, self.density, self.seed, index, sample_rate_hz)
+
+
+@lru_cache(maxsize=8)
+def _piece(
+    corners_hz: tuple[float, ...],
+    density: tuple[float, ...],
+    seed: int,
+    index: int,
+    sample_rate_hz: float,
+) -> Array:
+    """Two hops of noise of variance 1."""
+    frequency = np.fft.rfftfreq(2 * _HOP, 1 / sample_rate_hz)
+    power = np.interp(frequency, corners_hz, density, left=0.0, right=0.0)
+    power[[0, -1]] = 0.0  # mean and Nyquist have no phase
+    total = power.sum()
+    if total == 0:
+        raise InputError(
+            f"frequency_hz: the band is narrower than the {sample_rate_hz / 2 / _HOP:g} Hz that "
+            "noise resolves; widen it"
+        )
+    draw = np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, 0, index]))
+    kept = np.flatnonzero(power)
+    spectrum = np.zeros(len(frequency), dtype=complex)
+    # Each line is A cos + B sin of variance P / total: the transform of size N carries N / 2 of it.
+    pair = draw.standard_normal((2, len(kept)))
+    spectrum[kept] = (pair[0] + 1j * pair[1]) * (np.sqrt(power[kept] / total) * _HOP)
+    return np.asarray(np.fft.irfft(spectrum, 2 * _HOP))

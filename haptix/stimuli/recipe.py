@@ -1,0 +1,230 @@
+"""Recipes: a set of stimuli, or an experiment, as a TOML file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, model_validator
+
+from haptix.errors import InputError
+from haptix.finger import Finger
+from haptix.perception import Perception
+from haptix.profile import Profile
+from haptix.screen import Screen
+from haptix.stimuli.audio import Container, Encoding
+from haptix.stimuli.designs import (
+    constant_stimuli,
+    equal_friction,
+    full_factorial,
+    matched_intensity,
+    stimulus_maker,
+)
+from haptix.stimuli.population import Population
+from haptix.stimuli.stimulus import Stimulus, stimulus_from
+from haptix.stimuli.stimulus_set import StimulusSet
+from haptix.stimuli.trials import TrialPlan
+
+Table = dict[str, Any]
+P = TypeVar("P", Finger, Screen)
+
+
+class Part(BaseModel):
+    """A table within a recipe: unknown keys and values out of range are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class FactorialDesign(Part):
+    """Every combination of values put at dotted places of a base stimulus."""
+
+    kind: Literal["factorial"]
+    name: str
+    base: Table
+    factors: dict[str, list[Any]]
+
+    def stimuli(self, known: Perception) -> list[Stimulus]:
+        """Make them."""
+        make = stimulus_maker(self.base, f"{self.name}.factors")
+        return full_factorial(self.name, make, **self.factors)
+
+
+class ConstantStimuliDesign(Part):
+    """Levels in dB about a threshold, put at one dotted place."""
+
+    kind: Literal["constant-stimuli"]
+    name: str
+    base: Table
+    vary: str = "signal.amplitude"
+    threshold: PositiveFloat
+    steps_db: list[float]
+
+    def stimuli(self, known: Perception) -> list[Stimulus]:
+        """Make them."""
+        make = stimulus_maker(self.base, f"{self.name}.vary")
+        return constant_stimuli(
+            self.name, lambda name, at: make(name, **{self.vary: at}), self.threshold, self.steps_db
+        )
+
+
+class MatchedIntensityDesign(Part):
+    """Tones at one level above threshold."""
+
+    kind: Literal["matched-intensity"]
+    name: str
+    felt_hz: list[float]
+    sensation_db: float
+    length_s: PositiveFloat
+    drive: Literal["direct", "carrier"] = "direct"
+    normal_force_n: PositiveFloat = 0.5
+    carrier_hz: PositiveFloat = 4000.0
+    fade_s: Annotated[float, Field(ge=0)] = 0.05
+
+    def stimuli(self, known: Perception) -> list[Stimulus]:
+        """Make them."""
+        fields = self.model_dump(exclude={"kind"})
+        return matched_intensity(**fields, perception=known)
+
+
+class EqualFrictionDesign(Part):
+    """Stimuli in mu, rendered for each of several screens."""
+
+    kind: Literal["equal-friction"]
+    name: str
+    base: Table
+    factors: dict[str, list[Any]] = {}
+
+    def stimuli(self, known: Perception) -> list[Stimulus]:
+        """Make them."""
+        if not self.factors:
+            return [stimulus_from(self.name, self.base)]
+        make = stimulus_maker(self.base, f"{self.name}.factors")
+        return full_factorial(self.name, make, **self.factors)
+
+
+Design = Annotated[
+    FactorialDesign | ConstantStimuliDesign | MatchedIntensityDesign | EqualFrictionDesign,
+    Field(discriminator="kind"),
+]
+
+
+class PopulationTable(Part):
+    """How fingers differ."""
+
+    size: int
+    seed: int = 0
+    spread: dict[str, float]
+
+
+class TrialsTable(Part):
+    """The trial table."""
+
+    repeats: int = 1
+    gap_s: float = 1.0
+    seed: int = 0
+    in_order: bool = False
+
+
+class Recipe(Profile):
+    """A set of stimuli as a file says it.
+
+    Parameters
+    ----------
+    name : str
+        What to call the set.
+    finger : str
+        Preset, or TOML file relative to the recipe's folder.
+    population : PopulationTable, optional
+        How fingers differ around that one.
+    screens : list of str
+        Presets or TOML files.
+    stimuli : mapping of name to table
+        Single stimuli, see `haptix.stimuli.stimulus.stimulus_from`.
+    designs : list of tables
+        Designs; `kind` says which.
+    format, encoding, sample_rate_hz, full_scale_v, ceiling_v, trigger, unreachable, trials
+        As of `StimulusSet`.
+    perception : str, optional
+        File of thresholds.
+    """
+
+    name: str
+    finger: str = "semi-wet"
+    population: PopulationTable | None = None
+    screens: tuple[str, ...] = ("3m-sct3250",)
+    stimuli: Annotated[dict[str, Table], Field(default_factory=dict)]
+    designs: tuple[Design, ...] = ()
+    sample_rate_hz: PositiveFloat = 48_000.0
+    format: Container = "wav"
+    encoding: Encoding = "float32"
+    full_scale_v: PositiveFloat = 250.0
+    ceiling_v: PositiveFloat | None = None
+    trigger: bool = True
+    unreachable: Literal["reject", "nearest"] = "reject"
+    trials: TrialsTable = TrialsTable()
+    perception: str | None = None
+    folder: Annotated[Path, Field(exclude=True)] = Path()
+
+    @model_validator(mode="after")
+    def _has_stimuli(self) -> Self:
+        if not self.stimuli and not self.designs:
+            raise ValueError("expected stimuli or designs, got neither")
+        return self
+
+    @classmethod
+    def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
+        if "folder" in fields:
+            raise InputError("Recipe.folder: a file has none; its paths start where it lies")
+        return cls(**fields, folder=folder)
+
+    def stimulus_set(self) -> StimulusSet:
+        """Make the set that the recipe says.
+
+        Raises
+        ------
+        HaptixError
+            If a profile, a stimulus or a design is wrong.
+        """
+        known = Perception.default()
+        if self.perception is not None:
+            known = Perception.load(self.folder / self.perception)
+        found = [
+            stimulus_from(name, self._with_folder(table)) for name, table in self.stimuli.items()
+        ]
+        screens = tuple(profile_named(Screen, name, self.folder) for name in self.screens)
+        for design in self.designs:
+            try:
+                made = design.stimuli(known)
+            except InputError as error:
+                raise InputError(f"design {design.name!r}: {error}") from None
+            if design.kind == "equal-friction":
+                equal_friction(made, screens)
+            found += made
+        one = profile_named(Finger, self.finger, self.folder)
+        finger: Finger | Population = one
+        if self.population is not None:
+            finger = Population.around(
+                one, self.population.size, self.population.spread, self.population.seed
+            )
+        order = None if self.trials.in_order else self.trials.seed
+        return StimulusSet(
+            self.name, tuple(found), finger, screens, self.sample_rate_hz, self.format,
+            self.encoding, self.full_scale_v, self.ceiling_v, self.trigger, self.unreachable,
+            TrialPlan(self.trials.repeats, self.trials.gap_s, order), known,
+        )  # fmt: skip
+
+    def _with_folder(self, value: Any) -> Any:
+        """Let recordings start at the recipe's folder."""
+        if isinstance(value, list):
+            return [self._with_folder(item) for item in value]
+        if not isinstance(value, dict):
+            return value
+        inner = {key: self._with_folder(item) for key, item in value.items()}
+        if inner.get("kind") == "recorded" and isinstance(inner.get("file"), str):
+            inner["file"] = str(self.folder / inner["file"])
+        return inner
+
+
+def profile_named(kind: type[P], name: str, folder: Path) -> P:
+    """Look a preset up, or read a TOML file relative to a folder."""
+    return kind.load(folder / name) if name.endswith(".toml") else kind.preset(name)

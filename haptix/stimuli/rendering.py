@@ -1,0 +1,127 @@
+"""From a stimulus to drive samples, block by block and by several threads."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.errors import InputError
+from haptix.stimuli.response import Response
+from haptix.stimuli.stimulus import Stimulus
+from haptix.stimuli.tone import tone
+
+Array = npt.NDArray[np.float64]
+
+BLOCK = 1 << 16
+"""Samples of a block. It is part of what the numbers are: sums run block by block."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Consecutive samples, and what became of them."""
+
+    first: int
+    drive_v: Array
+    """Voltage, shape (samples,)."""
+    amplitude_v: Array
+    """Amplitude that sets the friction: the carrier's, or of a sine of the same pull."""
+    wanted_low: float
+    """Lowest value asked for, as friction; NaN for volts."""
+    wanted_high: float
+    below: int
+    """Samples whose friction is below what there is without voltage."""
+    above: int
+    """Samples above what the highest voltage gives."""
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """A stimulus for one response.
+
+    Parameters
+    ----------
+    stimulus : Stimulus
+        What is to be felt.
+    response : Response
+        What voltage does; decides the volts for friction, and the friction for volts.
+    sample_rate_hz : float
+        Samples per second.
+    """
+
+    stimulus: Stimulus
+    response: Response
+    sample_rate_hz: float = 48_000.0
+
+    def __post_init__(self) -> None:
+        carrier = self.stimulus.carrier_hz
+        if carrier is not None and carrier > self.sample_rate_hz / 4:
+            raise InputError(
+                f"carrier_hz: expected at most a quarter of the {self.sample_rate_hz:g} samples "
+                f"per second, got {carrier:g} Hz"
+            )
+
+    @property
+    def samples(self) -> int:
+        """Length in samples."""
+        count = self.stimulus.signal.samples(self.sample_rate_hz)
+        assert count is not None  # a stimulus ends
+        return count
+
+    def block(self, first: int, count: int) -> Block:
+        """Render some samples."""
+        stimulus, response = self.stimulus, self.response
+        values = stimulus.signal.values(first, count, self.sample_rate_hz)
+        if stimulus.quantity == "volts":
+            if stimulus.carrier_hz is None:
+                # A sine pulls like its mean square: at every instant, that of sqrt(2) |v|.
+                return Block(first, values, np.abs(values) * np.sqrt(2), np.nan, np.nan, 0, 0)
+            drive = values * self._carrier(first, count)
+            return Block(first, drive, np.abs(values), np.nan, np.nan, 0, 0)
+        mu = values
+        if stimulus.quantity == "contrast":
+            mu = (1 + values) * response.lowest_mu
+        low, high = float(mu.min()), float(mu.max())
+        amplitude, below, above = response.voltage(mu)
+        return Block(
+            first, amplitude * self._carrier(first, count), amplitude, low, high, below, above
+        )
+
+    def _carrier(self, first: int, count: int) -> Array:
+        assert self.stimulus.carrier_hz is not None
+        return tone(first, count, self.stimulus.carrier_hz, self.sample_rate_hz)
+
+    def stream(self, threads: int = 1) -> Iterator[Block]:
+        """Blocks in their order, rendered by `threads` threads; the numbers do not depend on it."""
+        return in_order(
+            lambda first: self.block(first, min(BLOCK, self.samples - first)),
+            range(0, self.samples, BLOCK),
+            threads,
+        )
+
+    def whole(self, threads: int = 1) -> Array:
+        """All drive samples [V] at once, for short stimuli."""
+        return np.concatenate([block.drive_v for block in self.stream(threads)])
+
+
+def in_order(make: Callable[[int], Block], starts: range, threads: int) -> Iterator[Block]:
+    """Make blocks by several threads, a few ahead of the one that is handed out."""
+    if threads <= 1:
+        yield from map(make, starts)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        waiting: deque[Future[Block]] = deque()
+        try:
+            for start in starts:
+                waiting.append(pool.submit(make, start))
+                if len(waiting) > 2 * threads:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()

@@ -1,0 +1,207 @@
+"""What stands beside a drive file: everything needed to play it, and to know what it should do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.errors import InputError
+from haptix.perception import Perception, components_of_pull, detection
+from haptix.status import Status
+from haptix.stimuli.apparatus import Apparatus
+from haptix.stimuli.play import Tally
+from haptix.stimuli.rendering import Rendering
+from haptix.stimuli.response import Response
+
+Array = npt.NDArray[np.float64]
+
+_LOOK_S = 2.0  # seconds of a stimulus, from its middle, that spectra look at
+_BAND = (5.0, 50.0, 95.0)
+_NODES = 65  # of the table that pictures are drawn from
+
+
+def excerpt(rendering: Rendering, length_s: float = _LOOK_S) -> tuple[int, Array, Array]:
+    """First sample, drive [V] and amplitude [V] of the middle of a stimulus."""
+    count = min(round(length_s * rendering.sample_rate_hz), rendering.samples)
+    first = (rendering.samples - count) // 2
+    block = rendering.block(first, count)
+    return first, block.drive_v, block.amplitude_v
+
+
+def predicted(tally: Tally, response: Response, each: Sequence[Response]) -> dict[str, Any]:
+    """Friction at the lowest and highest amplitude, of the median finger and of all."""
+    ends = np.array([tally.lowest_amplitude_v, tally.highest_amplitude_v])
+    low, high = response.mu(ends)
+    amplitude = response.limit_v * np.linspace(0, 1, _NODES)
+    found: dict[str, Any] = {
+        "mu_low": float(low),
+        "mu_high": float(high),
+        "mu_without_voltage": response.lowest_mu,
+        "mu_reachable": [response.lowest_mu, response.highest_mu],
+        "against_amplitude": {
+            "amplitude_v": amplitude.tolist(),
+            "mu": response.mu(amplitude).tolist(),
+        },
+    }
+    if len(each) > 1:
+        mu = np.array([one.mu(ends) for one in each])
+        contrast = mu / np.array([[one.lowest_mu] for one in each]) - 1
+        found["over_fingers"] = {
+            "percentiles": list(_BAND),
+            "mu_low": np.percentile(mu[:, 0], _BAND).tolist(),
+            "mu_high": np.percentile(mu[:, 1], _BAND).tolist(),
+            "contrast_high": np.percentile(contrast[:, 1], _BAND).tolist(),
+        }
+        all_mu = np.array([one.mu(amplitude) for one in each])
+        edges = np.percentile(all_mu, (_BAND[0], _BAND[-1]), axis=0)
+        found["against_amplitude"]["mu_p5"], found["against_amplitude"]["mu_p95"] = edges.tolist()
+    return found
+
+
+def felt(rendering: Rendering, known: Perception) -> dict[str, Any] | None:
+    """Sensation level of the middle of a stimulus; None where no threshold is known."""
+    _, _, amplitude = excerpt(rendering)
+    # A carrier of amplitude a pulls with a^2 / 4, a voltage v with v^2 / 2.
+    try:
+        components = components_of_pull(amplitude / np.sqrt(2), rendering.sample_rate_hz)
+        found = detection(components, known)
+    except InputError:
+        return None
+    return {
+        "channel": found.channel,
+        "sensation_db": found.sensation_db,
+        "threshold_is_placeholder": found.is_placeholder,
+    }
+
+
+def heard(rendering: Rendering, capacitance_f: float, known: Perception) -> dict[str, Any]:
+    """Flag a carrier or an envelope in the audible range, at the current that the finger draws.
+
+    The strongest component of the drive and the strongest of its envelope are looked at. The
+    current of a component of amplitude V at f is ``2 pi f C V / sqrt(2)``; an envelope goes with
+    the current of the whole drive that carries it.
+    """
+    _, drive, amplitude = excerpt(rendering)
+    rate = rendering.sample_rate_hz
+    taper = np.hanning(len(drive) + 2)[1:-1]
+    frequency = np.fft.rfftfreq(len(drive), 1 / rate)
+    volts = np.abs(np.fft.rfft(drive * taper)) * 2 / taper.sum()
+    current = 2 * np.pi * frequency * capacitance_f * volts / np.sqrt(2)
+    in_range = (frequency >= known.audibility.low_hz) & (frequency <= known.audibility.high_hz)
+    strongest = int(np.argmax(np.where(in_range, current, 0.0)))
+    slope = np.gradient(drive) * rate if len(drive) > 1 else np.zeros(1)
+    total = float(capacitance_f * np.sqrt(np.mean(slope**2)))
+    pull = np.abs(np.fft.rfft((amplitude**2 - np.mean(amplitude**2)) * taper)) * 2 / taper.sum()
+    # An envelope that moves the pull by less than 1 % of its mean is none.
+    moving = in_range & (pull > 0.01 * np.mean(amplitude**2))
+    envelope = int(np.argmax(np.where(moving, pull, 0.0))) if moving.any() else None
+    carrier_hz = float(frequency[strongest])
+    envelope_hz = None if envelope is None else float(frequency[envelope])
+    drive_flag = bool(known.audibility(carrier_hz, float(current[strongest])))
+    envelope_flag = envelope_hz is not None and known.audibility(envelope_hz, total)
+    return {
+        "audible": drive_flag or envelope_flag,
+        "drive_is_audible": drive_flag,
+        "envelope_is_audible": envelope_flag,
+        "drive_hz": carrier_hz,
+        "drive_current_a_rms": float(current[strongest]),
+        "envelope_hz": envelope_hz,
+        "current_a_rms": total,
+        "rule": (
+            f"flagged where the drive's or the envelope's strongest component lies within "
+            f"{known.audibility.low_hz:g} to {known.audibility.high_hz:g} Hz at a current of "
+            f"{known.audibility.current_a:g} A rms or more, through at most {capacitance_f:.3g} F "
+            f"({known.audibility.source})"
+        ),
+    }
+
+
+def reach(name: str, tally: Tally, response: Response) -> str:
+    """Say what a stimulus asked for that there is not, and the nearest there is."""
+    why = {
+        Status.ABOVE: "the voltage limit",
+        Status.PULL_IN: "pull-in",
+        Status.BREAKDOWN: "breakdown",
+    }[response.ends_by]
+    parts = []
+    if tally.below:
+        parts.append(
+            f"friction down to {tally.wanted_low:.4f} in {tally.below / tally.samples:.1%} of its "
+            f"samples, the lowest is {response.lowest_mu:.4f} (no voltage)"
+        )
+    if tally.above:
+        parts.append(
+            f"friction up to {tally.wanted_high:.4f} in {tally.above / tally.samples:.1%} of its "
+            f"samples, the highest is {response.highest_mu:.4f} ({why}, {response.limit_v:.0f} V)"
+        )
+    return f"{name}: asks for {'; and for '.join(parts)}"
+
+
+def sidecar(
+    rendering: Rendering,
+    apparatus: Apparatus,
+    each: Sequence[Response],
+    tally: Tally,
+    known: Perception,
+) -> dict[str, Any]:
+    """Everything but what the file itself decides (format, trigger, hash)."""
+    stimulus, response = rendering.stimulus, rendering.response
+    error = apparatus.error_mu()
+    prediction = predicted(tally, response, each)
+    prediction["error_mu_at_most"] = error
+    prediction["error_thresholds_at_most"] = error / known.difference_mu(response.lowest_mu)
+    prediction["error_is"] = (
+        "of the surface against its contact model; the model's own error, and that of stand-ins, "
+        "is not in it"
+    )
+    if stimulus.quantity == "volts" and tally.past_the_surface:
+        prediction["share_past_the_surface"] = tally.past_the_surface / tally.samples
+    wanted = None
+    if stimulus.quantity != "volts":
+        wanted = {
+            "mu_low": tally.wanted_low,
+            "mu_high": tally.wanted_high,
+            "share_below_reach": tally.below / tally.samples,
+            "share_above_reach": tally.above / tally.samples,
+        }
+    capacitance = apparatus.capacitance_f(
+        stimulus, min(tally.highest_amplitude_v, response.limit_v)
+    )
+    return {
+        "name": stimulus.name,
+        "stimulus": stimulus.describe(),
+        "quantity": stimulus.quantity,
+        "seeds": list(stimulus.signal.seeds),
+        "conditions": dict(stimulus.conditions),
+        "sample_rate_hz": rendering.sample_rate_hz,
+        "samples": tally.samples,
+        "length_s": tally.samples / rendering.sample_rate_hz,
+        "carrier_hz": stimulus.carrier_hz,
+        "drive_hz": stimulus.frequency_hz,
+        "envelope": (
+            "none: the voltage is the signal"
+            if stimulus.carrier_hz is None
+            else "the carrier's amplitude is the signal"
+            if stimulus.quantity == "volts"
+            else "the carrier's amplitude is what gives the friction, by the surface's inverse"
+        ),
+        "peak_v": tally.peak_v,
+        "rms_v": tally.rms_v,
+        "amplitude_v": [tally.lowest_amplitude_v, tally.highest_amplitude_v],
+        "normal_force_n": stimulus.normal_force_n,
+        "speed": None if stimulus.speed is None else stimulus.speed.describe(),
+        "fingers": apparatus.fingers,
+        "screen": apparatus.screen.name,
+        "h0_m": apparatus.screen.h0_m if stimulus.h0_m is None else stimulus.h0_m,
+        "wanted": wanted,
+        "predicted": prediction,
+        "felt": felt(rendering, known),
+        "audibility": heard(rendering, capacitance, known),
+        "placeholders": apparatus.placeholders(),
+        "is_placeholder": bool(apparatus.placeholders()),
+        "surface_hash": apparatus.surface_keys(),
+        "profile_hash": apparatus.profile_hash(),
+    }

@@ -1,0 +1,170 @@
+"""A stimulus: a signal, what it is a signal of, and the touch it is made for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from math import inf
+from typing import Any, Literal, get_args
+
+from haptix.errors import InputError
+from haptix.stimuli.signal import Signal, positive, signal_from
+from haptix.stimuli.speed import SpeedProfile, speed_from
+
+Quantity = Literal["mu", "contrast", "volts"]
+
+DEFAULT_CARRIER_HZ = 4000.0
+"""Above what skin feels, and a whole twelfth of 48 kHz."""
+
+
+@dataclass(frozen=True)
+class Stimulus:
+    """What is to be felt.
+
+    Parameters
+    ----------
+    name : str
+        Names its files: letters, digits, ``-``, ``_`` and ``.``.
+    signal : Signal
+        Values against time.
+    quantity : {"mu", "contrast", "volts"}
+        What the values are: friction coefficients; friction over that without voltage, less 1; or
+        volts.
+    normal_force_n : float
+        Force of the touch [N].
+    carrier_hz : float or None
+        Frequency of the carrier, whose amplitude follows; without one volts are played as they are.
+    drive_hz : float, optional
+        Without a carrier: the frequency of the drive, at which skin and insulator are to be taken.
+    speed : SpeedProfile, optional
+        How the finger is to move; without it that of the signals in space within, if they agree.
+    h0_m : float, optional
+        Thickness, where the surface spans several.
+    conditions : mapping
+        What the trial table says of it.
+    """
+
+    name: str
+    signal: Signal
+    quantity: Quantity = "contrast"
+    normal_force_n: float = 0.5
+    carrier_hz: float | None = DEFAULT_CARRIER_HZ
+    drive_hz: float | None = None
+    speed: SpeedProfile | None = None
+    h0_m: float | None = None
+    conditions: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        allowed = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.")
+        if not self.name or set(self.name) - allowed or self.name.startswith("."):
+            raise InputError(f"name: expected letters, digits, '-', '_' and '.', got {self.name!r}")
+        if self.quantity not in get_args(Quantity):
+            raise InputError(
+                f"quantity: expected one of {', '.join(get_args(Quantity))}, got {self.quantity!r}"
+            )
+        positive("normal_force_n", self.normal_force_n)
+        for name in ("carrier_hz", "drive_hz", "h0_m"):
+            if getattr(self, name) is not None:
+                positive(name, getattr(self, name))
+        if self.quantity != "volts" and self.carrier_hz is None:
+            raise InputError(
+                "carrier_hz: friction needs a carrier whose amplitude follows it; give one, or "
+                'make the stimulus in volts (quantity = "volts")'
+            )
+        if self.carrier_hz is not None and self.drive_hz is not None:
+            raise InputError("drive_hz: with a carrier that is the carrier's; leave it out")
+        found = set(_speeds(self.signal))
+        if self.speed is None and len(found) == 1:
+            object.__setattr__(self, "speed", found.pop())
+        elif found - {self.speed}:
+            raise InputError(
+                f"{self.name}: speed: the signal is made for a finger that moves otherwise; "
+                "give one speed to all of its parts"
+            )
+        if self.signal.length == inf:
+            raise InputError(
+                f"{self.name}: the signal has no end; give it one with .lasting(seconds)"
+            )
+
+    @property
+    def length_s(self) -> float:
+        """Length [s]."""
+        return self.signal.length
+
+    @property
+    def frequency_hz(self) -> float | None:
+        """Frequency at which skin and insulator are driven."""
+        return self.drive_hz if self.carrier_hz is None else self.carrier_hz
+
+    def describe(self) -> dict[str, Any]:
+        """Everything that determines it, as plain values."""
+        return {
+            "name": self.name,
+            "signal": self.signal.describe(),
+            "quantity": self.quantity,
+            "normal_force_n": self.normal_force_n,
+            "carrier_hz": self.carrier_hz,
+            "drive_hz": self.drive_hz,
+            "speed": None if self.speed is None else self.speed.describe(),
+            "h0_m": self.h0_m,
+            "conditions": dict(self.conditions),
+        }
+
+
+def _speeds(value: Any) -> Iterator[SpeedProfile]:
+    """Every speed profile within a signal."""
+    if isinstance(value, SpeedProfile):
+        yield value
+    elif isinstance(value, tuple):
+        for part in value:
+            yield from _speeds(part)
+    elif isinstance(value, Signal):
+        for one in fields(value):  # type: ignore[arg-type]  # every signal is a dataclass
+            yield from _speeds(getattr(value, one.name))
+
+
+_FIELDS = ("quantity", "normal_force_n", "carrier_hz", "drive_hz", "h0_m")
+
+
+def stimulus_from(name: str, table: Mapping[str, Any]) -> Stimulus:
+    """Read a stimulus from a table; a speed given here serves the signals in space within.
+
+    A table with a ``drive_hz`` and no ``carrier_hz`` has no carrier.
+
+    Raises
+    ------
+    InputError
+        If a field is unknown, missing or wrong.
+    """
+    known = {*_FIELDS, "signal", "speed", "length_s", "conditions"}
+    unknown = sorted(set(table) - known)
+    if unknown:
+        raise InputError(
+            f"{name}.{unknown[0]}: unknown; expected some of {', '.join(sorted(known))}"
+        )
+    if "signal" not in table:
+        raise InputError(f"{name}.signal: missing; a stimulus needs one")
+    speed = table.get("speed")
+    moving = None if speed is None else speed_from(speed, f"{name}.speed")
+    signal = signal_from(_with_speed(table["signal"], moving), f"{name}.signal")
+    if "length_s" in table:
+        signal = signal.lasting(table["length_s"])
+    given = {key: table[key] for key in _FIELDS if key in table}
+    if "drive_hz" in given and "carrier_hz" not in given:
+        given["carrier_hz"] = None  # played as it is
+    try:
+        return Stimulus(name, signal, speed=moving, conditions=table.get("conditions", {}), **given)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+
+
+def _with_speed(table: Any, speed: SpeedProfile | None) -> Any:
+    """Hand the finger's speed down to signals in space that say none."""
+    if isinstance(table, list | tuple):
+        return [_with_speed(item, speed) for item in table]
+    if not isinstance(table, Mapping):
+        return table
+    inner = {key: _with_speed(value, speed) for key, value in table.items()}
+    if inner.get("kind") in ("grating", "relief") and "speed" not in inner and speed is not None:
+        inner["speed"] = speed.describe()
+    return inner

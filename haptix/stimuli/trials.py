@@ -1,0 +1,93 @@
+"""The trial table: which stimulus when, in the form of BIDS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from haptix.errors import InputError
+from haptix.stimuli.signal import number
+from haptix.stimuli.stimulus import Stimulus
+
+
+@dataclass(frozen=True)
+class TrialPlan:
+    """In which order stimuli come.
+
+    Parameters
+    ----------
+    repeats : int
+        How often each comes; every repetition has all of them once, in an order of its own.
+    gap_s : float
+        Pause between two.
+    seed : int or None
+        Of the orders; None leaves them as they are listed.
+    """
+
+    repeats: int = 1
+    gap_s: float = 1.0
+    seed: int | None = 0
+
+    def __post_init__(self) -> None:
+        if type(self.repeats) is not int or self.repeats < 1:
+            raise InputError(f"repeats: expected 1 or more, got {self.repeats!r}")
+        number("gap_s", self.gap_s, 0.0)
+
+    def order(self, count: int) -> list[int]:
+        """Indices of the stimuli, trial by trial."""
+        if self.seed is None:
+            return [*range(count)] * self.repeats
+        draw = np.random.default_rng(self.seed)
+        return [int(i) for _ in range(self.repeats) for i in draw.permutation(count)]
+
+
+def events(
+    stimuli: Sequence[Stimulus], files: Sequence[str], plan: TrialPlan
+) -> tuple[str, dict[str, Any]]:
+    """Return the table (tab-separated) and the description of its columns.
+
+    Parameters
+    ----------
+    stimuli : sequence of Stimulus
+        All that occur.
+    files : sequence of str
+        Their files, in the same order.
+    plan : TrialPlan
+        When they come.
+    """
+    names = sorted({name for one in stimuli for name in one.conditions})
+    rows = [["onset", "duration", "trial_type", "stim_file", "trigger", *names]]
+    onset = 0.0
+    for index in plan.order(len(stimuli)):
+        one = stimuli[index]
+        values = [_cell(one.conditions.get(name)) for name in names]
+        rows.append(
+            [f"{onset:.6f}", f"{one.length_s:.6f}", one.name, files[index],
+             str(trigger_code(index)), *values]
+        )  # fmt: skip
+        onset += one.length_s + plan.gap_s
+    table = "\n".join("\t".join(row) for row in rows) + "\n"
+    columns: dict[str, Any] = {
+        "onset": {"Description": "Planned start of the stimulus", "Units": "s"},
+        "duration": {"Description": "Length of the stimulus", "Units": "s"},
+        "trial_type": {"Description": "Name of the stimulus"},
+        "stim_file": {"Description": "Drive file; its sidecar of the same name says all of it"},
+        "trigger": {"Description": "Code of the onset's pulse on the file's second channel"},
+    }
+    for name in names:
+        columns[name] = {"Description": f"Condition {name!r} of the set"}
+    return table, columns
+
+
+def trigger_code(index: int) -> int:
+    """Code of a stimulus by its place in the set; sets of more than 254 use codes again."""
+    return index % 254 + 1
+
+
+def _cell(value: Any) -> str:
+    """A value in a table whose empty cells are ``n/a``."""
+    text = "n/a" if value is None or value == "" else str(value)
+    return " ".join(text.split())

@@ -1,0 +1,316 @@
+"""Signals in time: steps, ramps, pulses, tones, sweeps, corners and recordings."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from itertools import pairwise
+from math import gcd, inf, log, pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import soundfile
+
+from haptix.errors import FileFormatError, InputError
+from haptix.stimuli.signal import Array, Signal, number, positive, read_row
+from haptix.stimuli.tone import tone
+
+
+@dataclass(frozen=True)
+class Step(Signal):
+    """`before` until `at_s`, `after` from there on."""
+
+    kind = "step"
+    before: float
+    after: float
+    at_s: float
+    length_s: float = inf
+
+    def __post_init__(self) -> None:
+        number("before", self.before)
+        number("after", self.after)
+        number("at_s", self.at_s, 0.0)
+        positive("length_s", self.length_s, open_end=True)
+
+    @property
+    def length(self) -> float:
+        """Length [s]."""
+        return self.length_s
+
+    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        """Values."""
+        n = np.arange(first, first + count)
+        return np.where(n < round(self.at_s * sample_rate_hz), self.before, self.after)
+
+
+@dataclass(frozen=True)
+class Ramp(Signal):
+    """A straight line from `start` at 0 to `end` at the length."""
+
+    kind = "ramp"
+    start: float
+    end: float
+    length_s: float
+
+    def __post_init__(self) -> None:
+        number("start", self.start)
+        number("end", self.end)
+        positive("length_s", self.length_s)
+
+    @property
+    def length(self) -> float:
+        """Length [s]."""
+        return self.length_s
+
+    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        """Values."""
+        t = np.arange(first, first + count) / sample_rate_hz
+        return np.asarray(self.start + (self.end - self.start) * (t / self.length_s))
+
+
+@dataclass(frozen=True)
+class Pulse(Signal):
+    """`height` for `width_s` from `at_s` on, `rest` before and after."""
+
+    kind = "pulse"
+    height: float
+    width_s: float
+    at_s: float = 0.0
+    rest: float = 0.0
+    length_s: float = inf
+
+    def __post_init__(self) -> None:
+        number("height", self.height)
+        number("rest", self.rest)
+        positive("width_s", self.width_s)
+        number("at_s", self.at_s, 0.0)
+        positive("length_s", self.length_s, open_end=True)
+
+    @property
+    def length(self) -> float:
+        """Length [s]."""
+        return self.length_s
+
+    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        """Values."""
+        begin = round(self.at_s * sample_rate_hz)
+        n = np.arange(first - begin, first - begin + count)
+        within = (n >= 0) & (n < round(self.width_s * sample_rate_hz))
+        return np.where(within, self.height, self.rest)
+
+
+@dataclass(frozen=True)
+class Sine(Signal):
+    """``offset + amplitude * sin(2 pi f t + phase)``."""
+
+    kind = "sine"
+    amplitude: float
+    frequency_hz: float
+    phase_rad: float = 0.0
+    offset: float = 0.0
+    length_s: float = inf
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "phase_rad", "offset"):
+            number(name, getattr(self, name))
+        positive("frequency_hz", self.frequency_hz)
+        positive("length_s", self.length_s, open_end=True)
+
+    @property
+    def length(self) -> float:
+        """Length [s]."""
+        return self.length_s
+
+    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        """Values."""
+        below_nyquist(self.frequency_hz, sample_rate_hz)
+        wave = tone(first, count, self.frequency_hz, sample_rate_hz, self.phase_rad)
+        return self.offset + self.amplitude * wave
+
+
+@dataclass(frozen=True)
+class Square(Signal):
+    """``offset + amplitude`` for the first `duty` of a period, ``offset - amplitude`` then."""
+
+    kind = "square"
+    amplitude: float
+    frequency_hz: float
+    duty: float = 0.5
+    offset: float = 0.0
+    length_s: float = inf
+
+    def __post_init__(self) -> None:
+        number("amplitude", self.amplitude)
+        number("offset", self.offset)
+        positive("frequency_hz", self.frequency_hz)
+        positive("length_s", self.length_s, open_end=True)
+        positive("duty", self.duty)
+        if self.duty >= 1:
+            raise InputError(f"duty: expected a share below 1, got {self.duty!r}")
+
+    @property
+    def length(self) -> float:
+        """Length [s]."""
+        return self.length_s
+
+    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        """Values."""
+        below_nyquist(self.frequency_hz, sample_rate_hz)
+        # A millionth of a sample early, so that an edge on a sample is not lost by rounding.
+        n = np.arange(first, first + count) + 1e-6
+        high = n * (self.frequency_hz / sample_rate_hz) % 1.0 < self.duty
+        return np.where(high, self.offset + self.amplitude, self.offset - self.amplitude)
+
+
+@dataclass(frozen=True)
+class Chirp(Signal):
+    """A sine whose frequency goes from `start_hz` to `end_hz`, linearly or by equal ratios."""
+
+    kind = "chirp"
+    amplitude: float
+    start_hz: float
+    end_hz: float
+    length_s: float
+    law: str = "linear"
+    phase_rad: float = 0.0
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "phase_rad", "offset"):
+            number(name, getattr(self, name))
+        for name in ("start_hz", "end_hz", "length_s"):
+            positive(name, getattr(self, name))
+        if self.law not in ("linear", "logarithmic"):
+            raise InputError(f'law: expected "linear" or "logarithmic", got {self.law!r}')
+
+    @property
+    def length(self) -> float:
+        """Length [s]."""
+        return self.length_s
+
+    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        """Values."""
+        below_nyquist(max(self.start_hz, self.end_hz), sample_rate_hz)
+        t = np.arange(first, first + count) / sample_rate_hz
+        if self.law == "linear" or self.start_hz == self.end_hz:
+            turns = t * (self.start_hz + t * ((self.end_hz - self.start_hz) / self.length_s / 2))
+        else:
+            rate = log(self.end_hz / self.start_hz) / self.length_s
+            turns = self.start_hz / rate * np.expm1(rate * t)
+        return np.asarray(
+            self.offset + self.amplitude * np.sin(2 * pi * (turns % 1.0) + self.phase_rad)
+        )
+
+
+@dataclass(frozen=True)
+class Points(Signal):
+    """Straight lines between corners; the last corner is the end."""
+
+    kind = "points"
+    t_s: tuple[float, ...]
+    values_at: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        read_row(self, "t_s", "values_at")
+        demand_corners("t_s", self.t_s, self.values_at)
+        if self.t_s[0] != 0:
+            raise InputError(f"t_s: expected the first corner at 0 s, got {self.t_s[0]:g} s")
+
+    @property
+    def length(self) -> float:
+        """Length [s]."""
+        return self.t_s[-1]
+
+    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        """Values."""
+        t = np.arange(first, first + count) / sample_rate_hz
+        return np.asarray(np.interp(t, self.t_s, self.values_at))
+
+
+@dataclass(frozen=True)
+class Recorded(Signal):
+    """A recorded signal, once; resampled where rates differ.
+
+    Parameters
+    ----------
+    file : str
+        WAV or FLAC file of one channel.
+    gain, offset : float
+        ``offset + gain * sample``, samples being within -1 and 1.
+    sha256 : str
+        Hash that the file must have; its own where none is given.
+    """
+
+    kind = "recorded"
+    file: str
+    gain: float = 1.0
+    offset: float = 0.0
+    sha256: str = ""
+
+    def __post_init__(self) -> None:
+        number("gain", self.gain)
+        number("offset", self.offset)
+        try:
+            data, rate = soundfile.read(self.file, always_2d=True)
+            digest = hashlib.sha256(Path(self.file).read_bytes()).hexdigest()
+        except (OSError, TypeError, soundfile.SoundFileError) as error:
+            raise FileFormatError(f"file: cannot read {self.file}: {error}") from None
+        if data.shape[1] != 1 or not len(data):
+            raise FileFormatError(
+                f"file: expected one channel with samples in {self.file}, got {data.shape[1]} "
+                f"channels of {len(data)} samples"
+            )
+        if self.sha256 not in ("", digest):
+            raise FileFormatError(f"file: {self.file} is not the recording with that sha256")
+        for name, value in (
+            ("_data", data[:, 0]), ("_rate", rate), ("sha256", digest), ("_resampled", {}),
+        ):  # fmt: skip
+            object.__setattr__(self, name, value)
+
+    @property
+    def length(self) -> float:
+        """Length [s]."""
+        return float(len(self._data) / self._rate)  # type: ignore[attr-defined]
+
+    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        """Values."""
+        at_rate = self._resampled  # type: ignore[attr-defined]
+        if sample_rate_hz not in at_rate:
+            at_rate[sample_rate_hz] = self._at(sample_rate_hz)
+        data = at_rate[sample_rate_hz]
+        values = np.zeros(count)
+        found = data[first : first + count]
+        values[: len(found)] = found
+        return self.offset + self.gain * values
+
+    def _at(self, sample_rate_hz: float) -> Array:
+        data, rate = self._data, self._rate  # type: ignore[attr-defined]
+        if rate == sample_rate_hz:
+            return np.asarray(data)
+        from scipy.signal import resample_poly
+
+        if sample_rate_hz != int(sample_rate_hz):
+            raise InputError(f"{self.file}: cannot be resampled to {sample_rate_hz:g} Hz")
+        common = gcd(int(sample_rate_hz), rate)
+        return np.asarray(resample_poly(data, int(sample_rate_hz) // common, rate // common))
+
+
+def demand_corners(name: str, x: Any, y: Any) -> None:
+    """Refuse corners that are not two or more at places that increase."""
+    if not isinstance(x, tuple) or not isinstance(y, tuple) or len(x) != len(y) or len(x) < 2:
+        raise InputError(f"{name}: expected two corners or more, with one value each")
+    for place, value in zip(x, y, strict=True):
+        number(name, place)
+        number("values_at", value)
+    if any(b <= a for a, b in pairwise(x)):
+        raise InputError(f"{name}: must increase from corner to corner")
+
+
+def below_nyquist(frequency_hz: float, sample_rate_hz: float) -> None:
+    """Refuse what the sample rate cannot carry."""
+    if frequency_hz >= sample_rate_hz / 2:
+        raise InputError(
+            f"frequency_hz: expected less than half of the {sample_rate_hz:g} samples per second, "
+            f"got {frequency_hz:g} Hz"
+        )

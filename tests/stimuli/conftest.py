@@ -1,0 +1,58 @@
+"""One finger on one screen, solved once; stimuli of it."""
+
+import numpy as np
+import pytest
+
+from haptix import ContactModel, Finger, FrictionSurface, Screen
+from haptix.stimuli import Response, apparatus
+
+
+@pytest.fixture(scope="session")
+def finger():
+    return Finger.preset("semi-wet")
+
+
+@pytest.fixture(scope="session")
+def screen():
+    return Screen.preset("3m-sct3250")
+
+
+@pytest.fixture(scope="session")
+def model(finger, screen):
+    return ContactModel(finger, screen)
+
+
+@pytest.fixture(scope="session")
+def surface(model):
+    """Force and frequency vary, so that slicing has something to blend."""
+    ranges = {"normal_force_n": (0.3, 0.8), "frequency_hz": (100.0, 6000.0)}
+    return FrictionSurface.build(model, ranges, "0.05 thresholds")
+
+
+@pytest.fixture(scope="session")
+def response(surface):
+    return Response.of(surface, 0.5, 4000.0)
+
+
+_models = {}
+
+
+@pytest.fixture
+def own_cache(tmp_path_factory, monkeypatch):
+    """Surfaces and solved contacts of one session are kept for its tests, and nowhere else."""
+    root = tmp_path_factory.getbasetemp() / "surfaces"
+    monkeypatch.setenv("HAPTIX_CACHE", str(root))
+
+    def once(finger, screen):
+        key = (finger.model_dump_json(), screen.model_dump_json())
+        if key not in _models:
+            _models[key] = ContactModel(finger, screen)
+        return _models[key]
+
+    monkeypatch.setattr(apparatus, "ContactModel", once)
+    return root
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20)

@@ -1,0 +1,204 @@
+"""Volts for friction: against the surface, against the virtual finger, on any number of threads."""
+
+import hashlib
+from math import inf
+
+import numpy as np
+import pytest
+import torch
+
+from haptix import ContactModel, FrictionSurface, Screen
+from haptix.errors import InputError, RangeError
+from haptix.perception import WEBER_FRACTION
+from haptix.status import Status
+from haptix.stimuli import (
+    Constant,
+    Grating,
+    Noise,
+    Points,
+    Population,
+    Rendering,
+    Response,
+    Sine,
+    Stimulus,
+)
+from haptix.twin import VirtualFinger
+
+
+@pytest.mark.parametrize("force", [0.3, 0.437, 0.8])
+@pytest.mark.parametrize("frequency", [120.0, 4000.0])
+def test_a_response_is_its_surface(surface, force, frequency):
+    response = Response.of(surface, force, frequency)
+    volts = np.linspace(0, float(surface.highest_voltage(force, frequency)), 101)
+    mu = surface.mu(force, torch.from_numpy(volts), frequency).numpy()
+    np.testing.assert_allclose(response.mu(volts), mu, rtol=1e-12)
+    back, below, above = response.voltage(mu)
+    assert (below, above) == (0, 0)
+    theirs = surface.voltage(torch.from_numpy(mu), force, frequency).voltage_v.numpy()
+    # Near 0 V friction is flat: a rounding of mu by 1e-16 moves the voltage by 1e-6.
+    np.testing.assert_allclose(back, theirs, atol=1e-5)
+    low, high = (float(end) for end in surface.reachable(force, frequency))
+    assert (response.lowest_mu, response.highest_mu) == pytest.approx((low, high), rel=1e-12)
+
+
+def test_what_is_out_of_reach_gets_the_nearest_and_is_counted(response):
+    low, high = response.lowest_mu, response.highest_mu
+    volts, below, above = response.voltage(np.array([low - 0.1, low, high, high + 0.1, high + 1]))
+    assert (below, above) == (1, 2)
+    assert volts[0] == volts[1] == 0
+    assert np.allclose(volts[2:], response.limit_v)
+    assert volts.max() <= response.limit_v
+
+
+def test_places_outside_a_surface_are_refused(surface):
+    with pytest.raises(RangeError, match=r"0\.9 N.*0\.3 to 0\.8"):
+        Response.of(surface, 0.9, 4000.0)
+    with pytest.raises(InputError, match="frequency_hz"):
+        Response.of(surface, 0.5, None)
+    with pytest.raises(InputError, match="frequency_hz"):
+        Response.of(surface, 0.5, 9000.0)
+
+
+def test_a_response_says_what_ends_it(finger):
+    strong = ContactModel(finger, Screen(max_voltage_v=400.0, insulator_thickness_m=4e-7))
+    surface = FrictionSurface.build(strong, {"normal_force_n": 0.2}, 1e-2)
+    response = Response.of(surface, 0.2, None)
+    assert response.limit_v < 400
+    assert response.ends_by == Status.PULL_IN
+
+
+def test_amplitude_gives_the_wanted_friction(response):
+    wanted = (Sine(0.02, 11.0) + 0.29).lasting(0.4)
+    rendering = Rendering(Stimulus("a", wanted, "mu"), response)
+    block = rendering.block(1000, 8000)
+    np.testing.assert_allclose(
+        response.mu(block.amplitude_v), wanted.values(1000, 8000, 48_000.0), rtol=1e-12
+    )
+    carrier = np.sin(2 * np.pi * 4000 * (1000 + np.arange(8000)) / 48_000)
+    np.testing.assert_allclose(block.drive_v, block.amplitude_v * carrier, atol=1e-9)
+    assert (block.below, block.above) == (0, 0)
+    # Contrast is friction over that without voltage, less 1.
+    contrast = Stimulus("b", Constant(0.05).lasting(0.1), "contrast")
+    amplitude = Rendering(contrast, response).block(0, 10).amplitude_v
+    np.testing.assert_allclose(response.mu(amplitude), 1.05 * response.lowest_mu, rtol=1e-12)
+    # Volts are volts.
+    volts = Rendering(Stimulus("c", Constant(70.0).lasting(0.1), "volts"), response)
+    assert np.abs(volts.whole()).max() == pytest.approx(70.0)
+
+
+def test_equal_seeds_give_equal_bytes_on_one_thread_and_two(response):
+    signal = (Noise(0.01, (20.0, 300.0), seed=5) + Grating(0.02, 2.0, 50.0) + 0.1).lasting(9.3)
+
+    def digest(threads):
+        rendering = Rendering(Stimulus("a", signal), response)
+        found = hashlib.sha256()
+        for block in rendering.stream(threads):
+            found.update(block.drive_v.tobytes())
+        return found.hexdigest()
+
+    assert digest(1) == digest(2) == digest(3)
+
+
+def test_an_error_in_a_thread_is_raised(response):
+    broken = Stimulus("a", (Sine(0.1, 1.0) * Sine(1.0, 30_000.0)).lasting(20.0))
+    with pytest.raises(InputError, match="half"):
+        list(Rendering(broken, response).stream(2))
+
+
+STIMULI = {
+    "sine": Sine(0.05, 20.0, offset=0.08),
+    "grating": Grating(0.06, 2.0, 80.0, offset=0.09),
+    "steps": Points((0.0, 0.2, 0.22, 0.5, 0.52, 0.8), (0.02, 0.02, 0.18, 0.18, 0.07, 0.07)),
+    "noise": Noise(0.02, (5.0, 60.0), seed=9, offset=0.1),
+}
+
+
+@pytest.mark.parametrize("name", STIMULI)
+def test_the_virtual_finger_feels_what_was_wanted(model, surface, name):
+    """Within 0.25 difference thresholds for 95 % of the time; the finger knows no surface."""
+    rate, length, force, speed = 48_000.0, 0.8, 0.45, 80.0
+    stimulus = Stimulus("a", STIMULI[name].lasting(length), normal_force_n=force)
+    rendering = Rendering(stimulus, Response.of(surface, force, 4000.0), rate)
+    t = np.array([0.0, length])
+    felt = VirtualFinger(model).feel(
+        rendering.whole(), rate, t, speed * t, 0 * t + 20, 0 * t + force
+    )
+    inside = (felt.t_s > 0.05) & (felt.t_s < length - 0.02)  # the finger's response settles
+    samples = np.rint(felt.t_s * rate).astype(int).clip(0, rendering.samples - 1)
+    values = stimulus.signal.values(0, rendering.samples, rate)[samples]
+    wanted = (1 + values) * rendering.response.lowest_mu
+    error = np.abs(felt.mu - wanted)[inside] / (WEBER_FRACTION * wanted[inside])
+    assert np.percentile(error, 95) < 0.25
+
+
+def test_a_population_has_its_spread_and_a_median_that_is_reached(finger, screen):
+    spread = {"frictional_shear_stress_pa": 0.2, "roughness.h_rms_m": 0.1}
+    people = Population.around(finger, 300, spread, seed=3)
+    tau = np.log([one.frictional_shear_stress_pa / 8e6 for one in people.fingers])
+    rough = np.log([one.roughness.h_rms_m / 22e-6 for one in people.fingers])
+    # 300 draws: the standard deviation is known to 4 %, the mean to 0.012.
+    assert tau.std() == pytest.approx(0.2, rel=0.15)
+    assert rough.std() == pytest.approx(0.1, rel=0.15)
+    assert abs(tau.mean()) < 0.05
+    assert abs(np.corrcoef(tau, rough)[0, 1]) < 0.25
+    assert "0.2" in people.statement and "seed 3" in people.statement
+    assert Population.around(finger, 300, spread, seed=3) == people
+
+    three = Population.around(finger, 3, spread, seed=3).fingers
+    responses = [
+        Response.of(
+            FrictionSurface.build(ContactModel(one, screen), {"normal_force_n": 0.5}, 2e-3),
+            0.5,
+            None,
+        )
+        for one in three
+    ]
+    middle = Response.median(responses)
+    volts = np.linspace(0, middle.limit_v, 57)
+    exact = np.median([one.mu(volts) for one in responses], axis=0)
+    np.testing.assert_allclose(middle.mu(volts), exact, rtol=1e-5)  # 4096 pieces
+    assert middle.limit_v == min(one.limit_v for one in responses)
+    np.testing.assert_allclose(middle.voltage(exact)[0][1:], volts[1:], rtol=1e-4)
+
+
+def test_wrong_populations_are_refused(finger):
+    for size, spread, pattern in (
+        (1, {"youngs_modulus_pa": 0.1}, "size"),
+        (5, {}, "spread"),
+        (5, {"colour": 0.1}, "colour"),
+        (5, {"youngs_modulus_pa": -0.1}, "youngs_modulus_pa"),
+        (5, {"name": 0.1}, "no such number"),
+    ):
+        with pytest.raises(InputError, match=pattern):
+            Population.around(finger, size, spread, seed=0)
+
+
+@pytest.mark.parametrize(
+    ("fields", "pattern"),
+    [
+        ({"signal": Constant(1.0)}, "no end"),
+        ({"name": "a/b"}, "letters"),
+        ({"name": ""}, "letters"),
+        ({"quantity": "newtons"}, "quantity"),
+        ({"carrier_hz": None}, "carrier_hz"),
+        ({"normal_force_n": 0.0}, "normal_force_n"),
+        ({"normal_force_n": inf}, "normal_force_n"),
+        ({"drive_hz": 100.0}, "drive_hz"),
+    ],
+)
+def test_wrong_stimuli_are_refused(fields, pattern):
+    with pytest.raises(InputError, match=pattern):
+        Stimulus(**{"name": "a", "signal": Constant(1.0).lasting(1.0), **fields})
+
+
+def test_a_stimulus_has_the_speed_of_its_gratings():
+    one = Stimulus("a", (Grating(0.1, 2.0, 50.0) + Grating(0.1, 3.0, 50.0)).lasting(1.0))
+    assert one.speed.speed_mm_per_s == 50.0
+    with pytest.raises(InputError, match="moves otherwise"):
+        Stimulus("a", (Grating(0.1, 2.0, 50.0) + Grating(0.1, 3.0, 60.0)).lasting(1.0))
+    assert Stimulus("a", Sine(0.1, 2.0).lasting(1.0)).speed is None
+
+
+def test_a_carrier_too_fast_for_the_rate_is_refused(response):
+    with pytest.raises(InputError, match="quarter"):
+        Rendering(Stimulus("a", Constant(0.1).lasting(1.0)), response, 10_000.0)

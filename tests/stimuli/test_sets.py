@@ -1,0 +1,369 @@
+"""Sets in folders: what is in the files, what is refused, and what a full disk leaves behind."""
+
+import csv
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import soundfile
+
+from firmware_io import LimitError
+from haptix import Screen
+from haptix.errors import FileFormatError, HaptixError, InputError, RangeError
+from haptix.finger import MeasuredRoughness
+from haptix.stimuli import (
+    Constant,
+    Grating,
+    Noise,
+    Population,
+    Recorded,
+    Sine,
+    Stimulus,
+    StimulusSet,
+    TrialPlan,
+    check_manifest,
+)
+from haptix.stimuli.audio import AudioWriter, read_drive
+from haptix.stimuli.designs import constant_stimuli, equal_friction, full_factorial
+from haptix.stimuli.stimulus import stimulus_from
+from haptix.stimuli.trigger import Trigger
+
+RATE = 48_000.0
+
+pytestmark = pytest.mark.usefixtures("own_cache")
+
+
+def tones():
+    """Three short stimuli."""
+    return (
+        Stimulus("sine", (Sine(0.05, 20.0) + 0.06).lasting(0.3), conditions={"hz": 20}),
+        Stimulus("noise", (Noise(0.01, (20.0, 200.0), seed=3) + 0.1).lasting(0.2)),
+        Stimulus("volts", Sine(80.0, 10.0).lasting(0.25), "volts", conditions={"note": "a\tb"}),
+    )
+
+
+@pytest.fixture
+def parts(finger, screen):
+    return StimulusSet("three", tones(), finger, (screen,), trials=TrialPlan(2, 0.5, seed=4))
+
+
+def tree(folder):
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
+
+
+def test_a_set_is_all_there(parts, tmp_path, surface, screen):
+    folder = tmp_path / "set"
+    result = parts.make(folder)
+    assert sorted(tree(folder)) == sorted(
+        ["events.json", "events.tsv", "manifest.json", "profiles.json", "sheet.png"]
+        + [f"{name}.{kind}" for name in ("sine", "noise", "volts") for kind in ("wav", "json")]
+    )
+    assert not [path for path in folder.iterdir() if path.name.startswith(".")]
+    assert check_manifest(folder) == []
+    assert result.manifest["is_placeholder"] is True
+    table = json.loads((folder / "noise.json").read_text())
+    assert table["seeds"] == [3]
+    assert table["carrier_hz"] == 4000 and table["normal_force_n"] == 0.5
+    assert table["is_placeholder"] is True
+    assert "dielectric of the skin" in table["placeholders"]
+    assert table["full_scale_v"] == 250
+    assert len(table["surface_hash"]) == 1 and len(table["profile_hash"]) == 64
+    assert table["predicted"]["error_mu_at_most"] > 0
+    assert table["predicted"]["error_thresholds_at_most"] < 0.25
+    assert table["audibility"]["audible"] is True  # 4 kHz at some 100 uA
+    assert "flagged where" in table["audibility"]["rule"]
+    # The prediction is that of the surface, at the amplitudes that were written.
+    low, high = table["amplitude_v"]
+    for volts, mu in ((low, table["predicted"]["mu_low"]), (high, table["predicted"]["mu_high"])):
+        assert float(surface.mu(0.5, volts, 4000.0)) == pytest.approx(mu, abs=2e-3)
+    (folder / "noise.wav").write_bytes(b"changed")
+    assert check_manifest(folder) == ["noise.wav"]
+
+
+def test_the_trial_table_is_bids(parts, tmp_path):
+    parts.make(tmp_path / "set")
+    with (tmp_path / "set" / "events.tsv").open(newline="") as file:
+        rows = list(csv.DictReader(file, delimiter="\t"))
+    assert list(rows[0])[:2] == ["onset", "duration"]
+    described = json.loads((tmp_path / "set" / "events.json").read_text())
+    assert set(rows[0]) == set(described)
+    assert all("Description" in column for column in described.values())
+    assert len(rows) == 6
+    for half in (rows[:3], rows[3:]):
+        assert {row["trial_type"] for row in half} == {"sine", "noise", "volts"}
+    for row, after in pairwise(rows):
+        gap = float(after["onset"]) - float(row["onset"]) - float(row["duration"])
+        assert gap == pytest.approx(0.5, abs=1e-6)
+        assert (tmp_path / "set" / row["stim_file"]).is_file()
+    assert {row["hz"] for row in rows if row["trial_type"] == "sine"} == {"20"}
+    assert {row["hz"] for row in rows if row["trial_type"] == "noise"} == {"n/a"}
+    assert {row["note"] for row in rows if row["trial_type"] == "volts"} == {"a b"}
+
+
+@pytest.mark.parametrize(
+    ("container", "encoding"), [("wav", "float32"), ("wav", "24-bit"), ("flac", "24-bit")]
+)
+def test_the_peak_in_the_file_is_the_sidecars(finger, screen, tmp_path, container, encoding):
+    """To one quantisation step, whoever reads the file."""
+    parts = StimulusSet("one", tones(), finger, (screen,), container=container, encoding=encoding)
+    for table in parts.make(tmp_path).sidecars:
+        data, rate = soundfile.read(tmp_path / table["file"], dtype="float64")
+        drive = data[:, 0] * table["full_scale_v"]
+        assert rate == table["sample_rate_hz"]
+        assert len(drive) == table["samples"]
+        assert abs(np.abs(drive).max() - table["peak_v"]) <= table["quantisation_step_v"]
+        assert np.sqrt(np.mean(drive**2)) == pytest.approx(table["rms_v"], rel=1e-5)
+    info = soundfile.info(tmp_path / f"sine.{container}")
+    assert info.subtype == {"float32": "FLOAT", "24-bit": "PCM_24"}[encoding]
+    # 24 bits round to the nearest: half a step is all that any sample loses.
+    drive, _, _ = read_drive(tmp_path / f"volts.{container}", 250.0)
+    n = np.arange(12_000)
+    exact = 80 * np.sin(2 * np.pi * 10 * n / RATE) * np.sin(2 * np.pi * 4000 * n / RATE)
+    step = 250 / 2**23 if encoding == "24-bit" else 250 * 2.0**-25
+    assert np.abs(drive - exact).max() <= step / 2 * (1 + 1e-6)
+
+
+def test_triggers_mark_onset_and_end(parts, tmp_path):
+    parts.make(tmp_path)
+    _, trigger, _ = read_drive(tmp_path / "noise.wav", 250.0)
+    code = json.loads((tmp_path / "noise.json").read_text())["trigger"]["onset_code"]
+    assert code == 2
+    levels = trigger * 256
+    assert np.all(levels[:480] == code) and np.all(levels[-480:] == 255)
+    assert not levels[480:-480].any()
+    whole = Trigger(9, 1000, 1000.0).values(0, 1000)
+    cut = np.concatenate([Trigger(9, 1000, 1000.0).values(k, 7) for k in range(0, 994, 7)])
+    assert np.array_equal(cut, whole[:994])
+    with pytest.raises(InputError, match="1 to 254"):
+        Trigger(255, 100, 1000.0)
+
+
+def test_equal_sets_are_equal_bytes(parts, tmp_path):
+    parts.make(tmp_path / "a", threads=1)
+    parts.make(tmp_path / "b", threads=2)
+    assert tree(tmp_path / "a") == tree(tmp_path / "b")
+
+
+def test_what_is_finished_is_not_made_again(parts, tmp_path):
+    first = parts.make(tmp_path)
+    before = tree(tmp_path)
+    stamps = {path.name: path.stat().st_mtime_ns for path in tmp_path.glob("*.wav")}
+    again = parts.make(tmp_path)
+    assert (first.reused, again.reused) == (0, 3)
+    assert tree(tmp_path) == before
+    assert {path.name: path.stat().st_mtime_ns for path in tmp_path.glob("*.wav")} == stamps
+    # A damaged file, and one of another recipe, are.
+    (tmp_path / "sine.wav").write_bytes(b"damaged")
+    assert parts.make(tmp_path).reused == 2
+    assert tree(tmp_path) == before
+
+
+def test_a_full_disk_leaves_no_half_file_and_the_next_run_goes_on(parts, tmp_path, monkeypatch):
+    write, written = AudioWriter.write, []
+
+    def fill_up(self, drive_v, trigger):
+        if len(written) == 1:  # the second file
+            raise OSError(28, "No space left on device")
+        written.append(self.path)
+        write(self, drive_v, trigger)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(AudioWriter, "write", fill_up)
+        with pytest.raises(InputError, match=r"No space left.*goes on where"):
+            parts.make(tmp_path)
+    assert tree(tmp_path) == {}  # nothing bears a final name
+    result = parts.make(tmp_path)
+    assert result.reused == 1
+    other = tmp_path / "other"
+    parts.make(other)
+    assert tree(tmp_path) == tree(other)
+
+
+def test_a_real_short_write_is_noticed(tmp_path):
+    """The system refuses to let a file grow: the library below must not call that success."""
+    resource = pytest.importorskip("resource", reason="needs POSIX's limit of a file's size")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    path = tmp_path / "a.wav"
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
+        with (
+            pytest.raises(OSError, match=r"cannot write all of a\.wav"),
+            AudioWriter(path, "wav", "float32", RATE, 250.0, 10**6, False) as file,
+        ):
+            for _ in range(10):
+                file.write(np.zeros(65_536), None)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_set_above_the_ceiling_is_rejected_whole(finger, screen, tmp_path):
+    loud = Stimulus("loud", Constant(150.0).lasting(0.1), "volts")
+    parts = StimulusSet("set", (*tones(), loud), finger, (screen,), ceiling_v=140.0)
+    with pytest.raises(LimitError, match=r"rejected whole(.|\n)*loud\.wav.*above the ceiling"):
+        parts.make(tmp_path / "set")
+    assert tree(tmp_path / "set") == {} and not list((tmp_path / "set").iterdir())
+    with pytest.raises(LimitError, match="250 V is above the 200 V"):
+        StimulusSet("set", tones(), finger, (screen,), ceiling_v=250.0, full_scale_v=300)
+
+
+def test_a_set_of_too_much_energy_or_a_mean_is_rejected_whole(finger, screen, tmp_path):
+    """A square at the ceiling has twice the energy of a sine; a half wave has a mean."""
+    square = 195 * np.sign(np.sin(2 * np.pi * 50 * np.arange(96_000) / RATE + 1e-6))
+    for name, wave, pattern in (("energy", square, "rms over"), ("mean", square * 0 + 90, "mean")):
+        soundfile.write(tmp_path / f"{name}.wav", wave / 250, 48_000, "FLOAT")
+        signal = Recorded(str(tmp_path / f"{name}.wav"), gain=250.0)
+        bad = Stimulus(name, signal, "volts", carrier_hz=None, drive_hz=100.0)
+        parts = StimulusSet("set", (*tones(), bad), finger, (screen,))
+        with pytest.raises(LimitError, match=pattern):
+            parts.make(tmp_path / "set")
+        assert not list((tmp_path / "set").iterdir())
+
+
+def test_unreachable_friction_is_reported_for_each_with_the_nearest(finger, screen, tmp_path):
+    stimuli = (
+        Stimulus("fine", Constant(0.05).lasting(0.05)),
+        Stimulus("high", Constant(0.9).lasting(0.05)),
+        Stimulus("low", Sine(0.05, 20.0).lasting(0.1)),
+    )
+    parts = StimulusSet("set", stimuli, finger, (screen,))
+    with pytest.raises(RangeError) as caught:
+        parts.make(tmp_path)
+    high, low = (line for line in str(caught.value).splitlines() if ".wav" in line)
+    assert "high.wav" in high and "highest is 0.32" in high and "voltage limit, 200 V" in high
+    assert "low.wav" in low and "lowest is 0.26" in low
+    assert tree(tmp_path) == {}
+    nearest = StimulusSet("set", stimuli, finger, (screen,), unreachable="nearest")
+    tables = {table["name"]: table for table in nearest.make(tmp_path).sidecars}
+    assert tables["high"]["wanted"]["share_above_reach"] == 1.0
+    assert tables["low"]["wanted"]["share_below_reach"] == pytest.approx(0.5, abs=0.02)
+    assert tables["fine"]["wanted"]["share_above_reach"] == 0.0
+    assert tables["high"]["peak_v"] <= 200
+
+
+def test_equal_friction_has_each_screens_own_volts(finger, tmp_path):
+    """The reason for profiles: one friction, two screens, two voltages."""
+    thin = Screen(name="thin", insulator_thickness_m=0.5e-6)
+    thick = Screen(name="thick", insulator_thickness_m=2e-6)
+    wanted = Stimulus("same", (Sine(0.004, 20.0) + 0.272).lasting(0.2), "mu")
+    stimuli, screens = equal_friction([wanted], [thin, thick])
+    result = StimulusSet("pair", stimuli, finger, screens).make(tmp_path)
+    first, second = result.sidecars
+    assert [first["file"], second["file"]] == ["same_on_thin.wav", "same_on_thick.wav"]
+    assert first["predicted"]["mu_high"] == pytest.approx(second["predicted"]["mu_high"])
+    assert first["predicted"]["mu_high"] == pytest.approx(0.276, abs=1e-6)
+    assert second["peak_v"] > 1.02 * first["peak_v"]
+    assert first["profile_hash"] != second["profile_hash"]
+    profiles = json.loads((tmp_path / "profiles.json").read_text())
+    assert profiles[second["profile_hash"]]["screen"]["insulator_thickness_m"] == 2e-6
+    # Each screen has a session of its own, with the triggers of its files.
+    for table in (first, second):
+        name = f"events_on_{table['screen']}.tsv"
+        with (tmp_path / name).open(newline="") as file:
+            (row,) = csv.DictReader(file, delimiter="\t")
+        assert row["stim_file"] == table["file"]
+        assert int(row["trigger"]) == table["trigger"]["onset_code"] == 1
+    with pytest.raises(InputError, match="two screens"):
+        equal_friction([wanted], [thin])
+    with pytest.raises(InputError, match='"mu"'):
+        equal_friction(tones(), [thin, thick])
+
+
+def test_a_calibrated_finger_is_no_placeholder(finger, screen, tmp_path):
+    measured = MeasuredRoughness.of(finger.roughness.spectrum(), "a profilometer")
+    skin = finger.dielectric.model_copy(update={"is_placeholder": False})
+    mine = finger.replace(roughness=measured, dielectric=skin)
+    one = (tones()[0],)
+    table = StimulusSet("set", one, mine, (screen,)).make(tmp_path).sidecars[0]
+    assert table["is_placeholder"] is False and table["placeholders"] == []
+
+
+def test_a_population_states_its_band(finger, screen, tmp_path):
+    people = Population.around(finger, 3, {"frictional_shear_stress_pa": 0.2}, seed=1)
+    table = StimulusSet("set", (tones()[0],), people, (screen,)).make(tmp_path).sidecars[0]
+    band = table["predicted"]["over_fingers"]
+    assert band["percentiles"] == [5.0, 50.0, 95.0]
+    low, middle, high = band["mu_high"]
+    assert low < middle < high
+    assert middle == pytest.approx(table["predicted"]["mu_high"], rel=1e-3)
+    # tau_f scales friction and nothing else: contrast is the same for all.
+    assert np.ptp(band["contrast_high"]) < 1e-3
+    assert "log-normal" in table["fingers"]
+    assert len(table["surface_hash"]) == 3
+
+
+def test_designs():
+    def make(name, hz, force):
+        return Stimulus(name, Sine(0.05, hz).lasting(0.1), normal_force_n=force)
+
+    made = full_factorial("f", make, hz=[5.0, 10.0, 20.0], force=[0.3, 0.6])
+    assert [one.name for one in made] == [f"f-0{k}" for k in range(1, 7)]
+    assert [(one.conditions["hz"], one.conditions["force"]) for one in made] == [
+        (hz, force) for hz in (5.0, 10.0, 20.0) for force in (0.3, 0.6)
+    ]
+    levels = constant_stimuli(
+        "c", lambda name, a: Stimulus(name, Sine(a, 5.0).lasting(1.0)), 0.02, [-6, 0, 6]
+    )
+    amplitudes = [one.conditions["amplitude"] for one in levels]
+    assert 20 * np.log10(np.array(amplitudes) / 0.02) == pytest.approx([-6, 0, 6])
+    with pytest.raises(InputError, match="hz"):
+        full_factorial("f", make, hz=[])
+    with pytest.raises(InputError, match="threshold"):
+        constant_stimuli("c", make, -1.0, [0])
+
+
+@pytest.mark.parametrize(
+    ("fields", "pattern"),
+    [
+        ({"container": "mp3"}, "mp3"),
+        ({"container": "flac"}, "24-bit"),
+        ({"sample_rate_hz": 44_100.5}, "whole number"),
+        ({"full_scale_v": 200.0}, "more than the ceiling"),
+        ({"stimuli": ()}, "at least one"),
+        ({"stimuli": (*tones(), tones()[0])}, "two are called 'sine'"),
+        ({"stimuli": (Stimulus("events", Constant(0.1).lasting(1.0)),)}, "'events'"),
+        ({"unreachable": "clip"}, "reject"),
+        ({"screens": (Screen(), Screen())}, "one name"),
+    ],
+)
+def test_wrong_sets_are_refused(finger, screen, fields, pattern):
+    given = {"name": "x", "stimuli": tones(), "finger": finger, "screens": (screen,), **fields}
+    with pytest.raises(HaptixError, match=pattern):
+        StimulusSet(**given)
+
+
+def test_folders_that_cannot_be_used_are_said(parts, tmp_path):
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError, match="is a file"):
+        parts.make(tmp_path / "file")
+    with pytest.raises(FileFormatError, match="manifest"):
+        check_manifest(tmp_path)
+
+
+def test_a_direct_drive_needs_its_frequency(finger, screen, tmp_path):
+    direct = Stimulus("a", Sine(50.0, 100.0).lasting(0.1), "volts", carrier_hz=None)
+    with pytest.raises(InputError, match="drive_hz"):
+        StimulusSet("x", (direct,), finger, (screen,)).make(tmp_path)
+
+
+def test_a_single_sample_is_a_stimulus(finger, screen, tmp_path):
+    one = Stimulus("tick", Constant(0.05).lasting(1 / RATE))
+    (table,) = StimulusSet("x", (one,), finger, (screen,)).make(tmp_path).sidecars
+    assert table["samples"] == 1 and table["felt"] is None
+    none = Stimulus("none", Constant(0.05).lasting(0.1 / RATE))
+    with pytest.raises(InputError, match="one sample"):
+        StimulusSet("x", (none,), finger, (screen,)).make(tmp_path)
+
+
+def test_a_grating_carries_its_speed_into_the_sidecar(finger, screen, tmp_path):
+    one = stimulus_from(
+        "g",
+        {
+            "length_s": 0.1,
+            "speed": 50,
+            "signal": {"kind": "grating", "amplitude": 0.02, "offset": 0.05, "period_mm": 2},
+        },
+    )
+    assert one.signal.of == Grating(0.02, 2, 50, offset=0.05)
+    table = StimulusSet("x", (one,), finger, (screen,)).make(tmp_path).sidecars[0]
+    assert table["speed"] == {"kind": "steady-speed", "speed_mm_per_s": 50.0}

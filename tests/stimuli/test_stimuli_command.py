@@ -1,0 +1,146 @@
+"""``haptix stimuli`` as its user types it: the examples, and what a person may get wrong."""
+
+import json
+import re
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from haptix.cli import main
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "stimuli"
+
+pytestmark = pytest.mark.usefixtures("own_cache")
+
+SET = """
+schema_version = 1
+name = "mine"
+screens = ["3m-sct3250", "thick.toml"]
+[trials]
+in_order = true
+[[designs]]
+kind = "equal-friction"
+name = "same"
+base = { quantity = "mu", length_s = 0.05, signal = { kind = "constant", value = 0.272 } }
+factors = { "normal_force_n" = [0.5, 0.6] }
+"""
+
+EXPERIMENT = """
+name = "mine"
+task = "2afc"
+[stimulus]
+quantity = "contrast"
+length_s = 0.01
+signal = { kind = "constant", value = 1.0 }
+[method]
+kind = "up-down"
+start = -16.0
+steps = [4.0, 2.0]
+stop_after = 4
+"""
+
+
+@pytest.fixture
+def haptix_stimuli(monkeypatch, capsys, tmp_path):
+    """Call ``haptix stimuli ARGUMENTS`` in an empty folder."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("TERM", "dumb")
+    monkeypatch.setenv("NO_COLOR", "1")
+    (folder / "set.toml").write_text(SET)
+    (folder / "experiment.toml").write_text(EXPERIMENT)
+    (folder / "thick.toml").write_text('name = "thick"\ninsulator_thickness_m = "1.5 um"')
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["haptix", "stimuli", *map(str, arguments)])
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+        printed = capsys.readouterr()
+        return SimpleNamespace(code=code, out=printed.out, err=printed.err)
+
+    return call
+
+
+def test_a_recipe_is_made_and_shown(haptix_stimuli):
+    done = haptix_stimuli("make", "set.toml", "--out", "out")
+    assert done.code == 0, done.err
+    assert "4 stimuli in out" in done.out and "same-01_on_thick.wav" in done.out
+    rows = json.loads(haptix_stimuli("make", "set.toml", "--out", "out", "--json").out)
+    assert [row["conditions"]["normal_force_n"] for row in rows] == [0.5, 0.6, 0.5, 0.6]
+    by_file = {row["file"]: row["peak_v"] for row in rows}
+    assert by_file["same-01_on_thick.wav"] > by_file["same-01_on_3m-sct3250.wav"]
+    assert "all files are whole" in haptix_stimuli("show", "out").out
+    shown = haptix_stimuli("show", "out/same-01_on_thick.wav")
+    assert shown.code == 0 and Path("out/same-01_on_thick.png").is_file()
+    Path("out/events_on_thick.tsv").write_text("changed")
+    assert "events_on_thick.tsv" in haptix_stimuli("show", "out").err
+
+
+def test_the_examples_are_good(haptix_stimuli):
+    done = haptix_stimuli("make", EXAMPLES / "gratings.toml", "--out", "gratings")
+    assert done.code == 0, done.err
+    assert len(list(Path("gratings").glob("*.flac"))) == 7
+    done = haptix_stimuli(
+        "run", EXAMPLES / "threshold.toml", "--log", "t.tsv", "--simulate-db", "24.5", "--json"
+    )
+    assert done.code == 0, done.err
+    (row,) = json.loads(done.out)
+    assert row["trials"] == 40
+    assert abs(row["threshold_db"] - 24.5) < 3 * row["spread_db"]
+    assert len(Path("t.tsv").read_text().splitlines()) == 42
+
+
+def test_an_experiment_on_friction(haptix_stimuli):
+    done = haptix_stimuli(
+        "run", "experiment.toml", "--log", "log.tsv", "--simulate-db", "-22", "--json"
+    )
+    assert done.code == 0, done.err
+    assert json.loads(done.out)[0]["trials"] > 6
+    again = haptix_stimuli(
+        "run", "experiment.toml", "--log", "log.tsv", "--simulate-db", "-22", "--json"
+    )
+    assert json.loads(again.out) == json.loads(done.out)  # it was over
+
+
+WRONG = {
+    "missing": (("make", "no.toml"), "", "", r"no\.toml"),
+    "no TOML": (("make", "set.toml"), "name", "= = name", "TOML"),
+    "unknown key": (("make", "set.toml"), "schema_version", "colour = 1\nschema_version", "colour"),
+    "later schema": (("make", "set.toml"), "schema_version = 1", "schema_version = 2", "version"),
+    "unknown screen": (("make", "set.toml"), "3m-sct3250", "ipad", "'ipad'"),
+    "unknown design": (("make", "set.toml"), "equal-friction", "latin-square", "latin-square"),
+    "no stimuli": (("make", "set.toml"), "[[designs]]", "[extra]", "extra"),
+    "wrong signal": (("make", "set.toml"), '"constant"', '"triangle"', "triangle.*sine"),
+    "wrong place": (("make", "set.toml"), "normal_force_n", "signal.of.value", "signal.of.value"),
+    "units": (("make", "set.toml"), "1.5 um", "1.5 kg", ""),
+    "out of reach": (("make", "set.toml"), "0.272", "0.9", "highest is 0.3"),
+    "not of a percept": (("make", "set.toml"), '"mu"', '"contrast"', '"mu"'),
+    "no method": (("run", "experiment.toml"), "up-down", "guess", "'guess'"),
+    "wrong method": (("run", "experiment.toml"), "stop_after", "stops_after", "stops_after"),
+    "no start": (("run", "experiment.toml"), "start = -16.0", "", "start"),
+    "wrong task": (("run", "experiment.toml"), "2afc", "yes-no", "task"),
+    "no device": (("run", "experiment.toml", "--device", "abacus:"), "", "", "abacus"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_input_is_one_sentence(haptix_stimuli, name):
+    (command, file, *more), old, new, pattern = WRONG[name]
+    if old:
+        path = Path(file)
+        path.write_text(path.read_text().replace(old, new, 1))
+        if name == "units":
+            Path("thick.toml").write_text('insulator_thickness_m = "1.5 kg"')
+    extra = ["--log", "log.tsv", "--simulate-db", "-20"] if command == "run" else ["--out", "out"]
+    done = haptix_stimuli(command, file, *more, *extra)
+    assert done.code == 2
+    assert done.err.startswith("haptix: ") and "Traceback" not in done.err
+    assert re.search(pattern, done.err), done.err
+    assert not list(Path("out").glob("*.wav")) if Path("out").exists() else True
