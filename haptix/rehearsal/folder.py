@@ -41,7 +41,7 @@ def summary_of(rehearsal: Rehearsal) -> dict[str, Any]:
 def write(
     folder: Path, rehearsal: Rehearsal, texture: FrictionField, about: dict[str, Any]
 ) -> list[Path]:
-    """Write rehearsal.png, summary.json, felt.csv and drive.wav; each whole or not at all.
+    """Write rehearsal.png, summary.json, felt.csv and drive.wav: all of them, or none.
 
     Parameters
     ----------
@@ -86,20 +86,19 @@ def write(
         "drive.wav": wave,
         "summary.json": summary,
     }
-    written = []
+    drafts = {folder / name: folder / f".draft-{name}" for name in writers}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, writer in writers.items():
-            draft = folder / f".draft-{name}"
-            try:
-                writer(draft)
-                draft.replace(folder / name)
-            finally:
-                draft.unlink(missing_ok=True)
-            written.append(folder / name)
+        for draft, writer in zip(drafts.values(), writers.values(), strict=True):
+            writer(draft)
+        for file, draft in drafts.items():
+            draft.replace(file)
     except (OSError, soundfile.SoundFileError) as error:
         raise InputError(f"--out: cannot write to {folder}: {error}") from None
-    return written
+    finally:
+        for draft in drafts.values():
+            draft.unlink(missing_ok=True)
+    return list(drafts)
 
 
 def _plain(verdict: Verdict) -> dict[str, Any]:

@@ -12,8 +12,7 @@ from contextlib import contextmanager
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io import Device
-from firmware_io.playback import Playback, PlaybackStats
+from firmware_io import Device, Playback, PlaybackStats
 
 SWITCH_S = 5e-4
 """How long a thread may hold the interpreter while another waits: with the usual 5 ms a busy
@@ -79,8 +78,13 @@ class Producer:
 
     def start(self) -> None:
         """Arm the device and begin."""
-        self._playback.start()
+        # First the collection, which takes long, then the driver, which may not be kept waiting.
         self._settings.__enter__()
+        try:
+            self._playback.start()
+        except BaseException:
+            self._settings.__exit__(None, None, None)
+            raise
         self._thread.start()
 
     def raise_once(self) -> None:

@@ -170,8 +170,9 @@ class Renderer:
         if self._is_real_time:
             self.stats.lead_s = self._lead_s
             samples = self._points * self._block.step
-            self._producer = Producer(self.device, self._take_block, samples, self._lead_s)
-            self._producer.start()
+            producer = Producer(self.device, self._take_block, samples, self._lead_s)
+            producer.start()
+            self._producer = producer
         else:
             self.device.arm()
         return self
@@ -266,7 +267,11 @@ class Renderer:
         elif self._settings is not None:
             # What plays within the lead of its arrival was computed before: it knows nothing of it.
             came_s = event.t_s if arrival_s is None else arrival_s
-            self._check_gap(came_s)
+            if self._strict:
+                self._check_gap(came_s)
+            elif self._gap_s(came_s) > LONGEST_GAP_S:
+                self._live.touches.counts.invalid += 1
+                return
             self._simulate_until(came_s + self._lead_s)
             self._live.take(event)
             if self._start_s is None:
@@ -303,14 +308,18 @@ class Renderer:
 
     def _check_gap(self, t_s: float) -> None:
         """Refuse to render hours of nothing because a clock jumped."""
-        if self._start_s is None:
-            return
-        gap_s = t_s - self._start_s - self._next_sample / self.carrier.sample_rate_hz
+        gap_s = self._gap_s(t_s)
         if gap_s > LONGEST_GAP_S:
             raise InputError(
                 f"touch: expected a time within {LONGEST_GAP_S:g} s of what is rendered, got one "
                 f"{gap_s:g} s later; is the clock in seconds? Enter the renderer anew after a pause"
             )
+
+    def _gap_s(self, t_s: float) -> float:
+        """Time that would have to be rendered to reach another one."""
+        if self._start_s is None:
+            return 0.0
+        return t_s - self._start_s - self._next_sample / self.carrier.sample_rate_hz
 
     def _render_known(self, most: int, least: int = 1) -> None:
         """Render recorded fingers as far as their paths are known."""

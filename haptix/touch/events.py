@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -65,7 +66,7 @@ def problem_of(event: Any) -> str | None:
                 f"{largest:g} at most, got {value!r}"
             )
     for name, value, unit in (("normal_force_n", force, "N"), ("contact_area_m2", area, "m^2")):
-        if value is not None and not _within(value, 5e-324, 1.8e308):
+        if value is not None and not _within(value, 5e-324, sys.float_info.max):
             return (
                 f"touch {touch_id}: {name}: expected a finite number above 0 {unit}, or None "
                 f"where the screen measures none, got {value!r}"

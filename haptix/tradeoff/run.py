@@ -168,6 +168,8 @@ def run_tradeoff(
     InputError
         If the scene contradicts itself.
     """
+    # First, since it says at once what the box may not be, or may not hold.
+    boxed = _boxed(scene) if boundary_elements else None
     began = perf_counter()
     plan = plan_scene(scene, lambda share: on_progress("plan", share))
     plan_s = perf_counter() - began
@@ -191,21 +193,27 @@ def run_tradeoff(
             judge.ask(surface, Setting(fidelity, tolerance, *way), build_s) for way in ways_to_ask()
         ]
         on_progress("run", number / (1 + len(builds)))
-    if boundary_elements:
-        runs += _measured(scene, judge, lambda share: on_progress("measure", share))
+    if boxed is not None:
+        runs += _measured(scene, boxed, judge, lambda share: on_progress("measure", share))
     return Tradeoff(scene, _with_fronts(runs), plan, plan_s, judge.count, judge.batch)
 
 
-def _measured(scene: Scene, judge: _Judge, report: Callable[[float], None]) -> list[Run]:
-    """A surface that boundary elements correct, whole and as a slice."""
-    began = perf_counter()
-    model = ContactModel(
+def _boxed(scene: Scene) -> ContactModel:
+    """The scene solved by boundary elements in a small box."""
+    return ContactModel(
         scene.finger,
         scene.screen,
         "boundary-element",
         terms=_terms(scene, "boundary-element"),
         boundary_elements=_BOX,
     )
+
+
+def _measured(
+    scene: Scene, model: ContactModel, judge: _Judge, report: Callable[[float], None]
+) -> list[Run]:
+    """A surface that boundary elements correct, whole and as a slice."""
+    began = perf_counter()
     tolerance = f"{QUICK_TOLERANCES[0]:g} thresholds"
     surface = measured_surface(MeasuringJob(model, scene, _MEASURED), tolerance, report)
     build_s = perf_counter() - began
