@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from contextlib import suppress
 from dataclasses import replace
 from types import TracebackType
 from typing import Self
@@ -10,11 +11,24 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from firmware_io.capabilities import Capabilities, Mode
+from firmware_io.clock import HOST_CLOCK, Clock
+from firmware_io.conversation import Conversation
 from firmware_io.errors import DeviceDisconnectedError, DeviceError, LimitError
 from firmware_io.limits import DriveLimits
-from firmware_io.link import Capabilities, Link
-from firmware_io.mock import MockDriver, MockLink
-from firmware_io.stream import Stream
+from firmware_io.link import Link
+from firmware_io.links.mock import MockLink
+from firmware_io.mock import MockDriver
+from firmware_io.protocol import StreamMode, TouchReport
+from firmware_io.setting import (
+    bounded_setup,
+    changed_setup,
+    choose_mode,
+    choose_rate,
+    first_setup,
+    lowered_limits,
+)
+from firmware_io.stream import Progress, Stream
 
 
 class Device:
@@ -28,16 +42,57 @@ class Device:
     Parameters
     ----------
     link : Link
-        The way to the driver; from now on used by this object alone.
+        The way to the driver; from now on used by this object alone, and let go on any error.
     limits : DriveLimits, optional
-        What every sample must keep to; the ceiling is lowered to what the driver accepts.
+        What every sample must keep to; lowered to what the driver accepts.
+    mode : {"waveform", "envelope"}, optional
+        Whether samples are the drive itself, or the amplitude of a carrier that the driver makes.
+        Without it waveform, or, through reports or where the driver has no other, envelope.
+    sample_rate_hz : float, optional
+        One of the driver's rates in that mode; its highest that the link can carry without.
+    carrier_hz : float, optional
+        Of the carrier in envelope mode; `firmware_io.setting.DEFAULT_CARRIER_HZ` without.
+    clock : Clock
+        The host's; tests may give another.
+
+    Raises
+    ------
+    ProtocolError
+        If what answers is no haptix driver, speaks another version, or offers no such mode or rate.
+    DeviceError
+        If a value is impossible.
     """
 
-    def __init__(self, link: Link, limits: DriveLimits | None = None) -> None:
-        limits = DriveLimits() if limits is None else limits
-        reach = link.capabilities
-        ceiling_v = min(limits.ceiling_v, reach.ceiling_v, reach.full_scale_v)
-        self._stream = Stream(link, replace(limits, ceiling_v=ceiling_v))
+    def __init__(
+        self,
+        link: Link,
+        limits: DriveLimits | None = None,
+        *,
+        mode: Mode | None = None,
+        sample_rate_hz: float | None = None,
+        carrier_hz: float | None = None,
+        clock: Clock = HOST_CLOCK,
+    ) -> None:
+        try:
+            talk = Conversation(link, clock)
+            report = talk.greet()
+            reach = Capabilities.from_report(report, report.output_rate_hz)
+            mode = choose_mode(mode, reach, link)
+            rate_hz = choose_rate(sample_rate_hz, mode, reach, link)
+            setup = first_setup(reach, mode, rate_hz, carrier_hz)
+            self._stream = Stream(
+                talk,
+                lowered_limits(limits or DriveLimits(), reach, setup),
+                setup,
+                reach.max_frame_samples,
+                report.output_rate_hz,
+            )
+        except BaseException:
+            with suppress(Exception):
+                link.close()
+            raise
+        self._capabilities = replace(reach, sample_rate_hz=float(rate_hz))
+        self._keep_setup_in_step()
         self._is_closed = False
         # Holds the stream alone: a reference to the device would keep it from being forgotten.
         weakref.finalize(self, self._stream.abandon)
@@ -45,7 +100,33 @@ class Device:
     @property
     def capabilities(self) -> Capabilities:
         """What the driver can do."""
-        return self._stream.link.capabilities
+        return self._capabilities
+
+    @property
+    def name(self) -> str:
+        """Where it was found, such as its address."""
+        return self._stream.link.name
+
+    @property
+    def mode(self) -> Mode:
+        """Whether samples are the drive ("waveform") or its carrier's amplitude ("envelope")."""
+        return "envelope" if self._stream.setup.mode is StreamMode.ENVELOPE else "waveform"
+
+    @property
+    def carrier_hz(self) -> float | None:
+        """Of the carrier that the driver makes; None in waveform mode."""
+        return self._stream.setup.carrier_mhz / 1e3 or None
+
+    @property
+    def watchdog_s(self) -> float:
+        """How long after the last frame the driver is at 0 V by itself, at the latest."""
+        return self._stream.setup.watchdog_ms / 1e3
+
+    @property
+    def least_write_samples(self) -> int:
+        """Writes of a multiple of it waste nothing: whole frames where the link has reports."""
+        stream = self._stream
+        return 1 if stream.link.report_bytes is None else stream.frame_samples
 
     @property
     def limits(self) -> DriveLimits:
@@ -63,14 +144,19 @@ class Device:
         return self._stream.stop_is_owed
 
     @property
+    def latency_s(self) -> float | None:
+        """What an interface behind the link adds to the lead; None if it does not tell."""
+        return self._stream.link.latency_s
+
+    @property
     def frames_sent(self) -> int:
         """Frames delivered since construction, of every kind."""
-        return self._stream.frames_sent
+        return self._stream.talk.frames_sent
 
     @property
     def bytes_sent(self) -> int:
         """Bytes delivered since construction."""
-        return self._stream.bytes_sent
+        return self._stream.talk.bytes_sent
 
     @property
     def samples_sent(self) -> int:
@@ -113,9 +199,67 @@ class Device:
             )
         try:
             if abs(stream.last_v) > ceiling_v:
-                stream.stop()
+                stream.stop(play_out=True)
         finally:
             stream.limits = lowered
+            self._keep_setup_in_step()
+
+    def set_up(
+        self,
+        *,
+        carrier_hz: float | None = None,
+        lead_s: float | None = None,
+        watchdog_s: float | None = None,
+        status_s: float | None = None,
+    ) -> None:
+        """Change how the driver plays what it is sent, from the next time it is armed on.
+
+        Parameters
+        ----------
+        carrier_hz : float, optional
+            Of the carrier, in envelope mode.
+        lead_s : float, optional
+            Playback begins this long after the first sample was sent.
+        watchdog_s : float, optional
+            Without a frame for so long the driver is at 0 V by itself. Lowers the lead to half of
+            it where it is longer.
+        status_s : float, optional
+            While armed it reports so often without being asked; 0 for never.
+
+        Raises
+        ------
+        DeviceError
+            If the device is armed, or a value is impossible.
+        """
+        if self._stream.is_armed:
+            raise DeviceError("The device is armed and plays as it was set up; stop it first.")
+        self._stream.setup = changed_setup(
+            self._stream.setup,
+            self._capabilities.max_watchdog_s,
+            carrier_hz=carrier_hz,
+            lead_s=lead_s,
+            watchdog_s=watchdog_s,
+            status_s=status_s,
+        )
+        self._keep_setup_in_step()
+
+    def progress(self) -> Progress:
+        """Hear what the driver has said, and return how far it is.
+
+        Raises
+        ------
+        DeviceFaultError
+            If the driver has stopped by itself; it is at 0 V.
+        DeviceDisconnectedError
+            If the link is lost.
+        """
+        self._stream.hear()
+        return self._stream.progress()
+
+    def touches(self) -> list[TouchReport]:
+        """Return what the panel has reported since the last call, oldest first."""
+        latest = self._stream.talk.touches
+        return [latest.popleft() for _ in range(len(latest))]
 
     def arm(self) -> None:
         """Make the driver ready to play, from sample index 0; no effect if armed.
@@ -165,7 +309,7 @@ class Device:
             raise
 
     def stop(self) -> None:
-        """Bring the output to 0 V and disarm. Idempotent.
+        """Play what was sent, bring the output to 0 V and disarm. Idempotent.
 
         Raises
         ------
@@ -175,7 +319,17 @@ class Device:
             If the ramp or STOP could not be delivered. The device is disarmed all the same; if
             it was STOP, `stop_is_owed` stays True and the next call tries again.
         """
-        self._stream.stop()
+        self._stream.stop(play_out=True)
+
+    def stop_at_once(self) -> None:
+        """Bring the output to 0 V without playing what is queued, and disarm. Idempotent.
+
+        Raises
+        ------
+        DeviceError
+            As from `stop`.
+        """
+        self._stream.stop(play_out=False)
 
     def close(self) -> None:
         """Stop, then let the link go. Idempotent.
@@ -208,9 +362,14 @@ class Device:
     def _stop_after(self, error: BaseException) -> None:
         """Stop because of `error`, which stays the one to be raised."""
         try:
-            self.stop()
+            self.stop_at_once()
         except Exception as failure:
             error.add_note(f"Bringing the output to 0 V failed as well: {failure}")
+
+    def _keep_setup_in_step(self) -> None:
+        """Tell the driver to refuse what this side refuses, but nothing that rounding adds."""
+        stream = self._stream
+        stream.setup = bounded_setup(stream.setup, stream.limits, self._capabilities)
 
 
 def _as_samples(volts: npt.ArrayLike) -> npt.NDArray[np.float64]:

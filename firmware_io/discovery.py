@@ -1,26 +1,18 @@
-"""From an address to a device, and what the buses of this computer show."""
+"""What is connected: drivers that can be opened, and what else the buses show."""
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TypedDict, cast
+from typing import Self
 
-from firmware_io.device import Device
-from firmware_io.errors import DeviceError, DeviceNotFoundError
-from firmware_io.mock import MockDriver, MockLink
+from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID
+from firmware_io.links.usb import backend, serial_of
 
-_HARDWARE_SCHEMES = ("usb", "hid", "audio")
-_NOT_USABLE = "Seen on the bus; this version carries no link to real hardware."
-
-
-class _MockSelector(TypedDict, total=False):
-    sample_rate_hz: float
-    full_scale_v: float
-    ceiling_v: float
-    lead_s: float
-    watchdog_s: float
+_OTHER = "Another device, not a haptix driver by its numbers."
+_AUDIO = "Say what its full scale means on the screen: full_scale_v=."
 
 
 @dataclass(frozen=True)
@@ -36,7 +28,7 @@ class DeviceInfo:
     name : str
         For people.
     usable : bool
-        Whether this version can open it.
+        Whether `open_device` would try to drive it.
     note : str
         What to know about it.
     """
@@ -70,51 +62,6 @@ class BusReport:
     devices: tuple[DeviceInfo, ...]
 
 
-def open_device(address: str) -> Device:
-    """Open the device at an address.
-
-    Parameters
-    ----------
-    address : str
-        A scheme, a colon and an optional selector of comma-separated key=value pairs, such as
-        ``"mock:"`` or ``"mock:sample_rate_hz=250000,ceiling_v=150"``. The keys of the mock are
-        sample_rate_hz, full_scale_v (default 250), ceiling_v (default 200), lead_s (default 0.025)
-        and watchdog_s (default 0.25).
-
-    Returns
-    -------
-    Device
-        Not yet armed.
-
-    Raises
-    ------
-    DeviceNotFoundError
-        If the scheme is unknown, or this version has no link for it.
-    DeviceError
-        If the address is no string, or the selector cannot be understood or describes no possible
-        device.
-    LimitError
-        If the selector asks for a ceiling above the absolute one.
-    """
-    if not isinstance(address, str):
-        raise DeviceError(
-            f"An address is a string, but {address!r} came, of type {type(address).__name__}; "
-            'use for example "mock:".'
-        )
-    scheme, colon, selector = address.partition(":")
-    if colon and scheme in _HARDWARE_SCHEMES:
-        raise DeviceNotFoundError(
-            f'There is no link for "{scheme}:" in this version, which carries only the mock '
-            f'link, but {address!r} was asked for; use "mock:".'
-        )
-    if not colon or scheme != "mock":
-        raise DeviceNotFoundError(
-            f"An address begins with mock:, usb:, hid: or audio:, but {address!r} does not; "
-            'use "mock:".'
-        )
-    return Device(MockLink(MockDriver(**_parse_mock_selector(selector))))
-
-
 def list_devices() -> list[DeviceInfo]:
     """Return the mock and whatever the buses show, without opening anything."""
     mock = DeviceInfo("mock:", "mock", "mock driver", True, "Plays into memory; always there.")
@@ -136,25 +83,82 @@ def survey_buses() -> list[BusReport]:
     ]
 
 
-def _parse_mock_selector(selector: str) -> _MockSelector:
-    keys = _MockSelector.__annotations__
-    known = ", ".join(keys)
-    options: dict[str, float] = {}
-    for pair in selector.split(",") if selector else ():
-        key, _, text = (part.strip() for part in pair.partition("="))
-        if key not in keys or key in options:
-            raise DeviceError(
-                f"The mock takes key=value pairs, each key once, but {pair!r} came; "
-                f"the keys are {known}."
-            )
-        try:
-            options[key] = float(text)
-        except ValueError:
-            raise DeviceError(
-                f"The mock's {key} must be a number, but {text!r} came; write for example "
-                f'"mock:{key}=1". The keys are {known}.'
-            ) from None
-    return cast(_MockSelector, options)
+class DeviceWatch:
+    """Tells when drivers are connected and disconnected, by looking now and then.
+
+    It opens nothing, has a thread of its own, and touches nobody else's.
+
+    Parameters
+    ----------
+    on_change : callable
+        Called in that thread with the device, and whether it is there now.
+    interval_s : float
+        Between two looks, in seconds.
+    look : callable
+        Returns what is there; `list_devices` by default.
+
+    Attributes
+    ----------
+    error : Exception or None
+        What `on_change` raised last; the watch goes on.
+    """
+
+    def __init__(
+        self,
+        on_change: Callable[[DeviceInfo, bool], None],
+        interval_s: float = 0.5,
+        look: Callable[[], list[DeviceInfo]] = list_devices,
+    ) -> None:
+        self.error: Exception | None = None
+        self._on_change = on_change
+        self._interval_s = interval_s
+        self._look = look
+        self._known: dict[str, DeviceInfo] = {}
+        self._end = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Begin to watch; what is there already is not told."""
+        if self._thread is None:
+            self._known = self._usable()
+            self._end.clear()
+            self._thread = threading.Thread(target=self._run, name="firmware_io watch", daemon=True)
+            self._thread.start()
+
+    def stop(self) -> None:
+        """End watching. Idempotent."""
+        self._end.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join()
+        self._thread = None
+
+    def poll(self) -> list[tuple[DeviceInfo, bool]]:
+        """Look once; tell and return the changes, those that went first."""
+        now = self._usable()
+        changes = [(device, False) for key, device in self._known.items() if key not in now]
+        changes += [(device, True) for key, device in now.items() if key not in self._known]
+        self._known = now
+        for device, is_there in changes:
+            try:
+                self._on_change(device, is_there)
+            # A fault in what somebody does about a device must not end the watch over all.
+            except Exception as error:
+                self.error = error
+        return changes
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.stop()
+
+    def _usable(self) -> dict[str, DeviceInfo]:
+        return {device.address: device for device in self._look() if device.usable}
+
+    def _run(self) -> None:
+        while not self._end.wait(self._interval_s):
+            self.poll()
 
 
 def _survey(kind: str, look: Callable[[], tuple[str, list[DeviceInfo]]], remedy: str) -> BusReport:
@@ -166,38 +170,43 @@ def _survey(kind: str, look: Callable[[], tuple[str, list[DeviceInfo]]], remedy:
     return BusReport(kind, True, detail, tuple(devices))
 
 
-def _seen(kind: str, selector: str, name: str) -> DeviceInfo:
-    return DeviceInfo(f"{kind}:{selector}", kind, name, False, _NOT_USABLE)
-
-
 def _usb() -> tuple[str, list[DeviceInfo]]:
     core = import_module("usb.core")
-    # Product names would need the device to be opened; the numbers come with the enumeration.
-    devices = [
-        _seen(
-            "usb",
-            f"bus={device.bus},address={device.address}",
-            f"{device.idVendor:04x}:{device.idProduct:04x}",
-        )
-        for device in core.find(find_all=True)
-    ]
+    devices = []
+    for device in core.find(find_all=True, backend=backend()):
+        where = f"usb:bus={device.bus},address={device.address}"
+        numbers = f"{device.idVendor:04x}:{device.idProduct:04x}"
+        if (device.idVendor, device.idProduct) != (VENDOR_ID, PRODUCT_ID):
+            # Product names would need the device to be opened; the numbers come by themselves.
+            devices.append(DeviceInfo(where, "usb", numbers, False, _OTHER))
+            continue
+        serial = serial_of(device)
+        note = f"Serial {serial}." if serial else "Its serial number cannot be read."
+        devices.append(DeviceInfo(where, "usb", f"haptix driver {numbers}", True, note))
     return f"pyusb {import_module('usb').__version__}", devices
 
 
 def _hid() -> tuple[str, list[DeviceInfo]]:
-    hid = import_module("hid")
+    # hidraw asks the kernel; libusb's side of hidapi opens every device for its strings.
+    try:
+        hid = import_module("hidraw")
+    except ImportError:
+        hid = import_module("hid")
     devices = []
     for found in hid.enumerate():
         numbers = f"{found['vendor_id']:04x}:{found['product_id']:04x}"
-        path = found["path"].decode(errors="replace")
-        devices.append(_seen("hid", f"path={path}", found["product_string"] or numbers))
+        where = f"hid:path={found['path'].decode(errors='replace')}"
+        is_ours = (found["vendor_id"], found["product_id"]) == (VENDOR_ID, PRODUCT_ID)
+        note = f"Serial {found.get('serial_number') or 'unknown'}." if is_ours else _OTHER
+        name = found["product_string"] or numbers
+        devices.append(DeviceInfo(where, "hid", name, is_ours, note))
     return f"hidapi {hid.version_str()}", devices
 
 
 def _audio() -> tuple[str, list[DeviceInfo]]:
     sounddevice = import_module("sounddevice")
     devices = [
-        _seen("audio", f"index={index}", found["name"])
+        DeviceInfo(f"audio:device={index}", "audio", found["name"], True, _AUDIO)
         for index, found in enumerate(sounddevice.query_devices())
         if found["max_output_channels"] > 0
     ]

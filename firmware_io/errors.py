@@ -13,12 +13,20 @@ class DeviceNotFoundError(DeviceError):
     """No device answers to the given address."""
 
 
+class DeviceBusyError(DeviceError):
+    """Another process, or another object of this one, holds the device."""
+
+
+class DevicePermissionError(DeviceError):
+    """The operating system does not let this user open the device."""
+
+
 class DeviceDisconnectedError(DeviceError):
     """The link to the device is closed or lost."""
 
 
 class ProtocolError(DeviceError):
-    """Bytes on the wire are not a well-formed frame, or a frame cannot be put on the wire."""
+    """Bytes on the wire are not what this protocol says, or cannot be put on the wire."""
 
 
 class DeviceFaultError(DeviceError):
@@ -26,4 +34,4 @@ class DeviceFaultError(DeviceError):
 
 
 class LimitError(HaptixError):
-    """A voltage, slew or limit beyond what is allowed: rejected, never clamped."""
+    """A voltage, slew, energy or limit beyond what is allowed: rejected, never clamped."""

@@ -1,64 +1,78 @@
-"""The mock link: a complete driver in process, which keeps everything it plays."""
+"""The mock driver: the reference firmware in process, and everything that it plays."""
 
 from __future__ import annotations
 
 import math
+import threading
 import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.errors import (
-    DeviceDisconnectedError,
-    DeviceError,
-    DeviceFaultError,
-    ProtocolError,
-)
-from firmware_io.limits import ABSOLUTE_CEILING_V, WATCHDOG_S, DriveLimits
-from firmware_io.link import Capabilities, Link
+from firmware_io.errors import DeviceError
+from firmware_io.firmware.core import CoreName, Output, open_core
+from firmware_io.limits import ABSOLUTE_CEILING_V, DEFAULT_MAX_SLEW_V_PER_S, WATCHDOG_S, DriveLimits
 from firmware_io.protocol import (
-    FULL_SCALE_CODE,
-    SEQUENCE_MODULUS,
-    Frame,
-    FrameKind,
+    REPORT_BYTES,
+    VERSION,
+    CapabilitiesReport,
+    DeviceState,
+    Rate,
+    StatusReport,
+    StreamMode,
+    TouchPhase,
+    TouchReport,
     codes_to_volts,
-    decode,
-    volts_to_codes,
 )
+
+Pace = Literal["virtual", "real"]
+
+#: Slower rates that the mock takes besides its own, where they go into it: what HID carries.
+_SLOWER_RATES_HZ = (16_000, 8_000)
+_BOTH = frozenset(StreamMode)
+# Small enough that no queue overflows within, whatever frames these bytes hold.
+_PIECE_BYTES = 512
 
 
 class MockDriver:
-    """The device side: receives bytes, trusts nothing, plays codes.
+    """A driver without a board: the firmware in C, or its twin, and time to play in.
 
-    A frame that breaks a rule is not played: the driver ramps to 0 V, disarms, remembers the
-    first cause in `fault`, raises it to the sender, and plays nothing until it is armed again. It
-    does the same when its stream starves, but has no thread to do so in time: whatever it is asked,
-    it first catches up with what its watchdog has done by then.
+    In virtual time it plays at once all that it was sent, and time passes otherwise only in
+    `advance`. In real time it follows a clock: whatever it is asked, it first plays what was due.
+    It may be shared by threads.
 
     Parameters
     ----------
     sample_rate_hz : float
-        Samples played per second.
+        Output samples per second, a whole number.
     full_scale_v : float
-        The voltage of code 32767.
+        The voltage of code 32767, to the millivolt.
     ceiling_v : float
-        The driver's own ceiling, enforced on decoded volts whatever the host has checked.
+        The driver's own ceiling, enforced whatever the host has checked.
     max_frame_samples : int
         Largest number of samples in a frame.
-    lead_s : float
-        Playback begins this long after the first STREAM frame, in seconds.
-    watchdog_s : float
-        The stream starves when no frame comes for this long after the last sample was played, in
-        seconds.
+    queue_samples : int, optional
+        Depth of its queue; 8 frames or 8192 samples, whichever is more, if not given.
+    max_slew_v_per_s : float
+        The driver's own slew limit.
+    max_watchdog_s : float
+        Longest watchdog time that it can be set up with.
+    rates_hz : sequence of int, optional
+        Sample rates that it takes, in both modes; each goes into `sample_rate_hz`. Its own,
+        16 kHz and 8 kHz, where they do, if not given.
+    serial, calibration_id : str
+        What it says of itself.
+    pace : {"virtual", "real"}
+        What makes its time pass.
     clock : callable
-        Returns the time in seconds.
-
-    Attributes
-    ----------
-    frames_received, bytes_received, underruns : int
-        Counters since construction. A late frame is an underrun, one too late for the watchdog
-        a fault.
+        Returns the time in seconds, for the real pace.
+    kept_s : float
+        How much of its output it remembers, at least, in seconds; for drivers that run for days.
+    core : {"auto", "c", "python"}
+        What plays; see `firmware_io.firmware.core.open_core`.
 
     Raises
     ------
@@ -74,216 +88,235 @@ class MockDriver:
         full_scale_v: float = 250.0,
         ceiling_v: float = ABSOLUTE_CEILING_V,
         max_frame_samples: int = 1024,
-        lead_s: float = 0.025,
-        watchdog_s: float = WATCHDOG_S,
+        queue_samples: int | None = None,
+        max_slew_v_per_s: float = DEFAULT_MAX_SLEW_V_PER_S,
+        max_watchdog_s: float = WATCHDOG_S,
+        rates_hz: Sequence[int] | None = None,
+        serial: str = "MOCK0001",
+        calibration_id: str = "",
+        pace: Pace = "virtual",
         clock: Callable[[], float] = time.perf_counter,
+        kept_s: float = math.inf,
+        core: CoreName = "auto",
     ) -> None:
-        for name, seconds in (("lead_s", lead_s), ("watchdog_s", watchdog_s)):
-            if not (math.isfinite(seconds) and seconds >= 0):
-                raise DeviceError(
-                    f"{name} must be a finite number of at least 0, but is {seconds!r}; "
-                    "give it in seconds."
-                )
-        self._capabilities = Capabilities(
-            "mock", sample_rate_hz, full_scale_v, ceiling_v, max_frame_samples
+        if pace not in ("virtual", "real"):
+            raise DeviceError(f'The mock\'s pace is "virtual" or "real", but {pace!r} was given.')
+        limits = DriveLimits(ceiling_v=ceiling_v, max_slew_v_per_s=max_slew_v_per_s)
+        rate_hz = _whole("sample_rate_hz", sample_rate_hz, 1000, 1_000_000)
+        frame = _whole("max_frame_samples", max_frame_samples, 1, 32765)
+        if rates_hz is None:
+            rates_hz = (rate_hz, *(r for r in _SLOWER_RATES_HZ if r < rate_hz and not rate_hz % r))
+        self.about = CapabilitiesReport(
+            oldest_version=VERSION,
+            newest_version=VERSION,
+            report_bytes=REPORT_BYTES,
+            output_rate_hz=rate_hz,
+            full_scale_mv=_whole("full_scale_v", full_scale_v * 1e3, 1, 1_000_000, "mV"),
+            # Rounded down: no limit grows on its way into whole numbers.
+            ceiling_mv=math.floor(limits.ceiling_v * 1e3),
+            max_slew_v_per_s=min(math.floor(limits.max_slew_v_per_s), 2**32 - 1),
+            queue_samples=max(8 * frame, 8192) if queue_samples is None else queue_samples,
+            max_frame_samples=frame,
+            max_watchdog_ms=_whole("max_watchdog_s", max_watchdog_s * 1e3, 10, 65535, "ms"),
+            name="mock",
+            serial=serial,
+            calibration_id=calibration_id,
+            reports_touch=True,
+            rates=tuple(Rate(rate, _BOTH) for rate in rates_hz),
         )
-        self._limits = DriveLimits(ceiling_v=ceiling_v)
-        self._lead_s = lead_s
-        self._watchdog_s = watchdog_s
-        self._clock = clock
-        self._chunks: list[npt.NDArray[np.int16]] = []
-        self._last_code = 0
-        self._next_sequence = 0
-        self._samples_since_arm = 0
-        self._playback_start_s: float | None = None
-        self._is_armed = False
-        self._fault: str | None = None
-        self._samples_played = 0
-        self._faults = 0
-        self.frames_received = 0
+        self.pace = pace
+        self.clock = clock
         self.bytes_received = 0
-        self.underruns = 0
+        self._core = open_core(self.about, core)
+        self._lock = threading.RLock()
+        self._began_s = clock() if pace == "real" else 0.0
+        self._ticks = 0
+        self._played = 0
+        self._kept_ticks = kept_s * rate_hz
+        self._remembered = 0
+        self._codes = deque([np.empty(0, np.int16)])
+        self._what = deque([np.empty(0, np.uint8)])
 
     @property
-    def capabilities(self) -> Capabilities:
-        """What the driver can do."""
-        return self._capabilities
+    def core(self) -> str:
+        """What plays: "c", the firmware, or "python", its twin."""
+        return self._core.name
+
+    @property
+    def status(self) -> StatusReport:
+        """Where it stands."""
+        with self._lock:
+            self._catch_up()
+            return self._core.status()
 
     @property
     def is_armed(self) -> bool:
         """Whether STREAM frames are accepted."""
-        self._watch(self._clock())
-        return self._is_armed
+        return self.status.state in (DeviceState.ARMED, DeviceState.PLAYING)
 
     @property
     def fault(self) -> str | None:
-        """Why the driver stopped by itself; None if it did not, cleared by ARM."""
-        self._watch(self._clock())
-        return self._fault
+        """Why it refused a frame or stopped by itself; None if it did not, or was armed since."""
+        with self._lock:
+            self._catch_up()
+            fault = self._core.fault()
+            return None if fault is None else str(fault)
 
     @property
     def faults(self) -> int:
         """Faults since construction."""
-        self._watch(self._clock())
-        return self._faults
+        return self.status.faults
+
+    @property
+    def underruns(self) -> int:
+        """How often the queue was empty when a sample was due, since construction."""
+        return self.status.underruns
 
     @property
     def samples_played(self) -> int:
-        """Samples played since construction, the driver's own ramps included."""
-        self._watch(self._clock())
-        return self._samples_played
+        """Output samples played since construction, ramps included, pauses not."""
+        with self._lock:
+            self._catch_up()
+            return self._played
 
     @property
     def played_codes(self) -> npt.NDArray[np.int16]:
-        """Every code played since construction, shape (samples_played,)."""
-        self._watch(self._clock())
-        self._chunks = [np.concatenate([np.empty(0, np.int16), *self._chunks])]
-        return self._chunks[0].copy()
+        """Every code of streams and ramps since construction, shape (samples_played,).
+
+        Left out are 0 V between streams, and the last sample while it is held in an underrun.
+        """
+        codes, what = self.output
+        played: npt.NDArray[np.int16] = codes[_is_played(what)]
+        return played
 
     @property
     def played_v(self) -> npt.NDArray[np.float64]:
-        """Every voltage played since construction, shape (samples_played,)."""
-        return codes_to_volts(self.played_codes, self.capabilities.full_scale_v)
+        """Every voltage of streams and ramps since construction, shape (samples_played,)."""
+        return codes_to_volts(self.played_codes, self.about.full_scale_mv / 1e3)
+
+    @property
+    def output(self) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint8]]:
+        """Every output sample since construction, and what it was (an `Output`)."""
+        with self._lock:
+            self._catch_up()
+            self._codes = deque([np.concatenate(self._codes)])
+            self._what = deque([np.concatenate(self._what)])
+            return self._codes[0].copy(), self._what[0].copy()
+
+    @property
+    def output_v(self) -> npt.NDArray[np.float64]:
+        """The voltage at every moment since construction, at `sample_rate_hz`."""
+        return codes_to_volts(self.output[0], self.about.full_scale_mv / 1e3)
 
     def receive(self, data: bytes) -> None:
-        """Take one frame from the wire.
+        """Take bytes from the wire, in pieces of any size."""
+        with self._lock:
+            self._catch_up()
+            self.bytes_received += len(data)
+            for start in range(0, len(data), _PIECE_BYTES):
+                self._core.receive(data[start : start + _PIECE_BYTES])
+                self._play_out()
+
+    def receive_report(self, report: bytes) -> None:
+        """Take one HID report, its id first."""
+        with self._lock:
+            self._catch_up()
+            self.bytes_received += len(report)
+            self._core.receive_report(report)
+            self._play_out()
+
+    def transmit(self) -> bytes:
+        """Return the frames that wait for the host; empty if none do."""
+        with self._lock:
+            self._catch_up()
+            return self._core.transmit()
+
+    def transmit_report(self) -> bytes:
+        """Return one HID report for the host; empty if there is nothing to say."""
+        with self._lock:
+            self._catch_up()
+            return self._core.transmit_report()
+
+    def touch(
+        self,
+        x_mm: float,
+        y_mm: float,
+        normal_force_n: float | None = None,
+        contact: int = 0,
+        phase: TouchPhase = TouchPhase.MOVE,
+    ) -> bool:
+        """Put a finger on the panel; False if the host has not read the last eight reports."""
+        force_mn = 65535 if normal_force_n is None else round(normal_force_n * 1e3)
+        report = TouchReport(0, round(x_mm * 1e3), round(y_mm * 1e3), force_mn, contact, phase)
+        with self._lock:
+            self._catch_up()
+            return self._core.touch(report)
+
+    def release(self) -> None:
+        """Ramp to 0 V, disarm and forget the set-up, as when the host goes away."""
+        with self._lock:
+            self._catch_up()
+            self._core.release()
+            self._play_out()
+
+    def advance(self, seconds: float) -> None:
+        """Let virtual time pass.
 
         Raises
         ------
-        ProtocolError
-            If the bytes are not a well-formed frame.
-        DeviceFaultError
-            If the frame breaks a rule, or the driver is not armed, or no longer as the stream has
-            starved.
+        DeviceError
+            If the pace is real.
         """
-        now_s = self._clock()
-        self._watch(now_s)
-        self.frames_received += 1
-        self.bytes_received += len(data)
-        try:
-            frame = decode(data)
-        except ProtocolError as error:
-            self._enter_fault(str(error))
-            raise
-        violation = self._violation(frame)
-        if violation is not None:
-            self._enter_fault(violation)
-            raise DeviceFaultError(
-                f"The driver is in fault and at 0 V: {self._fault} Arm it again to go on."
-            )
-        if frame.kind is FrameKind.ARM:
-            self._is_armed, self._fault = True, None
-            self._samples_since_arm, self._playback_start_s = 0, None
-        elif frame.kind is FrameKind.STREAM:
-            self._follow_playback(now_s)
-            self._samples_since_arm += frame.samples.size
-            self._play(frame.samples)
-        else:
-            self._ramp_down()
-        self._next_sequence = (frame.sequence + 1) % SEQUENCE_MODULUS
+        if self.pace == "real":
+            raise DeviceError("A mock at real pace follows its clock; let that one advance.")
+        with self._lock:
+            self._play(round(seconds * self.about.output_rate_hz))
 
-    def release(self) -> None:
-        """Ramp to 0 V and disarm, as on STOP or when the host goes away."""
-        self._watch(self._clock())
-        self._ramp_down()
+    def _play_out(self) -> None:
+        """In virtual time, play all that was sent."""
+        while self.pace == "virtual" and (ticks := self._core.pending_ticks):
+            self._play(ticks)
 
-    def _ramp_down(self) -> None:
-        if self._last_code:
-            full_scale_v = self.capabilities.full_scale_v
-            last_v = self._last_code / FULL_SCALE_CODE * full_scale_v
-            ramp = self._limits.ramp_to_zero(last_v, self.capabilities.sample_rate_hz)
-            self._play(volts_to_codes(ramp, full_scale_v))
-        self._is_armed = False
+    def _catch_up(self) -> None:
+        """In real time, play all that was due."""
+        if self.pace == "real":
+            passed_s = self.clock() - self._began_s
+            self._play(math.floor(passed_s * self.about.output_rate_hz) - self._ticks)
 
-    def _violation(self, frame: Frame) -> str | None:
-        """Return the sentence for the first rule that the frame breaks."""
-        if frame.kind is FrameKind.ARM:
-            if self._is_armed:
-                return "ARM came while armed."
-            if frame.sample_index != 0:
-                return f"ARM must carry sample index 0, but carried {frame.sample_index}."
-            return None
-        if not self._is_armed:
-            # STOP asks for what already is; refusing it would only hide the first error.
-            return None if frame.kind is FrameKind.STOP else "STREAM came while not armed."
-        if frame.sequence != self._next_sequence:
-            return f"Expected sequence {self._next_sequence}, but {frame.sequence} came."
-        if frame.sample_index != self._samples_since_arm:
-            return f"Expected sample index {self._samples_since_arm}, got {frame.sample_index}."
-        most = self.capabilities.max_frame_samples
-        if frame.samples.size > most:
-            return f"A frame may carry {most} samples, but {frame.samples.size} came."
-        volts = np.abs(codes_to_volts(frame.samples, self.capabilities.full_scale_v))
-        if (volts > self._limits.ceiling_v).any():
-            peak = float(volts.max())
-            return f"A sample of {peak!r} V is above the ceiling of {self._limits.ceiling_v!r} V."
-        return None
+    def _play(self, ticks: int) -> None:
+        # A second at a time, for a driver that nobody has asked anything for an hour.
+        while ticks > 0:
+            codes, what = self._core.play(min(ticks, self.about.output_rate_hz))
+            ticks -= codes.size
+            self._ticks += codes.size
+            self._played += int(np.count_nonzero(_is_played(what)))
+            self._remember(codes, what)
 
-    def _enter_fault(self, cause: str) -> None:
-        # The first cause is the one to report; what follows from it is not counted again.
-        if self._fault is None:
-            self._fault = cause
-            self._faults += 1
-        self._ramp_down()
-
-    def _watch(self, now_s: float) -> None:
-        """Do what the watchdog has done by now: end a stream that has starved."""
-        # Before the first frame there is nothing to hold: the output is at 0 V.
-        if not self._is_armed or self._playback_start_s is None:
-            return
-        if self._dry_for_s(now_s, self._playback_start_s) > self._watchdog_s:
-            self._enter_fault(
-                f"The stream starved, no frame came within {self._watchdog_s:g} s after the last "
-                "sample was played; send samples earlier, with a longer lead or in longer blocks, "
-                "and stop before a pause."
-            )
-
-    def _follow_playback(self, now_s: float) -> None:
-        """Count an underrun if playback has already passed the last sample received."""
-        if self._playback_start_s is None:
-            self._playback_start_s = now_s + self._lead_s
-            return
-        dry_s = self._dry_for_s(now_s, self._playback_start_s)
-        if dry_s > 0.0:
-            self.underruns += 1
-            self._playback_start_s += dry_s
-
-    def _dry_for_s(self, now_s: float, start_s: float) -> float:
-        """Time since the last sample received was played; negative while some are queued."""
-        return now_s - (start_s + self._samples_since_arm / self._capabilities.sample_rate_hz)
-
-    def _play(self, codes: npt.NDArray[np.int16]) -> None:
-        if codes.size:
-            self._chunks.append(codes)
-            self._last_code = int(codes[-1])
-            self._samples_played += codes.size
+    def _remember(self, codes: npt.NDArray[np.int16], what: npt.NDArray[np.uint8]) -> None:
+        self._codes.append(codes)
+        self._what.append(what)
+        self._remembered += codes.size
+        while len(self._codes) > 1 and (self._remembered - self._codes[0].size >= self._kept_ticks):
+            self._remembered -= self._codes.popleft().size
+            self._what.popleft()
 
 
-class MockLink(Link):
-    """The link to a `MockDriver`.
+def _is_played(what: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+    is_played: npt.NDArray[np.bool_] = (what == Output.STREAM) | (what == Output.RAMP)
+    return is_played
 
-    Parameters
-    ----------
-    driver : MockDriver, optional
-        The driver at the other end; one with default properties if not given.
-    """
 
-    def __init__(self, driver: MockDriver | None = None) -> None:
-        self.driver = MockDriver() if driver is None else driver
-        self._closed = False
-
-    @property
-    def capabilities(self) -> Capabilities:
-        """What the driver can do."""
-        return self.driver.capabilities
-
-    def send(self, frame: bytes) -> None:
-        """Hand one frame to the driver; see `Link.send`."""
-        if self._closed:
-            raise DeviceDisconnectedError("The mock link is closed; open the device again.")
-        self.driver.receive(frame)
-
-    def close(self) -> None:
-        """Let the driver go; it ends at 0 V. Idempotent."""
-        self._closed = True
-        self.driver.release()
+def _whole(name: str, value: float, least: int, most: int, unit: str = "") -> int:
+    """Return a number as the wire carries it, or raise DeviceError."""
+    unit = unit and f" {unit}"
+    if not (math.isfinite(value) and least <= round(value) <= most):
+        raise DeviceError(
+            f"{name} must lie in {least} to {most}{unit}, but is {value:g}{unit}; correct it."
+        )
+    # 1e-6: what a decimal fraction leaves in binary.
+    if abs(value - round(value)) > 1e-6 * max(1.0, abs(value)):
+        raise DeviceError(
+            f"{name} travels as a whole number of{unit or ' samples'}, but is {value!r}{unit}; "
+            "round it."
+        )
+    return round(value)

@@ -2,29 +2,81 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.errors import DeviceDisconnectedError, DeviceFaultError, ProtocolError
-from firmware_io.limits import DriveLimits
-from firmware_io.link import Link
-from firmware_io.protocol import SEQUENCE_MODULUS, Frame, FrameKind, encode, volts_to_codes
+from firmware_io.conversation import Conversation
+from firmware_io.errors import DeviceDisconnectedError, DeviceError, DeviceFaultError
+from firmware_io.limits import DriveLimits, DriveWindow
+from firmware_io.protocol import (
+    INDEX_MODULUS,
+    Arm,
+    DeviceState,
+    Samples,
+    Setup,
+    StatusReport,
+    StreamMode,
+    samples_per_frame,
+    volts_to_codes,
+)
+
+#: Reports in a frame: the fewest with less than 15 % that is no sample (PROTOCOL.md).
+_REPORTS_PER_FRAME = 3
+#: Samples in one write to a link without reports: 64 KiB go at once, more make stopping slow.
+_SAMPLES_PER_WRITE = 32_000
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far the driver is, by its last report.
+
+    Parameters
+    ----------
+    reported_s : float
+        When that report came, by the host's clock.
+    samples_sent, samples_played : int
+        Since it was armed; sent counts on after the report.
+    room_samples : int
+        What it can take now.
+    is_playing : bool
+        Whether it plays: it begins a lead after the first sample.
+    clock_samples : float
+        Its clock, in samples since its power-up, whether it plays or not.
+    underruns : int
+        Since its power-up.
+    """
+
+    reported_s: float
+    samples_sent: int
+    samples_played: int
+    room_samples: int
+    is_playing: bool
+    clock_samples: float
+    underruns: int
 
 
 class Stream:
-    """Frames to one driver, and the stop that is owed for them.
+    """Samples to one driver, and the stop that is owed for them.
 
     It does not know the `Device` that it serves: it must be able to stop the driver after that
     device was forgotten.
 
     Parameters
     ----------
-    link : Link
-        The way to the driver.
+    talk : Conversation
+        The words with the driver, after its greeting.
     limits : DriveLimits
         What every sample must keep to.
+    setup : Setup
+        What the driver is told before it is armed.
+    max_frame_samples : int
+        Samples in the longest frame that it takes.
+    output_rate_hz : float
+        Of its clock.
 
     Attributes
     ----------
@@ -35,115 +87,250 @@ class Stream:
     last_v : float
         The last voltage that may stand on the output. Of a frame that may have arrived or not,
         the larger of the voltages before and after it.
-    frames_sent, bytes_sent, samples_sent : int
+    samples_sent : int
         What was delivered since construction.
     """
 
-    def __init__(self, link: Link, limits: DriveLimits) -> None:
-        self.link = link
+    def __init__(
+        self,
+        talk: Conversation,
+        limits: DriveLimits,
+        setup: Setup,
+        max_frame_samples: int,
+        output_rate_hz: float,
+    ) -> None:
+        self.talk = talk
+        self.link = talk.link
         self.limits = limits
         self.is_armed = False
         self.stop_is_owed = False
         self.last_v = 0.0
-        self.frames_sent = 0
-        self.bytes_sent = 0
         self.samples_sent = 0
-        self._sequence = 0
-        self._sample_index = 0
+        self._output_rate_hz = output_rate_hz
+        self._max_frame_samples = max_frame_samples
+        if self.link.report_bytes is not None:
+            fitting = samples_per_frame(_REPORTS_PER_FRAME, self.link.report_bytes)
+            self._max_frame_samples = min(max_frame_samples, fitting)
+        self._setup = setup
         self._is_in_doubt = False
+        self._sent = 0  # since armed
+        self._rested_s = talk.clock()
+        self._window = DriveWindow(limits, setup.sample_rate_hz)
+
+    @property
+    def setup(self) -> Setup:
+        """What the driver is told before it is armed."""
+        return self._setup
+
+    @setup.setter
+    def setup(self, setup: Setup) -> None:
+        if setup.sample_rate_hz != self._setup.sample_rate_hz:
+            self._window = DriveWindow(self.limits, setup.sample_rate_hz)
+        self._setup = setup
+
+    @property
+    def frame_samples(self) -> int:
+        """Samples in a whole frame: what the driver takes, and a quarter of its watchdog time."""
+        setup = self._setup
+        lasting = setup.watchdog_ms * setup.sample_rate_hz // 4000
+        return max(1, min(self._max_frame_samples, lasting))
 
     def arm(self) -> None:
-        """Deliver a stop still owed, then arm the driver; no effect if armed."""
+        """Deliver a stop still owed, set the driver up, then arm it; no effect if armed."""
         if self.is_armed:
             return
-        self.stop()
-        self._sample_index = 0
+        self.stop(play_out=False)
+        # Each time: a driver that was reset meanwhile has forgotten it.
+        self.talk.ask(self._setup)
+        self._sent = 0
+        rate_hz = self._setup.sample_rate_hz
+        rested_s = self.talk.clock() - self._rested_s
+        self._window.limits = self.limits
+        self._window.rest(math.floor(min(rested_s, self.limits.window_s) * rate_hz))
         # Before the send: an ARM whose delivery fails may have arrived all the same.
         self.stop_is_owed = True
-        self._send(FrameKind.ARM)
+        self._is_in_doubt = True
+        try:
+            self.talk.ask(Arm())
+        except DeviceFaultError:
+            self.stop_is_owed = False
+            raise
+        self._is_in_doubt = False
         self.is_armed = True
 
     def write(self, volts: npt.NDArray[np.float64]) -> None:
-        """Check all samples, then send them frame by frame."""
-        reach = self.link.capabilities
-        self.limits.check(volts, self.last_v, reach.sample_rate_hz)
-        codes = volts_to_codes(volts, reach.full_scale_v, self.limits.ceiling_v)
-        for start in range(0, codes.size, reach.max_frame_samples):
-            chunk = codes[start : start + reach.max_frame_samples]
-            self._send(FrameKind.STREAM, chunk, float(volts[start + chunk.size - 1]))
+        """Check all samples, then send them as the driver has room for them."""
+        setup = self._setup
+        rate_hz = float(setup.sample_rate_hz)
+        if setup.mode is StreamMode.WAVEFORM:
+            self.limits.check(volts, self.last_v, rate_hz)
+            self._window.check(volts)
+        else:
+            carrier_hz = setup.carrier_mhz / 1e3
+            self.limits.check_envelope(volts, self.last_v, rate_hz, carrier_hz)
+        self._send(volts)
+        self.hear()
 
-    def stop(self) -> None:
-        """Ramp to 0 V and deliver STOP, if one is owed; it stays owed if that fails."""
+    def hear(self) -> None:
+        """Take what the driver has said; raise what it has refused.
+
+        Where it reports unasked, only once in its interval: looking may cost a millisecond.
+        """
+        interval_s = self._setup.status_ms / 1e3
+        if interval_s and self.talk.clock() - self.talk.status_s < interval_s:
+            return
+        try:
+            while self.talk.listen():
+                pass
+        finally:
+            self._follow_fault()
+        silent_s = self.talk.clock() - self.talk.status_s
+        if interval_s and self.is_armed and silent_s > self._setup.watchdog_ms / 1e3:
+            raise DeviceDisconnectedError(
+                f"{self.link.name} has said nothing for {silent_s:.2g} s, though it was to report "
+                f"every {interval_s:g} s; check its cable and power, then open it again."
+            )
+
+    def progress(self) -> Progress:
+        """Return how far the driver is, by its last report."""
+        status = self._status()
+        played = self._sent - (self._sent - status.samples_played) % INDEX_MODULUS
+        ahead = self._sent - played
+        room = status.free_samples - (ahead - status.queued_samples)
+        return Progress(
+            self.talk.status_s,
+            self._sent,
+            played,
+            max(0, min(room, self._most_ahead - ahead)),
+            status.state is DeviceState.PLAYING,
+            status.clock_ticks * self._setup.sample_rate_hz / self._output_rate_hz,
+            status.underruns,
+        )
+
+    @property
+    def _most_ahead(self) -> int:
+        """Samples in the driver at most: it must have played them before its watchdog bites."""
+        setup = self._setup
+        ahead_s = setup.watchdog_ms / 1e3 / 2 - min(setup.lead_us / 1e6, setup.watchdog_ms / 4e3)
+        return max(self.frame_samples, int(ahead_s * setup.sample_rate_hz))
+
+    def stop(self, play_out: bool) -> None:
+        """Bring the output to 0 V and deliver STOP, if one is owed; it stays owed if that fails."""
         if not self.stop_is_owed:
             return
         self.is_armed = False
         try:
             # In doubt about what stands on the output, only the driver knows where to ramp from.
-            if self.last_v != 0.0 and not self._is_in_doubt:
-                rate = self.link.capabilities.sample_rate_hz
-                self.write(self.limits.ramp_to_zero(self.last_v, rate))
+            if play_out and not self._is_in_doubt:
+                self._play_out()
         finally:
             # A driver ramps on STOP too, so a ramp that fails is no reason to withhold STOP.
             self._send_stop()
 
-    def close(self) -> None:
+    def close(self, play_out: bool = True) -> None:
         """Stop, then let the link go even if that failed."""
         try:
-            self.stop()
+            self.stop(play_out)
         finally:
             try:
                 self.link.close()
             except OSError as error:
-                raise self._lost(error) from error
+                raise self.talk.lost(error) from error
 
     def abandon(self) -> None:
         """Close without a word, for a device that was forgotten: nobody is left to be told."""
         with suppress(Exception):
-            self.close()
+            self.close(play_out=False)
+
+    def _play_out(self) -> None:
+        """Ramp to 0 V behind what is queued, and wait until it is played."""
+        rate_hz = self._setup.sample_rate_hz
+        if self.last_v != 0.0:
+            self._send(self.limits.ramp_to_zero(self.last_v, rate_hz))
+        lead_s = self._setup.lead_us / 1e6
+        end_s = self.talk.clock() + self._status().queued_samples / rate_hz + lead_s + 1.0
+        while self.stop_is_owed:
+            status = self.talk.synchronise()
+            self._follow_fault()
+            if status.queued_samples == 0 or self.talk.clock() > end_s:
+                return
+            self.talk.clock.sleep(min(max(status.queued_samples, 1) / rate_hz, 0.01))
 
     def _send_stop(self) -> None:
         was_in_doubt = self._is_in_doubt
-        try:
-            self._send(FrameKind.STOP)
-        except (ProtocolError, DeviceFaultError):
-            # A driver that refuses STOP has stopped as well. After a frame in doubt that is no
-            # news: it only means that the frame had arrived, and STOP did not follow on it.
-            if not was_in_doubt:
-                self.stop_is_owed = False
-                raise
-        self.stop_is_owed = False
-
-    def _send(
-        self,
-        kind: FrameKind,
-        codes: npt.NDArray[np.int16] | None = None,
-        reached_v: float = 0.0,
-    ) -> None:
-        """Send one frame, after which `reached_v` stands on the output."""
-        samples = np.empty(0, dtype=np.int16) if codes is None else codes
-        data = encode(Frame(kind, self._sequence, self._sample_index, samples))
         self._is_in_doubt = True
-        self.last_v = max(self.last_v, reached_v, key=abs)
-        try:
-            self.link.send(data)
-        except (ProtocolError, DeviceFaultError):
-            # The driver refused the frame and has ramped down by itself: nothing left to ramp.
-            self._is_in_doubt = False
-            self.last_v = 0.0
-            raise
-        except OSError as error:
-            raise self._lost(error) from error
-        # Only now: the driver counts what it received, and STOP must follow on that.
-        self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
-        self._sample_index += samples.size
-        self._is_in_doubt = False
-        self.last_v = reached_v
-        self.frames_sent += 1
-        self.bytes_sent += len(data)
-        self.samples_sent += samples.size
+        self.talk.tell_stop()
+        # A driver that refuses STOP has stopped as well. After a frame in doubt that is no news:
+        # it only means that the frame had arrived, and STOP did not follow on it.
+        self._is_at_rest()
+        if was_in_doubt:
+            self.talk.fault = None
+        self.talk.raise_fault()
 
-    def _lost(self, error: OSError) -> DeviceDisconnectedError:
-        return DeviceDisconnectedError(
-            f"The link to {self.link.capabilities.name!r} failed: {error}; check its cable and "
-            "power, then stop or arm it again."
-        )
+    def _send(self, volts: npt.NDArray[np.float64]) -> None:
+        full_scale_v = self._setup.full_scale_mv / 1e3
+        codes = volts_to_codes(volts, full_scale_v, self.limits.ceiling_v)
+        start = 0
+        while start < codes.size:
+            count = min(codes.size - start, self._room(codes.size - start))
+            chunk = codes[start : start + count]
+            frames = [
+                Samples(
+                    (self._sent + at) % INDEX_MODULUS,
+                    chunk[at : at + self.frame_samples],
+                    self._setup.mode,
+                )
+                for at in range(0, count, self.frame_samples)
+            ]
+            before_v, reached_v = self.last_v, float(volts[start + count - 1])
+            self._is_in_doubt = True
+            self.last_v = max(before_v, reached_v, key=abs)
+            self.talk.tell(*frames)
+            # Only now: the driver counts what it received, and STOP must follow on that.
+            self._is_in_doubt = False
+            self.last_v = reached_v
+            self._sent += count
+            self.samples_sent += count
+            self._window.take(volts[start : start + count])
+            start += count
+
+    def _room(self, wanted: int) -> int:
+        """Return how many of the wanted samples the driver can take, at least one frame or all."""
+        wanted = min(wanted, _SAMPLES_PER_WRITE)
+        least = min(wanted, self.frame_samples)
+        rate_hz = self._setup.sample_rate_hz
+        waits = 0
+        while True:
+            progress = self.progress()
+            if progress.room_samples >= least:
+                return min(wanted, progress.room_samples)
+            if waits:
+                self.talk.clock.sleep(min((least - progress.room_samples) / rate_hz, 0.005))
+            self.talk.synchronise()
+            self._follow_fault()
+            if self.progress().samples_played == progress.samples_played:
+                waits += 1
+                if waits > 400:
+                    raise DeviceError(
+                        f"{self.link.name} has not played for two seconds; its clock stands. "
+                        "Stop it and open it again."
+                    )
+            else:
+                waits = 1
+
+    def _status(self) -> StatusReport:
+        status = self.talk.status
+        if status is None:
+            raise DeviceDisconnectedError(f"{self.link.name} has not said where it stands; arm it.")
+        return status
+
+    def _follow_fault(self) -> None:
+        """If the driver has refused something, it has stopped: nothing is owed, and say so."""
+        if self.talk.fault is not None and (self.is_armed or self.stop_is_owed):
+            self._is_at_rest()
+            self.talk.raise_fault()
+
+    def _is_at_rest(self) -> None:
+        self.is_armed = self.stop_is_owed = self._is_in_doubt = False
+        self.last_v = 0.0
+        self._rested_s = self.talk.clock()

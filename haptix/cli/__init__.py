@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from haptix.cli import archive, demo, figures, hardware, scenes, surfaces
+from haptix.cli import (
+    archive,
+    calibrate,
+    demo,
+    figures,
+    hardware,
+    rendering,
+    scenes,
+    stimuli,
+    surfaces,
+)
 from haptix.version import __version__
 
 app = typer.Typer(
@@ -23,8 +33,12 @@ app.command("build")(surfaces.build)
 app.command("query")(surfaces.query)
 app.command("invert")(surfaces.invert)
 app.command("export")(archive.export)
+app.command("render")(rendering.render)
+app.command("play")(rendering.play)
 app.command("plan")(scenes.plan)
 app.command("tradeoff")(scenes.tradeoff)
+app.add_typer(stimuli.app, name="stimuli")
+app.add_typer(calibrate.app, name="calibrate")
 app.command("figures")(figures.figures)
 app.command("devices")(hardware.devices)
 app.command("doctor")(hardware.doctor)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import platform
 from dataclasses import asdict
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
@@ -18,18 +19,59 @@ def devices(as_json: AsJson = False) -> None:
     show("devices", [asdict(device) for device in list_devices()], as_json)
 
 
-def doctor(as_json: AsJson = False) -> None:
+def doctor(
+    as_json: AsJson = False,
+    install_udev: Annotated[
+        bool,
+        typer.Option(
+            "--install-udev",
+            help="Write the rule that lets whoever sits here open a driver, after asking.",
+        ),
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    root: Annotated[
+        Path, typer.Option(help="Folder that stands for / when the rule is written.")
+    ] = Path("/"),
+) -> None:
     """Check this machine: packages, system libraries, cache, and a solve against known numbers.
 
     Exit code 1 if something that every use needs is broken.
     """
     from firmware_io import survey_buses
 
+    if install_udev:
+        _install_udev(root, yes)
+        return
     checks = [_check_python(), _check_torch(), _check_cache(), _check_solver()]
+    needed = len(checks)
     checks += [_row(report.kind, report.available, report.detail) for report in survey_buses()]
+    checks += [_check_udev(root), _check_firmware()]
     show("doctor", checks, as_json)
-    if any(row["ok"] == "no" for row in checks[:4]):
+    if any(row["ok"] == "no" for row in checks[:needed]):
         raise typer.Exit(1)
+
+
+def _install_udev(root: Path, yes: bool) -> None:
+    from firmware_io.links.identity import (
+        RULE_FILE,
+        install_udev_rule,
+        udev_rule,
+        udev_rule_is_installed,
+    )
+
+    if udev_rule_is_installed(root):
+        typer.echo(f"{root / RULE_FILE} is there already.")
+        return
+    typer.echo(f"{root / RULE_FILE} will hold:\n\n{udev_rule()}")
+    if not yes and not typer.confirm("Write it?"):
+        typer.echo("Nothing was written.")
+        raise typer.Exit(1)
+    try:
+        path = install_udev_rule(root)
+    except OSError as error:
+        typer.echo(f"haptix: {error}; run it as root: sudo haptix doctor --install-udev", err=True)
+        raise typer.Exit(2) from None
+    typer.echo(f"Wrote {path}. Now run `udevadm control --reload` as root, and replug the driver.")
 
 
 def _row(what: str, good: bool, detail: str) -> dict[str, Any]:
@@ -40,6 +82,26 @@ def _check_python() -> dict[str, Any]:
     from haptix.version import __version__
 
     return _row("haptix", True, f"{__version__} on Python {platform.python_version()}")
+
+
+def _check_udev(root: Path) -> dict[str, Any]:
+    from firmware_io.links.identity import RULE_FILE, udev_rule_is_installed
+
+    if udev_rule_is_installed(root):
+        return _row("udev rule", True, f"{root / RULE_FILE}")
+    return _row(
+        "udev rule",
+        False,
+        f"{root / RULE_FILE} is not there; only root can open USB and HID drivers without it: "
+        "sudo haptix doctor --install-udev",
+    )
+
+
+def _check_firmware() -> dict[str, Any]:
+    from firmware_io import MockDriver
+
+    which = {"c": "compiled from C", "python": "its twin in Python (no C compiler was found)"}
+    return _row("mock driver", True, f"the reference firmware, {which[MockDriver().core]}")
 
 
 def _check_torch() -> dict[str, Any]:

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_io import ABSOLUTE_CEILING_V, DriveLimits, LimitError
+from firmware_io import ABSOLUTE_CEILING_V, Device, DriveLimits, LimitError, MockDriver, MockLink
+from firmware_io.limits import DriveWindow
 
 
 def test_absolute_ceiling():
@@ -87,3 +88,163 @@ def test_ramp_by_hand():
     np.testing.assert_array_equal(
         DriveLimits().ramp_to_zero(100.0, 1e3), [80.0, 60.0, 40.0, 20.0, 0.0]
     )
+
+
+@pytest.mark.parametrize("name", ["max_rms_v", "max_dc_share", "window_s"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_impossible_window_limits(name, value):
+    with pytest.raises(LimitError, match=name):
+        DriveLimits(**{name: value})
+
+
+RATE = 1000.0  # one window of a second is 1000 samples
+
+
+def window(**limits):
+    return DriveWindow(DriveLimits(**limits), RATE)
+
+
+def admit(window, volts):
+    window.check(volts)
+    window.take(volts)
+
+
+@pytest.mark.parametrize("frequency_hz", [6.5, 10.0, 50.0, 125.0, 249.0])
+@pytest.mark.parametrize("phase", [0.0, 1.0, np.pi / 2])
+def test_a_tone_at_the_ceiling_passes_for_ever(frequency_hz, phase):
+    # From 6.4 Hz on: a half period has the mean 2/pi over T/2, which is 5 % of a second there.
+    # That is a bound for a tone begun at phase 0; begun elsewhere it is less.
+    wave = 200.0 * np.sin(2 * np.pi * frequency_hz * np.arange(5000) / RATE + phase)
+    seen = window()
+    for block in np.split(wave, 100):
+        admit(seen, block)
+
+
+def test_energy_by_hand():
+    # A square wave at the ceiling reaches 1.01 * 200 / sqrt(2) V over a second after
+    # (1.01 / sqrt(2))**2 = 0.51005 of it: with the 511th sample.
+    square = 200.0 * np.where(np.arange(2000) % 2, -1.0, 1.0)
+    seen = window()
+    admit(seen, square[:510])
+    with pytest.raises(LimitError, match=r"With sample 0 the rms over 1 s reaches 142.9"):
+        seen.check(square[510:])
+    # What was driven is forgotten a window later, not before.
+    admit(seen, np.zeros(490))
+    with pytest.raises(LimitError, match="rms"):
+        seen.check(np.array([0.0, 200.0, -200.0, 200.0, 200.0, -200.0]) * np.sqrt(2))
+    admit(seen, np.zeros(510))
+    admit(seen, square[:510])
+
+
+def test_a_mean_voltage_by_hand():
+    # 5 % of a second of anything constant, high or low, is all that passes.
+    for level_v in (200.0, 20.0, -20.0, 3.0):
+        seen = window()
+        admit(seen, np.full(50, level_v))
+        with pytest.raises(LimitError, match=r"With sample 0 the mean over 1 s.*above 5%"):
+            seen.check(np.full(1, level_v))
+        seen.check(np.full(10, -level_v))  # the way back
+        seen.check(np.zeros(10))
+
+
+def test_an_offset_is_found_however_it_is_cut_into_blocks():
+    wave = 100.0 * np.sin(2 * np.pi * 50.0 * np.arange(4000) / RATE)
+    for cut in (1, 7, 250, 4000):
+        seen = window()
+        for start in range(0, 4000, cut):
+            admit(seen, wave[start : start + cut])
+        with pytest.raises(LimitError, match="mean"):
+            for start in range(0, 4000, cut):
+                admit(seen, wave[start : start + cut] + 6.0)
+
+
+def judged_by_hand(limits, history, size):
+    """Index of the first sample that breaks a limit, from each window in full."""
+    padded = np.r_[np.zeros(size), history]
+    for index, value in enumerate(history):
+        seen = padded[index + 1 : index + 1 + size]
+        if value and np.mean(seen**2) > limits.max_rms_v**2:
+            return index
+        mean = seen.mean()
+        if value * mean > 0 and abs(mean) > limits.max_dc_share * np.abs(seen).max():
+            return index
+    return None
+
+
+@given(
+    st.lists(st.lists(st.sampled_from([0.0, 150.0, -150.0, 60.0, -60.0]), max_size=40), max_size=8)
+)
+def test_the_window_agrees_with_sums_taken_afresh(blocks):
+    # The largest magnitude is taken over a block and the window before it, so that it can only be
+    # larger, and the judgement later, than by hand: by as much as blocks are long.
+    limits = DriveLimits(window_s=0.02, max_rms_v=120.0, max_dc_share=0.5)
+    seen = DriveWindow(limits, RATE)
+    history = np.empty(0)
+    for block in map(np.array, blocks):
+        whole = np.r_[history, block.astype(float)]
+        expected = judged_by_hand(limits, whole, 20)
+        try:
+            for sample in block:
+                admit(seen, np.array([sample]))
+        except LimitError:
+            assert expected is not None
+            return
+        assert expected is None
+        history = whole
+
+
+def test_a_long_write_is_judged_like_short_ones():
+    seen = window()
+    wave = 150.0 * np.sin(2 * np.pi * 125.0 * np.arange(5500) / RATE)
+    seen.check(wave)
+    seen.take(wave)
+    cut = window()
+    for block in np.split(wave, 11):
+        cut.take(block)
+    for probe in (
+        np.full(80, 20.0),
+        np.full(2, 20.0),
+        np.full(600, 200.0) * (-1) ** np.arange(600),
+    ):
+        verdicts = []
+        for each in (seen, cut):
+            try:
+                each.check(probe)
+                verdicts.append("passed")
+            except LimitError as error:
+                verdicts.append(str(error))
+        assert verdicts[0] == verdicts[1]
+
+
+def test_the_device_rejects_a_mean_voltage_and_recovers_after_a_pause():
+    now_s = 0.0
+    device = Device(MockLink(MockDriver()), clock=lambda: now_s)
+    device.arm()
+    with pytest.raises(LimitError, match="drive without a mean voltage"):
+        device.write(np.full(4800, 100.0))
+    assert device.mock.samples_played == 0
+    device.arm()
+    device.write(np.full(2000, 100.0))
+    with pytest.raises(LimitError, match="mean"):
+        device.write(np.full(1000, 100.0))
+    assert device.mock.played_codes[-1] == 0
+    device.arm()
+    with pytest.raises(LimitError, match="pause before trying again"):
+        device.write(np.full(1000, 100.0))
+    now_s = 1.0
+    device.arm()
+    device.write(np.full(2000, 100.0))
+    device.stop()
+
+
+def test_amplitudes_of_a_carrier():
+    limits = DriveLimits(ceiling_v=150.0, max_slew_v_per_s=4e6)
+    limits.check_envelope(np.array([130.0, 140.0, 150.0]), 130.0, 16e3, 4e3)
+    limits.check_envelope(np.empty(0), 0.0, 16e3, 4e3)
+    with pytest.raises(LimitError, match=r"Sample 1 is -1 V.*0 V or more"):
+        limits.check_envelope(np.array([0.0, -1.0]), 0.0, 16e3, 4e3)
+    with pytest.raises(LimitError, match=r"ceiling of 150\.0 V"):
+        limits.check_envelope(np.array([151.0]), 0.0, 16e3, 4e3)
+    # 150 V at 4.3 kHz slews at 2 pi 4300 150 = 4.05 MV/s.
+    with pytest.raises(LimitError, match=r"carrier of 4300 Hz.*slower carrier"):
+        limits.check_envelope(np.array([150.0]), 150.0, 16e3, 4.3e3)

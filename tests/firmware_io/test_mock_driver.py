@@ -1,29 +1,40 @@
-"""The driver behind the mock link: it trusts no host."""
+"""The mock driver: the firmware in process, its two paces, and what can go wrong on its link."""
 
 import inspect
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import firmware_io
 from firmware_io import (
     ABSOLUTE_CEILING_V,
     DeviceDisconnectedError,
     DeviceError,
-    DeviceFaultError,
-    Frame,
-    FrameKind,
     LimitError,
     MockDriver,
     MockLink,
-    ProtocolError,
+)
+from firmware_io.firmware.build import find_compiler
+from firmware_io.firmware.core import Output
+from firmware_io.limits import WATCHDOG_S
+from firmware_io.links.mishaps import Mishap
+from firmware_io.protocol import (
+    Arm,
+    CapabilitiesReport,
+    DeviceState,
+    FaultCode,
+    FaultReport,
+    Frame,
+    FrameParser,
+    Hello,
+    Ping,
+    Samples,
+    Setup,
+    Stop,
+    StreamMode,
+    TouchPhase,
+    TouchReport,
     encode,
 )
-from firmware_io.limits import WATCHDOG_S
-
-ARM, STREAM, STOP = FrameKind.ARM, FrameKind.STREAM, FrameKind.STOP
 
 
 class Clock:
@@ -33,324 +44,373 @@ class Clock:
         return self.now_s
 
 
-def frame(kind, sequence, index=0, codes=()):
-    return encode(Frame(kind, sequence, index, np.array(codes, np.int16)))
+class Host:
+    """The least that can talk to a driver: it numbers frames and reads answers."""
+
+    def __init__(self, link):
+        self.link = link
+        self.parser = FrameParser()
+        self.sequence = 0
+        self.index = 0
+
+    def send(self, message):
+        self.link.send(encode(Frame(message, self.sequence)))
+        self.sequence += 1
+
+    def say(self, *messages):
+        for message in messages:
+            self.send(message)
+        return self.hear()
+
+    def hear(self, timeout_s=0.0):
+        items = self.parser.feed(self.link.receive(timeout_s))
+        return [item.message if isinstance(item, Frame) else item for item in items]
+
+    def ready(self, **setup):
+        about = self.link.driver.about
+        plain = {
+            "mode": StreamMode.WAVEFORM,
+            "watchdog_ms": about.max_watchdog_ms,
+            "sample_rate_hz": about.output_rate_hz,
+            "full_scale_mv": about.full_scale_mv,
+            "ceiling_mv": about.ceiling_mv,
+            "max_slew_v_per_s": about.max_slew_v_per_s,
+            "lead_us": 0,
+        }
+        self.say(Hello(), Setup(**{**plain, **setup}), Arm())
+        self.index = 0
+        return self
+
+    def stream(self, codes):
+        codes = np.array(codes, np.int16)
+        self.send(Samples(self.index, codes))
+        self.index += codes.size
 
 
-def playing_driver(**options):
-    """A driver at 1 kHz (its ramps have 5 samples), armed, that has played 1000, 2000.
+def host_of(report_bytes=None, **options):
+    return Host(MockLink(MockDriver(**options), report_bytes))
 
-    Its clock stands, so that its watchdog never bites.
-    """
-    driver = MockDriver(sample_rate_hz=1000.0, clock=Clock(), **options)
-    driver.receive(frame(ARM, 0))
-    driver.receive(frame(STREAM, 1, 0, [1000, 2000]))
-    return driver
+
+def playing(**options):
+    """A driver at 1 kHz (its ramps have 5 samples) that has played 1000, 2000."""
+    host = host_of(sample_rate_hz=1000.0, **options).ready()
+    host.stream([1000, 2000])
+    return host, host.link.driver
 
 
 # From 2000 in five equal steps.
 RAMPED = [1000, 2000, 1600, 1200, 800, 400, 0]
 
-NEXT = frame(STREAM, 2, 2, [3000])
-VIOLATIONS = {
-    "sequence gap": (frame(STREAM, 3, 2, [3000]), "Expected sequence 2, but 3 came"),
-    "replayed frame": (frame(STREAM, 1, 0, [1000, 2000]), "Expected sequence 2, but 1 came"),
-    "sample-index gap": (frame(STREAM, 2, 3, [3000]), "Expected sample index 2, got 3"),
-    "over the ceiling": (frame(STREAM, 2, 2, [0, 26214]), "above the ceiling of 200.0 V"),
-    "over, negative": (frame(STREAM, 2, 2, [0, -26214]), "above the ceiling of 200.0 V"),
-    "lowest int16": (frame(STREAM, 2, 2, [-32768]), "above the ceiling of 200.0 V"),
-    "too long": (frame(STREAM, 2, 2, [0] * 1025), "may carry 1024 samples, but 1025 came"),
-    "ARM while armed": (frame(ARM, 2), "ARM came while armed"),
-    "STOP out of sequence": (frame(STOP, 5, 2), "Expected sequence 2, but 5 came"),
-    "damaged": (NEXT[:21] + b"\xff" + NEXT[22:], "CRC-32"),
-    "truncated": (NEXT[:-1], "26 bytes, but 25 came"),
-    "noise": (bytes(40), "begins with"),
-}
 
-
-@pytest.mark.parametrize("name", VIOLATIONS)
-def test_a_violation_ends_at_zero_and_is_remembered(name):
-    data, sentence = VIOLATIONS[name]
-    driver = playing_driver()
-    with pytest.raises((DeviceFaultError, ProtocolError), match=sentence):
-        driver.receive(data)
+def test_virtual_time_plays_at_once_all_it_was_sent():
+    host, driver = playing()
+    assert driver.played_codes.tolist() == [1000, 2000]
+    assert driver.status.clock_ticks == 2
+    host.say(Stop())
     assert driver.played_codes.tolist() == RAMPED
+    assert (driver.is_armed, driver.fault, driver.faults, driver.underruns) == (False, None, 0, 0)
+    assert driver.samples_played == 7
+    assert driver.played_v[1] == pytest.approx(2000 / 32767 * 250)
+
+
+def test_one_write_may_hold_more_than_the_queue():
+    host = host_of(queue_samples=1024).ready()
+    frames = [
+        encode(Frame(Samples(1024 * k, np.full(1024, k, np.int16)), 3 + k)) for k in range(40)
+    ]
+    host.link.send(b"".join(frames))
+    assert host.link.driver.fault is None
+    assert host.link.driver.played_codes.tolist() == [k for k in range(40) for _ in range(1024)]
+
+
+def test_virtual_time_passes_by_hand():
+    _, driver = playing()
+    driver.advance(0.24)  # the ramp of 5 ms ends with the watchdog's 250 ms
+    assert driver.is_armed
+    assert driver.underruns == 1
+    driver.advance(0.008)
     assert not driver.is_armed
-    assert sentence in driver.fault
-    assert driver.faults == 1
+    driver.advance(0.002)
+    assert driver.played_codes.tolist() == RAMPED
+    assert "starved" in driver.fault
+    codes, what = driver.output
+    assert codes.size == 2 + 250
+    assert codes[-1] == 0
+    # The watchdog counts from the frame, which was played in no time: 2 samples, 243 held, 5 down.
+    assert [int((what == kind).sum()) for kind in Output] == [2, 2, 243, 5]
 
 
-@pytest.mark.parametrize("name", VIOLATIONS)
-def test_after_a_fault_nothing_plays_until_armed_again(name):
-    driver = playing_driver()
-    with pytest.raises((DeviceFaultError, ProtocolError)):
-        driver.receive(VIOLATIONS[name][0])
-    cause = driver.fault
-    with pytest.raises(DeviceFaultError, match="Arm it again"):
-        driver.receive(NEXT)
-    assert (driver.fault, driver.faults, driver.samples_played) == (cause, 1, 7)
-    driver.receive(frame(ARM, 90))
-    driver.receive(frame(STREAM, 91, 0, [5]))
-    assert driver.fault is None
-    assert driver.played_codes.tolist() == [*RAMPED, 5]
+def test_a_refused_frame_is_answered_and_kept_as_a_sentence():
+    host, driver = playing()
+    host.sequence += 1
+    fault, *_ = host.say(Samples(2, np.array([3000], np.int16)))
+    assert isinstance(fault, FaultReport)
+    assert driver.fault == str(fault) == "Expected sequence 4, but 5 came."
+    assert driver.played_codes.tolist() == RAMPED
+    assert (driver.faults, driver.is_armed) == (1, False)
 
 
-def test_damage_on_the_wire_is_a_protocol_error():
-    with pytest.raises(ProtocolError):
-        playing_driver().receive(NEXT[:-1])
+def test_noise_on_the_wire_ends_at_zero():
+    _, driver = playing()
+    driver.receive(b"noise on the wire")
+    assert driver.played_codes.tolist() == RAMPED
+    assert "damaged" in driver.fault
 
 
-def test_must_be_armed():
-    driver = MockDriver()
-    with pytest.raises(DeviceFaultError, match="not armed"):
-        driver.receive(frame(STREAM, 0, 0, [1]))
+def test_the_drivers_ceiling_holds_against_the_host():
+    host = host_of(ceiling_v=100.0).ready()
+    host.stream([13107])  # 100.002 V
+    assert "100.002 V is above the ceiling of 100 V" in host.link.driver.fault
+    assert host.link.driver.samples_played == 0
+
+
+def test_real_pace_follows_its_clock():
+    clock = Clock()
+    host = host_of(sample_rate_hz=1000, pace="real", clock=clock).ready(lead_us=10_000)
+    driver = host.link.driver
+    host.stream(range(100, 200))
     assert driver.samples_played == 0
+    clock.now_s = 0.030
+    assert driver.played_codes.tolist() == list(range(100, 120))
+    (status,) = host.say(Ping(1))
+    assert (status.queued_samples, status.samples_played, status.clock_ticks) == (80, 20, 30)
+    clock.now_s = 0.120
+    assert driver.underruns == 1
+    host.stream([7])
+    clock.now_s = 0.121
+    codes, _ = driver.output
+    assert codes[10:110].tolist() == list(range(100, 200))
+    assert codes[110:].tolist() == [199] * 10 + [7]
+    assert driver.played_codes.tolist() == [*range(100, 200), 7]
+    with pytest.raises(DeviceError, match="follows its clock"):
+        driver.advance(1.0)
 
 
-def test_arm_starts_at_sample_zero():
-    driver = MockDriver()
-    with pytest.raises(DeviceFaultError, match="index 0, but carried 4"):
-        driver.receive(frame(ARM, 0, 4))
-    assert not driver.is_armed
+def test_real_pace_starves_without_being_asked():
+    clock = Clock()
+    host = host_of(pace="real", clock=clock).ready(watchdog_ms=100)
+    host.stream([20_000] * 1000)
+    clock.now_s = 0.1
+    assert host.link.driver.output[0][-1] == 0
+    assert host.link.driver.output[0][-241] == 20_000
+    clock.now_s = 50.0
+    assert host.link.driver.status.clock_ticks == 50 * 48_000
+    assert "within 0.1 s" in host.link.driver.fault
 
 
-def test_the_highest_code_under_the_ceiling_plays():
-    # 26213 / 32767 * 250 V = 199.995 V; 26214 would be 200.003 V.
-    driver = playing_driver()
-    driver.receive(frame(STREAM, 2, 2, [26213, -26213]))
-    assert driver.faults == 0
-    assert driver.played_v[2] == pytest.approx(199.9954, abs=1e-4)  # the literal has 4 decimals
+def test_waiting_for_an_answer_ends_when_it_is_there():
+    clock = Clock()
+    waits = []
+
+    def sleep(seconds):
+        waits.append(seconds)
+        clock.now_s += seconds
+
+    driver = MockDriver(pace="real", clock=clock)
+    host = Host(MockLink(driver, sleep=sleep)).ready(watchdog_ms=100)
+    host.stream([1000])
+    assert host.hear(timeout_s=0.02) == []
+    assert clock.now_s == pytest.approx(0.02)
+    (starved,) = host.hear(timeout_s=1.0)
+    assert starved.code is FaultCode.STARVED
+    assert clock.now_s == pytest.approx(0.096, abs=0.002)  # a look each millisecond
+    assert max(waits) <= 1e-3
 
 
-def test_a_lower_ceiling_holds_against_the_host():
-    driver = playing_driver(ceiling_v=100.0)
-    with pytest.raises(DeviceFaultError, match=r"above the ceiling of 100.0 V"):
-        driver.receive(frame(STREAM, 2, 2, [13107]))  # 100.002 V
-    assert np.abs(driver.played_v).max() < 100.0
+def test_a_clock_that_stands_does_not_hang_the_receiver():
+    host = Host(MockLink(MockDriver(pace="real", clock=Clock()), sleep=lambda _: None))
+    assert host.hear(timeout_s=1e9) == []
 
 
-def test_stop_ramps_and_disarms():
-    driver = playing_driver()
-    driver.receive(frame(STOP, 2, 2))
-    driver.receive(frame(STOP, 77, 0))  # has nothing left to do, and is no fault
+@pytest.mark.parametrize("report_bytes", [None, 64])
+def test_the_link_carries_a_session(report_bytes):
+    host = host_of(report_bytes)
+    assert host.link.report_bytes == report_bytes
+    assert host.say(Hello()) == [host.link.driver.about]
+    assert isinstance(host.link.driver.about, CapabilitiesReport)
+    host.ready()
+    codes = list(range(-500, 500))
+    host.stream(codes)
+    assert host.link.driver.played_codes.tolist() == codes
+    assert [a.state for a in host.say(Stop())] == [DeviceState.IDLE]
+
+
+def test_touches_reach_the_host():
+    host = host_of().ready()
+    assert host.link.driver.touch(12.5, 3.0, normal_force_n=0.25, contact=1, phase=TouchPhase.DOWN)
+    assert host.link.driver.touch(12.5, 3.0)
+    first, second = host.hear()
+    assert first == TouchReport(0, 12_500, 3_000, 250, 1, TouchPhase.DOWN)
+    assert second.normal_force_mn == 65535
+
+
+def test_a_closed_link_leaves_the_output_at_zero():
+    host, driver = playing()
+    host.link.close()
+    host.link.close()
     assert driver.played_codes.tolist() == RAMPED
-    assert (driver.is_armed, driver.fault, driver.faults) == (False, None, 0)
+    with pytest.raises(DeviceDisconnectedError, match="open the device again"):
+        host.say(Ping())
+    with pytest.raises(DeviceDisconnectedError):
+        host.hear()
 
 
-def test_sequence_wraps():
-    driver = MockDriver()
-    driver.receive(frame(ARM, 2**32 - 1))
-    driver.receive(frame(STREAM, 0, 0, [1]))
-    assert driver.played_codes.tolist() == [1]
-
-
-def test_counters():
-    driver = playing_driver()
-    assert driver.frames_received == 2
-    assert driver.bytes_received == 24 + 28
-    assert driver.samples_played == 2
-
-
-def test_played_codes_cannot_be_changed_from_outside():
-    driver = playing_driver()
+def test_what_was_played_cannot_be_changed_from_outside():
+    _, driver = playing()
     driver.played_codes[:] = 9
+    driver.output[0][:] = 9
     assert driver.played_codes.tolist() == [1000, 2000]
 
 
-def test_underruns_with_a_clock_by_hand():
-    # 1024 Hz, frames of 256 samples and a lead of 1/8 s: every time is exact in binary.
+def test_a_driver_that_runs_for_days_forgets():
     clock = Clock()
-    driver = MockDriver(sample_rate_hz=1024.0, lead_s=0.125, watchdog_s=8.0, clock=clock)
-    driver.receive(frame(ARM, 0))
-    block = [0] * 256
-    expected = [
-        (10.0, 0),  # playback begins at 10.125, has samples until 10.375
-        (10.375, 0),  # just in time; until 10.625
-        (10.6875, 1),  # 1/16 s late: slips, until 10.9375
-        (10.9375, 1),  # just in time for the slipped clock; until 11.1875
-        (10.9375, 1),  # early; until 11.4375
-        (13.0, 2),  # one gap is one underrun, however long, while the watchdog bears it
-    ]
-    for number, (now_s, underruns) in enumerate(expected):
-        clock.now_s = now_s
-        driver.receive(frame(STREAM, number + 1, 256 * number, block))
-        assert driver.underruns == underruns, f"frame {number}"
-    driver.receive(frame(STOP, 7, 256 * 6))
-    clock.now_s = 99.0
-    driver.receive(frame(ARM, 8))
-    driver.receive(frame(STREAM, 9, 0, block))
-    assert driver.underruns == 2  # arming begins a new playback
+    driver = MockDriver(sample_rate_hz=1000, pace="real", clock=clock, kept_s=2.0)
+    clock.now_s = 3600.0
+    assert driver.status.clock_ticks == 3_600_000
+    assert 2000 <= driver.output[0].size <= 3000
+    clock.now_s += 0.5
+    assert 2000 <= driver.output[0].size <= 3500
 
 
-def test_an_idle_device_before_the_first_frame_is_no_underrun():
-    clock = Clock()
-    driver = MockDriver(clock=clock)
-    driver.receive(frame(ARM, 0))
-    clock.now_s = 50.0
-    driver.receive(frame(STREAM, 1, 0, [0]))
-    assert driver.underruns == 0
+def test_bytes_are_counted():
+    _, driver = playing()
+    assert driver.bytes_received == 18 + 46 + 16 + 24
+
+
+# Mishaps: what becomes of an armed driver at 100 V, and what its host sees.
+
+SAFE, PLAYS = "at 0 V", "plays on"
+FATES = {
+    Mishap.LOSE: SAFE,  # told by the frame after it
+    Mishap.CORRUPT: SAFE,
+    Mishap.CUT: SAFE,
+    Mishap.SHORT_WRITE: SAFE,
+    Mishap.REPEAT: SAFE,
+    Mishap.DELAY: PLAYS,
+    Mishap.NOISE: SAFE,
+    Mishap.STALL: SAFE,
+    Mishap.TIME_OUT: SAFE,
+    Mishap.DISCONNECT: SAFE,
+    Mishap.LOSE_ANSWER: PLAYS,
+    Mishap.CORRUPT_ANSWER: PLAYS,
+    Mishap.MUTE: PLAYS,
+}
+
+
+@pytest.mark.parametrize("report_bytes", [None, 64])
+@pytest.mark.parametrize("core", ["c", "python"])
+@pytest.mark.parametrize("mishap", Mishap)
+def test_after_each_mishap_the_output_is_at_zero_within_the_watchdog_time(
+    mishap, core, report_bytes
+):
+    if core == "c" and find_compiler() is None:
+        pytest.skip("no C compiler: $CC, cc, gcc and clang are missing")
+    host = host_of(report_bytes, core=core).ready()
+    driver = host.link.driver
+    host.stream([13107] * 20)
+    assert driver.played_codes[-1] == 13107
+    host.link.inject(mishap, seconds=1.0)
+    seen = []
+    for message in (Samples(20, np.full(20, 13107, np.int16)), Ping(1), Ping(2)):
+        try:
+            seen += host.say(message)
+        except (OSError, DeviceDisconnectedError) as error:
+            seen.append(error)
+    if FATES[mishap] is SAFE:
+        driver.advance(WATCHDOG_S)
+        assert driver.output[0][-1] == 0
+        assert not driver.is_armed
+        # The host learns of it: by an error of its own, or by a fault of the driver.
+        assert driver.fault is not None or any(isinstance(s, Exception) for s in seen)
+    else:
+        assert driver.is_armed
+        assert driver.samples_played == 40
+    if mishap is Mishap.MUTE:
+        assert seen == []
+    if mishap is Mishap.CORRUPT_ANSWER:
+        assert "CRC-32" in str(seen[0])
+    if mishap is Mishap.DISCONNECT:
+        with pytest.raises(DeviceDisconnectedError, match="cable is out"):
+            host.hear()
+    # Opened anew, it plays.
+    again = Host(MockLink(driver, report_bytes)).ready()
+    again.stream([5, 6])
+    assert driver.played_codes[-2:].tolist() == [5, 6]
+
+
+def test_a_mishap_waits_for_its_transfer():
+    host = host_of().ready()
+    host.link.inject("corrupt", after=2)
+    for k in range(2):
+        host.stream([k])
+    assert host.link.driver.fault is None
+    host.stream([3])
+    assert "damaged" in host.link.driver.fault
+
+
+def test_an_unknown_mishap_is_refused():
+    with pytest.raises(ValueError, match="gremlin"):
+        MockLink().inject("gremlin")
+
+
+# Drivers that cannot be
 
 
 @pytest.mark.parametrize(
     "options",
     [
         {"sample_rate_hz": 0.0},
+        {"sample_rate_hz": 48_000.5},
+        {"sample_rate_hz": np.nan},
         {"full_scale_v": -1.0},
-        {"ceiling_v": np.nan},
+        {"full_scale_v": 250.0004},
         {"max_frame_samples": 0},
-        {"max_frame_samples": 65536},
-        {"lead_s": -1.0},
-        {"lead_s": np.inf},
-        {"watchdog_s": -1.0},
-        {"watchdog_s": np.nan},
-        {"watchdog_s": np.inf},
+        {"max_frame_samples": 32766},
+        {"max_watchdog_s": -1.0},
+        {"max_watchdog_s": np.nan},
+        {"max_watchdog_s": np.inf},
+        {"max_watchdog_s": 0.001},
+        {"pace": "slow"},
     ],
+    ids=str,
 )
 def test_impossible_drivers(options):
     with pytest.raises(DeviceError, match=next(iter(options))):
         MockDriver(**options)
 
 
-def test_a_driver_cannot_be_built_above_the_absolute_ceiling():
-    with pytest.raises(LimitError, match="at most 200 V"):
-        MockDriver(ceiling_v=200.5)
+@pytest.mark.parametrize(
+    "options",
+    [{"rates_hz": (44_100,)}, {"queue_samples": 10}, {"serial": "seventeen letters"}],
+    ids=str,
+)
+def test_drivers_that_the_firmware_refuses(options):
+    with pytest.raises(DeviceError, match="No device can be like this"):
+        MockDriver(**options)
 
 
-def test_a_closed_link_leaves_the_output_at_zero():
-    driver = playing_driver()
-    link = MockLink(driver)
-    link.close()
-    link.close()
-    assert driver.played_codes.tolist() == RAMPED
-    with pytest.raises(DeviceDisconnectedError, match="open the device again"):
-        link.send(NEXT)
+@pytest.mark.parametrize("ceiling_v", [200.5, np.nan, 0.0])
+def test_a_driver_cannot_be_built_above_the_absolute_ceiling(ceiling_v):
+    with pytest.raises(LimitError, match="ceiling_v must be"):
+        MockDriver(ceiling_v=ceiling_v)
 
 
-def test_the_drivers_ceiling_is_the_absolute_one_by_default():
+def test_limits_are_rounded_down_on_their_way_into_whole_numbers():
+    about = MockDriver(ceiling_v=99.9999, max_slew_v_per_s=1e6 + 0.9).about
+    assert (about.ceiling_mv, about.max_slew_v_per_s) == (99_999, 1_000_000)
+
+
+def test_the_drivers_limits_are_the_absolute_ones_by_default():
     parameters = inspect.signature(MockDriver).parameters
     assert parameters["ceiling_v"].default is ABSOLUTE_CEILING_V
-    assert parameters["watchdog_s"].default is WATCHDOG_S
+    assert parameters["max_watchdog_s"].default is WATCHDOG_S
 
 
-def test_capabilities_cannot_be_replaced():
-    driver = MockDriver()
-    with pytest.raises(AttributeError):
-        driver.capabilities = replace(driver.capabilities, full_scale_v=1.0)
+def test_rates_that_a_driver_takes():
+    def rates(**options):
+        return [rate.sample_rate_hz for rate in MockDriver(**options).about.rates]
 
-
-def test_capabilities_are_frozen():
-    with pytest.raises(AttributeError):
-        MockLink().capabilities.ceiling_v = 300.0
-    assert replace(MockLink().capabilities, name="x").ceiling_v == 200.0
-
-
-# A watchdog by hand: at 1024 Hz, with a lead of 1/8 s, the 256 samples of `starving_driver` end
-# at 10.375 and the watchdog of 1/4 s bears a pause until 10.625; all exact in binary.
-
-
-def starving_driver():
-    clock = Clock()
-    driver = MockDriver(sample_rate_hz=1024.0, lead_s=0.125, watchdog_s=0.25, clock=clock)
-    driver.receive(frame(ARM, 0))
-    clock.now_s = 10.0
-    driver.receive(frame(STREAM, 1, 0, [13107] * 256))
-    return driver, clock
-
-
-QUESTIONS = {
-    "played_codes": lambda driver: driver.played_codes[-1] == 0,
-    "played_v": lambda driver: driver.played_v[-1] == 0.0,
-    "is_armed": lambda driver: not driver.is_armed,
-    "fault": lambda driver: "starved" in driver.fault,
-    "faults": lambda driver: driver.faults == 1,
-    "samples_played": lambda driver: driver.samples_played > 256,
-}
-
-
-@pytest.mark.parametrize("name", QUESTIONS)
-def test_a_starved_stream_ends_at_zero_whatever_is_asked_first(name):
-    driver, clock = starving_driver()
-    clock.now_s = 10.6875
-    assert QUESTIONS[name](driver)
-    assert all(question(driver) for question in QUESTIONS.values())
-    assert driver.underruns == 0
-    # The usual ramp: 5 ms are 6 samples, and no step of it goes up.
-    ramp = driver.played_codes[256:].astype(int)
-    assert len(ramp) == 6
-    assert (np.diff(ramp, prepend=13107) < 0).all()
-
-
-def test_a_pause_that_the_watchdog_bears_is_an_underrun():
-    driver, clock = starving_driver()
-    clock.now_s = 10.625
-    assert driver.is_armed
-    driver.receive(frame(STREAM, 2, 256, [13107] * 256))
-    assert (driver.underruns, driver.faults, driver.samples_played) == (1, 0, 512)
-    clock.now_s = 10.625 + 0.25 + 0.25  # what was sent, and the watchdog
-    assert driver.is_armed
-    clock.now_s += 1 / 1024
-    assert not driver.is_armed
-
-
-def test_the_next_frame_learns_that_the_stream_starved():
-    driver, clock = starving_driver()
-    clock.now_s = 10.6875
-    late = frame(STREAM, 2, 256, [13107])
-    with pytest.raises(DeviceFaultError, match=r"starved.*0.25 s.*longer lead.*Arm it again"):
-        driver.receive(late)
-    assert driver.played_codes[-1] == 0
-    assert driver.faults == 1
-    driver.receive(frame(ARM, 9))
-    driver.receive(frame(STREAM, 10, 0, [5]))
-    assert driver.fault is None
-    assert driver.is_armed
-
-
-def test_noise_does_not_hold_the_watchdog_off():
-    driver, clock = starving_driver()
-    clock.now_s = 10.6875
-    with pytest.raises(ProtocolError):
-        driver.receive(b"noise")
-    assert "starved" in driver.fault
-    assert driver.faults == 1
-
-
-def test_a_full_queue_does_not_starve():
-    clock = Clock()
-    driver = MockDriver(sample_rate_hz=1024.0, lead_s=0.125, watchdog_s=0.25, clock=clock)
-    driver.receive(frame(ARM, 0))
-    for number in range(8):
-        driver.receive(frame(STREAM, number + 1, 1024 * number, [1000] * 1024))
-    clock.now_s = 8.0  # 8 s were sent at once; the host has been silent since
-    driver.receive(frame(STREAM, 9, 8192, [1000] * 1024))
-    clock.now_s = 9.125 + 0.25
-    assert driver.is_armed
-    assert (driver.underruns, driver.faults) == (0, 0)
-    driver.receive(frame(STOP, 10, 9216))
-    clock.now_s = 99.0
-    assert (driver.fault, driver.faults) == (None, 0)  # a stopped driver cannot starve
-
-
-def test_an_armed_driver_that_has_played_nothing_does_not_starve():
-    clock = Clock()
-    driver = MockDriver(clock=clock)
-    driver.receive(frame(ARM, 0))
-    clock.now_s = 50.0
-    assert driver.is_armed
-    driver.receive(frame(STOP, 1))
-    driver.receive(frame(ARM, 2))
-    clock.now_s = 100.0
-    assert driver.is_armed
-
-
-def test_a_link_closed_after_starving_ends_once():
-    driver, clock = starving_driver()
-    clock.now_s = 20.0
-    MockLink(driver).close()
-    assert driver.samples_played == 256 + 6
-    assert driver.faults == 1
-
-
-def test_the_document_states_the_watchdogs_time():
-    text = (Path(firmware_io.__file__).parent / "PROTOCOL.md").read_text()
-    assert f"within {WATCHDOG_S * 1e3:g} ms after the last sample" in text
+    assert rates() == [48_000, 16_000, 8_000]
+    assert rates(sample_rate_hz=16_000) == [16_000, 8_000]
+    assert rates(sample_rate_hz=44_100) == [44_100]
+    assert rates(rates_hz=(24_000,)) == [24_000]

@@ -1,0 +1,128 @@
+"""What a driver can do, as it says itself, in volts and seconds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, Self
+
+from firmware_io.errors import DeviceError, ProtocolError
+from firmware_io.protocol import MAX_SAMPLES, CapabilitiesReport, StreamMode
+
+Mode = Literal["waveform", "envelope"]
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What the driver at the other end of a link can do.
+
+    Parameters
+    ----------
+    name : str
+        For people.
+    sample_rate_hz : float
+        Samples that the driver takes per second, as it is set up.
+    full_scale_v : float
+        The voltage of code 32767.
+    ceiling_v : float
+        Largest voltage that the driver itself accepts.
+    max_frame_samples : int
+        Largest number of samples in one frame.
+    max_slew_v_per_s : float
+        Steepest slew that the driver itself accepts.
+    queue_samples : int
+        Samples that it can hold before it plays them.
+    max_watchdog_s : float
+        Longest time without a frame that it can be told to bear.
+    serial : str
+        Its number; empty if it has none.
+    calibration_id : str
+        Of the profile that was measured with it; empty if none was.
+    rates : tuple of (int, tuple of str)
+        Each sample rate, with the modes in which it is offered.
+    reports_touch : bool
+        Whether it tells where fingers are.
+
+    Raises
+    ------
+    DeviceError
+        If a number is impossible.
+    """
+
+    name: str
+    sample_rate_hz: float
+    full_scale_v: float
+    ceiling_v: float
+    max_frame_samples: int
+    max_slew_v_per_s: float
+    queue_samples: int
+    max_watchdog_s: float
+    serial: str
+    calibration_id: str
+    rates: tuple[tuple[int, tuple[Mode, ...]], ...]
+    reports_touch: bool
+
+    def __post_init__(self) -> None:
+        for field in ("sample_rate_hz", "full_scale_v", "ceiling_v", "max_slew_v_per_s"):
+            value = getattr(self, field)
+            if not (math.isfinite(value) and value > 0):
+                raise DeviceError(
+                    f"{field} of device {self.name!r} must be a finite number above 0, "
+                    f"but is {value!r}; correct the device's description."
+                )
+        if not 1 <= self.max_frame_samples <= MAX_SAMPLES:
+            raise DeviceError(
+                f"max_frame_samples of device {self.name!r} must lie in 1..{MAX_SAMPLES}, "
+                f"but is {self.max_frame_samples!r}; correct the device's description."
+            )
+        if self.queue_samples < self.max_frame_samples:
+            raise DeviceError(
+                f"The queue of device {self.name!r} must hold a frame, {self.max_frame_samples} "
+                f"samples, but holds {self.queue_samples}; correct the device's description."
+            )
+
+    @classmethod
+    def from_report(cls, report: CapabilitiesReport, sample_rate_hz: int) -> Self:
+        """Return what a driver has said, at one of its rates."""
+        return cls(
+            name=report.name,
+            sample_rate_hz=float(sample_rate_hz),
+            full_scale_v=report.full_scale_mv / 1e3,
+            ceiling_v=report.ceiling_mv / 1e3,
+            max_frame_samples=report.max_frame_samples,
+            max_slew_v_per_s=float(report.max_slew_v_per_s),
+            queue_samples=report.queue_samples,
+            max_watchdog_s=report.max_watchdog_ms / 1e3,
+            serial=report.serial,
+            calibration_id=report.calibration_id,
+            rates=tuple((rate.sample_rate_hz, _modes(rate.modes)) for rate in report.rates),
+            reports_touch=report.reports_touch,
+        )
+
+    def best_rate_hz(self, mode: Mode, most_hz: float = math.inf) -> int:
+        """Return the highest rate in a mode that is not above `most_hz`.
+
+        Raises
+        ------
+        ProtocolError
+            If the driver offers none.
+        """
+        fitting = [rate for rate, modes in self.rates if mode in modes and rate <= most_hz]
+        if not fitting:
+            raise ProtocolError(
+                f"Device {self.name!r} offers no {mode} mode at up to {most_hz:g} Hz; it offers "
+                f"{self.offers()}."
+            )
+        return max(fitting)
+
+    def offers(self) -> str:
+        """Return its rates and modes, for people."""
+        return ", ".join(f"{' and '.join(modes)} at {rate} Hz" for rate, modes in self.rates)
+
+
+def _modes(modes: frozenset[StreamMode]) -> tuple[Mode, ...]:
+    named: tuple[tuple[StreamMode, Mode], ...] = (
+        (StreamMode.WAVEFORM, "waveform"),
+        (StreamMode.ENVELOPE, "envelope"),
+    )
+    return tuple(name for mode, name in named if mode in modes)

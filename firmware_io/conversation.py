@@ -1,0 +1,250 @@
+"""The host's half of the protocol: numbers its frames, asks, and hears what the driver says."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+from firmware_io.clock import HOST_CLOCK, Clock
+from firmware_io.errors import DeviceDisconnectedError, DeviceFaultError, ProtocolError
+from firmware_io.link import Link
+from firmware_io.protocol import (
+    SEQUENCE_MODULUS,
+    CapabilitiesReport,
+    DeviceMessage,
+    DeviceState,
+    FaultCode,
+    FaultReport,
+    Frame,
+    FrameParser,
+    Hello,
+    HostMessage,
+    Ping,
+    StatusReport,
+    Stop,
+    TouchReport,
+    encode,
+)
+
+ANSWER_S = 0.5
+"""How long an answer may take: a full queue of reports and a busy host, not a person."""
+
+_BROKEN_OFF_S = 0.1  # PROTOCOL.md: a frame whose bytes pause this long is given up
+_KEPT_TOUCHES = 1024
+
+
+class Conversation:
+    """Frames to and from one driver.
+
+    Parameters
+    ----------
+    link : Link
+        The way to the driver.
+    clock : Clock
+        The host's.
+
+    Attributes
+    ----------
+    status : StatusReport or None
+        The latest, which came at `status_s` of the host's clock.
+    fault : FaultReport or None
+        What the driver has refused and nobody was told yet.
+    touches : deque of TouchReport
+        The latest from the panel, oldest first.
+    frames_sent, bytes_sent : int
+        What was delivered.
+    frames_lost : int
+        Frames of the driver that came damaged, or whose numbers were left out.
+    """
+
+    def __init__(self, link: Link, clock: Clock = HOST_CLOCK) -> None:
+        self.link = link
+        self.clock = clock
+        self.status: StatusReport | None = None
+        self.status_s = 0.0
+        self.fault: FaultReport | None = None
+        self.touches: deque[TouchReport] = deque(maxlen=_KEPT_TOUCHES)
+        self.frames_sent = 0
+        self.bytes_sent = 0
+        self.frames_lost = 0
+        self._sequence = 0
+        self._token = 0
+        self._parser = FrameParser(max_payload_bytes=1024)
+        self._heard_s = 0.0
+        self._due_sequence: int | None = None
+
+    def greet(self) -> CapabilitiesReport:
+        """Begin a session.
+
+        Raises
+        ------
+        ProtocolError
+            If whatever answers does not speak this protocol, or another version of it.
+        """
+        self.tell(Hello())
+        end_s = self.clock() + ANSWER_S
+        strange: ProtocolError | None = None
+        while True:
+            heard = self._hear(max(0.0, end_s - self.clock()))
+            for item in heard or ():
+                if isinstance(item, CapabilitiesReport):
+                    self.fault = None
+                    return item
+                if isinstance(item, FaultReport) and item.code is FaultCode.VERSION:
+                    raise ProtocolError(f"{self.link.name}: {item} Bring both to the same version.")
+                if isinstance(item, ProtocolError):
+                    strange = item
+            if heard is None or self.clock() > end_s:
+                break
+        if strange is not None:
+            raise ProtocolError(
+                f"{self.link.name} answered, but not as a haptix driver does: {strange}"
+            ) from strange
+        raise ProtocolError(
+            f"{self.link.name} did not answer HELLO within {ANSWER_S:g} s; another device stands "
+            "behind this address, or its firmware hangs: check the address, then replug it."
+        )
+
+    def tell(self, *messages: HostMessage) -> int:
+        """Send messages, together where the link takes them so; return the number of bytes.
+
+        The numbers advance only when all were delivered.
+        """
+        frames = [
+            encode(Frame(message, (self._sequence + place) % SEQUENCE_MODULUS))
+            for place, message in enumerate(messages)
+        ]
+        try:
+            if self.link.report_bytes is None:
+                self.link.send(b"".join(frames))
+            else:
+                for frame in frames:
+                    self.link.send(frame)
+        except OSError as error:
+            raise self.lost(error) from error
+        size = sum(map(len, frames))
+        self._sequence = (self._sequence + len(messages)) % SEQUENCE_MODULUS
+        self.frames_sent += len(messages)
+        self.bytes_sent += size
+        return size
+
+    def ask(self, message: HostMessage) -> StatusReport:
+        """Send a message to a driver that is not armed, and return the STATUS that answers it.
+
+        Raises
+        ------
+        DeviceFaultError
+            If the driver refuses it.
+        DeviceDisconnectedError
+            If no answer comes.
+        """
+        self.synchronise()
+        self.fault = None
+        due = (self._sequence + 1) % SEQUENCE_MODULUS
+        self.tell(message)
+        return self._await(type(message).__name__, lambda status: status.next_sequence == due)
+
+    def synchronise(self) -> StatusReport:
+        """Hear everything that the driver has said before now, and where it stands."""
+        self._token = (self._token + 1) % 2**32
+        token = self._token
+        self.tell(Ping(token))
+        # What was refused before this does not matter to who asks now.
+        return self._await("Ping", lambda status: status.token == token, is_patient=True)
+
+    def ping(self) -> None:
+        """Ask for a STATUS, without waiting for it."""
+        self.tell(Ping(self._token))
+
+    def tell_stop(self) -> None:
+        """Send STOP and wait until the driver says that it is disarmed.
+
+        A refusal is kept in `fault`: it has ended the output as well.
+
+        Raises
+        ------
+        DeviceDisconnectedError
+            If STOP cannot be delivered or nothing answers it.
+        """
+        self.tell(Stop())
+        try:
+            self._await("Stop", _is_disarmed)
+        except DeviceFaultError:
+            return
+
+    def listen(self, timeout_s: float = 0.0) -> bool:
+        """Take what has come; return whether anything had."""
+        return self._hear(timeout_s) is not None
+
+    def raise_fault(self) -> None:
+        """Raise what the driver has refused, once."""
+        if self.fault is not None:
+            fault, self.fault = self.fault, None
+            raise DeviceFaultError(
+                f"The driver is in fault and at 0 V: {fault} Arm it again to go on."
+            )
+
+    def lost(self, error: OSError) -> DeviceDisconnectedError:
+        """Return what an error of the operating system means."""
+        return DeviceDisconnectedError(
+            f"The link to {self.link.name} failed: {error}; check its cable and power, then stop "
+            "or arm it again."
+        )
+
+    def _await(
+        self, what: str, is_answer: Callable[[StatusReport], bool], is_patient: bool = False
+    ) -> StatusReport:
+        end_s = self.clock() + ANSWER_S
+        while True:
+            heard = self._hear(max(0.0, end_s - self.clock()))
+            for item in heard or ():
+                if isinstance(item, StatusReport) and is_answer(item):
+                    return item
+                if isinstance(item, FaultReport) and not is_patient:
+                    self.raise_fault()
+            if heard is None or self.clock() > end_s:
+                raise DeviceDisconnectedError(
+                    f"{self.link.name} did not answer {what.upper()} within {ANSWER_S:g} s; "
+                    "check its cable and power, then open it again."
+                )
+
+    def _hear(self, timeout_s: float) -> list[DeviceMessage | ProtocolError] | None:
+        """Return what the driver has said, in order; None if no byte came in time."""
+        try:
+            data = self.link.receive(timeout_s)
+        except OSError as error:
+            raise self.lost(error) from error
+        now_s = self.clock()
+        items: list[Frame | ProtocolError] = []
+        if self._parser.is_amid_a_frame and now_s - self._heard_s > _BROKEN_OFF_S:
+            items += self._parser.give_up()
+        if not data:
+            return None
+        self._heard_s = now_s
+        items += self._parser.feed(data)
+        return [self._take(item, now_s) for item in items]
+
+    def _take(self, item: Frame | ProtocolError, now_s: float) -> DeviceMessage | ProtocolError:
+        if isinstance(item, ProtocolError):
+            self.frames_lost += 1
+            return item
+        message = item.message
+        if self._due_sequence is not None:
+            self.frames_lost += (item.sequence - self._due_sequence) % SEQUENCE_MODULUS
+        self._due_sequence = (item.sequence + 1) % SEQUENCE_MODULUS
+        if isinstance(message, StatusReport):
+            self.status, self.status_s = message, now_s
+        elif isinstance(message, FaultReport):
+            self.fault = self.fault or message
+        elif isinstance(message, TouchReport):
+            self.touches.append(message)
+        elif not isinstance(message, CapabilitiesReport):
+            return ProtocolError(
+                f"{self.link.name} sent a {type(message).__name__.upper()}, which only hosts "
+                "send; it echoes, or is another device."
+            )
+        return message
+
+
+def _is_disarmed(status: StatusReport) -> bool:
+    return status.state in (DeviceState.IDLE, DeviceState.RAMPING)

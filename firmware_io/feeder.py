@@ -1,0 +1,207 @@
+"""What the writer thread does, round by round: samples to the device, 0 V when they run out."""
+
+from __future__ import annotations
+
+import math
+import threading
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_io.clock import Clock
+from firmware_io.device import Device
+from firmware_io.device_clock import DeviceClock
+from firmware_io.ring import SampleRing
+from firmware_io.stream import Progress
+
+FADE_S = 0.005
+"""Of the ramp down when samples run out, and of the fade back in: what the driver's own takes."""
+
+_LEAST_GUARD_S = 0.002  # what a thread needs to be woken, nine times in ten
+
+
+class Feeder:
+    """Keeps the device's queue at a lead, from a ring; not a thread, but what a thread runs.
+
+    Parameters
+    ----------
+    device : Device
+        Armed by `begin`, written to by `step`, and stopped by `end`.
+    lead_s, block_s : float
+        See `firmware_io.Playback`.
+    clock : Clock
+        The host's.
+
+    Attributes
+    ----------
+    ready : threading.Condition
+        Holds the lock of everything here but the device; notified whenever something changes.
+    underruns, late_blocks, samples_played : int
+        See `firmware_io.PlaybackStats`.
+    """
+
+    def __init__(self, device: Device, lead_s: float, block_s: float, clock: Clock) -> None:
+        rate_hz = device.capabilities.sample_rate_hz
+        self.device = device
+        self.rate_hz = rate_hz
+        self.lead = round(lead_s * rate_hz)
+        self.block = max(1, round(block_s * rate_hz))
+        whole = device.least_write_samples
+        if whole > 1:
+            self.block = -(-self.block // whole) * whole
+        self.guard = round(max(_LEAST_GUARD_S, lead_s / 8) * rate_hz)
+        self.ready = threading.Condition()
+        self.ring = SampleRing(self.lead + self.block)
+        self.device_clock = DeviceClock(rate_hz)
+        self.underruns = 0
+        self.late_blocks = 0
+        self.samples_put = 0
+        self.samples_taken = 0
+        self._clock = clock
+        self._sent = 0  # to the device since it was armed, silence included
+        self._is_short = False  # from an underrun until samples come again
+        self._has_rested = True
+        self._gain = 1.0
+        self._progress: Progress | None = None
+        self._began_s = math.inf  # when the first sample was sent
+        self._had_rested = True  # by the report before
+        self._known_underruns = 0
+        self._is_draining = False
+
+    def begin(self) -> None:
+        """Arm the device, to play what it is sent without a lead of its own."""
+        status_s = min(self.lead / self.rate_hz / 5, self.device.watchdog_s / 10)
+        self.device.set_up(lead_s=0.0, status_s=status_s)
+        self.device.arm()
+        self._known_underruns = self.device.progress().underruns
+
+    def put(self, volts: npt.NDArray[np.float64]) -> None:
+        """Append samples to the ring."""
+        with self.ready:
+            self.ring.put(volts)
+            self.samples_put += volts.size
+            if self._is_short:
+                self.late_blocks += 1
+            # Two zeros in a row are no carrier: what ends like that has come to rest by itself.
+            tail = volts[-2:]
+            if tail.size == 2:
+                self._has_rested = not tail.any()
+            elif tail.size == 1 and tail[0] != 0.0:
+                self._has_rested = False
+            self.ready.notify_all()
+
+    @property
+    def queued(self) -> int:
+        """Samples between `put` and the output; call with the lock held."""
+        return self.ring.queued + math.ceil(self._level(self._clock()))
+
+    def step(self) -> float:
+        """Do one round; return the seconds after which the next is due, if nothing is put before.
+
+        Raises
+        ------
+        DeviceError, LimitError
+            From the device.
+        """
+        progress = self.device.progress()
+        with self.ready:
+            self._observe(progress)
+            level = self._level(self._clock())
+            room = min(progress.room_samples, int(self.lead - level))
+            count = max(0, min(self.ring.queued, room))
+            if level > self.lead / 2 and not self._is_draining:
+                # Whole blocks, not a trickle of single samples, unless the device runs low.
+                count -= count % self.block
+            volts = self.ring.take(count) if count else self._silence(level, room)
+            if count:
+                volts = self._faded_in(volts)
+                self._is_short = False
+                self.samples_taken += count
+        if volts.size:
+            self._began_s = min(self._began_s, self._clock())
+            self.device.write(volts)
+        with self.ready:
+            self._sent += volts.size
+            level = self._level(self._clock())
+            self.ready.notify_all()
+            wait = level - (self.lead / 2 if self.ring.queued else self.guard)
+            if self.ring.queued >= self.block:
+                wait = min(wait, level + self.block - self.lead)
+            # Where the device has no room though its clock says so, its next report will tell.
+            return max(wait, self.block / 4 if self.ring.queued else 1.0) / self.rate_hz
+
+    def end(self, drain: bool) -> None:
+        """Stop the device at 0 V, after what was put has been played if `drain`.
+
+        Raises
+        ------
+        DeviceError, LimitError
+            From the device.
+        """
+        if not drain:
+            self.device.stop_at_once()
+            return
+        end_s = self._clock() + 2 * self.lead / self.rate_hz + 1.0
+        self._is_draining = True
+        while self.ring.queued and self._clock() < end_s:
+            delay_s = self.step()
+            if self.ring.queued:
+                self._clock.sleep(delay_s)
+        if self.device.last_v != 0.0:
+            ramp = self.device.limits.ramp_to_zero(self.device.last_v, self.rate_hz, FADE_S)
+            while self.device.progress().room_samples < ramp.size and self._clock() < end_s:
+                self._clock.sleep(self.block / self.rate_hz)
+            self.device.write(ramp)
+            self._sent += ramp.size
+        self._has_rested = True
+        while (level := self._level(self._clock())) > 0 and self._clock() < end_s:
+            self._clock.sleep(level / self.rate_hz)
+            self._observe(self.device.progress())
+        self.device.stop()
+
+    def _observe(self, progress: Progress) -> None:
+        self._progress = progress
+        self.device_clock.observe(progress.reported_s, progress.clock_samples)
+        # The driver's own underruns: the host came too late. At rest nobody feels them.
+        if progress.underruns > self._known_underruns and not self._had_rested:
+            self._count_underrun()
+        self._known_underruns = progress.underruns
+        self._had_rested = self._has_rested
+
+    def _count_underrun(self) -> None:
+        """Count one, unless it is counted already or the signal has come to rest."""
+        if not (self._is_short or self._has_rested):
+            self._is_short = True
+            self.underruns += 1
+
+    def _level(self, now_s: float) -> float:
+        """Samples in the device that it has not played by now."""
+        progress = self._progress
+        if progress is None:
+            return float(self._sent)
+        # It plays from the first sample on, also before it has said so.
+        since_s = max(0.0, now_s - max(progress.reported_s, self._began_s))
+        return max(0.0, self._sent - progress.samples_played - since_s * self.rate_hz)
+
+    def _silence(self, level: float, room: int) -> npt.NDArray[np.float64]:
+        """Return what to send when the ring is empty: nothing yet, a ramp to 0 V, or 0 V."""
+        if self.ring.queued or level > self.guard or self._is_draining:
+            return np.empty(0)
+        self._count_underrun()
+        if not self._has_rested:
+            self._gain = 0.0
+        count = max(0, min(self.guard + self.block - int(level), room))
+        last_v = self.device.last_v
+        if last_v == 0.0:
+            return np.zeros(count)
+        # Whatever the lead: a ramp is short, and the driver's queue is long.
+        return self.device.limits.ramp_to_zero(last_v, self.rate_hz, FADE_S)
+
+    def _faded_in(self, volts: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Return samples with the fade that follows an underrun."""
+        if self._gain >= 1.0:
+            return volts
+        step = 1.0 / (FADE_S * self.rate_hz)
+        gain = np.minimum(self._gain + step * np.arange(1, volts.size + 1), 1.0)
+        self._gain = float(gain[-1])
+        return np.asarray(volts * gain)

@@ -1,0 +1,190 @@
+/* The device side of the wire protocol: a driver board's firmware without its board.
+ *
+ * Portable C99: no allocation, no calls to an operating system or a C library, no floating
+ * point. The board's program owns one hx_device, hands it what arrives, sends what it answers,
+ * and asks it for every output sample. It knows no clock but the samples it was asked for. Not
+ * reentrant: a program that plays in an interrupt masks it around the other calls.
+ */
+#ifndef HAPTIX_DEVICE_H
+#define HAPTIX_DEVICE_H
+
+#include <stdint.h>
+
+#include "haptix_wire.h"
+
+/* What a board has memory for; a configuration may use less. */
+#ifndef HX_MAX_FRAME_SAMPLES
+#define HX_MAX_FRAME_SAMPLES 1024u
+#endif
+#ifndef HX_QUEUE_SAMPLES
+#define HX_QUEUE_SAMPLES 4096u
+#endif
+
+#define HX_MAX_REPORT_BYTES 64u
+#define HX_MAX_RATES 8u
+#define HX_TOUCHES 8u
+
+/* No board may be built to drive more, whatever its configuration says. */
+#define HX_ABSOLUTE_CEILING_MV 200000u
+
+/* How long the output takes to 0 V after a fault, STOP or silence. */
+#define HX_RAMP_MS 5u
+#define HX_MIN_WATCHDOG_MS 10u
+/* A frame whose bytes pause for this long is given up. */
+#define HX_PAUSE_MS 100u
+
+#define HX_BUFFER_BYTES (HX_FRAME_OVERHEAD_BYTES + HX_INDEX_BYTES + 2u * HX_MAX_FRAME_SAMPLES + 32u)
+#define HX_ANSWER_BYTES (HX_FRAME_OVERHEAD_BYTES + HX_CAPABILITIES_BYTES + HX_MAX_RATES * HX_RATE_BYTES)
+
+/* cffi: begin */
+typedef struct {
+    uint32_t sample_rate_hz;
+    uint32_t modes; /* bit 0: waveform, bit 1: envelope */
+} hx_rate;
+
+typedef struct {
+    uint32_t output_rate_hz;   /* 1000 to 1000000 */
+    uint32_t full_scale_mv;    /* 1 to 1000000 */
+    uint32_t ceiling_mv;       /* 1 to 200000 */
+    uint32_t max_slew_v_per_s; /* enough to ramp the ceiling in 5 ms */
+    uint32_t queue_samples;
+    uint16_t max_frame_samples; /* at most queue_samples */
+    uint16_t max_watchdog_ms;
+    uint16_t report_bytes; /* 0 or 8 to 64 */
+    uint16_t flags;
+    uint16_t rate_count;
+    hx_rate rates[8]; /* each goes into the output rate 1 to 1024 times */
+    char name[16];
+    char serial[16];
+    char calibration_id[16];
+} hx_config;
+
+typedef struct {
+    uint64_t clock;
+    uint32_t x_um;
+    uint32_t y_um;
+    uint16_t normal_force_mn;
+    uint8_t contact;
+    uint8_t phase;
+} hx_touch;
+
+/* What an output sample is: nothing, a sample of the stream, the last one held, the ramp. */
+enum hx_output { HX_OUT_IDLE = 0, HX_OUT_STREAM = 1, HX_OUT_HELD = 2, HX_OUT_RAMP = 3 };
+
+typedef struct hx_device hx_device;
+
+/* For programs that cannot see the structure. */
+uint32_t hx_device_bytes(void);
+
+/* Return 1, or 0 for a configuration that describes no possible device. */
+int hx_device_init(hx_device *device, const hx_config *config);
+
+/* Bytes from the host, in pieces of any size. */
+void hx_device_receive(hx_device *device, const uint8_t *bytes, uint32_t n);
+
+/* One HID report from the host, its id first. */
+void hx_device_receive_report(hx_device *device, const uint8_t *report, uint32_t n);
+
+/* Write as many whole frames for the host as fit; return their bytes. */
+uint32_t hx_device_transmit(hx_device *device, uint8_t *bytes, uint32_t capacity);
+
+/* Write one HID report for the host; return its bytes, or 0 if there is nothing to say. */
+uint32_t hx_device_transmit_report(hx_device *device, uint8_t *report, uint32_t capacity);
+
+/* The next n output samples as codes, and (unless NULL) what each of them is, an hx_output. */
+void hx_device_play(hx_device *device, int16_t *out, uint8_t *what, uint32_t n);
+
+/* A finger on the panel; its clock is filled in. Return 0 if the host has not read the last ones. */
+int hx_device_touch(hx_device *device, const hx_touch *touch);
+
+/* The host has gone away: a bus reset, a closed connection. */
+void hx_device_release(hx_device *device);
+
+/* Output samples until the output has nothing left to play but zeros or a held sample. */
+uint32_t hx_device_pending(const hx_device *device);
+
+/* Bytes of a STATUS payload, for a board's own panel and for tests. */
+void hx_device_status(const hx_device *device, uint8_t *payload);
+/* Bytes of a FAULT payload: the first cause, with code 0 if there is none. */
+void hx_device_fault(const hx_device *device, uint8_t *payload);
+/* cffi: end */
+
+typedef struct {
+    uint8_t code;
+    uint8_t field;
+    uint16_t sequence;
+    uint32_t expected;
+    uint32_t got;
+    uint64_t clock;
+} hx_fault;
+
+struct hx_device {
+    hx_config config;
+    int16_t top_code; /* the limiter's: that of the hard ceiling */
+
+    /* In force: lowered by SETUP, raised only by HELLO. */
+    uint32_t ceiling_mv;
+    uint32_t max_slew_v_per_s;
+    uint8_t is_set_up;
+    uint8_t mode;
+    uint32_t sample_rate_hz;
+    uint32_t ticks_per_sample;
+    uint32_t phase_step;
+    uint32_t carrier_rad_per_s;
+    uint64_t slew_codes_per_s;
+    uint32_t watchdog_ms;
+    uint32_t watchdog_ticks;
+    uint32_t setup_lead_ticks;
+    uint32_t status_ticks;
+
+    uint8_t is_armed;
+    uint8_t has_begun;  /* the first STREAM has come */
+    uint8_t is_playing; /* its first sample has left the queue */
+    uint8_t is_dry;
+    uint16_t next_sequence;
+    uint32_t next_index;
+    int16_t last_queued;
+    uint32_t lead_ticks;
+    uint32_t silent_ticks;
+    uint32_t since_status_ticks;
+    uint32_t samples_played;
+
+    /* Output: a line from one sample to the next, times the carrier. */
+    int16_t from;
+    int16_t to;
+    int16_t level;
+    uint32_t tick_of_sample;
+    uint8_t has_carrier;
+    uint32_t phase;
+    uint32_t phase_step_now; /* that of the stream on the output, which a SETUP does not touch */
+    int16_t ramp_from;
+    uint32_t ramp_ticks_left;
+    uint32_t ramp_ticks;
+
+    uint64_t clock;
+    uint32_t underruns;
+    uint32_t faults;
+    uint32_t token;
+    hx_fault fault;
+
+    uint8_t capabilities_due;
+    uint8_t fault_due;
+    uint8_t status_due;
+    uint16_t answer_sequence;
+    uint32_t answer_bytes; /* of a frame on its way in reports */
+    uint32_t answer_sent;
+    uint8_t answer[HX_ANSWER_BYTES];
+
+    uint32_t touches;
+    hx_touch touch[HX_TOUCHES];
+
+    uint32_t head;
+    uint32_t queued;
+    int16_t queue[HX_QUEUE_SAMPLES];
+
+    uint32_t pause_ticks;
+    uint32_t received; /* bytes of a frame not yet whole */
+    uint8_t buffer[HX_BUFFER_BYTES];
+};
+
+#endif

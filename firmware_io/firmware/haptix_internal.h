@@ -1,0 +1,26 @@
+/* What the parts of the core say to each other. */
+#ifndef HAPTIX_INTERNAL_H
+#define HAPTIX_INTERNAL_H
+
+#include "haptix_device.h"
+
+/* Begin the safety ramp, throw the queue away, disarm. */
+void hx_end_output(hx_device *device);
+
+/* Refuse: end the output, remember and count the first cause, owe the host a FAULT. */
+void hx_refuse(hx_device *device, enum hx_fault_code code, uint8_t field, uint16_t sequence,
+               uint32_t expected, uint32_t got);
+
+/* Bytes that are no frame: a fault in a stream, nothing at a port that is being opened. */
+void hx_meet_damage(hx_device *device, uint16_t sequence, uint32_t expected, uint32_t got);
+
+/* The most that a header may announce and be believed. */
+uint32_t hx_longest_payload(const hx_device *device);
+
+/* Act on the whole frame at the start of the buffer. */
+void hx_take_frame(hx_device *device);
+
+/* Look again at the bytes of a frame that broke off, without its first one. */
+void hx_give_up_frame(hx_device *device);
+
+#endif

@@ -1,0 +1,115 @@
+/* From the queue to the output, one sample after the other: the device's only clock. */
+#include <stddef.h>
+
+#include "haptix_internal.h"
+#include "haptix_sine.h"
+
+/* The sine of a phase (2^32 is a turn) in 1/32767, interpolated in the table. */
+static int32_t sine(uint32_t phase) {
+    uint32_t index = phase >> 22;
+    int32_t fraction = (int32_t)(phase >> 6 & 0xffffu);
+    int32_t a = hx_sine[index], b = hx_sine[index + 1u];
+    return a + (b - a) * fraction / 65536;
+}
+
+void hx_end_output(hx_device *d) {
+    d->is_armed = 0;
+    d->has_begun = 0;
+    d->is_playing = 0;
+    d->head = 0;
+    d->queued = 0;
+    if (d->ramp_ticks_left == 0 && d->level != 0) {
+        d->ramp_from = d->level;
+        d->ramp_ticks_left = d->ramp_ticks;
+    }
+}
+
+static void begin_playing(hx_device *d) {
+    /* Only now: a ramp from before may have needed the carrier of its own stream. */
+    d->is_playing = 1;
+    d->is_dry = 0;
+    d->has_carrier = d->mode == HX_ENVELOPE;
+    d->phase_step_now = d->phase_step;
+    d->phase = 0;
+    d->to = 0;
+    d->tick_of_sample = d->ticks_per_sample;
+}
+
+/* Advance the level by one output sample; return what it is. */
+static enum hx_output advance(hx_device *d) {
+    int is_leading = d->lead_ticks > 0;
+    if (d->has_begun && is_leading) d->lead_ticks--;
+    if (d->ramp_ticks_left > 0) {
+        d->ramp_ticks_left--;
+        d->level = (int16_t)((int32_t)d->ramp_from * (int32_t)d->ramp_ticks_left /
+                             (int32_t)d->ramp_ticks);
+        if (d->ramp_ticks_left == 0) d->status_due = 1;
+        return HX_OUT_RAMP;
+    }
+    if (!d->has_begun || is_leading) return HX_OUT_IDLE;
+    if (!d->is_playing) begin_playing(d);
+    if (d->tick_of_sample == d->ticks_per_sample) {
+        if (d->queued == 0) {
+            if (!d->is_dry) d->underruns++;
+            d->is_dry = 1;
+            return HX_OUT_HELD;
+        }
+        d->is_dry = 0;
+        d->from = d->to;
+        d->to = d->queue[d->head];
+        d->head = d->head + 1u == HX_QUEUE_SAMPLES ? 0u : d->head + 1u;
+        d->queued--;
+        d->samples_played++;
+        d->tick_of_sample = 0;
+    }
+    d->tick_of_sample++;
+    d->level = (int16_t)(d->from + ((int32_t)d->to - d->from) * (int32_t)d->tick_of_sample /
+                                       (int32_t)d->ticks_per_sample);
+    return HX_OUT_STREAM;
+}
+
+/* The level as it goes to the output. */
+static int16_t drive(hx_device *d, enum hx_output what) {
+    int32_t code = d->level;
+    if (d->has_carrier && what != HX_OUT_IDLE) {
+        code = code * sine(d->phase) / 32767;
+        d->phase += d->phase_step_now;
+    }
+    /* Every sample was checked as it came. This is for memory that went bad since. */
+    if (code > d->top_code) code = d->top_code;
+    if (code < -d->top_code) code = -d->top_code;
+    return (int16_t)code;
+}
+
+/* What the passing of one output sample brings about. */
+static void pass_time(hx_device *d) {
+    d->clock++;
+    if (d->is_armed && d->has_begun &&
+        ++d->silent_ticks == d->watchdog_ticks - d->ramp_ticks) {
+        hx_refuse(d, HX_FAULT_STARVED, 0, 0, d->watchdog_ms, 0);
+    }
+    if (d->is_armed && d->status_ticks > 0 && ++d->since_status_ticks >= d->status_ticks) {
+        d->since_status_ticks = 0;
+        d->status_due = 1;
+    }
+    if (d->received > 0 && ++d->pause_ticks >= d->config.output_rate_hz * HX_PAUSE_MS / 1000u) {
+        hx_give_up_frame(d);
+    }
+}
+
+void hx_device_play(hx_device *d, int16_t *out, uint8_t *what, uint32_t n) {
+    for (uint32_t i = 0; i < n; i++) {
+        enum hx_output is = advance(d);
+        out[i] = drive(d, is);
+        if (what != NULL) what[i] = (uint8_t)is;
+        pass_time(d);
+    }
+}
+
+uint32_t hx_device_pending(const hx_device *d) {
+    uint32_t ramp = d->ramp_ticks_left;
+    if (!d->has_begun) return ramp;
+    uint32_t before = ramp > d->lead_ticks ? ramp : d->lead_ticks;
+    uint32_t rest = d->is_playing ? d->ticks_per_sample - d->tick_of_sample : 0u;
+    return before + rest + d->queued * d->ticks_per_sample;
+}

@@ -1,0 +1,329 @@
+/* What each frame does, and what becomes of those that are refused. */
+#include <stddef.h>
+
+#include "haptix_internal.h"
+
+static uint32_t magnitude(int16_t code) {
+    int32_t value = code;
+    return (uint32_t)(value < 0 ? -value : value);
+}
+
+static uint32_t ceiling_code(uint32_t ceiling_mv, uint32_t full_scale_mv) {
+    uint32_t code = (uint32_t)((uint64_t)ceiling_mv * 32767u / full_scale_mv);
+    return code < 32767u ? code : 32767u;
+}
+
+static int describes_a_device(const hx_config *c) {
+    if (c->output_rate_hz < 1000u || c->output_rate_hz > 1000000u) return 0;
+    if (c->full_scale_mv < 1u || c->full_scale_mv > 1000000u) return 0;
+    if (c->ceiling_mv < 1u || c->ceiling_mv > HX_ABSOLUTE_CEILING_MV) return 0;
+    if ((uint64_t)c->max_slew_v_per_s * HX_RAMP_MS < c->ceiling_mv) return 0;
+    if (c->queue_samples > HX_QUEUE_SAMPLES) return 0;
+    if (c->max_frame_samples < 1u || c->max_frame_samples > HX_MAX_FRAME_SAMPLES) return 0;
+    if (c->max_frame_samples > c->queue_samples) return 0;
+    if (c->max_watchdog_ms < HX_MIN_WATCHDOG_MS) return 0;
+    if (c->report_bytes != 0 && (c->report_bytes < 8u || c->report_bytes > HX_MAX_REPORT_BYTES))
+        return 0;
+    if (c->rate_count < 1u || c->rate_count > HX_MAX_RATES) return 0;
+    for (uint32_t i = 0; i < c->rate_count; i++) {
+        uint32_t rate_hz = c->rates[i].sample_rate_hz;
+        if (rate_hz == 0 || c->output_rate_hz % rate_hz != 0) return 0;
+        if (c->output_rate_hz / rate_hz > 1024u) return 0;
+        if (c->rates[i].modes < 1u || c->rates[i].modes > 3u) return 0;
+    }
+    return 1;
+}
+
+static void forget_setup(hx_device *d) {
+    d->ceiling_mv = d->config.ceiling_mv;
+    d->max_slew_v_per_s = d->config.max_slew_v_per_s;
+    d->is_set_up = 0;
+}
+
+uint32_t hx_device_bytes(void) { return (uint32_t)sizeof(hx_device); }
+
+int hx_device_init(hx_device *d, const hx_config *config) {
+    if (!describes_a_device(config)) return 0;
+    uint8_t *bytes = (uint8_t *)d;
+    for (size_t i = 0; i < sizeof(hx_device); i++) bytes[i] = 0;
+    d->config = *config;
+    d->top_code = (int16_t)ceiling_code(config->ceiling_mv, config->full_scale_mv);
+    d->ramp_ticks = (config->output_rate_hz * HX_RAMP_MS + 999u) / 1000u;
+    forget_setup(d);
+    return 1;
+}
+
+void hx_refuse(hx_device *d, enum hx_fault_code code, uint8_t field, uint16_t sequence,
+               uint32_t expected, uint32_t got) {
+    /* The first cause is the one to report; what follows from it is not counted again. */
+    if (d->fault.code == HX_FAULT_NONE) {
+        d->fault.code = (uint8_t)code;
+        d->fault.field = field;
+        d->fault.sequence = sequence;
+        d->fault.expected = expected;
+        d->fault.got = got;
+        d->fault.clock = d->clock;
+        d->faults++;
+    }
+    d->fault_due = 1;
+    hx_end_output(d);
+}
+
+static void clear_fault(hx_device *d) {
+    d->fault.code = HX_FAULT_NONE;
+    d->fault_due = 0;
+}
+
+/* Noise at a port that is being opened is no fault; noise in a stream is. */
+void hx_meet_damage(hx_device *d, uint16_t sequence, uint32_t expected, uint32_t got) {
+    if (d->is_armed) hx_refuse(d, HX_FAULT_DAMAGED, 0, sequence, expected, got);
+}
+
+static void accept(hx_device *d, uint16_t sequence) { d->next_sequence = (uint16_t)(sequence + 1u); }
+
+static void take_hello(hx_device *d, uint16_t sequence, const uint8_t *payload) {
+    hx_end_output(d);
+    forget_setup(d);
+    clear_fault(d);
+    d->status_due = 0;
+    d->token = 0;
+    if (payload[0] > HX_VERSION || payload[1] < HX_VERSION) {
+        uint32_t got = payload[0] > HX_VERSION ? payload[0] : payload[1];
+        hx_refuse(d, HX_FAULT_VERSION, 0, sequence, HX_VERSION, got);
+        return;
+    }
+    accept(d, sequence);
+    d->capabilities_due = 1;
+}
+
+static int plays(const hx_device *d, uint32_t rate_hz, uint32_t mode) {
+    for (uint32_t i = 0; i < d->config.rate_count; i++)
+        if (d->config.rates[i].sample_rate_hz == rate_hz && (d->config.rates[i].modes >> mode & 1u))
+            return 1;
+    return 0;
+}
+
+static void take_setup(hx_device *d, uint16_t sequence, const uint8_t *payload) {
+    uint32_t mode = hx_get_u16(payload), watchdog_ms = hx_get_u16(payload + 2);
+    uint32_t rate_hz = hx_get_u32(payload + 4), full_scale_mv = hx_get_u32(payload + 8);
+    uint32_t ceiling_mv = hx_get_u32(payload + 12), slew = hx_get_u32(payload + 16);
+    uint32_t carrier_mhz = hx_get_u32(payload + 20), lead_us = hx_get_u32(payload + 24);
+    uint32_t status_ms = hx_get_u16(payload + 28);
+    uint32_t output_hz = d->config.output_rate_hz;
+    uint32_t highest_carrier = mode == HX_ENVELOPE ? output_hz * 500u : 0u;
+    uint32_t lowest_carrier = mode == HX_ENVELOPE ? 1u : 0u;
+    uint8_t field = 255;
+    uint32_t bound = 0, got = 0;
+
+    if (mode >= HX_MODES) {
+        field = 0, bound = HX_MODES - 1u, got = mode;
+    } else if (watchdog_ms < HX_MIN_WATCHDOG_MS || watchdog_ms > d->config.max_watchdog_ms) {
+        field = 2, got = watchdog_ms;
+        bound = watchdog_ms < HX_MIN_WATCHDOG_MS ? HX_MIN_WATCHDOG_MS : d->config.max_watchdog_ms;
+    } else if (!plays(d, rate_hz, mode)) {
+        field = 4, bound = d->config.rates[0].sample_rate_hz, got = rate_hz;
+    } else if (full_scale_mv != d->config.full_scale_mv) {
+        field = 8, bound = d->config.full_scale_mv, got = full_scale_mv;
+    } else if (ceiling_mv < 1u || ceiling_mv > d->ceiling_mv) {
+        field = 12, bound = ceiling_mv < 1u ? 1u : d->ceiling_mv, got = ceiling_mv;
+    } else if (slew < 1u || slew > d->max_slew_v_per_s) {
+        field = 16, bound = slew < 1u ? 1u : d->max_slew_v_per_s, got = slew;
+    } else if (carrier_mhz < lowest_carrier || carrier_mhz > highest_carrier) {
+        field = 20, got = carrier_mhz;
+        bound = carrier_mhz < lowest_carrier ? lowest_carrier : highest_carrier;
+    } else if (lead_us > watchdog_ms * 1000u) {
+        field = 24, bound = watchdog_ms * 1000u, got = lead_us;
+    }
+    if (field != 255) {
+        d->is_set_up = 0;
+        hx_refuse(d, HX_FAULT_SETUP, field, sequence, bound, got);
+        return;
+    }
+    d->mode = (uint8_t)mode;
+    d->sample_rate_hz = rate_hz;
+    d->ticks_per_sample = output_hz / rate_hz;
+    d->ceiling_mv = ceiling_mv;
+    d->max_slew_v_per_s = slew;
+    d->phase_step = (uint32_t)(((uint64_t)carrier_mhz << 32) / ((uint64_t)output_hz * 1000u));
+    /* 2 pi as 411775 / 65536, and rounded up: the slew of the carrier is not underrated. */
+    d->carrier_rad_per_s =
+        (uint32_t)(((uint64_t)carrier_mhz * 411775u + 65535999u) / 65536000u);
+    /* Whole codes: what is above this is above the limit, since the slews of samples are whole. */
+    d->slew_codes_per_s = (uint64_t)slew * 1000u * 32767u / full_scale_mv;
+    d->watchdog_ms = watchdog_ms;
+    d->watchdog_ticks = (uint32_t)((uint64_t)watchdog_ms * output_hz / 1000u);
+    d->setup_lead_ticks = (uint32_t)((uint64_t)lead_us * output_hz / 1000000u);
+    d->status_ticks = (uint32_t)((uint64_t)status_ms * output_hz / 1000u);
+    d->is_set_up = 1;
+    clear_fault(d);
+    accept(d, sequence);
+    d->status_due = 1;
+}
+
+static void take_arm(hx_device *d, uint16_t sequence) {
+    if (!d->is_set_up) {
+        hx_refuse(d, HX_FAULT_NOT_SET_UP, 0, sequence, 0, 0);
+        return;
+    }
+    clear_fault(d);
+    accept(d, sequence);
+    d->is_armed = 1;
+    d->next_index = 0;
+    d->last_queued = 0;
+    d->samples_played = 0;
+    d->since_status_ticks = 0;
+    d->status_due = 1;
+}
+
+/* Index of the first sample that slews too much, or n. */
+static uint32_t first_too_steep(const hx_device *d, const uint8_t *samples, uint32_t n) {
+    uint32_t carrier = d->mode == HX_ENVELOPE ? d->carrier_rad_per_s : 0u;
+    int16_t before = d->last_queued;
+    for (uint32_t i = 0; i < n; i++) {
+        int16_t code = hx_get_i16(samples + 2u * i);
+        int32_t step = (int32_t)code - before;
+        uint64_t slew = (uint64_t)(uint32_t)(step < 0 ? -step : step) * d->sample_rate_hz;
+        uint32_t a = magnitude(before), b = magnitude(code);
+        if (carrier > 0) slew += (uint64_t)carrier * (a > b ? a : b);
+        if (slew > d->slew_codes_per_s) return i;
+        before = code;
+    }
+    return n;
+}
+
+static void take_stream(hx_device *d, uint16_t sequence, uint16_t mode, const uint8_t *payload,
+                        uint32_t length) {
+    uint32_t index = hx_get_u32(payload), n = (length - HX_INDEX_BYTES) / 2u;
+    const uint8_t *samples = payload + HX_INDEX_BYTES;
+    uint32_t full_scale_mv = d->config.full_scale_mv;
+
+    if (!d->is_armed) {
+        hx_refuse(d, HX_FAULT_NOT_ARMED, 0, sequence, 0, 0);
+        return;
+    }
+    if (index != d->next_index) {
+        hx_refuse(d, HX_FAULT_SAMPLE_INDEX, 0, sequence, d->next_index, index);
+        return;
+    }
+    if (mode != d->mode) {
+        hx_refuse(d, HX_FAULT_MODE, 0, sequence, d->mode, mode);
+        return;
+    }
+    uint32_t peak = 0;
+    for (uint32_t i = 0; i < n; i++) {
+        uint32_t size = magnitude(hx_get_i16(samples + 2u * i));
+        if (size > peak) peak = size;
+    }
+    if (peak > ceiling_code(d->ceiling_mv, full_scale_mv)) {
+        uint32_t peak_mv = (uint32_t)(((uint64_t)peak * full_scale_mv + 32766u) / 32767u);
+        hx_refuse(d, HX_FAULT_CEILING, 0, sequence, d->ceiling_mv, peak_mv);
+        return;
+    }
+    uint32_t steep = first_too_steep(d, samples, n);
+    if (steep < n) {
+        hx_refuse(d, HX_FAULT_SLEW, 0, sequence, d->max_slew_v_per_s, steep);
+        return;
+    }
+    uint32_t free = d->config.queue_samples - d->queued;
+    if (n > free) {
+        hx_refuse(d, HX_FAULT_QUEUE_FULL, 0, sequence, free, n);
+        return;
+    }
+    uint32_t at = (d->head + d->queued) % HX_QUEUE_SAMPLES;
+    for (uint32_t i = 0; i < n; i++) {
+        d->queue[at] = hx_get_i16(samples + 2u * i);
+        at = at + 1u == HX_QUEUE_SAMPLES ? 0u : at + 1u;
+    }
+    d->queued += n;
+    d->last_queued = hx_get_i16(samples + 2u * (n - 1u));
+    d->next_index += n;
+    d->silent_ticks = 0;
+    if (!d->has_begun) {
+        d->has_begun = 1;
+        d->lead_ticks = d->setup_lead_ticks;
+    }
+    accept(d, sequence);
+}
+
+static uint32_t longest_stream(const hx_device *d) {
+    return HX_INDEX_BYTES + 2u * d->config.max_frame_samples;
+}
+
+/* What a payload of this kind must have; 0 for the kinds that have none, or are not taken. */
+static uint32_t fixed_length(uint8_t kind) {
+    switch (kind) {
+    case HX_HELLO: return HX_HELLO_BYTES;
+    case HX_SETUP: return HX_SETUP_BYTES;
+    case HX_PING: return HX_PING_BYTES;
+    default: return 0;
+    }
+}
+
+uint32_t hx_longest_payload(const hx_device *d) {
+    uint32_t stream = longest_stream(d);
+    return stream > HX_SETUP_BYTES ? stream : HX_SETUP_BYTES;
+}
+
+void hx_take_frame(hx_device *d) {
+    const uint8_t *payload = d->buffer + HX_HEADER_BYTES;
+    uint8_t kind = d->buffer[3];
+    uint16_t sequence = hx_get_u16(d->buffer + 4), mode = hx_get_u16(d->buffer + 8);
+    uint32_t length = hx_get_u16(d->buffer + 6);
+
+    if (kind < HX_HELLO || kind > HX_PING) {
+        hx_refuse(d, HX_FAULT_KIND, 0, sequence, 0, kind);
+        return;
+    }
+    if (kind == HX_STREAM) {
+        if (length < HX_INDEX_BYTES + 2u || length % 2u || length > longest_stream(d)) {
+            hx_refuse(d, HX_FAULT_LENGTH, 0, sequence, longest_stream(d), length);
+            return;
+        }
+    } else if (length != fixed_length(kind)) {
+        hx_refuse(d, HX_FAULT_LENGTH, 0, sequence, fixed_length(kind), length);
+        return;
+    } else if (mode != 0) {
+        hx_refuse(d, HX_FAULT_MODE, 0, sequence, 0, mode);
+        return;
+    }
+    if (kind == HX_HELLO) {
+        take_hello(d, sequence, payload);
+        return;
+    }
+    if (d->is_armed && sequence != d->next_sequence) {
+        hx_refuse(d, HX_FAULT_SEQUENCE, 0, sequence, d->next_sequence, sequence);
+        if (kind == HX_STOP) d->status_due = 1;
+        return;
+    }
+    if (d->is_armed && (kind == HX_SETUP || kind == HX_ARM)) {
+        hx_refuse(d, HX_FAULT_ALREADY_ARMED, 0, sequence, 0, kind);
+        return;
+    }
+    switch (kind) {
+    case HX_SETUP: take_setup(d, sequence, payload); break;
+    case HX_ARM: take_arm(d, sequence); break;
+    case HX_STREAM: take_stream(d, sequence, mode, payload, length); break;
+    case HX_STOP:
+        accept(d, sequence);
+        hx_end_output(d);
+        d->status_due = 1;
+        break;
+    default: /* PING */
+        accept(d, sequence);
+        d->token = hx_get_u32(payload);
+        d->status_due = 1;
+    }
+}
+
+void hx_device_release(hx_device *d) {
+    hx_end_output(d);
+    forget_setup(d);
+    d->received = 0;
+    d->pause_ticks = 0;
+    d->capabilities_due = 0;
+    d->fault_due = 0;
+    d->status_due = 0;
+    d->answer_bytes = 0;
+    d->answer_sent = 0;
+    d->touches = 0;
+}

@@ -1,0 +1,56 @@
+#include "haptix_wire.h"
+
+/* Tables of 16 entries, one step for each half byte: small enough for any flash. */
+static const uint16_t crc16_of_nibble[16] = {
+    0x0000, 0x1021, 0x2042, 0x3063, 0x4084, 0x50a5, 0x60c6, 0x70e7,
+    0x8108, 0x9129, 0xa14a, 0xb16b, 0xc18c, 0xd1ad, 0xe1ce, 0xf1ef};
+
+static const uint32_t crc32_of_nibble[16] = {
+    0x00000000, 0x1db71064, 0x3b6e20c8, 0x26d930ac, 0x76dc4190, 0x6b6b51f4, 0x4db26158, 0x5005713c,
+    0xedb88320, 0xf00f9344, 0xd6d6a3e8, 0xcb61b38c, 0x9b64c2b0, 0x86d3d2d4, 0xa00ae278, 0xbdbdf21c};
+
+uint16_t hx_crc16(const uint8_t *bytes, uint32_t n) {
+    uint32_t crc = 0xffff;
+    for (uint32_t i = 0; i < n; i++) {
+        crc = ((crc << 4) & 0xffff) ^ crc16_of_nibble[(crc >> 12) ^ (bytes[i] >> 4)];
+        crc = ((crc << 4) & 0xffff) ^ crc16_of_nibble[(crc >> 12) ^ (bytes[i] & 15)];
+    }
+    return (uint16_t)crc;
+}
+
+uint32_t hx_crc32(const uint8_t *bytes, uint32_t n) {
+    uint32_t crc = 0xffffffff;
+    for (uint32_t i = 0; i < n; i++) {
+        crc = (crc >> 4) ^ crc32_of_nibble[(crc ^ bytes[i]) & 15];
+        crc = (crc >> 4) ^ crc32_of_nibble[(crc ^ (bytes[i] >> 4)) & 15];
+    }
+    return crc ^ 0xffffffff;
+}
+
+uint16_t hx_get_u16(const uint8_t *bytes) {
+    return (uint16_t)(bytes[0] | (uint16_t)bytes[1] << 8);
+}
+
+uint32_t hx_get_u32(const uint8_t *bytes) {
+    return hx_get_u16(bytes) | (uint32_t)hx_get_u16(bytes + 2) << 16;
+}
+
+int16_t hx_get_i16(const uint8_t *bytes) {
+    int32_t value = hx_get_u16(bytes);
+    return (int16_t)(value < 0x8000 ? value : value - 0x10000);
+}
+
+void hx_put_u16(uint8_t *bytes, uint16_t value) {
+    bytes[0] = (uint8_t)value;
+    bytes[1] = (uint8_t)(value >> 8);
+}
+
+void hx_put_u32(uint8_t *bytes, uint32_t value) {
+    hx_put_u16(bytes, (uint16_t)value);
+    hx_put_u16(bytes + 2, (uint16_t)(value >> 16));
+}
+
+void hx_put_u64(uint8_t *bytes, uint64_t value) {
+    hx_put_u32(bytes, (uint32_t)value);
+    hx_put_u32(bytes + 4, (uint32_t)(value >> 32));
+}

@@ -1,0 +1,76 @@
+/* The wire format of PROTOCOL.md: constants, check sums, little-endian numbers. */
+#ifndef HAPTIX_WIRE_H
+#define HAPTIX_WIRE_H
+
+#include <stdint.h>
+
+#define HX_VERSION 2u
+#define HX_HEADER_BYTES 12u
+#define HX_CRC_BYTES 4u
+#define HX_FRAME_OVERHEAD_BYTES (HX_HEADER_BYTES + HX_CRC_BYTES)
+
+enum hx_kind {
+    HX_HELLO = 0x01,
+    HX_SETUP = 0x02,
+    HX_ARM = 0x03,
+    HX_STREAM = 0x04,
+    HX_STOP = 0x05,
+    HX_PING = 0x06,
+    HX_CAPABILITIES = 0x81,
+    HX_STATUS = 0x82,
+    HX_FAULT = 0x83,
+    HX_TOUCH = 0x84
+};
+
+enum hx_mode { HX_WAVEFORM = 0, HX_ENVELOPE = 1, HX_MODES = 2 };
+
+enum hx_state { HX_IDLE = 0, HX_ARMED = 1, HX_PLAYING = 2, HX_RAMPING = 3 };
+
+enum hx_fault_code {
+    HX_FAULT_NONE = 0,
+    HX_FAULT_DAMAGED = 1,
+    HX_FAULT_VERSION = 2,
+    HX_FAULT_KIND = 3,
+    HX_FAULT_LENGTH = 4,
+    HX_FAULT_SEQUENCE = 5,
+    HX_FAULT_SAMPLE_INDEX = 6,
+    HX_FAULT_NOT_ARMED = 7,
+    HX_FAULT_ALREADY_ARMED = 8,
+    HX_FAULT_NOT_SET_UP = 9,
+    HX_FAULT_SETUP = 10,
+    HX_FAULT_MODE = 11,
+    HX_FAULT_CEILING = 12,
+    HX_FAULT_SLEW = 13,
+    HX_FAULT_QUEUE_FULL = 14,
+    HX_FAULT_STARVED = 15,
+    HX_FAULT_TRUNCATED = 16
+};
+
+#define HX_HELLO_BYTES 2u
+#define HX_SETUP_BYTES 30u
+#define HX_PING_BYTES 4u
+#define HX_INDEX_BYTES 4u
+#define HX_CAPABILITIES_BYTES 80u
+#define HX_RATE_BYTES 8u
+#define HX_STATUS_BYTES 36u
+#define HX_FAULT_BYTES 20u
+#define HX_TOUCH_BYTES 20u
+
+#define HX_REPORT_ID 1u
+#define HX_REPORT_BEGINS 0x80u
+#define HX_REPORT_PREFIX_BYTES 2u
+
+/* CRC-16, polynomial 0x1021, from 0xffff, not reflected. */
+uint16_t hx_crc16(const uint8_t *bytes, uint32_t n);
+
+/* CRC-32 of IEEE 802.3, reflected, as in zlib. */
+uint32_t hx_crc32(const uint8_t *bytes, uint32_t n);
+
+uint16_t hx_get_u16(const uint8_t *bytes);
+uint32_t hx_get_u32(const uint8_t *bytes);
+int16_t hx_get_i16(const uint8_t *bytes);
+void hx_put_u16(uint8_t *bytes, uint16_t value);
+void hx_put_u32(uint8_t *bytes, uint32_t value);
+void hx_put_u64(uint8_t *bytes, uint64_t value);
+
+#endif

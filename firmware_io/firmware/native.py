@@ -1,0 +1,150 @@
+"""The firmware in C, driven from Python."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from typing import Any
+
+import cffi
+import numpy as np
+import numpy.typing as npt
+
+from firmware_io.errors import DeviceError
+from firmware_io.firmware.build import SOURCE_DIR, library
+from firmware_io.protocol import (
+    CapabilitiesReport,
+    FaultCode,
+    FaultReport,
+    StatusReport,
+    TouchReport,
+)
+from firmware_io.protocol.payloads import FAULT_BYTES, STATUS_BYTES, read_fault, read_status
+
+_ANSWER_BYTES = 4096
+_REPORT_BYTES = 64
+
+
+@cache
+def _firmware() -> tuple[cffi.FFI, Any]:
+    header = (SOURCE_DIR / "haptix_device.h").read_text()
+    declared = re.search(r"/\* cffi: begin \*/(.*)/\* cffi: end \*/", header, re.DOTALL)
+    assert declared is not None
+    ffi = cffi.FFI()
+    ffi.cdef(declared.group(1))
+    return ffi, ffi.dlopen(str(library()))
+
+
+class NativeCore:
+    """The compiled firmware; see `firmware_io.firmware.core.Core`.
+
+    Parameters
+    ----------
+    config : CapabilitiesReport
+        What the device is to be able to do.
+
+    Raises
+    ------
+    DeviceError
+        If `config` describes no possible device, or the firmware cannot be compiled.
+    """
+
+    name = "c"
+
+    def __init__(self, config: CapabilitiesReport) -> None:
+        self._ffi, self._lib = _firmware()
+        # Owned as bytes: the structure is the firmware's own affair.
+        self._memory = self._ffi.new("uint64_t[]", self._lib.hx_device_bytes() // 8 + 1)
+        self._device = self._ffi.cast("hx_device *", self._memory)
+        if not self._lib.hx_device_init(self._device, self._configuration(config)):
+            raise DeviceError(
+                f"No device can be like this, see hx_config for the ranges: {config}; correct it."
+            )
+        self._answer = self._ffi.new("uint8_t[]", _ANSWER_BYTES)
+        self._report = self._ffi.new("uint8_t[]", _REPORT_BYTES)
+
+    def _configuration(self, config: CapabilitiesReport) -> Any:
+        try:
+            return self._ffi.new(
+                "hx_config *",
+                {
+                    "output_rate_hz": config.output_rate_hz,
+                    "full_scale_mv": config.full_scale_mv,
+                    "ceiling_mv": config.ceiling_mv,
+                    "max_slew_v_per_s": config.max_slew_v_per_s,
+                    "queue_samples": config.queue_samples,
+                    "max_frame_samples": config.max_frame_samples,
+                    "max_watchdog_ms": config.max_watchdog_ms,
+                    "report_bytes": config.report_bytes,
+                    "flags": int(config.reports_touch),
+                    "rate_count": len(config.rates),
+                    "rates": [
+                        (rate.sample_rate_hz, sum(1 << mode for mode in rate.modes))
+                        for rate in config.rates
+                    ],
+                    "name": config.name.encode("ascii"),
+                    "serial": config.serial.encode("ascii"),
+                    "calibration_id": config.calibration_id.encode("ascii"),
+                },
+            )
+        except (OverflowError, IndexError, UnicodeEncodeError) as error:
+            raise DeviceError(
+                f"No device can be like this, {error}: {config}; correct it."
+            ) from error
+
+    @property
+    def pending_ticks(self) -> int:
+        """Output samples until nothing is left to play but zeros or a held sample."""
+        return int(self._lib.hx_device_pending(self._device))
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the host."""
+        self._lib.hx_device_receive(self._device, data, len(data))
+
+    def receive_report(self, report: bytes) -> None:
+        """Take one HID report from the host."""
+        self._lib.hx_device_receive_report(self._device, report, len(report))
+
+    def transmit(self) -> bytes:
+        """Return the frames that wait for the host."""
+        size = self._lib.hx_device_transmit(self._device, self._answer, _ANSWER_BYTES)
+        return bytes(self._ffi.buffer(self._answer, size))
+
+    def transmit_report(self) -> bytes:
+        """Return one HID report for the host."""
+        size = self._lib.hx_device_transmit_report(self._device, self._report, _REPORT_BYTES)
+        return bytes(self._ffi.buffer(self._report, size))
+
+    def play(self, ticks: int) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint8]]:
+        """Return the next output samples, and what each is."""
+        codes = np.empty(ticks, dtype=np.int16)
+        what = np.empty(ticks, dtype=np.uint8)
+        self._lib.hx_device_play(
+            self._device,
+            self._ffi.cast("int16_t *", codes.ctypes.data),
+            self._ffi.cast("uint8_t *", what.ctypes.data),
+            ticks,
+        )
+        return codes, what
+
+    def status(self) -> StatusReport:
+        """Return where the device stands."""
+        payload = self._ffi.new("uint8_t[]", STATUS_BYTES)
+        self._lib.hx_device_status(self._device, payload)
+        return read_status(bytes(self._ffi.buffer(payload)))
+
+    def fault(self) -> FaultReport | None:
+        """Return the first cause since HELLO, SETUP or ARM was last accepted."""
+        payload = self._ffi.new("uint8_t[]", FAULT_BYTES)
+        self._lib.hx_device_fault(self._device, payload)
+        fault = read_fault(bytes(self._ffi.buffer(payload)))
+        return None if fault.code is FaultCode.NONE else fault
+
+    def touch(self, touch: TouchReport) -> bool:
+        """Report a finger."""
+        fields = (0, touch.x_um, touch.y_um, touch.normal_force_mn, touch.contact, touch.phase)
+        return bool(self._lib.hx_device_touch(self._device, self._ffi.new("hx_touch *", fields)))
+
+    def release(self) -> None:
+        """Learn that the host has gone away."""
+        self._lib.hx_device_release(self._device)

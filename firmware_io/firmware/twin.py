@@ -1,0 +1,438 @@
+"""The device side of the protocol in Python, written from PROTOCOL.md next to the one in C.
+
+It plays the same samples and says the same bytes; the conformance tests hold the two together.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_io.firmware.twin_board import MIN_WATCHDOG_MS, PAUSE_MS, RAMP_MS, check_board
+from firmware_io.firmware.twin_output import Codes, Playing, TwinOutput, Whats
+from firmware_io.firmware.twin_receiver import Head, Receiver
+from firmware_io.protocol import (
+    FULL_SCALE_CODE,
+    INDEX_MODULUS,
+    SEQUENCE_MODULUS,
+    VERSION,
+    CapabilitiesReport,
+    DeviceMessage,
+    DeviceState,
+    FaultCode,
+    FaultReport,
+    Frame,
+    FrameKind,
+    Setup,
+    StatusReport,
+    StreamMode,
+    TouchReport,
+    encode,
+    to_reports,
+)
+
+MAX_TOUCHES = 8
+
+_SETUP = struct.Struct("<HHIIIIIIH")
+_LENGTHS = {
+    FrameKind.HELLO: 2,
+    FrameKind.SETUP: _SETUP.size,
+    FrameKind.ARM: 0,
+    FrameKind.STOP: 0,
+    FrameKind.PING: 4,
+}
+
+
+class TwinCore:
+    """The firmware's twin; see `firmware_io.firmware.core.Core`.
+
+    Parameters
+    ----------
+    config : CapabilitiesReport
+        What the device is to be able to do.
+
+    Raises
+    ------
+    DeviceError
+        If `config` describes no possible device.
+    """
+
+    name = "python"
+
+    def __init__(self, config: CapabilitiesReport) -> None:
+        check_board(config)
+        self._config = replace(config, oldest_version=VERSION, newest_version=VERSION)
+        self._setup: Setup | None = None
+        self._output = TwinOutput(
+            -(-config.output_rate_hz * RAMP_MS // 1000),
+            config.ceiling_mv * FULL_SCALE_CODE // config.full_scale_mv,
+        )
+        self._forget_setup()
+        self._longest_stream = 4 + 2 * config.max_frame_samples
+        self._receiver = Receiver(
+            self,
+            max(self._longest_stream, _SETUP.size),
+            config.output_rate_hz * PAUSE_MS // 1000,
+        )
+        self.is_armed = False
+        self._next_sequence = 0
+        self._next_index = 0
+        self._last_queued = 0
+        self._silent_ticks = 0
+        self._since_status_ticks = 0
+        self._clock = 0
+        self._faults = 0
+        self._token = 0
+        self._fault: FaultReport | None = None
+        self._capabilities_due = self._fault_due = self._status_due = False
+        self._answer_sequence = 0
+        self._reports: list[bytes] = []
+        self._touches: list[TouchReport] = []
+
+    # Bytes in
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the host."""
+        self._receiver.receive(data)
+
+    def receive_report(self, report: bytes) -> None:
+        """Take one HID report from the host."""
+        self._receiver.receive_report(report)
+
+    # What each frame does
+
+    def take_frame(self, head: Head, payload: bytes) -> None:
+        """Do what a whole frame asks for, or refuse it."""
+        if not FrameKind.HELLO <= head.kind <= FrameKind.PING:
+            return self.refuse(FaultCode.KIND, head.sequence, 0, head.kind)
+        kind = FrameKind(head.kind)
+        if kind is FrameKind.STREAM:
+            if head.length < 6 or head.length % 2 or head.length > self._longest_stream:
+                return self.refuse(
+                    FaultCode.LENGTH, head.sequence, self._longest_stream, head.length
+                )
+        elif head.length != _LENGTHS[kind]:
+            return self.refuse(FaultCode.LENGTH, head.sequence, _LENGTHS[kind], head.length)
+        elif head.mode:
+            return self.refuse(FaultCode.MODE, head.sequence, 0, head.mode)
+        if kind is FrameKind.HELLO:
+            return self._take_hello(head.sequence, payload)
+        if self.is_armed:
+            if head.sequence != self._next_sequence:
+                self.refuse(FaultCode.SEQUENCE, head.sequence, self._next_sequence, head.sequence)
+                self._status_due |= kind is FrameKind.STOP
+                return None
+            if kind in (FrameKind.SETUP, FrameKind.ARM):
+                return self.refuse(FaultCode.ALREADY_ARMED, head.sequence, 0, kind)
+        if kind is FrameKind.SETUP:
+            self._take_setup(head.sequence, payload)
+        elif kind is FrameKind.ARM:
+            self._take_arm(head.sequence)
+        elif kind is FrameKind.STREAM:
+            self._take_stream(head, payload)
+        else:
+            self._accept(head.sequence)
+            self._status_due = True
+            if kind is FrameKind.PING:
+                self._token = int.from_bytes(payload, "little")
+            else:
+                self._end_output()
+        return None
+
+    def _take_hello(self, sequence: int, payload: bytes) -> None:
+        oldest, newest = payload
+        self._end_output()
+        self._forget_setup()
+        self._clear_fault()
+        self._status_due = False
+        self._token = 0
+        if oldest <= VERSION <= newest:
+            self._accept(sequence)
+            self._capabilities_due = True
+        else:
+            self.refuse(
+                FaultCode.VERSION, sequence, VERSION, oldest if oldest > VERSION else newest
+            )
+
+    def _take_setup(self, sequence: int, payload: bytes) -> None:
+        mode, *rest = _SETUP.unpack(payload)
+        wrong = self._impossible(mode, *rest)
+        if wrong is not None:
+            field, bound, got = wrong
+            self._setup = None
+            return self.refuse(FaultCode.SETUP, sequence, bound, got, field)
+        self._setup = Setup(StreamMode(mode), *rest)
+        self._ceiling_mv = self._setup.ceiling_mv
+        self._max_slew_v_per_s = self._setup.max_slew_v_per_s
+        self._clear_fault()
+        self._accept(sequence)
+        self._status_due = True
+        return None
+
+    def _impossible(
+        self,
+        mode: int,
+        watchdog_ms: int,
+        rate_hz: int,
+        full_scale_mv: int,
+        ceiling_mv: int,
+        slew: int,
+        carrier_mhz: int,
+        lead_us: int,
+        _status_ms: int,
+    ) -> tuple[int, int, int] | None:
+        """Return offset, bound and value of the first impossible field."""
+        config = self._config
+        if mode not in set(StreamMode):
+            return 0, 1, mode
+        envelope = mode == StreamMode.ENVELOPE
+        is_played = any(r.sample_rate_hz == rate_hz and mode in r.modes for r in config.rates)
+        carriers = (1, config.output_rate_hz * 500) if envelope else (0, 0)
+        if not MIN_WATCHDOG_MS <= watchdog_ms <= config.max_watchdog_ms:
+            is_short = watchdog_ms < MIN_WATCHDOG_MS
+            return 2, MIN_WATCHDOG_MS if is_short else config.max_watchdog_ms, watchdog_ms
+        if not is_played:
+            return 4, config.rates[0].sample_rate_hz, rate_hz
+        ranges = (
+            (8, config.full_scale_mv, config.full_scale_mv, full_scale_mv),
+            (12, 1, self._ceiling_mv, ceiling_mv),
+            (16, 1, self._max_slew_v_per_s, slew),
+            (20, *carriers, carrier_mhz),
+            (24, 0, watchdog_ms * 1000, lead_us),
+        )
+        for offset, low, high, value in ranges:
+            if not low <= value <= high:
+                return offset, low if value < low else high, value
+        return None
+
+    def _take_arm(self, sequence: int) -> None:
+        if self._setup is None:
+            return self.refuse(FaultCode.NOT_SET_UP, sequence, 0, 0)
+        self._clear_fault()
+        self._accept(sequence)
+        self.is_armed = True
+        self._next_index = self._last_queued = self._since_status_ticks = 0
+        self._output.samples_played = 0
+        self._status_due = True
+        return None
+
+    def _take_stream(self, head: Head, payload: bytes) -> None:
+        sequence, setup, output = head.sequence, self._setup, self._output
+        (index,) = struct.unpack_from("<I", payload)
+        codes = np.frombuffer(payload, "<i2", offset=4).astype(np.int64)
+        if not self.is_armed or setup is None:
+            return self.refuse(FaultCode.NOT_ARMED, sequence, 0, 0)
+        if index != self._next_index:
+            return self.refuse(FaultCode.SAMPLE_INDEX, sequence, self._next_index, index)
+        if head.mode != setup.mode:
+            return self.refuse(FaultCode.MODE, sequence, setup.mode, head.mode)
+        full_scale_mv = self._config.full_scale_mv
+        peak = int(np.abs(codes).max())
+        top = min(setup.ceiling_mv * FULL_SCALE_CODE // full_scale_mv, FULL_SCALE_CODE)
+        if peak > top:
+            peak_mv = -(-peak * full_scale_mv // FULL_SCALE_CODE)
+            return self.refuse(FaultCode.CEILING, sequence, setup.ceiling_mv, peak_mv)
+        steep = self._first_too_steep(codes, setup)
+        if steep is not None:
+            return self.refuse(FaultCode.SLEW, sequence, setup.max_slew_v_per_s, steep)
+        free = self._config.queue_samples - output.queue.size
+        if codes.size > free:
+            return self.refuse(FaultCode.QUEUE_FULL, sequence, free, codes.size)
+        output.queue = np.concatenate([output.queue, codes.astype(np.int16)])
+        if not output.has_begun:
+            rate = self._config.output_rate_hz
+            output.begin(
+                setup.lead_us * rate // 1_000_000,
+                Playing(
+                    setup.mode,
+                    rate // setup.sample_rate_hz,
+                    setup.carrier_mhz * 2**32 // (rate * 1000),
+                ),
+            )
+        self._last_queued = int(codes[-1])
+        self._next_index = (index + codes.size) % INDEX_MODULUS
+        self._silent_ticks = 0
+        return self._accept(sequence)
+
+    def _first_too_steep(self, codes: npt.NDArray[np.int64], setup: Setup) -> int | None:
+        before = np.concatenate([[self._last_queued], codes[:-1]])
+        volts_per_code = self._config.full_scale_mv  # in 1/32767 mV
+        slews = np.abs(codes - before) * setup.sample_rate_hz * volts_per_code
+        if setup.mode is StreamMode.ENVELOPE:
+            carrier_rad_per_s = -(-setup.carrier_mhz * 411775 // 65536000)
+            size = np.maximum(np.abs(codes), np.abs(before))
+            slews = slews + carrier_rad_per_s * volts_per_code * size
+        over = slews > setup.max_slew_v_per_s * 1000 * FULL_SCALE_CODE
+        return int(over.argmax()) if over.any() else None
+
+    def _accept(self, sequence: int) -> None:
+        self._next_sequence = (sequence + 1) % SEQUENCE_MODULUS
+
+    # Faults
+
+    def refuse(
+        self, code: FaultCode, sequence: int, expected: int, got: int, field: int = 0
+    ) -> None:
+        """End the output, remember and count the first cause, owe the host a FAULT."""
+        if self._fault is None:
+            self._fault = FaultReport(code, field, sequence, expected, got, self._clock)
+            self._faults += 1
+        self._fault_due = True
+        self._end_output()
+
+    def meet_damage(self, sequence: int, expected: int, got: int) -> None:
+        """Refuse what is no frame while armed; noise at a port that is being opened is no fault."""
+        if self.is_armed:
+            self.refuse(FaultCode.DAMAGED, sequence, expected, got)
+
+    def _clear_fault(self) -> None:
+        self._fault, self._fault_due = None, False
+
+    def _end_output(self) -> None:
+        self.is_armed = False
+        self._output.end()
+
+    def _forget_setup(self) -> None:
+        self._setup = None
+        self._ceiling_mv = self._config.ceiling_mv
+        self._max_slew_v_per_s = self._config.max_slew_v_per_s
+
+    def release(self) -> None:
+        """Learn that the host has gone away."""
+        self._end_output()
+        self._forget_setup()
+        self._receiver.clear()
+        self._capabilities_due = self._fault_due = self._status_due = False
+        self._reports.clear()
+        self._touches.clear()
+
+    # Time
+
+    @property
+    def pending_ticks(self) -> int:
+        """Output samples until nothing is left to play but zeros or a held sample."""
+        return self._output.pending_ticks
+
+    def play(self, ticks: int) -> tuple[Codes, Whats]:
+        """Return the next output samples, and what each is."""
+        pieces: list[tuple[Codes, Whats]] = []
+        while ticks:
+            count = min(ticks, self._ticks_to_event())
+            pieces.append(self._output.play(count))
+            ticks -= count
+            self._pass_time(count)
+        if not pieces:
+            return np.empty(0, np.int16), np.empty(0, np.uint8)
+        codes, what = zip(*pieces, strict=True)
+        return np.concatenate(codes), np.concatenate(what)
+
+    def _watchdog_tick(self) -> int:
+        assert self._setup is not None
+        ticks = self._setup.watchdog_ms * self._config.output_rate_hz // 1000
+        return ticks - self._output.ramp_ticks
+
+    def _status_ticks(self) -> int:
+        assert self._setup is not None
+        return self._setup.status_ms * self._config.output_rate_hz // 1000
+
+    def _ticks_to_event(self) -> int:
+        distances = [2**31]
+        if self.is_armed and self._output.has_begun:
+            distances.append(self._watchdog_tick() - self._silent_ticks)
+        if self.is_armed and self._status_ticks():
+            distances.append(self._status_ticks() - self._since_status_ticks)
+        return min(*distances, self._receiver.ticks_to_event)
+
+    def _pass_time(self, ticks: int) -> None:
+        """Do what these ticks bring about; nothing before the last of them."""
+        self._clock += ticks
+        self._status_due |= self._output.has_ended_ramp
+        self._output.has_ended_ramp = False
+        if self.is_armed and self._output.has_begun:
+            self._silent_ticks += ticks
+            if self._silent_ticks == self._watchdog_tick():
+                assert self._setup is not None
+                self.refuse(FaultCode.STARVED, 0, self._setup.watchdog_ms, 0)
+        if self.is_armed and self._status_ticks():
+            self._since_status_ticks += ticks
+            if self._since_status_ticks >= self._status_ticks():
+                self._since_status_ticks = 0
+                self._status_due = True
+        self._receiver.pass_time(ticks)
+
+    # Bytes out
+
+    def status(self) -> StatusReport:
+        """Return where the device stands."""
+        output = self._output
+        if self.is_armed:
+            state = DeviceState.PLAYING if output.is_playing else DeviceState.ARMED
+        else:
+            state = DeviceState.RAMPING if output.ramp_ticks_left else DeviceState.IDLE
+        return StatusReport(
+            state,
+            FaultCode.NONE if self._fault is None else self._fault.code,
+            self._next_sequence,
+            self._token,
+            output.queue.size,
+            self._config.queue_samples - output.queue.size,
+            output.samples_played,
+            output.underruns,
+            self._faults,
+            self._clock,
+        )
+
+    def fault(self) -> FaultReport | None:
+        """Return the first cause since HELLO, SETUP or ARM was last accepted."""
+        return self._fault
+
+    def touch(self, touch: TouchReport) -> bool:
+        """Report a finger."""
+        if len(self._touches) == MAX_TOUCHES:
+            return False
+        self._touches.append(
+            TouchReport(
+                self._clock,
+                touch.x_um,
+                touch.y_um,
+                touch.normal_force_mn,
+                touch.contact,
+                touch.phase,
+            )
+        )
+        return True
+
+    def transmit(self) -> bytes:
+        """Return the frames that wait for the host."""
+        frames = b""
+        while message := self._next_message():
+            frames += self._encode(message)
+        return frames
+
+    def transmit_report(self) -> bytes:
+        """Return one HID report for the host."""
+        size = self._config.report_bytes
+        if not self._reports and size and (message := self._next_message()):
+            self._reports = to_reports(self._encode(message), size)
+        return self._reports.pop(0) if self._reports else b""
+
+    def _encode(self, message: DeviceMessage) -> bytes:
+        frame = encode(Frame(message, self._answer_sequence))
+        self._answer_sequence = (self._answer_sequence + 1) % SEQUENCE_MODULUS
+        return frame
+
+    def _next_message(self) -> DeviceMessage | None:
+        """Return the most urgent message, which is then no longer due."""
+        if self._capabilities_due:
+            self._capabilities_due = False
+            return self._config
+        if self._fault_due and self._fault is not None:
+            self._fault_due = False
+            return self._fault
+        if self._status_due:
+            self._status_due = False
+            return self.status()
+        return self._touches.pop(0) if self._touches else None

@@ -1,0 +1,42 @@
+"""What a board can be: the ranges of hx_config and the constants of haptix_device.h."""
+
+from __future__ import annotations
+
+from firmware_io.errors import DeviceError
+from firmware_io.firmware.build import FRAME_SAMPLES, QUEUE_SAMPLES
+from firmware_io.protocol import CapabilitiesReport
+
+RAMP_MS = 5
+MIN_WATCHDOG_MS = 10
+PAUSE_MS = 100
+ABSOLUTE_CEILING_MV = 200_000
+MAX_REPORT_BYTES = 64
+
+
+def check_board(config: CapabilitiesReport) -> None:
+    """Raise DeviceError unless this is a possible device; the ranges are those of hx_config."""
+    rates_are_possible = 1 <= len(config.rates) <= 8 and all(
+        rate.sample_rate_hz > 0
+        and config.output_rate_hz % rate.sample_rate_hz == 0
+        and config.output_rate_hz // rate.sample_rate_hz <= 1024
+        and rate.modes
+        for rate in config.rates
+    )
+    texts = (config.name, config.serial, config.calibration_id)
+    is_possible = (
+        1000 <= config.output_rate_hz <= 1_000_000
+        and 1 <= config.full_scale_mv <= 1_000_000
+        and 1 <= config.ceiling_mv <= ABSOLUTE_CEILING_MV
+        and config.ceiling_mv <= config.max_slew_v_per_s * RAMP_MS
+        and config.max_slew_v_per_s < 2**32
+        and 1 <= config.max_frame_samples <= min(FRAME_SAMPLES, config.queue_samples)
+        and config.queue_samples <= QUEUE_SAMPLES
+        and MIN_WATCHDOG_MS <= config.max_watchdog_ms < 2**16
+        and (config.report_bytes == 0 or 8 <= config.report_bytes <= MAX_REPORT_BYTES)
+        and rates_are_possible
+        and all(len(text) <= 16 and text.isascii() for text in texts)
+    )
+    if not is_possible:
+        raise DeviceError(
+            f"No device can be like this, see hx_config for the ranges: {config}; correct it."
+        )

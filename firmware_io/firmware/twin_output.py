@@ -1,0 +1,156 @@
+"""The output side of the twin: queue, line between samples, carrier, ramp; in blocks, not ticks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_io.firmware.core import Output
+from firmware_io.firmware.sine import sine_table
+from firmware_io.protocol import FULL_SCALE_CODE, StreamMode
+
+Codes = npt.NDArray[np.int16]
+Whats = npt.NDArray[np.uint8]
+_Integers = npt.NDArray[np.int64]
+
+_SINE = np.array(sine_table(), dtype=np.int64)
+_TURN = 2**32
+
+
+@dataclass(frozen=True)
+class Playing:
+    """How a stream is played: what SETUP fixed."""
+
+    mode: StreamMode
+    ticks_per_sample: int
+    phase_step: int
+
+
+class TwinOutput:
+    """What stands on the output, and what comes after it.
+
+    Parameters
+    ----------
+    ramp_ticks : int
+        Length of the safety ramp.
+    top_code : int
+        The limiter's: no code above it leaves.
+    """
+
+    def __init__(self, ramp_ticks: int, top_code: int) -> None:
+        self.ramp_ticks = ramp_ticks
+        self._top_code = top_code
+        self.queue: Codes = np.empty(0, np.int16)
+        self.has_begun = False
+        self.is_playing = False
+        self.lead_ticks = 0
+        self.samples_played = 0
+        self.underruns = 0
+        self.ramp_ticks_left = 0
+        self.has_ended_ramp = False
+        self._is_dry = False
+        self._playing = Playing(StreamMode.WAVEFORM, 1, 0)
+        self._next = self._playing
+        self._from = self._to = self._level = 0
+        self._tick_of_sample = 0
+        self._phase = 0
+        self._ramp_from = 0
+
+    @property
+    def pending_ticks(self) -> int:
+        """Ticks until nothing is left to play but zeros or a held sample."""
+        if not self.has_begun:
+            return self.ramp_ticks_left
+        each = self._next.ticks_per_sample
+        rest = each - self._tick_of_sample if self.is_playing else 0
+        return max(self.ramp_ticks_left, self.lead_ticks) + rest + self.queue.size * each
+
+    def begin(self, lead_ticks: int, playing: Playing) -> None:
+        """Play what is queued from now on, after a lead."""
+        self.has_begun = True
+        self.lead_ticks = lead_ticks
+        self._next = playing
+
+    def end(self) -> None:
+        """Begin the safety ramp and forget what is queued."""
+        self.has_begun = self.is_playing = False
+        self.queue = self.queue[:0]
+        if self.ramp_ticks_left == 0 and self._level != 0:
+            self._ramp_from = self._level
+            self.ramp_ticks_left = self.ramp_ticks
+
+    def play(self, ticks: int) -> tuple[Codes, Whats]:
+        """Return the next output samples, and what each is."""
+        codes = np.zeros(ticks, np.int16)
+        what = np.zeros(ticks, np.uint8)
+        done = 0
+        while done < ticks:
+            levels, kind = self._run(ticks - done)
+            after = done + levels.size
+            self._level = int(levels[-1])
+            driven = self._times_carrier(levels) if kind is not Output.IDLE else levels
+            codes[done:after] = np.clip(driven, -self._top_code, self._top_code)
+            what[done:after] = kind
+            done = after
+        return codes, what
+
+    def _run(self, most: int) -> tuple[_Integers, Output]:
+        """Return the levels of up to `most` ticks that are all of one kind; at least one."""
+        if self.ramp_ticks_left:
+            count = min(most, self.ramp_ticks_left)
+            left = self.ramp_ticks_left - np.arange(1, count + 1)
+            self.ramp_ticks_left -= count
+            self.has_ended_ramp |= self.ramp_ticks_left == 0
+            if self.has_begun:
+                self.lead_ticks = max(self.lead_ticks - count, 0)
+            return _quotient(self._ramp_from * left, self.ramp_ticks), Output.RAMP
+        if not self.has_begun:
+            return np.zeros(most, np.int64), Output.IDLE
+        if self.lead_ticks:
+            count = min(most, self.lead_ticks)
+            self.lead_ticks -= count
+            return np.zeros(count, np.int64), Output.IDLE
+        return self._run_stream(most)
+
+    def _run_stream(self, most: int) -> tuple[_Integers, Output]:
+        if not self.is_playing:
+            self.is_playing, self._is_dry = True, False
+            self._playing = self._next
+            self._phase = self._to = 0
+            self._tick_of_sample = self._playing.ticks_per_sample
+        each = self._playing.ticks_per_sample
+        count = min(most, each - self._tick_of_sample + self.queue.size * each)
+        if count == 0:
+            self.underruns += not self._is_dry
+            self._is_dry = True
+            return np.full(most, self._level, np.int64), Output.HELD
+        # Line number `line` goes from point `line` to the next; the first one is under way.
+        tick = self._tick_of_sample + np.arange(count)
+        line, step = tick // each, tick % each + 1
+        points = np.concatenate([[self._from, self._to], self.queue]).astype(np.int64)
+        levels = points[line] + _quotient((points[line + 1] - points[line]) * step, each)
+        taken = int(line[-1])
+        self._is_dry &= taken == 0
+        self._from, self._to = int(points[taken]), int(points[taken + 1])
+        self._tick_of_sample = int(step[-1])
+        self.queue = self.queue[taken:]
+        self.samples_played = (self.samples_played + taken) % 2**32
+        return levels, Output.STREAM
+
+    def _times_carrier(self, levels: _Integers) -> _Integers:
+        if self._playing.mode is not StreamMode.ENVELOPE:
+            return levels
+        step = self._playing.phase_step
+        phase = (self._phase + step * np.arange(levels.size)) % _TURN
+        self._phase = (self._phase + step * levels.size) % _TURN
+        index, fraction = phase >> 22, phase >> 6 & 0xFFFF
+        a, b = _SINE[index], _SINE[index + 1]
+        return _quotient(levels * (a + _quotient((b - a) * fraction, 65536)), FULL_SCALE_CODE)
+
+
+def _quotient(a: _Integers, b: int) -> _Integers:
+    """Integer division rounded toward 0, as in C."""
+    quotient: _Integers = np.sign(a) * (np.abs(a) // b)
+    return quotient

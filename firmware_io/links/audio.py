@@ -1,0 +1,339 @@
+"""An audio interface with a high-voltage amplifier as the driver: the firmware runs on the host.
+
+An interface plays whatever it is given, and knows no watchdog. So the reference firmware stands in
+front of it, with its queue, limits, ramp and watchdog; PortAudio's callback is its output stage.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import tomllib
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_io.errors import (
+    DeviceBusyError,
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceNotFoundError,
+)
+from firmware_io.firmware.core import Output, open_core
+from firmware_io.limits import ABSOLUTE_CEILING_V, DEFAULT_MAX_SLEW_V_PER_S
+from firmware_io.link import Link
+from firmware_io.protocol import FULL_SCALE_CODE, VERSION, CapabilitiesReport, Rate, StreamMode
+
+_TRIGGER_S = 0.001
+_QUEUE_S = 0.5
+_MOST_LATENCY_S = 10.0  # JACK's virtual ports state latencies of a day
+_POLL_S = 0.0005
+
+
+@dataclass(frozen=True)
+class AudioProfile:
+    """What stands behind an audio output.
+
+    Parameters
+    ----------
+    device : str or int, optional
+        Name of the interface, a unique part of it, or its number; the default one without.
+    full_scale_v : float, optional
+        Volts on the screen at digital full scale. Instead of it, the two below.
+    dac_full_scale_v : float, optional
+        Volts out of the interface at digital full scale, peak.
+    amplifier_gain : float, optional
+        Volts out of the amplifier per volt into it.
+    ceiling_v : float
+        Largest voltage that the amplifier and the screen bear.
+    sample_rate_hz : float
+        One that the interface offers.
+    trigger : bool
+        Whether the second channel gives a pulse of 1 ms with the first sample of each playback.
+
+    Raises
+    ------
+    DeviceError
+        If the full scale is not given in exactly one way, or a number is impossible.
+    """
+
+    device: str | int | None = None
+    full_scale_v: float | None = None
+    dac_full_scale_v: float | None = None
+    amplifier_gain: float | None = None
+    ceiling_v: float = ABSOLUTE_CEILING_V
+    sample_rate_hz: float = 48_000.0
+    trigger: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("full_scale_v", "dac_full_scale_v", "amplifier_gain", "ceiling_v"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise DeviceError(f"{name} must be a finite number above 0, but is {value!r}.")
+        if not (math.isfinite(self.sample_rate_hz) and self.sample_rate_hz >= 8000):
+            raise DeviceError(
+                f"sample_rate_hz must be at least 8000, but is {self.sample_rate_hz!r}."
+            )
+        parts = (self.dac_full_scale_v, self.amplifier_gain)
+        if (self.full_scale_v is None) == (None in parts) or (
+            self.full_scale_v is not None and parts != (None, None)
+        ):
+            raise DeviceError(
+                "An audio device does not say how many volts it makes: give full_scale_v, the "
+                "volts on the screen at digital full scale, or both dac_full_scale_v and "
+                "amplifier_gain."
+            )
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a profile from a TOML file of these keys.
+
+        Raises
+        ------
+        DeviceError
+            If the file cannot be read or understood.
+        """
+        return cls(**read_audio_profile(path))
+
+    @property
+    def screen_full_scale_v(self) -> float:
+        """Volts on the screen at digital full scale."""
+        if self.full_scale_v is not None:
+            return self.full_scale_v
+        assert self.dac_full_scale_v is not None and self.amplifier_gain is not None
+        return self.dac_full_scale_v * self.amplifier_gain
+
+    def capabilities(self) -> CapabilitiesReport:
+        """Return what the firmware in front of the interface is to say of itself."""
+        rate = round(self.sample_rate_hz)
+        slow = next(rate // n for n in range(math.ceil(rate / 16e3), rate) if rate % n == 0)
+        full_scale_mv = round(self.screen_full_scale_v * 1e3)
+        modes = frozenset((StreamMode.WAVEFORM, StreamMode.ENVELOPE))
+        rates = [Rate(rate, modes)]
+        if slow != rate:
+            rates.append(Rate(slow, frozenset((StreamMode.ENVELOPE,))))
+        return CapabilitiesReport(
+            oldest_version=VERSION,
+            newest_version=VERSION,
+            report_bytes=0,
+            output_rate_hz=rate,
+            full_scale_mv=full_scale_mv,
+            ceiling_mv=min(round(self.ceiling_v * 1e3), full_scale_mv),
+            max_slew_v_per_s=math.ceil(DEFAULT_MAX_SLEW_V_PER_S),
+            queue_samples=round(_QUEUE_S * rate),
+            max_frame_samples=1024,
+            max_watchdog_ms=1000,
+            name="audio interface",
+            serial="",
+            calibration_id="",
+            reports_touch=False,
+            rates=tuple(rates),
+        )
+
+
+def read_audio_profile(path: str | Path) -> dict[str, Any]:
+    """Return the entries of a TOML file whose keys are those of `AudioProfile`, some or all.
+
+    Raises
+    ------
+    DeviceError
+        If the file cannot be read or understood.
+    """
+    try:
+        entries = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise DeviceError(f"The audio profile {path} cannot be read: {error}") from error
+    kinds = {"device": str | int, "trigger": bool}
+    for key, value in entries.items():
+        if key not in AudioProfile.__dataclass_fields__:
+            known = ", ".join(AudioProfile.__dataclass_fields__)
+            raise DeviceError(f"The audio profile {path} has {key!r}; the keys are {known}.")
+        if not isinstance(value, kinds.get(key, int | float)):
+            raise DeviceError(f"{key} in the audio profile {path} cannot be {value!r}; correct it.")
+    return entries
+
+
+class AudioLink(Link):
+    """The reference firmware, playing into an output stream of PortAudio.
+
+    Parameters
+    ----------
+    profile : AudioProfile
+        The interface, and what its numbers mean in volts.
+
+    Attributes
+    ----------
+    underflows : int
+        Times that PortAudio came too late to the interface.
+
+    Raises
+    ------
+    DeviceNotFoundError, DeviceBusyError, DeviceError
+        If the interface cannot be opened.
+    """
+
+    def __init__(self, profile: AudioProfile) -> None:
+        self._sounddevice = sounddevice = _sounddevice()
+        self.underflows = 0
+        self._core = open_core(profile.capabilities())
+        self._lock = threading.Lock()
+        self._is_resting = threading.Event()
+        self._failure: str | None = None
+        self._is_released = False
+        self._trigger_samples = round(_TRIGGER_S * profile.sample_rate_hz)
+        self._trigger_left = 0
+        self._was_streaming = False
+        index = _find_device(sounddevice, profile)
+        self._name = f"audio:device={sounddevice.query_devices(index)['name']}"
+        self._stream: Any = None
+        try:
+            self._stream = sounddevice.OutputStream(
+                device=index,
+                samplerate=profile.sample_rate_hz,
+                channels=2 if profile.trigger else 1,
+                dtype="float32",
+                latency="low",
+                callback=self._fill,
+                finished_callback=self._finished,
+            )
+            self._stream.start()
+        except sounddevice.PortAudioError as error:
+            self._close_stream()
+            raise _refusal(self._name, error) from error
+
+    @property
+    def name(self) -> str:
+        """Its address."""
+        return self._name
+
+    @property
+    def latency_s(self) -> float | None:
+        """What the interface adds to the lead, as it says; None where that makes no sense."""
+        latency_s = float(self._stream.latency) if self._stream is not None else math.nan
+        return latency_s if 0.0 <= latency_s <= _MOST_LATENCY_S else None
+
+    def send(self, data: bytes) -> None:
+        """Hand bytes to the firmware; see `Link.send`."""
+        self._check_open()
+        with self._lock:
+            self._core.receive(data)
+
+    def receive(self, timeout_s: float = 0.0) -> bytes:
+        """Return what the firmware says; see `Link.receive`."""
+        waited_s = 0.0
+        while True:
+            self._check_open()
+            with self._lock:
+                data = self._core.transmit()
+            if data or waited_s >= timeout_s:
+                return data
+            self._is_resting.wait(_POLL_S)
+            waited_s += _POLL_S
+
+    def close(self) -> None:
+        """Ramp to 0 V, wait until that was played, and close the stream. Idempotent."""
+        if self._stream is None:
+            return
+        with self._lock:
+            self._core.release()
+            self._is_released = True
+            self._is_resting.clear()
+        if self._failure is None:
+            # One block may be under way; the ramp takes 5 ms; a stream that stands does not come.
+            self._is_resting.wait(0.5)
+        self._close_stream()
+
+    def _fill(self, out: npt.NDArray[np.float32], frames: int, times: Any, status: Any) -> None:
+        """PortAudio's callback: what the firmware plays is what goes out."""
+        if status and status.output_underflow:
+            self.underflows += 1
+        with self._lock:
+            codes, what = self._core.play(frames)
+            if self._is_released and not codes[-1]:
+                self._is_resting.set()
+        np.divide(codes, FULL_SCALE_CODE, out=out[:, 0], dtype=np.float32)
+        if out.shape[1] > 1:
+            out[:, 1] = self._trigger(what)
+
+    def _trigger(self, what: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+        pulse = np.zeros(what.size, dtype=np.float32)
+        left = min(self._trigger_left, pulse.size)
+        pulse[:left] = 1.0
+        self._trigger_left -= left
+        plays = (what == Output.STREAM) | (what == Output.HELD)
+        if plays.any() and not self._was_streaming:
+            first = int(plays.argmax())
+            pulse[first : first + self._trigger_samples] = 1.0
+            self._trigger_left = max(0, self._trigger_samples - (pulse.size - first))
+        self._was_streaming = bool(plays[-1])
+        return pulse
+
+    def _finished(self) -> None:
+        if not self._is_released:
+            self._failure = (
+                "PortAudio ended the stream; the interface was unplugged or its server quit"
+            )
+
+    def _check_open(self) -> None:
+        if self._stream is None:
+            raise DeviceDisconnectedError(f"{self._name} is closed; open the device again.")
+        if self._failure is not None:
+            raise DeviceDisconnectedError(
+                f"{self._name} is gone: {self._failure}; open the device again."
+            )
+
+    def _close_stream(self) -> None:
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            with suppress(self._sounddevice.PortAudioError):
+                stream.abort()
+            with suppress(self._sounddevice.PortAudioError):
+                stream.close()
+
+
+def _sounddevice() -> Any:
+    try:
+        return import_module("sounddevice")
+    except OSError as error:
+        raise DeviceError(
+            f"sounddevice found no PortAudio: {error}; on Debian: apt install libportaudio2."
+        ) from error
+
+
+def _find_device(sounddevice: Any, profile: AudioProfile) -> int:
+    found = list(sounddevice.query_devices())
+    outputs = {
+        index: device["name"]
+        for index, device in enumerate(found)
+        if device["max_output_channels"] >= (2 if profile.trigger else 1)
+    }
+    wish = profile.device
+    if isinstance(wish, int):
+        matches = [index for index in outputs if index == wish]
+    elif wish is None:
+        matches = [index for index in outputs if index == sounddevice.default.device[1]]
+    else:
+        matches = [index for index, name in outputs.items() if name == wish]
+        matches = matches or [i for i, name in outputs.items() if wish.lower() in name.lower()]
+    if len(matches) == 1:
+        return matches[0]
+    known = ", ".join(f"{name!r} ({index})" for index, name in outputs.items()) or "none"
+    channels = "two output channels" if profile.trigger else "an output"
+    what = "is the default" if wish is None else f"is called {wish!r}"
+    if matches:
+        raise DeviceError(f"Several audio devices match {wish!r}; name one of {known}.")
+    raise DeviceNotFoundError(
+        f"No audio device with {channels} {what}; there are: {known}. Name one by device=."
+    )
+
+
+def _refusal(name: str, error: Exception) -> DeviceError:
+    text = str(error)
+    if "Device unavailable" in text or "busy" in text.lower():
+        return DeviceBusyError(f"{name} is in use by another program: {text}")
+    return DeviceError(f"{name} cannot be opened: {text}; try another sample_rate_hz or device.")

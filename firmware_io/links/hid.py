@@ -1,0 +1,199 @@
+"""HID reports, through hidapi: by the kernel's hidraw, or by libusb."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from firmware_io.errors import (
+    DeviceBusyError,
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceNotFoundError,
+    DevicePermissionError,
+    ProtocolError,
+)
+from firmware_io.link import Link
+from firmware_io.links.claim import Claim
+from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID, permission_remedy
+from firmware_io.protocol import REPORT_BYTES, from_report, to_reports
+
+#: hidapi's two modules, by the kernel driver first: it leaves the device to others when it ends.
+BACKENDS = ("hidraw", "hid")
+
+
+def enumerate_drivers(
+    backend: str, vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID
+) -> list[dict[str, Any]]:
+    """Return what hidapi says of each connected device of these numbers."""
+    return list(import_module(backend).enumerate(vendor_id, product_id))
+
+
+class HidLink(Link):
+    """Reports of fixed size.
+
+    Parameters
+    ----------
+    path : str, optional
+        As hidapi shows it: a path below /dev for hidraw, bus and port for libusb.
+    serial : str, optional
+        Serial number.
+    backend : {"hidraw", "hid"}, optional
+        Which of hidapi's modules; by the path, or the first that finds the device, without.
+    vendor_id, product_id : int
+        By which it is recognised, unless a path says which.
+
+    Raises
+    ------
+    DeviceNotFoundError, DeviceBusyError, DevicePermissionError
+        If it cannot be opened.
+    """
+
+    def __init__(
+        self,
+        path: str | None = None,
+        serial: str | None = None,
+        backend: str | None = None,
+        vendor_id: int = VENDOR_ID,
+        product_id: int = PRODUCT_ID,
+    ) -> None:
+        if backend not in (None, *BACKENDS):
+            raise DeviceError(f"The backend is hidraw or hid, but is {backend!r}; correct it.")
+        if path is not None:
+            module = backend or ("hidraw" if path.startswith("/dev/") else "hid")
+            found = path.encode()
+        else:
+            backends = BACKENDS if backend is None else (backend,)
+            module, found = _find(backends, serial, vendor_id, product_id)
+        self._name = f"hid:path={found.decode(errors='replace')}"
+        self._claim = Claim(self._name)
+        self._handle: Any = None
+        try:
+            self._handle = import_module(module).device()
+            self._open(found, module)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def name(self) -> str:
+        """Its address."""
+        return self._name
+
+    @property
+    def report_bytes(self) -> int:
+        """Size of a report."""
+        return REPORT_BYTES
+
+    def send(self, data: bytes) -> None:
+        """Write one frame, report by report; see `Link.send`."""
+        handle = self._open_handle()
+        for report in to_reports(data, REPORT_BYTES):
+            try:
+                written = handle.write(report)
+            except (OSError, ValueError) as error:
+                raise self._gone(error) from error
+            # hidraw tells a lost device by this alone, without an exception.
+            if written < len(report):
+                raise self._gone(f"it took {written} of {len(report)} bytes")
+
+    def receive(self, timeout_s: float = 0.0) -> bytes:
+        """Read all reports that have come; see `Link.receive`.
+
+        All, because the kernel keeps the latest 63 only, and libusb's side of hidapi 32.
+        """
+        handle = self._open_handle()
+        pieces: list[bytes] = []
+        timeout_ms = round(timeout_s * 1e3)
+        while True:
+            try:
+                report = handle.read(REPORT_BYTES, timeout_ms)
+            except (OSError, ValueError) as error:
+                raise self._gone(error) from error
+            if not report:
+                return b"".join(pieces)
+            with suppress(ProtocolError):  # the parser finds the frame that it leaves incomplete
+                pieces.append(from_report(bytes(report))[0])
+            timeout_ms = 0
+
+    def close(self) -> None:
+        """Close the device. Idempotent."""
+        handle, self._handle = self._handle, None
+        if handle is not None:
+            with suppress(OSError, ValueError):
+                handle.close()
+        self._claim.release()
+
+    def _open(self, path: bytes, backend: str) -> None:
+        try:
+            self._handle.open_path(path)
+            # Without this a read without a timeout waits for ever.
+            self._handle.set_nonblocking(True)
+            while self._handle.read(REPORT_BYTES):  # what an earlier host has left unread
+                pass
+        except OSError as error:
+            node = Path(os.fsdecode(path))
+            if backend == "hidraw" and not node.exists():
+                raise DeviceNotFoundError(
+                    f"There is no {node}; look with `haptix devices`."
+                ) from error
+            if backend == "hid" and path not in [
+                f["path"] for f in import_module(backend).enumerate()
+            ]:
+                raise DeviceNotFoundError(
+                    f"No HID device is at {node}; look with `haptix devices`."
+                ) from error
+            if backend == "hid":
+                node = _usb_node(path)
+            if node.exists() and not os.access(node, os.R_OK | os.W_OK):
+                raise DevicePermissionError(
+                    f"This user may not open {self._name}; {permission_remedy()}."
+                ) from error
+            raise DeviceBusyError(
+                f"{self._name} could not be opened, though this user may: {error}; close it in "
+                "other programs first."
+            ) from error
+
+    def _open_handle(self) -> Any:
+        if self._handle is None:
+            raise DeviceDisconnectedError(f"{self._name} is closed; open the device again.")
+        return self._handle
+
+    def _gone(self, why: object) -> DeviceDisconnectedError:
+        return DeviceDisconnectedError(
+            f"{self._name} is gone: {why}; plug it in and open it again."
+        )
+
+
+def _usb_node(path: bytes) -> Path:
+    """Return the file that libusb opens for what hidapi calls, for example, 1-2:1.0."""
+    port = Path("/sys/bus/usb/devices") / os.fsdecode(path).partition(":")[0]
+    try:
+        bus, device = (int((port / name).read_text()) for name in ("busnum", "devnum"))
+    except (OSError, ValueError):
+        return Path(os.fsdecode(path))
+    return Path(f"/dev/bus/usb/{bus:03d}/{device:03d}")
+
+
+def _find(
+    backends: tuple[str, ...], serial: str | None, vendor_id: int, product_id: int
+) -> tuple[str, bytes]:
+    wish = f"{vendor_id:04x}:{product_id:04x}" + (f" with serial {serial}" if serial else "")
+    for backend in backends:
+        found = {
+            bytes(entry["path"])
+            for entry in enumerate_drivers(backend, vendor_id, product_id)
+            if serial is None or entry["serial_number"] == serial
+        }
+        if len(found) > 1:
+            paths = ", ".join(sorted(path.decode(errors="replace") for path in found))
+            raise DeviceError(
+                f"{len(found)} HID devices {wish} are connected, at {paths}; choose one by path= "
+                "or serial=."
+            )
+        if found:
+            return backend, found.pop()
+    raise DeviceNotFoundError(f"No HID device {wish} is connected; look with `haptix devices`.")

@@ -1,0 +1,130 @@
+"""What can go wrong on a wire, on purpose: for tests of hosts against the mock driver."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+
+class Mishap(StrEnum):
+    """One thing that can happen to a transfer (a write, or one HID report)."""
+
+    LOSE = "lose"  # it never arrives, and nobody says so
+    CORRUPT = "corrupt"  # one bit arrives wrong
+    CUT = "cut"  # its second half never arrives, and nobody says so: a short packet
+    SHORT_WRITE = "short-write"  # its second half never arrives, and the write fails
+    REPEAT = "repeat"  # it arrives twice
+    DELAY = "delay"  # it arrives no sooner than the next one
+    NOISE = "noise"  # bytes that are no frame arrive before it
+    STALL = "stall"  # time passes before it arrives
+    TIME_OUT = "time-out"  # it never arrives, and the write fails
+    DISCONNECT = "disconnect"  # the cable is pulled before it, for good
+    LOSE_ANSWER = "lose-answer"  # an answer never arrives
+    CORRUPT_ANSWER = "corrupt-answer"  # one bit of an answer arrives wrong
+    MUTE = "mute"  # no answer arrives any more
+
+
+_OF_ANSWERS = (Mishap.LOSE_ANSWER, Mishap.CORRUPT_ANSWER, Mishap.MUTE)
+
+
+@dataclass
+class _Due:
+    mishap: Mishap
+    transfers_left: int
+    seconds: float
+
+
+@dataclass
+class Mishaps:
+    """What is going to happen on one link.
+
+    Attributes
+    ----------
+    is_unplugged, is_mute : bool
+        What a DISCONNECT and a MUTE leave behind.
+    """
+
+    is_unplugged: bool = False
+    is_mute: bool = False
+    _due: list[_Due] = field(default_factory=list)
+    _held_back: bytes = b""
+
+    def add(self, mishap: Mishap | str, after: int = 0, seconds: float = 0.0) -> None:
+        """Let something happen once.
+
+        Parameters
+        ----------
+        mishap : Mishap or str
+            What.
+        after : int
+            How many transfers in its direction pass unharmed before.
+        seconds : float
+            How long a STALL lasts.
+        """
+        self._due.append(_Due(Mishap(mishap), after, seconds))
+
+    def outward(self, data: bytes) -> Iterator[bytes | float | OSError]:
+        """Yield what becomes of a transfer to the device.
+
+        Yields
+        ------
+        bytes, float or OSError
+            Bytes that arrive, seconds that pass, an error that the sender sees.
+        """
+        mishap, seconds = self._next(of_answers=False)
+        if mishap is Mishap.DISCONNECT:
+            self.is_unplugged = True
+            yield OSError(errno.ENODEV, "No such device (it may have been disconnected)")
+            return
+        if self._held_back:
+            yield self._held_back
+            self._held_back = b""
+        half = data[: len(data) // 2]
+        if mishap is Mishap.LOSE:
+            return
+        if mishap is Mishap.DELAY:
+            self._held_back = data
+        elif mishap is Mishap.CORRUPT:
+            yield _with_a_wrong_bit(data)
+        elif mishap is Mishap.CUT:
+            yield half
+        elif mishap is Mishap.SHORT_WRITE:
+            yield half
+            yield OSError(errno.EIO, "Input/output error")
+        elif mishap is Mishap.TIME_OUT:
+            yield OSError(errno.ETIMEDOUT, "Operation timed out")
+        else:
+            if mishap is Mishap.NOISE:
+                yield b"\x00noise\xff"
+            elif mishap is Mishap.STALL:
+                yield seconds
+            elif mishap is Mishap.REPEAT:
+                yield data
+            yield data
+
+    def inward(self, data: bytes) -> bytes:
+        """Return what arrives of an answer."""
+        mishap, _ = self._next(of_answers=True)
+        self.is_mute |= mishap is Mishap.MUTE
+        if self.is_mute or mishap is Mishap.LOSE_ANSWER:
+            return b""
+        return _with_a_wrong_bit(data) if mishap is Mishap.CORRUPT_ANSWER else data
+
+    def _next(self, of_answers: bool) -> tuple[Mishap | None, float]:
+        """Count one transfer; return what happens to it."""
+        happens: tuple[Mishap | None, float] = (None, 0.0)
+        for due in [due for due in self._due if (due.mishap in _OF_ANSWERS) == of_answers]:
+            if due.transfers_left == 0 and happens[0] is None:
+                happens = due.mishap, due.seconds
+                self._due.remove(due)
+            else:
+                due.transfers_left = max(due.transfers_left - 1, 0)
+        return happens
+
+
+def _with_a_wrong_bit(data: bytes) -> bytes:
+    """Flip a bit late in the data: in a frame with samples, one of theirs."""
+    at = max(len(data) - 6, 0)
+    return data[:at] + bytes([data[at] ^ 0x10]) + data[at + 1 :] if data else data

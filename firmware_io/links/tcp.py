@@ -1,0 +1,99 @@
+"""TCP: a mock driver that another process serves (`python -m firmware_io.serve`)."""
+
+from __future__ import annotations
+
+import select
+import socket
+from contextlib import suppress
+
+from firmware_io.errors import (
+    DeviceBusyError,
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceNotFoundError,
+)
+from firmware_io.link import Link
+
+_CONNECT_S = 2.0
+_SEND_S = 1.0
+_READ_BYTES = 65536
+
+
+class TcpLink(Link):
+    """A connection to a served driver.
+
+    Parameters
+    ----------
+    host : str
+        Name or number.
+    port : int
+        Where it listens.
+
+    Raises
+    ------
+    DeviceNotFoundError
+        If nobody listens there.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self._name = f"tcp:{host}:{port}"
+        self._has_heard = False
+        self._socket: socket.socket | None = None
+        try:
+            self._socket = socket.create_connection((host, port), _CONNECT_S)
+        except OSError as error:
+            raise DeviceNotFoundError(
+                f"Nobody serves a driver at {self._name}: {error}; start one with "
+                f"`python -m firmware_io.serve --port {port}`."
+            ) from error
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket.settimeout(_SEND_S)
+
+    @property
+    def name(self) -> str:
+        """Its address."""
+        return self._name
+
+    def send(self, data: bytes) -> None:
+        """Send bytes; see `Link.send`."""
+        connection = self._connection()
+        try:
+            connection.sendall(data)
+        except OSError as error:
+            raise self._lost(str(error)) from error
+
+    def receive(self, timeout_s: float = 0.0) -> bytes:
+        """Return what has come; see `Link.receive`."""
+        connection = self._connection()
+        try:
+            if not select.select([connection], [], [], timeout_s)[0]:
+                return b""
+            data = connection.recv(_READ_BYTES)
+        except OSError as error:
+            raise self._lost(str(error)) from error
+        if not data:
+            raise self._lost("the other side closed the connection")
+        self._has_heard = True
+        return data
+
+    def close(self) -> None:
+        """Close the connection. Idempotent."""
+        connection, self._socket = self._socket, None
+        if connection is not None:
+            with suppress(OSError):
+                connection.close()
+
+    def _connection(self) -> socket.socket:
+        if self._socket is None:
+            raise DeviceDisconnectedError(f"{self._name} is closed; open the device again.")
+        return self._socket
+
+    def _lost(self, why: str) -> DeviceError:
+        if not self._has_heard:
+            # A server has one driver: it lets a second host in only to show it out again.
+            return DeviceBusyError(
+                f"{self._name} hung up without a word ({why}); it serves another host: close that."
+            )
+        return DeviceDisconnectedError(
+            f"The connection to {self._name} is lost: {why}; open the device again."
+        )

@@ -1,0 +1,227 @@
+"""USB bulk, through pyusb and libusb."""
+
+from __future__ import annotations
+
+import errno
+from contextlib import suppress
+from importlib import import_module
+from typing import Any, NoReturn
+
+from firmware_io.errors import (
+    DeviceBusyError,
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceNotFoundError,
+    DevicePermissionError,
+    ProtocolError,
+)
+from firmware_io.link import Link
+from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID, permission_remedy
+
+_VENDOR_CLASS = 0xFF
+_BULK = 2
+_IN = 0x80
+_READ_BYTES = 16384
+#: A full queue of a second drains in a second; a device that takes longer to take bytes is lost.
+_WRITE_MS = 1000
+_GONE = (errno.ENODEV, errno.EIO, errno.ENOENT, errno.ESHUTDOWN)
+
+
+def backend() -> Any:
+    """Return pyusb's backend: the system's libusb, or that of the package libusb-package.
+
+    Always asked for by name, since pyusb keeps whichever a process found first.
+
+    Raises
+    ------
+    DeviceError
+        If there is neither.
+    """
+    libusb1 = import_module("usb.backend.libusb1")
+    found = libusb1.get_backend()
+    if found is None:
+        with suppress(ImportError):
+            package = import_module("libusb_package")
+            found = libusb1.get_backend(find_library=package.find_library)
+    if found is None:
+        raise DeviceError(
+            "pyusb found no libusb; on Debian: apt install libusb-1.0-0, elsewhere: "
+            "pip install libusb-package."
+        )
+    return found
+
+
+def find_drivers(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> list[Any]:
+    """Return pyusb's object for each connected device of these numbers, opening none."""
+    core = import_module("usb.core")
+    found = core.find(find_all=True, idVendor=vendor_id, idProduct=product_id, backend=backend())
+    return list(found)
+
+
+def serial_of(device: Any) -> str | None:
+    """Return a device's serial number; None if this user may not read it."""
+    try:
+        return str(device.serial_number or "")
+    except (OSError, ValueError, NotImplementedError):
+        return None
+
+
+class UsbLink(Link):
+    """A pair of bulk endpoints.
+
+    Parameters
+    ----------
+    serial : str, optional
+        Serial number; the only driver that is connected without.
+    bus, address : int, optional
+        Where it is connected.
+    vendor_id, product_id : int
+        By which it is recognised.
+
+    Raises
+    ------
+    DeviceNotFoundError, DeviceBusyError, DevicePermissionError, ProtocolError
+        If it cannot be opened.
+    """
+
+    def __init__(
+        self,
+        serial: str | None = None,
+        bus: int | None = None,
+        address: int | None = None,
+        vendor_id: int = VENDOR_ID,
+        product_id: int = PRODUCT_ID,
+    ) -> None:
+        self._core = import_module("usb.core")
+        self._util = import_module("usb.util")
+        wish = f"{vendor_id:04x}:{product_id:04x}"
+        devices = [
+            device
+            for device in find_drivers(vendor_id, product_id)
+            if bus in (None, device.bus) and address in (None, device.address)
+        ]
+        if serial is not None:
+            wish += f" with serial {serial}"
+            unreadable = [device for device in devices if serial_of(device) is None]
+            devices = [device for device in devices if serial_of(device) == serial]
+            if unreadable and not devices:
+                raise DevicePermissionError(
+                    f"There is a USB device {wish}, perhaps, but this user may not read its serial "
+                    f"number; {permission_remedy()}."
+                )
+        if not devices:
+            raise DeviceNotFoundError(
+                f"No USB device {wish} is connected there; look with `haptix devices`."
+            )
+        if len(devices) > 1:
+            where = ", ".join(f"bus={d.bus},address={d.address}" for d in devices)
+            raise DeviceError(
+                f"{len(devices)} USB devices {wish} are connected, at {where}; "
+                "choose one by serial= or bus=,address=."
+            )
+        self._device: Any = devices[0]
+        self._name = f"usb:bus={self._device.bus},address={self._device.address}"
+        try:
+            self._interface, self._out, self._in = self._find_endpoints()
+            self._take_interface()
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def name(self) -> str:
+        """Its address."""
+        return self._name
+
+    def send(self, data: bytes) -> None:
+        """Write bytes in one transfer; see `Link.send`."""
+        device = self._open_device()
+        try:
+            written = device.write(self._out, data, _WRITE_MS)
+        except self._core.USBError as error:
+            self._raise(error, self._out)
+        if written != len(data):
+            raise DeviceDisconnectedError(
+                f"{self._name} took {written} of {len(data)} bytes; stop it, or open it again."
+            )
+
+    def receive(self, timeout_s: float = 0.0) -> bytes:
+        """Read one transfer; see `Link.receive`. libusb takes at least a millisecond for none."""
+        device = self._open_device()
+        try:
+            return bytes(device.read(self._in, _READ_BYTES, max(1, round(timeout_s * 1e3))))
+        except self._core.USBTimeoutError:
+            return b""
+        except self._core.USBError as error:
+            self._raise(error, self._in)
+
+    def close(self) -> None:
+        """Give the interface back, and to the kernel where it was the kernel's. Idempotent."""
+        device, self._device = self._device, None
+        if device is not None:
+            with suppress(OSError):
+                self._util.dispose_resources(device)
+
+    def _open_device(self) -> Any:
+        if self._device is None:
+            raise DeviceDisconnectedError(f"{self._name} is closed; open the device again.")
+        return self._device
+
+    def _find_endpoints(self) -> tuple[int, int, int]:
+        """Return the vendor interface with two bulk endpoints, and their addresses."""
+        try:
+            configuration = self._device.get_active_configuration()
+        except self._core.USBError as error:
+            self._raise(error)
+        for interface in configuration:
+            if interface.bInterfaceClass != _VENDOR_CLASS:
+                continue
+            bulk = [e.bEndpointAddress for e in interface if e.bmAttributes & 3 == _BULK]
+            outward = [address for address in bulk if not address & _IN]
+            inward = [address for address in bulk if address & _IN]
+            if outward and inward:
+                return interface.bInterfaceNumber, outward[0], inward[0]
+        raise ProtocolError(
+            f"{self._name} has no vendor interface with bulk endpoints both ways; it is another "
+            "device with the same numbers, or speaks HID only: try hid:."
+        )
+
+    def _take_interface(self) -> None:
+        try:
+            with suppress(NotImplementedError):
+                if self._device.is_kernel_driver_active(self._interface):
+                    self._device.detach_kernel_driver(self._interface)
+            self._util.claim_interface(self._device, self._interface)
+            # What an earlier host has left unread is not for us.
+            for _ in range(64):
+                if len(self._device.read(self._in, _READ_BYTES, 1)) == 0:
+                    break
+        except self._core.USBTimeoutError:
+            return
+        except self._core.USBError as error:
+            self._raise(error)
+
+    def _raise(self, error: OSError, endpoint: int | None = None) -> NoReturn:
+        """Raise what an error of libusb means."""
+        if error.errno in (errno.EACCES, errno.EPERM):
+            raise DevicePermissionError(
+                f"This user may not open {self._name}; {permission_remedy()}."
+            ) from error
+        if error.errno == errno.EBUSY:
+            raise DeviceBusyError(
+                f"{self._name} is in use by another program; close it there first."
+            ) from error
+        if error.errno == errno.EPIPE and endpoint is not None:
+            with suppress(OSError):
+                self._device.clear_halt(endpoint)
+            raise ProtocolError(
+                f"{self._name} stalled its endpoint {endpoint:#04x}, so it refused a transfer; "
+                "arm it again."
+            ) from error
+        if error.errno in _GONE:
+            raise DeviceDisconnectedError(
+                f"{self._name} is gone: {error}; plug it in and open it again."
+            ) from error
+        raise DeviceDisconnectedError(
+            f"{self._name} failed: {error}; stop it, or open it again."
+        ) from error

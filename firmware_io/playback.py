@@ -1,0 +1,420 @@
+"""Real-time playback: samples from one thread, played by another that owns the device."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import weakref
+from dataclasses import dataclass
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_io.clock import HOST_CLOCK, Clock
+from firmware_io.device import Device
+from firmware_io.errors import DeviceError
+from firmware_io.feeder import Feeder
+
+_JOIN_S = 5.0  # longer than any link waits before it gives up
+
+
+@dataclass(frozen=True)
+class PlaybackStats:
+    """What has happened since `Playback.start`.
+
+    Parameters
+    ----------
+    lead_s : float
+        Wanted time between putting a sample and its being played, in seconds.
+    underruns : int
+        Times that samples ran out while the signal had not come to rest.
+    late_blocks : int
+        Blocks put after they had run out.
+    samples_played : int
+        Samples that were put and have gone to the device.
+    device_rate_hz, drift_ppm : float or None
+        Samples that the device plays per second of the host's clock, and by how much that is more
+        than stated; None in the first second.
+    """
+
+    lead_s: float
+    underruns: int
+    late_blocks: int
+    samples_played: int
+    device_rate_hz: float | None
+    drift_ppm: float | None
+
+
+class Playback:
+    """Plays samples in real time, through a thread that owns the device meanwhile.
+
+    The thread keeps the device's queue at the lead, by the device's own clock, so that the delay
+    does not grow. When samples run out it ramps to 0 V, keeps the device fed with 0 V, and fades
+    in when they return. However it ends (`stop`, an exception, Ctrl-C, SIGTERM, the interpreter's
+    exit, or forgotten), the output ends at 0 V and the thread is gone. It can be started again.
+
+    Parameters
+    ----------
+    device : Device
+        Open; not to be used by others between `start` and `stop`.
+    lead_s : float
+        Time from `put` to the output, in seconds: what may stall without being felt.
+    block_s : float
+        Shortest write to the device, in seconds, while nothing presses; at most a third of the
+        lead. Through HID reports it is rounded up to whole frames.
+    clock : Clock, optional
+        For tests: without a thread, each call does the work that is due.
+
+    Raises
+    ------
+    DeviceError
+        If the times are impossible.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        lead_s: float = 0.025,
+        block_s: float = 0.001,
+        *,
+        clock: Clock | None = None,
+    ) -> None:
+        if not (0.003 <= lead_s <= 1.0):
+            raise DeviceError(
+                f"lead_s must lie in 0.003..1, but is {lead_s!r}; 0.025 is a usual lead."
+            )
+        if not (0.0 < block_s <= lead_s / 3):
+            raise DeviceError(
+                f"block_s must be above 0 and at most a third of lead_s, {lead_s / 3:g}, but is "
+                f"{block_s!r}; shorten the block or lengthen the lead."
+            )
+        if device.mock is not None and device.mock.pace == "virtual":
+            raise DeviceError(
+                "This mock plays at once whatever it is sent, and knows no delay; open "
+                '"mock:pace=real" for playback, or write to the device directly.'
+            )
+        self.device = device
+        self.lead_s = lead_s
+        self._clock = clock
+        self._now = HOST_CLOCK if clock is None else clock
+        self._block_s = block_s
+        self._writer: _Writer | None = None
+        self._finalizer: weakref.finalize[Any, Any] | None = None
+        self._terminator: _Terminator | None = None
+
+    def start(self) -> None:
+        """Arm the device and begin with 0 V; no effect if it runs.
+
+        Raises
+        ------
+        DeviceError
+            If the device cannot be armed.
+        """
+        if self._finalizer is not None:
+            return
+        feeder = Feeder(self.device, self.lead_s, self._block_s, self._now)
+        writer = _Writer(feeder)
+        writer.feeder.begin()
+        self._writer = writer
+        # Holds the writer alone: a reference to this object would keep it from being forgotten.
+        self._finalizer = weakref.finalize(self, writer.abandon)
+        self._terminator = _Terminator()
+        if self._clock is None:
+            writer.thread.start()
+
+    def stop(self, drain: bool = True) -> None:
+        """End at 0 V, disarm, and let the thread go. Idempotent.
+
+        Parameters
+        ----------
+        drain : bool
+            Play what was put, at most two leads of it; otherwise ramp down at once.
+
+        Raises
+        ------
+        DeviceError, LimitError
+            The error that ended the playback, unless `put` has raised it.
+        """
+        if self._finalizer is None or self._writer is None:
+            return
+        self._finalizer.detach()
+        self._finalizer = None
+        try:
+            if self._clock is None:
+                self._writer.ask_to_end(drain)
+            else:
+                self._writer.end_stepping(drain)
+        finally:
+            if self._terminator is not None:
+                self._terminator.restore()
+                self._terminator = None
+        self._writer.raise_once()
+
+    def put(self, volts: npt.NDArray[np.float64]) -> None:
+        """Append samples; they are played one lead later.
+
+        Parameters
+        ----------
+        volts : ndarray of float64, shape (n,)
+            Voltages at the device's sample rate, or amplitudes if it makes the carrier.
+
+        Raises
+        ------
+        DeviceError
+            If there is no room, if it does not run, or, once, what ended it.
+        LimitError
+            Once, if earlier samples broke a limit; the output is then at 0 V.
+        """
+        writer = self._running()
+        values = np.asarray(volts)
+        if values.ndim != 1 or values.dtype.kind not in "fiu":
+            raise DeviceError(
+                "Voltages must be a 1-D array of real numbers, but came as "
+                f"{values.ndim}-D {values.dtype}; give one voltage per sample."
+            )
+        writer.feeder.put(values.astype(np.float64, copy=False))
+        if self._clock is not None:
+            self._step(writer)
+
+    def wait_for_room(self, samples: int, timeout_s: float = 1.0) -> bool:
+        """Wait until so many samples may be put without the delay growing.
+
+        Returns
+        -------
+        bool
+            Whether there is room; False after the timeout.
+
+        Raises
+        ------
+        DeviceError, LimitError
+            As from `put`.
+        """
+        writer = self._running()
+        feeder = writer.feeder
+        if samples > feeder.lead:
+            raise DeviceError(
+                f"The lead holds {feeder.lead} samples, but room for {samples} was asked for; "
+                "put shorter blocks, or choose a longer lead."
+            )
+        end_s = self._now() + timeout_s
+        if self._clock is not None:
+            self._step(writer)
+        while True:
+            with feeder.ready:
+                if not writer.is_over:
+                    missing = samples - self._room(feeder)
+                    left_s = end_s - self._now()
+                    if missing <= 0:
+                        return True
+                    if left_s <= 0:
+                        return False
+                    wait_s = min(max(missing / feeder.rate_hz, 1e-4), left_s)
+                    if self._clock is None:
+                        feeder.ready.wait(wait_s)
+            writer.raise_once()
+            self._running()
+            if self._clock is not None:
+                self._clock.sleep(min(self._step(writer), wait_s))
+
+    @property
+    def room_samples(self) -> int:
+        """Samples that may be put without the delay growing beyond the lead; 0 if stopped."""
+        if self._writer is None or self._writer.is_over:
+            return 0
+        with self._writer.feeder.ready:
+            return self._room(self._writer.feeder)
+
+    @property
+    def samples_put(self) -> int:
+        """Samples put since `start`."""
+        return 0 if self._writer is None else self._writer.feeder.samples_put
+
+    @property
+    def queued_samples(self) -> int:
+        """Samples between `put` and the output."""
+        if self._writer is None or self._writer.is_over:
+            return 0
+        with self._writer.feeder.ready:
+            return self._writer.feeder.queued
+
+    @property
+    def error(self) -> BaseException | None:
+        """What ended the playback, if it was not `stop`."""
+        return None if self._writer is None else self._writer.error
+
+    @property
+    def is_running(self) -> bool:
+        """Whether samples can be put."""
+        return self._finalizer is not None and self._writer is not None and not self._writer.is_over
+
+    @property
+    def stats(self) -> PlaybackStats:
+        """What has happened since `start`."""
+        if self._writer is None:
+            return PlaybackStats(self.lead_s, 0, 0, 0, None, None)
+        feeder = self._writer.feeder
+        with feeder.ready:
+            return PlaybackStats(
+                self.lead_s,
+                feeder.underruns,
+                feeder.late_blocks,
+                feeder.samples_taken,
+                feeder.device_clock.rate_hz,
+                feeder.device_clock.drift_ppm,
+            )
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if error is None:
+            self.stop()
+            return
+        try:
+            self.stop(drain=False)
+        except Exception as failure:
+            if failure is not error:
+                error.add_note(f"Stopping the playback failed as well: {failure}")
+
+    def _room(self, feeder: Feeder) -> int:
+        return max(0, min(feeder.lead - feeder.queued, feeder.ring.room))
+
+    def _step(self, writer: _Writer) -> float:
+        delay_s = writer.round()
+        writer.raise_once()
+        return delay_s
+
+    def _running(self) -> _Writer:
+        writer = self._writer
+        if writer is not None:
+            writer.raise_once()
+        if self._finalizer is None or writer is None or writer.is_over:
+            raise DeviceError("The playback does not run; start it first, or use it in a with.")
+        return writer
+
+
+class _Writer:
+    """The thread that owns the device; it does not know the `Playback` that it serves."""
+
+    def __init__(self, feeder: Feeder) -> None:
+        self.feeder = feeder
+        self.error: BaseException | None = None
+        self._over = threading.Event()
+        # A daemon, so that an interpreter that exits does not wait for it before `abandon` runs.
+        self.thread = threading.Thread(target=self._run, name="firmware_io playback", daemon=True)
+        self._is_told = False
+        self._must_end = False
+        self._drain = False
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has ended, so or so."""
+        return self._over.is_set()
+
+    def round(self) -> float:
+        """Do one round of the feeder; an error ends the playback and is kept."""
+        try:
+            return self.feeder.step()
+        except BaseException as error:
+            self._fail(error)
+            return 0.0
+
+    def ask_to_end(self, drain: bool) -> None:
+        """Tell the thread to end at 0 V, and wait until it has."""
+        with self.feeder.ready:
+            self._must_end, self._drain = True, drain
+            self.feeder.ready.notify_all()
+        if self.thread is threading.current_thread():  # the garbage collector ran here
+            return
+        self.thread.join(_JOIN_S)
+        if self.thread.is_alive():
+            raise DeviceError(
+                f"The link did not return within {_JOIN_S:g} s, so the output may not be at 0 V "
+                "by the host's doing; the driver's own watchdog ends it. Unplug and open it anew."
+            )
+
+    def end_stepping(self, drain: bool) -> None:
+        """Do, without a thread, what the thread does at its end."""
+        if not self.is_over:
+            self._end(drain)
+
+    def abandon(self) -> None:
+        """End without a word, for a playback that was forgotten: nobody is left to be told."""
+        try:
+            if self.thread.ident is None:
+                if not self.is_over:
+                    self._end(False)
+            else:
+                self.ask_to_end(False)
+        except Exception:
+            self.error = self.error or DeviceError("The playback was forgotten and did not end.")
+
+    def raise_once(self) -> None:
+        """Raise what ended the playback, the first time."""
+        if self.error is not None and not self._is_told:
+            self._is_told = True
+            raise self.error
+
+    def _run(self) -> None:
+        feeder = self.feeder
+        while not self._over.is_set():
+            delay_s = self.round()
+            with feeder.ready:
+                if not (self._must_end or self._over.is_set()):
+                    feeder.ready.wait(delay_s)
+                must_end = self._must_end
+            if must_end and not self._over.is_set():
+                self._end(self._drain)
+
+    def _end(self, drain: bool) -> None:
+        try:
+            self.feeder.end(drain)
+        except BaseException as error:
+            self._fail(error)
+        self._close()
+
+    def _fail(self, error: BaseException) -> None:
+        self.error = error
+        try:
+            self.feeder.device.stop_at_once()
+        except Exception as failure:
+            if failure is not error:
+                error.add_note(f"Bringing the output to 0 V failed as well: {failure}")
+        self._close()
+
+    def _close(self) -> None:
+        with self.feeder.ready:
+            self._over.set()
+            self.feeder.ready.notify_all()
+
+
+class _Terminator:
+    """Turns SIGTERM into SystemExit while a playback runs, so that everything is unwound.
+
+    Only where nobody else handles it, and only in the main thread, which alone may.
+    """
+
+    def __init__(self) -> None:
+        self._is_ours = (
+            threading.current_thread() is threading.main_thread()
+            and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+        )
+        if self._is_ours:
+            signal.signal(signal.SIGTERM, self._exit)
+
+    def restore(self) -> None:
+        """Give the signal back, if nobody has taken it meanwhile."""
+        in_main = threading.current_thread() is threading.main_thread()
+        if self._is_ours and in_main and signal.getsignal(signal.SIGTERM) == self._exit:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+    def _exit(self, number: int, frame: FrameType | None) -> None:
+        raise SystemExit(128 + number)

@@ -1,0 +1,58 @@
+"""Volts and the int16 codes that travel for them."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_io.errors import LimitError
+
+#: The code of full scale. The range is symmetric, so that 0 V is a code and +v and -v are alike.
+FULL_SCALE_CODE = 32767
+
+
+def volts_to_codes(
+    volts: npt.ArrayLike, full_scale_v: float, ceiling_v: float | None = None
+) -> npt.NDArray[np.int16]:
+    """Quantise voltages to the nearest code; rounding never goes above the ceiling.
+
+    Parameters
+    ----------
+    volts : array_like, any shape
+        Voltages.
+    full_scale_v : float
+        The voltage of code 32767.
+    ceiling_v : float, optional
+        No code that stands for more than this is used: a voltage less than half a step below the
+        ceiling becomes the last code under it, even where the code above would be nearer.
+
+    Returns
+    -------
+    ndarray of int16, same shape
+        Codes in -32767..32767.
+
+    Raises
+    ------
+    LimitError
+        If a voltage is not finite, or lies beyond full scale or the ceiling.
+    """
+    values = np.asarray(volts, dtype=np.float64)
+    limit = full_scale_v if ceiling_v is None else min(ceiling_v, full_scale_v)
+    over = ~(np.abs(values) <= limit)
+    if over.any():
+        index = int(over.argmax())
+        raise LimitError(
+            f"Sample {index} is {float(values.flat[index])!r} V, but codes reach {limit!r} V; "
+            "lower the signal's amplitude."
+        )
+    top = int(limit / full_scale_v * FULL_SCALE_CODE)
+    if top / FULL_SCALE_CODE * full_scale_v > limit:
+        top -= 1
+    codes = np.rint(values / full_scale_v * FULL_SCALE_CODE)
+    return np.clip(codes, -top, top).astype(np.int16)
+
+
+def codes_to_volts(codes: npt.NDArray[np.int16], full_scale_v: float) -> npt.NDArray[np.float64]:
+    """Return the voltages that codes stand for, in volts, in the same shape."""
+    # Divided first: code 32767 then gives full scale exactly, not one rounding above it.
+    return codes / FULL_SCALE_CODE * full_scale_v

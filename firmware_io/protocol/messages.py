@@ -1,0 +1,286 @@
+"""What host and device say to each other, as Python objects (bytes: see frames.py, PROTOCOL.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_io.errors import ProtocolError
+from firmware_io.protocol.faults import FaultCode, FaultReport
+
+
+class FrameKind(IntEnum):
+    """What a frame says; kinds from 0x81 on are said by the device."""
+
+    HELLO = 0x01
+    SETUP = 0x02
+    ARM = 0x03
+    STREAM = 0x04
+    STOP = 0x05
+    PING = 0x06
+    CAPABILITIES = 0x81
+    STATUS = 0x82
+    FAULT = 0x83
+    TOUCH = 0x84
+
+
+class StreamMode(IntEnum):
+    """What the samples of a stream mean."""
+
+    WAVEFORM = 0
+    ENVELOPE = 1
+
+
+class DeviceState(IntEnum):
+    """What the device does at the moment."""
+
+    IDLE = 0
+    ARMED = 1
+    PLAYING = 2
+    RAMPING = 3
+
+
+class TouchPhase(IntEnum):
+    """What a finger on the panel did."""
+
+    UP = 0
+    DOWN = 1
+    MOVE = 2
+
+
+@dataclass(frozen=True)
+class Hello:
+    """Host: begin a session, and tell what the device can do.
+
+    Parameters
+    ----------
+    oldest_version, newest_version : int
+        The protocol versions that the host speaks, 0 to 255.
+    """
+
+    oldest_version: int = 2
+    newest_version: int = 2
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Host: how to play what will be streamed.
+
+    Parameters
+    ----------
+    mode : StreamMode
+        Whether samples are the drive waveform, or the envelope of a carrier that the device makes.
+    watchdog_ms : int
+        The output is at 0 V this long after the last STREAM frame that was accepted.
+    sample_rate_hz : int
+        Samples per second of the stream.
+    full_scale_mv : int
+        The voltage of code 32767 as the host knows it; the device refuses any but its own.
+    ceiling_mv : int
+        Largest sample to accept; at most the one in force.
+    max_slew_v_per_s : int
+        Largest slew to accept; at most the one in force.
+    carrier_mhz : int
+        Carrier frequency in millihertz; 0 in waveform mode.
+    lead_us : int
+        Playback begins this long after the first STREAM frame, in microseconds.
+    status_ms : int
+        A STATUS comes unasked once in this time, while armed; 0 for never.
+    """
+
+    mode: StreamMode
+    watchdog_ms: int
+    sample_rate_hz: int
+    full_scale_mv: int
+    ceiling_mv: int
+    max_slew_v_per_s: int
+    carrier_mhz: int = 0
+    lead_us: int = 25_000
+    status_ms: int = 0
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Host: make ready to play, from sample index 0."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Host: samples to be played after those already sent (kind STREAM).
+
+    Parameters
+    ----------
+    sample_index : int
+        Samples sent since ARM before this frame, modulo 2**32.
+    codes : ndarray of int16, shape (n,)
+        Codes, 1 <= n <= `MAX_SAMPLES`.
+    mode : StreamMode
+        What they mean; as in the set-up.
+
+    Raises
+    ------
+    ProtocolError
+        If `codes` is no such array.
+    """
+
+    sample_index: int
+    codes: npt.NDArray[np.int16]
+    mode: StreamMode = StreamMode.WAVEFORM
+
+    def __post_init__(self) -> None:
+        if self.codes.dtype != np.int16 or self.codes.ndim != 1:
+            raise ProtocolError(
+                f"codes must be a 1-D int16 array, but is {self.codes.ndim}-D {self.codes.dtype}; "
+                "make codes with volts_to_codes."
+            )
+        if not 1 <= self.codes.size <= MAX_SAMPLES:
+            raise ProtocolError(
+                f"A frame carries 1 to {MAX_SAMPLES} samples, but has {self.codes.size}; split it."
+            )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Samples):
+            return NotImplemented
+        return (self.sample_index, self.mode) == (other.sample_index, other.mode) and bool(
+            np.array_equal(self.codes, other.codes)
+        )
+
+    __hash__ = None  # type: ignore[assignment]  # arrays have none
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Host: ramp to 0 V and disarm."""
+
+
+@dataclass(frozen=True)
+class Ping:
+    """Host: send a STATUS that carries this token, 0 to 2**32 - 1."""
+
+    token: int = 0
+
+
+@dataclass(frozen=True)
+class Rate:
+    """A sample rate that the device plays, and the modes it plays it in."""
+
+    sample_rate_hz: int
+    modes: frozenset[StreamMode]
+
+
+@dataclass(frozen=True)
+class CapabilitiesReport:
+    """Device: what it can do; the answer to HELLO.
+
+    Parameters
+    ----------
+    oldest_version, newest_version : int
+        The protocol versions that it speaks.
+    report_bytes : int
+        Size of its HID reports; 0 if it takes none.
+    output_rate_hz : int
+        Rate of its output, and of its clock.
+    full_scale_mv : int
+        The voltage of code 32767.
+    ceiling_mv, max_slew_v_per_s : int
+        Its hard limits.
+    queue_samples, max_frame_samples : int
+        Depth of its queue, and the longest STREAM frame.
+    max_watchdog_ms : int
+        The longest watchdog time it can be set up with.
+    name, serial, calibration_id : str
+        ASCII, at most 16 characters each.
+    reports_touch : bool
+        Whether it sends TOUCH.
+    rates : tuple of Rate
+        1 to 8 sample rates.
+    """
+
+    oldest_version: int
+    newest_version: int
+    report_bytes: int
+    output_rate_hz: int
+    full_scale_mv: int
+    ceiling_mv: int
+    max_slew_v_per_s: int
+    queue_samples: int
+    max_frame_samples: int
+    max_watchdog_ms: int
+    name: str
+    serial: str
+    calibration_id: str
+    reports_touch: bool
+    rates: tuple[Rate, ...] = field(default_factory=tuple)
+
+
+@dataclass(frozen=True)
+class StatusReport:
+    """Device: where it stands.
+
+    Parameters
+    ----------
+    state : DeviceState
+        What it does.
+    fault : FaultCode
+        The first cause since the device was last armed, set up or greeted.
+    next_sequence : int
+        The sequence that follows on the last frame it accepted.
+    token : int
+        That of the last PING.
+    queued_samples, free_samples : int
+        Samples in its queue, and room for more: the host's credit.
+    samples_played : int
+        Samples taken from the queue since ARM, modulo 2**32.
+    underruns, faults : int
+        Counters since power-up.
+    clock_ticks : int
+        Output samples since power-up: the device's clock.
+    """
+
+    state: DeviceState
+    fault: FaultCode
+    next_sequence: int
+    token: int
+    queued_samples: int
+    free_samples: int
+    samples_played: int
+    underruns: int
+    faults: int
+    clock_ticks: int
+
+
+@dataclass(frozen=True)
+class TouchReport:
+    """Device: one finger on the panel.
+
+    Parameters
+    ----------
+    clock_ticks : int
+        When, by the device's clock.
+    x_um, y_um : int
+        Where, in micrometres from the panel's upper left corner.
+    normal_force_mn : int
+        How hard, in millinewtons; 65535 where the panel cannot tell.
+    contact : int
+        Which finger, 0 to 255.
+    phase : TouchPhase
+        What it did.
+    """
+
+    clock_ticks: int
+    x_um: int
+    y_um: int
+    normal_force_mn: int
+    contact: int
+    phase: TouchPhase
+
+
+HostMessage = Hello | Setup | Arm | Samples | Stop | Ping
+DeviceMessage = CapabilitiesReport | StatusReport | FaultReport | TouchReport
+Message = HostMessage | DeviceMessage
+
+#: What a payload of 65535 bytes can hold: a sample index, and samples.
+MAX_SAMPLES = (2**16 - 1 - 4) // 2

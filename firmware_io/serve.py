@@ -1,0 +1,163 @@
+"""``python -m firmware_io.serve``: a mock driver in real time, for hosts in other processes."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import select
+import socket
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from firmware_io.errors import HaptixError
+from firmware_io.mock import MockDriver
+
+DEFAULT_PORT = 7420
+_TURN_S = 0.002  # between two looks at what the driver has to say
+_READ_BYTES = 65536
+_SEND_S = 1.0
+
+
+class DriverServer:
+    """Serves one mock driver to one host at a time, over TCP.
+
+    A second host is shown out at once. When a host goes away, however it does, the driver ramps
+    to 0 V.
+
+    Parameters
+    ----------
+    driver : MockDriver
+        At real pace.
+    host : str
+        Where to listen.
+    port : int
+        0 for any free one.
+
+    Raises
+    ------
+    OSError
+        If it cannot listen there.
+    """
+
+    def __init__(self, driver: MockDriver, host: str = "127.0.0.1", port: int = 0) -> None:
+        self.driver = driver
+        self._listener = socket.create_server((host, port))
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self.serve, name="firmware_io server", daemon=True)
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return int(self._listener.getsockname()[1])
+
+    @property
+    def address(self) -> str:
+        """What `open_device` takes."""
+        return f"tcp:{self._listener.getsockname()[0]}:{self.port}"
+
+    def serve(self) -> None:
+        """Serve until `stop`."""
+        guest: socket.socket | None = None
+        try:
+            while not self._end.is_set():
+                wanted = [self._listener] if guest is None else [self._listener, guest]
+                readable = select.select(wanted, [], [], _TURN_S)[0]
+                if self._listener in readable:
+                    newcomer = self._listener.accept()[0]
+                    if guest is None:
+                        guest = newcomer
+                        guest.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                        guest.settimeout(_SEND_S)
+                    else:
+                        newcomer.close()
+                if guest is not None and not self._attend(guest, guest in readable):
+                    guest.close()
+                    guest = None
+                    self.driver.release()
+        finally:
+            if guest is not None:
+                guest.close()
+            self.driver.release()
+            self._listener.close()
+
+    def stop(self) -> None:
+        """End serving. Idempotent."""
+        self._end.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def _attend(self, guest: socket.socket, has_spoken: bool) -> bool:
+        """Carry bytes both ways; return whether the host is still there."""
+        try:
+            if has_spoken:
+                data = guest.recv(_READ_BYTES)
+                if not data:
+                    return False
+                self.driver.receive(data)
+            answer = self.driver.transmit()
+            if answer:
+                guest.sendall(answer)
+        except OSError:
+            return False
+        return True
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; return its exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m firmware_io.serve",
+        description="Serve a mock driver that plays in real time to hosts in other processes.",
+    )
+    parser.add_argument("--host", default="127.0.0.1", help="where to listen")
+    parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="0 for any free one")
+    parser.add_argument("--sample-rate-hz", type=float, default=48e3)
+    parser.add_argument("--full-scale-v", type=float, default=250.0)
+    parser.add_argument("--ceiling-v", type=float, default=200.0)
+    parser.add_argument("--serial", default="MOCK0001")
+    parser.add_argument(
+        "--record", type=Path, help="write what was played to this .npy file (volts) at the end"
+    )
+    options = parser.parse_args(arguments)
+    try:
+        driver = MockDriver(
+            sample_rate_hz=options.sample_rate_hz,
+            full_scale_v=options.full_scale_v,
+            ceiling_v=options.ceiling_v,
+            serial=options.serial,
+            pace="real",
+            # It may be served for days, and nobody can ask it for what it has played.
+            kept_s=1.0 if options.record is None else math.inf,
+        )
+        server = DriverServer(driver, options.host, options.port)
+    except (HaptixError, OSError, OverflowError) as error:
+        sys.stderr.write(f"{error}\n")
+        return 1
+    sys.stdout.write(f"{server.address}\n")
+    sys.stdout.flush()
+    with suppress(KeyboardInterrupt):
+        server.serve()
+    if options.record is not None:
+        np.save(options.record, driver.output_v)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,82 @@
+/* Instructions for each output sample, counted by qemu (-icount shift=0: one is 1 ns). */
+#include "haptix_device.h"
+#include "startup.h"
+
+#define SYSTICK_CONTROL (*(volatile uint32_t *)0xe000e010)
+#define SYSTICK_RELOAD (*(volatile uint32_t *)0xe000e014)
+#define SYSTICK (*(volatile uint32_t *)0xe000e018)
+#define NS_PER_TICK 40u /* the board's 25 MHz, counted down in 24 bits */
+
+static hx_device device;
+static uint8_t frame[1024];
+static int16_t out[1024];
+
+static const hx_config config = {
+    48000, 250000, 200000, 26000000, 1000, 500, 250, 64, 0, 2, {{48000, 3}, {16000, 3}}, "m0", "1", ""};
+
+/* Make a frame of what stands in the payload. */
+static void seal(uint8_t kind, uint16_t mode, uint32_t length) {
+    frame[0] = 'H';
+    frame[1] = 'X';
+    frame[2] = HX_VERSION;
+    frame[3] = kind;
+    hx_put_u16(frame + 4, device.next_sequence);
+    hx_put_u16(frame + 6, (uint16_t)length);
+    hx_put_u16(frame + 8, mode);
+    hx_put_u16(frame + 10, hx_crc16(frame, 10));
+    hx_put_u32(frame + 12 + length, hx_crc32(frame, 12 + length));
+}
+
+static void arm(uint16_t mode) {
+    uint8_t *payload = frame + HX_HEADER_BYTES;
+    for (uint32_t i = 0; i < sizeof frame; i++) frame[i] = 0;
+    hx_put_u16(payload, mode);
+    hx_put_u16(payload + 2, 250);
+    hx_put_u32(payload + 4, mode ? 16000 : 48000);
+    hx_put_u32(payload + 8, 250000);
+    hx_put_u32(payload + 12, 200000);
+    hx_put_u32(payload + 16, 26000000);
+    hx_put_u32(payload + 20, mode ? 4000000 : 0);
+    seal(HX_SETUP, 0, HX_SETUP_BYTES);
+    hx_device_receive(&device, frame, HX_SETUP_BYTES + HX_FRAME_OVERHEAD_BYTES);
+    seal(HX_ARM, 0, 0);
+    hx_device_receive(&device, frame, HX_FRAME_OVERHEAD_BYTES);
+}
+
+static void say(const char *words, uint32_t number) {
+    char text[12];
+    uint32_t at = sizeof text - 1;
+    text[at] = 0;
+    text[--at] = '\n';
+    do text[--at] = (char)('0' + number % 10);
+    while ((number /= 10) > 0);
+    call_host(0x04, words);
+    call_host(0x04, text + at);
+}
+
+void board_main(void) {
+    static const char *const words[2][2] = {{"waveform receive ", "waveform play "},
+                                            {"envelope receive ", "envelope play "}};
+    SYSTICK_RELOAD = 0xffffff;
+    SYSTICK = 0;
+    SYSTICK_CONTROL = 5;
+    for (uint16_t mode = 0; mode < 2; mode++) {
+        uint32_t n = mode ? 83 : 240, outputs = mode ? 3 * n : n; /* some 5 ms */
+        hx_device_init(&device, &config);
+        arm(mode);
+        hx_put_u32(frame + HX_HEADER_BYTES, 0);
+        for (uint32_t i = 0; i < n; i++)
+            hx_put_u16(frame + HX_HEADER_BYTES + 4 + 2 * i, (uint16_t)(i * 37 % 9000));
+        seal(HX_STREAM, mode, 4 + 2 * n);
+        uint32_t begin = SYSTICK;
+        hx_device_receive(&device, frame, 4 + 2 * n + HX_FRAME_OVERHEAD_BYTES);
+        uint32_t received = (begin - SYSTICK) & 0xffffff;
+        begin = SYSTICK;
+        hx_device_play(&device, out, 0, outputs);
+        uint32_t played = (begin - SYSTICK) & 0xffffff;
+        if (device.samples_played != n) leave("the stream was refused\n", 0);
+        say(words[mode][0], received * NS_PER_TICK / outputs);
+        say(words[mode][1], played * NS_PER_TICK / outputs);
+    }
+    leave("", 1);
+}

@@ -1,0 +1,230 @@
+"""The audio link on a PortAudio that is moved by hand; the real one: tests/devices."""
+
+import sys
+import threading
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+from firmware_io import (
+    DeviceBusyError,
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceNotFoundError,
+    LimitError,
+    open_device,
+)
+from firmware_io.links.audio import AudioProfile
+
+PERIOD = 64
+
+
+class OutputStream:
+    """Calls back from a thread, as PortAudio does, as fast as it can; keeps what it is given."""
+
+    refusal = None
+    latency = 0.003
+
+    def __init__(self, device, samplerate, channels, dtype, latency, callback, finished_callback):
+        if self.refusal:
+            raise PortAudioError(self.refusal)
+        assert dtype == "float32"
+        self.samplerate, self.channels = samplerate, channels
+        self.callback, self.finished = callback, finished_callback
+        self.heard = []
+        self.late = False
+        self.end = threading.Event()
+        self.thread = threading.Thread(target=self._run)
+        streams.append(self)
+
+    def _run(self):
+        while not self.end.wait(1e-4):
+            out = np.full((PERIOD, self.channels), np.nan, np.float32)
+            self.callback(out, PERIOD, None, SimpleNamespace(output_underflow=self.late))
+            self.late = False
+            self.heard.append(out)
+
+    def start(self):
+        self.thread.start()
+
+    def abort(self):
+        if not self.end.is_set():
+            self.end.set()
+            self.thread.join()
+            self.finished()
+
+    def close(self):
+        self.abort()
+
+
+class PortAudioError(Exception):
+    pass
+
+
+streams = []
+
+
+@pytest.fixture
+def portaudio(monkeypatch, no_thread_is_left):
+    module = ModuleType("sounddevice")
+    devices = [
+        {"name": "microphone", "max_output_channels": 0},
+        {"name": "Scarlett 2i2: USB", "max_output_channels": 2},
+        {"name": "HDMI", "max_output_channels": 8},
+        {"name": "speaker", "max_output_channels": 1},
+    ]
+    module.query_devices = lambda index=None: devices if index is None else devices[index]
+    module.default = SimpleNamespace(device=(0, 2))
+    module.PortAudioError = PortAudioError
+    module.OutputStream = OutputStream
+    monkeypatch.setattr(OutputStream, "refusal", None)
+    monkeypatch.setitem(sys.modules, "sounddevice", module)
+    streams.clear()
+    yield module
+    for stream in streams:
+        stream.close()
+
+
+def heard():
+    return np.concatenate(streams[-1].heard)
+
+
+def test_what_is_heard_is_the_share_of_full_scale(portaudio):
+    device = open_device("audio:device=scarlett,full_scale_v=180,trigger=yes")
+    assert device.name == "audio:device=Scarlett 2i2: USB"
+    assert device.capabilities.full_scale_v == device.limits.ceiling_v == 180.0
+    volts = np.r_[5.0, 150.0 * np.sin(np.arange(1, 9600) / 6)]
+    with device:
+        device.write(volts)
+    device.close()
+    drive, trigger = heard().T
+    first = np.flatnonzero(drive)[0]
+    # Half a code of 32767, and float32.
+    np.testing.assert_allclose(
+        drive[first : first + volts.size], volts / 180.0, atol=0.5 / 32767 + 1e-7
+    )
+    assert not drive[-PERIOD:].any()
+    assert np.flatnonzero(trigger).tolist() == list(range(first, first + 48))  # 1 ms at 48 kHz
+
+
+def test_volts_from_converter_and_amplifier(portaudio, tmp_path):
+    path = tmp_path / "rig.toml"
+    path.write_text('device = "HDMI"\ndac_full_scale_v = 1.5\namplifier_gain = 100\n')
+    device = open_device(f"audio:profile={path},ceiling_v=120")
+    assert device.name == "audio:device=HDMI"
+    assert device.capabilities.full_scale_v == 150.0
+    assert device.limits.ceiling_v == 120.0
+    with device, pytest.raises(LimitError, match=r"ceiling of 120\.0 V"):
+        device.write([121.0])
+    device.close()
+
+
+def test_the_firmware_in_front_has_its_watchdog(portaudio):
+    device = open_device("audio:full_scale_v=200,watchdog_s=0.02")
+    device.arm()
+    device.write(np.linspace(0.0, 100.0, 100))
+    with pytest.raises(DeviceError, match="starved"):
+        for _ in range(10_000):
+            threading.Event().wait(0.001)
+            device.progress()
+    while heard()[-1, 0] != 0.0:  # its ramp
+        threading.Event().wait(0.001)
+    device.close()
+
+
+def test_envelopes_and_slower_rates(portaudio):
+    device = open_device("audio:full_scale_v=200,mode=envelope,carrier_hz=3000")
+    assert device.carrier_hz == 3000.0
+    rates = dict(device.capabilities.rates)
+    assert rates == {48_000: ("waveform", "envelope"), 16_000: ("envelope",)}
+    device.close()
+    rates = AudioProfile(full_scale_v=100.0, sample_rate_hz=44_100.0).capabilities().rates
+    assert [rate.sample_rate_hz for rate in rates] == [44_100, 14_700]
+
+
+def test_closing_ramps_down(portaudio):
+    device = open_device("audio:full_scale_v=200")
+    device.arm()
+    device.write(np.linspace(0.0, 150.0, 500))
+    device.close()
+    volts = heard()[:, 0] * 200.0
+    assert volts[-1] == 0.0
+    assert np.abs(np.diff(volts)).max() < 5.0  # 150 V in 5 ms are 0.6 V per sample
+    with pytest.raises(DeviceDisconnectedError):
+        device.arm()
+
+
+def test_an_interface_that_goes_away(portaudio):
+    device = open_device("audio:full_scale_v=200")
+    device.arm()
+    streams[0].late = True
+    while streams[0].late:
+        threading.Event().wait(1e-4)
+    device.write(np.linspace(0.0, 50.0, 500))
+    streams[0].abort()
+    with pytest.raises(DeviceDisconnectedError, match="unplugged or its server quit"):
+        device.write([50.0])
+    link = device._stream.link
+    assert link.underflows == 1
+    with pytest.raises(DeviceDisconnectedError):
+        device.close()
+    open_device("audio:full_scale_v=200").close()
+
+
+def test_senseless_latencies_are_not_believed(portaudio, monkeypatch):
+    device = open_device("audio:full_scale_v=200")
+    link = device._stream.link
+    assert link.latency_s == 0.003
+    for latency in (89_478.0, -1.0, float("nan")):
+        monkeypatch.setattr(OutputStream, "latency", latency)
+        assert link.latency_s is None
+    device.close()
+    assert link.latency_s is None
+
+
+@pytest.mark.parametrize(
+    ("selector", "error", "says"),
+    [
+        ("", DeviceError, "how many volts"),
+        ("full_scale_v=1,amplifier_gain=2", DeviceError, "full_scale_v, the volts"),
+        ("dac_full_scale_v=1", DeviceError, "both dac_full_scale_v and amplifier_gain"),
+        ("full_scale_v=-1", DeviceError, "full_scale_v must be"),
+        ("full_scale_v=1,sample_rate_hz=10", DeviceError, "sample_rate_hz must be"),
+        ("full_scale_v=1,trigger=maybe", DeviceError, "trigger of audio: must be yes or no"),
+        ("full_scale_v=1,device=yamaha", DeviceNotFoundError, "'yamaha'.*'Scarlett 2i2: USB' .1."),
+        ("full_scale_v=1,device=0", DeviceNotFoundError, "called 0"),
+        ("full_scale_v=1,device=s", DeviceError, "Several.*'speaker' .3."),
+        ("full_scale_v=1,device=speaker,trigger=yes", DeviceNotFoundError, "two output channels"),
+        ("profile=missing.toml", DeviceError, "missing.toml cannot be read"),
+    ],
+)
+def test_addresses_that_cannot_work(portaudio, selector, error, says):
+    with pytest.raises(error, match=says):
+        open_device(f"audio:{selector}")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("volume = 11", r"'volume'; the keys are device, full_scale_v"),
+        ('full_scale_v = "200 V"', "full_scale_v in the audio profile"),
+        ("full_scale_v = ", "cannot be read"),
+        ("trigger = 1", "trigger in the audio profile"),
+    ],
+)
+def test_profiles_that_cannot_be_used(tmp_path, text, says):
+    path = tmp_path / "rig.toml"
+    path.write_text(text)
+    with pytest.raises(DeviceError, match=says):
+        AudioProfile.load(path)
+
+
+@pytest.mark.parametrize(
+    ("refusal", "error"),
+    [("Device unavailable [-9985]", DeviceBusyError), ("Invalid sample rate", DeviceError)],
+)
+def test_an_interface_that_refuses(portaudio, monkeypatch, refusal, error):
+    monkeypatch.setattr(OutputStream, "refusal", refusal)
+    with pytest.raises(error, match="Scarlett"):
+        open_device("audio:device=scarlett,full_scale_v=200")

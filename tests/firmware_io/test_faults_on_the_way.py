@@ -1,0 +1,134 @@
+"""What goes wrong between host and driver, kind by kind, and what comes of it."""
+
+import numpy as np
+import pytest
+
+from firmware_io import (
+    Device,
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceFaultError,
+    LimitError,
+    MockDriver,
+    MockLink,
+    Playback,
+    volts_to_codes,
+)
+from firmware_io.conversation import ANSWER_S
+from firmware_io.firmware.core import Output
+
+RATE = 48_000
+WATCHDOG_S = 0.25
+
+# Kind of mishap, its seconds, what the caller sees (None: nothing, and every sample is played).
+FAULTS = {
+    "lost frame": ("lose", 0.0, DeviceFaultError),
+    "corrupt frame": ("corrupt", 0.0, DeviceFaultError),
+    "short packet": ("cut", 0.0, DeviceFaultError),
+    "write that fails half-way": ("short-write", 0.0, DeviceError),
+    "repeated frame": ("repeat", 0.0, DeviceFaultError),
+    "frame that comes with the next": ("delay", 0.0, None),
+    "noise on the line": ("noise", 0.0, DeviceFaultError),
+    "stall of 10 ms": ("stall", 0.010, None),
+    "stall beyond the watchdog": ("stall", 0.300, DeviceFaultError),
+    "write that times out": ("time-out", 0.0, DeviceDisconnectedError),
+    "unplugged": ("disconnect", 0.0, DeviceDisconnectedError),
+    "lost report": ("lose-answer", 0.0, None),
+    "corrupt report": ("corrupt-answer", 0.0, None),
+    "driver that says nothing more": ("mute", 0.0, DeviceDisconnectedError),
+}
+
+
+def wave(reports, seconds):
+    if reports:  # an envelope at 16 kHz
+        t = np.arange(round(seconds * 16_000)) / 16_000
+        return 75.0 * (1.0 - np.cos(2 * np.pi * 20.0 * t))
+    return 150.0 * np.sin(2 * np.pi * 1000.0 * np.arange(round(seconds * RATE)) / RATE)
+
+
+def open_playback(driver, clock, reports):
+    link = MockLink(driver, 64 if reports else None, clock.sleep)
+    return link, Playback(Device(link, clock=clock), clock=clock)
+
+
+def play(playback, volts, block):
+    for start in range(0, volts.size, block):
+        piece = volts[start : start + block]
+        if not playback.wait_for_room(piece.size):
+            raise TimeoutError  # hung
+        playback.put(piece)
+
+
+@pytest.mark.parametrize("reports", [False, True], ids=["bytes", "HID reports"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault(clock, fault, reports, no_thread_is_left):
+    mishap, seconds, expected = FAULTS[fault]
+    driver = MockDriver(pace="real", clock=clock)
+    block = 83 if reports else 48
+    link, playback = open_playback(driver, clock, reports)
+    playback.start()
+    before, after = wave(reports, 0.1), wave(reports, 0.5)
+    play(playback, before, block)
+    link.inject(mishap, 0, seconds)
+    began_s = clock()
+    if expected is None:
+        play(playback, after, block)
+        playback.stop()
+        assert playback.stats.underruns == driver.faults == 0
+        if not reports:
+            wanted = volts_to_codes(np.r_[before, after], 250.0)[1:]
+            codes, what = driver.output
+            codes = codes[what == Output.STREAM]
+            first = np.flatnonzero(codes)[0]
+            np.testing.assert_array_equal(codes[first : first + wanted.size], wanted)
+    else:
+        with pytest.raises(expected):
+            play(playback, after, block)
+        told_s = clock() - began_s
+        # As soon as the driver's watchdog has ended it at the latest, and then STOP may be waited
+        # for in vain.
+        assert told_s < WATCHDOG_S + seconds + ANSWER_S + 0.05
+        assert isinstance(playback.error, expected)
+        playback.stop()  # told once
+        clock.sleep(max(0.0, began_s + seconds + WATCHDOG_S + 0.01 - clock()))
+        assert driver.output[0][-1] == 0
+    assert np.abs(driver.output_v).max() <= 150.0 + 0.004
+    # 0 V now, and for good.
+    clock.sleep(0.5)
+    assert not driver.output[0][-RATE // 4 :].any()
+    link.close()
+
+    # Opened again, it plays as before.
+    link, playback = open_playback(driver, clock, reports)
+    played = driver.samples_played
+    with playback:
+        play(playback, wave(reports, 0.1), block)
+        assert playback.stats.underruns == 0
+    assert driver.samples_played > played + 0.1 * RATE
+    assert not driver.output[0][-1]
+    assert driver.fault is None
+
+
+def test_at_least_twelve_kinds_are_injected():
+    assert len({mishap for mishap, _, _ in FAULTS.values()}) >= 12
+
+
+@pytest.mark.parametrize("reports", [False, True], ids=["bytes", "HID reports"])
+def test_a_frame_above_the_ceiling_is_rejected_on_both_sides(clock, reports):
+    driver = MockDriver(pace="real", clock=clock, ceiling_v=120.0)
+    _link, playback = open_playback(driver, clock, reports)
+    playback.start()
+    with pytest.raises(LimitError, match=r"ceiling of 120\.0 V"):
+        play(playback, wave(reports, 0.1), 48)
+    clock.sleep(0.01)
+    assert driver.faults == 0
+    assert np.abs(driver.output_v).max() <= 120.0
+
+    # A host whose own check is broken: the driver has been told, and has its own.
+    device = Device(MockLink(driver, 64 if reports else None, clock.sleep), clock=clock)
+    object.__setattr__(device._stream.limits, "ceiling_v", 200.0)
+    device.arm()
+    with pytest.raises(DeviceFaultError, match=r"above the ceiling of 120 V"):
+        device.write(np.full(20, 150.0))
+    assert np.abs(driver.output_v).max() <= 120.0
+    assert not device.is_armed

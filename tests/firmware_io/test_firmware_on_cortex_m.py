@@ -1,0 +1,89 @@
+"""The firmware as it would run on a board: the golden sessions on an emulated Cortex-M3."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import firmware_io
+from firmware_io.firmware.build import SOURCES
+
+ROOM = Path(firmware_io.__file__).parent
+BOARD = Path(__file__).parent / "cortex_m"
+SESSIONS = sorted((ROOM / "golden").glob("session-*.json"))
+
+
+def c_header(session):
+    """The session as C: a configuration and an array of steps."""
+    board = session["board"]
+    numbers = (
+        *("output_rate_hz", "full_scale_mv", "ceiling_mv", "max_slew_v_per_s", "queue_samples"),
+        *("max_frame_samples", "max_watchdog_ms", "report_bytes"),
+    )
+    rates = ", ".join(f"{{{rate}, {sum(1 << m for m in modes)}}}" for rate, modes in board["rates"])
+    texts = ", ".join(f'"{board[name]}"' for name in ("name", "serial", "calibration_id"))
+    lines = [
+        "typedef enum { RECEIVE, REPORT, TRANSMIT, PLAY } step_kind;",
+        "typedef struct { step_kind kind; uint32_t count; const uint8_t *bytes;"
+        " const int16_t *codes; } step;",
+        f"static const hx_config config = {{{', '.join(str(board[n]) for n in numbers)},"
+        f" {int(board['reports_touch'])}, {len(board['rates'])}, {{{rates}}}, {texts}}};",
+    ]
+    steps = []
+    for number, step in enumerate(session["steps"]):
+        ((kind, content),) = step.items()
+        if kind == "play":
+            values, of, place = content, "int16_t", "0, d{}"
+        else:
+            values, of, place = list(bytes.fromhex(content)), "uint8_t", "d{}, 0"
+        # C has no empty arrays.
+        lines.append(f"static const {of} d{number}[] = {{{', '.join(map(str, values or [0]))}}};")
+        steps.append(f"{{{kind.upper()}, {len(values)}, {place.format(number)}}}")
+    lines.append(f"static const step steps[] = {{{', '.join(steps)}}};")
+    lines.append(f"static const uint32_t count_of_steps = {len(steps)};")
+    return "\n".join(lines) + "\n"
+
+
+def run(tmp_path, session):
+    for command in ("arm-none-eabi-gcc", "qemu-system-arm"):
+        if shutil.which(command) is None:
+            pytest.skip(f"{command} is missing (apt install gcc-arm-none-eabi qemu-system-arm)")
+    (tmp_path / "session.h").write_text(c_header(session))
+    program = tmp_path / "board.elf"
+    subprocess.run(
+        [
+            *("arm-none-eabi-gcc", "-std=gnu99", "-Wall", "-Werror", "-Os", "-ffreestanding"),
+            *("-mcpu=cortex-m3", "-mthumb", "-nostdlib", "-DHX_QUEUE_SAMPLES=2048u"),
+            *("-DHX_MAX_FRAME_SAMPLES=512u", f"-I{ROOM / 'firmware'}", f"-I{tmp_path}"),
+            *("-T", BOARD / "board.ld", BOARD / "session.c"),
+            *(ROOM / "firmware" / name for name in SOURCES),
+            *("-lgcc", "-o", program),
+        ],
+        check=True,
+    )
+    return subprocess.run(
+        [
+            *("qemu-system-arm", "-M", "mps2-an385", "-nographic", "-monitor", "none"),
+            *("-serial", "none", "-semihosting-config", "enable=on,target=native"),
+            *("-kernel", program),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+@pytest.mark.parametrize("path", SESSIONS, ids=lambda path: path.stem)
+def test_a_microcontroller_plays_the_golden_sessions(tmp_path, path):
+    done = run(tmp_path, json.loads(path.read_text()))
+    assert (done.returncode, done.stdout + done.stderr) == (0, "as golden\n")
+
+
+def test_a_wrong_sample_would_be_seen(tmp_path):
+    session = json.loads(SESSIONS[0].read_text())
+    played = next(step["play"] for step in reversed(session["steps"]) if "play" in step)
+    played[-1] += 1
+    done = run(tmp_path, session)
+    assert (done.returncode, done.stdout + done.stderr) == (1, "other samples\n")
