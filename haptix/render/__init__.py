@@ -3,7 +3,7 @@
 from haptix.render.block import Combination, RenderedBlock
 from haptix.render.fingers import Sliding
 from haptix.render.inverse import Amplitudes, SliceInverse, Wishes
-from haptix.render.modulation import Carrier, DirectDrive
+from haptix.render.modulation import Carrier, DirectDrive, Envelope
 from haptix.render.renderer import Renderer
 from haptix.render.stats import RenderStats
 from haptix.touch import Trajectory
@@ -13,6 +13,7 @@ __all__ = [
     "Carrier",
     "Combination",
     "DirectDrive",
+    "Envelope",
     "RenderStats",
     "RenderedBlock",
     "Renderer",

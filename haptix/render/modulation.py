@@ -81,6 +81,23 @@ class Carrier:
 
 
 @dataclass(frozen=True)
+class Envelope(Carrier):
+    """The amplitude of a carrier that the driver makes itself."""
+
+    def __post_init__(self) -> None:
+        check_positive("frequency_hz", self.frequency_hz)
+        check_positive("sample_rate_hz", self.sample_rate_hz)
+
+    def modulate(self, amplitude_v: Array, first_sample: int) -> Array:
+        """Return the amplitudes themselves."""
+        return amplitude_v
+
+    def demodulate(self, drive_v: Array) -> tuple[Array, Array]:
+        """Sample index and amplitude [V] of every sample."""
+        return np.arange(len(drive_v), dtype=float), drive_v
+
+
+@dataclass(frozen=True)
 class DirectDrive(Carrier):
     """A wave at the frequency that is felt, of any shape.
 

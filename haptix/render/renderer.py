@@ -14,7 +14,7 @@ from haptix.errors import InputError, LimitError, check_positive
 from haptix.render.block import CONTROL_HZ, SLEW_V_PER_S, BlockRenderer, Combination, RenderedBlock
 from haptix.render.fingers import Array, FingerPoints, Sliding
 from haptix.render.live import LiveFingers
-from haptix.render.modulation import Carrier
+from haptix.render.modulation import Carrier, Envelope
 from haptix.render.producer import Producer
 from haptix.render.replay import Replay
 from haptix.render.stats import RenderStats
@@ -62,7 +62,8 @@ class Renderer:
     keep_blocks : bool
         Keep every `RenderedBlock` in `blocks`, for figures and tests.
     wave : Carrier, optional
-        A `DirectDrive`, or any other wave, instead of a carrier of `carrier_hz`.
+        A `DirectDrive`, or any other wave, instead of a carrier of `carrier_hz`. A device that
+        makes the carrier itself takes none.
     live : TouchSettings, optional
         Follow and predict touches like a live screen's; always so in real time.
     real_time : bool
@@ -106,7 +107,14 @@ class Renderer:
     ) -> None:
         rate = device.capabilities.sample_rate_hz
         if wave is None:
-            wave = Carrier(_carrier_hz(surface, carrier_hz), rate)
+            # A driver in envelope mode makes the carrier itself, and is sent amplitudes.
+            kind = Envelope if device.mode == "envelope" else Carrier
+            wave = kind(_carrier_hz(surface, carrier_hz), rate)
+        elif device.mode == "envelope":
+            raise InputError(
+                "wave: expected none, since the device makes the carrier itself; open it with "
+                "mode=waveform to send a wave"
+            )
         elif carrier_hz is not None:
             raise InputError("expected carrier_hz or wave, got both; the wave has its frequency")
         elif wave.sample_rate_hz != rate:
@@ -161,6 +169,8 @@ class Renderer:
             )
         if limit < ceiling:
             self.device.lower_ceiling(limit)
+        if isinstance(self.carrier, Envelope):
+            self.device.set_up(carrier_hz=self.carrier.frequency_hz)
         self.stats = RenderStats()
         self.blocks = []
         self._replay = Replay(self._sliding)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
 
 import haptix
-from firmware_io import DeviceError, DeviceFaultError, ProtocolError
+from firmware_io import DeviceError, DeviceFaultError
 from haptix import InputError, LimitError, Renderer, Texture
 
 RATE = 48_000.0
@@ -357,3 +357,23 @@ def test_the_model_itself_reaches_the_wanted_friction(model, surface, level, for
     target = np.concatenate([block.target_mu for block in renderer.blocks])
     assert np.abs(reached - target[:60]).max() <= surface.info["error_max"] + error_v * steepest
     assert bound < 0.05 * (high - low)  # tight enough to notice a wrong level
+
+
+def test_a_driver_that_makes_the_carrier_is_sent_amplitudes(surface):
+    device = haptix.open_device("mock:mode=envelope,sample_rate_hz=16000")
+    flat = Texture(np.full((2, 2), 0.5), width_mm=30.0)
+    renderer = Renderer(surface, flat, device, keep_blocks=True)
+    with renderer:
+        renderer.touch(0.0, 1, 1, 0.5)
+        renderer.touch(0.05, 20, 10, 0.5)
+    assert device.carrier_hz == CARRIER_HZ
+    played = device.mock.output_v
+    low, high = surface.reachable(0.5, CARRIER_HZ)
+    (voltage,) = surface.voltage(0.5 * (low + high), 0.5, CARRIER_HZ).voltage_v.reshape(1).tolist()
+    assert renderer.blocks[-1].amplitude_v[-1] == pytest.approx(voltage, rel=1e-9)
+    # The driver's own carrier swings to that amplitude: 12 of its samples a period, in 16 bits.
+    assert np.abs(played).max() == pytest.approx(voltage, abs=2 * STEP_V)
+    assert played.min() < -0.99 * voltage
+
+    with pytest.raises(InputError, match="the device makes the carrier itself"):
+        Renderer(surface, flat, device, wave=haptix.render.DirectDrive(125.0, 16_000.0))

@@ -1,0 +1,183 @@
+"""Real time: threads, and what is left of them. Short, and nothing asserted of how fast it is."""
+
+import gc
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+from firmware_io import Device, DeviceDisconnectedError, DeviceFaultError, MockDriver, MockLink
+from haptix import InputError, Renderer, Texture
+from haptix.render import Sliding
+
+FULL = Texture(np.ones((2, 2)), width_mm=100.0, beyond="hold")
+NEVER_STILL = Sliding(is_needed=False)
+
+
+@pytest.fixture(autouse=True)
+def interpreter_is_left_as_it_was():
+    before = set(threading.enumerate())
+    switch_s, frozen, collects = sys.getswitchinterval(), gc.get_freeze_count(), gc.isenabled()
+    yield
+    assert set(threading.enumerate()) <= before
+    assert sys.getswitchinterval() == switch_s
+    assert gc.get_freeze_count() == frozen
+    assert gc.isenabled() == collects
+
+
+@pytest.fixture
+def link():
+    return patient_link()
+
+
+def patient_link():
+    """A driver that waits for its host longer than a busy machine stalls."""
+    return MockLink(MockDriver(pace="real", max_watchdog_s=3.0))
+
+
+def opened(link, watchdog_s=3.0):
+    device = Device(link)
+    device.set_up(watchdog_s=watchdog_s)
+    return device
+
+
+def touching(renderer, seconds, until=lambda: False):
+    """Slide a finger until the time is over, or an error ends it."""
+    begin_s = now_s = renderer.now_s()
+    pause = threading.Event()
+    while now_s < begin_s + seconds and not until():
+        renderer.touch(now_s, 5 + 100 * (now_s - begin_s), 5.0, 0.5)
+        pause.wait(0.005)
+        now_s = renderer.now_s()
+
+
+def until_loud(renderer, link):
+    """Slide until it is heard: a machine that stalls only takes longer."""
+    before = len(link.driver.output[0])
+
+    def is_loud():
+        return np.abs(link.driver.output_v[before:]).max(initial=0.0) > 150.0
+
+    touching(renderer, 5.0, is_loud)
+    assert is_loud()
+
+
+def assert_at_rest(device, link):
+    assert not device.is_armed
+    threading.Event().wait(0.01)  # the driver's ramp takes 5 ms of its clock, which is the wall's
+    assert not link.driver.is_armed
+    assert link.driver.output[0][-1] == 0
+
+
+def test_a_session(surface, link):
+    device = opened(link)
+    renderer = Renderer(surface, FULL, device, real_time=True, lead_s=0.03, sliding=NEVER_STILL)
+    switch_s = sys.getswitchinterval()
+    with renderer:
+        assert gc.get_freeze_count() > 0
+        assert sys.getswitchinterval() < switch_s
+        until_loud(renderer, link)
+        touching(renderer, 0.1)
+    assert_at_rest(device, link)
+    stats = renderer.stats
+    assert stats.lead_s == 0.03
+    assert stats.samples > 0
+    assert len(stats.block_s) == stats.samples / 240
+    assert 0 < stats.p50_block_s <= stats.p99_block_s <= stats.max_block_s
+    assert stats.underruns >= 0
+    assert stats.late_blocks >= 0
+    # Between the lead less a touch's interval and what a machine that is busy may add.
+    assert 0.0 < stats.touch_age_s < 1.0
+    assert renderer.touch_counts.taken > 1
+
+
+def test_an_exception_ends_at_zero(surface, link):
+    device = opened(link)
+    with (
+        pytest.raises(ZeroDivisionError) as caught,
+        Renderer(surface, FULL, device, real_time=True, sliding=NEVER_STILL) as renderer,
+    ):
+        until_loud(renderer, link)
+        raise ZeroDivisionError
+    assert not getattr(caught.value, "__notes__", [])
+    assert_at_rest(device, link)
+
+
+def test_a_device_that_disappears_in_mid_stroke(surface, link):
+    device = opened(link)
+    renderer = Renderer(surface, FULL, device, real_time=True, sliding=NEVER_STILL)
+    raised = []
+    with renderer:
+        until_loud(renderer, link)
+        link.inject("disconnect")
+        for _ in range(1000):
+            try:
+                touching(renderer, 0.005)
+            except DeviceDisconnectedError as error:
+                raised.append(error)
+                break
+        for _ in range(3):  # once it was told, touches are taken and lead nowhere
+            renderer.touch(renderer.now_s(), 20.0, 5.0, 0.5)
+    assert len(raised) == 1
+    assert_at_rest(device, link)
+
+    again = patient_link()
+    renderer.device = opened(again)
+    with renderer:
+        until_loud(renderer, again)
+    assert_at_rest(renderer.device, again)
+
+
+def test_an_error_that_nobody_asked_for_is_told_at_the_end(surface, link):
+    device = opened(link)
+    renderer = Renderer(surface, FULL, device, real_time=True, sliding=NEVER_STILL)
+    with pytest.raises(DeviceDisconnectedError), renderer:
+        touching(renderer, 0.03)
+        link.inject("disconnect")
+        renderer._producer._thread.join(5.0)
+
+
+def test_a_fault_of_the_driver_and_another_session(surface, link):
+    device = opened(link, watchdog_s=0.4)
+    renderer = Renderer(surface, FULL, device, real_time=True, sliding=NEVER_STILL)
+    with pytest.raises(DeviceFaultError), renderer:
+        touching(renderer, 0.03)
+        link.inject("stall", seconds=0.5)  # longer than the watchdog waits
+        touching(renderer, 5.0)
+    assert_at_rest(device, link)
+    with renderer:
+        until_loud(renderer, link)
+    assert_at_rest(device, link)
+
+
+def test_a_bad_touch_does_not_end_the_session(surface, link):
+    device = opened(link)
+    with Renderer(surface, FULL, device, real_time=True) as renderer:
+        touching(renderer, 0.02)
+        with pytest.raises(InputError, match="x_mm"):
+            renderer.touch(renderer.now_s(), np.nan, 5.0, 0.5)
+        touching(renderer, 0.02)
+    assert_at_rest(device, link)
+
+
+def test_touches_from_several_threads_at_once(surface, link):
+    device = opened(link)
+    with Renderer(surface, FULL, device, real_time=True, strict=False) as renderer:
+        errors = []
+
+        def one(touch_id):
+            try:
+                for _ in range(200):
+                    renderer.touch(renderer.now_s(), 20.0, 5.0, 0.5, touch_id)
+            except Exception as error:
+                errors.append(error)
+
+        threads = [threading.Thread(target=one, args=(i,)) for i in range(3)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert not errors
+        assert renderer.touch_counts.taken > 100
+    assert_at_rest(device, link)
