@@ -81,21 +81,24 @@ class Conversation:
         ProtocolError
             If whatever answers does not speak this protocol, or another version of it.
         """
-        self.tell(Hello())
-        end_s = self.clock() + ANSWER_S
         strange: ProtocolError | None = None
-        while True:
-            heard = self._hear(max(0.0, end_s - self.clock()))
-            for item in heard or ():
-                if isinstance(item, CapabilitiesReport):
-                    self.fault = None
-                    return item
-                if isinstance(item, FaultReport) and item.code is FaultCode.VERSION:
-                    raise ProtocolError(f"{self.link.name}: {item} Bring both to the same version.")
-                if isinstance(item, ProtocolError):
-                    strange = item
-            if heard is None or self.clock() > end_s:
-                break
+        # Twice: a report may be lost on the way, and HELLO is obeyed in every state.
+        for end_s in (self.clock() + ANSWER_S / 2, self.clock() + ANSWER_S):
+            self.tell(Hello())
+            while (left_s := end_s - self.clock()) >= 0:
+                heard = self._hear(left_s)
+                for item in heard or ():
+                    if isinstance(item, CapabilitiesReport):
+                        self.fault = None
+                        return item
+                    if isinstance(item, FaultReport) and item.code is FaultCode.VERSION:
+                        raise ProtocolError(
+                            f"{self.link.name}: {item} Bring both to the same version."
+                        )
+                    if isinstance(item, ProtocolError):
+                        strange = item
+                if heard is None:
+                    break
         if strange is not None:
             raise ProtocolError(
                 f"{self.link.name} answered, but not as a haptix driver does: {strange}"

@@ -219,13 +219,19 @@ class Stream:
         if not self.stop_is_owed:
             return
         self.is_armed = False
+        unplayed = 0
         try:
             # In doubt about what stands on the output, only the driver knows where to ramp from.
             if play_out and not self._is_in_doubt:
-                self._play_out()
+                unplayed = self._play_out()
         finally:
             # A driver ramps on STOP too, so a ramp that fails is no reason to withhold STOP.
             self._send_stop()
+        if unplayed:
+            raise DeviceError(
+                f"{self.link.name} is at 0 V, but did not play the last {unplayed} samples in the "
+                "time that they take; its clock is slow, or it was kept waiting."
+            )
 
     def close(self, play_out: bool = True) -> None:
         """Stop, then let the link go even if that failed."""
@@ -242,8 +248,8 @@ class Stream:
         with suppress(Exception):
             self.close(play_out=False)
 
-    def _play_out(self) -> None:
-        """Ramp to 0 V behind what is queued, and wait until it is played."""
+    def _play_out(self) -> int:
+        """Ramp to 0 V behind what is queued, wait for it, and return what is left unplayed."""
         rate_hz = self._setup.sample_rate_hz
         if self.last_v != 0.0:
             self._send(self.limits.ramp_to_zero(self.last_v, rate_hz))
@@ -253,8 +259,9 @@ class Stream:
             status = self.talk.synchronise()
             self._follow_fault()
             if status.queued_samples == 0 or self.talk.clock() > end_s:
-                return
+                return status.queued_samples
             self.talk.clock.sleep(min(max(status.queued_samples, 1) / rate_hz, 0.01))
+        return 0
 
     def _send_stop(self) -> None:
         was_in_doubt = self._is_in_doubt

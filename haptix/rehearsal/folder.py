@@ -89,15 +89,16 @@ def write(
     drafts = {folder / name: folder / f".draft-{name}" for name in writers}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for draft, writer in zip(drafts.values(), writers.values(), strict=True):
-            writer(draft)
-        for file, draft in drafts.items():
-            draft.replace(file)
+        try:
+            for draft, writer in zip(drafts.values(), writers.values(), strict=True):
+                writer(draft)
+            for file, draft in drafts.items():
+                draft.replace(file)
+        finally:
+            for draft in drafts.values():
+                draft.unlink(missing_ok=True)
     except (OSError, soundfile.SoundFileError) as error:
         raise InputError(f"--out: cannot write to {folder}: {error}") from None
-    finally:
-        for draft in drafts.values():
-            draft.unlink(missing_ok=True)
     return list(drafts)
 
 

@@ -137,18 +137,27 @@ ROOMS = [
     {"haptix.equilibrium", "haptix.finger", "haptix.screen"},
     {"haptix.fidelity", "haptix.terms"},
     {"haptix.friction"},
-    {"haptix.scene"},
+    {"haptix.scene", "haptix.twin"},
     {"haptix.surface"},
     {"haptix.planning"},
     {"haptix.tradeoff"},
-    {"haptix.texture"},
+    {"haptix.texture", "haptix.touch"},
     {"haptix.render"},
-    {"haptix.demo", "haptix.figures", "calibration"},
+    {"haptix.rehearsal"},
+    {"haptix.demo", "haptix.figures", "haptix.stimuli", "calibration"},
     {"haptix.cli"},
 ]
 RANK = {room: rank for rank, rooms in enumerate(ROOMS) for room in rooms}
 # The physics knows no device: only these rooms speak to firmware_io.
-SPEAK_TO_DEVICES = {"haptix.errors", "haptix.render", "haptix.demo", "haptix.cli", "calibration"}
+SPEAK_TO_DEVICES = {
+    "haptix.errors",
+    "haptix.render",
+    "haptix.rehearsal",
+    "haptix.demo",
+    "haptix.stimuli",
+    "haptix.cli",
+    "calibration",
+}
 SOURCES = sorted(
     path
     for package in ("firmware_io", "haptix", "calibration")

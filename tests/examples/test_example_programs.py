@@ -1,0 +1,109 @@
+"""The example programs, run as a person runs them: on the mock, one picture each."""
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from skimage.io import imread
+
+import firmware_io
+import haptix
+
+FOLDER = Path(__file__).parents[2] / "examples"
+SHORT_PATH = "t_s,x_mm,y_mm,normal_force_n\n" + "".join(
+    f"{i / 100},{5 + i},{20 + i / 5},0.5\n" for i in range(31)
+)
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def short(tmp_path, monkeypatch):
+    """A program, and the arguments that make it short."""
+    (tmp_path / "path.csv").write_text(SHORT_PATH)
+    monkeypatch.chdir(tmp_path)
+
+    def program(name):
+        module = load(name)
+        if hasattr(module, "SECONDS"):
+            monkeypatch.setattr(module, "SECONDS", 0.8)
+        options = {"path": Path("path.csv")} if name == "photograph_explorer" else {}
+        return lambda **more: module.main(**{**options, **more})
+
+    return program
+
+
+PROGRAMS = ("photograph_explorer", "moving_edge", "slider_with_detents", "two_fingers")
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_program_draws_its_picture(short, name, capsys, tmp_path):
+    short(name)(out=Path("picture.png"))
+    picture = imread(tmp_path / "picture.png")
+    # More than a blank page: paper, lines of several colours.
+    assert picture.shape[0] > 500
+    assert len(np.unique(picture[::7, ::7, :3].reshape(-1, 3), axis=0)) > 20
+    assert [file.name for file in tmp_path.iterdir() if file.suffix == ".png"] == ["picture.png"]
+    printed = capsys.readouterr().out
+    felt = [float(number) for number in re.findall(r"([\d.]+) (?:difference )?thresholds", printed)]
+    # A drive that is nowhere near the texture errs by the range: 0.06 of 0.27, some 2 thresholds.
+    assert felt
+    assert max(felt) < 1.5
+    assert "0 underruns" in printed
+
+
+def test_real_time_is_played_and_not_judged(short, capsys, tmp_path):
+    try:
+        short("moving_edge")(device="mock:pace=real")
+    except firmware_io.DeviceFaultError as error:
+        if "starved" not in str(error):
+            raise
+        pytest.skip("this machine stalled for longer than the driver waits for its host, 0.25 s")
+    printed = capsys.readouterr().out
+    # 0.8 s at 48 kHz, and the lead; how many underruns there are is this machine's affair.
+    assert int(re.match(r"(\d+) samples, \d+ underruns", printed)[1]) >= 0.75 * 48_000
+    assert not list(tmp_path.glob("*.png"))
+
+
+WRONG = {
+    "photograph_explorer": [
+        ({"photograph": Path("missing.png")}, r"missing\.png"),
+        ({"width_mm": 3.0}, "beside it.*--width-mm or --path"),
+        ({"width_mm": -3.0}, "width_mm.*above 0"),
+        ({"path": Path("missing.csv")}, r"missing\.csv"),
+    ],
+    "moving_edge": [({"device": "tape:"}, "tape:")],
+    "slider_with_detents": [({"steps": 40}, "--steps.*40"), ({"steps": 1}, "--steps.*1")],
+    "two_fingers": [({"combination": "loudest"}, "strongest.*'loudest'")],
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_what_is_wrong_is_said_in_one_sentence(short, name, tmp_path):
+    for options, pattern in WRONG[name]:
+        with pytest.raises(haptix.HaptixError, match=pattern) as caught:
+            short(name)(**options)
+        assert "\n" not in str(caught.value)
+    assert not list(tmp_path.glob("*.png"))
+
+
+def test_a_shell_gets_one_line_and_an_exit_code(tmp_path):
+    ended = subprocess.run(
+        [sys.executable, FOLDER / "slider_with_detents.py", "--steps", "40"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=60,
+    )
+    assert ended.returncode == 1
+    assert ended.stdout == ""
+    assert re.fullmatch(r"slider_with_detents: --steps: .*40.*\n", ended.stderr)

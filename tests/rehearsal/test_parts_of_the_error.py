@@ -1,0 +1,126 @@
+"""Where the error comes from: each part vanishes when its cause does, and they add up."""
+
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import haptix
+from haptix.rehearsal import PARTS, rehearse
+from haptix.render import DirectDrive
+from haptix.twin import TouchPanel
+
+CARRIER_HZ = 4000.0
+RATE = 48_000.0
+
+
+@pytest.fixture(scope="module")
+def usual(model, surface, hills, path):
+    return rehearse(model, surface, hills, path)
+
+
+def test_the_parts_are_the_whole(usual):
+    assert set(usual.parts) == set(PARTS)
+    whole, parts = usual.verdict, usual.parts.values()
+    assert whole.judged > 0.9 * whole.samples
+    assert {part.judged for part in parts} == {whole.judged}
+    # Each part is felt less what was felt without it: the sum telescopes, sample by sample.
+    assert sum(part.bias_mu for part in parts) == pytest.approx(whole.bias_mu, abs=1e-12)
+    assert whole.error_rms_mu <= sum(part.error_rms_mu for part in parts) + 1e-12
+    # And so none may be larger than the whole and all others together.
+    for part in parts:
+        others = sum(other.error_rms_mu for other in parts) - part.error_rms_mu
+        assert part.error_rms_mu <= whole.error_rms_mu + others + 1e-12
+
+
+def test_felt_and_wanted_are_where_the_finger_truly_is(usual, path, hills, surface):
+    felt = usual.felt
+    x, _, force = path.at(felt.t_s)
+    np.testing.assert_allclose(felt.x_mm, x, atol=1e-9)
+    low, high = (surface.mu(force, volts, CARRIER_HZ).numpy() for volts in (0.0, 200.0))
+    share = 0.5 + 0.35 * np.sin(2 * np.pi * x / 6)
+    np.testing.assert_allclose(usual.wanted_mu, low + share * (high - low), rtol=1e-9)
+    assert usual.is_reachable.all()
+
+
+def test_an_exact_surface_has_no_part_in_it(model, hills, path):
+    # In closed form 1/mu is a straight line over the drive: at one force a surface is exact.
+    closed = haptix.ContactModel(model.finger, model.screen, fidelity="closed-form")
+    scene = {"normal_force_n": 0.5, "frequency_hz": CARRIER_HZ}
+    exact = haptix.FrictionSurface.build(closed, scene)
+    level = haptix.Trajectory(path.t_s, path.x_mm, path.y_mm, np.full_like(path.t_s, 0.5))
+    found = rehearse(closed, exact, hills, level)
+    # The secant stops at a relative 1e-13 of 1/mu, over a slope of up to 1/200 per volt.
+    assert found.parts["surface"].error_max_mu < 1e-8
+    assert found.parts["prediction"].error_max_mu > 1e-4
+
+
+def test_the_surfaces_part_is_within_its_stated_error(model, hills, path, surface, usual):
+    assert usual.parts["surface"].error_max_mu <= surface.info["error_max"]
+    scene = {"normal_force_n": (0.3, 0.8), "frequency_hz": CARRIER_HZ}
+    fine = haptix.FrictionSurface.build(model, scene, tolerance=1e-4)
+    finer = rehearse(model, fine, hills, path).parts["surface"]
+    assert finer.error_max_mu <= fine.info["error_max"]
+    assert finer.error_rms_mu < usual.parts["surface"].error_rms_mu
+
+
+def test_prediction_has_little_part_with_touches_like_the_truth(model, surface, hills, path, usual):
+    quick = TouchPanel(rate_hz=1000.0, latency_s=0.0)
+    found = rehearse(model, surface, hills, path, quick, lead_s=1e-3, block_s=1e-3)
+    # The first touches say nothing of the speed yet; after that the finger is followed.
+    assert found.parts["prediction"].error_rms_mu < usual.parts["prediction"].error_rms_mu
+    late = rehearse(model, surface, hills, path, TouchPanel(latency_s=0.06))
+    assert late.parts["prediction"].error_rms_mu > usual.parts["prediction"].error_rms_mu
+    # What comes before the touches does not depend on them.
+    for name in ("finger", "surface", "modulation", "quantisation"):
+        assert found.parts[name].error_rms_mu == pytest.approx(
+            late.parts[name].error_rms_mu, rel=0.35
+        )
+
+
+def test_quantisation_goes_with_the_step_of_the_device(model, surface, hills, path, usual):
+    coarse = rehearse(model, surface, hills, path, address="mock:full_scale_v=1000")
+    # Not the rms: where the path ends, the device's ramp is counted here, too.
+    ratio = coarse.parts["quantisation"].error_p95_mu / usual.parts["quantisation"].error_p95_mu
+    # Four times the step; the errors of the samples of a period partly cancel, by chance.
+    assert 2 < ratio < 8
+    assert usual.parts["quantisation"].error_p95_thresholds < 0.01
+
+
+def test_a_finger_that_follows_at_once_has_no_part(model, surface, path):
+    # Friction that is the same everywhere leaves nothing to smooth, once it has faded in.
+    flat = haptix.Texture(np.full((2, 2), 0.5), width_mm=100.0, beyond="hold")
+    level = haptix.Trajectory(path.t_s, path.x_mm, path.y_mm, np.full_like(path.t_s, 0.5))
+    found = rehearse(model, surface, flat, level)
+    assert found.parts["finger"].error_p95_mu < 1e-6
+    waves = haptix.texture.Grating(1.0, "square", low=0.15, high=0.85)
+    rough = rehearse(model, surface, waves, level)
+    assert rough.parts["finger"].error_p95_mu > 1e-4
+
+
+def test_direct_drive_has_its_parts(model, path):
+    scene = {"normal_force_n": (0.3, 0.8), "frequency_hz": 125.0}
+    surface = haptix.FrictionSurface.build(model, scene, tolerance=2e-3)
+    wide = haptix.texture.Grating(20.0, "sine", low=0.2, high=0.7)
+    found = rehearse(model, surface, wide, path, wave=DirectDrive(125.0, RATE, "square"))
+    assert set(found.parts) == {"modulation", "surface", "quantisation", "prediction"}
+    total = sum(part.bias_mu for part in found.parts.values())
+    assert total == pytest.approx(found.verdict.bias_mu, abs=1e-12)
+
+
+def test_only_a_mock_can_be_felt(model, surface, hills, path, monkeypatch):
+    closed = []
+    device = SimpleNamespace(mock=None, close=lambda: closed.append(True))
+    module = sys.modules["haptix.rehearsal.rehearse"]  # its function has the same name
+    monkeypatch.setattr(module, "open_device", lambda address: device)
+    with pytest.raises(haptix.InputError, match=r"mock device.*usb:"):
+        rehearse(model, surface, hills, path, address="usb:")
+    assert closed
+
+
+def test_progress_rises(model, surface, hills, path):
+    shares = []
+    rehearse(model, surface, hills, path, on_progress=shares.append)
+    assert shares == sorted(shares)
+    assert shares[-1] <= 1.0

@@ -1,0 +1,140 @@
+"""``haptix render`` and ``haptix play``, and what a person may get wrong with them."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import soundfile
+
+SMALL = ("--trajectory", "path.csv", "--surface", "my.surface")
+PHOTO = ("--image", "photo.png", "--width-mm", "60")
+
+
+def test_render_leaves_its_folder_and_says_the_same(haptix_cli, own_folder):
+    done = haptix_cli("render", *SMALL, *PHOTO, "--out", "out", "--json")
+    assert (done.code, done.err) == (0, "")
+    (row,) = json.loads(done.out)
+    told = json.loads((own_folder / "out" / "summary.json").read_text())
+    assert told["photograph"] == "photo.png"
+    assert row["verdict"] == told["verdict"]
+    assert row["parts"] == told["parts"]
+    assert 0 < told["verdict"]["error_p95_thresholds"] < 2
+    samples, rate = soundfile.read(own_folder / "out" / "drive.wav")
+    assert len(samples) / rate > 0.4
+    assert np.abs(samples).max() * told["drive_full_scale_v"] <= 200.0
+
+
+def test_render_in_words(haptix_cli, own_folder):
+    done = haptix_cli("render", *SMALL, "--out", "out")
+    assert (done.code, done.err) == (0, "")
+    for word in (
+        "finger",
+        "surface",
+        "modulation",
+        "quantisation",
+        "prediction",
+        "all",
+        "stand-ins",
+    ):
+        assert word in done.out
+    assert max(map(len, done.out.splitlines())) <= 80
+
+
+def test_touches_that_are_later_err_more(haptix_cli, own_folder):
+    def error(*options):
+        assert haptix_cli("render", *SMALL, *PHOTO, "--out", "out", *options).code == 0
+        told = json.loads((own_folder / "out" / "summary.json").read_text())
+        return told["verdict"]["error_rms_mu"]
+
+    assert error("--touch-latency-ms", "60", "--touch-hz", "60") > error("--touch-latency-ms", "1")
+
+
+@pytest.mark.parametrize("as_json", [True, False])
+def test_play_in_real_time(haptix_cli, own_folder, as_json):
+    options = ("--json",) if as_json else ()
+    done = haptix_cli("play", *SMALL, *PHOTO, "--device", "mock:pace=real", *options)
+    if "starved" in done.err:
+        pytest.skip("this machine stalled for longer than the driver waits for its host, 0.25 s")
+    assert (done.code, done.err) == (0, "")
+    if as_json:
+        (row,) = json.loads(done.out)
+        assert row["seconds"] > 0.2  # less than the 0.4 s of the path only where the machine stalls
+        assert row["lead_ms"] == 25
+        assert row["underruns"] >= 0
+    else:
+        assert "underruns" in done.out
+    assert not [file for file in own_folder.iterdir() if file.is_dir()]  # it leaves no folder
+
+
+BOTH = {
+    "both carriers": (
+        ("--trajectory", "path.csv", "--carrier-hz", "4000", "--direct-hz", "100"),
+        "--carrier-hz or --direct-hz, got both",
+    ),
+    "a photograph without its JSON": (
+        (*SMALL, "--image", "photo.png"),
+        r"photo\.png.*photo\.json.*--width-mm",
+    ),
+    "no photograph": ((*SMALL, "--image", "missing.png", "--width-mm", "60"), r"missing\.png"),
+    "no width": ((*SMALL, "--image", "photo.png", "--width-mm", "0"), "width_mm.*above 0"),
+    "no path": (("--trajectory", "missing.csv"), r"missing\.csv"),
+    "a path backwards": (("--trajectory", "backwards.csv"), "t_s.*increase"),
+    "no surface": (("--trajectory", "path.csv", "--surface", "missing.surface"), r"missing\.surf"),
+    "text as a surface": (("--trajectory", "path.csv", "--surface", "text.surface"), "text"),
+    "three ends of a range": ((*SMALL, "--mu-range", "0.2,0.3,0.4"), "LOW,HIGH.*0.2,0.3,0.4"),
+    "a range backwards": ((*SMALL, "--mu-range", "0.3,0.2"), r"mu_range.*0\.3, 0\.2"),
+    "nobody's finger": ((*SMALL, "--finger", "nobody"), "'nobody'.*semi-wet"),
+    "no screen": ((*SMALL, "--screen", "ipad"), "'ipad'.*3m-sct3250"),
+    "a waveform": (
+        ("--trajectory", "path.csv", "--direct-hz", "100", "--waveform", "saw"),
+        "'saw'",
+    ),
+    "a carrier too fast": (("--trajectory", "path.csv", "--carrier-hz", "20000"), "quarter.*20000"),
+    "no lead": ((*SMALL, "--lead-ms", "-1"), "lead_s.*-0.001"),
+    "no such device": ((*SMALL, "--device", "tape:"), "tape:"),
+    "an option of the mock": ((*SMALL, "--device", "mock:colour=red"), "colour.*keys"),
+}
+RENDER = {
+    "no rate of touches": ((*SMALL, "--touch-hz", "0"), "rate_hz.*above 0"),
+    "touches before they are": ((*SMALL, "--touch-latency-ms", "-1"), "latency_s.*0 or more"),
+    "a file as the folder": ((*SMALL, "--out", "file"), "--out.*file"),
+}
+PLAY = {
+    "hardly a lead": ((*SMALL, "--device", "mock:pace=real", "--lead-ms", "1"), "lead_s.*0.001"),
+}
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [(command, name) for command in ("render", "play") for name in BOTH]
+    + [("render", name) for name in RENDER]
+    + [("play", name) for name in PLAY],
+)
+def test_one_sentence_and_exit_code_2(haptix_cli, own_folder, command, name):
+    arguments, pattern = {**BOTH, **RENDER, **PLAY}[name]
+    if command == "play" and "--device" not in arguments:
+        arguments = (*arguments, "--device", "mock:pace=real")
+    before = {file.name for file in own_folder.iterdir()}
+    done = haptix_cli(command, *arguments)
+    assert done.code == 2
+    assert done.out == ""
+    said = " ".join(done.err.split())
+    assert re.search(pattern, said), said
+    assert said.startswith("haptix: ")
+    assert "Traceback" not in said
+    assert {file.name for file in own_folder.iterdir()} == before
+
+
+def test_only_a_mock_is_rehearsed_with(haptix_cli, own_folder, monkeypatch):
+    import sys
+    from types import SimpleNamespace
+
+    import haptix.rehearsal  # noqa: F401
+
+    real = SimpleNamespace(mock=None, close=lambda: None)
+    monkeypatch.setattr(sys.modules["haptix.rehearsal.rehearse"], "open_device", lambda _: real)
+    done = haptix_cli("render", *SMALL, "--device", "usb:")
+    assert done.code == 2
+    assert re.search("expected a mock device.*usb:", " ".join(done.err.split()))
+    assert not (own_folder / "haptix-render").exists()
