@@ -250,7 +250,7 @@ class ContactModel:
             found.append("roughness spectrum of the finger")
         if "skin-dielectric" in self.terms and self.finger.dielectric.is_placeholder:
             found.append("dielectric of the skin")
-        return found
+        return found + self.screen.doubts()
 
     @one_thread()
     def solve(

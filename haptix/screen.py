@@ -2,14 +2,59 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+import hashlib
+import json
+import warnings
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from haptix.profile import Profile, named_preset
 
 Plain = Annotated[float, Field(gt=0, strict=True)]
 Permittivity = Annotated[float, Field(ge=1)]
+
+
+CALIBRATION_VALID_DAYS = 365
+"""Age [days] from which a calibration counts as old: insulators wear and take up water."""
+
+
+class CalibrationWarning(UserWarning):
+    """A screen's profile is a placeholder, failed its verification, is old or was edited."""
+
+
+class Calibration(BaseModel):
+    """Where a calibrated profile comes from.
+
+    Parameters
+    ----------
+    date : datetime.date
+        When it was measured.
+    operator : str
+        By whom.
+    instruments : tuple of str
+        Names and serial numbers.
+    verdict : {"passed", "failed"}
+        Of the verification on strokes kept out of the fit.
+    spread : mapping of str to float
+        Standard deviation of the logarithm of each number that was found, such as 0.02 for 2 %.
+    rests_on : tuple of str
+        What was assumed and not measured.
+    content_hash : str
+        SHA-256 of the profile as it was written; another one means that somebody has edited it.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    date: date
+    operator: str = ""
+    instruments: tuple[str, ...] = ()
+    verdict: Literal["passed", "failed"]
+    spread: dict[str, float] = {}
+    rests_on: tuple[str, ...] = ()
+    content_hash: str = ""
 
 
 class Screen(Profile):
@@ -27,6 +72,10 @@ class Screen(Profile):
         Resistivity of what fills the gap [Ohm m], or None for dry air.
     max_voltage_v
         Highest amplitude [V] the screen may carry; anything above is rejected, never clamped.
+    is_placeholder : bool
+        True where the numbers are a guess; everything that is made with it says so.
+    calibration : Calibration or None
+        Where the numbers come from, for a profile that a calibration has written.
     """
 
     name: str = "custom"
@@ -35,6 +84,8 @@ class Screen(Profile):
     insulator_strength_v_per_m: Plain = 500e6
     gap_resistivity_ohm_m: Plain | None = None
     max_voltage_v: Plain = 200.0
+    is_placeholder: bool = False
+    calibration: Calibration | None = None
 
     @classmethod
     def preset(cls, name: str) -> Self:
@@ -46,6 +97,46 @@ class Screen(Profile):
             If there is no preset of that name.
         """
         return cls(name=name, **named_preset("screen", name, _PRESETS))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """Read a TOML file; see `haptix.profile.Profile.load`.
+
+        Warns
+        -----
+        CalibrationWarning
+            For each of `doubts`; outputs name them as well.
+        """
+        screen = super().load(path)
+        for doubt in screen.doubts():
+            warnings.warn(f"{path}: {doubt}", CalibrationWarning, stacklevel=2)
+        return screen
+
+    def doubts(self) -> list[str]:
+        """Reasons not to trust the profile, as outputs quote them; none for presets."""
+        found = []
+        if self.is_placeholder:
+            found.append(f"screen {self.name!r} (a placeholder, not calibrated)")
+        if self.calibration is None:
+            return found
+        if self.calibration.verdict == "failed":
+            found.append(f"screen {self.name!r} (its calibration failed verification)")
+        age = (datetime.now(UTC).date() - self.calibration.date).days
+        if age > CALIBRATION_VALID_DAYS:
+            found.append(
+                f"screen {self.name!r} (its calibration of {self.calibration.date} is more than "
+                f"{CALIBRATION_VALID_DAYS} days old)"
+            )
+        if self.calibration.content_hash != self.content_hash():
+            found.append(f"screen {self.name!r} (its profile was changed after the calibration)")
+        return found
+
+    def content_hash(self) -> str:
+        """SHA-256 of everything in the profile but the hash itself."""
+        fields = self.model_dump(mode="json")
+        if fields["calibration"] is not None:
+            del fields["calibration"]["content_hash"]
+        return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()
 
     @property
     def h0_m(self) -> float:

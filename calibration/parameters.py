@@ -1,0 +1,265 @@
+"""What a calibration can find out: parameters by name, all positive, and what is known beforehand.
+
+Everything is fitted as a logarithm: a prior of 0.2 says "within some 20 %".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from math import isfinite, log
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.errors import InputError
+from haptix.finger import Finger, Roughness
+from haptix.screen import Screen
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+PER_SCREEN = ("h0_m", "gap_resistivity_ohm_m")
+PER_FINGER = (
+    "frictional_shear_stress_pa",
+    "youngs_modulus_pa",
+    "h_rms_m",
+    "apparent_area_at_1n_m2",
+    "apparent_area_exponent",
+    "skin_dielectric_scale",
+    "response_hz_per_mm_per_s",
+)
+NAMES = PER_SCREEN + PER_FINGER
+
+RESPONSE_HZ_PER_MM_PER_S = 13.8
+"""Cut-off of the finger's response per sliding speed (2025; physics page, section 7)."""
+
+# What a fingertip is like before anything is measured, as standard deviations of logarithms. The
+# apparent area is that of an ink print; the rest is the spread between people. A screen's
+# insulator and tau_f are found from the strokes alone.
+_SPREAD = {
+    "youngs_modulus_pa": 0.3,
+    "h_rms_m": 0.2,
+    "apparent_area_at_1n_m2": 0.1,
+    "apparent_area_exponent": 0.2,
+    "response_hz_per_mm_per_s": 0.1,
+}
+
+_REACH = {"youngs_modulus_pa": 1.6, "h_rms_m": 1.2, "gap_resistivity_ohm_m": 12.0}
+_USUAL_REACH = 4.6
+"""Distance of a logarithm from its start that a fit may go: a factor of 100, or what the tables of
+the contact cover."""
+
+EXPERIMENTS: Mapping[str, str] = {
+    "h0_m": (
+        "add strokes at other frequencies (`plan --protocol full` or short), or calibrate the same "
+        "finger on a screen of known insulator first and pass that fit as --finger"
+    ),
+    "gap_resistivity_ohm_m": "add strokes at low frequencies, 20 to 60 Hz, where the gap leaks",
+    "frictional_shear_stress_pa": (
+        "it goes as modulus x roughness: measure the roughness of this finger (replica) and its "
+        "modulus (indentation), and give them as priors"
+    ),
+    "youngs_modulus_pa": "indent this finger, or measure its roughness; give either as a prior",
+    "h_rms_m": "measure the roughness of this finger (replica and profilometer)",
+    "apparent_area_at_1n_m2": "print the inked fingertip at 1 N and measure the area",
+    "apparent_area_exponent": "print the inked fingertip at 0.1 N and at 1 N",
+    "skin_dielectric_scale": (
+        "measure the skin's impedance, or calibrate this finger on a screen of known insulator at "
+        "several frequencies"
+    ),
+    "response_hz_per_mm_per_s": "add strokes at 250 to 500 Hz, at two speeds",
+}
+"""What would determine each parameter, in words."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter.
+
+    Parameters
+    ----------
+    name : str
+        One of `NAMES`; the end of the name is the unit.
+    value : float
+        Where the fit starts, and the middle of the prior.
+    prior : float or None
+        Standard deviation of the logarithm before the strokes; None without any knowledge.
+    is_fixed : bool
+        True where the value is taken as it is.
+    """
+
+    name: str
+    value: float
+    prior: float | None = None
+    is_fixed: bool = False
+
+    def __post_init__(self) -> None:
+        if self.name not in NAMES:
+            raise InputError(f"parameter {self.name!r}: expected one of {', '.join(NAMES)}")
+        if not (isfinite(self.value) and self.value > 0):
+            raise InputError(f"{self.name}: expected a finite number above 0, got {self.value:g}")
+        if self.prior is not None and not (isfinite(self.prior) and self.prior > 0):
+            raise InputError(
+                f"{self.name}: expected a prior above 0 (0.1 for within 10 %), got {self.prior:g}"
+            )
+
+
+@dataclass(frozen=True)
+class FingerPrior:
+    """What an earlier fit has found out about the finger: a Gaussian in the logarithms.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of `PER_FINGER`.
+    log_value : array, shape (names,)
+        Middle.
+    covariance : array, shape (names, names)
+        Of the logarithms.
+    """
+
+    names: tuple[str, ...]
+    log_value: Array
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        if unknown := set(self.names) - set(PER_FINGER):
+            raise InputError(f"finger prior: unknown {', '.join(sorted(unknown))}")
+        count = len(self.names)
+        if self.log_value.shape != (count,) or self.covariance.shape != (count, count):
+            raise InputError(f"finger prior: expected {count} values and their covariance")
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """All parameters of a fit, and what is known of them."""
+
+    all: tuple[Parameter, ...]
+    finger_prior: FingerPrior | None = None
+
+    @classmethod
+    def of(cls, finger: Finger, screen: Screen, leaky_gap: bool = False) -> Parameters:
+        """Take the profiles' values as the start, with the usual spread of fingers as priors."""
+        if not isinstance(finger.roughness, Roughness):
+            h_rms = float(finger.roughness.spectrum().h_rms_m)
+        else:
+            h_rms = float(finger.roughness.h_rms_m)
+        values = {
+            "h0_m": screen.h0_m,
+            "frictional_shear_stress_pa": float(finger.frictional_shear_stress_pa),
+            "youngs_modulus_pa": float(finger.youngs_modulus_pa),
+            "h_rms_m": h_rms,
+            "apparent_area_at_1n_m2": finger.apparent_area_at_1n_m2,
+            "apparent_area_exponent": max(finger.apparent_area_exponent, 1e-3),
+            "skin_dielectric_scale": 1.0,
+            "response_hz_per_mm_per_s": RESPONSE_HZ_PER_MM_PER_S,
+        }
+        found = [
+            Parameter(name, value, _SPREAD.get(name), name == "skin_dielectric_scale")
+            for name, value in values.items()
+        ]
+        if leaky_gap or screen.gap_resistivity_ohm_m is not None:
+            # Around the values of the paper's Fig. 4, decades either way: hardly any knowledge.
+            found.append(
+                Parameter("gap_resistivity_ohm_m", screen.gap_resistivity_ohm_m or 1e7, 6.0)
+            )
+        return cls(tuple(found))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names, in order."""
+        return tuple(one.name for one in self.all)
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of those that are fitted."""
+        return tuple(one.name for one in self.all if not one.is_fixed)
+
+    @property
+    def log_values(self) -> Array:
+        """Logarithms of the start, in the order of `names`."""
+        return np.array([log(one.value) for one in self.all])
+
+    def __getitem__(self, name: str) -> Parameter:
+        for one in self.all:
+            if one.name == name:
+                return one
+        raise InputError(f"parameter {name!r}: expected one of {', '.join(self.names)}")
+
+    def fixed(self, **values: float) -> Parameters:
+        """Return a copy with parameters held at values."""
+        return self._changed(
+            {name: Parameter(name, value, None, True) for name, value in values.items()}
+        )
+
+    def known(self, **priors: tuple[float | None, float]) -> Parameters:
+        """Return a copy with priors ``name=(value, spread)``; None keeps the value."""
+        changed = {}
+        for name, (value, spread) in priors.items():
+            changed[name] = Parameter(name, self[name].value if value is None else value, spread)
+        return self._changed(changed)
+
+    def started_at(self, **values: float) -> Parameters:
+        """Return a copy whose start, and middle of the priors, is elsewhere."""
+        return self._changed(
+            {name: replace(self[name], value=value) for name, value in values.items()}
+        )
+
+    def with_finger(self, prior: FingerPrior) -> Parameters:
+        """Return a copy that knows of the finger what an earlier fit has found."""
+        changed = {
+            name: Parameter(name, float(np.exp(value)))
+            for name, value in zip(prior.names, prior.log_value, strict=True)
+            if name in self.names and not self[name].is_fixed
+        }
+        return replace(self._changed(changed), finger_prior=prior)
+
+    def only(self, names: Iterable[str]) -> Parameters:
+        """Return a copy in which all others are fixed where they are."""
+        keep = set(names)
+        return replace(
+            self,
+            all=tuple(one if one.name in keep else replace(one, is_fixed=True) for one in self.all),
+        )
+
+    def _changed(self, changed: Mapping[str, Parameter]) -> Parameters:
+        for name in changed:
+            if name not in NAMES:
+                raise InputError(f"parameter {name!r}: expected one of {', '.join(NAMES)}")
+        kept = [changed.get(one.name, one) for one in self.all]
+        added = [one for name, one in changed.items() if name not in self.names]
+        return replace(self, all=(*kept, *added))
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Lowest and highest logarithms of the free parameters that a fit may try."""
+        middle = np.array([log(self[name].value) for name in self.free])
+        reach = np.array([_REACH.get(name, _USUAL_REACH) for name in self.free])
+        return middle - reach, middle + reach
+
+    def prior_rows(self) -> tuple[Array, Array]:
+        """Return (matrix, target) with which ``matrix @ log_values - target`` is unit normal.
+
+        The matrix has a column for each of `free`.
+        """
+        free = self.free
+        rows: list[Array] = []
+        target: list[float] = []
+        prior = self.finger_prior
+        joint = () if prior is None else tuple(name for name in prior.names if name in free)
+        for index, name in enumerate(free):
+            spread = self[name].prior
+            if spread is not None and name not in joint:
+                row = np.zeros(len(free))
+                row[index] = 1 / spread
+                rows.append(row)
+                target.append(log(self[name].value) / spread)
+        if prior is not None and joint:
+            at = [prior.names.index(name) for name in joint]
+            whitening = np.linalg.inv(np.linalg.cholesky(prior.covariance[np.ix_(at, at)]))
+            for weights, wanted in zip(whitening, whitening @ prior.log_value[at], strict=True):
+                row = np.zeros(len(free))
+                row[[free.index(name) for name in joint]] = weights
+                rows.append(row)
+                target.append(float(wanted))
+        return np.array(rows).reshape(-1, len(free)), np.array(target)

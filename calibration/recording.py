@@ -1,0 +1,210 @@
+"""Raw recordings: what the instruments said during one stroke, and how it lies on disk.
+
+One stroke is one HDF5 file. Layout, schema 1::
+
+    /            attributes: format = "haptix stroke", schema_version, stroke (JSON of the planned
+                 stroke), instruments (JSON: name to serial number), temperature_c,
+                 humidity_percent, operator, started (ISO 8601), is_accepted, complaints (JSON)
+    /signals     t_s, normal_force_n, tangential_force_n, x_mm, drive_v: float64, one length,
+                 each with an attribute "unit"
+
+Times are those of the instrument's own clock. The tangential force is positive where the finger
+drags the screen towards growing x.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from pydantic import ValidationError
+
+from calibration.parameters import Array
+from calibration.protocol import Stroke, first_complaint
+from haptix.errors import FileFormatError, InputError
+
+SIGNALS: Mapping[str, str] = {
+    "t_s": "s",
+    "normal_force_n": "N",
+    "tangential_force_n": "N",
+    "x_mm": "mm",
+    "drive_v": "V",
+}
+"""Columns of a recording, and their units."""
+
+_FORMAT = "haptix stroke"
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Around a recording: which instruments, and what the room was like.
+
+    Parameters
+    ----------
+    instruments : mapping of str to str
+        Name to serial number, such as ``{"force sensor": "FT12345"}``.
+    temperature_c, humidity_percent : float or None
+        Of the room.
+    operator : str
+        Who held the finger to it.
+    started : str
+        When, ISO 8601.
+    """
+
+    instruments: Mapping[str, str] = field(default_factory=dict)
+    temperature_c: float | None = None
+    humidity_percent: float | None = None
+    operator: str = ""
+    started: str = ""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One stroke as recorded; every signal has shape (samples,).
+
+    Parameters
+    ----------
+    stroke : Stroke
+        What was planned.
+    t_s, normal_force_n, tangential_force_n, x_mm, drive_v : array
+        Signals, in these units.
+    conditions : Conditions
+        Instruments and room.
+    complaints : tuple of str
+        Why it was not accepted; empty where it was.
+    """
+
+    stroke: Stroke
+    t_s: Array
+    normal_force_n: Array
+    tangential_force_n: Array
+    x_mm: Array
+    drive_v: Array
+    conditions: Conditions = field(default_factory=Conditions)
+    complaints: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        shapes = {name: np.shape(getattr(self, name)) for name in SIGNALS}
+        if len(set(shapes.values())) != 1 or len(shapes["t_s"]) != 1 or shapes["t_s"][0] < 8:
+            raise InputError(
+                f"stroke {self.stroke.number}: expected signals of one length, 8 samples or more, "
+                f"got {', '.join(f'{name} {shape}' for name, shape in shapes.items())}"
+            )
+
+    @classmethod
+    def of(
+        cls, stroke: Stroke, signals: Mapping[str, Array], conditions: Conditions | None = None
+    ) -> Recording:
+        """Take signals by their names; others among them are left."""
+        t, normal, tangential, x, drive = (signals[name] for name in SIGNALS)
+        return cls(stroke, t, normal, tangential, x, drive, conditions or Conditions())
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """Samples per second, from the middle of the steps in time."""
+        step = float(np.median(np.diff(self.t_s)))
+        return 1 / step if step > 0 else float("nan")
+
+    def save(self, path: str | Path) -> None:
+        """Write HDF5, whole or not at all.
+
+        Raises
+        ------
+        FileFormatError
+            If the file cannot be written.
+        """
+        path = Path(path)
+        part = path.with_name(path.name + ".part")
+        room = self.conditions
+        attributes: dict[str, Any] = {
+            "format": _FORMAT,
+            "schema_version": 1,
+            "stroke": self.stroke.model_dump_json(),
+            "instruments": json.dumps(dict(room.instruments)),
+            "operator": room.operator,
+            "started": room.started,
+            "is_accepted": not self.complaints,
+            "complaints": json.dumps(list(self.complaints)),
+        }
+        for name in ("temperature_c", "humidity_percent"):
+            if getattr(room, name) is not None:
+                attributes[name] = float(getattr(room, name))
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with h5py.File(part, "w") as file:
+                file.attrs.update(attributes)
+                signals = file.create_group("signals")
+                for name, unit in SIGNALS.items():
+                    data = signals.create_dataset(
+                        name,
+                        data=np.asarray(getattr(self, name), dtype=np.float64),
+                        compression="gzip",
+                        compression_opts=1,
+                        shuffle=True,
+                    )
+                    data.attrs["unit"] = unit
+            part.replace(path)
+        except OSError as error:
+            raise FileFormatError(f"cannot write {path}: {error}") from None
+        finally:
+            part.unlink(missing_ok=True)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Recording:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        FileFormatError
+            If the file is missing, foreign, damaged or of a later version; it names the column
+            that is missing.
+        """
+        path = Path(path)
+        try:
+            with h5py.File(path, "r") as file:
+                return cls._read(file, path)
+        except OSError as error:
+            raise FileFormatError(f"cannot read {path} as HDF5: {error}") from None
+
+    @classmethod
+    def _read(cls, file: h5py.File, path: Path) -> Recording:
+        found = dict(file.attrs)
+        if found.get("format") != _FORMAT:
+            raise FileFormatError(
+                f"{path}: expected a recording of one stroke, got an HDF5 file of another kind; "
+                "bring other formats in with `haptix calibrate measure --csv`"
+            )
+        if int(found.get("schema_version", 0)) != 1:
+            raise FileFormatError(
+                f"{path}: expected schema_version 1, got {found.get('schema_version')}; update "
+                "haptix to read it"
+            )
+        signals = file.get("signals")
+        missing = [name for name in SIGNALS if signals is None or name not in signals]
+        if missing:
+            raise FileFormatError(f"{path}: expected signals {', '.join(missing)} as well")
+        try:
+            stroke = Stroke.model_validate_json(found["stroke"])
+            room = Conditions(
+                json.loads(found["instruments"]),
+                _optional(found.get("temperature_c")),
+                _optional(found.get("humidity_percent")),
+                str(found["operator"]),
+                str(found["started"]),
+            )
+            complaints = tuple(json.loads(found["complaints"]))
+        except ValidationError as error:
+            raise FileFormatError(f"{path}: stroke: {first_complaint(error)}") from None
+        except (KeyError, ValueError) as error:
+            raise FileFormatError(f"{path}: expected attributes of a stroke, got {error}") from None
+        values = {name: np.asarray(signals[name][()], dtype=float) for name in SIGNALS}
+        return replace(cls.of(stroke, values, room), complaints=complaints)
+
+
+def _optional(value: Any) -> float | None:
+    return None if value is None else float(value)

@@ -1,0 +1,325 @@
+"""From raw force to mu(F_N, V0, f): zero and drift off, full slip only, the ripple by lock-in."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, fields, replace
+from itertools import pairwise
+from math import hypot, nan, sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.complaints import complaints, drive_amplitude, idle_parts
+from calibration.parameters import Array
+from calibration.predict import Strokes
+from calibration.recording import Recording
+from calibration.segmentation import Segment, full_slip, sliding_speed
+from haptix.errors import FileFormatError, InputError
+
+_BLOCKS = 8  # of a segment: their scatter is the error of its mean
+_HIGHEST_SHARE = 0.4  # of the sampling rate, up to which a ripple is looked for
+_LEAST_TURNS = 8.0  # of the ripple in a segment
+_NEIGHBOURS = np.array([-9, -8, -7, -6, -5, 5, 6, 7, 8, 9])  # bins: where there is noise alone
+_GAIN_ERROR = 0.002  # of the ratio of two force channels, one way
+_RIPPLE_GAIN_ERROR = 0.01  # of the sensor's gain at 2f against its gain at rest
+
+
+@dataclass(frozen=True)
+class Point:
+    """One reduced stroke.
+
+    Parameters
+    ----------
+    number : int
+        Of the stroke.
+    normal_force_n, voltage_v, frequency_hz, speed_mm_per_s : float
+        As measured, but for the frequency, which is the played one.
+    mu, mu_sd : float
+        Mean friction coefficient of the full slip and its standard error.
+    ripple, ripple_sd : float
+        Amplitude at 2f over the mean friction, noise taken off; NaN where it cannot be seen.
+    crosstalk : float
+        Half the difference of both directions, over the normal force: what a tilted sensor adds to
+        mu in one direction; NaN for one-way strokes.
+    held_out : bool
+        Whether it is kept for verification.
+    outlier : str
+        Why it is not used; empty where it is.
+    notes : tuple of str
+        What was made up for.
+    """
+
+    number: int
+    normal_force_n: float
+    voltage_v: float
+    frequency_hz: float
+    speed_mm_per_s: float
+    mu: float
+    mu_sd: float
+    ripple: float
+    ripple_sd: float
+    crosstalk: float = nan
+    held_out: bool = False
+    outlier: str = ""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """All strokes of a session, reduced; in the order of their numbers."""
+
+    points: tuple[Point, ...]
+
+    @property
+    def used(self) -> tuple[Point, ...]:
+        """What a fit may use: no outliers, nothing held out."""
+        return tuple(p for p in self.points if not p.outlier and not p.held_out)
+
+    @property
+    def held_out(self) -> tuple[Point, ...]:
+        """What verification uses."""
+        return tuple(p for p in self.points if not p.outlier and p.held_out)
+
+    @property
+    def outliers(self) -> tuple[Point, ...]:
+        """Strokes that are not used, each with its reason."""
+        return tuple(p for p in self.points if p.outlier)
+
+    def save(self, path: str | Path) -> None:
+        """Write a CSV table that people and `load` read."""
+        names = [field.name for field in fields(Point)]
+        try:
+            with Path(path).open("w", encoding="utf-8", newline="") as file:
+                table = csv.writer(file)
+                table.writerow(names)
+                for point in self.points:
+                    row = asdict(point) | {"notes": json.dumps(point.notes)}
+                    table.writerow([repr(v) if isinstance(v, float) else v for v in row.values()])
+        except OSError as error:
+            raise FileFormatError(f"cannot write {path}: {error.strerror}") from None
+
+    @classmethod
+    def load(cls, path: str | Path) -> Reduced:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        FileFormatError
+            If the file is missing or is no such table.
+        """
+        try:
+            with Path(path).open(encoding="utf-8", newline="") as file:
+                rows = list(csv.DictReader(file))
+            return cls(tuple(_point(row) for row in rows))
+        except OSError as error:
+            raise FileFormatError(f"cannot read {path}: {error.strerror}") from None
+        except (KeyError, ValueError, TypeError) as error:
+            raise FileFormatError(
+                f"{path}: expected a table of reduced strokes, got {error!r}; make it with "
+                "`haptix calibrate reduce`"
+            ) from None
+
+
+def _point(row: dict[str, Any]) -> Point:
+    read: dict[str, Callable[[str], Any]] = {
+        "number": int,
+        "held_out": lambda text: text == "True",
+        "outlier": str,
+        "notes": lambda text: tuple(json.loads(text)),
+    }
+    return Point(**{one.name: read.get(one.name, float)(row[one.name]) for one in fields(Point)})
+
+
+def conditions_of_points(points: Iterable[Point]) -> Strokes:
+    """Return measured conditions as arrays."""
+    kept = list(points)
+    names = ("normal_force_n", "voltage_v", "frequency_hz", "speed_mm_per_s")
+    return Strokes(*(np.array([getattr(p, n) for p in kept], dtype=float) for n in names))
+
+
+def reduce_session(
+    recordings: Iterable[Recording], idle_s: float = 0.3, crosstalk: float = 0.0
+) -> Reduced:
+    """Reduce recordings; strokes that say something else than their neighbours are named.
+
+    Parameters
+    ----------
+    recordings : iterable of Recording
+        Of one session.
+    idle_s : float
+        Untouched time at start and end of each [s].
+    crosstalk : float
+        What the sensor's certificate says: share of the normal force that its tangential axis
+        shows. It is taken off strokes of one direction; there and back it cancels by itself.
+    """
+    points = [reduce_stroke(one, idle_s, crosstalk) for one in recordings]
+    if not points:
+        raise InputError("expected recordings of one stroke or more, got none; measure first")
+    return Reduced(tuple(sorted(points, key=lambda point: point.number)))
+
+
+def reduce_stroke(recording: Recording, idle_s: float = 0.3, crosstalk: float = 0.0) -> Point:
+    """Reduce one recording; what makes it unusable is in the point's `outlier`."""
+    stroke = recording.stroke
+    wrong = complaints(recording, idle_s, tolerance=0.5)
+    fatal = [str(one) for one in wrong if one.is_fatal]
+    blank = Point(
+        stroke.number,
+        stroke.normal_force_n,
+        stroke.voltage_v,
+        stroke.frequency_hz,
+        stroke.speed_mm_per_s,
+        *(nan,) * 4,
+        held_out=stroke.held_out,
+        outlier="; ".join(fatal),
+        notes=tuple(str(one) for one in wrong if not one.is_fatal),
+    )
+    if fatal:
+        return blank
+    normal, tangential = without_drift(recording, idle_s)
+    segments = full_slip(recording.t_s, recording.x_mm, normal)
+    if not segments:
+        return replace(blank, outlier="no sliding: no part of the stroke slides in full")
+    return _reduced(blank, recording, normal, tangential, segments, crosstalk)
+
+
+def without_drift(recording: Recording, idle_s: float) -> tuple[Array, Array]:
+    """Forces with a straight line between both idle parts taken off.
+
+    Where the finger is still on the screen at the end, the zero before the touch alone.
+    """
+    before, after = idle_parts(recording, idle_s)
+    t = recording.t_s
+    normal = recording.normal_force_n
+    still_on = abs(normal[after].mean() - normal[before].mean()) > (
+        0.3 * recording.stroke.normal_force_n
+    )
+    found = []
+    for values in (normal, recording.tangential_force_n):
+        start = float(values[before].mean())
+        if still_on:
+            found.append(values - start)
+            continue
+        end = float(values[after].mean())
+        middle_before, middle_after = float(t[before].mean()), float(t[after].mean())
+        share = (t - middle_before) / (middle_after - middle_before)
+        found.append(values - start - share * (end - start))
+    return found[0], found[1]
+
+
+def _reduced(
+    blank: Point,
+    recording: Recording,
+    normal: Array,
+    tangential: Array,
+    segments: list[Segment],
+    crosstalk: float,
+) -> Point:
+    speed = np.abs(sliding_speed(recording.t_s, recording.x_mm))
+    by_direction: dict[int, list[Segment]] = {}
+    for segment in segments:
+        by_direction.setdefault(segment.direction, []).append(segment)
+    # Each direction counts the same, so that cross-talk and a lateral offset cancel.
+    ratios, errors, forces, speeds = {}, [], [], []
+    for direction, group in by_direction.items():
+        parts = [_ratio(recording, normal, tangential, one) for one in group]
+        weights = np.array([one.stop - one.start for one in group], dtype=float)
+        weights /= weights.sum()
+        ratios[direction] = float(weights @ np.array([ratio for ratio, _ in parts]))
+        errors.append(float(np.sqrt(weights**2 @ np.array([sd**2 for _, sd in parts]))))
+        inside = np.concatenate([np.arange(one.start, one.stop) for one in group])
+        forces.append(float(normal[inside].mean()))
+        speeds.append(float(speed[inside].mean()))
+    both = len(ratios) == 2
+    mu = sum(direction * ratio for direction, ratio in ratios.items()) / len(ratios)
+    if not both:
+        mu -= crosstalk * next(iter(ratios))
+    sd = sqrt(sum(error**2 for error in errors)) / len(errors)
+    if mu <= 0:
+        return replace(blank, outlier=f"wrong sign: mu is {mu:.3g} in full slip")
+    ripple, ripple_sd = _ripple(recording, tangential, segments)
+    return replace(
+        blank,
+        normal_force_n=float(np.mean(forces)),
+        voltage_v=_amplitude(recording, segments),
+        speed_mm_per_s=float(np.mean(speeds)),
+        mu=mu,
+        mu_sd=hypot(sd, _GAIN_ERROR * mu),
+        ripple=ripple,
+        ripple_sd=ripple_sd,
+        crosstalk=sum(ratios.values()) / 2 if both else nan,
+    )
+
+
+def _ratio(
+    recording: Recording, normal: Array, tangential: Array, segment: Segment
+) -> tuple[float, float]:
+    """Mean tangential over mean normal force, over whole drive periods, and its error."""
+    t = recording.t_s[segment.samples]
+    period = 1 / recording.stroke.frequency_hz
+    periods = int((t[-1] - t[0]) / period)
+    last = int(np.searchsorted(t, t[0] + periods * period)) if periods else len(t)
+    shear = tangential[segment.samples][:last]
+    press = normal[segment.samples][:last]
+    ratio = float(shear.mean() / press.mean())
+    misfit = shear - ratio * press
+    # Blocks of whole periods too, or the ripple itself would look like scatter.
+    each = max(periods // _BLOCKS, 1) * period
+    count = max(min(_BLOCKS, periods), 2)
+    ends = np.searchsorted(t[:last], t[0] + each * np.arange(count + 1))
+    blocks = [misfit[a:b].mean() for a, b in pairwise(ends.tolist()) if b > a]
+    spread = float(np.std(blocks, ddof=1)) if len(blocks) > 1 else 0.0
+    return ratio, spread / sqrt(max(len(blocks), 1)) / abs(float(press.mean()))
+
+
+def _amplitude(recording: Recording, segments: list[Segment]) -> float:
+    """Amplitude that stood on the screen; the planned one where the monitor is too slow for it."""
+    stroke = recording.stroke
+    if stroke.voltage_v == 0 or recording.sample_rate_hz < 2.2 * stroke.frequency_hz:
+        return stroke.voltage_v
+    return drive_amplitude(recording, segments)
+
+
+def _ripple(
+    recording: Recording, tangential: Array, segments: list[Segment]
+) -> tuple[float, float]:
+    """Amplitude of the friction at 2f over its mean, and its error: a lock-in with a Hann window.
+
+    The noise is that of frequencies beside 2f, in the same window.
+    """
+    frequency = 2 * recording.stroke.frequency_hz
+    if recording.stroke.voltage_v == 0 or frequency > _HIGHEST_SHARE * recording.sample_rate_hz:
+        return nan, nan
+    powers, noises, means, weights = [], [], [], []
+    for segment in segments:
+        t = recording.t_s[segment.samples]
+        shear = segment.direction * tangential[segment.samples]
+        lasts = float(t[-1] - t[0])
+        if lasts * frequency < _LEAST_TURNS:
+            continue
+        share = (t - t[0]) / lasts
+        window = 1 - np.cos(2 * np.pi * share)
+        mean = float(shear.mean())
+        line = np.polynomial.polynomial.polyfit(share - 0.5, shear, 1)
+        ac = (shear - line[0] - line[1] * (share - 0.5)) * window
+        at = np.array([0, *_NEIGHBOURS]) / lasts + frequency
+        at = at[at > 0]
+        turn = np.exp(-2j * np.pi * at[:, None] * (t - t[0]))
+        size = 2 * np.abs(turn @ ac) / window.sum()
+        powers.append(size[0] ** 2)
+        noises.append(float((size[1:] ** 2).mean()))
+        means.append(mean)
+        weights.append(lasts)
+    if not powers or min(means) <= 0:
+        return nan, nan
+    weight = np.array(weights) / sum(weights)
+    mean = float(weight @ np.array(means))
+    noise = float(weight @ np.array(noises))
+    size = sqrt(max(float(weight @ np.array(powers)) - noise, 0.0))
+    # One quadrature of the noise moves the amplitude; the segments average.
+    sd = sqrt(noise / 2 / len(powers))
+    return size / mean, hypot(sd / mean, _RIPPLE_GAIN_ERROR * size / mean, 1e-4)

@@ -1,0 +1,167 @@
+"""Where in a recording the finger slides in full, and what repeats along the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.parameters import Array
+from haptix.errors import InputError
+
+SETTLING_MM = 4.0
+"""Way after each start that is left out: a fingertip first rolls and slips in part."""
+STOPPING_MM = 1.5
+"""Way before each stop that is left out."""
+
+_SMOOTHING_S = 0.02
+_MOVING = 0.5  # of the usual speed; slower counts as starting and stopping
+_TOUCHING = 0.4  # of the usual normal force
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Samples ``start`` to ``stop`` (not included), sliding towards `direction` (+1 or -1)."""
+
+    start: int
+    stop: int
+    direction: int
+
+    @property
+    def samples(self) -> slice:
+        """Return the samples."""
+        return slice(self.start, self.stop)
+
+
+def sliding_speed(t_s: Array, x_mm: Array) -> Array:
+    """Velocity [mm/s], signed, shape (samples,): a straight line through 20 ms around each sample.
+
+    Slowly sampled recordings have it through three samples.
+    """
+    step = float(np.median(np.diff(t_s)))
+    if not step > 0:
+        raise InputError("t_s: expected times that increase")
+    half = min(max(1, round(_SMOOTHING_S / step / 2)), len(t_s) - 1)
+    padded_t = np.pad(t_s, half, mode="reflect", reflect_type="odd")
+    padded_x = np.pad(x_mm, half, mode="reflect", reflect_type="odd")
+    # Least squares through a window of evenly weighted samples, by running sums.
+    width = 2 * half + 1
+
+    def mean(values: Array) -> Array:
+        total = np.concatenate([[0.0], np.cumsum(values)])
+        return np.asarray((total[width:] - total[:-width]) / width)
+
+    # About a common middle, so that large times do not cost digits.
+    t, x = padded_t - padded_t.mean(), padded_x - padded_x.mean()
+    covariance = mean(t * x) - mean(t) * mean(x)
+    variance = mean(t * t) - mean(t) ** 2
+    return np.asarray(covariance / np.maximum(variance, 1e-30))
+
+
+def full_slip(
+    t_s: Array,
+    x_mm: Array,
+    normal_force_n: Array | None = None,
+    settling_mm: float = SETTLING_MM,
+    stopping_mm: float = STOPPING_MM,
+) -> list[Segment]:
+    """Find the parts in which the finger touches and slides in full.
+
+    Parameters
+    ----------
+    t_s, x_mm : array, shape (samples,)
+        Time [s] and place along the stroke [mm].
+    normal_force_n : array or None
+        Normal force [N]; without one the finger counts as touching throughout.
+    settling_mm, stopping_mm : float
+        Way that is left out after each start and before each stop [mm].
+
+    Returns
+    -------
+    list of Segment
+        In order of time; empty where nothing slides.
+    """
+    speed = sliding_speed(t_s, x_mm)
+    fast = np.abs(speed)
+    span = float(np.ptp(x_mm))
+    if span <= 0:
+        return []
+    # The usual speed is the one at which most of the way is made.
+    usual = float(np.sqrt((fast**3).sum() / max(fast.sum(), 1e-30)))
+    good = fast > _MOVING * usual
+    if normal_force_n is not None:
+        usual_force = float(np.median(normal_force_n[good])) if good.any() else 0.0
+        good &= normal_force_n > _TOUCHING * usual_force
+    sign = np.where(good, np.sign(speed), 0).astype(int)
+    edges = np.flatnonzero(np.diff(sign)) + 1
+    found = []
+    for start, stop in zip([0, *edges], [*edges, len(sign)], strict=True):
+        if sign[start] == 0:
+            continue
+        way = np.abs(x_mm[start:stop] - x_mm[start])
+        inside = np.flatnonzero((way >= settling_mm) & (way <= way[-1] - stopping_mm))
+        if len(inside) >= 8:
+            found.append(
+                Segment(start + int(inside[0]), start + int(inside[-1]) + 1, int(sign[start]))
+            )
+    return found
+
+
+def spatial_period_mm(
+    t_s: Array,
+    x_mm: Array,
+    signals: Array,
+    shortest_mm: float = 1.0,
+    longest_mm: float = 6.0,
+    normal_force_n: Array | None = None,
+) -> float:
+    """Period [mm] of what signals repeat along the way, over the parts of full slip.
+
+    Parameters
+    ----------
+    t_s, x_mm : array, shape (samples,)
+        Time [s] and place [mm].
+    signals : array, shape (samples,) or (samples, channels)
+        Anything that feels the surface; each channel counts by its own variance.
+    shortest_mm, longest_mm : float
+        Periods that are looked for.
+    normal_force_n : array or None
+        As `full_slip` takes it.
+
+    Raises
+    ------
+    InputError
+        If nothing slides for four of the longest periods.
+    """
+    if not 0 < shortest_mm < longest_mm:
+        raise InputError("expected 0 < shortest_mm < longest_mm")
+    columns = signals[:, None] if signals.ndim == 1 else signals
+    segments = full_slip(t_s, x_mm, normal_force_n)
+    long_enough = [s for s in segments if abs(np.ptp(x_mm[s.samples])) >= 4 * longest_mm]
+    if not long_enough:
+        raise InputError(
+            f"expected a stroke that slides for {4 * longest_mm:g} mm or more, got "
+            f"{max((float(np.ptp(x_mm[s.samples])) for s in segments), default=0.0):.3g} mm"
+        )
+    way = max(float(np.ptp(x_mm[s.samples])) for s in long_enough)
+    # Samples further apart than half a wave would show another one.
+    apart = max(float(np.median(np.abs(np.diff(x_mm[s.samples])))) for s in long_enough)
+    shortest_mm = min(max(shortest_mm, 2.2 * apart), longest_mm / 2)
+    # Steps of a fiftieth of the resolution: the parabola through the peak is then exact to 1e-4.
+    waves = np.arange(1 / longest_mm, 1 / shortest_mm, 0.02 / way)
+    power = np.zeros(len(waves))
+    for segment in long_enough:
+        x = x_mm[segment.samples]
+        y = columns[segment.samples]
+        scaled = 2 * (x - x.min()) / np.ptp(x) - 1
+        trend = np.polynomial.chebyshev.chebvander(scaled, 5)
+        y = y - trend @ np.linalg.lstsq(trend, y, rcond=None)[0]
+        spread = y.std(0)
+        y = y[:, spread > 0] / spread[spread > 0]
+        window = 0.5 * (1 + np.cos(np.pi * scaled))
+        turn = np.exp(-2j * np.pi * waves[:, None] * x)
+        power += (np.abs(turn @ (y * window[:, None])) ** 2).sum(-1)
+    peak = int(np.clip(power.argmax(), 1, len(waves) - 2))
+    low, middle, high = power[peak - 1 : peak + 2]
+    shift = 0.5 * (low - high) / (low - 2 * middle + high)
+    return float(1 / (waves[peak] + shift * (waves[1] - waves[0])))

@@ -1,0 +1,133 @@
+"""Judge a fit by strokes that it has not seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.fitting import Fit, refusal
+from calibration.predict import StrokePredictor
+from calibration.reduction import Reduced, conditions_of_points
+from haptix.perception import WEBER_FRACTION
+
+TOLERANCE_THRESHOLDS = 0.5
+"""Largest residual that passes: half of what a finger can tell."""
+
+FEWEST_HELD_OUT = 2
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """One held-out stroke: measured against predicted.
+
+    Parameters
+    ----------
+    number : int
+        Of the stroke.
+    normal_force_n, voltage_v, frequency_hz : float
+        Conditions.
+    mu, predicted_mu : float
+        Friction.
+    residual_thresholds : float
+        Measured minus predicted, in difference thresholds (11 % of mu).
+    ripple_residual_thresholds : float
+        The same of the ripple's amplitude in mu; NaN where no ripple is seen.
+    """
+
+    number: int
+    normal_force_n: float
+    voltage_v: float
+    frequency_hz: float
+    mu: float
+    predicted_mu: float
+    residual_thresholds: float
+    ripple_residual_thresholds: float
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Verdict on a calibration.
+
+    Parameters
+    ----------
+    rows : tuple of HeldOut
+        Strokes kept out of the fit.
+    tolerance_thresholds : float
+        What was allowed.
+    failures : tuple of str
+        Why it fails; empty where it passes.
+    """
+
+    rows: tuple[HeldOut, ...]
+    tolerance_thresholds: float
+    failures: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the calibration may be used without a warning."""
+        return not self.failures
+
+    @property
+    def worst_thresholds(self) -> float:
+        """Largest residual of mu; NaN without strokes."""
+        return max((abs(row.residual_thresholds) for row in self.rows), default=float("nan"))
+
+    @property
+    def rms_mu(self) -> float:
+        """Root-mean-square residual of mu; NaN without strokes."""
+        residuals = [row.mu - row.predicted_mu for row in self.rows]
+        return float(np.sqrt(np.mean(np.square(residuals)))) if residuals else float("nan")
+
+
+def verify(
+    fit: Fit,
+    reduced: Reduced,
+    predictor: StrokePredictor,
+    tolerance_thresholds: float = TOLERANCE_THRESHOLDS,
+) -> Verification:
+    """Predict the held-out strokes and compare.
+
+    It fails where a residual is above the tolerance, where fewer than two strokes were kept out,
+    or where the strokes do not determine the screen's insulator.
+    """
+    points = reduced.held_out
+    failures = []
+    rows: list[HeldOut] = []
+    if points:
+        found = predictor(conditions_of_points(points), fit.names, fit.log_values, jacobian=False)
+        for point, log_mu, ripple in zip(points, found.log_mu, found.ripple, strict=True):
+            predicted = float(np.exp(log_mu))
+            rows.append(
+                HeldOut(
+                    number=point.number,
+                    normal_force_n=point.normal_force_n,
+                    voltage_v=point.voltage_v,
+                    frequency_hz=point.frequency_hz,
+                    mu=point.mu,
+                    predicted_mu=predicted,
+                    residual_thresholds=(point.mu - predicted) / (WEBER_FRACTION * predicted),
+                    ripple_residual_thresholds=(
+                        (point.ripple * point.mu - ripple * predicted)
+                        / (WEBER_FRACTION * predicted)
+                    ),
+                )
+            )
+    if len(rows) < FEWEST_HELD_OUT:
+        failures.append(
+            f"expected {FEWEST_HELD_OUT} good strokes kept out of the fit or more, got {len(rows)}"
+        )
+    for row in rows:
+        for what, value in (
+            ("mu", row.residual_thresholds),
+            ("the ripple", row.ripple_residual_thresholds),
+        ):
+            if abs(value) > tolerance_thresholds:
+                failures.append(
+                    f"stroke {row.number}: {what} is {value:+.2g} difference thresholds from the "
+                    f"prediction, {tolerance_thresholds:g} are allowed"
+                )
+    insulator = fit["h0_m"]
+    if insulator.value is None:
+        failures.append(refusal(insulator))
+    return Verification(tuple(rows), tolerance_thresholds, tuple(failures))

@@ -1,0 +1,153 @@
+"""A virtual finger, sensor and person: a calibration with known truth, and without hardware."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.parameters import Array
+from calibration.protocol import Stroke
+from calibration.sources import Live, Played, live_at
+from haptix.friction import ContactModel
+from haptix.twin import CUTOFF_HZ_PER_MM_PER_S, SensorModel, VirtualFinger
+
+_TOUCH_S = 0.08  # to press
+_REST_S = 0.12  # between pressing and sliding, at each turn and before lifting
+_START_S = 0.03  # to reach the speed
+_PATH_RATE_HZ = 1000.0
+_TREMOR_HZ = (3.0, 12.0)
+
+GOOD_SENSOR = SensorModel(
+    force_noise_n=2e-3, drift_n_per_s=2e-3, crosstalk=0.01, offset_n=5e-3, axis="x"
+)
+"""A laboratory's: 2 mN of noise per sample, 1 % of cross-talk."""
+
+
+@dataclass(frozen=True)
+class Person:
+    """How well somebody holds force and speed.
+
+    Parameters
+    ----------
+    force_error, speed_error : float
+        Standard deviation from stroke to stroke, relative.
+    tremor : float
+        Standard deviation of the force within a stroke, relative.
+    repeatability : float
+        Standard deviation of tau_f from stroke to stroke, relative: sweat, wear.
+    """
+
+    force_error: float = 0.05
+    speed_error: float = 0.05
+    tremor: float = 0.03
+    repeatability: float = 0.01
+
+
+class VirtualFingerSource:
+    """Feels what is played, by the contact model, and reads it with an imperfect sensor.
+
+    Parameters
+    ----------
+    model : ContactModel
+        The truth.
+    sensor : SensorModel
+        Its axis should be "x", so that the friction turns with the direction.
+    person : Person
+        Who slides.
+    seed : int
+        Of person and sensor.
+    output_rate_hz : float
+        Of the recording [Hz].
+    response_hz_per_mm_per_s : float
+        Cut-off of the finger's response per speed.
+    """
+
+    is_live = False
+
+    def __init__(
+        self,
+        model: ContactModel,
+        sensor: SensorModel = GOOD_SENSOR,
+        person: Person | None = None,
+        seed: int = 0,
+        output_rate_hz: float = 10_000.0,
+        response_hz_per_mm_per_s: float = CUTOFF_HZ_PER_MM_PER_S,
+    ) -> None:
+        self._finger = VirtualFinger(
+            model, cutoff_hz_per_mm_per_s=response_hz_per_mm_per_s, seed=seed
+        )
+        self._sensor, self._rate_hz = sensor, output_rate_hz
+        self._person = Person() if person is None else person
+        self._rng = np.random.default_rng(seed)
+        self._signals: dict[str, Array] | None = None
+
+    @property
+    def instruments(self) -> Mapping[str, str]:
+        """Says that it is none."""
+        return {"force sensor": "virtual finger (no instrument)"}
+
+    def start(self, stroke: Stroke, played: Played) -> None:
+        """Feel the whole stroke."""
+        t, x, force = self._path(stroke, played.duration_s)
+        felt = self._finger.feel(
+            played.volts, played.sample_rate_hz, t, x, 0.0, force, output_rate_hz=self._rate_hz
+        )
+        dry = 1 + self._person.repeatability * self._rng.normal()
+        felt = replace(felt, friction_force_n=felt.friction_force_n * dry)
+        sensed = self._sensor.read(felt, int(self._rng.integers(2**31)))
+        self._signals = {
+            "t_s": sensed.t_s,
+            "normal_force_n": sensed.normal_force_n,
+            "tangential_force_n": sensed.tangential_force_n,
+            "x_mm": felt.x_mm,
+            "drive_v": played.at(felt.t_s),
+        }
+
+    def live(self, t_s: float) -> Live | None:
+        """Of what will have been felt by then."""
+        assert self._signals is not None, "start comes first"
+        return live_at(self._signals, t_s)
+
+    def finish(self) -> dict[str, Array]:
+        """Return the signals."""
+        assert self._signals is not None, "start comes first"
+        return self._signals
+
+    def _path(self, stroke: Stroke, duration_s: float) -> tuple[Array, Array, Array]:
+        person, rng = self._person, self._rng
+        speed = stroke.speed_mm_per_s * (1 + person.speed_error * rng.normal())
+        force = stroke.normal_force_n * (1 + person.force_error * rng.normal())
+        t = np.arange(int(duration_s * _PATH_RATE_HZ)) / _PATH_RATE_HZ
+        slide_s = stroke.length_mm / speed
+        ways = 1 + stroke.there_and_back
+        busy_s = 2 * _TOUCH_S + (ways + 1) * _REST_S + ways * (slide_s + _START_S)
+        first = (duration_s - busy_s) / 2
+        pressed = first + _TOUCH_S
+        lifted = first + busy_s - _TOUCH_S
+        envelope = np.interp(t, [first, pressed, lifted, lifted + _TOUCH_S], [0.0, 1.0, 1.0, 0.0])
+        hertz = rng.uniform(*_TREMOR_HZ, 4)
+        waves = np.sin(2 * np.pi * hertz[:, None] * t + rng.uniform(0, 2 * np.pi, (4, 1)))
+        tremor = person.tremor * waves.sum(0) / np.sqrt(2)
+        x = np.zeros_like(t)
+        begin = pressed + _REST_S
+        for way in range(ways):
+            moved = stroke.length_mm * _eased(
+                (t - begin) * speed / stroke.length_mm, _START_S / slide_s
+            )
+            x += moved if way == 0 else -moved
+            begin += slide_s + _START_S + _REST_S
+        return t, x, np.maximum(force * envelope * (1 + tremor), 0.0)
+
+
+def _eased(share: Array, ease: float) -> Array:
+    """Rise from 0 to 1 over a time of 1 + ease, with a start and a stop of that length each."""
+    s = np.clip(share, 0.0, 1.0 + ease)
+    starting = np.clip(s, 0.0, ease)
+    stopping = np.clip(s - 1.0, 0.0, ease)
+    return (
+        starting**2 / (2 * ease)
+        + np.clip(s - ease, 0.0, 1.0 - ease)
+        + (stopping - stopping**2 / (2 * ease))
+    )

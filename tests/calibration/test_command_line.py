@@ -1,0 +1,107 @@
+"""All steps as a technician takes them, on the virtual finger; and what they say to nonsense."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+import haptix
+from calibration import Protocol
+from calibration.app import app
+from haptix.cli import app as whole
+
+run = CliRunner()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A session of few strokes, measured."""
+    folder = tmp_path_factory.mktemp("calibration")
+    made = run.invoke(app, ["plan", str(folder / "plan.toml"), "--minutes", "1.5", "--json"])
+    assert made.exit_code == 0, made.output
+    plan = Protocol.load(folder / "plan.toml")
+    short = [one.model_copy(update={"length_mm": 14.0}) for one in plan.strokes]
+    plan.model_copy(update={"strokes": tuple(short)}).save(folder / "plan.toml")
+    arguments = ["measure", str(folder / "s"), "--plan", str(folder / "plan.toml")]
+    arguments += ["--source", "virtual", "--device", "mock:", "--name", "panel 7", "--json"]
+    made = run.invoke(app, arguments)
+    assert made.exit_code == 0, made.output
+    assert json.loads(made.stdout)[0]["still open"] == "none"
+    return folder
+
+
+def test_all_the_way_to_a_surface(folder):
+    session = str(folder / "s")
+    made = run.invoke(app, ["reduce", session, "--json"])
+    assert made.exit_code == 0, made.output
+    assert len(json.loads(made.stdout)) == 10
+    # Seven strokes are few: the finger is known from elsewhere.
+    knowledge = ["--fix", "youngs_modulus_pa=4e7", "--fix", "h_rms_m=22e-6"]
+    knowledge += ["--prior", "apparent_area_at_1n_m2=45.65e-6,0.05", "--no-compare"]
+    made = run.invoke(app, ["fit", session, *knowledge, "--json"])
+    assert made.exit_code == 0, made.exception
+    found = {one["parameter"]: one for one in json.loads(made.stdout)["estimates"]}
+    assert found["h0_m"]["value"] == pytest.approx(1.25e-7, rel=0.1)
+    done = run.invoke(app, ["verify", session, "--json"])
+    assert json.loads(done.stdout)["verdict"] == "passed", done.output
+    assert done.exit_code == 0
+    for name in ("screen.toml", "finger.toml", "report.html", "archive.zip"):
+        assert (folder / "s" / name).stat().st_size > 100
+    screen = haptix.Screen.load(folder / "s" / "screen.toml")
+    query = ["query", "--normal-force-n", "0.5", "--voltage-v", "100", "--json"]
+    query += ["--screen", str(folder / "s" / "screen.toml")]
+    answer = run.invoke(whole, query)
+    assert answer.exit_code == 0, answer.output
+    finger = haptix.Finger.preset("semi-wet")
+    mu = float(haptix.ContactModel(finger, screen).solve(0.5, 100.0).mu)
+    assert json.loads(answer.stdout)[0]["mu"] == pytest.approx(mu, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["plan", "x.toml", "--protocol", "long"], "expected paper, full or short, got 'long'"),
+        (["plan", "x.toml", "--max-voltage-v", "300"], "at most the 200 V"),
+        (["measure", "s"], "--plan: expected a protocol"),
+        (["measure", "s", "--plan", "nowhere.toml", "--name", "x"], "cannot read nowhere.toml"),
+        (["reduce", "nowhere"], "nowhere is no session"),
+        (["fit", "nowhere"], "nowhere is no session"),
+        (["verify", "nowhere"], "nowhere is no session"),
+        (["fit", "x", "--fix", "h0_m"], "--fix: expected NAME=VALUE"),
+        (["fit", "x", "--prior", "h0_m=1e-7"], "--prior: expected NAME=VALUE,SPREAD"),
+    ],
+)
+def test_nonsense_is_one_sentence(tmp_path, monkeypatch, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    made = run.invoke(app, arguments)
+    assert isinstance(made.exception, haptix.HaptixError)
+    assert said in str(made.exception)
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        (["--source", "csv"], "expected --csv FOLDER and --columns"),
+        (["--source", "inputs"], "expected --inputs FILE"),
+        (["--source", "thin air"], "expected virtual, csv or inputs"),
+    ],
+)
+def test_sources_need_what_they_need(tmp_path, folder, source, said):
+    plan = ["--plan", str(folder / "plan.toml"), "--name", "panel 8"]
+    made = run.invoke(app, ["measure", str(tmp_path / "s"), *plan, *source])
+    assert said in str(made.exception)
+
+
+def test_a_preset_has_to_be_given_a_name_of_its_own(tmp_path, folder):
+    screen = tmp_path / "screen.toml"
+    haptix.Screen().save(screen)
+    arguments = ["measure", str(tmp_path / "s"), "--plan", str(folder / "plan.toml")]
+    made = run.invoke(app, [*arguments, "--source", "virtual", "--screen", str(screen)])
+    assert "name of its own" in str(made.exception)
+
+
+def test_both_command_lines_have_the_steps():
+    for application, first in ((app, []), (whole, ["calibrate"])):
+        made = run.invoke(application, [*first, "--help"])
+        for step in ("plan", "measure", "reduce", "fit", "verify"):
+            assert step in made.output

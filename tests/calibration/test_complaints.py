@@ -1,0 +1,176 @@
+"""Everything a recording can have wrong is recognised by its name, and nothing else is."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calibration import Stroke
+from calibration.complaints import complaints
+
+ONE_WAY = Stroke(
+    number=1, normal_force_n=0.5, voltage_v=100, frequency_hz=125, there_and_back=False
+)
+
+
+def kinds(recording, fatal=True):
+    return [one.kind for one in complaints(recording, 0.3) if one.is_fatal or not fatal]
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    mu=st.floats(0.05, 3.0),
+    ripple=st.floats(0.0, 0.9),
+    force=st.sampled_from([0.1, 0.5, 0.9]),
+    both=st.booleans(),
+    fault=st.fixed_dictionaries(
+        {
+            "crosstalk": st.floats(-0.02, 0.02),
+            "drift_n_per_s": st.floats(-3e-3, 3e-3),
+            "tremor": st.floats(0, 0.05),
+            "force_share": st.floats(0.9, 1.1),
+            "speed_share": st.floats(0.9, 1.1),
+            "rate_hz": st.sampled_from([2000.0, 10_000.0]),
+        }
+    ),
+)
+def test_what_a_person_does_in_a_good_laboratory_is_accepted(
+    recorded, mu, ripple, force, both, fault
+):
+    stroke = ONE_WAY.model_copy(update={"normal_force_n": force, "there_and_back": both})
+    assert kinds(recorded(stroke, mu, ripple, **fault), fatal=False) == []
+
+
+def swapped(recording):
+    return replace(
+        recording,
+        normal_force_n=recording.tangential_force_n,
+        tangential_force_n=recording.normal_force_n,
+    )
+
+
+def times(**factors):
+    return lambda recording: replace(
+        recording, **{name: getattr(recording, name) * f for name, f in factors.items()}
+    )
+
+
+def clipped(recording):
+    return replace(recording, tangential_force_n=np.minimum(recording.tangential_force_n, 0.15))
+
+
+def cut(share):
+    def apply(recording):
+        stop = int(share * len(recording.t_s))
+        names = ("t_s", "normal_force_n", "tangential_force_n", "x_mm", "drive_v")
+        return replace(recording, **{name: getattr(recording, name)[:stop] for name in names})
+
+    return apply
+
+
+def without_some(recording):
+    kept = np.ones(len(recording.t_s), dtype=bool)
+    kept[8000:9000] = False
+    names = ("t_s", "normal_force_n", "tangential_force_n", "x_mm", "drive_v")
+    return replace(recording, **{name: getattr(recording, name)[kept] for name in names})
+
+
+def not_a_number(recording):
+    force = recording.normal_force_n.copy()
+    force[100:120] = np.nan
+    return replace(recording, normal_force_n=force)
+
+
+def touched_early(recording):
+    rng = np.random.default_rng(0)
+    early = np.interp(recording.t_s, [0.0, 0.05, 0.2, 0.25], [0.0, 0.5, 0.5, 0.0])
+    return replace(recording, normal_force_n=recording.normal_force_n + early * rng.uniform(0.9, 1))
+
+
+def backwards(recording):
+    t = recording.t_s.copy()
+    t[500] = t[400]
+    return replace(recording, t_s=t)
+
+
+FAULTS = {
+    "swapped axes": swapped,
+    "sign of the normal force": times(normal_force_n=-1),
+    "sign of the tangential force": times(tangential_force_n=-1),
+    "normal force in mN": times(normal_force_n=1000, tangential_force_n=1000),
+    "tangential force in mN": times(tangential_force_n=1000),
+    "normal force in gram-force": times(normal_force_n=101.97, tangential_force_n=101.97),
+    "position in m": times(x_mm=1e-3),
+    "position in um": times(x_mm=1e3),
+    "times in ms": times(t_s=1e3),
+    "clipped": clipped,
+    "stops half-way": cut(0.4),
+    "samples dropped": without_some,
+    "no numbers": not_a_number,
+    "touched before the prompt": touched_early,
+    "times that go back": backwards,
+    "half the voltage": times(drive_v=0.5),
+}
+NAMES = {
+    "swapped axes": "swapped axes",
+    "sign of the normal force": "wrong sign",
+    "sign of the tangential force": "wrong sign",
+    "clipped": "clipped force",
+    "stops half-way": "stopped half-way",
+    "samples dropped": "dropped samples",
+    "no numbers": "no numbers",
+    "touched before the prompt": "never zeroed",
+    "times that go back": "wrong times",
+    "half the voltage": "drive off",
+}
+
+
+@pytest.mark.parametrize("both", [True, False], ids=["there and back", "one way"])
+@pytest.mark.parametrize("force", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_each_fault_has_its_name(recorded, fault, force, both):
+    stroke = ONE_WAY.model_copy(update={"normal_force_n": force, "there_and_back": both})
+    # Enough friction for 0.15 N to clip it at every force.
+    mu = 2.5 if fault == "clipped" else 0.3
+    found = kinds(FAULTS[fault](recorded(stroke, mu, crosstalk=0.01, tremor=0.02)))
+    assert NAMES.get(fault, "wrong units") in found
+    assert len(found) <= 2  # not everything at once
+
+
+@pytest.mark.parametrize("way", [0.0, 0.3])
+def test_strokes_without_sliding(recorded, stroke, way):
+    assert kinds(recorded(stroke, way_share=way)) == ["no sliding"]
+
+
+@pytest.mark.parametrize(
+    ("fault", "kind", "said"),
+    [
+        ({"force_share": 1.2}, "force off", r"got 0\.6 N \(\+20%\); press less"),
+        ({"force_share": 0.8}, "force off", "press harder"),
+        ({"speed_share": 1.3}, "speed off", "slide slower"),
+        ({"speed_share": 0.7}, "speed off", "slide faster"),
+    ],
+)
+def test_what_is_off_by_more_than_the_tolerance(recorded, stroke, fault, kind, said):
+    (found,) = complaints(recorded(stroke, **fault), 0.3)
+    assert found.kind == kind
+    assert found.is_fatal
+    assert re.search(said, found.message)
+
+
+def test_a_sensor_that_was_never_zeroed_is_made_up_for_and_named(recorded, stroke):
+    (found, other) = complaints(recorded(stroke, offset_n=3.0), 0.3)
+    assert {found.kind, other.kind} == {"never zeroed"}
+    assert not found.is_fatal
+
+
+def test_the_unit_that_fits_is_named(recorded, stroke):
+    for factor, unit in ((1000, "mN"), (101.97, "gf"), (0.10197, "kgf")):
+        (found,) = complaints(
+            times(normal_force_n=factor, tangential_force_n=factor)(recorded(stroke, noise_n=2e-4)),
+            idle_s=0.3,
+        )
+        assert f"is it in {unit}?" in found.message

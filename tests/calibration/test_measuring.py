@@ -1,0 +1,286 @@
+"""Playing a protocol: what is on disk, when, and what becomes of strokes that are off."""
+
+import numpy as np
+import pytest
+
+import firmware_io
+import haptix
+from calibration import (
+    AnalogSource,
+    ColumnMap,
+    CsvSource,
+    Protocol,
+    Recording,
+    Session,
+    SessionInfo,
+    Stroke,
+    measure,
+)
+from calibration.inputs import open_inputs
+from calibration.measuring import Watcher, drive_for
+from calibration.recording import SIGNALS
+from calibration.sources import Channel, Live, Played, live_at
+
+
+def protocol(count=3, volts=100.0):
+    return Protocol(
+        strokes=tuple(
+            Stroke(number=n + 1, normal_force_n=0.5, voltage_v=volts, frequency_hz=125.0)
+            for n in range(count)
+        )
+    )
+
+
+class Scripted:
+    """A source that gives a fault for each attempt, in turn."""
+
+    is_live = False
+    instruments = {"force sensor": "FT1"}  # noqa: RUF012
+
+    def __init__(self, recorded, faults=(), before=lambda: None):
+        self.recorded, self.faults, self.before = recorded, list(faults), before
+        self.played = []
+
+    def start(self, stroke, played):
+        self.before()
+        self.played.append(played)
+        fault = self.faults.pop(0) if self.faults else {}
+        made = self.recorded(stroke, **fault)
+        self.signals = {name: getattr(made, name) for name in SIGNALS}
+
+    def live(self, t_s):
+        return live_at(self.signals, t_s)
+
+    def finish(self):
+        return self.signals
+
+
+@pytest.fixture
+def session(tmp_path, screen, finger):
+    return Session.begin(tmp_path / "s", protocol(), SessionInfo(screen=screen, finger=finger))
+
+
+def test_every_stroke_is_on_disk_before_the_next_starts(session, recorded):
+    on_disk = []
+    before = lambda: on_disk.append(len(session.recordings))  # noqa: E731
+    outcome = measure(session, Scripted(recorded, before=before))
+    assert on_disk == [0, 1, 2]
+    assert (outcome.accepted, outcome.rejected, outcome.still_open) == (3, 0, ())
+    first = session.recordings[0]
+    assert first.conditions.instruments == {"force sensor": "FT1"}
+    assert first.conditions.started  # a date
+
+
+def test_strokes_that_are_off_are_repeated_and_kept_apart(session, recorded):
+    told = []
+    faults = [{"force_share": 1.3}, {"speed_share": 0.6}, {}]
+    source = Scripted(recorded, faults)
+    watcher = Watcher(
+        done=lambda stroke, wrong: told.append((stroke.number, [w.kind for w in wrong]))
+    )
+    outcome = measure(session, source, watcher=watcher)
+    assert told[:3] == [(1, ["force off"]), (1, ["speed off"]), (1, [])]
+    assert (outcome.accepted, outcome.rejected) == (3, 2)
+    kept = sorted(path.name for path in (session.folder / "rejected").iterdir())
+    assert kept == ["stroke-001-1.h5", "stroke-001-2.h5"]
+    assert Recording.load(session.folder / "rejected" / kept[0]).complaints[0].startswith("force")
+
+
+def test_a_stroke_that_never_succeeds_stays_open(session, recorded):
+    outcome = measure(session, Scripted(recorded, [{"way_share": 0.0}] * 2), most_tries=2)
+    assert [one.number for one in outcome.still_open] == [1]
+    assert outcome.accepted == 2
+
+
+def test_an_interrupted_session_is_taken_up(tmp_path, session, recorded, screen, finger):
+    class Unplugged(Exception):
+        pass
+
+    def unplug():
+        if session.recordings:
+            raise Unplugged
+
+    with pytest.raises(Unplugged):
+        measure(session, Scripted(recorded, before=unplug))
+    first = session.path_of(session.protocol.strokes[0]).read_bytes()
+    info = SessionInfo(screen=screen, finger=finger)
+    with pytest.raises(haptix.InputError, match="--resume"):
+        Session.begin(session.folder, protocol(), info)
+    with pytest.raises(haptix.InputError, match="another protocol"):
+        Session.begin(session.folder, protocol(4), info, resume=True)
+    resumed = Session.begin(session.folder, protocol(), info, resume=True)
+    source = Scripted(recorded)
+    assert measure(resumed, source).accepted == 3
+    assert len(source.played) == 2  # not again what was there
+    assert session.path_of(session.protocol.strokes[0]).read_bytes() == first
+
+
+def test_a_device_plays_each_stroke_and_rests_at_zero_between(session, recorded):
+    with_prompt = []
+    with_live = []
+    device = firmware_io.open_device("mock:")
+    watcher = Watcher(
+        prompt=lambda stroke, tries: with_prompt.append((device.is_armed, device.last_v)),
+        live=lambda stroke, t_s, now: with_live.append(now),
+    )
+    source = Scripted(recorded)
+    measure(session, source, device, watcher)
+    assert with_prompt == [(False, 0.0)] * 3
+    assert not device.is_armed
+    assert len(with_live) > 60  # every 50 ms of 3 strokes
+    pressed = [now.normal_force_n for now in with_live]
+    assert max(pressed) == pytest.approx(0.5, rel=0.05)
+    played = device.mock.played_v
+    assert np.abs(played).max() == pytest.approx(100.0, rel=1e-3)
+    assert played[-1] == 0.0
+
+
+def test_a_driver_that_fails_loses_nothing_that_was_measured(session, recorded):
+    device = firmware_io.open_device("mock:")
+
+    def fail():
+        if session.recordings:
+            device.close()
+
+    with pytest.raises(haptix.HaptixError):
+        measure(session, Scripted(recorded, before=fail), device)
+    assert len(session.recordings) == 1
+    assert len(session.open_strokes) == 2
+
+
+def test_what_a_screen_does_not_bear_is_refused_before_the_first_stroke(tmp_path, finger, screen):
+    info = SessionInfo(screen=screen.replace(max_voltage_v=90.0), finger=finger)
+    session = Session.begin(tmp_path / "s", protocol(), info)
+    with pytest.raises(haptix.InputError, match=r"bears 90 V; plan with --max-voltage-v 90"):
+        measure(session, Scripted(None))
+    assert session.recordings == []
+
+
+def test_the_drive_is_a_sine_that_comes_and_goes():
+    stroke = protocol().strokes[0]
+    played = drive_for(stroke, protocol(), 48_000.0)
+    assert played.duration_s > stroke.sliding_s + 2 * protocol().idle_s
+    middle = played.volts[10_000:50_000]
+    t = np.arange(10_000, 50_000) / 48_000
+    np.testing.assert_allclose(middle, 100 * np.sin(2 * np.pi * 125 * t), atol=1e-9)
+    assert played.volts[0] == 0
+    assert abs(played.volts[-1]) < 1e-9
+    with pytest.raises(haptix.InputError, match="500 samples a second or more"):
+        drive_for(stroke, protocol(), 400.0)
+
+
+def write_csv(path, recording):
+    lines = ["time,fz,fx,x,drive"]
+    columns = [getattr(recording, name) for name in SIGNALS]
+    lines += [",".join(f"{v:.6g}" for v in row) for row in zip(*columns, strict=True)]
+    path.write_text("\n".join(lines))
+
+
+def test_csv_files_are_replayed(tmp_path, session, recorded):
+    folder = tmp_path / "csv"
+    folder.mkdir()
+    for stroke, name in zip(session.protocol.strokes[:2], ("stroke-001.csv", "2.csv"), strict=True):
+        write_csv(folder / name, recorded(stroke, rate_hz=2000.0))
+    names = zip(SIGNALS.items(), ("time", "fz", "fx", "x", "drive"), strict=True)
+    columns = ColumnMap.of(
+        {"columns": {name: {"column": column, "unit": unit} for (name, unit), column in names}}
+    )
+    with pytest.raises(haptix.HaptixError, match=r"expected a file stroke-003\.csv"):
+        measure(session, CsvSource(folder, columns), most_tries=1)
+    assert [one.stroke.number for one in session.recordings] == [1, 2]
+
+
+class Inputs:
+    """Analog inputs that deliver what is due on a clock."""
+
+    sample_rate_hz = 1000.0
+    serial = "fake"
+
+    def __init__(self, clock):
+        self.clock, self.given, self.stopped = clock, 0, False
+
+    def start(self):
+        self.begun, self.given = self.clock(), 0
+
+    def read(self):
+        due = int((self.clock() - self.begun) * self.sample_rate_hz)
+        t = np.arange(self.given, due) / self.sample_rate_hz
+        self.given = due
+        return np.stack([0.25 + 0 * t, 0.1 + 0 * t, 5 * t], axis=-1)
+
+    def stop(self):
+        self.stopped = True
+
+
+def test_analog_inputs_are_scaled_and_paced_by_the_clock(session):
+    now = [0.0]
+    inputs = Inputs(lambda: now[0])
+    channels = [
+        Channel("normal_force_n", 2.0),
+        Channel("tangential_force_n", 1.0, -0.1),
+        Channel("x_mm", 10.0),
+    ]
+    source = AnalogSource(inputs, channels, "FT1")
+    seen = []
+
+    def sleep(seconds):
+        now[0] += seconds
+
+    watcher = Watcher(live=lambda stroke, t_s, live: seen.append(live))
+    measure(session, source, watcher=watcher, most_tries=1, clock=lambda: now[0], sleep=sleep)
+    assert inputs.stopped
+    assert seen[-1].normal_force_n == pytest.approx(0.5)
+    assert seen[-1].speed_mm_per_s == pytest.approx(50.0)
+    # Never lifted, so rejected: but kept.
+    (path, *_) = sorted((session.folder / "rejected").iterdir())
+    made = Recording.load(path)
+    np.testing.assert_allclose(made.tangential_force_n, 0.0, atol=1e-12)
+    assert np.abs(made.drive_v).max() == pytest.approx(100.0, rel=0.01)
+    assert made.conditions.instruments == {"force sensor": "FT1", "inputs": "fake"}
+
+
+def test_channels_that_are_missing_are_named():
+    with pytest.raises(haptix.InputError, match="expected tangential_force_n, x_mm as well"):
+        AnalogSource(None, [Channel("normal_force_n", 1.0)], "FT1")
+    with pytest.raises(haptix.InputError, match="got 'force'"):
+        Channel("force", 1.0)
+
+
+HEAD = 'kind = "{}"\nsensor = "FT1"\n'
+CHANNELS = "".join(
+    f'[[channels]]\nsignal = "{name}"\nscale = 1\n'
+    for name in ("normal_force_n", "tangential_force_n", "x_mm")
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (HEAD.format("national-instruments") + CHANNELS, "expected the input of normal_force_n"),
+        (HEAD.format("telepathy") + CHANNELS, "kind: "),
+        ("kind =", "expected a TOML file"),
+        (HEAD.format("audio"), "channels: field required"),
+    ],
+)
+def test_wrong_descriptions_of_inputs(tmp_path, text, said):
+    (tmp_path / "inputs.toml").write_text(text)
+    with pytest.raises(haptix.HaptixError, match=rf"inputs\.toml: {said}"):
+        open_inputs(tmp_path / "inputs.toml")
+
+
+def test_the_monitor_sees_what_was_played():
+    t = np.arange(4800) / 48_000
+    played = Played(200 * np.sin(2 * np.pi * 4000 * t), 48_000.0)
+    at = np.arange(0.01, 0.09, 1e-4)
+    # Twelve samples in a wave, by cubics.
+    np.testing.assert_allclose(played.at(at), 200 * np.sin(2 * np.pi * 4000 * at), atol=0.2)
+    assert played.at(np.array([-1.0, 5.0])).tolist() == [0.0, 0.0]
+
+
+def test_live_needs_samples():
+    signals = {"t_s": np.arange(3.0), "normal_force_n": np.ones(3), "x_mm": np.arange(3.0)}
+    assert live_at(signals, 0.0) is None
+    t = np.arange(0, 0.1, 1e-3)
+    found = live_at({"t_s": t, "normal_force_n": 0 * t + 2, "x_mm": 30 * t}, 0.1)
+    assert (found.normal_force_n, found.speed_mm_per_s) == pytest.approx((2.0, 30.0))
+    assert isinstance(found, Live)

@@ -1,0 +1,165 @@
+"""From a fit to a verdict, a profile, a page and an archive."""
+
+import re
+import warnings
+import zipfile
+from dataclasses import replace
+from datetime import date, timedelta
+
+import numpy as np
+import pytest
+
+import haptix
+from calibration import (
+    Parameters,
+    calibrated_finger,
+    calibrated_screen,
+    fit_strokes,
+    full_protocol,
+    verify,
+    write_report,
+)
+from calibration.predict import Strokes
+from calibration.profile import write_archive
+from calibration.reduction import Reduced
+from haptix.screen import CALIBRATION_VALID_DAYS, CalibrationWarning
+
+H0_M = 1.6e-7
+
+
+@pytest.fixture(scope="module")
+def strokes(predictor, reduced_of, finger, screen):
+    truth = Parameters.of(finger, screen).started_at(h0_m=H0_M)
+    return reduced_of(predictor, full_protocol(), truth, np.random.default_rng(1))
+
+
+@pytest.fixture(scope="module")
+def fit(predictor, strokes, finger, screen):
+    return fit_strokes(strokes, predictor, Parameters.of(finger, screen), bootstraps=20)
+
+
+@pytest.fixture(scope="module")
+def passed(fit, strokes, predictor):
+    return verify(fit, strokes, predictor)
+
+
+@pytest.fixture
+def calibrated(screen, fit, passed, predictor):
+    return calibrated_screen(screen, fit, passed, predictor, "me", ["force sensor: FT1"])
+
+
+def test_good_strokes_pass(passed, strokes):
+    assert passed.passed
+    assert len(passed.rows) == len(strokes.held_out) == 5
+    # 1 % of repeatability is a tenth of a threshold: three times that for the worst of five.
+    assert 0 < passed.worst_thresholds < 0.4
+    assert passed.rms_mu < 0.02
+
+
+def test_one_stroke_that_is_off_fails_and_is_named(fit, strokes, predictor):
+    points = list(strokes.points)
+    index = next(i for i, point in enumerate(points) if point.held_out)
+    points[index] = replace(points[index], mu=1.1 * points[index].mu)
+    found = verify(fit, Reduced(tuple(points)), predictor)
+    assert not found.passed
+    assert re.search(rf"stroke {points[index].number}: mu is \+[\d.]+ ", found.failures[0])
+    assert verify(fit, Reduced(tuple(points)), predictor, tolerance_thresholds=3.0).passed
+
+
+def test_without_held_out_strokes_nothing_passes(fit, strokes, predictor):
+    found = verify(fit, Reduced(strokes.used), predictor)
+    assert found.failures == ("expected 2 good strokes kept out of the fit or more, got 0",)
+    assert np.isnan(found.worst_thresholds)
+
+
+def test_an_insulator_that_is_not_determined_fails(fit, strokes, predictor, screen):
+    vague = [replace(e, value=None, advice="ask") if e.name == "h0_m" else e for e in fit.estimates]
+    vague_fit = replace(fit, estimates=tuple(vague))
+    found = verify(vague_fit, strokes, predictor)
+    assert "h0_m is not determined" in found.failures[-1]
+    with pytest.raises(haptix.InputError, match=r"h0_m is not determined.*ask"):
+        calibrated_screen(screen, vague_fit, found, predictor)
+
+
+def test_the_profile_is_used_without_a_word(tmp_path, calibrated, fit):
+    calibrated.save(tmp_path / "screen.toml")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = haptix.Screen.load(tmp_path / "screen.toml")
+    assert found == calibrated
+    assert found.h0_m == pytest.approx(fit.value("h0_m"), rel=1e-12)
+    assert found.h0_m == pytest.approx(H0_M, rel=0.1)
+    assert not found.is_placeholder
+    assert found.calibration.verdict == "passed"
+    assert found.calibration.spread["h0_m"] == fit["h0_m"].spread
+    assert found.calibration.instruments == ("force sensor: FT1",)
+    assert "dielectric of the skin (stand-in)" in found.calibration.rests_on
+
+
+OLD = date.today() - timedelta(days=CALIBRATION_VALID_DAYS + 2)
+
+
+def signed(screen, **changes):
+    calibration = screen.calibration.model_copy(update=changes)
+    unsigned = screen.replace(calibration=calibration)
+    own = calibration.model_copy(update={"content_hash": unsigned.content_hash()})
+    return unsigned.replace(calibration=own)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda s: signed(s, date=OLD), f"more than {CALIBRATION_VALID_DAYS} days old"),
+        (lambda s: signed(s, verdict="failed"), "failed verification"),
+        (lambda s: s.replace(insulator_thickness_m=2e-6), "changed after the calibration"),
+        (lambda s: haptix.Screen(name="x", is_placeholder=True), "a placeholder, not calibrated"),
+    ],
+    ids=["old", "failed", "edited", "placeholder"],
+)
+def test_a_doubtful_profile_warns_and_stays_doubtful(tmp_path, calibrated, finger, spoil, said):
+    path = tmp_path / "screen.toml"
+    spoil(calibrated).save(path)
+    with pytest.warns(CalibrationWarning, match=rf"screen\.toml: .*{said}"):
+        screen = haptix.Screen.load(path)
+    model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+    # What figures, demos, surfaces and archives quote.
+    assert any(re.search(said, one) for one in model.placeholders())
+    assert model.describe()["placeholders"] == model.placeholders()
+
+
+def test_presets_are_not_in_doubt(screen):
+    assert screen.doubts() == []
+
+
+def test_the_finger_predicts_what_the_fit_does(predictor, finger, screen, fit):
+    own = calibrated_finger(finger, fit)
+    model = haptix.ContactModel(own, screen.replace(insulator_thickness_m=8 * fit.best("h0_m")))
+    mu = float(model.solve(0.5, 0.0).mu)
+    place = Strokes(*(np.array([value]) for value in (0.5, 0.0, 125.0, 50.0)))
+    found = predictor(place, fit.names, fit.log_values, jacobian=False)
+    assert mu == pytest.approx(float(np.exp(found.log_mu[0])), rel=1e-6)
+
+
+def test_the_report_stands_alone(tmp_path, calibrated, fit, strokes, passed, predictor):
+    path = tmp_path / "report.html"
+    write_report(path, calibrated.replace(name="<panel & 7>"), fit, strokes, passed, predictor)
+    page = path.read_text()
+    assert "http" not in page
+    assert not re.search(r'(src|href)="(?!data:)', page)
+    assert "&lt;panel &amp; 7&gt;" in page
+    assert "<script" not in page
+    assert 'src="data:image/png;base64,iVBOR' in page
+    for one in fit.estimates:
+        assert one.name in page
+
+
+def test_the_archive_holds_the_folder(tmp_path):
+    folder = tmp_path / "s"
+    (folder / "strokes").mkdir(parents=True)
+    (folder / "strokes" / "stroke-001.h5").write_bytes(b"raw")
+    (folder / "fit.json").write_text("{}")
+    for _ in range(2):  # made again it does not hold itself
+        write_archive(folder, folder / "archive.zip")
+    with zipfile.ZipFile(folder / "archive.zip") as archive:
+        assert sorted(archive.namelist()) == ["s/fit.json", "s/strokes/stroke-001.h5"]
+        assert archive.read("s/strokes/stroke-001.h5") == b"raw"
