@@ -1,16 +1,19 @@
 # `make demo` and `make test` work from a bare clone: each sets up .venv first when it has to.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test lint types setup clean
+.PHONY: help demo test test-devices lint types setup clean
 
 help: ## show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-13s %s\n", $$1, $$2 }' Makefile
 
 demo: .venv/.ready ## render a texture end to end, no hardware needed, into haptix-demo/ (ARGS=...)
 	.venv/bin/haptix demo --out haptix-demo $(ARGS)
 
 test: .venv/.ready ## run the tests (ARGS='-k surface -x')
 	.venv/bin/python -m pytest -n auto --dist loadfile $(ARGS)
+
+test-devices: .venv/.ready ## the tests through real USB, HID and audio stacks (first: bash scripts/setup-devices.sh)
+	.venv/bin/python -m pytest -m devices tests/devices $(ARGS)
 
 lint: .venv/.ready ## ruff: rules and format, nothing is changed
 	.venv/bin/ruff check .

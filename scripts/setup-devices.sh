@@ -1,0 +1,42 @@
+#!/usr/bin/env bash
+# Installs what `make test-devices` needs besides .venv, on Debian 12: QEMU with a kernel for its guest,
+# JACK, libusb and PortAudio. Safe to run again; needs root, or sudo without a password.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+exec </dev/null # nothing here may wait for an answer
+
+packages=(
+    # the guest, its first process, and what unpacks its kernel and runs its udevd
+    qemu-system-x86 busybox-static cpio kmod libacl1 libblkid1 libcap2 libselinux1
+    # the links under test
+    libusb-1.0-0 libportaudio2 jackd2
+    # the firmware core; without a compiler its twin in Python plays
+    gcc libc6-dev
+    python3
+)
+
+fail() {
+    printf 'setup-devices: %s\n' "$*" >&2
+    exit 1
+}
+command -v apt-get >/dev/null || fail "this needs Debian's apt-get; the tests are skipped elsewhere."
+as_root=()
+if [ "$(id -u)" -ne 0 ]; then
+    sudo -n true 2>/dev/null || fail "this needs root: sudo bash scripts/setup-devices.sh"
+    as_root=(sudo -n)
+fi
+
+# Installs quietly; shows what apt-get said only if it failed.
+apt() {
+    local log
+    log=$("${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -qq -o DPkg::Lock::Timeout=120 "$@" 2>&1) ||
+        { tail -n 5 <<<"$log" >&2; return 1; }
+}
+printf 'setup-devices: installing %s\n' "${packages[*]}"
+# A partly unreachable list may still hold what we need: let the installation decide.
+apt update || true
+# jackd2 asks whether it may have real-time priority: no, root has it anyway.
+apt install -y --no-install-recommends "${packages[@]}" || fail "apt-get failed (its reason is above)."
+
+# As the user who will run the tests: it lies in the user's cache.
+printf 'setup-devices: the guest lies in %s\n' "$(python3 tests/devices/usb_guest/debian.py)"

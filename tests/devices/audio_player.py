@@ -1,0 +1,60 @@
+"""Plays a known wave through ``audio:`` in real time; tells what happened as JSON."""
+
+import json
+import sys
+import time
+
+import numpy as np
+
+from firmware_io import Playback, open_device
+from firmware_io.links.audio import AudioLink
+
+address, seconds, path = sys.argv[1], float(sys.argv[2]), sys.argv[3]
+
+times, frames = [], []
+fill = AudioLink._fill
+
+
+def timed(self, out, count, *rest):
+    times.append(time.monotonic())
+    frames.append(count)
+    fill(self, out, count, *rest)
+
+
+AudioLink._fill = timed
+sys.setswitchinterval(5e-4)
+device = open_device(address)
+rate_hz = device.capabilities.sample_rate_hz
+rng = np.random.default_rng(7)
+# Every code is heard, and no two stretches are alike: noise, kept from slewing too fast, on a tone.
+t = np.arange(round(seconds * rate_hz)) / rate_hz
+volts = 120.0 * np.sin(2 * np.pi * 1000.0 * t) + rng.uniform(-20.0, 20.0, t.size)
+volts[0], volts[-1] = 5.0, 5.0
+block = 48
+with Playback(device) as playback:
+    for start in range(0, volts.size, block):
+        piece = volts[start : start + block]
+        if not playback.wait_for_room(piece.size, 5.0):
+            raise TimeoutError
+        playback.put(piece)
+stats = playback.stats
+link = device._stream.link
+latency_s, underflows = device.latency_s, link.underflows
+device.close()
+np.save(path, volts)
+ideal_s = np.r_[0, np.cumsum(frames[:-1])] / rate_hz
+late_s = np.array(times) - ideal_s
+late_s -= np.median(late_s)
+sys.stdout.write(
+    json.dumps(
+        {
+            "underruns": stats.underruns,
+            "underflows": underflows,
+            "latency_s": latency_s,
+            "drift_ppm": stats.drift_ppm,
+            "callbacks": len(times),
+            "late_p99_s": float(np.percentile(late_s, 99)),
+            "late_max_s": float(late_s.max()),
+        }
+    )
+)

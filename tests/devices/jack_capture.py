@@ -1,0 +1,39 @@
+"""A JACK client "cap" that keeps what it hears, until its standard input ends."""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import jack
+import numpy as np
+
+blocks, times, xruns = [], [], []
+client = jack.Client("cap", no_start_server=True)
+ports = [client.inports.register(f"in{number}") for number in range(2)]
+
+
+@client.set_process_callback
+def process(frames):
+    times.append(time.monotonic())
+    blocks.append([bytes(port.get_buffer()) for port in ports])
+
+
+@client.set_xrun_callback
+def xrun(microseconds):
+    xruns.append(microseconds)
+
+
+with client:
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    sys.stdin.read()
+    period_s = client.blocksize / client.samplerate
+heard = [b"".join(block[number] for block in blocks) for number in range(2)]
+folder = Path(sys.argv[1])
+np.save(folder / "heard.npy", [np.frombuffer(channel, np.float32) for channel in heard])
+late_s = np.array(times) - np.arange(len(times)) * period_s
+late_s -= np.median(late_s)
+(folder / "capture.json").write_text(
+    json.dumps({"xruns": len(xruns), "late_p99_s": float(np.percentile(late_s, 99))})
+)

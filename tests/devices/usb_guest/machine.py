@@ -1,0 +1,123 @@
+"""One run of a command in a Linux guest, which QEMU emulates in software."""
+
+import os
+import platform
+import re
+import shlex
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+from usb_guest.debian import NoDebianError, debian_dir
+
+_TOOLS = {
+    "qemu-system-x86_64": "qemu-system-x86",
+    "busybox": "busybox-static",
+    "cpio": "cpio",
+    "dpkg": "dpkg",
+    "apt-get": "apt",
+    "timeout": "coreutils",
+}
+
+
+class NoMachineError(Exception):
+    """This computer cannot run the guest, and why."""
+
+
+@dataclass(frozen=True)
+class GuestRun:
+    """What came out of a guest."""
+
+    exit_code: int | None  # of the command; None if the guest did not get to its end
+    results: list[str]  # lines that the command wrote to /dev/ttyS1
+    console: str  # everything else
+
+
+def run_in_guest(command, environment, folder, limit_s):
+    """Run a command of the host's file system as root of a guest.
+
+    Parameters
+    ----------
+    command : list of str
+    environment : dict of str to str
+        All that the command finds in its environment, besides UDEVD, where udevd is.
+    folder : Path
+        For the images, and what the guest says.
+    limit_s : float
+        How long the guest may take.
+
+    Raises
+    ------
+    NoMachineError
+        If a tool or the kernel is missing.
+    """
+    missing = [package for tool, package in _TOOLS.items() if not _which(tool)]
+    if platform.machine() != "x86_64":
+        raise NoMachineError(f"the guest shares the host's x86-64 programs, not {os.uname()}")
+    if missing:
+        raise NoMachineError(f"apt install {' '.join(missing)}, or run scripts/setup-devices.sh")
+    try:
+        debian = debian_dir()
+    except NoDebianError as error:
+        raise NoMachineError(str(error)) from error
+    folder.mkdir(parents=True, exist_ok=True)
+    environment = {"UDEVD": str(debian / "systemd-udevd"), **environment}
+    image = _initial_ramdisk(debian, command, environment, folder)
+    console, results = folder / "console.log", folder / "results.jsonl"
+    qemu = [
+        "nice",
+        "timeout",
+        "--foreground",
+        "--kill-after=5",
+        f"{limit_s:g}",
+        _which("qemu-system-x86_64"),
+    ]
+    # One processor: with two, software emulation is 10 to 40 times slower. KVM hangs on many
+    # machines that offer it.
+    qemu += ["-M", "q35", "-accel", "tcg", "-cpu", "max", "-smp", "1", "-m", "1024"]
+    qemu += ["-nodefaults", "-no-user-config", "-display", "none", "-no-reboot"]
+    qemu += ["-serial", f"file:{console}", "-serial", f"file:{results}"]
+    qemu += ["-fsdev", "local,id=root,path=/,security_model=none,readonly=on,multidevs=remap"]
+    qemu += ["-device", "virtio-9p-pci,fsdev=root,mount_tag=hostroot"]
+    qemu += ["-kernel", str(debian / "vmlinuz"), "-initrd", str(image)]
+    qemu += ["-append", "console=ttyS0 quiet panic=-1 mitigations=off nokaslr"]
+    done = subprocess.run(
+        qemu, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    said = _text(console) + done.stdout
+    ended = re.findall(r"^GUEST-EXIT-CODE (\d+)", said, re.MULTILINE)
+    lines = _text(results).split("\n")[:-1]  # a line without an end was cut short
+    return GuestRun(int(ended[-1]) if ended else None, lines, said)
+
+
+def _initial_ramdisk(debian, command, environment, folder):
+    root = folder / "initrd"
+    for name in ("bin", "proc", "sys", "dev", "host"):
+        (root / name).mkdir(parents=True, exist_ok=True)
+    shutil.copy(_which("busybox"), root / "bin" / "busybox")
+    shutil.copytree(debian / "modules", root / "modules", dirs_exist_ok=True)
+    shutil.copy(Path(__file__).with_name("init.sh"), root / "init")
+    (root / "init").chmod(0o755)
+    exports = [f"export {key}={shlex.quote(value)}" for key, value in environment.items()]
+    exports.append(f"$B chroot /host {shlex.join(command)}")
+    (root / "command.sh").write_text("\n".join(exports) + "\n")
+    image = folder / "initrd.cpio"
+    names = sorted(str(path.relative_to(root)) for path in root.rglob("*"))
+    with image.open("wb") as file:
+        subprocess.run(
+            ["cpio", "--create", "--format=newc", "--quiet", "--owner=0:0"],
+            cwd=root,
+            input="\n".join(names).encode(),
+            stdout=file,
+            check=True,
+        )
+    return image
+
+
+def _which(tool):
+    return shutil.which(tool) or shutil.which(tool, path="/usr/sbin:/sbin")
+
+
+def _text(path):
+    return path.read_text(errors="replace").replace("\r", "") if path.exists() else ""

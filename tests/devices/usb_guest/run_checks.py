@@ -1,0 +1,81 @@
+"""Runs in the guest: every check in a process of its own; a line of JSON for each to /dev/ttyS1."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import traceback
+from contextlib import suppress
+from pathlib import Path
+
+import usb_guest.checks_content
+import usb_guest.checks_faults
+import usb_guest.checks_opening  # noqa: F401
+from usb_guest.plugged import wait_for
+from usb_guest.ways import CHECKS
+
+from firmware_io.links.identity import udev_rule
+
+_LIMIT_S = float(os.environ.get("CHECK_LIMIT_S", "60"))
+_RESULTS = Path("/dev/ttyS1")
+
+
+def start_udev():
+    """Start udevd, with our own rule: libusb hears of what is plugged in from udevd alone."""
+    rules = Path("/run/udev/rules.d")
+    rules.mkdir(parents=True)
+    (rules / "70-haptix.rules").write_text(udev_rule())
+    subprocess.run([os.environ["UDEVD"], "--daemon"], check=True)
+    wait_for(Path("/run/udev/control").exists)
+
+
+def run(name):
+    """Run one check; return its result, which a check that dies or hangs has as well."""
+    here, there = os.pipe()
+    began_s = time.monotonic()
+    process = os.fork()
+    if process == 0:
+        os.setpgid(0, 0)
+        os.close(here)
+        try:
+            result = {"passed": True, "figures": CHECKS[name]()}
+        except BaseException:
+            result = {"passed": False, "why": traceback.format_exc()}
+        os.write(there, json.dumps(result, default=float).encode()[-60_000:])
+        sys.stdout.flush()
+        os._exit(0)
+    os.close(there)
+    signal.signal(signal.SIGALRM, lambda *_: os.killpg(process, signal.SIGKILL))
+    signal.setitimer(signal.ITIMER_REAL, _LIMIT_S)
+    status = os.waitpid(process, 0)[1]
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    with suppress(ProcessLookupError):
+        os.killpg(process, signal.SIGKILL)  # boards that a failed check has left behind
+    with os.fdopen(here, "rb") as pipe:
+        said = pipe.read()
+    took_s = time.monotonic() - began_s
+    if said:
+        result = json.loads(said)
+    else:
+        result = {"passed": False, "why": f"it ended with status {status} after {took_s:.1f} s"}
+    return {"name": name, "seconds": round(took_s, 2), **result}
+
+
+def main():
+    """Run the checks that are named, or all of them."""
+    start_udev()
+    with _RESULTS.open("w") as results:
+        for name in sys.argv[1:] or CHECKS:
+            result = run(name)
+            results.write(json.dumps(result) + "\n")
+            results.flush()
+            # On the console as well, for whoever watches it.
+            mark = "passed" if result["passed"] else "FAILED"
+            sys.stdout.write(f"{mark} {result['seconds']:6.2f} s  {name}\n")
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()
