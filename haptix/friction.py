@@ -46,6 +46,7 @@ FidelityName = Literal["closed-form", "mean-field", "boundary-element"]
 LOWEST_FORCE_N, HIGHEST_FORCE_N = 1e-9, 1e6
 """Forces that are solved: far beyond any finger, and far from the ends of double precision."""
 
+_FAINT_V = 1e-9  # pulls are tabulated by their logarithm: no voltage is one that pulls nothing
 _SHORTED_M = 1e6  # thickness that leaves a gap no field: what leaks shorts a steady voltage
 
 _BLOCK = 4096  # states solved together: bounds the memory, and fits the cache
@@ -465,7 +466,7 @@ class ContactModel:
         column = torch.arange(samples, device=self.contact.device)
         phase = 2 * torch.pi * column.to(torch.float64) / samples
         drive = (
-            float(voltage),
+            max(float(voltage), _FAINT_V),
             float(frequency),
             lambda harmonic: self._harmonic_thickness(h0, harmonic),
             phase,

@@ -121,3 +121,12 @@ def test_samples_come_back_and_parseval_holds(count: int) -> None:
 def test_bad_samples(bad: object) -> None:
     with pytest.raises(InputError, match="samples"):
         Waveform.from_samples(bad)
+
+
+def test_no_voltage_is_friction_at_rest():
+    model = ContactModel(Finger.preset("semi-wet"), Screen.preset("3m-sct3250"))
+    period = model.over_period(0.5, 0.0, 125.0)
+    assert set(period.status.tolist()) == {int(Status.OK)}
+    assert float(period.drive_v.abs().max()) == 0.0
+    expected = float(model.solve(0.5, 0.0, 125.0).mu)
+    assert period.mu.tolist() == pytest.approx([expected] * len(period.mu), rel=1e-9)
