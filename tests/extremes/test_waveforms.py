@@ -6,6 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from haptix import ContactModel, Finger, Screen, Status
 from haptix.contact import HalfSpace, MeanField, RoughnessSpectrum
 from haptix.contact.gaps import GapHistogram
 from haptix.electro import SkinDielectric, Waveform, effective_thickness
