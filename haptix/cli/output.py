@@ -39,6 +39,11 @@ def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
     Console().print(table)
 
 
+def stand_ins(placeholders: Sequence[str]) -> str:
+    """What a title says of inputs that were not measured."""
+    return f", with stand-ins for {' and '.join(placeholders)}" if placeholders else ""
+
+
 def _text(value: Any) -> str:
     if value is None:
         return "-"

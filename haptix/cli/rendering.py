@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptix.cli.output import AsJson, progress_bar, show
+from haptix.cli.output import AsJson, progress_bar, show, stand_ins
 
 if TYPE_CHECKING:
     from haptix.friction import ContactModel
@@ -96,9 +96,8 @@ def render(
         }
         write(out, rehearsal, job.texture, about)
     summary = summary_of(rehearsal)
-    stand_ins = " and ".join(job.model.placeholders())
     title = f"haptix render: outputs in {out}; {finger} finger on {screen}"
-    title += f", with stand-ins for {stand_ins}" if stand_ins else ""
+    title += stand_ins(job.model.placeholders())
     show(title, [summary] if as_json else _rows(summary), as_json)
 
 

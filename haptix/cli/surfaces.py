@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptix.cli.output import AsJson, progress_bar, show
+from haptix.cli.output import AsJson, progress_bar, show, stand_ins
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -152,7 +152,8 @@ def build(
             raise typer.Exit(3) from None
         surface = error.best
     surface.save(target)
-    show("friction surface", [_summary(target, surface)], as_json)
+    title = f"friction surface{stand_ins(surface.info['model']['placeholders'])}"
+    show(title, [_summary(target, surface)], as_json)
 
 
 def query(
@@ -188,7 +189,8 @@ def query(
         "h0_m": h0,
     }
     if surface is None:
-        state = _model(finger, screen, fidelity, theory, with_terms, without_terms).solve(**inputs)
+        model = _model(finger, screen, fidelity, theory, with_terms, without_terms)
+        state, doubts = model.solve(**inputs), model.placeholders()
         outputs = {
             "mu": state.mu,
             "area_fraction": state.area_fraction,
@@ -204,9 +206,9 @@ def query(
                 f"voltage_v: {float(voltage.max()):g} V is above the limit of {limit:g} V of the "
                 "surface's screen; lower it (it is rejected, not clamped)"
             )
-        sample = table.evaluate(**inputs)
+        sample, doubts = table.evaluate(**inputs), table.info["model"]["placeholders"]
         outputs, status = {"mu": sample.mu}, sample.status
-    show("friction", _rows(inputs, outputs, status), as_json)
+    show(f"friction{stand_ins(doubts)}", _rows(inputs, outputs, status), as_json)
 
 
 def invert(
@@ -226,9 +228,11 @@ def invert(
         _tensor("frequency-hz", frequency_hz),
         _tensor("h0-m", h0_m),
     )
-    found = FrictionSurface.load(surface).voltage(wanted, force, frequency, h0)
+    table = FrictionSurface.load(surface)
+    found = table.voltage(wanted, force, frequency, h0)
     inputs = {"mu": wanted, "normal_force_n": force, "frequency_hz": frequency, "h0_m": h0}
-    show("voltage", _rows(inputs, {"voltage_v": found.voltage_v}, found.status), as_json)
+    title = f"voltage{stand_ins(table.info['model']['placeholders'])}"
+    show(title, _rows(inputs, {"voltage_v": found.voltage_v}, found.status), as_json)
 
 
 def _check_writable(path: Path, overwrite: bool) -> None:

@@ -1,6 +1,5 @@
 """Checks that what is sent is what is played, sample by sample."""
 
-import threading
 import time
 
 import numpy as np
@@ -8,8 +7,7 @@ from usb_guest.descriptors import BULK_ENDPOINT, HID_ENDPOINT, PRODUCT_ID, VENDO
 from usb_guest.plugged import PluggedBoard, wait_for
 from usb_guest.ways import HID, HIDRAW, USB, WAYS, check, envelope, require, same, wave
 
-from firmware_io import Playback, volts_to_codes
-from firmware_io.firmware.core import Output
+from firmware_io import volts_to_codes
 from firmware_io.protocol import FrameParser, Samples, from_report
 
 _FULL_SCALE_V = 250.0
@@ -177,31 +175,3 @@ def _sent_to(board, endpoint):
             codes.append(item.message.codes)
     same(np.diff(np.asarray(sequences, np.int64)) % 65536, np.ones(len(sequences) - 1))
     return np.concatenate(codes)
-
-
-@check(USB, HIDRAW)
-def playback_by_its_thread(way):
-    """`Playback` by the clock of the wall; where it never ran out of samples, all are played."""
-    rate_hz = 16_000
-    volts = wave(8000, rate_hz)
-    codes = volts_to_codes(volts, _FULL_SCALE_V)
-    real = {"pace": "real", "clock": time.perf_counter}
-    with PluggedBoard(sample_rate_hz=rate_hz, max_watchdog_s=2, **real) as board:
-        device = way.open(mode="waveform", sample_rate_hz=rate_hz, watchdog_s=2)
-        with Playback(device, lead_s=0.5) as playback:
-            for start in range(0, codes.size, 100):
-                piece = volts[start : start + 100]
-                require(playback.wait_for_room(piece.size, 20.0), "no room")
-                playback.put(piece)
-            wait_for(lambda: playback.queued_samples == 0)
-        stats = playback.stats
-        device.close()
-        played, what = board.output()
-    streamed = played[what == Output.STREAM]
-    first = int(np.flatnonzero(streamed)[0]) - int(np.flatnonzero(codes)[0])
-    if stats.underruns == 0:
-        same(streamed[first : first + codes.size], codes)
-        require(not streamed[first + codes.size :].any(), "more than 0 V behind the signal")
-    require(played[-1] == 0, played[-1])
-    require(threading.active_count() == 1, threading.enumerate())
-    return {"underruns": stats.underruns, "drift_ppm": stats.drift_ppm}
