@@ -186,6 +186,21 @@ class Stalling(FrictionField):
         return self._field._sample(x_mm, y_mm, footprint_mm)
 
 
+def direct(model: Any) -> None:
+    """Friction over a period of a direct sine at full voltage, against what was asked for."""
+    print("direct sine, 0.3 N, 200 V: friction over a period less that of the mean pull, and less")
+    print("what the renderer asks for, in difference thresholds")
+    for frequency in (60.0, 125.0, 500.0):
+        ranges = {"normal_force_n": (0.1, 1.0), "frequency_hz": frequency}
+        surface = haptix.FrictionSurface.build(model, ranges, tolerance=1e-4)
+        wave = DirectDrive(frequency, RATE)
+        asked = SliceInverse(surface, wave.pulls, wave.peak_per_sine).row(0.3).highest_mu
+        felt = float(model.over_period(0.3, 200.0, frequency).mu.mean())
+        naive = float(surface.mu(0.3, 200.0))
+        parts = [(felt - one) / (0.11 * felt) for one in (naive, asked)]
+        print(f"  {frequency:g} Hz: {parts[0]:.2f}, {parts[1]:.2f}")
+
+
 def stalls(surface: Any, texture: Any, seconds: float) -> None:
     print(f"{seconds:g} s in real time, 10 ms stalls in the renderer and in the link")
     for lead_ms in (25.0, 5.0):
@@ -238,6 +253,7 @@ def main() -> None:
     offline(surface, texture)
     from haptix.demo.job import FINGER_PATH
 
+    direct(model)
     verdicts(model, texture, Trajectory.from_csv(FINGER_PATH))
     if arguments.stalls:
         stalls(surface, texture, arguments.stalls)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property
 from math import sqrt
 from typing import Literal
 
@@ -71,9 +73,15 @@ class Carrier:
         energy = np.add.reduceat(wave[: bounds[-1]] ** 2, starts)
         return (bounds[:-1] + bounds[1:] - 1) / 2, product / energy
 
+    @cached_property
+    def _turns_per_sample(self) -> tuple[int, int]:
+        """Numerator and denominator: in whole numbers the phase is exact at any sample."""
+        return (Fraction(self.frequency_hz) / Fraction(self.sample_rate_hz)).as_integer_ratio()
+
     def _turns(self, first_sample: int, count: int) -> Array:
         """Phase in periods, small at the first sample: hours of samples keep their precision."""
-        start = first_sample * self.frequency_hz % self.sample_rate_hz / self.sample_rate_hz
+        whole, part = self._turns_per_sample
+        start = int(first_sample) * whole % part / part
         return np.asarray(start + self.frequency_hz / self.sample_rate_hz * np.arange(count))
 
     def _wave(self, first_sample: int, count: int) -> Array:

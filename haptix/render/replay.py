@@ -14,6 +14,9 @@ LOST_S = 0.1
 """A finger without touches for so long, while others go on, was lifted unseen."""
 
 
+_ROUNDING_S = 1e-6
+
+
 @dataclass
 class Track:
     """One finger from the touch at which rendering stands."""
@@ -131,9 +134,16 @@ class Replay:
             [np.interp(t_s, track.t_s, getattr(track, name)) for track in tracks]
             for name in ("x_mm", "y_mm", "normal_force_n")
         ]
-        gain = [np.interp(t_s, one.gain_t_s, one.gain, left=0.0) for one in tracks]
+        gain = [self._gain(one, t_s) for one in tracks]
         for track in tracks:
             track.forget_before(float(t_s[-1]))
         x, y, force = (np.concatenate(column) for column in columns)
         fastest = max(track.speed_mm_per_s for track in tracks)
         return FingerPoints(len(tracks), x, y, force, np.concatenate(gain), fastest * step_s)
+
+    def _gain(self, track: Track, t_s: Array) -> Array:
+        """Gain at times, a fade going on for the microsecond that a clock's rounding may want."""
+        way = _ROUNDING_S / self._sliding.fade_s * (1 if track.is_sliding else -1)
+        last = min(max(track.gain[-1] + way * track.is_down, 0.0), 1.0)
+        knots = [*track.gain_t_s, track.gain_t_s[-1] + _ROUNDING_S]
+        return np.interp(t_s, knots, [*track.gain, last], left=0.0)

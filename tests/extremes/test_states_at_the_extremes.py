@@ -66,7 +66,7 @@ def tensor(values: list[float]) -> Tensor:
     return torch.tensor(values, dtype=torch.float64)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(models(), forces, volts, frequencies, thicknesses)
 def test_every_field_is_a_number_of_its_own_sign(
     model: ContactModel,

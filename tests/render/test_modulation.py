@@ -22,9 +22,7 @@ def test_blocks_join_into_one_wave(frequency_hz, lengths, first):
     starts = np.cumsum([0, *lengths])
     blocks = [carrier.modulate(amplitude[a:b], first + a) for a, b in pairwise(starts)]
     whole = carrier.modulate(amplitude, first)
-    # The phase at the start of a block is the remainder of a product of up to 1e13, good to 1e-3
-    # samples' worth of 48000: 4e-8 of a turn, where the frequency is no whole number of hertz.
-    np.testing.assert_allclose(np.concatenate(blocks), whole, rtol=0, atol=200 * 2 * np.pi * 4e-8)
+    np.testing.assert_allclose(np.concatenate(blocks), whole, rtol=0, atol=1e-9)
 
 
 def test_hours_of_samples_keep_their_phase():
