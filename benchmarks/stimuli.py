@@ -30,7 +30,7 @@ from haptix.stimuli import (
     Stimulus,
     StimulusSet,
 )
-from haptix.twin import VirtualFinger
+from haptix.virtual_finger import VirtualFinger
 
 FINGER, SCREEN = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
 RATE = 48_000.0

@@ -10,9 +10,9 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from calibration.complaints import Complaint, complaints
 from calibration.protocol import Protocol, Stroke
 from calibration.recording import Conditions, Recording
+from calibration.recording_checks import Complaint, complaints
 from calibration.session import Session
 from calibration.sources import ForceSource, Live, Played
 from firmware_io import Device

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from calibration.complaints import complaints, drive_amplitude, idle_parts
 from calibration.parameters import Array
 from calibration.predict import Strokes
 from calibration.recording import Recording
+from calibration.recording_checks import complaints, drive_amplitude, idle_parts
 from calibration.segmentation import Segment, full_slip, sliding_speed
 from haptix.errors import FileFormatError, InputError
 

@@ -11,7 +11,7 @@ from calibration.parameters import Array
 from calibration.protocol import Stroke
 from calibration.sources import Live, Played, live_at
 from haptix.friction import ContactModel
-from haptix.twin import CUTOFF_HZ_PER_MM_PER_S, SensorModel, VirtualFinger
+from haptix.virtual_finger import CUTOFF_HZ_PER_MM_PER_S, SensorModel, VirtualFinger
 
 _TOUCH_S = 0.08  # to press
 _REST_S = 0.12  # between pressing and sliding, at each turn and before lifting

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 import haptix
 from haptix.texture import Composition, Grating, Sprite, as_mu
 from haptix.touch import TouchSettings, paced
-from haptix.twin import VirtualFinger, judge
+from haptix.virtual_finger import VirtualFinger, judge
 
 SECONDS, RIGHT_MM, LEAD_S, LATENCY_S = 2.5, 60.0, 0.025, 0.02
 GRATING = Grating(period_mm=5.0, wave="square", low=0.15, high=0.85)  # shares of what is reachable

@@ -22,7 +22,7 @@ import haptix
 from haptix.demo.job import FINGER_PATH
 from haptix.texture import as_mu
 from haptix.touch import TouchEvent, TouchSettings, paced
-from haptix.twin import TouchPanel, VirtualFinger, judge
+from haptix.virtual_finger import TouchPanel, VirtualFinger, judge
 
 
 def main(

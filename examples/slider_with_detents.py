@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 import haptix
 from haptix.texture import Recording, as_mu
 from haptix.touch import TouchSettings, paced
-from haptix.twin import VirtualFinger, judge
+from haptix.virtual_finger import VirtualFinger, judge
 
 LEFT_MM, LENGTH_MM, RIDGE_MM, SECONDS, LATENCY_S = 10.0, 60.0, 1.2, 3.0, 0.02
 

@@ -20,7 +20,7 @@ from skimage.data import brick
 import haptix
 from haptix.texture import Composition, Grating, Sprite, Texture, as_mu
 from haptix.touch import TouchSettings, paced
-from haptix.twin import VirtualFinger, judge
+from haptix.virtual_finger import VirtualFinger, judge
 
 LATENCY_S = 0.02
 COLOURS = ("tab:red", "tab:blue")

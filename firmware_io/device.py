@@ -13,13 +13,13 @@ import numpy.typing as npt
 
 from firmware_io.capabilities import Capabilities, Mode
 from firmware_io.clock import HOST_CLOCK, Clock
-from firmware_io.conversation import Conversation
 from firmware_io.errors import DeviceDisconnectedError, DeviceError, LimitError
 from firmware_io.limits import DriveLimits
 from firmware_io.link import Link
 from firmware_io.links.mock import MockLink
 from firmware_io.mock import MockDriver
 from firmware_io.protocol import StreamMode, TouchReport
+from firmware_io.protocol_client import ProtocolClient
 from firmware_io.setting import (
     bounded_setup,
     changed_setup,
@@ -74,8 +74,8 @@ class Device:
         clock: Clock = HOST_CLOCK,
     ) -> None:
         try:
-            talk = Conversation(link, clock)
-            report = talk.greet()
+            talk = ProtocolClient(link, clock)
+            report = talk.handshake()
             reach = Capabilities.from_report(report, report.output_rate_hz)
             mode = choose_mode(mode, reach, link)
             rate_hz = choose_rate(sample_rate_hz, mode, reach, link)
@@ -253,7 +253,7 @@ class Device:
         DeviceDisconnectedError
             If the link is lost.
         """
-        self._stream.hear()
+        self._stream.poll()
         return self._stream.progress()
 
     def touches(self) -> list[TouchReport]:

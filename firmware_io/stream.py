@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.conversation import Conversation
 from firmware_io.errors import DeviceDisconnectedError, DeviceError, DeviceFaultError
 from firmware_io.limits import DriveLimits, DriveWindow
 from firmware_io.protocol import (
@@ -23,6 +22,7 @@ from firmware_io.protocol import (
     samples_per_frame,
     volts_to_codes,
 )
+from firmware_io.protocol_client import ProtocolClient
 
 #: Reports in a frame: the fewest with less than 15 % that is no sample (PROTOCOL.md).
 _REPORTS_PER_FRAME = 3
@@ -67,7 +67,7 @@ class Stream:
 
     Parameters
     ----------
-    talk : Conversation
+    talk : ProtocolClient
         The words with the driver, after its greeting.
     limits : DriveLimits
         What every sample must keep to.
@@ -93,7 +93,7 @@ class Stream:
 
     def __init__(
         self,
-        talk: Conversation,
+        talk: ProtocolClient,
         limits: DriveLimits,
         setup: Setup,
         max_frame_samples: int,
@@ -169,9 +169,9 @@ class Stream:
             carrier_hz = setup.carrier_mhz / 1e3
             self.limits.check_envelope(volts, self.last_v, rate_hz, carrier_hz)
         self._send(volts)
-        self.hear()
+        self.poll()
 
-    def hear(self) -> None:
+    def poll(self) -> None:
         """Take what the driver has said; raise what it has refused.
 
         Where it reports unasked, only once in its interval: looking may cost a millisecond.
@@ -266,7 +266,7 @@ class Stream:
     def _send_stop(self) -> None:
         was_in_doubt = self._is_in_doubt
         self._is_in_doubt = True
-        self.talk.tell_stop()
+        self.talk.send_stop()
         # A driver that refuses STOP has stopped as well. After a frame in doubt that is no news:
         # it only means that the frame had arrived, and STOP did not follow on it.
         self._is_at_rest()
@@ -292,7 +292,7 @@ class Stream:
             before_v, reached_v = self.last_v, float(volts[start + count - 1])
             self._is_in_doubt = True
             self.last_v = max(before_v, reached_v, key=abs)
-            self.talk.tell(*frames)
+            self.talk.send(*frames)
             # Only now: the driver counts what it received, and STOP must follow on that.
             self._is_in_doubt = False
             self.last_v = reached_v

@@ -61,7 +61,7 @@ _HOME = {
     "contact": "haptix.contact",
     "open_device": "firmware_io",
     "stimuli": "haptix.stimuli",
-    "twin": "haptix.twin",
+    "virtual_finger": "haptix.virtual_finger",
 }
 
 
@@ -75,4 +75,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*__all__, "contact", "stimuli", "twin"])
+    return sorted([*__all__, "contact", "stimuli", "virtual_finger"])

@@ -16,8 +16,8 @@ from pydantic import (
 from torch import Tensor
 
 from haptix.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum
+from haptix.documents import Document, Quantity, named_preset
 from haptix.electro import SkinDielectric
-from haptix.profile import Profile, Quantity, named_preset
 
 PoissonRatio = Annotated[float, Field(gt=-1, le=0.5)]
 
@@ -100,7 +100,7 @@ AnyRoughness = Annotated[
 ]
 
 
-class Finger(Profile):
+class Finger(Document):
     """One fingertip. Presets and sources: physics page, section 3 (Ayyildiz et al., PNAS 2018).
 
     Parameters

@@ -18,10 +18,10 @@ from pydantic import (
     model_validator,
 )
 
+from haptix.documents import Document
 from haptix.errors import FileFormatError, InputError
 from haptix.finger import Finger
 from haptix.friction import ContactModel, FidelityName
-from haptix.profile import Profile
 from haptix.screen import Screen
 from haptix.terms import TERMS, chosen_terms
 
@@ -153,7 +153,7 @@ class Override(Part):
         return terms
 
 
-class Scene(Profile):
+class Scene(Document):
     """What a friction surface is for.
 
     Parameters
@@ -234,7 +234,7 @@ class Scene(Profile):
             texture.model_copy(update={"file": os.path.relpath(self.folder / texture.file, folder)})
             for texture in self.textures
         ]
-        Profile.save(self.replace(textures=moved, folder=folder), path)
+        Document.save(self.replace(textures=moved, folder=folder), path)
 
     @property
     def max_voltage_v(self) -> float:

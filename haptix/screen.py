@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from haptix.profile import Profile, named_preset
+from haptix.documents import Document, named_preset
 
 Plain = Annotated[float, Field(gt=0, strict=True)]
 Permittivity = Annotated[float, Field(ge=1)]
@@ -57,7 +57,7 @@ class Calibration(BaseModel):
     content_hash: str = ""
 
 
-class Screen(Profile):
+class Screen(Document):
     """One touchscreen. Presets from the paper; a calibration writes a profile of its own.
 
     Parameters
@@ -100,7 +100,7 @@ class Screen(Profile):
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a TOML file; see `haptix.profile.Profile.load`.
+        """Read a TOML file; see `haptix.documents.Document.load`.
 
         Warns
         -----

@@ -78,9 +78,9 @@ def open_core(config: CapabilitiesReport, which: CoreName = "auto") -> Core:
         If `config` describes no possible device, or "c" was asked for and cannot be built.
     """
     if which == "python" or (which == "auto" and not _has_compiler()):
-        from firmware_io.firmware.twin import TwinCore
+        from firmware_io.firmware.reference import ReferenceCore
 
-        return TwinCore(config)
+        return ReferenceCore(config)
     from firmware_io.firmware.native import NativeCore
 
     return NativeCore(config)

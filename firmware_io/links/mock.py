@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from firmware_io.errors import DeviceDisconnectedError
 from firmware_io.link import Link
-from firmware_io.links.mishaps import Mishap, Mishaps
+from firmware_io.links.fault_injection import FaultInjection, InjectedFault
 from firmware_io.mock import MockDriver
 from firmware_io.protocol import to_reports
 
@@ -26,7 +26,7 @@ class MockLink(Link):
 
     Attributes
     ----------
-    mishaps : Mishaps
+    injected : FaultInjection
         What is going to happen on this link.
     """
 
@@ -37,7 +37,7 @@ class MockLink(Link):
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.driver = MockDriver() if driver is None else driver
-        self.mishaps = Mishaps()
+        self.injected = FaultInjection()
         self._report_bytes = report_bytes
         self._sleep = sleep
         self._is_closed = False
@@ -52,16 +52,16 @@ class MockLink(Link):
         """Size of the reports that carry the bytes; None where a write may be of any size."""
         return self._report_bytes
 
-    def inject(self, mishap: Mishap | str, after: int = 0, seconds: float = 0.0) -> None:
-        """Let something go wrong once; see `Mishaps.add`."""
-        self.mishaps.add(mishap, after, seconds)
+    def inject(self, fault: InjectedFault | str, after: int = 0, seconds: float = 0.0) -> None:
+        """Let something go wrong once; see `FaultInjection.add`."""
+        self.injected.add(fault, after, seconds)
 
     def send(self, data: bytes) -> None:
         """Hand bytes to the driver; see `Link.send`."""
         self._check_open()
         size = self._report_bytes
         for transfer in [data] if size is None else to_reports(data, size):
-            for event in self.mishaps.outward(transfer):
+            for event in self.injected.outward(transfer):
                 self._let_happen(event)
 
     def receive(self, timeout_s: float = 0.0) -> bytes:
@@ -72,7 +72,7 @@ class MockLink(Link):
             self._check_open()
             data = driver.transmit() if self._report_bytes is None else self._receive_reports()
             if data:
-                data = self.mishaps.inward(data)
+                data = self.injected.inward(data)
             if data or driver.pace == "virtual":
                 return data
             now_s = driver.clock()
@@ -97,7 +97,7 @@ class MockLink(Link):
 
     def _let_happen(self, event: bytes | float | OSError) -> None:
         if isinstance(event, OSError):
-            if self.mishaps.is_unplugged:
+            if self.injected.is_unplugged:
                 self.driver.release()
                 self._check_open()
             raise event
@@ -115,7 +115,7 @@ class MockLink(Link):
     def _check_open(self) -> None:
         if self._is_closed:
             raise DeviceDisconnectedError("The mock link is closed; open the device again.")
-        if self.mishaps.is_unplugged:
+        if self.injected.is_unplugged:
             raise DeviceDisconnectedError(
                 "The mock's cable is out (injected); plug it in and open the device again."
             )

@@ -68,7 +68,7 @@ def render(
         update("surface", 0.0)
         from haptix.rehearsal import rehearse
         from haptix.rehearsal.folder import summary_of, write
-        from haptix.twin import TouchPanel
+        from haptix.virtual_finger import TouchPanel
 
         job = _Job(image, width_mm, mu_range, trajectory, finger, screen)
         found = job.surface(surface, carrier_hz, direct_hz, lambda share: update("surface", share))

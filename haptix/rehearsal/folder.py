@@ -15,7 +15,7 @@ from haptix.errors import InputError
 from haptix.rehearsal.figure import draw
 from haptix.rehearsal.rehearse import PARTS, Rehearsal
 from haptix.texture import FrictionField
-from haptix.twin import Verdict
+from haptix.virtual_finger import Verdict
 
 
 def summary_of(rehearsal: Rehearsal) -> dict[str, Any]:

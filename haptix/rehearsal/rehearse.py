@@ -19,7 +19,7 @@ from haptix.status import Status
 from haptix.surface import FrictionSurface
 from haptix.texture import FrictionField, as_mu
 from haptix.touch import TouchEvent, TouchSettings, Trajectory
-from haptix.twin import FELT_WITHIN_S, Felt, TouchPanel, Verdict, VirtualFinger, judge
+from haptix.virtual_finger import FELT_WITHIN_S, Felt, TouchPanel, Verdict, VirtualFinger, judge
 
 Array = npt.NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from haptix.render.modulation import Carrier
 from haptix.status import Status
 from haptix.surface import FrictionSurface
 from haptix.texture import FrictionField
-from haptix.twin.response import CUTOFF_HZ_PER_MM_PER_S
+from haptix.virtual_finger.response import CUTOFF_HZ_PER_MM_PER_S
 
 Array = npt.NDArray[np.float64]
 

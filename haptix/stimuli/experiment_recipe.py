@@ -11,9 +11,9 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, PositiveFloat
 
+from haptix.documents import Document
 from haptix.errors import InputError
 from haptix.finger import Finger
-from haptix.profile import Profile
 from haptix.screen import Screen
 from haptix.stimuli.adaptive import ConstantStimuli, Method, Presentation, Quest, UpDown
 from haptix.stimuli.algebra import Product
@@ -31,7 +31,7 @@ _METHODS: dict[str, Callable[..., Method]] = {
 }
 
 
-class ExperimentRecipe(Profile):
+class ExperimentRecipe(Document):
     """An experiment as a file says it.
 
     Parameters

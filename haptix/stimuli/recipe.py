@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, model_validator
 
+from haptix.documents import Document
 from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.perception import Perception
-from haptix.profile import Profile
 from haptix.screen import Screen
 from haptix.stimuli.audio import Container, Encoding
 from haptix.stimuli.designs import (
@@ -125,7 +125,7 @@ class TrialsTable(Part):
     in_order: bool = False
 
 
-class Recipe(Profile):
+class Recipe(Document):
     """A set of stimuli as a file says it.
 
     Parameters

@@ -1,9 +1,9 @@
 """The friction surface mu(F_N, V0, f, h0): build, evaluate, invert, save."""
 
+from haptix.surface.boundary_elements import MeasuredPoints, MeasuringJob, measured_surface
 from haptix.surface.cache import cached_surface
 from haptix.surface.identity import surface_key
 from haptix.surface.interpolant import PULL_IN_DRIVE, Interpolant
-from haptix.surface.measured import MeasuredPoints, MeasuringJob, measured_surface
 from haptix.surface.surface import LARGEST_BYTES, FrictionSurface, Inversion, SurfaceSample
 from haptix.surface.tolerance import Tolerance
 

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from haptix.errors import InputError, ToleranceError
 from haptix.friction import ContactModel
-from haptix.surface.grid import Axis
+from haptix.surface.axes import Axis
 from haptix.surface.identity import model_hash, surface_key
 from haptix.surface.interpolant import PULL_IN_DRIVE, Interpolant
 from haptix.surface.placement import fewest_nodes

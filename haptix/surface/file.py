@@ -20,7 +20,7 @@ from torch import Tensor
 
 from haptix.errors import FileFormatError
 from haptix.friction import ContactModel
-from haptix.surface.grid import Axis
+from haptix.surface.axes import Axis
 from haptix.surface.identity import model_hash
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.surface import FrictionSurface

@@ -13,8 +13,8 @@ from torch import Tensor
 from haptix.errors import InputError, RangeError
 from haptix.inputs import broadcast_shape
 from haptix.status import Status
+from haptix.surface.axes import Axis, Cells
 from haptix.surface.blocks import in_blocks
-from haptix.surface.grid import Axis, Cells
 
 PULL_IN_DRIVE = 0.81
 """``(V0 / V_pull-in)^2`` at which a surface ends: at 90 % of the pull-in voltage friction is some

@@ -14,7 +14,7 @@ from torch import Tensor
 from haptix.errors import InputError, RangeError
 from haptix.friction import ContactModel
 from haptix.status import Status
-from haptix.surface.grid import Axis, numbers, within
+from haptix.surface.axes import Axis, numbers, within
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.tolerance import Tolerance
 
@@ -101,7 +101,7 @@ class FrictionSurface:
         from haptix.surface.build import build_surface  # which makes what this class holds
 
         if model.fidelity == "boundary-element":
-            from haptix.surface.measured import MeasuringJob, measured_surface
+            from haptix.surface.boundary_elements import MeasuringJob, measured_surface
 
             job = MeasuringJob(model, scene or {})
             return measured_surface(job, tolerance, on_progress, largest_bytes, notes)

@@ -8,13 +8,13 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from haptix.documents import Document
 from haptix.errors import FileFormatError, InputError
-from haptix.profile import Profile
 from haptix.texture.field import Target, check_range
 from haptix.units import with_numbers
 
 
-class Sidecar(Profile):
+class Sidecar(Document):
     """How a photograph is to be felt; JSON beside it, ``brick.json`` for ``brick.png``.
 
     Parameters

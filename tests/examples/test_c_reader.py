@@ -17,7 +17,7 @@ from torch import Tensor
 
 from haptix import ContactModel, Finger, FrictionSurface, InputError, Screen, Status
 from haptix.surface import Interpolant
-from haptix.surface.grid import Axis
+from haptix.surface.axes import Axis
 
 SOURCE = Path(__file__).parents[2] / "examples" / "read_surface.c"
 POINTS = 3000

@@ -82,9 +82,9 @@ class Rig:
         """Send messages; return what the device says."""
         for message in messages:
             self.core.receive(self.frame(message))
-        return self.hear()
+        return self.poll()
 
-    def hear(self):
+    def poll(self):
         return [frame.message for frame in self.parser.feed(self.core.transmit())]
 
     def ready(self, setup=PLAIN):
@@ -137,7 +137,7 @@ def test_a_host_of_another_version_is_refused_by_name(rig, oldest, newest, got):
 
 def test_a_frame_from_the_future_is_refused_by_name(rig):
     rig.core.receive(resealed(rig.frame(Hello()), at_2=3))
-    (fault,) = rig.hear()
+    (fault,) = rig.poll()
     assert (fault.code, fault.expected, fault.got) == (CODE.VERSION, 2, 3)
 
 
@@ -156,9 +156,9 @@ def test_a_session_step_by_step(rig):
         playing, state=STATE.RAMPING, next_sequence=6, queued_samples=0, free_samples=2000
     )
     rig.play(RAMP)
-    assert rig.hear() == [replace(stopped, state=STATE.IDLE, clock_ticks=242)]
+    assert rig.poll() == [replace(stopped, state=STATE.IDLE, clock_ticks=242)]
     assert rig.play(3) == [0, 0, 0]
-    assert rig.hear() == []
+    assert rig.poll() == []
 
 
 def test_arm_needs_a_setup(rig):
@@ -218,7 +218,7 @@ def test_an_unknown_mode_is_named(rig):
     data = bytearray(rig.frame(PLAIN))
     data[12] = 2
     rig.core.receive(resealed(bytes(data)))
-    (fault,) = rig.hear()
+    (fault,) = rig.poll()
     assert (fault.code, fault.field_offset, fault.got) == (CODE.SETUP, 0, 2)
 
 
@@ -392,7 +392,7 @@ def test_silence_ends_at_zero_within_the_watchdog_time(rig, watchdog_ms, queued)
     played = rig.play(ticks)
     assert played[-RAMP - 1 :] == [20_000] + [20_000 * k // RAMP for k in range(RAMP - 1, -1, -1)]
     assert rig.play(1000) == [0] * 1000
-    fault, status = rig.hear()
+    fault, status = rig.poll()
     assert (fault.code, fault.expected) == (CODE.STARVED, watchdog_ms)
     assert fault.clock_ticks == ticks - RAMP
     assert (status.state, status.fault, status.faults) == (STATE.IDLE, CODE.STARVED, 1)
@@ -552,7 +552,7 @@ def test_a_refusal_ends_at_zero_and_is_told(rig, name):
     rig.ready(replace(PLAIN, watchdog_ms=400)).stream(STEP)
     assert rig.play(2) == STEP
     code, expected, got = refused(rig, name)
-    fault, *others = rig.hear()
+    fault, *others = rig.poll()
     assert [type(a) for a in others] == [StatusReport] * (name == "STOP out of step")
     assert (fault.code, fault.expected, fault.got) == (code, expected, got)
     assert rig.core.fault() == fault
@@ -570,7 +570,7 @@ def test_after_a_refusal_nothing_plays_until_armed_again(rig, name):
     rig.play(2)
     code, _, _ = refused(rig, name)
     rig.play(5000)  # and what is left of a frame is given up
-    rig.hear()
+    rig.poll()
     (fault,) = rig.say(Samples(2, np.array([3000], np.int16)))
     assert fault.code is code  # the first cause, not NOT_ARMED
     assert rig.play(10) == [0] * 10
@@ -584,7 +584,7 @@ def test_after_a_refusal_nothing_plays_until_armed_again(rig, name):
 
 def test_damage_while_disarmed_is_skipped_without_a_word(rig):
     rig.core.receive(b"noise HX HX\x02" + encode(Frame(Ping(1), 3))[:-1] + b"?")
-    assert rig.hear() == []
+    assert rig.poll() == []
     assert rig.say(Hello()) == [BOARD]
     assert rig.core.status().faults == 0
 
@@ -699,16 +699,16 @@ def test_status_comes_unasked_in_its_interval(rig):
     for _ in range(100):
         rig.stream([1] * 24)
         rig.play(24)
-        seen += [a.clock_ticks for a in rig.hear()]
+        seen += [a.clock_ticks for a in rig.poll()]
     assert seen == [240 * k for k in range(1, 11)]
     rig.play(100)
     rig.say(Stop())
     rig.play(RAMP)
     rig.say(Arm())
     rig.play(239)
-    assert rig.hear() == []
+    assert rig.poll() == []
     rig.play(1)
-    assert [a.state for a in rig.hear()] == [STATE.ARMED]  # an interval after ARM
+    assert [a.state for a in rig.poll()] == [STATE.ARMED]  # an interval after ARM
 
 
 def test_answers_are_numbered(rig):
@@ -725,7 +725,7 @@ def test_touches_wait_for_the_host_and_are_stamped(rig):
     rig.play(100)
     touch = TouchReport(0, 60_000, 20_000, 500, 1, TouchPhase.DOWN)
     assert [rig.core.touch(touch) for _ in range(9)] == [True] * 8 + [False]
-    assert rig.hear() == [replace(touch, clock_ticks=100)] * 8
+    assert rig.poll() == [replace(touch, clock_ticks=100)] * 8
     assert rig.core.touch(touch)
 
 
@@ -757,7 +757,7 @@ def test_a_lost_report_costs_its_own_frame_only(rig):
         rig.core.receive_report(report)
     for report in to_reports(encode(Frame(Ping(5), 10))):
         rig.core.receive_report(report)
-    assert [a.token for a in rig.hear()] == [5]
+    assert [a.token for a in rig.poll()] == [5]
 
 
 def test_a_board_without_reports_sends_none(rig):
@@ -775,7 +775,7 @@ def test_when_the_host_goes_away_the_board_forgets_it(rig):
     rig.core.release()
     assert rig.core.transmit() == b""
     assert rig.play(RAMP)[-1] == 0
-    rig.hear()
+    rig.poll()
     assert [a.code for a in rig.say(Arm())] == [CODE.NOT_SET_UP]
 
 

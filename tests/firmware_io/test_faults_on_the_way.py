@@ -14,13 +14,13 @@ from firmware_io import (
     Playback,
     volts_to_codes,
 )
-from firmware_io.conversation import ANSWER_S
 from firmware_io.firmware.core import Output
+from firmware_io.protocol_client import ANSWER_S
 
 RATE = 48_000
 WATCHDOG_S = 0.25
 
-# Kind of mishap, its seconds, what the caller sees (None: nothing, and every sample is played).
+# Kind of fault, its seconds, what the caller sees (None: nothing, and every sample is played).
 FAULTS = {
     "lost frame": ("lose", 0.0, DeviceFaultError),
     "corrupt frame": ("corrupt", 0.0, DeviceFaultError),
@@ -62,14 +62,14 @@ def play(playback, volts, block):
 @pytest.mark.parametrize("reports", [False, True], ids=["bytes", "HID reports"])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault(clock, fault, reports, no_thread_is_left):
-    mishap, seconds, expected = FAULTS[fault]
+    fault, seconds, expected = FAULTS[fault]
     driver = MockDriver(pace="real", clock=clock)
     block = 83 if reports else 48
     link, playback = open_playback(driver, clock, reports)
     playback.start()
     before, after = wave(reports, 0.1), wave(reports, 0.5)
     play(playback, before, block)
-    link.inject(mishap, 0, seconds)
+    link.inject(fault, 0, seconds)
     began_s = clock()
     if expected is None:
         play(playback, after, block)
@@ -110,7 +110,7 @@ def test_a_fault(clock, fault, reports, no_thread_is_left):
 
 
 def test_at_least_twelve_kinds_are_injected():
-    assert len({mishap for mishap, _, _ in FAULTS.values()}) >= 12
+    assert len({fault for fault, _, _ in FAULTS.values()}) >= 12
 
 
 @pytest.mark.parametrize("reports", [False, True], ids=["bytes", "HID reports"])

@@ -9,7 +9,7 @@ import pytest
 
 import firmware_io
 from firmware_io import ABSOLUTE_CEILING_V, DeviceError, MockDriver
-from firmware_io.firmware import build, twin_board
+from firmware_io.firmware import build, reference_board
 from firmware_io.firmware.core import open_core
 from firmware_io.firmware.sine import TURN, c_header, sine_table
 from firmware_io.protocol import FaultCode, FrameKind
@@ -129,11 +129,11 @@ def test_the_core_can_be_chosen():
 @pytest.mark.parametrize("name", ["RAMP_MS", "MIN_WATCHDOG_MS", "PAUSE_MS", "ABSOLUTE_CEILING_MV"])
 def test_the_twin_has_the_constants_of_the_firmware(name):
     header = (FIRMWARE / "haptix_device.h").read_text()
-    assert f"#define HX_{name} {getattr(twin_board, name)}u" in header
+    assert f"#define HX_{name} {getattr(reference_board, name)}u" in header
 
 
 def test_no_limit_of_the_firmware_is_above_the_hosts():
-    assert twin_board.ABSOLUTE_CEILING_MV == ABSOLUTE_CEILING_V * 1e3
+    assert reference_board.ABSOLUTE_CEILING_MV == ABSOLUTE_CEILING_V * 1e3
 
 
 def test_the_kinds_and_faults_in_c_are_those_of_the_protocol():

@@ -180,7 +180,7 @@ def test_another_device_with_the_same_numbers(usb):
 
 
 def test_a_device_that_never_stops_talking(usb, monkeypatch):
-    monkeypatch.setattr("firmware_io.conversation.ANSWER_S", 0.02)
+    monkeypatch.setattr("firmware_io.protocol_client.ANSWER_S", 0.02)
     usb[0].read = lambda endpoint, size, ms: np.zeros(64, np.uint8)
     with pytest.raises(ProtocolError, match="not as a haptix driver does"):
         open_device("usb:")

@@ -16,7 +16,7 @@ from firmware_io import (
 from firmware_io.firmware.build import find_compiler
 from firmware_io.firmware.core import Output
 from firmware_io.limits import WATCHDOG_S
-from firmware_io.links.mishaps import Mishap
+from firmware_io.links.fault_injection import InjectedFault
 from firmware_io.protocol import (
     Arm,
     CapabilitiesReport,
@@ -60,9 +60,9 @@ class Host:
     def say(self, *messages):
         for message in messages:
             self.send(message)
-        return self.hear()
+        return self.poll()
 
-    def hear(self, timeout_s=0.0):
+    def poll(self, timeout_s=0.0):
         items = self.parser.feed(self.link.receive(timeout_s))
         return [item.message if isinstance(item, Frame) else item for item in items]
 
@@ -209,9 +209,9 @@ def test_waiting_for_an_answer_ends_when_it_is_there():
     driver = MockDriver(pace="real", clock=clock)
     host = Host(MockLink(driver, sleep=sleep)).ready(watchdog_ms=100)
     host.stream([1000])
-    assert host.hear(timeout_s=0.02) == []
+    assert host.poll(timeout_s=0.02) == []
     assert clock.now_s == pytest.approx(0.02)
-    (starved,) = host.hear(timeout_s=1.0)
+    (starved,) = host.poll(timeout_s=1.0)
     assert starved.code is FaultCode.STARVED
     assert clock.now_s == pytest.approx(0.096, abs=0.002)  # a look each millisecond
     assert max(waits) <= 1e-3
@@ -219,7 +219,7 @@ def test_waiting_for_an_answer_ends_when_it_is_there():
 
 def test_a_clock_that_stands_does_not_hang_the_receiver():
     host = Host(MockLink(MockDriver(pace="real", clock=Clock()), sleep=lambda _: None))
-    assert host.hear(timeout_s=1e9) == []
+    assert host.poll(timeout_s=1e9) == []
 
 
 @pytest.mark.parametrize("report_bytes", [None, 64])
@@ -239,7 +239,7 @@ def test_touches_reach_the_host():
     host = host_of().ready()
     assert host.link.driver.touch(12.5, 3.0, normal_force_n=0.25, contact=1, phase=TouchPhase.DOWN)
     assert host.link.driver.touch(12.5, 3.0)
-    first, second = host.hear()
+    first, second = host.poll()
     assert first == TouchReport(0, 12_500, 3_000, 250, 1, TouchPhase.DOWN)
     assert second.normal_force_mn == 65535
 
@@ -252,7 +252,7 @@ def test_a_closed_link_leaves_the_output_at_zero():
     with pytest.raises(DeviceDisconnectedError, match="open the device again"):
         host.say(Ping())
     with pytest.raises(DeviceDisconnectedError):
-        host.hear()
+        host.poll()
 
 
 def test_what_was_played_cannot_be_changed_from_outside():
@@ -277,31 +277,31 @@ def test_bytes_are_counted():
     assert driver.bytes_received == 18 + 46 + 16 + 24
 
 
-# Mishaps: what becomes of an armed driver at 100 V, and what its host sees.
+# FaultInjection: what becomes of an armed driver at 100 V, and what its host sees.
 
 SAFE, PLAYS = "at 0 V", "plays on"
 FATES = {
-    Mishap.LOSE: SAFE,  # told by the frame after it
-    Mishap.CORRUPT: SAFE,
-    Mishap.CUT: SAFE,
-    Mishap.SHORT_WRITE: SAFE,
-    Mishap.REPEAT: SAFE,
-    Mishap.DELAY: PLAYS,
-    Mishap.NOISE: SAFE,
-    Mishap.STALL: SAFE,
-    Mishap.TIME_OUT: SAFE,
-    Mishap.DISCONNECT: SAFE,
-    Mishap.LOSE_ANSWER: PLAYS,
-    Mishap.CORRUPT_ANSWER: PLAYS,
-    Mishap.MUTE: PLAYS,
+    InjectedFault.LOSE: SAFE,  # told by the frame after it
+    InjectedFault.CORRUPT: SAFE,
+    InjectedFault.CUT: SAFE,
+    InjectedFault.SHORT_WRITE: SAFE,
+    InjectedFault.REPEAT: SAFE,
+    InjectedFault.DELAY: PLAYS,
+    InjectedFault.NOISE: SAFE,
+    InjectedFault.STALL: SAFE,
+    InjectedFault.TIME_OUT: SAFE,
+    InjectedFault.DISCONNECT: SAFE,
+    InjectedFault.LOSE_ANSWER: PLAYS,
+    InjectedFault.CORRUPT_ANSWER: PLAYS,
+    InjectedFault.MUTE: PLAYS,
 }
 
 
 @pytest.mark.parametrize("report_bytes", [None, 64])
 @pytest.mark.parametrize("core", ["c", "python"])
-@pytest.mark.parametrize("mishap", Mishap)
+@pytest.mark.parametrize("fault", InjectedFault)
 def test_after_each_mishap_the_output_is_at_zero_within_the_watchdog_time(
-    mishap, core, report_bytes
+    fault, core, report_bytes
 ):
     if core == "c" and find_compiler() is None:
         pytest.skip("no C compiler: $CC, cc, gcc and clang are missing")
@@ -309,14 +309,14 @@ def test_after_each_mishap_the_output_is_at_zero_within_the_watchdog_time(
     driver = host.link.driver
     host.stream([13107] * 20)
     assert driver.played_codes[-1] == 13107
-    host.link.inject(mishap, seconds=1.0)
+    host.link.inject(fault, seconds=1.0)
     seen = []
     for message in (Samples(20, np.full(20, 13107, np.int16)), Ping(1), Ping(2)):
         try:
             seen += host.say(message)
         except (OSError, DeviceDisconnectedError) as error:
             seen.append(error)
-    if FATES[mishap] is SAFE:
+    if FATES[fault] is SAFE:
         driver.advance(WATCHDOG_S)
         assert driver.output[0][-1] == 0
         assert not driver.is_armed
@@ -325,13 +325,13 @@ def test_after_each_mishap_the_output_is_at_zero_within_the_watchdog_time(
     else:
         assert driver.is_armed
         assert driver.samples_played == 40
-    if mishap is Mishap.MUTE:
+    if fault is InjectedFault.MUTE:
         assert seen == []
-    if mishap is Mishap.CORRUPT_ANSWER:
+    if fault is InjectedFault.CORRUPT_ANSWER:
         assert "CRC-32" in str(seen[0])
-    if mishap is Mishap.DISCONNECT:
+    if fault is InjectedFault.DISCONNECT:
         with pytest.raises(DeviceDisconnectedError, match="cable is out"):
-            host.hear()
+            host.poll()
     # Opened anew, it plays.
     again = Host(MockLink(driver, report_bytes)).ready()
     again.stream([5, 6])

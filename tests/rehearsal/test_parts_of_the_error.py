@@ -9,7 +9,7 @@ import pytest
 import haptix
 from haptix.rehearsal import PARTS, rehearse
 from haptix.render import DirectDrive
-from haptix.twin import TouchPanel
+from haptix.virtual_finger import TouchPanel
 
 CARRIER_HZ = 4000.0
 RATE = 48_000.0

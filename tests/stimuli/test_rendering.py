@@ -22,7 +22,7 @@ from haptix.stimuli import (
     Sine,
     Stimulus,
 )
-from haptix.twin import VirtualFinger
+from haptix.virtual_finger import VirtualFinger
 
 
 @pytest.mark.parametrize("force", [0.3, 0.437, 0.8])

@@ -11,7 +11,7 @@ from usb_guest.descriptors import BULK_ENDPOINT, HID_ENDPOINT, HID_INTERFACE, de
 from usb_guest.usbip import Cable
 
 from firmware_io import MockDriver
-from firmware_io.links.mishaps import Mishaps
+from firmware_io.links.fault_injection import FaultInjection
 
 _TURN_S = 0.01  # between two looks at what a board in real time has to say
 _CLASS, _VENDOR = 0x20, 0x40
@@ -49,7 +49,7 @@ class Board:
         self._reset()
 
     def _reset(self):
-        self._mishaps = defaultdict(Mishaps)
+        self._injected = defaultdict(FaultInjection)
         self._stalls = {}
         self._halted = set()
         self._wanted = defaultdict(deque)  # transfers towards the host that wait for data
@@ -71,12 +71,12 @@ class Board:
             self._cable = None
             self.driver.release()
 
-    def inject(self, endpoint, mishap, after=0):
+    def inject(self, endpoint, fault, after=0):
         """Let something happen to a later transfer; "halt" is a stall that lasts until cleared."""
-        if mishap == "halt":
+        if fault == "halt":
             self._stalls[endpoint] = after
         else:
-            self._mishaps[endpoint].add(mishap, after)
+            self._injected[endpoint].add(fault, after)
 
     def arrived(self, endpoint):
         """Return every transfer that has arrived there since it was plugged in."""
@@ -156,13 +156,13 @@ class Board:
                 cable.answer(transfer, errno.EPIPE)
                 return
         taken = 0
-        for event in self._mishaps[endpoint].outward(transfer.data):
+        for event in self._injected[endpoint].outward(transfer.data):
             if isinstance(event, bytes):
                 self._receive(endpoint, event)
                 taken += len(event)
             elif isinstance(event, OSError):
                 if event.errno == errno.ENODEV:
-                    self._mishaps[endpoint] = Mishaps()
+                    self._injected[endpoint] = FaultInjection()
                     self.unplug()
                 elif event.errno == errno.EIO:
                     cable.answer(transfer, taken=taken)
@@ -203,12 +203,12 @@ class Board:
 
     def _report(self):
         report = self.driver.transmit_report()
-        # Mishaps concern the bytes that mean something, not those that fill the report.
+        # FaultInjection concern the bytes that mean something, not those that fill the report.
         frame = self._mishap(HID_ENDPOINT, report[: 2 + (report[1] & 0x7F)] if report else b"")
         return frame and frame.ljust(len(report), b"\0")
 
     def _mishap(self, endpoint, data):
-        return data and self._mishaps[endpoint].inward(data)
+        return data and self._injected[endpoint].inward(data)
 
     def _control(self, transfer):
         """Return the answer to a request at endpoint 0; None for a stall."""

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
-from haptix.twin.gap_field import GapField, Thickness
+from haptix.virtual_finger.gap_field import GapField, Thickness
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

@@ -15,8 +15,8 @@ from haptix.fidelity import Load
 from haptix.friction import ContactModel
 from haptix.status import Status
 from haptix.threads import one_thread
-from haptix.twin.gap_field import GapField
-from haptix.twin.played import Excerpt
+from haptix.virtual_finger.gap_field import GapField
+from haptix.virtual_finger.played import Excerpt
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

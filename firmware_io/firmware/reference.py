@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.firmware.twin_board import MIN_WATCHDOG_MS, PAUSE_MS, RAMP_MS, check_board
-from firmware_io.firmware.twin_output import Codes, Playing, TwinOutput, Whats
-from firmware_io.firmware.twin_receiver import Head, Receiver
+from firmware_io.firmware.reference_board import MIN_WATCHDOG_MS, PAUSE_MS, RAMP_MS, check_board
+from firmware_io.firmware.reference_output import Codes, Playing, ReferenceOutput, Whats
+from firmware_io.firmware.reference_receiver import Head, Receiver
 from firmware_io.protocol import (
     FULL_SCALE_CODE,
     INDEX_MODULUS,
@@ -46,7 +46,7 @@ _LENGTHS = {
 }
 
 
-class TwinCore:
+class ReferenceCore:
     """The firmware's twin; see `firmware_io.firmware.core.Core`.
 
     Parameters
@@ -66,7 +66,7 @@ class TwinCore:
         check_board(config)
         self._config = replace(config, oldest_version=VERSION, newest_version=VERSION)
         self._setup: Setup | None = None
-        self._output = TwinOutput(
+        self._output = ReferenceOutput(
             -(-config.output_rate_hz * RAMP_MS // 1000),
             config.ceiling_mv * FULL_SCALE_CODE // config.full_scale_mv,
         )

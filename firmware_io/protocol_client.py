@@ -33,7 +33,7 @@ _BROKEN_OFF_S = 0.1  # PROTOCOL.md: a frame whose bytes pause this long is given
 _KEPT_TOUCHES = 1024
 
 
-class Conversation:
+class ProtocolClient:
     """Frames to and from one driver.
 
     Parameters
@@ -73,7 +73,7 @@ class Conversation:
         self._heard_s = 0.0
         self._due_sequence: int | None = None
 
-    def greet(self) -> CapabilitiesReport:
+    def handshake(self) -> CapabilitiesReport:
         """Begin a session.
 
         Raises
@@ -84,7 +84,7 @@ class Conversation:
         strange: ProtocolError | None = None
         # Twice: a report may be lost on the way, and HELLO is obeyed in every state.
         for end_s in (self.clock() + ANSWER_S / 2, self.clock() + ANSWER_S):
-            self.tell(Hello())
+            self.send(Hello())
             while (left_s := end_s - self.clock()) >= 0:
                 heard = self._hear(left_s)
                 for item in heard or ():
@@ -108,7 +108,7 @@ class Conversation:
             "behind this address, or its firmware hangs: check the address, then replug it."
         )
 
-    def tell(self, *messages: HostMessage) -> int:
+    def send(self, *messages: HostMessage) -> int:
         """Send messages, together where the link takes them so; return the number of bytes.
 
         The numbers advance only when all were delivered.
@@ -144,22 +144,22 @@ class Conversation:
         self.synchronise()
         self.fault = None
         due = (self._sequence + 1) % SEQUENCE_MODULUS
-        self.tell(message)
+        self.send(message)
         return self._await(type(message).__name__, lambda status: status.next_sequence == due)
 
     def synchronise(self) -> StatusReport:
         """Hear everything that the driver has said before now, and where it stands."""
         self._token = (self._token + 1) % 2**32
         token = self._token
-        self.tell(Ping(token))
+        self.send(Ping(token))
         # What was refused before this does not matter to who asks now.
         return self._await("Ping", lambda status: status.token == token, is_patient=True)
 
     def ping(self) -> None:
         """Ask for a STATUS, without waiting for it."""
-        self.tell(Ping(self._token))
+        self.send(Ping(self._token))
 
-    def tell_stop(self) -> None:
+    def send_stop(self) -> None:
         """Send STOP and wait until the driver says that it is disarmed.
 
         A refusal is kept in `fault`: it has ended the output as well.
@@ -169,7 +169,7 @@ class Conversation:
         DeviceDisconnectedError
             If STOP cannot be delivered or nothing answers it.
         """
-        self.tell(Stop())
+        self.send(Stop())
         try:
             self._await("Stop", _is_disarmed)
         except DeviceFaultError:

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from haptix.twin import CUTOFF_HZ_PER_MM_PER_S, VirtualFinger
-from haptix.twin.response import first_order, response_depth
+from haptix.virtual_finger import CUTOFF_HZ_PER_MM_PER_S, VirtualFinger
+from haptix.virtual_finger.response import first_order, response_depth
 
 
 def test_a_varying_speed_agrees_with_an_ode_solver():

@@ -1,6 +1,6 @@
-"""Accuracy and speed of the virtual finger, as docs/twin.md quotes them.
+"""Accuracy and speed of the virtual finger, as docs/virtual-finger.md quotes them.
 
-    .venv/bin/python benchmarks/twin.py
+    .venv/bin/python benchmarks/virtual_finger.py
 
 Differences are in difference thresholds, 0.11 of the friction. One thread; times are the median of
 three runs in one process.
@@ -16,7 +16,7 @@ import torch
 from haptix import ContactModel, Finger, Screen
 from haptix.electro import Waveform
 from haptix.perception import WEBER_FRACTION
-from haptix.twin import VirtualFinger
+from haptix.virtual_finger import VirtualFinger
 
 RATE, FORCE, VOLTAGE = 48_000, 0.5, 150.0
 

@@ -28,7 +28,7 @@ class Playing:
     phase_step: int
 
 
-class TwinOutput:
+class ReferenceOutput:
     """What stands on the output, and what comes after it.
 
     Parameters

@@ -5,7 +5,7 @@ import pytest
 
 from haptix import FrictionSurface, InputError, Status
 from haptix.perception import WEBER_FRACTION
-from haptix.twin import Felt, VirtualFinger, judge
+from haptix.virtual_finger import Felt, VirtualFinger, judge
 
 N = 2001
 TIME = np.arange(N) / 10_000.0

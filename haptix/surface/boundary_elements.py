@@ -24,8 +24,8 @@ from haptix.errors import InputError, ToleranceError
 from haptix.fidelity import BoundaryElementBalance
 from haptix.friction import ContactModel
 from haptix.status import Status
+from haptix.surface.axes import Axis
 from haptix.surface.build import build_surface
-from haptix.surface.grid import Axis
 from haptix.surface.identity import model_hash, surface_key
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.ranges import read_ranges

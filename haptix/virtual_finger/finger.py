@@ -10,12 +10,12 @@ import numpy.typing as npt
 from haptix.errors import InputError, LimitError, check_positive
 from haptix.friction import ContactModel
 from haptix.status import Status
-from haptix.twin.contact import GivenContact
-from haptix.twin.gap_field import GapField
-from haptix.twin.path import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, FingerPath, numbers
-from haptix.twin.played import Amplitude, Drive, Samples
-from haptix.twin.response import CUTOFF_HZ_PER_MM_PER_S, first_order, response_depth
-from haptix.twin.sensor import SensedForce, SensorModel
+from haptix.virtual_finger.contact import GivenContact
+from haptix.virtual_finger.gap_field import GapField
+from haptix.virtual_finger.path import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, FingerPath, numbers
+from haptix.virtual_finger.played import Amplitude, Drive, Samples
+from haptix.virtual_finger.response import CUTOFF_HZ_PER_MM_PER_S, first_order, response_depth
+from haptix.virtual_finger.sensor import SensedForce, SensorModel
 
 Array = npt.NDArray[np.float64]
 
@@ -62,7 +62,8 @@ class VirtualFinger:
 
     At each instant the gaps' field follows from the voltage's whole spectrum (complex h0 per
     frequency), its square is the pull, the finger's first-order response smooths the pull over a
-    slid distance, and the contact is in equilibrium with it. ``docs/twin.md`` has the derivation.
+    slid distance, and the contact is in equilibrium with it. The derivation is in
+    ``docs/virtual-finger.md``.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from haptix.errors import InputError
 
 if TYPE_CHECKING:
-    from haptix.twin.finger import Felt
+    from haptix.virtual_finger.finger import Felt
 
 Array = npt.NDArray[np.float64]
 Axis = Literal["motion", "x", "y"]

@@ -11,8 +11,8 @@ from scipy.ndimage import uniform_filter1d
 from haptix.errors import InputError
 from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
-from haptix.twin.finger import Felt
-from haptix.twin.path import numbers
+from haptix.virtual_finger.finger import Felt
+from haptix.virtual_finger.path import numbers
 
 Array = npt.NDArray[np.float64]
 

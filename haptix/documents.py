@@ -1,4 +1,4 @@
-"""Profiles of things in the world: validated, frozen, read from TOML, replaced field by field."""
+"""Documents: things in the world: validated, frozen, read from TOML, replaced field by field."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Quantity = Annotated[float | Tensor, PlainValidator(_positive), PlainSerializer(
 """A positive number, or a tensor of one that is to be differentiated through."""
 
 
-class Profile(BaseModel):
+class Document(BaseModel):
     """Base of `Finger` and `Screen`: unknown keys and values out of range are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

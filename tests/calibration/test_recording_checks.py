@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration import Stroke
-from calibration.complaints import complaints
+from calibration.recording_checks import complaints
 
 ONE_WAY = Stroke(
     number=1, normal_force_n=0.5, voltage_v=100, frequency_hz=125, there_and_back=False

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 
-class Mishap(StrEnum):
+class InjectedFault(StrEnum):
     """One thing that can happen to a transfer (a write, or one HID report)."""
 
     LOSE = "lose"  # it never arrives, and nobody says so
@@ -26,18 +26,18 @@ class Mishap(StrEnum):
     MUTE = "mute"  # no answer arrives any more
 
 
-_OF_ANSWERS = (Mishap.LOSE_ANSWER, Mishap.CORRUPT_ANSWER, Mishap.MUTE)
+_OF_ANSWERS = (InjectedFault.LOSE_ANSWER, InjectedFault.CORRUPT_ANSWER, InjectedFault.MUTE)
 
 
 @dataclass
 class _Due:
-    mishap: Mishap
+    fault: InjectedFault
     transfers_left: int
     seconds: float
 
 
 @dataclass
-class Mishaps:
+class FaultInjection:
     """What is going to happen on one link.
 
     Attributes
@@ -51,19 +51,19 @@ class Mishaps:
     _due: list[_Due] = field(default_factory=list)
     _held_back: bytes = b""
 
-    def add(self, mishap: Mishap | str, after: int = 0, seconds: float = 0.0) -> None:
+    def add(self, fault: InjectedFault | str, after: int = 0, seconds: float = 0.0) -> None:
         """Let something happen once.
 
         Parameters
         ----------
-        mishap : Mishap or str
+        fault : InjectedFault or str
             What.
         after : int
             How many transfers in its direction pass unharmed before.
         seconds : float
             How long a STALL lasts.
         """
-        self._due.append(_Due(Mishap(mishap), after, seconds))
+        self._due.append(_Due(InjectedFault(fault), after, seconds))
 
     def outward(self, data: bytes) -> Iterator[bytes | float | OSError]:
         """Yield what becomes of a transfer to the device.
@@ -73,8 +73,8 @@ class Mishaps:
         bytes, float or OSError
             Bytes that arrive, seconds that pass, an error that the sender sees.
         """
-        mishap, seconds = self._next(of_answers=False)
-        if mishap is Mishap.DISCONNECT:
+        fault, seconds = self._next(of_answers=False)
+        if fault is InjectedFault.DISCONNECT:
             self.is_unplugged = True
             yield OSError(errno.ENODEV, "No such device (it may have been disconnected)")
             return
@@ -82,42 +82,42 @@ class Mishaps:
             yield self._held_back
             self._held_back = b""
         half = data[: len(data) // 2]
-        if mishap is Mishap.LOSE:
+        if fault is InjectedFault.LOSE:
             return
-        if mishap is Mishap.DELAY:
+        if fault is InjectedFault.DELAY:
             self._held_back = data
-        elif mishap is Mishap.CORRUPT:
+        elif fault is InjectedFault.CORRUPT:
             yield _with_a_wrong_bit(data)
-        elif mishap is Mishap.CUT:
+        elif fault is InjectedFault.CUT:
             yield half
-        elif mishap is Mishap.SHORT_WRITE:
+        elif fault is InjectedFault.SHORT_WRITE:
             yield half
             yield OSError(errno.EIO, "Input/output error")
-        elif mishap is Mishap.TIME_OUT:
+        elif fault is InjectedFault.TIME_OUT:
             yield OSError(errno.ETIMEDOUT, "Operation timed out")
         else:
-            if mishap is Mishap.NOISE:
+            if fault is InjectedFault.NOISE:
                 yield b"\x00noise\xff"
-            elif mishap is Mishap.STALL:
+            elif fault is InjectedFault.STALL:
                 yield seconds
-            elif mishap is Mishap.REPEAT:
+            elif fault is InjectedFault.REPEAT:
                 yield data
             yield data
 
     def inward(self, data: bytes) -> bytes:
         """Return what arrives of an answer."""
-        mishap, _ = self._next(of_answers=True)
-        self.is_mute |= mishap is Mishap.MUTE
-        if self.is_mute or mishap is Mishap.LOSE_ANSWER:
+        fault, _ = self._next(of_answers=True)
+        self.is_mute |= fault is InjectedFault.MUTE
+        if self.is_mute or fault is InjectedFault.LOSE_ANSWER:
             return b""
-        return _with_a_wrong_bit(data) if mishap is Mishap.CORRUPT_ANSWER else data
+        return _with_a_wrong_bit(data) if fault is InjectedFault.CORRUPT_ANSWER else data
 
-    def _next(self, of_answers: bool) -> tuple[Mishap | None, float]:
+    def _next(self, of_answers: bool) -> tuple[InjectedFault | None, float]:
         """Count one transfer; return what happens to it."""
-        happens: tuple[Mishap | None, float] = (None, 0.0)
-        for due in [due for due in self._due if (due.mishap in _OF_ANSWERS) == of_answers]:
+        happens: tuple[InjectedFault | None, float] = (None, 0.0)
+        for due in [due for due in self._due if (due.fault in _OF_ANSWERS) == of_answers]:
             if due.transfers_left == 0 and happens[0] is None:
-                happens = due.mishap, due.seconds
+                happens = due.fault, due.seconds
                 self._due.remove(due)
             else:
                 due.transfers_left = max(due.transfers_left - 1, 0)

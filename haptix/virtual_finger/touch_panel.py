@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.errors import InputError, check_positive
-from haptix.twin.path import LIFTED_BELOW_N, FingerPath
+from haptix.virtual_finger.path import LIFTED_BELOW_N, FingerPath
 
 Array = npt.NDArray[np.float64]
 
