@@ -7,66 +7,11 @@ voltages and always ends at 0 V::
         device.write(volts)
 
 In real time `Playback` plays through a device from a thread of its own. Every sample passes the
-limits of limits.py on the host, and the driver's own behind the wire. The package speaks volts and
-samples and knows no physics. A new kind of hardware is a new `Link`; the wire format is described
-in PROTOCOL.md.
+limits of limits.py on the host and those of the driver behind the wire. The package handles volts
+and samples and knows no physics. A new kind of hardware is a new `Link`. PROTOCOL.md describes the
+wire format. The public names stand in ``__init__.pyi`` and load on first use.
 """
 
-from firmware_io.capabilities import Capabilities
-from firmware_io.device import Device
-from firmware_io.discovery import (
-    BusReport,
-    DeviceInfo,
-    DeviceWatch,
-    list_devices,
-    survey_buses,
-)
-from firmware_io.errors import (
-    DeviceBusyError,
-    DeviceDisconnectedError,
-    DeviceError,
-    DeviceFaultError,
-    DeviceNotFoundError,
-    DevicePermissionError,
-    HaptixError,
-    LimitError,
-    ProtocolError,
-)
-from firmware_io.limits import ABSOLUTE_CEILING_V, DriveLimits
-from firmware_io.link import Link
-from firmware_io.links.mock import MockLink
-from firmware_io.mock import MockDriver
-from firmware_io.opening import open_device
-from firmware_io.playback import Playback, PlaybackStats
-from firmware_io.protocol import codes_to_volts, volts_to_codes
-from firmware_io.stream import Progress
+import lazy_loader
 
-__all__ = [
-    "ABSOLUTE_CEILING_V",
-    "BusReport",
-    "Capabilities",
-    "Device",
-    "DeviceBusyError",
-    "DeviceDisconnectedError",
-    "DeviceError",
-    "DeviceFaultError",
-    "DeviceInfo",
-    "DeviceNotFoundError",
-    "DevicePermissionError",
-    "DeviceWatch",
-    "DriveLimits",
-    "HaptixError",
-    "LimitError",
-    "Link",
-    "MockDriver",
-    "MockLink",
-    "Playback",
-    "PlaybackStats",
-    "Progress",
-    "ProtocolError",
-    "codes_to_volts",
-    "list_devices",
-    "open_device",
-    "survey_buses",
-    "volts_to_codes",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
