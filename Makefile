@@ -15,9 +15,10 @@ test: .venv/.ready ## run the tests (ARGS='-k surface -x')
 test-devices: .venv/.ready ## the tests through real USB, HID and audio stacks (first: bash scripts/setup-devices.sh)
 	.venv/bin/python -m pytest -m devices tests/devices $(ARGS)
 
-lint: .venv/.ready ## ruff: rules and format, nothing is changed
+lint: .venv/.ready ## rules and format (ruff), the order of rooms (import-linter); nothing is changed
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
+	.venv/bin/lint-imports --no-logo
 
 types: .venv/.ready ## mypy
 	.venv/bin/mypy
@@ -26,7 +27,7 @@ setup: ## set up again, or mend, .venv (PYTHON=... picks the interpreter)
 	@bash scripts/setup.sh
 
 clean: ## remove caches and outputs; .venv stays
-	rm -rf haptix-demo haptix-figures my.surface dist build .benchmarks .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf haptix-demo haptix-figures my.surface dist build .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
 	find . \( -name .venv -o -name .git \) -prune -o -name __pycache__ -type d -exec rm -rf {} +
 
 # Written by setup.sh as its last act, so an interrupted set-up is taken up again.
