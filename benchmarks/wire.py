@@ -14,15 +14,16 @@ import numpy as np
 
 from firmware_io import MockDriver
 from firmware_io.firmware.build import find_compiler
-from firmware_io.firmware.core import CoreName, open_core
+from firmware_io.firmware.core import CoreName
+from firmware_io.firmware.opening import open_core
 from firmware_io.protocol import (
     Arm,
     Frame,
     FrameParser,
     Hello,
-    Samples,
     Setup,
     StreamMode,
+    StreamSamples,
     decode,
     encode,
     overhead_share,
@@ -48,7 +49,7 @@ def some_frames(samples: int, megabytes: float = 4.0) -> list[Frame]:
     rng = np.random.default_rng(0)
     count = max(1, int(megabytes * 1e6 / (2 * samples)))
     codes = [rng.integers(-26213, 26213, samples).astype(np.int16) for _ in range(8)]
-    return [Frame(Samples(k * samples, codes[k % 8]), k % 2**16) for k in range(count)]
+    return [Frame(StreamSamples(k * samples, codes[k % 8]), k % 2**16) for k in range(count)]
 
 
 def codec(samples: int) -> tuple[float, float, float]:
@@ -92,7 +93,7 @@ def core_speed(which: CoreName, mode: StreamMode) -> float:
         core.receive(encode(Frame(message, k)))
     block = rate // 200  # 5 ms
     codes = np.full(block, 13107, np.int16)
-    frames = [encode(Frame(Samples(k * block, codes, mode), 3 + k)) for k in range(400)]
+    frames = [encode(Frame(StreamSamples(k * block, codes, mode), 3 + k)) for k in range(400)]
 
     begin = time.perf_counter()
     for frame in frames:
@@ -112,7 +113,7 @@ def main() -> None:
     for reports in (2, 3, 4, 6):
         samples = samples_per_frame(reports)
         # Counted, not only computed: the bytes of the reports of a real frame.
-        frame = encode(Frame(Samples(0, np.zeros(samples, np.int16)), 0))
+        frame = encode(Frame(StreamSamples(0, np.zeros(samples, np.int16)), 0))
         sent = sum(map(len, to_reports(frame)))
         assert abs(overhead_share(samples) - (1 - 2 * samples / sent)) < 1e-12
         print(

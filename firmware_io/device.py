@@ -74,14 +74,14 @@ class Device:
         clock: Clock = HOST_CLOCK,
     ) -> None:
         try:
-            talk = ProtocolClient(link, clock)
-            report = talk.handshake()
+            client = ProtocolClient(link, clock)
+            report = client.handshake()
             reach = Capabilities.from_report(report, report.output_rate_hz)
             mode = choose_mode(mode, reach, link)
             rate_hz = choose_rate(sample_rate_hz, mode, reach, link)
             setup = first_setup(reach, mode, rate_hz, carrier_hz)
             self._stream = Stream(
-                talk,
+                client,
                 lowered_limits(limits or DriveLimits(), reach, setup),
                 setup,
                 reach.max_frame_samples,
@@ -151,12 +151,12 @@ class Device:
     @property
     def frames_sent(self) -> int:
         """Frames delivered since construction, of every kind."""
-        return self._stream.talk.frames_sent
+        return self._stream.client.frames_sent
 
     @property
     def bytes_sent(self) -> int:
         """Bytes delivered since construction."""
-        return self._stream.talk.bytes_sent
+        return self._stream.client.bytes_sent
 
     @property
     def samples_sent(self) -> int:
@@ -258,7 +258,7 @@ class Device:
 
     def touches(self) -> list[TouchReport]:
         """Return what the panel has reported since the last call, oldest first."""
-        latest = self._stream.talk.touches
+        latest = self._stream.client.touches
         return [latest.popleft() for _ in range(len(latest))]
 
     def arm(self) -> None:

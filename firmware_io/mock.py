@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io.errors import DeviceError
-from firmware_io.firmware.core import CoreName, Output, open_core
+from firmware_io.firmware.core import CoreName, Output
+from firmware_io.firmware.opening import open_core
 from firmware_io.limits import ABSOLUTE_CEILING_V, DEFAULT_MAX_SLEW_V_PER_S, WATCHDOG_S, DriveLimits
 from firmware_io.protocol import (
     REPORT_BYTES,

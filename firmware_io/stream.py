@@ -15,10 +15,10 @@ from firmware_io.protocol import (
     INDEX_MODULUS,
     Arm,
     DeviceState,
-    Samples,
     Setup,
     StatusReport,
     StreamMode,
+    StreamSamples,
     samples_per_frame,
     volts_to_codes,
 )
@@ -67,7 +67,7 @@ class Stream:
 
     Parameters
     ----------
-    talk : ProtocolClient
+    client : ProtocolClient
         The words with the driver, after its greeting.
     limits : DriveLimits
         What every sample must keep to.
@@ -93,14 +93,14 @@ class Stream:
 
     def __init__(
         self,
-        talk: ProtocolClient,
+        client: ProtocolClient,
         limits: DriveLimits,
         setup: Setup,
         max_frame_samples: int,
         output_rate_hz: float,
     ) -> None:
-        self.talk = talk
-        self.link = talk.link
+        self.client = client
+        self.link = client.link
         self.limits = limits
         self.is_armed = False
         self.stop_is_owed = False
@@ -114,7 +114,7 @@ class Stream:
         self._setup = setup
         self._is_in_doubt = False
         self._sent = 0  # since armed
-        self._rested_s = talk.clock()
+        self._rested_s = client.clock()
         self._window = DriveWindow(limits, setup.sample_rate_hz)
 
     @property
@@ -141,17 +141,17 @@ class Stream:
             return
         self.stop(play_out=False)
         # Each time: a driver that was reset meanwhile has forgotten it.
-        self.talk.ask(self._setup)
+        self.client.ask(self._setup)
         self._sent = 0
         rate_hz = self._setup.sample_rate_hz
-        rested_s = self.talk.clock() - self._rested_s
+        rested_s = self.client.clock() - self._rested_s
         self._window.limits = self.limits
         self._window.rest(math.floor(min(rested_s, self.limits.window_s) * rate_hz))
         # Before the send: an ARM whose delivery fails may have arrived all the same.
         self.stop_is_owed = True
         self._is_in_doubt = True
         try:
-            self.talk.ask(Arm())
+            self.client.ask(Arm())
         except DeviceFaultError:
             self.stop_is_owed = False
             raise
@@ -177,14 +177,14 @@ class Stream:
         Where it reports unasked, only once in its interval: looking may cost a millisecond.
         """
         interval_s = self._setup.status_ms / 1e3
-        if interval_s and self.talk.clock() - self.talk.status_s < interval_s:
+        if interval_s and self.client.clock() - self.client.status_s < interval_s:
             return
         try:
-            while self.talk.listen():
+            while self.client.listen():
                 pass
         finally:
             self._follow_fault()
-        silent_s = self.talk.clock() - self.talk.status_s
+        silent_s = self.client.clock() - self.client.status_s
         if interval_s and self.is_armed and silent_s > self._setup.watchdog_ms / 1e3:
             raise DeviceDisconnectedError(
                 f"{self.link.name} has said nothing for {silent_s:.2g} s, though it was to report "
@@ -198,7 +198,7 @@ class Stream:
         ahead = self._sent - played
         room = status.free_samples - (ahead - status.queued_samples)
         return Progress(
-            self.talk.status_s,
+            self.client.status_s,
             self._sent,
             played,
             max(0, min(room, self._most_ahead - ahead)),
@@ -241,7 +241,7 @@ class Stream:
             try:
                 self.link.close()
             except OSError as error:
-                raise self.talk.lost(error) from error
+                raise self.client.lost(error) from error
 
     def abandon(self) -> None:
         """Close without a word, for a device that was forgotten: nobody is left to be told."""
@@ -254,25 +254,25 @@ class Stream:
         if self.last_v != 0.0:
             self._send(self.limits.ramp_to_zero(self.last_v, rate_hz))
         lead_s = self._setup.lead_us / 1e6
-        end_s = self.talk.clock() + self._status().queued_samples / rate_hz + lead_s + 1.0
+        end_s = self.client.clock() + self._status().queued_samples / rate_hz + lead_s + 1.0
         while self.stop_is_owed:
-            status = self.talk.synchronise()
+            status = self.client.synchronise()
             self._follow_fault()
-            if status.queued_samples == 0 or self.talk.clock() > end_s:
+            if status.queued_samples == 0 or self.client.clock() > end_s:
                 return status.queued_samples
-            self.talk.clock.sleep(min(max(status.queued_samples, 1) / rate_hz, 0.01))
+            self.client.clock.sleep(min(max(status.queued_samples, 1) / rate_hz, 0.01))
         return 0
 
     def _send_stop(self) -> None:
         was_in_doubt = self._is_in_doubt
         self._is_in_doubt = True
-        self.talk.send_stop()
+        self.client.send_stop()
         # A driver that refuses STOP has stopped as well. After a frame in doubt that is no news:
         # it only means that the frame had arrived, and STOP did not follow on it.
         self._is_at_rest()
         if was_in_doubt:
-            self.talk.fault = None
-        self.talk.raise_fault()
+            self.client.fault = None
+        self.client.raise_fault()
 
     def _send(self, volts: npt.NDArray[np.float64]) -> None:
         full_scale_v = self._setup.full_scale_mv / 1e3
@@ -282,7 +282,7 @@ class Stream:
             count = min(codes.size - start, self._room(codes.size - start))
             chunk = codes[start : start + count]
             frames = [
-                Samples(
+                StreamSamples(
                     (self._sent + at) % INDEX_MODULUS,
                     chunk[at : at + self.frame_samples],
                     self._setup.mode,
@@ -292,7 +292,7 @@ class Stream:
             before_v, reached_v = self.last_v, float(volts[start + count - 1])
             self._is_in_doubt = True
             self.last_v = max(before_v, reached_v, key=abs)
-            self.talk.send(*frames)
+            self.client.send(*frames)
             # Only now: the driver counts what it received, and STOP must follow on that.
             self._is_in_doubt = False
             self.last_v = reached_v
@@ -312,8 +312,8 @@ class Stream:
             if progress.room_samples >= least:
                 return min(wanted, progress.room_samples)
             if waits:
-                self.talk.clock.sleep(min((least - progress.room_samples) / rate_hz, 0.005))
-            self.talk.synchronise()
+                self.client.clock.sleep(min((least - progress.room_samples) / rate_hz, 0.005))
+            self.client.synchronise()
             self._follow_fault()
             if self.progress().samples_played == progress.samples_played:
                 waits += 1
@@ -326,18 +326,18 @@ class Stream:
                 waits = 1
 
     def _status(self) -> StatusReport:
-        status = self.talk.status
+        status = self.client.status
         if status is None:
             raise DeviceDisconnectedError(f"{self.link.name} has not said where it stands; arm it.")
         return status
 
     def _follow_fault(self) -> None:
         """If the driver has refused something, it has stopped: nothing is owed, and say so."""
-        if self.talk.fault is not None and (self.is_armed or self.stop_is_owed):
+        if self.client.fault is not None and (self.is_armed or self.stop_is_owed):
             self._is_at_rest()
-            self.talk.raise_fault()
+            self.client.raise_fault()
 
     def _is_at_rest(self) -> None:
         self.is_armed = self.stop_is_owed = self._is_in_doubt = False
         self.last_v = 0.0
-        self._rested_s = self.talk.clock()
+        self._rested_s = self.client.clock()

@@ -1,4 +1,4 @@
-"""The face that the firmware in C and its twin in Python share, and the choice between them."""
+"""The interface that the firmware in C and its reference in Python share."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.protocol import CapabilitiesReport, FaultReport, StatusReport, TouchReport
+from firmware_io.protocol import FaultReport, StatusReport, TouchReport
 
 CoreName = Literal["auto", "c", "python"]
 
@@ -60,33 +60,3 @@ class Core(Protocol):
 
     def release(self) -> None:
         """Learn that the host has gone away: a bus reset, a closed connection."""
-
-
-def open_core(config: CapabilitiesReport, which: CoreName = "auto") -> Core:
-    """Return a device core.
-
-    Parameters
-    ----------
-    config : CapabilitiesReport
-        What the device is to be able to do.
-    which : {"auto", "c", "python"}
-        The firmware compiled from C, or its twin. "auto" takes C where there is a C compiler.
-
-    Raises
-    ------
-    DeviceError
-        If `config` describes no possible device, or "c" was asked for and cannot be built.
-    """
-    if which == "python" or (which == "auto" and not _has_compiler()):
-        from firmware_io.firmware.reference import ReferenceCore
-
-        return ReferenceCore(config)
-    from firmware_io.firmware.native import NativeCore
-
-    return NativeCore(config)
-
-
-def _has_compiler() -> bool:
-    from firmware_io.firmware.build import find_compiler
-
-    return find_compiler() is not None

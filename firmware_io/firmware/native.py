@@ -16,10 +16,11 @@ from firmware_io.protocol import (
     CapabilitiesReport,
     FaultCode,
     FaultReport,
+    FrameKind,
     StatusReport,
     TouchReport,
 )
-from firmware_io.protocol.payloads import FAULT_BYTES, STATUS_BYTES, read_fault, read_status
+from firmware_io.protocol.payloads import LAYOUTS, read_payload
 
 _ANSWER_BYTES = 4096
 _REPORT_BYTES = 64
@@ -129,16 +130,18 @@ class NativeCore:
 
     def status(self) -> StatusReport:
         """Return where the device stands."""
-        payload = self._ffi.new("uint8_t[]", STATUS_BYTES)
-        self._lib.hx_device_status(self._device, payload)
-        return read_status(bytes(self._ffi.buffer(payload)))
+        status: StatusReport = self._read(FrameKind.STATUS, self._lib.hx_device_status)
+        return status
 
     def fault(self) -> FaultReport | None:
         """Return the first cause since HELLO, SETUP or ARM was last accepted."""
-        payload = self._ffi.new("uint8_t[]", FAULT_BYTES)
-        self._lib.hx_device_fault(self._device, payload)
-        fault = read_fault(bytes(self._ffi.buffer(payload)))
+        fault: FaultReport = self._read(FrameKind.FAULT, self._lib.hx_device_fault)
         return None if fault.code is FaultCode.NONE else fault
+
+    def _read(self, kind: FrameKind, write: Any) -> Any:
+        payload = self._ffi.new("uint8_t[]", LAYOUTS[kind].fields.size)
+        write(self._device, payload)
+        return read_payload(kind, bytes(self._ffi.buffer(payload)))
 
     def touch(self, touch: TouchReport) -> bool:
         """Report a finger."""

@@ -33,17 +33,11 @@ from firmware_io.protocol import (
     encode,
     to_reports,
 )
+from firmware_io.protocol.payloads import LAYOUTS
 
 MAX_TOUCHES = 8
 
-_SETUP = struct.Struct("<HHIIIIIIH")
-_LENGTHS = {
-    FrameKind.HELLO: 2,
-    FrameKind.SETUP: _SETUP.size,
-    FrameKind.ARM: 0,
-    FrameKind.STOP: 0,
-    FrameKind.PING: 4,
-}
+_SETUP = LAYOUTS[FrameKind.SETUP].fields
 
 
 class ReferenceCore:
@@ -114,8 +108,8 @@ class ReferenceCore:
                 return self.refuse(
                     FaultCode.LENGTH, head.sequence, self._longest_stream, head.length
                 )
-        elif head.length != _LENGTHS[kind]:
-            return self.refuse(FaultCode.LENGTH, head.sequence, _LENGTHS[kind], head.length)
+        elif head.length != (length := LAYOUTS[kind].fields.size):
+            return self.refuse(FaultCode.LENGTH, head.sequence, length, head.length)
         elif head.mode:
             return self.refuse(FaultCode.MODE, head.sequence, 0, head.mode)
         if kind is FrameKind.HELLO:

@@ -24,7 +24,7 @@ class Head:
     mode: int
 
 
-class Session(Protocol):
+class FrameHandler(Protocol):
     """Whoever acts on what was received."""
 
     is_armed: bool
@@ -44,16 +44,16 @@ class Receiver:
 
     Parameters
     ----------
-    session : Session
-        What acts on them.
+    handler : FrameHandler
+        Acts on the frames.
     longest_payload : int
         A header that announces more is not believed.
     pause_ticks : int
         A frame whose bytes pause for this long is given up.
     """
 
-    def __init__(self, session: Session, longest_payload: int, pause_ticks: int) -> None:
-        self._session = session
+    def __init__(self, handler: FrameHandler, longest_payload: int, pause_ticks: int) -> None:
+        self._handler = handler
         self._longest_payload = longest_payload
         self._most_pause_ticks = pause_ticks
         self._pause_ticks = 0
@@ -69,7 +69,7 @@ class Receiver:
     def receive_report(self, report: bytes) -> None:
         """Take one HID report from the host."""
         if len(report) < 2 or report[0] != REPORT_ID or (report[1] & 0x7F) > len(report) - 2:
-            self._session.meet_damage(0, 0, 0)
+            self._handler.meet_damage(0, 0, 0)
             return
         if report[1] & 0x80 and self._pending:
             self._refuse_rest()
@@ -99,11 +99,11 @@ class Receiver:
             self._take_frames()
 
     def _refuse_rest(self) -> None:
-        if self._session.is_armed:
+        if self._handler.is_armed:
             due = FRAME_OVERHEAD_BYTES
             if len(self._pending) >= HEADER_BYTES:
                 due += int.from_bytes(self._pending[6:8], "little")
-            self._session.refuse(FaultCode.TRUNCATED, 0, due, len(self._pending))
+            self._handler.refuse(FaultCode.TRUNCATED, 0, due, len(self._pending))
 
     def _take_frames(self) -> None:
         """Take every whole frame, and every byte that belongs to none."""
@@ -113,7 +113,7 @@ class Receiver:
             if at < 0:
                 at = len(pending) - pending.endswith(MAGIC[:1])
             if at:
-                self._session.meet_damage(0, 0, 0)
+                self._handler.meet_damage(0, 0, 0)
                 del pending[:at]
                 continue
             if len(pending) < HEADER_BYTES:
@@ -129,20 +129,20 @@ class Receiver:
             carried = int.from_bytes(pending[due - 4 : due], "little")
             if crc32(body) == carried:
                 del pending[:due]
-                self._session.take_frame(head, body[HEADER_BYTES:])
+                self._handler.take_frame(head, body[HEADER_BYTES:])
             else:
-                self._session.meet_damage(head.sequence, crc32(body), carried)
+                self._handler.meet_damage(head.sequence, crc32(body), carried)
                 del pending[:1]
 
     def _believed_header(self) -> Head | None:
         _, version, kind, sequence, length, mode, carried = _HEAD.unpack_from(self._pending)
         due = crc_hqx(self._pending[:10], 0xFFFF)
         if carried != due:
-            self._session.meet_damage(0, due, carried)
+            self._handler.meet_damage(0, due, carried)
         elif version != VERSION:
-            self._session.refuse(FaultCode.VERSION, sequence, VERSION, version)
+            self._handler.refuse(FaultCode.VERSION, sequence, VERSION, version)
         elif length > self._longest_payload:
-            self._session.refuse(FaultCode.LENGTH, sequence, self._longest_payload, length)
+            self._handler.refuse(FaultCode.LENGTH, sequence, self._longest_payload, length)
         else:
             return Head(kind, sequence, length, mode)
         return None

@@ -24,7 +24,8 @@ from firmware_io.errors import (
     DeviceError,
     DeviceNotFoundError,
 )
-from firmware_io.firmware.core import Output, open_core
+from firmware_io.firmware.core import Output
+from firmware_io.firmware.opening import open_core
 from firmware_io.limits import ABSOLUTE_CEILING_V, DEFAULT_MAX_SLEW_V_PER_S
 from firmware_io.link import Link
 from firmware_io.protocol import FULL_SCALE_CODE, VERSION, CapabilitiesReport, Rate, StreamMode

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from firmware_io.errors import ProtocolError
-from firmware_io.protocol.messages import FrameKind, Message, Samples, StreamMode
-from firmware_io.protocol.payloads import READERS, WRITERS, member
+from firmware_io.protocol.messages import FrameKind, Message, StreamMode, StreamSamples
+from firmware_io.protocol.payloads import LAYOUTS, member, read_payload, write_payload
 
 MAGIC = b"HX"
 VERSION = 2
@@ -57,13 +57,12 @@ def encode(frame: Frame) -> bytes:
     message = frame.message
     mode = 0
     try:
-        if isinstance(message, Samples):
+        if isinstance(message, StreamSamples):
             kind = FrameKind.STREAM
             mode = message.mode
             payload = _INDEX.pack(message.sample_index) + message.codes.astype("<i2").tobytes()
         else:
-            kind, write = WRITERS[type(message)]
-            payload = write(message)
+            kind, payload = write_payload(message)
         header = _HEADER.pack(MAGIC, VERSION, kind, frame.sequence, len(payload), mode)
     except (struct.error, UnicodeEncodeError) as error:
         raise ProtocolError(
@@ -150,14 +149,14 @@ def read_frame(
             )
         (index,) = _INDEX.unpack_from(data, HEADER_BYTES)
         codes = np.frombuffer(data, "<i2", (length - 4) // 2, HEADER_BYTES + 4).astype(np.int16)
-        return Frame(Samples(index, codes, member(StreamMode, mode, "stream mode")), sequence)
+        return Frame(StreamSamples(index, codes, member(StreamMode, mode, "stream mode")), sequence)
     if mode != 0:
         raise ProtocolError(f"Only STREAM has a mode, but mode {mode} came; send 0.")
-    if kind not in READERS:
+    if kind not in LAYOUTS:
         raise ProtocolError(f"Kind {kind:#04x} is none of this protocol's; send a known one.")
     payload = bytes(data[HEADER_BYTES : HEADER_BYTES + length])
     try:
-        return Frame(READERS[kind](payload), sequence)
+        return Frame(read_payload(FrameKind(kind), payload), sequence)
     except (struct.error, UnicodeDecodeError) as error:
         name = FrameKind(kind).name
         raise ProtocolError(

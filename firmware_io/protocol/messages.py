@@ -108,7 +108,7 @@ class Arm:
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class StreamSamples:
     """Host: samples to be played after those already sent (kind STREAM).
 
     Parameters
@@ -142,7 +142,7 @@ class Samples:
             )
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Samples):
+        if not isinstance(other, StreamSamples):
             return NotImplemented
         return (self.sample_index, self.mode) == (other.sample_index, other.mode) and bool(
             np.array_equal(self.codes, other.codes)
@@ -278,7 +278,7 @@ class TouchReport:
     phase: TouchPhase
 
 
-HostMessage = Hello | Setup | Arm | Samples | Stop | Ping
+HostMessage = Hello | Setup | Arm | StreamSamples | Stop | Ping
 DeviceMessage = CapabilitiesReport | StatusReport | FaultReport | TouchReport
 Message = HostMessage | DeviceMessage
 

@@ -1,12 +1,12 @@
-"""What stands between a frame's header and its CRC, for every kind but STREAM."""
+"""The bytes between a frame's header and its CRC, for every kind but STREAM (PROTOCOL.md)."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import astuple
 from enum import IntEnum
-from typing import TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from firmware_io.errors import ProtocolError
 from firmware_io.protocol.faults import FaultCode, FaultReport
@@ -27,19 +27,39 @@ from firmware_io.protocol.messages import (
     TouchReport,
 )
 
-_HELLO = struct.Struct("<BB")
-_SETUP = struct.Struct("<HHIIIIIIH")
-_PING = struct.Struct("<I")
-_CAPABILITIES = struct.Struct("<BBHIIIIIHH16s16s16sHH")
 _RATE = struct.Struct("<II")
-_STATUS = struct.Struct("<BBHIIIIIIQ")
-_FAULT = struct.Struct("<BBHIIQ")
-_TOUCH = struct.Struct("<QIIHBB")
-STATUS_BYTES = _STATUS.size
-FAULT_BYTES = _FAULT.size
 _MAX_RATES = 8
 
 _Member = TypeVar("_Member", bound=IntEnum)
+
+
+class Layout(NamedTuple):
+    """How the fields of a message follow each other, and which of them are enumerations."""
+
+    message: type[Any]
+    fields: struct.Struct
+    enumerations: Mapping[int, tuple[type[IntEnum], str]] = {}
+
+
+#: Every kind whose payload is one row of fields; CAPABILITIES adds its rates behind them.
+LAYOUTS: Mapping[int, Layout] = {
+    FrameKind.HELLO: Layout(Hello, struct.Struct("<BB")),
+    FrameKind.SETUP: Layout(Setup, struct.Struct("<HHIIIIIIH"), {0: (StreamMode, "stream mode")}),
+    FrameKind.ARM: Layout(Arm, struct.Struct("<")),
+    FrameKind.STOP: Layout(Stop, struct.Struct("<")),
+    FrameKind.PING: Layout(Ping, struct.Struct("<I")),
+    FrameKind.CAPABILITIES: Layout(CapabilitiesReport, struct.Struct("<BBHIIIIIHH16s16s16sHH")),
+    FrameKind.STATUS: Layout(
+        StatusReport,
+        struct.Struct("<BBHIIIIIIQ"),
+        {0: (DeviceState, "device state"), 1: (FaultCode, "fault code")},
+    ),
+    FrameKind.FAULT: Layout(FaultReport, struct.Struct("<BBHIIQ"), {0: (FaultCode, "fault code")}),
+    FrameKind.TOUCH: Layout(
+        TouchReport, struct.Struct("<QIIHBB"), {5: (TouchPhase, "touch phase")}
+    ),
+}
+_KINDS = {layout.message: FrameKind(kind) for kind, layout in LAYOUTS.items()}
 
 
 def member(of: type[_Member], value: int, what: str) -> _Member:
@@ -54,13 +74,23 @@ def member(of: type[_Member], value: int, what: str) -> _Member:
         ) from None
 
 
-def _write_setup(setup: Setup) -> bytes:
-    return _SETUP.pack(*astuple(setup))
+def write_payload(message: Message) -> tuple[FrameKind, bytes]:
+    """Return the kind and the payload of a message."""
+    kind = _KINDS[type(message)]
+    if isinstance(message, CapabilitiesReport):
+        return kind, _write_capabilities(message)
+    return kind, LAYOUTS[kind].fields.pack(*astuple(message))
 
 
-def _read_setup(payload: bytes) -> Setup:
-    mode, *rest = _SETUP.unpack(payload)
-    return Setup(member(StreamMode, mode, "stream mode"), *rest)
+def read_payload(kind: FrameKind, payload: bytes) -> Any:
+    """Return the message that a payload of this kind holds."""
+    layout = LAYOUTS[kind]
+    if kind is FrameKind.CAPABILITIES:
+        return _read_capabilities(payload, layout.fields)
+    values = list(layout.fields.unpack(payload))
+    for place, (enumeration, what) in layout.enumerations.items():
+        values[place] = member(enumeration, values[place], what)
+    return layout.message(*values)
 
 
 def _write_capabilities(report: CapabilitiesReport) -> bytes:
@@ -69,43 +99,29 @@ def _write_capabilities(report: CapabilitiesReport) -> bytes:
             f"A device has 1 to {_MAX_RATES} sample rates, but {len(report.rates)} are given; "
             "correct the list."
         )
-    texts = [_text_bytes(t) for t in (report.name, report.serial, report.calibration_id)]
-    head = _CAPABILITIES.pack(
-        report.oldest_version,
-        report.newest_version,
-        report.report_bytes,
-        report.output_rate_hz,
-        report.full_scale_mv,
-        report.ceiling_mv,
-        report.max_slew_v_per_s,
-        report.queue_samples,
-        report.max_frame_samples,
-        report.max_watchdog_ms,
-        *texts,
-        report.reports_touch,
-        len(report.rates),
+    *numbers, name, serial, calibration_id, reports_touch, _ = vars(report).values()
+    texts = (_text_bytes(text) for text in (name, serial, calibration_id))
+    head = LAYOUTS[FrameKind.CAPABILITIES].fields.pack(
+        *numbers, *texts, reports_touch, len(report.rates)
     )
     rates = (_RATE.pack(r.sample_rate_hz, sum(1 << mode for mode in r.modes)) for r in report.rates)
     return head + b"".join(rates)
 
 
-def _read_capabilities(payload: bytes) -> CapabilitiesReport:
-    fields = _CAPABILITIES.unpack_from(payload)
-    count = fields[-1]
-    if not 1 <= count <= _MAX_RATES or len(payload) != _CAPABILITIES.size + count * _RATE.size:
+def _read_capabilities(payload: bytes, fields: struct.Struct) -> CapabilitiesReport:
+    *numbers, name, serial, calibration_id, flags, count = fields.unpack_from(payload)
+    if not 1 <= count <= _MAX_RATES or len(payload) != fields.size + count * _RATE.size:
         raise ProtocolError(
             f"CAPABILITIES of {count} sample rates came with {len(payload)} bytes; 1 to "
-            f"{_MAX_RATES} rates of {_RATE.size} bytes follow on {_CAPABILITIES.size}."
+            f"{_MAX_RATES} rates of {_RATE.size} bytes follow on {fields.size}."
         )
-    name, serial, calibration_id = (_text(data) for data in fields[10:13])
     rates = tuple(
         Rate(rate_hz, frozenset(mode for mode in StreamMode if modes >> mode & 1))
-        for rate_hz, modes in _RATE.iter_unpack(payload[_CAPABILITIES.size :])
+        for rate_hz, modes in _RATE.iter_unpack(payload[fields.size :])
     )
-    numbers: tuple[int, int, int, int, int, int, int, int, int, int] = fields[:10]
-    return CapabilitiesReport(
-        *numbers, name, serial, calibration_id, reports_touch=bool(fields[13] & 1), rates=rates
-    )
+    texts = (_text(data) for data in (name, serial, calibration_id))
+    values: tuple[Any, ...] = (*numbers, *texts, bool(flags & 1), rates)
+    return CapabilitiesReport(*values)
 
 
 def _text_bytes(text: str) -> bytes:
@@ -119,58 +135,3 @@ def _text_bytes(text: str) -> bytes:
 
 def _text(data: bytes) -> str:
     return data.split(b"\0", 1)[0].decode("ascii")
-
-
-def read_status(payload: bytes) -> StatusReport:
-    """Return what the payload of a STATUS says."""
-    state, fault, *rest = _STATUS.unpack(payload)
-    return StatusReport(
-        member(DeviceState, state, "device state"), member(FaultCode, fault, "fault code"), *rest
-    )
-
-
-def read_fault(payload: bytes) -> FaultReport:
-    """Return what the payload of a FAULT says."""
-    code, *rest = _FAULT.unpack(payload)
-    return FaultReport(member(FaultCode, code, "fault code"), *rest)
-
-
-def _read_touch(payload: bytes) -> TouchReport:
-    clock, x_um, y_um, force_mn, contact, phase = _TOUCH.unpack(payload)
-    known = member(TouchPhase, phase, "touch phase")
-    return TouchReport(clock, x_um, y_um, force_mn, contact, known)
-
-
-def _read_nothing(message: Message) -> Callable[[bytes], Message]:
-    nothing = struct.Struct("<")
-
-    def read(payload: bytes) -> Message:
-        nothing.unpack(payload)
-        return message
-
-    return read
-
-
-WRITERS: dict[type, tuple[FrameKind, Callable[..., bytes]]] = {
-    Hello: (FrameKind.HELLO, lambda m: _HELLO.pack(m.oldest_version, m.newest_version)),
-    Setup: (FrameKind.SETUP, _write_setup),
-    Arm: (FrameKind.ARM, lambda _: b""),
-    Stop: (FrameKind.STOP, lambda _: b""),
-    Ping: (FrameKind.PING, lambda m: _PING.pack(m.token)),
-    CapabilitiesReport: (FrameKind.CAPABILITIES, _write_capabilities),
-    StatusReport: (FrameKind.STATUS, lambda m: _STATUS.pack(*astuple(m))),
-    FaultReport: (FrameKind.FAULT, lambda m: _FAULT.pack(*astuple(m))),
-    TouchReport: (FrameKind.TOUCH, lambda m: _TOUCH.pack(*astuple(m))),
-}
-
-READERS: dict[int, Callable[[bytes], Message]] = {
-    FrameKind.HELLO: lambda p: Hello(*_HELLO.unpack(p)),
-    FrameKind.SETUP: _read_setup,
-    FrameKind.ARM: _read_nothing(Arm()),
-    FrameKind.STOP: _read_nothing(Stop()),
-    FrameKind.PING: lambda p: Ping(*_PING.unpack(p)),
-    FrameKind.CAPABILITIES: _read_capabilities,
-    FrameKind.STATUS: read_status,
-    FrameKind.FAULT: read_fault,
-    FrameKind.TOUCH: _read_touch,
-}

@@ -14,7 +14,8 @@ import pytest
 import firmware_io
 from firmware_io import DeviceError
 from firmware_io.firmware.build import find_compiler
-from firmware_io.firmware.core import Output, open_core
+from firmware_io.firmware.core import Output
+from firmware_io.firmware.opening import open_core
 from firmware_io.protocol import (
     Arm,
     CapabilitiesReport,
@@ -25,11 +26,11 @@ from firmware_io.protocol import (
     Hello,
     Ping,
     Rate,
-    Samples,
     Setup,
     StatusReport,
     Stop,
     StreamMode,
+    StreamSamples,
     TouchPhase,
     TouchReport,
     encode,
@@ -96,7 +97,7 @@ class Rig:
 
     def stream(self, codes, mode=WAVEFORM):
         codes = np.array(codes, np.int16)
-        answers = self.say(Samples(self.index, codes, mode))
+        answers = self.say(StreamSamples(self.index, codes, mode))
         self.index += codes.size
         return answers
 
@@ -342,7 +343,7 @@ def test_a_second_refusal_does_not_prolong_the_ramp(rig):
     rig.play(10)
     for _ in range(2):
         rig.core.receive(b"noise")
-        rig.say(Samples(3, np.zeros(1, np.int16)))
+        rig.say(StreamSamples(3, np.zeros(1, np.int16)))
         rig.play(100)
     assert rig.play(RAMP - 200)[-2:] == [100, 0]
     assert rig.play(10) == [0] * 10
@@ -423,7 +424,7 @@ STEP = [1000, 2000]
 
 def refused(rig, name):
     """Send one thing that a playing rig must refuse; return code, expected, got."""
-    good = rig.frame(Samples(2, np.array([3000], np.int16)))
+    good = rig.frame(StreamSamples(2, np.array([3000], np.int16)))
     following = rig.sequence - 1
 
     def now(message, mode=None, sequence=following):
@@ -431,7 +432,7 @@ def refused(rig, name):
         rig.core.receive(data if mode is None else resealed(data, at_8=mode))
 
     def samples(codes, index=2):
-        return Samples(index, np.array(codes, np.int16))
+        return StreamSamples(index, np.array(codes, np.int16))
 
     if name == "sequence gap":
         now(samples([3000]), sequence=following + 1)
@@ -571,7 +572,7 @@ def test_after_a_refusal_nothing_plays_until_armed_again(rig, name):
     code, _, _ = refused(rig, name)
     rig.play(5000)  # and what is left of a frame is given up
     rig.poll()
-    (fault,) = rig.say(Samples(2, np.array([3000], np.int16)))
+    (fault,) = rig.say(StreamSamples(2, np.array([3000], np.int16)))
     assert fault.code is code  # the first cause, not NOT_ARMED
     assert rig.play(10) == [0] * 10
     rig.say(Arm())
@@ -591,7 +592,7 @@ def test_damage_while_disarmed_is_skipped_without_a_word(rig):
 
 def test_frames_behind_a_broken_one_are_found_in_it(rig):
     rig.say(Hello())
-    broken = encode(Frame(Samples(0, np.zeros(60, np.int16)), 9))
+    broken = encode(Frame(StreamSamples(0, np.zeros(60, np.int16)), 9))
     rig.core.receive(broken[:30])
     for token in range(6):  # 20 bytes each; the broken frame waits for 110 more
         rig.core.receive(rig.frame(Ping(token)))
@@ -746,13 +747,13 @@ def test_reports_carry_a_session(rig):
     assert [a.state for a in say(PLAIN)] == [STATE.IDLE]
     assert [a.state for a in say(Arm())] == [STATE.ARMED]
     codes = np.arange(200, dtype=np.int16)
-    assert say(Samples(0, codes)) == []
+    assert say(StreamSamples(0, codes)) == []
     assert rig.play(200) == codes.tolist()
 
 
 def test_a_lost_report_costs_its_own_frame_only(rig):
     rig.say(Hello(), PLAIN)
-    reports = to_reports(encode(Frame(Samples(0, np.zeros(100, np.int16)), 9)))
+    reports = to_reports(encode(Frame(StreamSamples(0, np.zeros(100, np.int16)), 9)))
     for report in reports[:2]:  # not the third and fourth
         rig.core.receive_report(report)
     for report in to_reports(encode(Frame(Ping(5), 10))):

@@ -27,9 +27,9 @@ from firmware_io.protocol import (
     Arm,
     Frame,
     FrameKind,
-    Samples,
     Setup,
     StreamMode,
+    StreamSamples,
     encode,
 )
 
@@ -234,7 +234,7 @@ def test_a_driver_fault_reaches_the_writer_and_arming_recovers():
     device.arm()
     device.write([100.0])
     # Another host interferes.
-    other = Samples(0, np.zeros(1, np.int16), StreamMode.WAVEFORM)
+    other = StreamSamples(0, np.zeros(1, np.int16), StreamMode.WAVEFORM)
     device.mock.receive(encode(Frame(other, 7777)))
     with pytest.raises(DeviceFaultError, match=r"Expected sequence \d+, but 7777 came") as caught:
         device.write([100.0])
@@ -329,7 +329,7 @@ def test_close_lets_a_failing_link_go():
 def test_a_host_that_skips_its_checks_still_meets_the_drivers_ceiling():
     driver = MockDriver(ceiling_v=80.0)
     setup = Setup(StreamMode.WAVEFORM, 250, 48_000, 250_000, 80_000, 1_000_000)
-    too_much = Samples(0, volts_to_codes([81.0], 250.0), StreamMode.WAVEFORM)
+    too_much = StreamSamples(0, volts_to_codes([81.0], 250.0), StreamMode.WAVEFORM)
     for number, message in enumerate([setup, Arm(), too_much]):
         driver.receive(encode(Frame(message, number)))
     assert "80 V" in driver.fault
@@ -628,7 +628,7 @@ def test_progress(clock):
     clock.sleep(0.025 + 500 / 48e3)
     progress = device.progress()
     assert (progress.samples_sent, progress.samples_played) == (1000, 0)  # nothing was said yet
-    device._stream.talk.synchronise()
+    device._stream.client.synchronise()
     progress = device.progress()
     assert progress.samples_played == pytest.approx(500, abs=1)
     assert progress.is_playing

@@ -10,7 +10,7 @@ import pytest
 import firmware_io
 from firmware_io import ABSOLUTE_CEILING_V, DeviceError, MockDriver
 from firmware_io.firmware import build, reference_board
-from firmware_io.firmware.core import open_core
+from firmware_io.firmware.opening import open_core
 from firmware_io.firmware.sine import TURN, c_header, sine_table
 from firmware_io.protocol import FaultCode, FrameKind
 

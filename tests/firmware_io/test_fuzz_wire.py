@@ -12,7 +12,8 @@ from hypothesis.extra.numpy import arrays
 
 from firmware_io import ProtocolError
 from firmware_io.firmware.build import find_compiler
-from firmware_io.firmware.core import Output, open_core
+from firmware_io.firmware.core import Output
+from firmware_io.firmware.opening import open_core
 from firmware_io.protocol import (
     Arm,
     CapabilitiesReport,
@@ -22,10 +23,10 @@ from firmware_io.protocol import (
     Hello,
     Ping,
     Rate,
-    Samples,
     Setup,
     Stop,
     StreamMode,
+    StreamSamples,
     TouchPhase,
     TouchReport,
     encode,
@@ -153,7 +154,7 @@ class Bench:
 
     def stream_(self, samples):
         before = self.cores[0].status().next_sequence
-        self.say_(Samples(self.index, samples, self.mode))
+        self.say_(StreamSamples(self.index, samples, self.mode))
         if self.cores[0].status().next_sequence != before:
             self.index = (self.index + samples.size) % 2**32
 
@@ -244,7 +245,7 @@ def test_whatever_came_the_device_is_in_step_when_the_longest_frame_has_passed(p
 def test_the_device_loses_two_frames_at_most(which, garbage, samples, length, is_cut):
     """Garbage or a cut frame, then frames of the same size: the second one arrives by itself."""
     core = open_core(BOARD, which)
-    frame = encode(Frame(Samples(0, samples), 1))
+    frame = encode(Frame(StreamSamples(0, samples), 1))
     core.receive(frame[:length] if is_cut else garbage)
     for token in (1, 2):
         # A frame as long as the broken one: it is refused (not armed), which answers it.

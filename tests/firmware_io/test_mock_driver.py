@@ -27,10 +27,10 @@ from firmware_io.protocol import (
     FrameParser,
     Hello,
     Ping,
-    Samples,
     Setup,
     Stop,
     StreamMode,
+    StreamSamples,
     TouchPhase,
     TouchReport,
     encode,
@@ -83,7 +83,7 @@ class Host:
 
     def stream(self, codes):
         codes = np.array(codes, np.int16)
-        self.send(Samples(self.index, codes))
+        self.send(StreamSamples(self.index, codes))
         self.index += codes.size
 
 
@@ -116,7 +116,7 @@ def test_virtual_time_plays_at_once_all_it_was_sent():
 def test_one_write_may_hold_more_than_the_queue():
     host = host_of(queue_samples=1024).ready()
     frames = [
-        encode(Frame(Samples(1024 * k, np.full(1024, k, np.int16)), 3 + k)) for k in range(40)
+        encode(Frame(StreamSamples(1024 * k, np.full(1024, k, np.int16)), 3 + k)) for k in range(40)
     ]
     host.link.send(b"".join(frames))
     assert host.link.driver.fault is None
@@ -143,7 +143,7 @@ def test_virtual_time_passes_by_hand():
 def test_a_refused_frame_is_answered_and_kept_as_a_sentence():
     host, driver = playing()
     host.sequence += 1
-    fault, *_ = host.say(Samples(2, np.array([3000], np.int16)))
+    fault, *_ = host.say(StreamSamples(2, np.array([3000], np.int16)))
     assert isinstance(fault, FaultReport)
     assert driver.fault == str(fault) == "Expected sequence 4, but 5 came."
     assert driver.played_codes.tolist() == RAMPED
@@ -311,7 +311,7 @@ def test_after_each_mishap_the_output_is_at_zero_within_the_watchdog_time(
     assert driver.played_codes[-1] == 13107
     host.link.inject(fault, seconds=1.0)
     seen = []
-    for message in (Samples(20, np.full(20, 13107, np.int16)), Ping(1), Ping(2)):
+    for message in (StreamSamples(20, np.full(20, 13107, np.int16)), Ping(1), Ping(2)):
         try:
             seen += host.say(message)
         except (OSError, DeviceDisconnectedError) as error:

@@ -30,11 +30,11 @@ from firmware_io.protocol import (
     Hello,
     Ping,
     Rate,
-    Samples,
     Setup,
     StatusReport,
     Stop,
     StreamMode,
+    StreamSamples,
     TouchPhase,
     TouchReport,
     codes_to_volts,
@@ -56,7 +56,7 @@ DOCUMENT = (ROOM / "PROTOCOL.md").read_text()
 GOLDEN = json.loads((ROOM / "golden/frames.json").read_text())
 CRCS = json.loads((ROOM / "golden/crc.json").read_text())
 
-STREAM = Frame(Samples(480, np.array([0, 1, -1, 32767, -32767], np.int16)), 7)
+STREAM = Frame(StreamSamples(480, np.array([0, 1, -1, 32767, -32767], np.int16)), 7)
 
 u16, u32, u64 = (st.integers(0, 2**bits - 1) for bits in (16, 32, 64))
 texts = st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=16)
@@ -68,7 +68,7 @@ messages = st.one_of(
     st.builds(Arm),
     st.builds(Stop),
     st.builds(Ping, u32),
-    st.builds(Samples, u32, arrays(np.int16, st.integers(1, 300)), modes),
+    st.builds(StreamSamples, u32, arrays(np.int16, st.integers(1, 300)), modes),
     st.builds(
         CapabilitiesReport,
         *(st.integers(0, 255), st.integers(0, 255), u16, u32, u32, u32, u32, u32, u16, u16),
@@ -98,7 +98,7 @@ def from_golden(golden):
     """The frame that a golden one stands for, made from its fields."""
     values = dict(golden["fields"])
     if golden["kind"] == "STREAM":
-        message = Samples(
+        message = StreamSamples(
             values["sample_index"], np.array(values["codes"], np.int16), StreamMode(values["mode"])
         )
     else:
@@ -227,12 +227,12 @@ def test_a_stream_without_samples_is_refused():
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Samples(0, np.zeros(1)),
-        lambda: Samples(0, np.zeros((1, 1), np.int16)),
-        lambda: Samples(0, np.zeros(0, np.int16)),
-        lambda: Samples(0, np.zeros(32766, np.int16)),
-        lambda: encode(Frame(Samples(2**32, np.zeros(1, np.int16)), 0)),
-        lambda: encode(Frame(Samples(-1, np.zeros(1, np.int16)), 0)),
+        lambda: StreamSamples(0, np.zeros(1)),
+        lambda: StreamSamples(0, np.zeros((1, 1), np.int16)),
+        lambda: StreamSamples(0, np.zeros(0, np.int16)),
+        lambda: StreamSamples(0, np.zeros(32766, np.int16)),
+        lambda: encode(Frame(StreamSamples(2**32, np.zeros(1, np.int16)), 0)),
+        lambda: encode(Frame(StreamSamples(-1, np.zeros(1, np.int16)), 0)),
         lambda: encode(Frame(Arm(), 2**16)),
         lambda: encode(Frame(Ping(-1), 0)),
         lambda: encode(Frame(Hello(2, 256), 0)),
@@ -250,7 +250,7 @@ RATE = Rate(48000, frozenset(StreamMode))
 
 
 def test_the_longest_stream_fits():
-    frame = Frame(Samples(0, np.full(32765, -5, np.int16)), 0)
+    frame = Frame(StreamSamples(0, np.full(32765, -5, np.int16)), 0)
     assert len(encode(frame)) == 2 * 32765 + STREAM_OVERHEAD_BYTES
     assert decode(encode(frame)) == frame
 
@@ -285,7 +285,7 @@ def test_garbage_costs_no_frame_behind_it(garbage, sent):
 @unhurried
 @given(arrays(np.int16, 100), st.integers(1, 219), st.integers(0, 2**16 - 1))
 def test_a_frame_cut_short_delays_at_most_one(codes, length, sequence):
-    frame = encode(Frame(Samples(0, codes), sequence))
+    frame = encode(Frame(StreamSamples(0, codes), sequence))
     parser = FrameParser()
     found = parser.feed(frame[:length]) + parser.feed(frame) + parser.feed(frame)
     assert [item for item in found if isinstance(item, Frame)] == [decode(frame)] * 2
@@ -311,7 +311,7 @@ def test_a_frame_from_the_future_is_refused_by_name():
 
 
 def test_a_length_beyond_the_receivers_is_not_believed():
-    long = encode(Frame(Samples(0, np.zeros(400, np.int16)), 1))
+    long = encode(Frame(StreamSamples(0, np.zeros(400, np.int16)), 1))
     parser = FrameParser(max_payload_bytes=64)
     found = parser.feed(long[:20] + encode(STREAM))
     assert "at most 64 bytes" in str(found[0])
@@ -319,7 +319,7 @@ def test_a_length_beyond_the_receivers_is_not_believed():
 
 
 def test_giving_up_a_frame_that_broke_off_finds_those_behind_it():
-    long = encode(Frame(Samples(0, np.zeros(400, np.int16)), 1))
+    long = encode(Frame(StreamSamples(0, np.zeros(400, np.int16)), 1))
     parser = FrameParser()
     assert parser.feed(long[:100] + encode(STREAM)) == []
     assert parser.is_amid_a_frame
@@ -353,7 +353,7 @@ def test_a_report_of_another_device_is_refused(report):
 @unhurried
 @given(st.integers(1, 4000))
 def test_overhead_is_counted_in_whole_reports(samples):
-    reports = to_reports(encode(Frame(Samples(0, np.zeros(samples, np.int16)), 0)))
+    reports = to_reports(encode(Frame(StreamSamples(0, np.zeros(samples, np.int16)), 0)))
     sent = sum(map(len, reports))
     # Both are quotients of whole numbers below 2**20: equal but for rounding in float64.
     assert overhead_share(samples) == pytest.approx((sent - 2 * samples) / sent, abs=1e-12)
@@ -365,8 +365,13 @@ def test_document_states_the_overhead(reports):
     share = overhead_share(samples)
     row = f"| {reports} | {samples} | {samples / 16:.1f} | {100 * share:.1f} % |"
     assert row in DOCUMENT
-    assert len(to_reports(encode(Frame(Samples(0, np.zeros(samples, np.int16)), 0)))) == reports
-    assert len(to_reports(encode(Frame(Samples(0, np.zeros(samples + 1, np.int16)), 0)))) > reports
+    assert (
+        len(to_reports(encode(Frame(StreamSamples(0, np.zeros(samples, np.int16)), 0)))) == reports
+    )
+    assert (
+        len(to_reports(encode(Frame(StreamSamples(0, np.zeros(samples + 1, np.int16)), 0))))
+        > reports
+    )
 
 
 def test_overhead_on_hid_is_under_15_per_cent():

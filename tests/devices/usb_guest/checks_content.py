@@ -8,7 +8,7 @@ from usb_guest.plugged import PluggedBoard, wait_for
 from usb_guest.ways import HID, HIDRAW, USB, WAYS, check, envelope, require, same, wave
 
 from firmware_io import volts_to_codes
-from firmware_io.protocol import FrameParser, Samples, from_report
+from firmware_io.protocol import FrameParser, StreamSamples, from_report
 
 _FULL_SCALE_V = 250.0
 _SECONDS = 10.0
@@ -170,7 +170,7 @@ def _sent_to(board, endpoint):
         if isinstance(item, Exception):
             raise item
         sequences.append(item.sequence)
-        if isinstance(item.message, Samples):
+        if isinstance(item.message, StreamSamples):
             require(item.message.sample_index == sum(map(len, codes)), item.message.sample_index)
             codes.append(item.message.codes)
     same(np.diff(np.asarray(sequences, np.int64)) % 65536, np.ones(len(sequences) - 1))
