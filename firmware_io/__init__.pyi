@@ -1,7 +1,6 @@
 from .capabilities import Capabilities as Capabilities
 from .device import Device as Device
 from .discovery import BusReport as BusReport
-from .discovery import DeviceInfo as DeviceInfo
 from .discovery import DeviceWatch as DeviceWatch
 from .discovery import list_devices as list_devices
 from .discovery import survey_buses as survey_buses
@@ -24,4 +23,5 @@ from .playback import Playback as Playback
 from .playback import PlaybackStats as PlaybackStats
 from .protocol import codes_to_volts as codes_to_volts
 from .protocol import volts_to_codes as volts_to_codes
+from .scheme import DeviceInfo as DeviceInfo
 from .stream import Progress as Progress

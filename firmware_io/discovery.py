@@ -5,39 +5,10 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Self
 
-from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID
-from firmware_io.links.usb import backend, serial_of
-
-_OTHER = "Another device, not a haptix driver by its numbers."
-_AUDIO = "Say what its full scale means on the screen: full_scale_v=."
-
-
-@dataclass(frozen=True)
-class DeviceInfo:
-    """One device that was found.
-
-    Parameters
-    ----------
-    address : str
-        What `open_device` takes.
-    kind : str
-        "mock", "usb", "hid" or "audio".
-    name : str
-        For people.
-    usable : bool
-        Whether `open_device` would try to drive it.
-    note : str
-        What to know about it.
-    """
-
-    address: str
-    kind: str
-    name: str
-    usable: bool
-    note: str
+from firmware_io.links.registry import SCHEMES
+from firmware_io.scheme import Bus, DeviceInfo
 
 
 @dataclass(frozen=True)
@@ -69,18 +40,14 @@ def list_devices() -> list[DeviceInfo]:
 
 
 def survey_buses() -> list[BusReport]:
-    """Look at USB, HID and audio, without opening anything.
+    """Search every bus, without opening anything.
 
     Returns
     -------
     list of BusReport
         One for each bus. A library that is missing or fails is reported, never raised.
     """
-    return [
-        _survey("usb", _usb, "pip install pyusb; on Debian: apt install libusb-1.0-0"),
-        _survey("hid", _hid, "pip install hidapi, not the package called hid, which hides it"),
-        _survey("audio", _audio, "pip install sounddevice; on Debian: apt install libportaudio2"),
-    ]
+    return [_survey(kind, scheme.bus) for kind, scheme in SCHEMES.items() if scheme.bus is not None]
 
 
 class DeviceWatch:
@@ -161,54 +128,10 @@ class DeviceWatch:
             self.poll()
 
 
-def _survey(kind: str, look: Callable[[], tuple[str, list[DeviceInfo]]], remedy: str) -> BusReport:
+def _survey(kind: str, bus: Bus) -> BusReport:
     try:
-        detail, devices = look()
+        detail, devices = bus.search()
     # Whatever a third-party library raises here is a finding about this computer, not our error.
     except Exception as error:
-        return BusReport(kind, False, f"{str(error) or type(error).__name__} ({remedy})", ())
+        return BusReport(kind, False, f"{str(error) or type(error).__name__} ({bus.remedy})", ())
     return BusReport(kind, True, detail, tuple(devices))
-
-
-def _usb() -> tuple[str, list[DeviceInfo]]:
-    core = import_module("usb.core")
-    devices = []
-    for device in core.find(find_all=True, backend=backend()):
-        where = f"usb:bus={device.bus},address={device.address}"
-        numbers = f"{device.idVendor:04x}:{device.idProduct:04x}"
-        if (device.idVendor, device.idProduct) != (VENDOR_ID, PRODUCT_ID):
-            # Product names would need the device to be opened; the numbers come by themselves.
-            devices.append(DeviceInfo(where, "usb", numbers, False, _OTHER))
-            continue
-        serial = serial_of(device)
-        note = f"Serial {serial}." if serial else "Its serial number cannot be read."
-        devices.append(DeviceInfo(where, "usb", f"haptix driver {numbers}", True, note))
-    return f"pyusb {import_module('usb').__version__}", devices
-
-
-def _hid() -> tuple[str, list[DeviceInfo]]:
-    # hidraw asks the kernel; libusb's side of hidapi opens every device for its strings.
-    try:
-        hid = import_module("hidraw")
-    except ImportError:
-        hid = import_module("hid")
-    devices = []
-    for found in hid.enumerate():
-        numbers = f"{found['vendor_id']:04x}:{found['product_id']:04x}"
-        where = f"hid:path={found['path'].decode(errors='replace')}"
-        is_ours = (found["vendor_id"], found["product_id"]) == (VENDOR_ID, PRODUCT_ID)
-        note = f"Serial {found.get('serial_number') or 'unknown'}." if is_ours else _OTHER
-        name = found["product_string"] or numbers
-        devices.append(DeviceInfo(where, "hid", name, is_ours, note))
-    return f"hidapi {hid.version_str()}", devices
-
-
-def _audio() -> tuple[str, list[DeviceInfo]]:
-    sounddevice = import_module("sounddevice")
-    devices = [
-        DeviceInfo(f"audio:device={index}", "audio", found["name"], True, _AUDIO)
-        for index, found in enumerate(sounddevice.query_devices())
-        if found["max_output_channels"] > 0
-    ]
-    version = sounddevice.get_portaudio_version()[1]
-    return f"sounddevice {sounddevice.__version__}, {version}", devices

@@ -18,6 +18,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from firmware_io.address import number, yes_or_no
 from firmware_io.errors import (
     DeviceBusyError,
     DeviceDisconnectedError,
@@ -29,6 +30,7 @@ from firmware_io.firmware.opening import open_core
 from firmware_io.limits import ABSOLUTE_CEILING_V, DEFAULT_MAX_SLEW_V_PER_S
 from firmware_io.link import Link
 from firmware_io.protocol import FULL_SCALE_CODE, VERSION, CapabilitiesReport, Rate, StreamMode
+from firmware_io.scheme import Bus, DeviceInfo, Scheme
 
 _TRIGGER_S = 0.001
 _QUEUE_S = 0.5
@@ -338,3 +340,38 @@ def _refusal(name: str, error: Exception) -> DeviceError:
     if "Device unavailable" in text or "busy" in text.lower():
         return DeviceBusyError(f"{name} is in use by another program: {text}")
     return DeviceError(f"{name} cannot be opened: {text}; try another sample_rate_hz or device.")
+
+
+def _open(profile: str | None = None, device: str | None = None, **values: Any) -> AudioLink:
+    if device is not None:
+        values["device"] = int(device) if device.isdigit() else device
+    known = {} if profile is None else read_audio_profile(profile)
+    return AudioLink(AudioProfile(**{**known, **values}))
+
+
+def _search() -> tuple[str, list[DeviceInfo]]:
+    sounddevice = import_module("sounddevice")
+    note = "Say what its full scale means on the screen: full_scale_v=."
+    devices = [
+        DeviceInfo(f"audio:device={index}", "audio", found["name"], True, note)
+        for index, found in enumerate(sounddevice.query_devices())
+        if found["max_output_channels"] > 0
+    ]
+    version = sounddevice.get_portaudio_version()[1]
+    return f"sounddevice {sounddevice.__version__}, {version}", devices
+
+
+SCHEME = Scheme(
+    _open,
+    {
+        "device": str,
+        "profile": str,
+        "full_scale_v": number,
+        "dac_full_scale_v": number,
+        "amplifier_gain": number,
+        "ceiling_v": number,
+        "trigger": yes_or_no,
+    },
+    makes_rate=True,
+    bus=Bus(_search, "pip install sounddevice; on Debian: apt install libportaudio2"),
+)

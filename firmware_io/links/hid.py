@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from firmware_io.address import hexadecimal, one_of
 from firmware_io.errors import (
     DeviceBusyError,
     DeviceDisconnectedError,
@@ -20,6 +21,7 @@ from firmware_io.link import Link
 from firmware_io.links.claim import Claim
 from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID, permission_remedy
 from firmware_io.protocol import REPORT_BYTES, from_report, to_reports
+from firmware_io.scheme import OTHER_DEVICE, Bus, DeviceInfo, Scheme
 
 #: hidapi's two modules, by the kernel driver first: it leaves the device to others when it ends.
 BACKENDS = ("hidraw", "hid")
@@ -197,3 +199,33 @@ def _find(
         if found:
             return backend, found.pop()
     raise DeviceNotFoundError(f"No HID device {wish} is connected; look with `haptix devices`.")
+
+
+def _search() -> tuple[str, list[DeviceInfo]]:
+    # hidraw asks the kernel; libusb's side of hidapi opens every device for its strings.
+    try:
+        hid = import_module("hidraw")
+    except ImportError:
+        hid = import_module("hid")
+    devices = []
+    for found in hid.enumerate():
+        numbers = f"{found['vendor_id']:04x}:{found['product_id']:04x}"
+        where = f"hid:path={found['path'].decode(errors='replace')}"
+        is_ours = (found["vendor_id"], found["product_id"]) == (VENDOR_ID, PRODUCT_ID)
+        note = f"Serial {found.get('serial_number') or 'unknown'}." if is_ours else OTHER_DEVICE
+        name = found["product_string"] or numbers
+        devices.append(DeviceInfo(where, "hid", name, is_ours, note))
+    return f"hidapi {hid.version_str()}", devices
+
+
+SCHEME = Scheme(
+    HidLink,
+    {
+        "path": str,
+        "serial": str,
+        "backend": one_of(*BACKENDS),
+        "vendor_id": hexadecimal,
+        "product_id": hexadecimal,
+    },
+    bus=Bus(_search, "pip install hidapi, not the package called hid, which hides it"),
+)

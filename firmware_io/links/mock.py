@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
+from firmware_io.address import number, one_of, yes_or_no
 from firmware_io.errors import DeviceDisconnectedError
 from firmware_io.link import Link
 from firmware_io.links.fault_injection import FaultInjection, InjectedFault
 from firmware_io.mock import MockDriver
-from firmware_io.protocol import to_reports
+from firmware_io.protocol import REPORT_BYTES, to_reports
+from firmware_io.scheme import Scheme
 
 
 class MockLink(Link):
@@ -119,3 +122,20 @@ class MockLink(Link):
             raise DeviceDisconnectedError(
                 "The mock's cable is out (injected); plug it in and open the device again."
             )
+
+
+def _open(reports: bool = False, **values: Any) -> MockLink:
+    return MockLink(MockDriver(**values), REPORT_BYTES if reports else None)
+
+
+SCHEME = Scheme(
+    _open,
+    {
+        "pace": one_of("virtual", "real"),
+        "reports": yes_or_no,
+        "full_scale_v": number,
+        "ceiling_v": number,
+        "serial": str,
+    },
+    makes_rate=True,
+)

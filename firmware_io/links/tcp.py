@@ -5,6 +5,7 @@ from __future__ import annotations
 import select
 import socket
 from contextlib import suppress
+from typing import Any
 
 from firmware_io.errors import (
     DeviceBusyError,
@@ -13,6 +14,7 @@ from firmware_io.errors import (
     DeviceNotFoundError,
 )
 from firmware_io.link import Link
+from firmware_io.scheme import Scheme
 
 _CONNECT_S = 2.0
 _SEND_S = 1.0
@@ -97,3 +99,17 @@ class TcpLink(Link):
         return DeviceDisconnectedError(
             f"The connection to {self._name} is lost: {why}; open the device again."
         )
+
+
+def _read_place(selector: str) -> tuple[dict[str, Any], str]:
+    """Return host and port, and what follows them."""
+    place, _, rest = selector.partition(",")
+    host, colon, port = place.rpartition(":")
+    if not colon or not host or not port.isdigit() or not 0 < int(port) < 65536:
+        raise DeviceError(
+            f'tcp: takes a host and a port, as in "tcp:localhost:7420", but {place!r} came.'
+        )
+    return {"host": host, "port": int(port)}, rest
+
+
+SCHEME = Scheme(TcpLink, split=_read_place)

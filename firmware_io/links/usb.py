@@ -7,6 +7,7 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any, NoReturn
 
+from firmware_io.address import count, hexadecimal
 from firmware_io.errors import (
     DeviceBusyError,
     DeviceDisconnectedError,
@@ -17,6 +18,7 @@ from firmware_io.errors import (
 )
 from firmware_io.link import Link
 from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID, permission_remedy
+from firmware_io.scheme import OTHER_DEVICE, Bus, DeviceInfo, Scheme
 
 _VENDOR_CLASS = 0xFF
 _BULK = 2
@@ -225,3 +227,32 @@ class UsbLink(Link):
         raise DeviceDisconnectedError(
             f"{self._name} failed: {error}; stop it, or open it again."
         ) from error
+
+
+def _search() -> tuple[str, list[DeviceInfo]]:
+    core = import_module("usb.core")
+    devices = []
+    for device in core.find(find_all=True, backend=backend()):
+        where = f"usb:bus={device.bus},address={device.address}"
+        numbers = f"{device.idVendor:04x}:{device.idProduct:04x}"
+        if (device.idVendor, device.idProduct) != (VENDOR_ID, PRODUCT_ID):
+            # A product's name could be read only by opening the device; its numbers need nothing.
+            devices.append(DeviceInfo(where, "usb", numbers, False, OTHER_DEVICE))
+            continue
+        serial = serial_of(device)
+        note = f"Serial {serial}." if serial else "Its serial number cannot be read."
+        devices.append(DeviceInfo(where, "usb", f"haptix driver {numbers}", True, note))
+    return f"pyusb {import_module('usb').__version__}", devices
+
+
+SCHEME = Scheme(
+    UsbLink,
+    {
+        "serial": str,
+        "bus": count,
+        "address": count,
+        "vendor_id": hexadecimal,
+        "product_id": hexadecimal,
+    },
+    bus=Bus(_search, "pip install pyusb; on Debian: apt install libusb-1.0-0"),
+)

@@ -193,7 +193,7 @@ def buses(monkeypatch):
     modules = {"usb": usb, "usb.core": core, "hidraw": hid, "sounddevice": audio}
     for name, module in modules.items():
         monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setattr("firmware_io.discovery.backend", lambda: None)
+    monkeypatch.setattr("firmware_io.links.usb.backend", lambda: None)
     return usb
 
 
