@@ -110,11 +110,7 @@ def run(number: int, seed: int) -> list[Trial]:
     wanted = predictor(places, truth.names, truth.log_values, jacobian=False)
     found = []
     for protocol in (full_protocol(volts), short_protocol(predictor, start, 3.0, volts)):
-        source = VirtualFingerSource(
-            model,
-            seed=1000 * number + len(protocol.strokes),
-            response_hz_per_mm_per_s=values["response_hz_per_mm_per_s"],
-        )
+        source = VirtualFingerSource(model, seed=1000 * number + len(protocol.strokes))
         began = time.perf_counter()
         reduced = reduce_session(play(protocol, source), protocol.idle_s)
         measured = time.perf_counter()

@@ -35,7 +35,7 @@ def modulated(phase):
 
 def periods(model: ContactModel) -> None:
     print("largest difference from ContactModel.over_period, without the response, thresholds")
-    finger = VirtualFinger(model, cutoff_hz_per_mm_per_s=None)
+    finger = VirtualFinger(model, has_response=False)
     for shape, frequency in ((sine, 120.0), (sine, 1000.0), (square, 120.0), (modulated, 100.0)):
         samples = round(RATE / frequency)
         waveform = Waveform.from_samples(shape(np.arange(samples) / samples))

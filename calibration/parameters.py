@@ -31,9 +31,6 @@ PER_FINGER = (
 )
 NAMES = PER_SCREEN + PER_FINGER
 
-RESPONSE_HZ_PER_MM_PER_S = 13.8
-"""Cut-off of the finger's response per sliding speed (2025; physics page, section 7)."""
-
 # What a fingertip is like before anything is measured, as standard deviations of logarithms. The
 # apparent area is that of an ink print; the rest is the spread between people. A screen's
 # insulator and tau_f are found from the strokes alone.
@@ -152,8 +149,8 @@ class Parameters:
             "h_rms_m": h_rms,
             "apparent_area_at_1n_m2": finger.apparent_area_at_1n_m2,
             "apparent_area_exponent": max(finger.apparent_area_exponent, 1e-3),
-            "skin_dielectric_scale": 1.0,
-            "response_hz_per_mm_per_s": RESPONSE_HZ_PER_MM_PER_S,
+            "skin_dielectric_scale": finger.dielectric.scale,
+            "response_hz_per_mm_per_s": finger.response_hz_per_mm_per_s,
         }
         found = [
             Parameter(name, value, _SPREAD.get(name), name == "skin_dielectric_scale")

@@ -245,7 +245,9 @@ class StrokePredictor:
         finger = self.model.finger
         if "skin-dielectric" in self.model.terms:
             with torch.no_grad():
-                skin = finger.layer_thickness_m / finger.dielectric.relative_permittivity(frequency)
+                # The scale is a parameter here.
+                table = finger.dielectric.model_copy(update={"scale": 1.0})
+                skin = finger.layer_thickness_m / table.relative_permittivity(frequency)
             thickness = thickness + _column(rows, names, "skin_dielectric_scale") * skin
         if "gap_resistivity_ohm_m" in names:
             resistivity = _column(rows, names, "gap_resistivity_ohm_m")

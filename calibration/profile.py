@@ -135,7 +135,11 @@ def calibrated_finger(finger: Finger, fit: Fit) -> Finger:
         frictional_shear_stress_pa=fit.best("frictional_shear_stress_pa"),
         apparent_area_at_1n_m2=fit.best("apparent_area_at_1n_m2"),
         apparent_area_exponent=fit.best("apparent_area_exponent"),
+        response_hz_per_mm_per_s=fit.best("response_hz_per_mm_per_s"),
         roughness=roughness,
+        dielectric=finger.dielectric.model_copy(
+            update={"scale": fit.best("skin_dielectric_scale")}
+        ),
     )
 
 

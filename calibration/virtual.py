@@ -11,7 +11,7 @@ from calibration.parameters import Array
 from calibration.protocol import Stroke
 from calibration.sources import Live, Played, live_at
 from haptix.friction import ContactModel
-from haptix.virtual_finger import CUTOFF_HZ_PER_MM_PER_S, SensorModel, VirtualFinger
+from haptix.virtual_finger import SensorModel, VirtualFinger
 
 _TOUCH_S = 0.08  # to press
 _REST_S = 0.12  # between pressing and sliding, at each turn and before lifting
@@ -60,8 +60,6 @@ class VirtualFingerSource:
         Of person and sensor.
     output_rate_hz : float
         Of the recording [Hz].
-    response_hz_per_mm_per_s : float
-        Cut-off of the finger's response per speed.
     """
 
     is_live = False
@@ -73,11 +71,8 @@ class VirtualFingerSource:
         person: Person | None = None,
         seed: int = 0,
         output_rate_hz: float = 10_000.0,
-        response_hz_per_mm_per_s: float = CUTOFF_HZ_PER_MM_PER_S,
     ) -> None:
-        self._finger = VirtualFinger(
-            model, cutoff_hz_per_mm_per_s=response_hz_per_mm_per_s, seed=seed
-        )
+        self._finger = VirtualFinger(model, seed=seed)
         self._sensor, self._rate_hz = sensor, output_rate_hz
         self._person = Person() if person is None else person
         self._rng = np.random.default_rng(seed)

@@ -117,6 +117,9 @@ class Finger(Document):
         tau_f, the friction force per real contact area.
     apparent_area_at_1n_m2, apparent_area_exponent
         ``A0 = area * (F_N / 1 N)^exponent``, from 3 kPa at 0.1 N and 20 kPa at 0.9 N.
+    response_hz_per_mm_per_s
+        Friction follows the attraction like a first-order system whose cut-off frequency rises in
+        proportion to the sliding speed: this much per mm/s (2025; physics page, section 7).
     roughness, dielectric
         Roughness spectrum, and the skin's permittivity and resistivity.
     """
@@ -131,6 +134,7 @@ class Finger(Document):
     frictional_shear_stress_pa: Quantity = 8e6
     apparent_area_at_1n_m2: PositiveFloat = 45.65e-6
     apparent_area_exponent: Annotated[float, Field(ge=0, lt=1)] = 0.1366
+    response_hz_per_mm_per_s: PositiveFloat = 13.8
     roughness: AnyRoughness = Roughness()
     dielectric: SkinDielectric = SkinDielectric()
 

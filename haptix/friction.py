@@ -215,7 +215,8 @@ class ContactModel:
 
     def describe(self) -> dict[str, Any]:
         """Everything that determines the model's numbers, as plain values for files and hashes."""
-        finger = self.finger.model_dump(mode="json")
+        # The response smooths friction in time: it changes none of the model's numbers.
+        finger = self.finger.model_dump(mode="json", exclude={"response_hz_per_mm_per_s"})
         screen = self.screen.model_dump(mode="json")
         terms = {}
         for name, term in TERMS.items():

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
 import torch
-from pydantic import BaseModel, ConfigDict, PositiveFloat, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, model_validator
 from torch import Tensor
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12
@@ -23,6 +23,9 @@ class SkinDielectric(BaseModel):
     ----------
     frequency_hz, permittivity, resistivity_ohm_m : tuple of float
         Columns of the table, frequency increasing. A single row means constants.
+    scale : float
+        Factor on the skin's effective thickness ``d2/eps2``, which a calibration may fit: 2 for a
+        skin that insulates twice as much as the table says.
     is_placeholder : bool
         True while the numbers are not measured ones.
     source : str
@@ -34,6 +37,8 @@ class SkinDielectric(BaseModel):
     frequency_hz: tuple[PositiveFloat, ...] = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6)
     permittivity: tuple[PositiveFloat, ...] = (1e4, 3e3, 1.5e3, 1e3, 6e2, 3e2)
     resistivity_ohm_m: tuple[PositiveFloat, ...] = (1e5, 1e5, 3e4, 8e3, 2e3, 3e2)
+    # A table as it stands is written and hashed as it was before there was a scale.
+    scale: Annotated[PositiveFloat, Field(exclude_if=lambda scale: scale == 1)] = 1.0
     is_placeholder: bool = True
     source: str = "order of magnitude after Yamamoto & Yamamoto (1976); not measured values"
 
@@ -47,12 +52,12 @@ class SkinDielectric(BaseModel):
         return self
 
     def relative_permittivity(self, frequency_hz: Tensor) -> Tensor:
-        """Complex eps2 at frequencies [Hz] of any shape."""
+        """Complex eps2 at frequencies [Hz] of any shape, the scale included."""
         log_f = torch.log(frequency_hz)
         permittivity = torch.exp(self._interpolate(log_f, self.permittivity))
         resistivity = torch.exp(self._interpolate(log_f, self.resistivity_ohm_m))
         loss = 1 / (2 * torch.pi * frequency_hz * VACUUM_PERMITTIVITY * resistivity)
-        return torch.complex(permittivity, loss)
+        return torch.complex(permittivity, loss) / self.scale
 
     def _interpolate(self, log_f: Tensor, column: tuple[float, ...]) -> Tensor:
         nodes = torch.log(torch.tensor(self.frequency_hz, dtype=log_f.dtype, device=log_f.device))

@@ -15,7 +15,6 @@ from haptix.render.modulation import Carrier
 from haptix.status import Status
 from haptix.surface import FrictionSurface
 from haptix.texture import FrictionField
-from haptix.virtual_finger.response import CUTOFF_HZ_PER_MM_PER_S
 
 Array = npt.NDArray[np.float64]
 
@@ -113,6 +112,7 @@ class BlockRenderer:
         self._inverse = SliceInverse(surface, None, wave.peak_per_sine)
         pulls = wave.pulls
         self._averaged = None if pulls is None else SliceInverse(surface, pulls, wave.peak_per_sine)
+        self._response_hz_per_mm_per_s = surface.response_hz_per_mm_per_s
         self._compress = compress
         self.field = field
         self._wave = wave
@@ -201,7 +201,7 @@ class BlockRenderer:
 
     def _followed(self, speed_mm_per_s: Array | np.float64) -> Array | np.float64:
         """How much of the pull's ripple, squared, the contact of a sliding finger follows."""
-        cutoff_hz = CUTOFF_HZ_PER_MM_PER_S * np.maximum(speed_mm_per_s, 1e-3)
+        cutoff_hz = self._response_hz_per_mm_per_s * np.maximum(speed_mm_per_s, 1e-3)
         return 1 / (1 + (2 * self._wave.frequency_hz / cutoff_hz) ** 2)
 
     def _inverted(

@@ -62,6 +62,7 @@ def build_surface(
         "model_hash": model_hash(model.describe()),
         "ranges": ranges,
         "screen_h0_m": model.screen.h0_m,
+        "response_hz_per_mm_per_s": model.finger.response_hz_per_mm_per_s,
         "notes": dict(notes),
         "tolerance": {"value": tolerance.value, "unit": tolerance.unit},
         "tolerance_met": found.is_met,

@@ -33,6 +33,7 @@ def surface_key(
             "haptix": __version__,
             "code": _code_digest(),
             "model": model.describe(),
+            "response_hz_per_mm_per_s": model.finger.response_hz_per_mm_per_s,
             "ranges": read_ranges(model, scene),
             "tolerance": str(Tolerance.read(tolerance)),
             "largest_bytes": largest_bytes,

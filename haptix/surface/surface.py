@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from haptix.errors import InputError, RangeError
+from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.status import Status
 from haptix.surface.axes import Axis, numbers, within
@@ -165,6 +166,15 @@ class FrictionSurface:
     def voltage_limit_v(self) -> float:
         """Highest amplitude asked for [V]."""
         return self.table.voltage_limit_v
+
+    @property
+    def response_hz_per_mm_per_s(self) -> float:
+        """Cut-off of the finger's response per sliding speed; see `Finger`.
+
+        Surfaces of version 0.1 do not say it: theirs is that of the presets.
+        """
+        preset = Finger().response_hz_per_mm_per_s
+        return float(self.info.get("response_hz_per_mm_per_s", preset))
 
     @property
     def nbytes(self) -> int:

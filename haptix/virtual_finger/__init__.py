@@ -2,13 +2,11 @@
 
 from haptix.virtual_finger.finger import Felt, VirtualFinger
 from haptix.virtual_finger.path import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S
-from haptix.virtual_finger.response import CUTOFF_HZ_PER_MM_PER_S
 from haptix.virtual_finger.sensor import SensedForce, SensorModel
 from haptix.virtual_finger.touch_panel import SensedTouch, TouchPanel
 from haptix.virtual_finger.verdict import FELT_WITHIN_S, Verdict, judge
 
 __all__ = [
-    "CUTOFF_HZ_PER_MM_PER_S",
     "FELT_WITHIN_S",
     "LIFTED_BELOW_N",
     "STANDING_BELOW_MM_PER_S",

@@ -14,7 +14,7 @@ from haptix.virtual_finger.contact import GivenContact
 from haptix.virtual_finger.gap_field import GapField
 from haptix.virtual_finger.path import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, FingerPath, numbers
 from haptix.virtual_finger.played import Amplitude, Drive, Samples
-from haptix.virtual_finger.response import CUTOFF_HZ_PER_MM_PER_S, first_order, response_depth
+from haptix.virtual_finger.response import first_order, response_depth
 from haptix.virtual_finger.sensor import SensedForce, SensorModel
 
 Array = npt.NDArray[np.float64]
@@ -75,8 +75,8 @@ class VirtualFinger:
         Of the sensor's noise.
     h0_m : float, optional
         Effective thickness of the screen's insulator [m]; the screen's own without.
-    cutoff_hz_per_mm_per_s : float or None
-        Cut-off of the response per sliding speed; None: the contact follows the pull at once.
+    has_response : bool
+        False: friction follows the attraction at once, without the finger's first-order response.
 
     Raises
     ------
@@ -90,16 +90,14 @@ class VirtualFinger:
         sensor: SensorModel | None = None,
         seed: int = 0,
         h0_m: float | None = None,
-        cutoff_hz_per_mm_per_s: float | None = CUTOFF_HZ_PER_MM_PER_S,
+        has_response: bool = True,
     ) -> None:
         h0_m = model.screen.h0_m if h0_m is None else h0_m
         check_positive("h0_m", h0_m)
-        if cutoff_hz_per_mm_per_s is not None:
-            check_positive("cutoff_hz_per_mm_per_s", cutoff_hz_per_mm_per_s)
         self.model = model
         self.sensor = SensorModel() if sensor is None else sensor
         self.seed = seed
-        self.cutoff_hz_per_mm_per_s = cutoff_hz_per_mm_per_s
+        self.has_response = has_response
         self._contact = GivenContact(model, h0_m)
 
     def read(self, felt: Felt) -> SensedForce:
@@ -255,8 +253,10 @@ class VirtualFinger:
             time = path.t_s[0] + steps / (_FINER * rate_hz)
             excerpt = drive.excerpt(float(time[0]), float(time[-1]))
             seen = excerpt.squares(field, time, rate_hz)
-            if self.cutoff_hz_per_mm_per_s is not None:
-                depth = response_depth(path.distance_mm(time), self.cutoff_hz_per_mm_per_s)
+            if self.has_response:
+                depth = response_depth(
+                    path.distance_mm(time), self.model.finger.response_hz_per_mm_per_s
+                )
                 seen = first_order(seen, depth, seen[:, 0] if before is None else before)
                 before = seen[:, -1]
             squares[:, first:last] = seen[:, :-1:_FINER]

@@ -1,9 +1,9 @@
 """The finger's first-order response: memory of a slid distance.
 
-Friction follows electrovibration like a first-order system whose cut-off rises by 13.8 Hz for each
-mm/s of sliding speed (physics page, section 7). A cut-off in proportion to the speed is a fixed
-length: 1/e of an old state is left after 1/(2 pi 13.8) mm = 11.5 um of sliding, whatever the speed
-does meanwhile. In slid distance the equation has constant coefficients, and a step of it is exact.
+Friction follows electrovibration like a first-order system whose cut-off frequency is proportional
+to the sliding speed (`Finger.response_hz_per_mm_per_s`). That is a fixed length: at 13.8 Hz per
+mm/s, 1/e of an old state is left after 1/(2 pi 13.8) mm = 11.5 um of sliding, at any speed. In slid
+distance the equation has constant coefficients, and a step of it is exact.
 """
 
 from __future__ import annotations
@@ -12,9 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
-
-CUTOFF_HZ_PER_MM_PER_S = 13.8
-"""Cut-off of the response per sliding speed (physics page, section 7)."""
 
 _BLOCK = 128  # steps of the recurrence that are made for all blocks at once
 

@@ -12,6 +12,7 @@ import pytest
 import haptix
 from calibration import (
     Parameters,
+    StrokePredictor,
     calibrated_finger,
     calibrated_screen,
     fit_strokes,
@@ -138,6 +139,25 @@ def test_the_finger_predicts_what_the_fit_does(predictor, finger, screen, fit):
     place = Strokes(*(np.array([value]) for value in (0.5, 0.0, 125.0, 50.0)))
     found = predictor(place, fit.names, fit.log_values, jacobian=False)
     assert mu == pytest.approx(float(np.exp(found.log_mu[0])), rel=1e-6)
+
+
+def test_the_finger_has_the_fitted_response_and_skin(predictor, finger, screen, fit):
+    """All of the fit is in the profiles: a predictor of them says what the fit's own does."""
+    logs = fit.log_values.copy()
+    logs[fit.names.index("response_hz_per_mm_per_s")] = np.log(9.0)
+    logs[fit.names.index("skin_dielectric_scale")] = np.log(1.7)
+    changed = replace(fit, log_values=logs)
+    own = calibrated_finger(finger, changed)
+    assert own.response_hz_per_mm_per_s == pytest.approx(9.0, rel=1e-12)
+    assert own.dielectric.scale == pytest.approx(1.7, rel=1e-12)
+    panel = screen.replace(insulator_thickness_m=8 * changed.best("h0_m"))
+    again, known = StrokePredictor(haptix.ContactModel(own, panel)), Parameters.of(own, panel)
+    places = Strokes(*np.array([[0.3, 0.8], [120.0, 150.0], [30.0, 500.0], [20.0, 60.0]]))
+    expected = predictor(places, fit.names, logs, jacobian=False)
+    found = again(places, known.names, known.log_values, jacobian=False)
+    # One table for all fingers against one of this finger's own: the tables' own error.
+    np.testing.assert_allclose(found.log_mu, expected.log_mu, rtol=1e-6)
+    np.testing.assert_allclose(found.ripple, expected.ripple, rtol=1e-5)
 
 
 def test_the_report_stands_alone(tmp_path, calibrated, fit, strokes, passed, predictor):

@@ -47,6 +47,18 @@ def test_insulators_in_series(frequency_hz: float) -> None:
     assert abs(thickness(frequency_hz) - expected) < 1e-9 * abs(expected)
 
 
+def test_a_scale_multiplies_the_skins_thickness_and_nothing_else() -> None:
+    skin = thickness(125.0) - 1e-6 / 8
+    scaled = thickness(125.0, CONSTANT.model_copy(update={"scale": 1.7}))
+    assert abs(scaled - (1e-6 / 8 + 1.7 * skin)) < 1e-15 * abs(scaled)
+
+
+def test_the_table_as_it_stands_is_written_without_a_scale() -> None:
+    assert "scale" not in CONSTANT.model_dump()
+    scaled = CONSTANT.model_copy(update={"scale": 1.7})
+    assert SkinDielectric(**scaled.model_dump()) == scaled
+
+
 def test_the_papers_insulator_at_125_hz() -> None:
     h0 = thickness(125.0)
     # Page, section 3: "reproduces the paper's h0 = 0.2 um"; one digit is printed. 1/(w eps0 rho) is

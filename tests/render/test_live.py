@@ -1,5 +1,7 @@
 """Live rendering in virtual time: every block knows only the touches that had come by then."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -422,6 +424,21 @@ def test_direct_drive(direct_surface, waveform):
     assert np.ptp(volts) < 1e-3  # the speed that is estimated settles, and ripple counts by it
     assert np.sqrt(2 * np.mean(settled**2)) == pytest.approx(volts[0], rel=3e-3)
     assert np.abs(settled).max() == pytest.approx(volts[0] * wave.peak_per_sine, rel=2e-3)
+
+
+def test_the_ripple_is_followed_at_the_response_of_the_surfaces_finger(direct_surface):
+    def highest(surface, speed_mm_per_s):
+        drive = DirectDrive(125.0, RATE)
+        renderer = Renderer(surface, HALF, haptix.open_device("mock:"), wave=drive)
+        _, high = renderer.reachable(np.array([0.5]), np.array([speed_mm_per_s]))
+        return float(high[0])
+
+    own = direct_surface.response_hz_per_mm_per_s
+    info = {**direct_surface.info, "response_hz_per_mm_per_s": own / 2}
+    slow = dataclasses.replace(direct_surface, info=info)
+    # A cut-off is a product: half the response is half the speed.
+    assert highest(slow, 20.0) == pytest.approx(highest(direct_surface, 10.0), rel=1e-12)
+    assert highest(slow, 20.0) < highest(direct_surface, 20.0) - 1e-4
 
 
 def zero_mean(samples):

@@ -15,6 +15,7 @@ from safetensors.torch import save_file
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen
 from haptix.errors import FileFormatError
+from haptix.surface.identity import surface_key
 
 
 @pytest.fixture(scope="module")
@@ -227,6 +228,27 @@ def test_a_later_minor_version_is_read(data: bytes, tmp_path: Path) -> None:
     digest = hashlib.sha256(json.dumps(own, sort_keys=True).encode()).hexdigest()
     loaded = load(tmp_path, with_metadata(data, **own, sha256=digest))
     assert loaded.info["tolerance_met"] is True
+
+
+def test_the_fingers_response_is_kept_beside_the_numbers(
+    model: ContactModel, tmp_path: Path
+) -> None:
+    slow = ContactModel(model.finger.replace(response_hz_per_mm_per_s=9.0), model.screen)
+    scene = {"normal_force_n": 0.5, "h0_m": 2e-7}
+    FrictionSurface.build(slow, scene, tolerance=1e-2).save(tmp_path / "slow.surface")
+    # It is no number of the model's, so that the model of the preset is the same one.
+    loaded = FrictionSurface.load(tmp_path / "slow.surface", model)
+    assert loaded.response_hz_per_mm_per_s == 9.0
+    # In a cache they are two.
+    assert loaded.info["key"] == surface_key(slow, scene, 1e-2) != surface_key(model, scene, 1e-2)
+
+
+def test_a_surface_of_before_has_the_presets_response_and_the_same_model() -> None:
+    kept = Path(__file__).parents[1] / "data" / "kept-files" / "corrected.surface"
+    finger, screen = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
+    loaded = FrictionSurface.load(kept, ContactModel(finger, screen, theory="corrected"))
+    assert "response_hz_per_mm_per_s" not in loaded.info
+    assert loaded.response_hz_per_mm_per_s == 13.8
 
 
 def test_the_model_that_is_named(full: FrictionSurface, data: bytes, tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def compare(model, shape, frequency_hz, voltage_v=VOLTAGE, force_n=FORCE):
     # Half a second of steady drive on both sides: more than the skin remembers.
     periods = math.ceil(1.1 * frequency_hz)
     at_s = round(0.5 * frequency_hz) / frequency_hz
-    finger = VirtualFinger(model, cutoff_hz_per_mm_per_s=None)
+    finger = VirtualFinger(model, has_response=False)
     felt = finger.feel(
         np.tile(period_v, periods),
         RATE,
@@ -106,7 +106,7 @@ def test_the_usual_rate_holds_every_direct_drive(model, stroke, frequency):
     """At 10 kHz the squared field passes to 2 kHz, the ripple of the highest direct drive."""
     time = np.arange(RATE) / RATE
     drive = VOLTAGE * np.cos(2 * np.pi * frequency * time)
-    felt = VirtualFinger(model, cutoff_hz_per_mm_per_s=None).feel(drive, RATE, **stroke(1.0))
+    felt = VirtualFinger(model, has_response=False).feel(drive, RATE, **stroke(1.0))
     middle = np.abs(felt.t_s - 0.5) < 0.05
     # At the very instants of the result: the samples of one period of 100 us each or finer.
     samples = round(10_000 / frequency * 60)
@@ -127,7 +127,7 @@ def test_closed_form_light_contact_under_a_sine(stroke):
     )
     time = np.arange(RATE // 2) / RATE
     drive = 100.0 * np.cos(2 * np.pi * 200.0 * time)
-    felt = VirtualFinger(model, cutoff_hz_per_mm_per_s=None).feel(
+    felt = VirtualFinger(model, has_response=False).feel(
         drive, RATE, **stroke(0.5), output_rate_hz=4 * RATE
     )
     off = model.solve(FORCE, 0.0)

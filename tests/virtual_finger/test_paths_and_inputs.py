@@ -111,8 +111,6 @@ def test_a_drive_above_the_screens_limit_is_refused(model):
 def test_what_makes_no_finger_is_refused(model):
     with pytest.raises(InputError, match="h0_m"):
         VirtualFinger(model, h0_m=0.0)
-    with pytest.raises(InputError, match="cutoff_hz_per_mm_per_s"):
-        VirtualFinger(model, cutoff_hz_per_mm_per_s=-1.0)
     small = BoundaryElementBox(points=32, surfaces=1)
     with pytest.warns(UserWarning, match="the box holds"):
         slow = ContactModel(

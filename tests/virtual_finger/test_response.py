@@ -6,8 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from haptix.virtual_finger import CUTOFF_HZ_PER_MM_PER_S, VirtualFinger
+from haptix import ContactModel
+from haptix.virtual_finger import VirtualFinger
 from haptix.virtual_finger.response import first_order, response_depth
+
+RESPONSE_HZ_PER_MM_PER_S = 13.8
 
 
 def test_a_varying_speed_agrees_with_an_ode_solver():
@@ -24,10 +27,10 @@ def test_a_varying_speed_agrees_with_an_ode_solver():
         return 1.0 + np.sin(2 * np.pi * 90.0 * t) + 0.5 * np.cos(2 * np.pi * 400.0 * t)
 
     def slope(t, y):
-        return 2 * np.pi * CUTOFF_HZ_PER_MM_PER_S * speed(t) * (drive(t) - y)
+        return 2 * np.pi * RESPONSE_HZ_PER_MM_PER_S * speed(t) * (drive(t) - y)
 
     oracle = solve_ivp(slope, (0, seconds), [3.0], "DOP853", time, rtol=1e-10, atol=1e-12)
-    depth = response_depth(distance(time), CUTOFF_HZ_PER_MM_PER_S)
+    depth = response_depth(distance(time), RESPONSE_HZ_PER_MM_PER_S)
     found = first_order(drive(time)[None], depth, np.array([3.0]))
     # Straight lines between samples: (2 pi f / rate)^2 / 8 = 0.2 % of the 400 Hz part, its half.
     np.testing.assert_allclose(found[0], oracle.y[0], atol=1.5e-3)
@@ -96,6 +99,19 @@ def test_the_ripple_is_down_by_3_db_at_the_cut_off(model, stroke):
     # Against 4 Hz, which passes whole within (4/138)^2/2; friction's own curvature is some 1e-4.
     assert ripple(138.0) / ripple(4.0) == pytest.approx(np.sqrt(0.5), rel=5e-3)
     assert ripple(1380.0 / 5) / ripple(4.0) == pytest.approx(1 / np.sqrt(5.0), rel=5e-3)
+
+
+def test_the_cut_off_is_that_of_the_finger(model, stroke):
+    rate, speed, frequency = 48_000, 10.0, 138.0
+    slow = ContactModel(model.finger.replace(response_hz_per_mm_per_s=6.9), model.screen)
+    amplitude = 40.0 * np.sqrt(1 + 0.5 * np.sin(2 * np.pi * frequency * np.arange(rate) / rate))
+    path = stroke(0.6, speed_mm_per_s=speed, start_s=0.2)
+    usual, halved = (
+        np.ptp(VirtualFinger(one).feel_carrier(amplitude, rate, 4000.0, **path).mu[1000:])
+        for one in (model, slow)
+    )
+    # First order, at the cut-off and at twice the cut-off.
+    assert halved / usual == pytest.approx(np.sqrt(2 / 5), rel=5e-3)
 
 
 def test_a_standing_finger_keeps_what_it_had(model):
