@@ -1,9 +1,68 @@
+"""What tests of several rooms share: the terminal, the command line, the paper's finger."""
+
 import os
+from collections.abc import Iterator
+from pathlib import Path
 
 # Torch's threads wait for each other by spinning: on a busy machine the small arrays of these tests
 # would take ten times as long with two threads as with one. Subprocesses inherit the variable.
 os.environ["OMP_NUM_THREADS"] = "1"
 
+import pytest
 import torch
 
+from haptix import ContactModel, Finger, Screen
+from tests.command_line import CommandLine, run_haptix
+
 torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def plain_terminal() -> Iterator[None]:
+    """A terminal of 80 columns without colours, whatever this one is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COLUMNS", "80")
+        patch.setenv("NO_COLOR", "1")
+        patch.setenv("TERM", "dumb")
+        for name in ("FORCE_COLOR", "CLICOLOR_FORCE", "PY_COLORS"):
+            patch.delenv(name, raising=False)
+        yield
+
+
+@pytest.fixture(scope="session")
+def haptix_cli() -> CommandLine:
+    """Call ``haptix ARGUMENTS``."""
+    return run_haptix
+
+
+@pytest.fixture
+def private_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache of this test's own, instead of the user's."""
+    cache = tmp_path / "cache"
+    monkeypatch.setenv("HAPTIX_CACHE", str(cache))
+    return cache
+
+
+@pytest.fixture
+def own_folder(tmp_path: Path, private_cache: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder to work in, with a cache elsewhere."""
+    folder = tmp_path / "work"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def finger() -> Finger:
+    return Finger.preset("semi-wet")
+
+
+@pytest.fixture(scope="session")
+def screen() -> Screen:
+    return Screen.preset("3m-sct3250")
+
+
+@pytest.fixture(scope="session")
+def model(finger: Finger, screen: Screen) -> ContactModel:
+    """The paper's finger on the paper's screen."""
+    return ContactModel(finger, screen)

@@ -11,13 +11,8 @@ from calibration.reduction import Point, Reduced
 
 
 @pytest.fixture(scope="session")
-def finger():
-    return haptix.Finger.preset("semi-wet")
-
-
-@pytest.fixture(scope="session")
-def screen():
-    return haptix.Screen.preset("3m-sct3250").replace(name="panel 7")
+def screen(screen):
+    return screen.replace(name="panel 7")
 
 
 @pytest.fixture(scope="session")

@@ -1,54 +1,20 @@
-"""The command line in process, in a folder of its own."""
-
-import sys
-from types import SimpleNamespace
+"""Files that commands read."""
 
 import numpy as np
 import pytest
 from skimage.io import imsave
 
 import haptix
-from haptix.cli import main
 
 
 @pytest.fixture(autouse=True)
-def own_folder(tmp_path, monkeypatch):
-    """Work in an empty folder, with a terminal of 80 columns and a cache elsewhere."""
-    folder = tmp_path / "work"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    monkeypatch.setenv("HAPTIX_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setenv("COLUMNS", "80")
-    for name in ("FORCE_COLOR", "CLICOLOR_FORCE", "PY_COLORS"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("NO_COLOR", "1")
-    monkeypatch.setenv("TERM", "dumb")
-    return folder
-
-
-@pytest.fixture
-def haptix_cli(monkeypatch, capsys):
-    """Call ``haptix ARGUMENTS``; an exception that leaves main is a traceback for the user."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["haptix", *map(str, arguments)])
-        code = 0
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code or 0
-        printed = capsys.readouterr()
-        return SimpleNamespace(code=code, out=printed.out, err=printed.err)
-
-    return call
+def in_own_folder(own_folder):
+    """Every command works in an empty folder."""
 
 
 @pytest.fixture(scope="session")
-def surface_file(tmp_path_factory):
+def surface_file(model, tmp_path_factory):
     """A surface without frequency, 0.2 to 1 N."""
-    model = haptix.ContactModel(
-        haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")
-    )
     surface = haptix.FrictionSurface.build(model, {"normal_force_n": (0.2, 1.0)}, tolerance=0.01)
     path = tmp_path_factory.mktemp("surface") / "my.surface"
     surface.save(path)

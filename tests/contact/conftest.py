@@ -9,12 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from scipy import special
 from scipy.integrate import quad, simpson
-
-# The arrays are small: on a busy machine threads that wait for each other cost ten times as much.
-torch.set_num_threads(1)
 
 Function = Callable[[np.ndarray], np.ndarray]
 

@@ -19,9 +19,8 @@ PATH = """t_s,x_mm,y_mm,normal_force_n
 
 
 @pytest.fixture(autouse=True)
-def private_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("HAPTIX_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache"
+def in_private_cache(private_cache):
+    """Every run has a cache of its own."""
 
 
 def write_inputs(folder):

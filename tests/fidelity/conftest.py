@@ -1,47 +1,13 @@
-"""The command line in this process, and a finger that a small box holds."""
+"""A finger that a small box holds."""
 
-import contextlib
-import io
-import sys
-from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
 from haptix import Finger, Screen
-from haptix.cli import main
 from haptix.contact import RoughnessSpectrum
 from haptix.fidelity import BoundaryElementBox
 from haptix.finger import MeasuredRoughness
-
-Call = Callable[..., SimpleNamespace]
-
-
-def call(*arguments: Any) -> SimpleNamespace:
-    """Run ``haptix ARGUMENTS`` in this process; an interrupt is code 130."""
-    out, err = io.StringIO(), io.StringIO()
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        contextlib.redirect_stdout(out),
-        contextlib.redirect_stderr(err),
-    ):
-        patch.setattr(sys, "argv", ["haptix", *map(str, arguments)])
-        patch.setenv("COLUMNS", "160")
-        patch.setenv("TERM", "dumb")
-        code: Any = 0
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code or 0
-    return SimpleNamespace(code=code, out=out.getvalue(), err=err.getvalue())
-
-
-@pytest.fixture
-def haptix_cli() -> Call:
-    """Call the command line."""
-    return call
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -10,6 +9,7 @@ import pytest
 from haptix import FrictionSurface
 from haptix.contact.boundary_elements import memory
 from haptix.fidelity import BoundaryElementBalance
+from tests.command_line import CommandLine, CommandResult
 
 EXACT = ["--fidelity", "boundary-element"]
 LOADS = ["--normal-force-n", "0.5,1", "--voltage-v", "150", "--frequency-hz", "125"]
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.filterwarnings(
 
 
 def test_an_interrupted_build_says_its_price_and_resumes(
-    haptix_cli: Any, gel: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    haptix_cli: CommandLine, gel: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     target, kept = tmp_path / "a.surface", tmp_path / "a.surface.partial.npz"
     command = ["build", target, *EXACT, *gel, *LOADS, "--tolerance", "0.1"]
@@ -65,7 +65,7 @@ def test_an_interrupted_build_says_its_price_and_resumes(
 
 
 def test_a_damaged_checkpoint_is_one_sentence(
-    haptix_cli: Any, gel: list[str], tmp_path: Path
+    haptix_cli: CommandLine, gel: list[str], tmp_path: Path
 ) -> None:
     (tmp_path / "a.surface.partial.npz").write_text("something else")
     done = haptix_cli("build", tmp_path / "a.surface", *EXACT, *gel, *LOADS, "--tolerance", "0.1")
@@ -76,7 +76,7 @@ def test_a_damaged_checkpoint_is_one_sentence(
 
 
 def test_too_little_memory_is_said_before_the_work(
-    haptix_cli: Any, gel: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    haptix_cli: CommandLine, gel: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(memory, "free_bytes", lambda device: 10**6)
     done = haptix_cli("build", tmp_path / "a.surface", *EXACT, *gel, *LOADS)
@@ -87,12 +87,11 @@ def test_too_little_memory_is_said_before_the_work(
     assert list(tmp_path.glob("a.surface*")) == []
 
 
-def query(haptix_cli: Any, *arguments: str) -> SimpleNamespace:
-    done: SimpleNamespace = haptix_cli("query", *EXACT, *arguments)
-    return done
+def query(haptix_cli: CommandLine, *arguments: str) -> CommandResult:
+    return haptix_cli("query", *EXACT, *arguments)
 
 
-def test_voltage_beyond_snap_in_is_a_status(haptix_cli: Any, gel: list[str]) -> None:
+def test_voltage_beyond_snap_in_is_a_status(haptix_cli: CommandLine, gel: list[str]) -> None:
     done = query(
         haptix_cli,
         *gel,
@@ -119,7 +118,7 @@ def test_voltage_beyond_snap_in_is_a_status(haptix_cli: Any, gel: list[str]) -> 
     ],
 )
 def test_what_cannot_be_is_one_sentence(
-    haptix_cli: Any, gel: list[str], arguments: str, says: str
+    haptix_cli: CommandLine, gel: list[str], arguments: str, says: str
 ) -> None:
     done = query(haptix_cli, *gel, *arguments.split())
     assert done.code == 2

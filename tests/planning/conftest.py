@@ -1,14 +1,11 @@
-"""Scenes whose plans are known beforehand, and the command line."""
+"""Scenes whose plans are known beforehand."""
 
-import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
 import haptix
 from haptix import Finger, Scene, Screen
-from haptix.cli import main
 from haptix.planning import plan_scene
 
 EXAMPLES = Path(haptix.__file__).parents[1] / "examples" / "scenes"
@@ -39,22 +36,3 @@ def plain():
 def plain_plan(plain):
     """Its plan."""
     return plan_scene(plain, points=150)
-
-
-@pytest.fixture
-def haptix_cli(monkeypatch, capsys):
-    """Call ``haptix ARGUMENTS`` on a terminal of 80 columns."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setenv("TERM", "dumb")
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["haptix", *map(str, arguments)])
-        code = 0
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code or 0
-        printed = capsys.readouterr()
-        return SimpleNamespace(code=code, out=printed.out, err=printed.err)
-
-    return call

@@ -1,15 +1,10 @@
-"""One model and one surface for all tests of the renderer."""
+"""One surface for all tests of the renderer."""
 
 import pytest
 
 import haptix
 
 CARRIER_HZ = 4000.0
-
-
-@pytest.fixture(scope="session")
-def model():
-    return haptix.ContactModel(haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250"))
 
 
 @pytest.fixture(scope="session")

@@ -3,23 +3,8 @@
 import numpy as np
 import pytest
 
-from haptix import ContactModel, Finger, FrictionSurface, Screen
+from haptix import ContactModel, FrictionSurface
 from haptix.stimuli import Response, apparatus
-
-
-@pytest.fixture(scope="session")
-def finger():
-    return Finger.preset("semi-wet")
-
-
-@pytest.fixture(scope="session")
-def screen():
-    return Screen.preset("3m-sct3250")
-
-
-@pytest.fixture(scope="session")
-def model(finger, screen):
-    return ContactModel(finger, screen)
 
 
 @pytest.fixture(scope="session")

@@ -2,13 +2,10 @@
 
 import json
 import re
-import sys
+from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
-
-from haptix.cli import main
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "stimuli"
 
@@ -43,29 +40,16 @@ stop_after = 4
 
 
 @pytest.fixture
-def haptix_stimuli(monkeypatch, capsys, tmp_path):
+def haptix_stimuli(haptix_cli, monkeypatch, tmp_path):
     """Call ``haptix stimuli ARGUMENTS`` in an empty folder."""
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)
-    monkeypatch.setenv("COLUMNS", "100")
-    monkeypatch.setenv("TERM", "dumb")
-    monkeypatch.setenv("NO_COLOR", "1")
     (folder / "set.toml").write_text(SET)
     (folder / "experiment.toml").write_text(EXPERIMENT)
     (folder / "thick.toml").write_text('name = "thick"\ninsulator_thickness_m = "1.5 um"')
 
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["haptix", "stimuli", *map(str, arguments)])
-        code = 0
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code or 0
-        printed = capsys.readouterr()
-        return SimpleNamespace(code=code, out=printed.out, err=printed.err)
-
-    return call
+    return partial(haptix_cli, "stimuli")
 
 
 def test_a_recipe_is_made_and_shown(haptix_stimuli):

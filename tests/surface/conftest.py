@@ -1,17 +1,8 @@
 """Small surfaces, each built once."""
 
 import pytest
-import torch
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen
-
-# The arrays are small: on a busy machine threads that wait for each other cost ten times as much.
-torch.set_num_threads(1)
-
-
-@pytest.fixture(scope="session")
-def model() -> ContactModel:
-    return ContactModel(Finger.preset("semi-wet"), Screen.preset("3m-sct3250"))
 
 
 @pytest.fixture(scope="session")

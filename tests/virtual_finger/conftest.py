@@ -1,17 +1,7 @@
-"""The paper's finger on the paper's screen, and a straight stroke over it."""
+"""A straight stroke over the screen."""
 
 import numpy as np
 import pytest
-import torch
-
-from haptix import ContactModel, Finger, Screen
-
-torch.set_num_threads(1)
-
-
-@pytest.fixture(scope="session")
-def model() -> ContactModel:
-    return ContactModel(Finger.preset("semi-wet"), Screen.preset("3m-sct3250"))
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,1 @@
+"""Tests of haptix; a package so that they share `tests.command_line`."""

@@ -1,0 +1,43 @@
+"""The command line called in this process."""
+
+import contextlib
+import io
+import sys
+from dataclasses import dataclass
+from typing import Protocol
+
+import pytest
+
+from haptix.cli import main
+
+
+@dataclass(frozen=True)
+class CommandResult:
+    """What a command printed, and its exit code."""
+
+    code: int
+    out: str
+    err: str
+
+
+class CommandLine(Protocol):
+    """``haptix ARGUMENTS``, called with the arguments."""
+
+    def __call__(self, *arguments: object) -> CommandResult: ...
+
+
+def run_haptix(*arguments: object) -> CommandResult:
+    """Run ``haptix ARGUMENTS``; an exception that leaves main is a traceback for the user."""
+    out, err = io.StringIO(), io.StringIO()
+    code = 0
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        patch.setattr(sys, "argv", ["haptix", *map(str, arguments)])
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    return CommandResult(code, out.getvalue(), err.getvalue())
