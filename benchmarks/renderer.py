@@ -22,12 +22,13 @@ from skimage.data import brick
 
 import haptix
 from firmware_io import Device, MockDriver, MockLink, open_device
+from haptix.motion import Trajectory
 from haptix.rehearsal import rehearse
 from haptix.render import Carrier, DirectDrive, SliceInverse, Sliding, Wishes
 from haptix.render.block import BlockRenderer
 from haptix.render.live import LiveFingers
 from haptix.texture import FrictionField
-from haptix.touch import TouchEvent, TouchSettings, Trajectory
+from haptix.touch import TouchEvent, TouchSettings
 
 RATE, STEP, BLOCK = 48_000.0, 4, 48
 POINTS = BLOCK // STEP

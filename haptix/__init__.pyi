@@ -7,8 +7,8 @@ from .errors import InputError as InputError
 from .errors import LimitError as LimitError
 from .finger import Finger as Finger
 from .friction import ContactModel as ContactModel
+from .motion import Trajectory as Trajectory
 from .render import Renderer as Renderer
-from .render import Trajectory as Trajectory
 from .scene import Scene as Scene
 from .screen import Screen as Screen
 from .states import ContactState as ContactState

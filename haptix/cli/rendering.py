@@ -12,10 +12,10 @@ from haptix.cli.output import AsJson, progress_bar, show, stand_ins
 
 if TYPE_CHECKING:
     from haptix.friction import ContactModel
+    from haptix.motion import Trajectory
     from haptix.render import Carrier
     from haptix.surface import FrictionSurface
     from haptix.texture import FrictionField
-    from haptix.touch import Trajectory
 
 Image = Annotated[
     Path | None,
@@ -181,8 +181,8 @@ class _Job:
         from haptix.demo.job import FINGER_PATH
         from haptix.finger import Finger
         from haptix.friction import ContactModel
+        from haptix.motion import Trajectory
         from haptix.screen import Screen
-        from haptix.touch import Trajectory
 
         self.path: Trajectory = Trajectory.from_csv(trajectory or FINGER_PATH)
         wanted = None if mu_range is None else read_pair("mu-range", mu_range)

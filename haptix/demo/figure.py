@@ -10,7 +10,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from haptix.render import Trajectory
+from haptix.motion import Trajectory
 from haptix.texture import Texture
 
 if TYPE_CHECKING:

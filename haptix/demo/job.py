@@ -21,7 +21,8 @@ from haptix.demo.judge import Outcome, friction_figures, judge
 from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.friction import ContactModel
-from haptix.render import Carrier, Renderer, RenderStats, Trajectory
+from haptix.motion import Trajectory
+from haptix.render import Carrier, Renderer, RenderStats
 from haptix.screen import Screen
 from haptix.surface import FrictionSurface, cached_surface
 from haptix.texture import Texture

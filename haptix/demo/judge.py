@@ -12,8 +12,9 @@ import torch
 
 from firmware_io.mock import MockDriver
 from haptix.friction import ContactModel
+from haptix.motion import Trajectory
 from haptix.perception import WEBER_FRACTION
-from haptix.render import Renderer, Trajectory
+from haptix.render import Renderer
 from haptix.status import Status
 from haptix.surface import FrictionSurface
 

@@ -13,12 +13,13 @@ import torch
 from firmware_io import Device, open_device
 from haptix.errors import InputError
 from haptix.friction import ContactModel
+from haptix.motion import Trajectory
 from haptix.rehearsal.exact import exact_amplitude
 from haptix.render import DirectDrive, Renderer, RenderStats
 from haptix.status import Status
 from haptix.surface import FrictionSurface
 from haptix.texture import FrictionField, as_mu
-from haptix.touch import TouchEvent, TouchSettings, Trajectory
+from haptix.touch import TouchEvent, TouchSettings
 from haptix.virtual_finger import FELT_WITHIN_S, Felt, TouchPanel, Verdict, VirtualFinger, judge
 
 Array = npt.NDArray[np.float64]

@@ -6,7 +6,6 @@ from haptix.render.inverse import Amplitudes, SliceInverse, Wishes
 from haptix.render.modulation import Carrier, DirectDrive, Envelope
 from haptix.render.renderer import Renderer
 from haptix.render.stats import RenderStats
-from haptix.touch import Trajectory
 
 __all__ = [
     "Amplitudes",
@@ -19,6 +18,5 @@ __all__ = [
     "Renderer",
     "SliceInverse",
     "Sliding",
-    "Trajectory",
     "Wishes",
 ]

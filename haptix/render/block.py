@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.errors import InputError
+from haptix.finger_response import FingerResponse
 from haptix.render.fingers import FingerPoints
 from haptix.render.inverse import Amplitudes, SliceInverse, Wishes
 from haptix.render.modulation import Carrier
@@ -112,7 +113,7 @@ class BlockRenderer:
         self._inverse = SliceInverse(surface, None, wave.peak_per_sine)
         pulls = wave.pulls
         self._averaged = None if pulls is None else SliceInverse(surface, pulls, wave.peak_per_sine)
-        self._response_hz_per_mm_per_s = surface.response_hz_per_mm_per_s
+        self._response = FingerResponse(surface.response_hz_per_mm_per_s)
         self._compress = compress
         self.field = field
         self._wave = wave
@@ -201,8 +202,8 @@ class BlockRenderer:
 
     def _followed(self, speed_mm_per_s: Array | np.float64) -> Array | np.float64:
         """How much of the pull's ripple, squared, the contact of a sliding finger follows."""
-        cutoff_hz = self._response_hz_per_mm_per_s * np.maximum(speed_mm_per_s, 1e-3)
-        return 1 / (1 + (2 * self._wave.frequency_hz / cutoff_hz) ** 2)
+        gain = self._response.gain(2 * self._wave.frequency_hz, speed_mm_per_s)
+        return np.square(gain.real) + np.square(gain.imag)
 
     def _inverted(
         self,

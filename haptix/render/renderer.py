@@ -11,6 +11,7 @@ import numpy as np
 
 from firmware_io import Device
 from haptix.errors import InputError, LimitError, check_positive
+from haptix.motion import Trajectory
 from haptix.render.block import CONTROL_HZ, SLEW_V_PER_S, BlockRenderer, Combination, RenderedBlock
 from haptix.render.fingers import Array, FingerPoints, Sliding
 from haptix.render.live import LiveFingers
@@ -20,7 +21,7 @@ from haptix.render.replay import Replay
 from haptix.render.stats import RenderStats
 from haptix.surface import FrictionSurface
 from haptix.texture import FrictionField
-from haptix.touch import TouchCounts, TouchEvent, TouchSettings, Trajectory
+from haptix.touch import TouchCounts, TouchEvent, TouchSettings
 from haptix.touch.events import problem_of
 
 DEFAULT_CARRIER_HZ = 4000.0

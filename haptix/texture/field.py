@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.errors import InputError
+from haptix.motion import FARTHEST_MM
 
 Array = npt.NDArray[np.float64]
 Floats = Any
@@ -17,9 +18,6 @@ Floats = Any
 
 Target = Literal["mu", "contrast", "share"]
 """How the numbers of a field are to be understood, see `as_mu`."""
-
-FARTHEST_MM = 1e6
-"""Places farther from the origin than this are no places on a screen."""
 
 
 def check_target(target: str) -> None:

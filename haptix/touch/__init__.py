@@ -4,14 +4,13 @@ from haptix.touch.events import TouchCounts, TouchEvent
 from haptix.touch.force import AreaProxy, ForceEstimate, ForceModel
 from haptix.touch.kalman import ConstantVelocityKalman
 from haptix.touch.one_euro import OneEuroFilter
-from haptix.touch.replay import paced, read_events
+from haptix.touch.replay import events_of, paced, read_events
 from haptix.touch.settings import PlaceFilter, TouchSettings
 from haptix.touch.singer import SingerKalman
 from haptix.touch.slots import AxisRange, ScreenAxes, SlotDecoder
 from haptix.touch.touches import Touches
 from haptix.touch.touchscreen import Touchscreen, find_touchscreens
 from haptix.touch.tracker import PathSegment, TouchState, TouchTracker
-from haptix.touch.trajectory import Trajectory
 
 __all__ = [
     "AreaProxy",
@@ -32,7 +31,7 @@ __all__ = [
     "TouchTracker",
     "Touches",
     "Touchscreen",
-    "Trajectory",
+    "events_of",
     "find_touchscreens",
     "paced",
     "read_events",

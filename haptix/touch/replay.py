@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from haptix.errors import InputError, check_positive
+from haptix.motion import Trajectory
+from haptix.tables import number_in, read_table
 from haptix.touch.events import KINDS, TouchEvent
-from haptix.touch.table import number_in, read_table
 
 _REQUIRED = ("t_s", "x_mm", "y_mm")
 _OPTIONAL = ("touch_id", "kind", "normal_force_n", "contact_area_m2")
@@ -62,6 +63,14 @@ def read_events(path: str | Path) -> list[TouchEvent]:
         for last in sorted(seen.values(), reverse=True):
             events.insert(last + 1, events[last]._replace(kind="up"))
     return events
+
+
+def events_of(path: Trajectory, touch_id: int = 0) -> list[TouchEvent]:
+    """Return a path as the events of one touch: down, moves, and up at the last place."""
+    columns = (path.t_s, path.x_mm, path.y_mm, path.normal_force_n)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    moves = [TouchEvent(t, touch_id, x, y, "move", force) for t, x, y, force in rows]
+    return [moves[0]._replace(kind="down"), *moves[1:], moves[-1]._replace(kind="up")]
 
 
 def paced(

@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.errors import InputError, LimitError, check_positive
-from haptix.friction import ContactModel
+from haptix.finger_response import FingerResponse
+from haptix.friction import HIGHEST_FORCE_N, ContactModel
+from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory, numbers
 from haptix.status import Status
 from haptix.virtual_finger.contact import GivenContact
 from haptix.virtual_finger.gap_field import GapField
-from haptix.virtual_finger.path import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, FingerPath, numbers
 from haptix.virtual_finger.played import Amplitude, Drive, Samples
-from haptix.virtual_finger.response import first_order, response_depth
 from haptix.virtual_finger.sensor import SensedForce, SensorModel
 
 Array = npt.NDArray[np.float64]
@@ -97,7 +97,8 @@ class VirtualFinger:
         self.model = model
         self.sensor = SensorModel() if sensor is None else sensor
         self.seed = seed
-        self.has_response = has_response
+        rate = model.finger.response_hz_per_mm_per_s
+        self._response = FingerResponse(rate) if has_response else None
         self._contact = GivenContact(model, h0_m)
 
     def read(self, felt: Felt) -> SensedForce:
@@ -150,7 +151,7 @@ class VirtualFinger:
             )
         volts, start = self._volts("drive_v", drive_v), _number("start_s", start_s)
         drive = Samples(volts, float(sample_rate_hz), start, self._contact.thickness_m)
-        path = FingerPath.checked(t_s, x_mm, y_mm, normal_force_n)
+        path = Trajectory.of(t_s, x_mm, y_mm, normal_force_n)
         return self._feel(drive, path, output_rate_hz)
 
     def feel_carrier(
@@ -183,13 +184,18 @@ class VirtualFinger:
             raise InputError(f"amplitude_v: expected 0 V or more, got {volts.min():g} V")
         (thickness,) = self._contact.thickness_m(np.array([float(frequency_hz)]))
         drive = Amplitude(volts, float(sample_rate_hz), start, complex(thickness))
-        path = FingerPath.checked(t_s, x_mm, y_mm, normal_force_n)
+        path = Trajectory.of(t_s, x_mm, y_mm, normal_force_n)
         return self._feel(drive, path, output_rate_hz)
 
-    def _feel(self, drive: Drive, path: FingerPath, output_rate_hz: float) -> Felt:
+    def _feel(self, drive: Drive, path: Trajectory, output_rate_hz: float) -> Felt:
         if not output_rate_hz >= _LOWEST_RATE_HZ:
             raise InputError(
                 f"output_rate_hz: expected {_LOWEST_RATE_HZ:g} Hz or more, got {output_rate_hz:g}"
+            )
+        highest = float(path.normal_force_n.max())
+        if highest > HIGHEST_FORCE_N:
+            raise InputError(
+                f"normal_force_n: expected at most {HIGHEST_FORCE_N:g} N, got {highest:g} N"
             )
         steps = path.duration_s * output_rate_hz
         if not 1 - _END <= steps < _MOST_SAMPLES:
@@ -239,7 +245,7 @@ class VirtualFinger:
         return volts
 
     def _squares(
-        self, drive: Drive, field: GapField, path: FingerPath, count: int, rate_hz: float
+        self, drive: Drive, field: GapField, path: Trajectory, count: int, rate_hz: float
     ) -> tuple[Array, npt.NDArray[np.bool_]]:
         """Squared field after the response, (points, count), and where it broke down."""
         squares = np.empty((field.points, count))
@@ -253,11 +259,8 @@ class VirtualFinger:
             time = path.t_s[0] + steps / (_FINER * rate_hz)
             excerpt = drive.excerpt(float(time[0]), float(time[-1]))
             seen = excerpt.squares(field, time, rate_hz)
-            if self.has_response:
-                depth = response_depth(
-                    path.distance_mm(time), self.model.finger.response_hz_per_mm_per_s
-                )
-                seen = first_order(seen, depth, seen[:, 0] if before is None else before)
+            if self._response is not None:
+                seen = self._response.follow(seen, path.distance_mm(time), before)
                 before = seen[:, -1]
             squares[:, first:last] = seen[:, :-1:_FINER]
             broken[first:last] = self._contact.breaks_down(excerpt, time[::_FINER])

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.errors import InputError, check_positive
-from haptix.virtual_finger.path import LIFTED_BELOW_N, FingerPath
+from haptix.motion import LIFTED_BELOW_N, Trajectory
 
 Array = npt.NDArray[np.float64]
 
@@ -72,7 +72,7 @@ class TouchPanel:
         InputError
             If the path is none, see `VirtualFinger.feel`.
         """
-        path = FingerPath.checked(t_s, x_mm, y_mm, normal_force_n)
+        path = Trajectory.of(t_s, x_mm, y_mm, normal_force_n)
         time = (
             path.t_s[0] + np.arange(int(path.duration_s * self.rate_hz + 1e-6) + 1) / self.rate_hz
         )

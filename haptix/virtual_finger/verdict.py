@@ -9,10 +9,10 @@ import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
 from haptix.errors import InputError
+from haptix.motion import numbers
 from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
 from haptix.virtual_finger.finger import Felt
-from haptix.virtual_finger.path import numbers
 
 Array = npt.NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import pytest
 
 from haptix import InputError, Trajectory
 from haptix.demo.job import FINGER_PATH
-from haptix.touch import Touches, TouchEvent, paced, read_events
+from haptix.touch import Touches, TouchEvent, events_of, paced, read_events
 
 
 def write(tmp_path, text):
@@ -48,7 +48,7 @@ def test_faults_of_a_recording_are_kept_for_the_tracker(tmp_path):
 
 def test_a_trajectory_is_one_touch():
     trajectory = Trajectory.from_csv(FINGER_PATH)
-    events = trajectory.events(5)
+    events = events_of(trajectory, 5)
     assert [event.kind for event in events] == ["down", *["move"] * (len(events) - 2), "up"]
     assert {event.touch_id for event in events} == {5}
     assert [event.t_s for event in events[:-1]] == trajectory.t_s.tolist()

@@ -7,8 +7,10 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from haptix import ContactModel
+from haptix.finger_response import FingerResponse
 from haptix.virtual_finger import VirtualFinger
-from haptix.virtual_finger.response import first_order, response_depth
+
+A_LENGTH = FingerResponse(1 / (2 * np.pi))  # 1/e is left after 1 mm
 
 RESPONSE_HZ_PER_MM_PER_S = 13.8
 
@@ -30,8 +32,9 @@ def test_a_varying_speed_agrees_with_an_ode_solver():
         return 2 * np.pi * RESPONSE_HZ_PER_MM_PER_S * speed(t) * (drive(t) - y)
 
     oracle = solve_ivp(slope, (0, seconds), [3.0], "DOP853", time, rtol=1e-10, atol=1e-12)
-    depth = response_depth(distance(time), RESPONSE_HZ_PER_MM_PER_S)
-    found = first_order(drive(time)[None], depth, np.array([3.0]))
+    found = FingerResponse(RESPONSE_HZ_PER_MM_PER_S).follow(
+        drive(time)[None], distance(time), np.array([3.0])
+    )
     # Straight lines between samples: (2 pi f / rate)^2 / 8 = 0.2 % of the 400 Hz part, its half.
     np.testing.assert_allclose(found[0], oracle.y[0], atol=1.5e-3)
 
@@ -40,7 +43,7 @@ def test_a_line_in_distance_is_exact_whatever_the_steps():
     """``drive = a + b x`` is answered by ``a + b (x - 1) + c exp(-x)``: no error of a step."""
     steps = np.random.default_rng(7).exponential(0.3, 1000) * (np.arange(1000) % 3 > 0)
     depth = np.concatenate([[0.0], np.cumsum(steps)])
-    found = first_order((2.0 + 0.7 * depth)[None], depth, np.array([5.0]))
+    found = A_LENGTH.follow((2.0 + 0.7 * depth)[None], depth, np.array([5.0]))
     exact = 2.0 + 0.7 * (depth - 1) + (5.0 - 1.3) * np.exp(-depth)
     np.testing.assert_allclose(found[0], exact, rtol=1e-12)
 
@@ -54,7 +57,7 @@ def test_the_response_equals_its_plain_loop_and_stays_within_the_drive(steps, se
     depth = np.concatenate([[0.0], np.cumsum(steps)])
     drive = np.random.default_rng(seed).uniform(0, 1, (2, len(depth)))
     before = np.array([0.0, 1.0])
-    found = first_order(drive, depth, before)
+    found = A_LENGTH.follow(drive, depth, before)
     plain = before.copy()
     for k, step in enumerate(np.diff(depth), 1):
         decay = np.exp(-step)

@@ -1,0 +1,96 @@
+"""The finger's response: how its friction follows electrovibration.
+
+Friction follows the attraction like a first-order system whose cut-off rises in proportion to the
+sliding speed (physics page, section 7). Such a cut-off is a fixed length: 1/e of an old state is
+left after 1/(2 pi r) mm of sliding for r Hz per mm/s, 11.5 um for 13.8, however the speed changes
+meanwhile. Against slid distance the equation has constant coefficients, and a step of it is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.errors import check_positive
+
+Array = npt.NDArray[np.float64]
+
+_STANDING_MM_PER_S = 1e-3  # gains of slower fingers are those at this speed
+_BLOCK = 128  # steps of the recurrence that are made for all blocks at once
+
+
+@dataclass(frozen=True)
+class FingerResponse:
+    """A first-order low-pass filter over slid distance.
+
+    Parameters
+    ----------
+    response_hz_per_mm_per_s : float
+        Cut-off frequency per sliding speed, see `Finger`.
+    """
+
+    response_hz_per_mm_per_s: float
+
+    def __post_init__(self) -> None:
+        check_positive("response_hz_per_mm_per_s", self.response_hz_per_mm_per_s)
+
+    def gain(
+        self, frequency_hz: float | Array, speed_mm_per_s: float | Array
+    ) -> npt.NDArray[np.complex128]:
+        """Complex gain ``1/(1 + i f/f_c)`` at a frequency of the attraction; both broadcast."""
+        cutoff_hz = self.response_hz_per_mm_per_s * np.maximum(speed_mm_per_s, _STANDING_MM_PER_S)
+        return np.asarray(1 / (1 + 1j * np.asarray(frequency_hz) / cutoff_hz))
+
+    def follow(self, drive: Array, distance_mm: Array, before: Array | None = None) -> Array:
+        """Filter a drive that is linear in slid distance between samples, without an error.
+
+        Solves ``dy/ds = 2 pi r (drive - y)``.
+
+        Parameters
+        ----------
+        drive : ndarray, shape (rows, samples)
+            What is followed.
+        distance_mm : ndarray, shape (samples,)
+            Slid distance, not decreasing.
+        before : ndarray, shape (rows,), optional
+            y at the first sample; that of the drive without.
+
+        Returns
+        -------
+        ndarray, shape (rows, samples)
+        """
+        if before is None:
+            before = drive[:, 0]
+        step = 2 * np.pi * self.response_hz_per_mm_per_s * np.diff(distance_mm)
+        decay = np.exp(-step)
+        # (1 - exp(-d))/d, by expm1 without cancellation; 1 - d/2 where the finger hardly moves.
+        moving = np.where(step > 1e-9, step, 1.0)
+        share = np.where(step > 1e-9, -np.expm1(-step) / moving, 1 - step / 2)
+        gain = (share - decay) * drive[:, :-1] + (1 - share) * drive[:, 1:]
+        return np.concatenate([before[:, None], _recurrence(decay, gain, before)], axis=1)
+
+
+def _recurrence(decay: Array, gain: Array, before: Array) -> Array:
+    """``y_k = decay_k y_(k-1) + gain_k`` from y_(-1) = `before`, shape of `gain`.
+
+    All blocks are run at once as if each began at 0. What a block then lacks is its predecessor's
+    end times the decay so far; the ends obey a recurrence of their own, a block's length shorter.
+    """
+    rows, count = gain.shape
+    blocks = -(-count // _BLOCK)
+    spare = blocks * _BLOCK - count
+    # Steps first, so that each of them works on contiguous memory.
+    factor = np.pad(decay, (0, spare), constant_values=1.0).reshape(blocks, _BLOCK).T.copy()
+    y = np.pad(gain, ((0, 0), (0, spare))).reshape(rows, blocks, _BLOCK).transpose(2, 0, 1).copy()
+    for k in range(1, _BLOCK):
+        y[k] += factor[k] * y[k - 1]
+        factor[k] *= factor[k - 1]
+    if blocks == 1:
+        carried = before[:, None]
+    else:
+        ends = _recurrence(factor[-1, :-1], y[-1, :, :-1], before)
+        carried = np.concatenate([before[:, None], ends], axis=1)
+    y += factor[:, None, :] * carried
+    return y.transpose(1, 2, 0).reshape(rows, -1)[:, :count]

@@ -1,0 +1,172 @@
+"""The finger's path: place and normal force against time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.errors import InputError
+from haptix.tables import number_in, read_table
+
+Array = npt.NDArray[np.float64]
+
+FARTHEST_MM = 1e6
+"""Places farther from the origin than this are not on a screen."""
+
+LIFTED_BELOW_N = 1e-3
+"""Below this normal force the finger does not touch."""
+
+STANDING_BELOW_MM_PER_S = 0.1
+"""A slower finger stands: its friction would take more than 0.1 s to follow the voltage."""
+
+_COLUMNS = ("t_s", "x_mm", "y_mm", "normal_force_n")
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Where the finger is and how hard it presses; linear between samples.
+
+    Parameters
+    ----------
+    t_s : ndarray, shape (samples,)
+        Times [s], increasing; two or more.
+    x_mm, y_mm : ndarray, shape (samples,)
+        Place on the screen [mm].
+    normal_force_n : ndarray, shape (samples,)
+        Normal force [N]; 0 where the finger is lifted.
+
+    Raises
+    ------
+    InputError
+        If lengths differ, a value is not finite, times do not increase, a force is negative or a
+        place lies beyond `FARTHEST_MM`.
+    """
+
+    t_s: Array
+    x_mm: Array
+    y_mm: Array
+    normal_force_n: Array
+
+    def __post_init__(self) -> None:
+        for name in _COLUMNS:
+            object.__setattr__(self, name, numbers(name, getattr(self, name)))
+        count = len(self.t_s)
+        if count < 2:
+            raise InputError(f"t_s: expected 2 or more times, got {count}")
+        for name in _COLUMNS[1:]:
+            if len(getattr(self, name)) != count:
+                raise InputError(
+                    f"{name}: expected one value for each of the {count} times, got "
+                    f"{len(getattr(self, name))}"
+                )
+        late = np.diff(self.t_s) <= 0
+        if late.any():
+            i = int(late.argmax())
+            raise InputError(
+                f"t_s: expected times that increase, but sample {i + 2} at {self.t_s[i + 1]:g} s "
+                f"follows {self.t_s[i]:g} s; sort the path by time"
+            )
+        for name in ("x_mm", "y_mm"):
+            farthest = float(np.abs(getattr(self, name)).max())
+            if farthest > FARTHEST_MM:
+                raise InputError(
+                    f"{name}: expected places on a screen, within {FARTHEST_MM:g} mm, got "
+                    f"{farthest:g} mm"
+                )
+        if self.normal_force_n.min() < 0:
+            raise _bad_force("0 N (lifted) or more", self.normal_force_n, self.normal_force_n < 0)
+
+    @classmethod
+    def of(
+        cls,
+        t_s: npt.ArrayLike,
+        x_mm: npt.ArrayLike,
+        y_mm: npt.ArrayLike,
+        normal_force_n: npt.ArrayLike,
+    ) -> Self:
+        """Make a path of sequences; x, y and force may be one number for all times."""
+        time = numbers("t_s", t_s)
+        columns = {"x_mm": x_mm, "y_mm": y_mm, "normal_force_n": normal_force_n}
+        rows = {name: numbers(name, column) for name, column in columns.items()}
+        return cls(
+            time,
+            **{
+                name: np.broadcast_to(row, time.shape) if len(row) == 1 else row
+                for name, row in rows.items()
+            },
+        )
+
+    @classmethod
+    def from_csv(cls, path: str | Path) -> Self:
+        """Read a CSV with the columns t_s, x_mm, y_mm and normal_force_n, in any order.
+
+        Raises
+        ------
+        InputError
+            If the file is not such a table, or a normal force is not above 0 N.
+        """
+        path = Path(path)
+        table = [
+            [number_in(path, line, name, row[name]) for name in _COLUMNS]
+            for line, row in read_table(path, "the trajectory", _COLUMNS)
+        ]
+        try:
+            read = cls(*np.array(table, dtype=float).reshape(-1, len(_COLUMNS)).T)
+            force = read.normal_force_n
+            if force.min() <= 0:
+                raise _bad_force("a force above 0 N", force, force <= 0)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        return read
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return float(self.t_s[-1] - self.t_s[0])
+
+    def at(self, t_s: npt.ArrayLike) -> tuple[Array, Array, Array]:
+        """Place x, y [mm] and normal force [N] at times of any shape."""
+        time = np.asarray(t_s, dtype=float)
+        columns = (self.x_mm, self.y_mm, self.normal_force_n)
+        x, y, force = (np.interp(time, self.t_s, column) for column in columns)
+        return x, y, force
+
+    def distance_mm(self, t_s: npt.ArrayLike) -> Array:
+        """Distance slid since the first sample [mm], at times of any shape."""
+        slid = np.concatenate([[0.0], np.cumsum(self._steps_mm)])
+        return np.asarray(np.interp(np.asarray(t_s, dtype=float), self.t_s, slid))
+
+    def speed_mm_per_s(self, t_s: npt.ArrayLike) -> Array:
+        """Sliding speed [mm/s] at times of any shape: constant between two samples."""
+        speed = self._steps_mm / np.diff(self.t_s)
+        segment = np.searchsorted(self.t_s[1:-1], np.asarray(t_s, dtype=float), side="right")
+        return np.asarray(speed[segment])
+
+    @cached_property
+    def _steps_mm(self) -> Array:
+        return np.hypot(np.diff(self.x_mm), np.diff(self.y_mm))
+
+
+def _bad_force(expected: str, force_n: Array, bad: npt.NDArray[np.bool_]) -> InputError:
+    i = int(bad.argmax())
+    return InputError(f"normal_force_n: expected {expected}, got {force_n[i]:g} in sample {i + 1}")
+
+
+def numbers(name: str, value: npt.ArrayLike) -> Array:
+    """Return finite numbers of shape (samples,), or raise `InputError` that names them."""
+    try:
+        array = np.atleast_1d(np.asarray(value, dtype=np.float64))
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: expected numbers, got {value!r:.80}") from None
+    if array.ndim != 1:
+        raise InputError(f"{name}: expected an array of one axis, got shape {array.shape}")
+    bad = ~np.isfinite(array)
+    if bad.any():
+        i = int(bad.argmax())
+        raise InputError(f"{name}: expected finite numbers, got {array[i]:g} in sample {i + 1}")
+    return array
