@@ -31,9 +31,9 @@ from calibration import (
     short_protocol,
 )
 from calibration.measuring import drive_for
-from calibration.predict import Strokes
+from calibration.predict import StrokeConditions
 from calibration.profile import calibrated_finger
-from calibration.recording import Recording
+from calibration.recording import StrokeRecording
 
 SCREENS_M = (70e-9, 300e-9)
 SHEAR_SPREAD = 0.3
@@ -73,17 +73,17 @@ def highest_voltage(predictor: StrokePredictor, truth: Parameters) -> float:
     """What a technician finds out by trying: where friction does not jump yet."""
     for volts in VOLTAGES_V:
         place = (np.array([value]) for value in (0.08, 1.05 * volts, 30.0, 50.0))
-        found = predictor(Strokes(*place), truth.names, truth.log_values, jacobian=False)
+        found = predictor(StrokeConditions(*place), truth.names, truth.log_values, jacobian=False)
         if found.is_light.all():
             return volts
     return VOLTAGES_V[-1]
 
 
-def play(protocol: Protocol, source: VirtualFingerSource) -> list[Recording]:
+def play(protocol: Protocol, source: VirtualFingerSource) -> list[StrokeRecording]:
     made = []
     for stroke in protocol.strokes:
         source.start(stroke, drive_for(stroke, protocol, 48_000.0))
-        made.append(Recording.of(stroke, source.finish()))
+        made.append(StrokeRecording.of(stroke, source.finish()))
     return made
 
 
@@ -106,7 +106,7 @@ def run(number: int, seed: int) -> list[Trial]:
             np.linspace(0.1, 0.9, 5), volts * np.linspace(0, 1, 5), [30.0, 125.0, 1000.0]
         )
     )
-    places = Strokes(force, level, hertz, np.full(len(force), 50.0))
+    places = StrokeConditions(force, level, hertz, np.full(len(force), 50.0))
     wanted = predictor(places, truth.names, truth.log_values, jacobian=False)
     found = []
     for protocol in (full_protocol(volts), short_protocol(predictor, start, 3.0, volts)):

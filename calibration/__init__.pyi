@@ -13,7 +13,7 @@ from .protocol import Protocol as Protocol
 from .protocol import Stroke as Stroke
 from .protocol import full_protocol as full_protocol
 from .protocol import paper_protocol as paper_protocol
-from .recording import Recording as Recording
+from .recording import StrokeRecording as StrokeRecording
 from .reduction import Reduced as Reduced
 from .reduction import reduce_session as reduce_session
 from .report import write_report as write_report

@@ -49,8 +49,8 @@ def plan(
     """Write the protocol: which strokes to make, and what they are expected to tell."""
     from calibration.design import expected_rows, expected_spread, short_protocol
     from calibration.parameters import Parameters
-    from calibration.predict import StrokePredictor
-    from calibration.protocol import conditions_of, full_protocol, paper_protocol
+    from calibration.predict import StrokeConditions, StrokePredictor
+    from calibration.protocol import full_protocol, paper_protocol
     from haptix.errors import InputError
     from haptix.friction import ContactModel
 
@@ -72,7 +72,7 @@ def plan(
     else:
         raise InputError(f"--protocol: expected paper, full or short, got {protocol!r}")
     found.save(out)
-    used = conditions_of(one for one in found.strokes if not one.held_out)
+    used = StrokeConditions.of(one for one in found.strokes if not one.held_out)
     spread = expected_spread(predictor, parameters, used)
     _show(
         f"{out}: {found.name}, {len(found.strokes)} strokes, some {found.duration_s / 60:.1f} "
@@ -260,14 +260,14 @@ def fit(
             "estimates": rows,
             "advice": [refusal(one) for one in found.estimates if one.value is None],
             "left_out": dict(found.left_out),
-            "scatter": {"log_mu": found.scatter.log_mu, "ripple": found.scatter.ripple},
+            "scatter": {"log_mu": found.repeatability.log_mu, "ripple": found.repeatability.ripple},
             "terms": [vars(one) for one in needs],
         }
         sys.stdout.write(json.dumps(document, indent=2) + "\n")
         return
     _show(
         f"{folder / FIT}: {len(found.strokes)} strokes, which repeat within "
-        f"{found.scatter.log_mu:.1%}",
+        f"{found.repeatability.log_mu:.1%}",
         rows,
         False,
     )

@@ -25,7 +25,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from calibration.parameters import Array
 from calibration.protocol import Stroke, first_complaint
-from calibration.recording import SIGNALS, Conditions, Recording
+from calibration.recording import SIGNALS, Conditions, StrokeRecording
 from haptix.errors import FileFormatError, InputError
 
 _UNITS = {
@@ -159,7 +159,7 @@ class ColumnMap(BaseModel):
 
     def recording(
         self, path: str | Path, stroke: Stroke, conditions: Conditions | None = None
-    ) -> Recording:
+    ) -> StrokeRecording:
         """Read a CSV file as the recording of a planned stroke.
 
         Raises
@@ -174,7 +174,7 @@ class ColumnMap(BaseModel):
                 "position give speed_mm_per_s, where it kept no drive give value = 0"
             )
         found = self.read(path)
-        return Recording.of(stroke, found, conditions)
+        return StrokeRecording.of(stroke, found, conditions)
 
     def _rows(self, path: Path) -> tuple[list[str], list[list[str]]]:
         try:

@@ -73,7 +73,7 @@ def compare_terms(
     points = tuple(point for point in reduced.used if point.number in fit.strokes)
     best = [name for name in fit.free if parameters[name].prior is None]
     start = parameters.started_at(**{name: fit.best(name) for name in best})
-    base = Residuals(predictor, start, points, fit.scatter)
+    base = Residuals(predictor, start, points, fit.repeatability)
     at = solve(base, base.start)
     base_score, base_mu = _score(base, at), base.predict(at).log_mu
     found = []
@@ -85,7 +85,7 @@ def compare_terms(
             switched, changed = _switched(term, not is_on, predictor, start)
         except InputError:
             continue  # the profiles have not what the term needs
-        other = Residuals(switched, changed, points, fit.scatter)
+        other = Residuals(switched, changed, points, fit.repeatability)
         there = solve(other, other.start)
         score = _score(other, there)
         evidence = score - base_score if is_on else base_score - score

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from calibration.parameters import Array, Mask, Parameters
-from calibration.predict import StrokePredictor, Strokes
+from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.protocol import FORCES_N, Protocol, numbered, strokes_within
 from haptix.errors import InputError
 
@@ -21,7 +21,7 @@ RIPPLE_ERROR = 0.02
 
 
 def expected_rows(
-    predictor: StrokePredictor, parameters: Parameters, strokes: Strokes
+    predictor: StrokePredictor, parameters: Parameters, strokes: StrokeConditions
 ) -> tuple[Array, Mask]:
     """Jacobian of each stroke by the free parameters in units of its errors.
 
@@ -42,7 +42,7 @@ def expected_rows(
 
 
 def expected_spread(
-    predictor: StrokePredictor, parameters: Parameters, strokes: Strokes
+    predictor: StrokePredictor, parameters: Parameters, strokes: StrokeConditions
 ) -> dict[str, float]:
     """Standard deviation of each logarithm that strokes are expected to leave."""
     rows, is_light = expected_rows(predictor, parameters, strokes)
@@ -89,7 +89,7 @@ def short_protocol(
     )
     # Without voltage the frequency changes nothing: one of them is enough.
     places = places[(places[:, 1] > 0) | (places[:, 2] == 125.0)]
-    strokes = Strokes(places[:, 0], places[:, 1], places[:, 2], np.full(len(places), 50.0))
+    strokes = StrokeConditions(places[:, 0], places[:, 1], places[:, 2], np.full(len(places), 50.0))
     h0 = parameters["h0_m"].value
     cases = [
         expected_rows(predictor, parameters.started_at(h0_m=factor * h0), strokes)

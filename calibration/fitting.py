@@ -22,7 +22,7 @@ from calibration.parameters import (
 )
 from calibration.predict import StrokePredictor
 from calibration.reduction import Point, Reduced
-from calibration.residuals import Residuals, Scatter
+from calibration.residuals import Repeatability, Residuals
 from haptix.errors import FileFormatError, InputError
 
 Verdict = Literal["determined", "prior", "undetermined", "fixed"]
@@ -41,7 +41,7 @@ _FEWEST_STROKES = 6
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ParameterEstimate:
     """What a fit says of one parameter.
 
     Parameters
@@ -75,7 +75,7 @@ class Fit:
 
     Parameters
     ----------
-    estimates : tuple of Estimate
+    estimates : tuple of ParameterEstimate
         One for each parameter.
     names : tuple of str
         All parameters; `free` are those that were fitted.
@@ -86,7 +86,7 @@ class Fit:
         nothing.
     covariance : array, shape (free, free)
         Of the logarithms.
-    scatter : Scatter
+    repeatability : Repeatability
         How well the strokes repeat.
     cost : float
         Minus twice the log-likelihood, priors included.
@@ -98,18 +98,18 @@ class Fit:
         Terms of the model that were on.
     """
 
-    estimates: tuple[Estimate, ...]
+    estimates: tuple[ParameterEstimate, ...]
     names: tuple[str, ...]
     free: tuple[str, ...]
     log_values: Array
     covariance: Array
-    scatter: Scatter
+    repeatability: Repeatability
     cost: float
     strokes: tuple[int, ...]
     left_out: Mapping[int, str]
     terms: tuple[str, ...]
 
-    def __getitem__(self, name: str) -> Estimate:
+    def __getitem__(self, name: str) -> ParameterEstimate:
         for one in self.estimates:
             if one.name == name:
                 return one
@@ -144,6 +144,7 @@ class Fit:
         fields = asdict(self)
         fields["log_values"] = self.log_values.tolist()
         fields["covariance"] = self.covariance.tolist()
+        fields["scatter"] = fields.pop("repeatability")
         fields["left_out"] = {str(number): why for number, why in self.left_out.items()}
         for one in fields["estimates"]:
             one["high"] = None if one["high"] == inf else one["high"]
@@ -176,7 +177,7 @@ class Fit:
             )
         try:
             estimates = [
-                Estimate(**(one | {"high": inf if one["high"] is None else one["high"]}))
+                ParameterEstimate(**(one | {"high": inf if one["high"] is None else one["high"]}))
                 for one in fields["estimates"]
             ]
             return cls(
@@ -185,7 +186,7 @@ class Fit:
                 free=tuple(fields["free"]),
                 log_values=np.array(fields["log_values"], dtype=float),
                 covariance=np.array(fields["covariance"], dtype=float),
-                scatter=Scatter(**fields["scatter"]),
+                repeatability=Repeatability(**fields["scatter"]),
                 cost=float(fields["cost"]),
                 strokes=tuple(fields["strokes"]),
                 left_out={int(number): why for number, why in fields["left_out"].items()},
@@ -195,7 +196,7 @@ class Fit:
             raise FileFormatError(f"{path}: expected a whole fit, got {error!r}") from None
 
 
-def refusal(one: Estimate) -> str:
+def refusal(one: ParameterEstimate) -> str:
     """Return one sentence: why there is no number, and what would give one."""
     if one.low > 0 and one.high < inf:
         bounds = f"anything from {one.low:.3g} to {one.high:.3g} fits"
@@ -268,7 +269,7 @@ def fit_strokes(
         free=parameters.free,
         log_values=residuals.all_logs(free),
         covariance=covariance,
-        scatter=residuals.scatter,
+        repeatability=residuals.repeatability,
         cost=residuals.cost(free),
         strokes=tuple(point.number for point in points),
         left_out=left_out,
@@ -306,7 +307,7 @@ def _settled(
     predictor: StrokePredictor, parameters: Parameters, points: tuple[Point, ...]
 ) -> tuple[Residuals, Array]:
     """Fit with the scatter that the residuals themselves show."""
-    residuals = Residuals(predictor, parameters, points, Scatter())
+    residuals = Residuals(predictor, parameters, points, Repeatability())
     free = _best_start(residuals)
     for _ in range(_SCATTER_ROUNDS):
         residuals = Residuals(predictor, parameters, points, residuals.rescattered(free))
@@ -375,7 +376,9 @@ def _widened(covariance: Array, other: Array) -> Array:
     return np.asarray(covariance * np.outer(ratio, ratio))
 
 
-def _estimates(residuals: Residuals, free: Array, covariance: Array) -> tuple[Estimate, ...]:
+def _estimates(
+    residuals: Residuals, free: Array, covariance: Array
+) -> tuple[ParameterEstimate, ...]:
     parameters = residuals.parameters
     # Errors of a scatter that was itself estimated: Student's t.
     spare = max(len(residuals.points) - len(parameters.free), 3)
@@ -384,7 +387,7 @@ def _estimates(residuals: Residuals, free: Array, covariance: Array) -> tuple[Es
     found = []
     for one in parameters.all:
         if one.is_fixed:
-            found.append(Estimate(one.name, one.value, one.value, one.value, 0.0, "fixed"))
+            found.append(ParameterEstimate(one.name, one.value, one.value, one.value, 0.0, "fixed"))
             continue
         index = parameters.free.index(one.name)
         middle, spread = float(free[index]), sqrt(float(covariance[index, index]))
@@ -395,14 +398,16 @@ def _estimates(residuals: Residuals, free: Array, covariance: Array) -> tuple[Es
             before = sqrt(float(joint.covariance[at, at]))
         is_news = before is None or spread < _PRIOR_SHARE * before
         if is_news and spread <= REPORTED_WITHIN:
-            found.append(Estimate(one.name, exp(middle), low, high, spread, "determined"))
+            found.append(ParameterEstimate(one.name, exp(middle), low, high, spread, "determined"))
             continue
         advice = EXPERIMENTS[one.name]
         if is_news:
             low, high = profile(residuals, free, one.name, spread)
-            found.append(Estimate(one.name, None, low, high, spread, "undetermined", advice))
+            found.append(
+                ParameterEstimate(one.name, None, low, high, spread, "undetermined", advice)
+            )
         else:
-            found.append(Estimate(one.name, None, low, high, spread, "prior", advice))
+            found.append(ParameterEstimate(one.name, None, low, high, spread, "prior", advice))
     return tuple(found)
 
 

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from calibration.protocol import Protocol, Stroke
-from calibration.recording import Conditions, Recording
+from calibration.recording import Conditions, StrokeRecording
 from calibration.recording_checks import Complaint, complaints
 from calibration.session import Session
 from calibration.sources import ForceSource, Live, Played
@@ -48,13 +48,13 @@ class Watcher:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SessionOutcome:
     """What became of a protocol.
 
     Parameters
     ----------
     accepted : int
-        Strokes on disk.
+        StrokeConditions on disk.
     rejected : int
         Attempts that were not accepted, this time.
     still_open : tuple of Stroke
@@ -96,7 +96,7 @@ def measure(
     most_tries: int = MOST_TRIES,
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
-) -> Outcome:
+) -> SessionOutcome:
     """Measure all strokes of a session that are still open.
 
     Every stroke is on disk before the next starts: an interrupted session loses the stroke under
@@ -141,7 +141,7 @@ def measure(
                 break
             rejected += 1
     still_open = session.open_strokes
-    return Outcome(len(session.protocol.strokes) - len(still_open), rejected, still_open)
+    return SessionOutcome(len(session.protocol.strokes) - len(still_open), rejected, still_open)
 
 
 def _check_protocol(session: Session, device: Device | None) -> None:
@@ -167,7 +167,7 @@ def _record(
     conditions: Conditions | None,
     clock: Callable[[], float],
     sleep: Callable[[float], None],
-) -> Recording:
+) -> StrokeRecording:
     rate = _WITHOUT_DEVICE_HZ if device is None else device.capabilities.sample_rate_hz
     played = drive_for(stroke, session.protocol, rate)
     room = conditions or Conditions()
@@ -186,7 +186,7 @@ def _record(
     except BaseException:
         _abandon(source)
         raise
-    return Recording.of(stroke, source.finish(), room)
+    return StrokeRecording.of(stroke, source.finish(), room)
 
 
 def _play(

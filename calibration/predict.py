@@ -13,8 +13,10 @@ proportion to the stratum corneum's.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import torch
@@ -36,8 +38,8 @@ _FLOOR = 1e-15  # of a gap of zero, so that ln I stays finite in complete contac
 
 
 @dataclass(frozen=True)
-class Strokes:
-    """Conditions of strokes, each an array of shape (strokes,)."""
+class StrokeConditions:
+    """Conditions of strokes: each an array of shape (strokes,), in the unit its name ends with."""
 
     normal_force_n: Array
     voltage_v: Array
@@ -47,13 +49,12 @@ class Strokes:
     def __len__(self) -> int:
         return len(self.normal_force_n)
 
-    def __getitem__(self, index: Array | list[int] | slice) -> Strokes:
-        return Strokes(
-            self.normal_force_n[index],
-            self.voltage_v[index],
-            self.frequency_hz[index],
-            self.speed_mm_per_s[index],
-        )
+    @classmethod
+    def of(cls, strokes: Iterable[Any]) -> StrokeConditions:
+        """Collect the conditions of planned or reduced strokes."""
+        kept = list(strokes)
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.array([getattr(one, name) for one in kept], dtype=float) for name in names))
 
 
 @dataclass(frozen=True)
@@ -77,9 +78,6 @@ class Prediction:
     log_mu_jacobian: Array
     ripple_jacobian: Array
     is_light: Mask
-
-    def __len__(self) -> int:
-        return len(self.log_mu)
 
 
 class StrokePredictor:
@@ -135,13 +133,17 @@ class StrokePredictor:
 
     @one_thread()
     def __call__(
-        self, strokes: Strokes, names: tuple[str, ...], log_values: Array, jacobian: bool = True
+        self,
+        strokes: StrokeConditions,
+        names: tuple[str, ...],
+        log_values: Array,
+        jacobian: bool = True,
     ) -> Prediction:
         """Predict strokes for parameters given by name as logarithms.
 
         Parameters
         ----------
-        strokes : Strokes
+        strokes : StrokeConditions
             Conditions.
         names : tuple of str
             Of `calibration.parameters.NAMES`; among them all but ``gap_resistivity_ohm_m``.
@@ -172,7 +174,7 @@ class StrokePredictor:
         )
 
     def _period(
-        self, strokes: Strokes, names: tuple[str, ...], rows: Tensor
+        self, strokes: StrokeConditions, names: tuple[str, ...], rows: Tensor
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Mean of mu, its cosine and sine parts at 2f, and whether the contact stays light."""
         count = len(strokes)
@@ -237,7 +239,7 @@ class StrokePredictor:
             light,
         )
 
-    def _thickness(self, strokes: Strokes, names: tuple[str, ...], rows: Tensor) -> Tensor:
+    def _thickness(self, strokes: StrokeConditions, names: tuple[str, ...], rows: Tensor) -> Tensor:
         """Complex h0 [m] of each stroke."""
         h0 = _column(rows, names, "h0_m")
         frequency = _tensor(strokes.frequency_hz)
@@ -255,7 +257,7 @@ class StrokePredictor:
             thickness = thickness * torch.complex(torch.ones_like(leak), leak)
         return thickness
 
-    def _floor(self, area: Tensor, strokes: Strokes) -> Tensor | None:
+    def _floor(self, area: Tensor, strokes: StrokeConditions) -> Tensor | None:
         if "finite-size" not in self.model.terms:
             return None
         spectrum = self.model.contact.spectrum

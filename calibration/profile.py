@@ -9,7 +9,7 @@ from pathlib import Path
 
 from calibration.fitting import Fit
 from calibration.predict import StrokePredictor
-from calibration.recording import Recording
+from calibration.recording import StrokeRecording
 from calibration.verification import Verification
 from haptix.errors import FileFormatError, InputError
 from haptix.finger import Finger, Roughness
@@ -143,7 +143,7 @@ def calibrated_finger(finger: Finger, fit: Fit) -> Finger:
     )
 
 
-def instruments_of(recordings: Iterable[Recording]) -> list[str]:
+def instruments_of(recordings: Iterable[StrokeRecording]) -> list[str]:
     """Names and serial numbers that occur, sorted."""
     return sorted(
         {

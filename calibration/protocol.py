@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -12,8 +11,6 @@ import numpy as np
 import tomlkit
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError, model_validator
 
-from calibration.parameters import Array
-from calibration.predict import Strokes
 from haptix.errors import FileFormatError, InputError
 from haptix.units import with_numbers
 
@@ -112,10 +109,6 @@ class Protocol(BaseModel):
         """Estimated time at the screen [s]."""
         return len(self.strokes) * self.seconds_per_stroke
 
-    def conditions(self) -> Strokes:
-        """Return the strokes as arrays."""
-        return conditions_of(self.strokes)
-
     def save(self, path: str | Path) -> None:
         """Write TOML, or JSON where the name ends so.
 
@@ -174,16 +167,6 @@ def first_complaint(error: ValidationError) -> str:
     message = first["msg"].removeprefix("Value error, ")
     got = "" if first["type"] == "missing" or not place else f", got {first['input']!r}"
     return f"{place + ': ' if place else ''}{message[0].lower()}{message[1:]}{got}"
-
-
-def conditions_of(strokes: Iterable[Stroke]) -> Strokes:
-    """Return strokes as arrays."""
-    kept = list(strokes)
-    columns: list[Array] = [
-        np.array([getattr(one, name) for one in kept], dtype=float)
-        for name in ("normal_force_n", "voltage_v", "frequency_hz", "speed_mm_per_s")
-    ]
-    return Strokes(*columns)
 
 
 def paper_protocol(max_voltage_v: float = 200.0) -> Protocol:

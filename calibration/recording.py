@@ -64,7 +64,7 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class Recording:
+class StrokeRecording:
     """One stroke as recorded; every signal has shape (samples,).
 
     Parameters
@@ -99,7 +99,7 @@ class Recording:
     @classmethod
     def of(
         cls, stroke: Stroke, signals: Mapping[str, Array], conditions: Conditions | None = None
-    ) -> Recording:
+    ) -> StrokeRecording:
         """Take signals by their names; others among them are left."""
         t, normal, tangential, x, drive = (signals[name] for name in SIGNALS)
         return cls(stroke, t, normal, tangential, x, drive, conditions or Conditions())
@@ -155,7 +155,7 @@ class Recording:
             part.unlink(missing_ok=True)
 
     @classmethod
-    def load(cls, path: str | Path) -> Recording:
+    def load(cls, path: str | Path) -> StrokeRecording:
         """Read what `save` wrote.
 
         Raises
@@ -172,7 +172,7 @@ class Recording:
             raise FileFormatError(f"cannot read {path} as HDF5: {error}") from None
 
     @classmethod
-    def _read(cls, file: h5py.File, path: Path) -> Recording:
+    def _read(cls, file: h5py.File, path: Path) -> StrokeRecording:
         found = dict(file.attrs)
         if found.get("format") != _FORMAT:
             raise FileFormatError(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.parameters import Array
-from calibration.recording import SIGNALS, Recording
+from calibration.recording import SIGNALS, StrokeRecording
 from calibration.segmentation import Segment, full_slip, sliding_speed
 
 _IDLE_USED = 0.8  # of the untouched time, away from its ends
@@ -46,7 +46,7 @@ class Complaint:
         return f"{self.kind}: {self.message}"
 
 
-def idle_parts(recording: Recording, idle_s: float) -> tuple[slice, slice]:
+def idle_parts(recording: StrokeRecording, idle_s: float) -> tuple[slice, slice]:
     """Samples before the touch and after it, while the finger is off."""
     t = recording.t_s
     used = _IDLE_USED * idle_s
@@ -55,12 +55,14 @@ def idle_parts(recording: Recording, idle_s: float) -> tuple[slice, slice]:
     return slice(0, max(first, 1)), slice(min(last, len(t) - 1), len(t))
 
 
-def complaints(recording: Recording, idle_s: float, tolerance: float = 0.15) -> list[Complaint]:
+def complaints(
+    recording: StrokeRecording, idle_s: float, tolerance: float = 0.15
+) -> list[Complaint]:
     """Name everything that is wrong with a recording; empty where it is good.
 
     Parameters
     ----------
-    recording : Recording
+    recording : StrokeRecording
         As it came from the instruments.
     idle_s : float
         Untouched time at its start and end [s].
@@ -98,7 +100,7 @@ def complaints(recording: Recording, idle_s: float, tolerance: float = 0.15) -> 
     return found
 
 
-def _numbers(recording: Recording) -> Iterator[Complaint]:
+def _numbers(recording: StrokeRecording) -> Iterator[Complaint]:
     for name in SIGNALS:
         bad = int((~np.isfinite(getattr(recording, name))).sum())
         if bad:
@@ -107,7 +109,7 @@ def _numbers(recording: Recording) -> Iterator[Complaint]:
             )
 
 
-def _times(recording: Recording) -> Iterator[Complaint]:
+def _times(recording: StrokeRecording) -> Iterator[Complaint]:
     step = np.diff(recording.t_s)
     usual = float(np.median(step))
     if usual <= 0 or (step <= 0).any():
@@ -137,7 +139,7 @@ def _times(recording: Recording) -> Iterator[Complaint]:
         )
 
 
-def _clipping(recording: Recording, idle_s: float) -> Iterator[Complaint]:
+def _clipping(recording: StrokeRecording, idle_s: float) -> Iterator[Complaint]:
     before, _ = idle_parts(recording, idle_s)
     for name in ("normal_force_n", "tangential_force_n"):
         values = getattr(recording, name)
@@ -158,7 +160,7 @@ def _clipping(recording: Recording, idle_s: float) -> Iterator[Complaint]:
                 )
 
 
-def _sliding(recording: Recording) -> Iterator[Complaint]:
+def _sliding(recording: StrokeRecording) -> Iterator[Complaint]:
     planned = recording.stroke.length_mm
     way = float(np.ptp(recording.x_mm))
     if way >= _ENOUGH_OF_THE_WAY * planned:
@@ -188,26 +190,26 @@ def _sliding(recording: Recording) -> Iterator[Complaint]:
     yield Complaint("no sliding", _slide_more(recording, way))
 
 
-def _slide_more(recording: Recording, way: float) -> str:
+def _slide_more(recording: StrokeRecording, way: float) -> str:
     return (
         f"expected {recording.stroke.length_mm:g} mm, got {way:.3g} mm; slide the whole way, and "
         "check that the position is recorded"
     )
 
 
-def _is_smooth(recording: Recording) -> bool:
+def _is_smooth(recording: StrokeRecording) -> bool:
     """Whether the position moves as a stroke does, rather than trembling in place."""
     distance = float(np.abs(np.diff(recording.x_mm)).sum())
     ways = 1 + recording.stroke.there_and_back
     return distance < 1.5 * ways * float(np.ptp(recording.x_mm))
 
 
-def _still_sliding(recording: Recording) -> bool:
+def _still_sliding(recording: StrokeRecording) -> bool:
     speed = np.abs(sliding_speed(recording.t_s, recording.x_mm))
     return bool(speed[-3:].mean() > 0.5 * recording.stroke.speed_mm_per_s)
 
 
-def _end(recording: Recording, segments: list[Segment], idle_s: float) -> Iterator[Complaint]:
+def _end(recording: StrokeRecording, segments: list[Segment], idle_s: float) -> Iterator[Complaint]:
     ways = 1 + recording.stroke.there_and_back
     if len({segment.direction for segment in segments}) < ways:
         yield Complaint(
@@ -229,14 +231,18 @@ def _end(recording: Recording, segments: list[Segment], idle_s: float) -> Iterat
         )
 
 
-def _level(recording: Recording, values: Array, segments: list[Segment], idle_s: float) -> float:
+def _level(
+    recording: StrokeRecording, values: Array, segments: list[Segment], idle_s: float
+) -> float:
     """Mean in the segments above the idle level before."""
     before, _ = idle_parts(recording, idle_s)
     inside = np.concatenate([values[s.samples] for s in segments])
     return float(inside.mean()) - float(np.median(values[before]))
 
 
-def _axes(recording: Recording, segments: list[Segment], idle_s: float) -> Iterator[Complaint]:
+def _axes(
+    recording: StrokeRecording, segments: list[Segment], idle_s: float
+) -> Iterator[Complaint]:
     wanted = recording.stroke.normal_force_n
     normal = _level(recording, recording.normal_force_n, segments, idle_s)
     one = [s for s in segments if s.direction == segments[0].direction]
@@ -292,7 +298,7 @@ def _axes(recording: Recording, segments: list[Segment], idle_s: float) -> Itera
 
 
 def _touched_early(
-    recording: Recording, segments: list[Segment], idle_s: float
+    recording: StrokeRecording, segments: list[Segment], idle_s: float
 ) -> Iterator[Complaint]:
     before, _ = idle_parts(recording, idle_s)
     force = recording.normal_force_n
@@ -310,7 +316,7 @@ def _touched_early(
         )
 
 
-def _zero(recording: Recording, idle_s: float) -> Iterator[Complaint]:
+def _zero(recording: StrokeRecording, idle_s: float) -> Iterator[Complaint]:
     before, _ = idle_parts(recording, idle_s)
     wanted = recording.stroke.normal_force_n
     for name in ("normal_force_n", "tangential_force_n"):
@@ -326,7 +332,7 @@ def _zero(recording: Recording, idle_s: float) -> Iterator[Complaint]:
 
 
 def _off_target(
-    recording: Recording, segments: list[Segment], idle_s: float, tolerance: float
+    recording: StrokeRecording, segments: list[Segment], idle_s: float, tolerance: float
 ) -> Iterator[Complaint]:
     stroke = recording.stroke
     force = _level(recording, recording.normal_force_n, segments, idle_s)
@@ -348,7 +354,7 @@ def _off_target(
         )
 
 
-def drive_amplitude(recording: Recording, segments: list[Segment]) -> float:
+def drive_amplitude(recording: StrokeRecording, segments: list[Segment]) -> float:
     """Amplitude [V] at the stroke's frequency, over parts of a recording."""
     found = []
     for segment in segments:
@@ -360,7 +366,7 @@ def drive_amplitude(recording: Recording, segments: list[Segment]) -> float:
     return float(np.mean(found))
 
 
-def _drive(recording: Recording, segments: list[Segment]) -> Iterator[Complaint]:
+def _drive(recording: StrokeRecording, segments: list[Segment]) -> Iterator[Complaint]:
     stroke = recording.stroke
     if recording.sample_rate_hz < 2.2 * stroke.frequency_hz:
         return  # the monitor cannot show it

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from calibration.parameters import Array
-from calibration.predict import Strokes
-from calibration.recording import Recording
+from calibration.recording import StrokeRecording
 from calibration.recording_checks import complaints, drive_amplitude, idle_parts
 from calibration.segmentation import Segment, full_slip, sliding_speed
 from haptix.errors import FileFormatError, InputError
@@ -134,21 +133,14 @@ def _point(row: dict[str, Any]) -> Point:
     return Point(**{one.name: read.get(one.name, float)(row[one.name]) for one in fields(Point)})
 
 
-def conditions_of_points(points: Iterable[Point]) -> Strokes:
-    """Return measured conditions as arrays."""
-    kept = list(points)
-    names = ("normal_force_n", "voltage_v", "frequency_hz", "speed_mm_per_s")
-    return Strokes(*(np.array([getattr(p, n) for p in kept], dtype=float) for n in names))
-
-
 def reduce_session(
-    recordings: Iterable[Recording], idle_s: float = 0.3, crosstalk: float = 0.0
+    recordings: Iterable[StrokeRecording], idle_s: float = 0.3, crosstalk: float = 0.0
 ) -> Reduced:
     """Reduce recordings; strokes that say something else than their neighbours are named.
 
     Parameters
     ----------
-    recordings : iterable of Recording
+    recordings : iterable of StrokeRecording
         Of one session.
     idle_s : float
         Untouched time at start and end of each [s].
@@ -162,7 +154,7 @@ def reduce_session(
     return Reduced(tuple(sorted(points, key=lambda point: point.number)))
 
 
-def reduce_stroke(recording: Recording, idle_s: float = 0.3, crosstalk: float = 0.0) -> Point:
+def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: float = 0.0) -> Point:
     """Reduce one recording; what makes it unusable is in the point's `outlier`."""
     stroke = recording.stroke
     wrong = complaints(recording, idle_s, tolerance=0.5)
@@ -187,7 +179,7 @@ def reduce_stroke(recording: Recording, idle_s: float = 0.3, crosstalk: float = 
     return _reduced(blank, recording, normal, tangential, segments, crosstalk)
 
 
-def without_drift(recording: Recording, idle_s: float) -> tuple[Array, Array]:
+def without_drift(recording: StrokeRecording, idle_s: float) -> tuple[Array, Array]:
     """Forces with a straight line between both idle parts taken off.
 
     Where the finger is still on the screen at the end, the zero before the touch alone.
@@ -213,7 +205,7 @@ def without_drift(recording: Recording, idle_s: float) -> tuple[Array, Array]:
 
 def _reduced(
     blank: Point,
-    recording: Recording,
+    recording: StrokeRecording,
     normal: Array,
     tangential: Array,
     segments: list[Segment],
@@ -256,7 +248,7 @@ def _reduced(
 
 
 def _ratio(
-    recording: Recording, normal: Array, tangential: Array, segment: Segment
+    recording: StrokeRecording, normal: Array, tangential: Array, segment: Segment
 ) -> tuple[float, float]:
     """Mean tangential over mean normal force, over whole drive periods, and its error."""
     t = recording.t_s[segment.samples]
@@ -276,7 +268,7 @@ def _ratio(
     return ratio, spread / sqrt(max(len(blocks), 1)) / abs(float(press.mean()))
 
 
-def _amplitude(recording: Recording, segments: list[Segment]) -> float:
+def _amplitude(recording: StrokeRecording, segments: list[Segment]) -> float:
     """Amplitude that stood on the screen; the planned one where the monitor is too slow for it."""
     stroke = recording.stroke
     if stroke.voltage_v == 0 or recording.sample_rate_hz < 2.2 * stroke.frequency_hz:
@@ -285,7 +277,7 @@ def _amplitude(recording: Recording, segments: list[Segment]) -> float:
 
 
 def _ripple(
-    recording: Recording, tangential: Array, segments: list[Segment]
+    recording: StrokeRecording, tangential: Array, segments: list[Segment]
 ) -> tuple[float, float]:
     """Amplitude of the friction at 2f over its mean, and its error: a lock-in with a Hann window.
 

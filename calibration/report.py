@@ -14,11 +14,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.comparison import TermNeed
-from calibration.fitting import Estimate, Fit, refusal
+from calibration.fitting import Fit, ParameterEstimate, refusal
 from calibration.parameters import Array
-from calibration.predict import StrokePredictor, Strokes
+from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.protocol import FORCES_N
-from calibration.reduction import Point, Reduced, conditions_of_points
+from calibration.reduction import Point, Reduced
 from calibration.verification import Verification
 from haptix.errors import FileFormatError
 from haptix.perception import WEBER_FRACTION
@@ -114,7 +114,7 @@ def write_report(
         ),
         _list("Rests on", () if calibration is None else calibration.rests_on),
         f"<p><small>{len(fit.strokes)} strokes in the fit; they repeat within "
-        f"{fit.scatter.log_mu:.1%} in mu beyond their own errors. Terms on: "
+        f"{fit.repeatability.log_mu:.1%} in mu beyond their own errors. Terms on: "
         f"{escape(', '.join(fit.terms))}. {_crosstalk(reduced)}</small></p>",
     ]
     page = (
@@ -129,7 +129,7 @@ def write_report(
         raise FileFormatError(f"cannot write {path}: {error.strerror}") from None
 
 
-def _estimate_row(one: Estimate) -> tuple[str, ...]:
+def _estimate_row(one: ParameterEstimate) -> tuple[str, ...]:
     value = "not determined" if one.value is None else f"{one.value:.4g}"
     if one.verdict == "fixed":
         return one.name, value, "", "", "fixed"
@@ -199,7 +199,7 @@ def _usual_frequency(good: list[Point]) -> float:
 
 def _curve(fit: Fit, predictor: StrokePredictor, *conditions: Array) -> Array:
     size = np.broadcast_shapes(*(c.shape for c in conditions))
-    strokes = Strokes(*(np.broadcast_to(c, size).astype(float) for c in conditions))
+    strokes = StrokeConditions(*(np.broadcast_to(c, size).astype(float) for c in conditions))
     found = predictor(strokes, fit.names, fit.log_values, jacobian=False)
     return np.where(found.is_light, np.exp(found.log_mu), np.nan)
 
@@ -243,7 +243,7 @@ def _residuals(
     axes: Axes, fit: Fit, good: list[Point], verification: Verification, predictor: StrokePredictor
 ) -> None:
     if good:
-        strokes = conditions_of_points(good)
+        strokes = StrokeConditions.of(good)
         log_mu = predictor(strokes, fit.names, fit.log_values, jacobian=False).log_mu
         numbers = np.array([point.number for point in good])
         thresholds = (np.array([p.mu for p in good]) / np.exp(log_mu) - 1) / WEBER_FRACTION

@@ -8,15 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration.parameters import Array, Parameters
-from calibration.predict import Prediction, StrokePredictor
-from calibration.reduction import Point, conditions_of_points
+from calibration.predict import Prediction, StrokeConditions, StrokePredictor
+from calibration.reduction import Point
 
 _SOFT_AT = 2.0  # standard errors from which on a residual counts less than its square
 _CLIPPED_AT = 3.0  # where the scatter is estimated
 
 
 @dataclass(frozen=True)
-class Scatter:
+class Repeatability:
     """How well strokes repeat beyond their own errors, relative: the finger dries, tires, turns.
 
     Parameters
@@ -42,7 +42,7 @@ class Residuals:
         What is free, fixed and known.
     points : sequence of Point
         Strokes that are used.
-    scatter : Scatter
+    repeatability : Repeatability
         Repeatability.
     """
 
@@ -51,19 +51,21 @@ class Residuals:
         predictor: StrokePredictor,
         parameters: Parameters,
         points: tuple[Point, ...],
-        scatter: Scatter,
+        repeatability: Repeatability,
     ) -> None:
         self.predictor = predictor
         self.parameters = parameters
         self.points = points
-        self.scatter = scatter
-        self._strokes = conditions_of_points(points)
+        self.repeatability = repeatability
+        self._strokes = StrokeConditions.of(points)
         self._log_mu = np.log([point.mu for point in points])
         self._ripple = np.array([point.ripple for point in points])
         self.has_ripple = np.isfinite(self._ripple)
-        self._log_mu_sd = np.hypot([point.mu_sd / point.mu for point in points], scatter.log_mu)
+        self._log_mu_sd = np.hypot(
+            [point.mu_sd / point.mu for point in points], repeatability.log_mu
+        )
         sd = np.array([point.ripple_sd for point in points])
-        self._ripple_sd = np.hypot(sd, scatter.ripple * self._ripple)[self.has_ripple]
+        self._ripple_sd = np.hypot(sd, repeatability.ripple * self._ripple)[self.has_ripple]
         self._at = [parameters.names.index(name) for name in parameters.free]
         self.prior_matrix, self.prior_target = parameters.prior_rows()
         self._last: tuple[bytes, Prediction] | None = None
@@ -157,7 +159,7 @@ class Residuals:
         every = self(free)
         return float(_SOFT_AT**2 * self.loss((every / _SOFT_AT) ** 2)[0].sum())
 
-    def rescattered(self, free: Array) -> Scatter:
+    def rescattered(self, free: Array) -> Repeatability:
         """Scatter at which the residuals are as large as they should be."""
         data = self.data(free)
         jacobian = self.data_jacobian(free)
@@ -170,7 +172,7 @@ class Residuals:
         sd = np.array([point.ripple_sd for point in self.points])[self.has_ripple] / relative
         misfit = data[count:] * self._ripple_sd / relative
         ripple = _scatter(misfit, sd, float(leverage[count:].sum()))
-        return Scatter(log_mu, ripple)
+        return Repeatability(log_mu, ripple)
 
 
 def _scatter(misfit: Array, own_sd: Array, used_up: float) -> float:
@@ -179,7 +181,7 @@ def _scatter(misfit: Array, own_sd: Array, used_up: float) -> float:
     misfit, own_sd = misfit[good], own_sd[good]
     wanted = len(misfit) - used_up
     if wanted < 1:
-        return Scatter().log_mu
+        return Repeatability().log_mu
 
     def excess(extra: float) -> float:
         reduced = misfit**2 / (own_sd**2 + extra**2)

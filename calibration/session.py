@@ -19,7 +19,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from calibration.protocol import Protocol, Stroke, first_complaint
-from calibration.recording import Recording
+from calibration.recording import StrokeRecording
 from haptix.errors import FileFormatError, InputError
 from haptix.finger import Finger
 from haptix.screen import Screen
@@ -137,15 +137,15 @@ class Session:
         return tuple(one for one in self.protocol.strokes if not self.path_of(one).exists())
 
     @property
-    def recordings(self) -> list[Recording]:
+    def recordings(self) -> list[StrokeRecording]:
         """All accepted strokes on disk."""
         return [
-            Recording.load(self.path_of(one))
+            StrokeRecording.load(self.path_of(one))
             for one in self.protocol.strokes
             if self.path_of(one).exists()
         ]
 
-    def keep(self, recording: Recording) -> Path:
+    def keep(self, recording: StrokeRecording) -> Path:
         """Write a recording: among the strokes, or where it has complaints among the rejected."""
         if not recording.complaints:
             path = self.path_of(recording.stroke)

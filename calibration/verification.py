@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.fitting import Fit, refusal
-from calibration.predict import StrokePredictor
-from calibration.reduction import Reduced, conditions_of_points
+from calibration.predict import StrokeConditions, StrokePredictor
+from calibration.reduction import Reduced
 from haptix.perception import WEBER_FRACTION
 
 TOLERANCE_THRESHOLDS = 0.5
@@ -18,7 +18,7 @@ FEWEST_HELD_OUT = 2
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HeldOutStroke:
     """One held-out stroke: measured against predicted.
 
     Parameters
@@ -51,7 +51,7 @@ class Verification:
 
     Parameters
     ----------
-    rows : tuple of HeldOut
+    rows : tuple of HeldOutStroke
         Strokes kept out of the fit.
     tolerance_thresholds : float
         What was allowed.
@@ -59,7 +59,7 @@ class Verification:
         Why it fails; empty where it passes.
     """
 
-    rows: tuple[HeldOut, ...]
+    rows: tuple[HeldOutStroke, ...]
     tolerance_thresholds: float
     failures: tuple[str, ...]
 
@@ -93,13 +93,13 @@ def verify(
     """
     points = reduced.held_out
     failures = []
-    rows: list[HeldOut] = []
+    rows: list[HeldOutStroke] = []
     if points:
-        found = predictor(conditions_of_points(points), fit.names, fit.log_values, jacobian=False)
+        found = predictor(StrokeConditions.of(points), fit.names, fit.log_values, jacobian=False)
         for point, log_mu, ripple in zip(points, found.log_mu, found.ripple, strict=True):
             predicted = float(np.exp(log_mu))
             rows.append(
-                HeldOut(
+                HeldOutStroke(
                     number=point.number,
                     normal_force_n=point.normal_force_n,
                     voltage_v=point.voltage_v,

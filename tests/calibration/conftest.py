@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import haptix
-from calibration import Parameters, Recording, Stroke, StrokePredictor
-from calibration.predict import Strokes
-from calibration.protocol import conditions_of
+from calibration import Parameters, Stroke, StrokePredictor, StrokeRecording
+from calibration.predict import StrokeConditions
 from calibration.reduction import Point, Reduced
 
 
@@ -68,7 +67,7 @@ def record(stroke, mu=0.3, ripple=0.1, **faults):
     wave = 1 + ripple * np.cos(2 * np.pi * 2 * stroke.frequency_hz * t + 0.7)
     shear = direction * mu * force * wave
     drift = fault["offset_n"] + fault["drift_n_per_s"] * t
-    return Recording(
+    return StrokeRecording(
         stroke,
         t_s=t,
         normal_force_n=force
@@ -92,9 +91,9 @@ def recorded():
 def synthetic(predictor, protocol, truth, rng, repeatability=0.01):
     """Reduced strokes of a protocol, as the model has them, with scatter put on."""
     strokes = list(protocol.strokes)
-    planned = conditions_of(strokes)
+    planned = StrokeConditions.of(strokes)
     count = len(strokes)
-    made = Strokes(
+    made = StrokeConditions(
         planned.normal_force_n * rng.normal(1, 0.05, count),
         planned.voltage_v,
         planned.frequency_hz,

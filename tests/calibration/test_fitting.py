@@ -10,7 +10,7 @@ import haptix
 from calibration import Fit, Parameters, fit_strokes, full_protocol, paper_protocol
 from calibration.comparison import compare_terms
 from calibration.fitting import refusal
-from calibration.predict import Strokes
+from calibration.predict import StrokeConditions
 from calibration.reduction import Reduced
 
 TRUTH = {
@@ -59,12 +59,12 @@ def test_the_insulator_is_found(full_fit):
     assert abs(log(one.value / TRUTH["h0_m"])) < 3 * one.spread
     assert 0.005 < one.spread < 0.05
     assert one.low < TRUTH["h0_m"] < one.high
-    assert 0.005 < full_fit.scatter.log_mu < 0.015  # 0.01 was put in, 50 strokes are left
+    assert 0.005 < full_fit.repeatability.log_mu < 0.015  # 0.01 was put in, 50 strokes are left
 
 
 def test_friction_over_the_range_is_found(predictor, truth, full_fit):
     force, volts = (a.ravel() for a in np.meshgrid([0.1, 0.4, 1.0], [0.0, 80.0, 160.0, 200.0]))
-    places = Strokes(force, volts, np.full(12, 125.0), np.full(12, 50.0))
+    places = StrokeConditions(force, volts, np.full(12, 125.0), np.full(12, 50.0))
     wanted = predictor(places, truth.names, truth.log_values, jacobian=False).log_mu
     found = predictor(places, full_fit.names, full_fit.log_values, jacobian=False).log_mu
     assert np.abs(found - wanted).max() < 0.01  # 50 strokes of 1 %

@@ -10,10 +10,10 @@ from calibration import (
     ColumnMap,
     CsvSource,
     Protocol,
-    Recording,
     Session,
     SessionInfo,
     Stroke,
+    StrokeRecording,
     measure,
 )
 from calibration.inputs import open_inputs
@@ -83,7 +83,11 @@ def test_strokes_that_are_off_are_repeated_and_kept_apart(session, recorded):
     assert (outcome.accepted, outcome.rejected) == (3, 2)
     kept = sorted(path.name for path in (session.folder / "rejected").iterdir())
     assert kept == ["stroke-001-1.h5", "stroke-001-2.h5"]
-    assert Recording.load(session.folder / "rejected" / kept[0]).complaints[0].startswith("force")
+    assert (
+        StrokeRecording.load(session.folder / "rejected" / kept[0])
+        .complaints[0]
+        .startswith("force")
+    )
 
 
 def test_a_stroke_that_never_succeeds_stays_open(session, recorded):
@@ -233,7 +237,7 @@ def test_analog_inputs_are_scaled_and_paced_by_the_clock(session):
     assert seen[-1].speed_mm_per_s == pytest.approx(50.0)
     # Never lifted, so rejected: but kept.
     (path, *_) = sorted((session.folder / "rejected").iterdir())
-    made = Recording.load(path)
+    made = StrokeRecording.load(path)
     np.testing.assert_allclose(made.tangential_force_n, 0.0, atol=1e-12)
     assert np.abs(made.drive_v).max() == pytest.approx(100.0, rel=0.01)
     assert made.conditions.instruments == {"force sensor": "FT1", "inputs": "fake"}

@@ -5,11 +5,11 @@ import pytest
 
 import haptix
 from calibration import StrokePredictor
-from calibration.predict import Strokes
+from calibration.predict import StrokeConditions
 from haptix.finger import Roughness
 
 FORCE, VOLTS = (a.ravel() for a in np.meshgrid([0.1, 0.5, 0.9], [1e-3, 100.0, 170.0]))
-STROKES = Strokes(FORCE, VOLTS, np.resize([125.0, 60.0, 500.0], 9), np.full(9, 50.0))
+STROKES = StrokeConditions(FORCE, VOLTS, np.resize([125.0, 60.0, 500.0], 9), np.full(9, 50.0))
 OTHER = {
     "youngs_modulus_pa": 55e6,
     "h_rms_m": 26e-6,
@@ -85,7 +85,9 @@ def test_past_the_light_contact_is_said(predictor, parameters):
 
 def test_the_finger_smooths_the_ripple(predictor, parameters):
     # First order on the pull: for a weak drive the ripple is its gain, the mean stays.
-    strokes = Strokes(*(np.array([v, v]) for v in (0.5, 10.0, 250.0)), np.array([20.0, 1e9]))
+    strokes = StrokeConditions(
+        *(np.array([v, v]) for v in (0.5, 10.0, 250.0)), np.array([20.0, 1e9])
+    )
     slow_and_fast = predictor(strokes, parameters.names, parameters.log_values)
     gain = 1 / np.hypot(1, 500 / (13.8 * 20))
     slow, fast = slow_and_fast.ripple

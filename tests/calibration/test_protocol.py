@@ -6,12 +6,11 @@ import pytest
 import haptix
 from calibration import Protocol, full_protocol, paper_protocol, short_protocol
 from calibration.design import expected_spread
-from calibration.predict import Strokes
-from calibration.protocol import conditions_of
+from calibration.predict import StrokeConditions
 
 
 def used(protocol):
-    return conditions_of(one for one in protocol.strokes if not one.held_out)
+    return StrokeConditions.of(one for one in protocol.strokes if not one.held_out)
 
 
 def test_the_paper_s_strokes():
@@ -78,7 +77,9 @@ def test_three_minutes_tell_half_as_well_as_all(predictor, parameters):
     # Chosen strokes tell more than as many of the paper's.
     some = used(paper_protocol())
     kept = np.random.default_rng(0).permutation(25)[: len(used(short))]
-    paper = expected_spread(predictor, parameters, Strokes(*(c[kept] for c in vars(some).values())))
+    paper = expected_spread(
+        predictor, parameters, StrokeConditions(*(c[kept] for c in vars(some).values()))
+    )
     assert spread["h0_m"] < 0.5 * paper["h0_m"]
 
 

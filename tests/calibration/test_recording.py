@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import haptix
-from calibration import ColumnMap, Recording, Stroke
+from calibration import ColumnMap, Stroke, StrokeRecording
 from calibration.recording import SIGNALS, Conditions
 
 MAP = """
@@ -24,9 +24,11 @@ drive_v = { value = 0 }
 def test_round_trip(tmp_path, stroke, recorded):
     made = recorded(stroke)
     room = Conditions({"force sensor": "FT1"}, 22.5, 41.0, "me", "2026-01-02T03:04:05")
-    made = Recording(stroke, *(getattr(made, n) for n in SIGNALS), room, ("force off: too much",))
+    made = StrokeRecording(
+        stroke, *(getattr(made, n) for n in SIGNALS), room, ("force off: too much",)
+    )
     made.save(tmp_path / "a" / "stroke.h5")
-    found = Recording.load(tmp_path / "a" / "stroke.h5")
+    found = StrokeRecording.load(tmp_path / "a" / "stroke.h5")
     assert (found.stroke, found.conditions) == (stroke, room)
     assert found.complaints == made.complaints
     for name in SIGNALS:
@@ -80,7 +82,7 @@ def test_files_that_are_none(tmp_path, stroke, recorded, how, said):
     with h5py.File(path, "r+") as file:
         damaged(file, how)
     with pytest.raises(haptix.HaptixError, match=rf"stroke\.h5.*{said}"):
-        Recording.load(path)
+        StrokeRecording.load(path)
 
 
 def test_a_file_cut_short(tmp_path, stroke, recorded):
@@ -88,13 +90,13 @@ def test_a_file_cut_short(tmp_path, stroke, recorded):
     recorded(stroke).save(path)
     path.write_bytes(path.read_bytes()[:3000])
     with pytest.raises(haptix.HaptixError, match=r"cannot read .*stroke\.h5"):
-        Recording.load(path)
+        StrokeRecording.load(path)
 
 
 def test_signals_of_different_length(stroke):
     zero = np.zeros(10)
     with pytest.raises(haptix.InputError, match="one length"):
-        Recording(stroke, zero, zero, zero, zero, np.zeros(9))
+        StrokeRecording(stroke, zero, zero, zero, zero, np.zeros(9))
 
 
 def csv_of(tmp_path, text, columns=MAP):

@@ -20,7 +20,7 @@ from calibration import (
     verify,
     write_report,
 )
-from calibration.predict import Strokes
+from calibration.predict import StrokeConditions
 from calibration.profile import write_archive
 from calibration.reduction import Reduced
 from haptix.screen import CALIBRATION_VALID_DAYS, CalibrationWarning
@@ -136,7 +136,7 @@ def test_the_finger_predicts_what_the_fit_does(predictor, finger, screen, fit):
     own = calibrated_finger(finger, fit)
     model = haptix.ContactModel(own, screen.replace(insulator_thickness_m=8 * fit.best("h0_m")))
     mu = float(model.solve(0.5, 0.0).mu)
-    place = Strokes(*(np.array([value]) for value in (0.5, 0.0, 125.0, 50.0)))
+    place = StrokeConditions(*(np.array([value]) for value in (0.5, 0.0, 125.0, 50.0)))
     found = predictor(place, fit.names, fit.log_values, jacobian=False)
     assert mu == pytest.approx(float(np.exp(found.log_mu[0])), rel=1e-6)
 
@@ -152,7 +152,7 @@ def test_the_finger_has_the_fitted_response_and_skin(predictor, finger, screen, 
     assert own.dielectric.scale == pytest.approx(1.7, rel=1e-12)
     panel = screen.replace(insulator_thickness_m=8 * changed.best("h0_m"))
     again, known = StrokePredictor(haptix.ContactModel(own, panel)), Parameters.of(own, panel)
-    places = Strokes(*np.array([[0.3, 0.8], [120.0, 150.0], [30.0, 500.0], [20.0, 60.0]]))
+    places = StrokeConditions(*np.array([[0.3, 0.8], [120.0, 150.0], [30.0, 500.0], [20.0, 60.0]]))
     expected = predictor(places, fit.names, logs, jacobian=False)
     found = again(places, known.names, known.log_values, jacobian=False)
     # One table for all fingers against one of this finger's own: the tables' own error.

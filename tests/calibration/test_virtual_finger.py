@@ -5,7 +5,7 @@ import pytest
 
 import haptix
 from calibration import Protocol, Session, SessionInfo, Stroke, measure, reduce_session
-from calibration.reduction import conditions_of_points
+from calibration.predict import StrokeConditions
 from calibration.virtual import Person, VirtualFingerSource
 
 STROKES = tuple(
@@ -37,7 +37,7 @@ def test_the_predictor_agrees_with_the_finger_in_time(
     points = reduce_session(session.recordings).used
     assert len(points) == len(STROKES)
     found = predictor(
-        conditions_of_points(points), parameters.names, parameters.log_values, jacobian=False
+        StrokeConditions.of(points), parameters.names, parameters.log_values, jacobian=False
     )
     for index, point in enumerate(points):
         # Sensor noise, drift and 1 % of cross-talk: the errors say how much of it is left.
