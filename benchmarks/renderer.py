@@ -24,9 +24,17 @@ import haptix
 from firmware_io import Device, MockDriver, MockLink, open_device
 from haptix.motion import Trajectory
 from haptix.rehearsal import rehearse
-from haptix.render import Carrier, DirectDrive, SliceInverse, Sliding, Wishes
-from haptix.render.block import BlockRenderer
-from haptix.render.live import LiveFingers
+from haptix.render import (
+    DirectWave,
+    LiveSettings,
+    RenderCore,
+    RenderSettings,
+    RenderState,
+    SineCarrier,
+    SliceInverse,
+    Wishes,
+)
+from haptix.render.live_fingers import LiveFingers
 from haptix.texture import FrictionField
 from haptix.touch import TouchEvent, TouchSettings
 
@@ -53,18 +61,19 @@ def report(name: str, times: np.ndarray) -> None:
 def blocks(surface: Any, texture: Any) -> None:
     print("a block of 1 ms at 48 kHz")
     for fingers in (1, 2, 10):
-        touches = LiveFingers(TouchSettings(lost_after_s=60.0), Sliding())
+        touches = LiveFingers(LiveSettings(touch=TouchSettings(lost_after_s=60.0)))
         for i in range(30):
             for finger in range(fingers):
                 x, y, force = 10 + 0.5 * i, 20.0 + finger, 0.5 + 0.005 * i
                 touches.take(TouchEvent(0.01 * i, finger, x, y, "move", force))
-        block = BlockRenderer(surface, texture, None, Carrier(4000.0, RATE), STEP)
-        clock = {"sample": 0}
+        drive, settings = SineCarrier(4000.0), RenderSettings(block_s=1e-3)
+        core = RenderCore(surface, texture, open_device("mock:"), drive, settings)
+        clock = {"sample": 0, "state": RenderState()}
 
-        def one(touches=touches, block=block, clock=clock) -> None:
+        def one(touches: Any = touches, core: Any = core, clock: Any = clock) -> None:
             first = clock["sample"]
-            points = touches.points(0.3 + 1e-6 * first, STEP / RATE, POINTS)
-            block.render(points, first, POINTS)
+            motion = touches.motion(0.3 + 1e-6 * first, STEP / RATE, POINTS)
+            _, clock["state"] = core.block(motion, first, clock["state"])
             clock["sample"] = first + BLOCK
 
         report(f"{fingers} finger{'s' * (fingers > 1)}, everything on", times_us(one))
@@ -151,14 +160,14 @@ def offline(surface: Any, texture: Any) -> None:
 def verdicts(model: Any, texture: Any, path: Trajectory) -> None:
     print("errors under the virtual finger: 95 % below, in difference thresholds")
     force = (float(path.normal_force_n.min()), float(path.normal_force_n.max()))
-    for name, frequency, wave in (
+    for name, frequency, drive in (
         ("carrier of 4 kHz", 4000.0, None),
-        ("direct sine of 125 Hz", 125.0, DirectDrive(125.0, RATE)),
-        ("direct square of 125 Hz", 125.0, DirectDrive(125.0, RATE, "square")),
+        ("direct sine of 125 Hz", 125.0, DirectWave(125.0)),
+        ("direct square of 125 Hz", 125.0, DirectWave(125.0, "square")),
     ):
         ranges = {"normal_force_n": force, "frequency_hz": frequency}
         surface = haptix.FrictionSurface.build(model, ranges, tolerance=5e-4)
-        found = rehearse(model, surface, texture, path, wave=wave)
+        found = rehearse(model, surface, texture, path, drive=drive)
         parts = "   ".join(
             f"{part} {verdict.error_p95_thresholds:.2g}" for part, verdict in found.parts.items()
         )
@@ -194,7 +203,7 @@ def direct(model: Any) -> None:
     for frequency in (60.0, 125.0, 500.0):
         ranges = {"normal_force_n": (0.1, 1.0), "frequency_hz": frequency}
         surface = haptix.FrictionSurface.build(model, ranges, tolerance=1e-4)
-        wave = DirectDrive(frequency, RATE)
+        wave = DirectWave(frequency)
         asked = SliceInverse(surface, wave.pulls, wave.peak_per_sine).row(0.3).highest_mu
         felt = float(model.over_period(0.3, 200.0, frequency).mu.mean())
         naive = float(surface.mu(0.3, 200.0))
@@ -207,9 +216,8 @@ def stalls(surface: Any, texture: Any, seconds: float) -> None:
     for lead_ms in (25.0, 5.0):
         link = MockLink(MockDriver(pace="real"))
         device = Device(link)
-        renderer = haptix.Renderer(
-            surface, Stalling(texture), device, real_time=True, lead_s=lead_ms / 1e3, block_s=0.001
-        )
+        settings = LiveSettings(lead_s=lead_ms / 1e3, block_s=0.001)
+        renderer = haptix.LiveRenderer(surface, Stalling(texture), device, settings=settings)
         end = threading.Event()
 
         def disturb(link: MockLink = link, end: threading.Event = end) -> None:

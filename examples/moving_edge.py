@@ -16,8 +16,9 @@ import typer
 from matplotlib.figure import Figure
 
 import haptix
+from haptix.render import LiveSettings, PredictingRenderer
 from haptix.texture import Composition, Grating, Sprite, as_mu
-from haptix.touch import TouchSettings, paced
+from haptix.touch import paced
 from haptix.virtual_finger import VirtualFinger, judge
 
 SECONDS, RIGHT_MM, LEAD_S, LATENCY_S = 2.5, 60.0, 0.025, 0.02
@@ -42,9 +43,8 @@ def main(
     opened = haptix.open_device(device)
     in_time = opened.mock is None or opened.mock.pace == "real"
     late_s = 0.0 if in_time else LATENCY_S
-    with haptix.Renderer(
-        surface, GRATING, opened, live=TouchSettings(), lead_s=LEAD_S, real_time=in_time
-    ) as renderer:
+    kind = haptix.LiveRenderer if in_time else PredictingRenderer
+    with kind(surface, GRATING, opened, settings=LiveSettings(lead_s=LEAD_S)) as renderer:
         began_s = renderer.now_s() if in_time else 0.0
         for event in paced(path.events(), clock=renderer.now_s) if in_time else path.events():
             left_mm = float(edge_mm(event.t_s - began_s + late_s + LEAD_S))
@@ -56,7 +56,7 @@ def main(
         return
 
     played = opened.mock.played_v
-    felt = VirtualFinger(model).feel(played, renderer.carrier.sample_rate_hz, t, *path.at(t))
+    felt = VirtualFinger(model).feel(played, renderer.sample_rate_hz, t, *path.at(t))
     on_sheet = felt.x_mm - edge_mm(felt.t_s)
     share = np.where(on_sheet > 0, GRATING.friction(on_sheet, felt.y_mm), 0.0)
     reachable = renderer.reachable(felt.normal_force_n, felt.speed_mm_per_s)
@@ -83,7 +83,7 @@ def main(
     friction.margins(y=0.3)
     friction.legend(loc="upper left", ncols=2)
     voltage.plot(
-        np.arange(len(played)) / renderer.carrier.sample_rate_hz, played, color="tab:purple", lw=0.3
+        np.arange(len(played)) / renderer.sample_rate_hz, played, color="tab:purple", lw=0.3
     )
     title = "3  Voltage: none beside the sheet, and for a moment none where the finger turns"
     voltage.set(xlabel="time (s)", ylabel="played (V)", xlim=(0, t[-1]), title=title)

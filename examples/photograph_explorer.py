@@ -20,8 +20,9 @@ from skimage.data import brick
 
 import haptix
 from haptix.demo.job import FINGER_PATH
+from haptix.render import PredictingRenderer
 from haptix.texture import as_mu
-from haptix.touch import TouchEvent, TouchSettings, paced
+from haptix.touch import TouchEvent, paced
 from haptix.virtual_finger import TouchPanel, VirtualFinger, judge
 
 
@@ -50,9 +51,8 @@ def main(
     opened = haptix.open_device(device)
     in_time = opened.mock is None or opened.mock.pace == "real"
     true = (finger.t_s, finger.x_mm, finger.y_mm, finger.normal_force_n)
-    with haptix.Renderer(
-        surface, texture, opened, live=TouchSettings(), real_time=in_time
-    ) as renderer:
+    kind = haptix.LiveRenderer if in_time else PredictingRenderer
+    with kind(surface, texture, opened) as renderer:
         if in_time:
             for event in paced(finger.events(), clock=renderer.now_s):
                 renderer.event(event)
@@ -63,11 +63,11 @@ def main(
             ):
                 renderer.event(TouchEvent(t, 0, x, y, "move", n), arrival)
     stats = renderer.stats
-    print(f"{stats.samples} samples, {stats.underruns} underruns (if any: give Renderer a lead_s)")
+    print(f"{stats.samples} samples, {stats.underruns} underruns (if any: a longer lead_s helps)")
     if in_time:
         return
 
-    played, rate_hz = opened.mock.played_v, renderer.carrier.sample_rate_hz
+    played, rate_hz = opened.mock.played_v, renderer.sample_rate_hz
     felt = VirtualFinger(model).feel(played, rate_hz, *true, start_s=float(finger.t_s[0]))
     lowest, highest = renderer.reachable(felt.normal_force_n, felt.speed_mm_per_s)
     wanted = as_mu("share", texture.friction(felt.x_mm, felt.y_mm), lowest, highest)

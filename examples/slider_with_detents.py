@@ -16,8 +16,9 @@ import typer
 from matplotlib.figure import Figure
 
 import haptix
+from haptix.render import PredictingRenderer
 from haptix.texture import Recording, as_mu
-from haptix.touch import TouchSettings, paced
+from haptix.touch import paced
 from haptix.virtual_finger import VirtualFinger, judge
 
 LEFT_MM, LENGTH_MM, RIDGE_MM, SECONDS, LATENCY_S = 10.0, 60.0, 1.2, 3.0, 0.02
@@ -57,9 +58,8 @@ def main(
     opened = haptix.open_device(device)
     in_time = opened.mock is None or opened.mock.pace == "real"
     value, values = 0, []
-    with haptix.Renderer(
-        surface, slider, opened, live=TouchSettings(), real_time=in_time
-    ) as renderer:
+    kind = haptix.LiveRenderer if in_time else PredictingRenderer
+    with kind(surface, slider, opened) as renderer:
         for event in paced(path.events(), clock=renderer.now_s) if in_time else path.events():
             renderer.event(event, event.t_s + (0.0 if in_time else LATENCY_S))
             at = (event.x_mm - LEFT_MM) / LENGTH_MM * steps - 0.5  # 0 in the middle of value 0
@@ -67,12 +67,12 @@ def main(
                 value = int(np.clip(round(at), 0, steps - 1))
             values.append(value)
     stats = renderer.stats
-    print(f"{stats.samples} samples, {stats.underruns} underruns (if any: give Renderer a lead_s)")
+    print(f"{stats.samples} samples, {stats.underruns} underruns (if any: a longer lead_s helps)")
     if in_time:
         return
 
     played = opened.mock.played_v
-    felt = VirtualFinger(model).feel(played, renderer.carrier.sample_rate_hz, t, *path.at(t))
+    felt = VirtualFinger(model).feel(played, renderer.sample_rate_hz, t, *path.at(t))
     reachable = renderer.reachable(felt.normal_force_n, felt.speed_mm_per_s)
     wanted = as_mu("share", slider.friction(felt.x_mm, felt.y_mm), *reachable)
     verdict = judge(felt, wanted)

@@ -18,8 +18,9 @@ from matplotlib.figure import Figure
 from skimage.data import brick
 
 import haptix
+from haptix.render import LiveSettings, PredictingRenderer
 from haptix.texture import Composition, Grating, Sprite, Texture, as_mu
-from haptix.touch import TouchSettings, paced
+from haptix.touch import paced
 from haptix.virtual_finger import VirtualFinger, judge
 
 LATENCY_S = 0.02
@@ -53,17 +54,16 @@ def main(
 
     opened = haptix.open_device(device)
     in_time = opened.mock is None or opened.mock.pace == "real"
-    with haptix.Renderer(
-        surface, SCREEN, opened, live=TouchSettings(), combination=combination, real_time=in_time
-    ) as renderer:
+    kind = haptix.LiveRenderer if in_time else PredictingRenderer
+    with kind(surface, SCREEN, opened, settings=LiveSettings(combination=combination)) as renderer:
         for event in paced(events, clock=renderer.now_s) if in_time else events:
             renderer.event(event, event.t_s + (0.0 if in_time else LATENCY_S))
     stats = renderer.stats
-    print(f"{stats.samples} samples, {stats.underruns} underruns (if any: give Renderer a lead_s)")
+    print(f"{stats.samples} samples, {stats.underruns} underruns (if any: a longer lead_s helps)")
     if in_time:
         return
 
-    rate_hz, played = renderer.carrier.sample_rate_hz, opened.mock.played_v
+    rate_hz, played = renderer.sample_rate_hz, opened.mock.played_v
     figure = Figure(figsize=(11, 10), layout="constrained")
     grid = figure.add_gridspec(4, 1, height_ratios=(1.6, 1, 1, 0.8))
     place = figure.add_subplot(grid[0])

@@ -8,6 +8,7 @@ from .errors import LimitError as LimitError
 from .finger import Finger as Finger
 from .friction import ContactModel as ContactModel
 from .motion import Trajectory as Trajectory
+from .render import LiveRenderer as LiveRenderer
 from .render import Renderer as Renderer
 from .scene import Scene as Scene
 from .screen import Screen as Screen

@@ -13,7 +13,7 @@ from haptix.cli.output import AsJson, progress_bar, show, stand_ins
 if TYPE_CHECKING:
     from haptix.friction import ContactModel
     from haptix.motion import Trajectory
-    from haptix.render import Carrier
+    from haptix.render import Drive
     from haptix.surface import FrictionSurface
     from haptix.texture import FrictionField
 
@@ -68,6 +68,7 @@ def render(
         update("surface", 0.0)
         from haptix.rehearsal import rehearse
         from haptix.rehearsal.folder import summary_of, write
+        from haptix.render import LiveSettings
         from haptix.virtual_finger import TouchPanel
 
         job = _Job(image, width_mm, mu_range, trajectory, finger, screen)
@@ -81,8 +82,8 @@ def render(
             panel,
             address=device,
             on_progress=lambda share: update("render", share),
-            lead_s=lead_ms / 1e3,
-            wave=_wave(direct_hz, waveform, device),
+            drive=_drive(carrier_hz, direct_hz, waveform),
+            settings=LiveSettings(lead_s=lead_ms / 1e3),
         )
         about = {
             "photograph": job.photograph,
@@ -124,20 +125,15 @@ def play(
         import time
 
         from firmware_io import open_device
-        from haptix.render import Renderer
+        from haptix.render import LiveRenderer, LiveSettings
 
         job = _Job(image, width_mm, mu_range, trajectory, finger, screen)
         found = job.surface(surface, carrier_hz, direct_hz, lambda share: update("surface", share))
         opened = open_device(device)
         try:
-            renderer = Renderer(
-                found,
-                job.texture,
-                opened,
-                real_time=True,
-                lead_s=lead_ms / 1e3,
-                wave=_wave(direct_hz, waveform, device, opened.capabilities.sample_rate_hz),
-            )
+            drive = _drive(carrier_hz, direct_hz, waveform)
+            settings = LiveSettings(lead_s=lead_ms / 1e3)
+            renderer = LiveRenderer(found, job.texture, opened, drive, settings)
             path = job.path
             with renderer:
                 start = renderer.now_s() - float(path.t_s[0])
@@ -233,19 +229,12 @@ def _profile(kind: Any, name: str) -> Any:
     return kind.load(name) if name.endswith(".toml") else kind.preset(name)
 
 
-def _wave(
-    direct_hz: float | None, waveform: str, address: str, rate_hz: float | None = None
-) -> Carrier | None:
-    if direct_hz is None:
-        return None
-    from firmware_io import open_device
-    from haptix.render import DirectDrive
+def _drive(carrier_hz: float | None, direct_hz: float | None, waveform: str) -> Drive | None:
+    from haptix.render import DirectWave, SineCarrier
 
-    if rate_hz is None:
-        with open_device(address) as device:
-            rate_hz = device.capabilities.sample_rate_hz
-        device.close()
-    return DirectDrive(direct_hz, rate_hz, waveform)
+    if direct_hz is not None:
+        return DirectWave(direct_hz, waveform)
+    return None if carrier_hz is None else SineCarrier(carrier_hz)
 
 
 def _rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:

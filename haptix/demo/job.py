@@ -22,7 +22,7 @@ from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.motion import Trajectory
-from haptix.render import Carrier, Renderer, RenderStats
+from haptix.render import Renderer, RenderSettings, RenderStats, SineCarrier
 from haptix.screen import Screen
 from haptix.surface import FrictionSurface, cached_surface
 from haptix.texture import Texture
@@ -155,7 +155,8 @@ class DemoJob:
                 raise InputError(f"--out: {self.folder / name} is a folder; name another --out")
 
     def _check_carrier(self, path: Trajectory, device: Device) -> None:
-        carrier = Carrier(self.carrier_hz, device.capabilities.sample_rate_hz)
+        carrier = SineCarrier(self.carrier_hz)
+        carrier.check_rate(device.capabilities.sample_rate_hz)
         if path.duration_s * carrier.frequency_hz < _LEAST_PERIODS:
             raise InputError(
                 f"trajectory: expected {_LEAST_PERIODS} periods or more of the "
@@ -236,7 +237,8 @@ def _play(
 ) -> tuple[Renderer, MockDriver]:
     driver = device.mock
     assert driver is not None  # "mock:" has one
-    with Renderer(surface, texture, device, keep_blocks=True) as renderer:
+    settings = RenderSettings(keep_blocks=True)
+    with Renderer(surface, texture, device, settings=settings) as renderer:
         touches = zip(path.t_s, path.x_mm, path.y_mm, path.normal_force_n, strict=True)
         for number, touch in enumerate(touches, start=1):
             renderer.touch(*touch)

@@ -50,11 +50,11 @@ def judge(
     Surface, inversion, modulation and the driver's 16 bits are all in the difference from the
     target. The renderer must have kept its blocks.
     """
-    carrier = renderer.carrier
-    sample, amplitude = carrier.demodulate(driver.played_v[: renderer.stats.samples])
+    carrier, rate = renderer.drive, renderer.sample_rate_hz
+    sample, amplitude = carrier.demodulate(driver.played_v[: renderer.stats.samples], rate)
     # Rounding to 16 bits may read back a millivolt beyond these.
     amplitude = amplitude.clip(0.0, model.screen.max_voltage_v)
-    t = path.t_s[0] + sample / carrier.sample_rate_hz
+    t = path.t_s[0] + sample / rate
     load = torch.from_numpy(path.at(t)[2])
     reached = model.solve(load, torch.from_numpy(amplitude), carrier.frequency_hz)
     lowest, highest = surface.reachable(load)

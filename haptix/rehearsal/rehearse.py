@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,11 +14,19 @@ from haptix.errors import InputError
 from haptix.friction import ContactModel
 from haptix.motion import Trajectory
 from haptix.rehearsal.exact import exact_amplitude
-from haptix.render import DirectDrive, Renderer, RenderStats
+from haptix.render import (
+    DirectWave,
+    Drive,
+    LiveSettings,
+    PredictingRenderer,
+    Renderer,
+    RenderSettings,
+    RenderStats,
+)
 from haptix.status import Status
 from haptix.surface import FrictionSurface
 from haptix.texture import FrictionField, as_mu
-from haptix.touch import TouchEvent, TouchSettings
+from haptix.touch import TouchEvent
 from haptix.virtual_finger import FELT_WITHIN_S, Felt, TouchPanel, Verdict, VirtualFinger, judge
 
 Array = npt.NDArray[np.float64]
@@ -78,10 +85,10 @@ def rehearse(
     texture: FrictionField,
     path: Trajectory,
     panel: TouchPanel | None = None,
-    touch: TouchSettings | None = None,
+    drive: Drive | None = None,
+    settings: LiveSettings | None = None,
     address: str = "mock:",
     on_progress: Callable[[float], None] = lambda share: None,
-    **options: Any,
 ) -> Rehearsal:
     """Let the virtual finger move along a path on a texture.
 
@@ -101,14 +108,14 @@ def rehearse(
         Where the finger truly is.
     panel : TouchPanel, optional
         How the screen senses it: 100 Hz, 20 ms late, without noise.
-    touch : TouchSettings, optional
-        How the renderer follows it.
+    drive : Drive, optional
+        Of the renderer.
+    settings : LiveSettings, optional
+        Of the renderer.
     address : str
         A mock device, with its options.
     on_progress : callable
         Called with the share that is done.
-    **options
-        Of `Renderer`: drive, lead, fades and the like.
 
     Raises
     ------
@@ -116,34 +123,35 @@ def rehearse(
         If the address is no mock device's, or an option is wrong.
     """
     panel = TouchPanel() if panel is None else panel
-    live = _play_live(surface, texture, path, panel, touch, address, options)
+    settings = LiveSettings() if settings is None else settings
+    live = _play_live(surface, texture, path, panel, drive, settings, address)
     on_progress(0.2)
-    known = _play_known(surface, texture, path, address, options)
+    known = _play_known(surface, texture, path, drive, settings, address)
     on_progress(0.4)
-    finger = VirtualFinger(model, h0_m=_h0_m(model, options))
+    finger = VirtualFinger(model, h0_m=_h0_m(model, settings))
     along = (path.t_s, path.x_mm, path.y_mm, path.normal_force_n)
-    rate = live.renderer.carrier.sample_rate_hz
-    frequency = live.renderer.carrier.frequency_hz
+    rate = live.renderer.sample_rate_hz
+    frequency = live.renderer.drive.frequency_hz
 
     def feel(played: _Played, drive_v: Array) -> Felt:
         return finger.feel(_at_least_four(drive_v), rate, *along, played.start_s)
 
     step = known.renderer.blocks[0].step
     sent = np.concatenate([block.amplitude_v for block in known.renderer.blocks])
-    exact = _without_surface(model, known, sent, path, _h0_m(model, options))
-    drive = np.concatenate([block.drive_v for block in known.renderer.blocks])
+    exact = _without_surface(model, known, sent, path, _h0_m(model, settings))
+    sent_v = np.concatenate([block.drive_v for block in known.renderer.blocks])
     played = {
         "quantisation": feel(known, known.played_v),
         "prediction": feel(live, live.played_v),
     }
-    carrier = known.renderer.carrier
-    if isinstance(carrier, DirectDrive):
+    carrier = known.renderer.drive
+    if isinstance(carrier, DirectWave):
         points = np.arange(len(exact) + 1) * step
-        line = np.interp(np.arange(len(drive)), points, np.append(0.0, exact))
+        line = np.interp(np.arange(len(sent_v)), points, np.append(0.0, exact))
         limit = model.screen.max_voltage_v
         felt = {
-            "modulation": feel(known, carrier.modulate(line, 0).clip(-limit, limit)),
-            "surface": feel(known, drive),
+            "modulation": feel(known, carrier.modulate(line, 0, rate).clip(-limit, limit)),
+            "surface": feel(known, sent_v),
             **played,
         }
     else:
@@ -155,12 +163,12 @@ def rehearse(
         felt = {
             "finger": feel_ideal(exact),
             "surface": feel_ideal(sent),
-            "modulation": feel(known, drive),
+            "modulation": feel(known, sent_v),
             **played,
         }
     on_progress(0.9)
     wanted, reachable = _wanted(live.renderer, texture, felt["prediction"])
-    average_s = 1 / frequency if isinstance(carrier, DirectDrive) else FELT_WITHIN_S
+    average_s = 1 / frequency if isinstance(carrier, DirectWave) else FELT_WITHIN_S
     parts = {}
     against = wanted
     for name in felt:
@@ -181,7 +189,7 @@ def rehearse(
 
 @dataclass(frozen=True)
 class _Played:
-    renderer: Renderer
+    renderer: Renderer | PredictingRenderer
     played_v: Array
     start_s: float
 
@@ -199,14 +207,13 @@ def _play_live(
     texture: FrictionField,
     path: Trajectory,
     panel: TouchPanel,
-    touch: TouchSettings | None,
+    drive: Drive | None,
+    settings: LiveSettings,
     address: str,
-    options: Mapping[str, Any],
 ) -> _Played:
     seen = panel.read(path.t_s, path.x_mm, path.y_mm, path.normal_force_n)
     device = _mock(address)
-    settings = TouchSettings() if touch is None else touch
-    with Renderer(surface, texture, device, live=settings, **options) as renderer:
+    with PredictingRenderer(surface, texture, device, drive, settings) as renderer:
         for t, arrival, x, y, force in zip(
             *(c.tolist() for c in (seen.t_s, seen.arrival_s, seen.x_mm, seen.y_mm)),
             seen.normal_force_n.tolist(),
@@ -220,21 +227,23 @@ def _play_known(
     surface: FrictionSurface,
     texture: FrictionField,
     path: Trajectory,
+    drive: Drive | None,
+    settings: LiveSettings,
     address: str,
-    options: Mapping[str, Any],
 ) -> _Played:
     """Play the true path, without panel, latency and prediction."""
     device = _mock(address)
-    recorded = {name: value for name, value in options.items() if name != "lead_s"}
-    recorded["keep_blocks"] = True
+    names = [field.name for field in fields(RenderSettings)]
+    recorded = RenderSettings(**{name: getattr(settings, name) for name in names})
+    recorded = replace(recorded, keep_blocks=True)
     count = int(path.duration_s * _TRUTH_HZ) + 2
     t = np.linspace(path.t_s[0], path.t_s[-1], count)
-    with Renderer(surface, texture, device, **recorded) as renderer:
+    with Renderer(surface, texture, device, drive, recorded) as renderer:
         renderer.play(Trajectory(t, *path.at(t)))
     return _played(renderer, device, float(path.t_s[0]))
 
 
-def _played(renderer: Renderer, device: Device, start_s: float) -> _Played:
+def _played(renderer: Renderer | PredictingRenderer, device: Device, start_s: float) -> _Played:
     assert device.mock is not None
     played = np.array(device.mock.played_v)
     device.close()
@@ -245,14 +254,14 @@ def _without_surface(
     model: ContactModel, known: _Played, sent_v: Array, path: Trajectory, h0_m: float
 ) -> Array:
     """Amplitudes by which the model gives the friction that the surface gives by `sent_v`."""
-    surface, carrier = known.renderer.surface, known.renderer.carrier
+    surface, renderer = known.renderer.surface, known.renderer
     sample = np.concatenate([block.sample for block in known.renderer.blocks])
-    force = path.at(known.start_s + sample / carrier.sample_rate_hz)[2]
+    force = path.at(known.start_s + sample / renderer.sample_rate_hz)[2]
     found = surface.evaluate(torch.from_numpy(force), torch.from_numpy(sent_v))
     mends = (found.status.numpy() == Status.OK) & (sent_v > 0)
     exact = sent_v.copy()
     if mends.any():
-        frequency = None if surface.frequency_hz.is_absent else carrier.frequency_hz
+        frequency = None if surface.frequency_hz.is_absent else renderer.drive.frequency_hz
         exact[mends] = exact_amplitude(
             model, found.mu.numpy()[mends], force[mends], frequency, h0_m, sent_v[mends]
         )
@@ -260,7 +269,7 @@ def _without_surface(
 
 
 def _wanted(
-    renderer: Renderer, texture: FrictionField, felt: Felt
+    renderer: Renderer | PredictingRenderer, texture: FrictionField, felt: Felt
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
     axis = renderer.surface.normal_force_n
     force = felt.normal_force_n.clip(axis.low, axis.high)
@@ -271,9 +280,8 @@ def _wanted(
     return wanted, on_axis & (wanted >= low - slack) & (wanted <= high + slack)
 
 
-def _h0_m(model: ContactModel, options: Mapping[str, Any]) -> float:
-    h0_m = options.get("h0_m")
-    return model.screen.h0_m if h0_m is None else float(h0_m)
+def _h0_m(model: ContactModel, settings: LiveSettings) -> float:
+    return model.screen.h0_m if settings.h0_m is None else settings.h0_m
 
 
 def _at_least_four(drive_v: Array) -> Array:

@@ -1,90 +1,164 @@
-"""Fingers that move now: predicted from the touches that have come so far."""
+"""Renderers of live touches: repeatable in virtual time, and in real time."""
 
 from __future__ import annotations
 
-import numpy as np
+import time
+from math import inf
+from types import TracebackType
+from typing import Self
 
-from haptix.render.fingers import NOBODY, Array, FingerPoints, Sliding
-from haptix.touch import Touches, TouchEvent, TouchSettings, TouchTracker
+from firmware_io import Device
+from haptix.errors import InputError
+from haptix.render.drive import Drive
+from haptix.render.live_fingers import LiveFingers
+from haptix.render.motion import Array
+from haptix.render.producer import Producer
+from haptix.render.session import LONGEST_GAP_S, RenderSession, VirtualTimeSession
+from haptix.render.settings import LiveSettings
+from haptix.surface import FrictionSurface
+from haptix.texture import FrictionField
+from haptix.touch import TouchCounts, TouchEvent
 
-_MOST_ROWS = 3
 
-
-class LiveFingers:
-    """Fingers at the control points of the next block.
-
-    One thread may give touches while another asks for points.
+class _LiveSession(RenderSession):
+    """A session in which each block knows only the touches that have arrived, and predicts.
 
     Parameters
     ----------
-    settings : TouchSettings
-        How touches are followed and predicted.
-    sliding : Sliding
-        How the drive fades; whether a finger slides is the tracker's to say.
-    strict : bool
-        Whether a touch that cannot be used raises.
+    surface, texture, device, drive
+        As of `RenderSession`.
+    settings : LiveSettings, optional
+        How friction becomes an amplitude, and how touches are followed.
     """
 
-    def __init__(self, settings: TouchSettings, sliding: Sliding, strict: bool = False) -> None:
-        self.touches = Touches(settings, strict)
-        self._sliding = sliding
-        self._gains: dict[TouchTracker, float] = {}
-        self._steps: Array = np.empty(0)
+    def __init__(
+        self,
+        surface: FrictionSurface,
+        texture: FrictionField,
+        device: Device,
+        drive: Drive | None = None,
+        settings: LiveSettings | None = None,
+    ) -> None:
+        self._settings = LiveSettings() if settings is None else settings
+        super().__init__(surface, texture, device, drive, self._settings)
 
-    def points(self, t0_s: float, step_s: float, count: int) -> FingerPoints:
-        """Fingers at ``t0_s + step_s * (1 ... count)``."""
-        down = [tracker for _, tracker in self.touches.active]
-        gains = self._gains
-        if not down and not gains:
-            return NOBODY
-        for tracker in down:
-            gains.setdefault(tracker, 0.0)
-        most = step_s * count / self._sliding.fade_s
-        starts: list[tuple[float, float, float, float]] = []
-        slopes: list[tuple[float, float, float, float]] = []
-        forces: list[float] = []
-        fastest = 0.0
-        for tracker, gain in list(gains.items()):
-            part = tracker.path(t0_s, step_s, count)
-            feels = part.is_down and not part.is_lost
-            feels = feels and (part.is_sliding or not self._sliding.is_needed)
-            end = min(gain + most, 1.0) if feels else max(gain - most, 0.0)
-            if end == 0.0 and not part.is_down:
-                del gains[tracker]
-            else:
-                gains[tracker] = end
-            if gain == end == 0.0:
-                continue
-            starts.append((part.x_mm, part.y_mm, part.normal_force_n, gain))
-            slopes.append(
-                (
-                    part.x_slope_mm_s,
-                    part.y_slope_mm_s,
-                    part.force_slope_n_s,
-                    (end - gain) / (step_s * count),
-                )
-            )
-            forces.append(part.normal_force_n + part.force_slope_n_s * step_s * count / 2)
-            fastest = max(fastest, part.speed_mm_s)
-        if not starts:
-            return NOBODY
-        if len(self._steps) != count:
-            self._steps = np.arange(1.0, count + 1) * step_s
-        start = np.array(starts, dtype=np.float64)
-        slope = np.array(slopes, dtype=np.float64)
-        lines: Array = start.T[:, :, None] + slope.T[:, :, None] * self._steps
-        x, y, force, gain_at = lines.reshape(4, -1)
-        # Rows of the surface pay for few fingers; for many, one batch of points is faster.
-        rows = forces if len(forces) <= _MOST_ROWS else None
-        return FingerPoints(len(starts), x, y, force, gain_at, fastest * step_s, rows)
-
-    def take(self, event: TouchEvent) -> None:
-        """Take a touch event; a move of an unknown finger brings it down."""
-        if event.kind == "move" and event.touch_id not in self.touches:
-            event = event._replace(kind="down")
-        self.touches.push(event)
+    def _reset(self) -> None:
+        super()._reset()
+        self._fingers = LiveFingers(self._settings)
 
     @property
-    def newest_s(self) -> float | None:
-        """Time stamp of the newest touch of a finger that is down; None without one."""
-        return max((tracker.last_t_s for _, tracker in self.touches.active), default=None)
+    def touch_counts(self) -> TouchCounts:
+        """What became of the touches."""
+        return self._fingers.touches.counts
+
+
+class PredictingRenderer(_LiveSession, VirtualTimeSession):
+    """Renders live touches in virtual time: a repeatable test of a real-time path.
+
+    A block knows only the touches that had arrived when it would have been computed. Parameters
+    are those of `LiveRenderer`.
+    """
+
+    def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
+        """Take a touch event and render up to a lead after its arrival; see `touch`."""
+        arrival_s = event.t_s if arrival_s is None else arrival_s
+        if self._settings.strict:
+            self._check_gap(arrival_s)
+        elif self._gap_s(arrival_s) > LONGEST_GAP_S:
+            self.touch_counts.invalid += 1
+            return
+        # What plays within the lead was computed before the event arrived.
+        self._render_until(arrival_s + self._settings.lead_s)
+        self._fingers.take(event)
+        if self._start_s is None:
+            self._start_s = self._fingers.newest_s
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            if error is None:
+                self._render_until(self._fingers.newest_s)
+        finally:
+            super().__exit__(kind, error, traceback)
+
+    def _render_until(self, t_s: float | None) -> None:
+        if self._start_s is None or t_s is None or not t_s < inf:
+            return
+        core = self._core
+        while (t0_s := self._start_s + self._next_sample / core.sample_rate_hz) <= t_s:
+            began = time.perf_counter()
+            self._send(self._fingers.motion(t0_s, core.step_s, core.points), began)
+
+
+class LiveRenderer(_LiveSession):
+    """Renders live touches in real time.
+
+    One thread renders, another owns the device (`firmware_io.Playback`), and touches are given as
+    they come, stamped by `now_s`.
+
+    Parameters
+    ----------
+    surface : FrictionSurface
+        Must hold the drive's frequency and the thickness; kept as a slice at these.
+    texture : FrictionField
+        What to feel.
+    device : Device
+        Where the samples go. Its voltage ceiling is lowered to the surface's voltage limit, and
+        must not be below it.
+    drive : Drive, optional
+        A sine carrier by default, see `RenderCore`.
+    settings : LiveSettings, optional
+        How friction becomes an amplitude, and how touches are followed.
+    """
+
+    _producer: Producer | None = None
+
+    def __enter__(self) -> Self:
+        self._prepare()
+        self.stats.lead_s = self._settings.lead_s
+        samples = self._core.points * self._core.step
+        producer = Producer(self.device, self._take_block, samples, self._settings.lead_s)
+        producer.start()
+        self._producer = producer
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        producer, self._producer = self._producer, None
+        if producer is None:
+            return
+        try:
+            producer.stop(error)
+        finally:
+            self.stats.underruns = producer.stats.underruns
+            self.stats.late_blocks = producer.stats.late_blocks
+
+    def now_s(self) -> float:
+        """Time of the clock by which touches are stamped."""
+        return time.monotonic()
+
+    def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
+        """Take a touch event; see `touch`."""
+        if self._producer is None:
+            raise InputError("touch: expected a renderer that was entered; use it in a with block")
+        self._producer.raise_once()
+        self._fingers.take(event)
+
+    def _take_block(self, t0_s: float) -> Array:
+        """Render the samples that play from `t0_s` on."""
+        began = time.perf_counter()
+        core = self._core
+        block = self._render(self._fingers.motion(t0_s, core.step_s, core.points))
+        self._count(block, time.perf_counter() - began)
+        newest = self._fingers.newest_s
+        if newest is not None:
+            self.stats.touch_age_s = t0_s - newest
+        return block.drive_v

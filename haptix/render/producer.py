@@ -15,18 +15,18 @@ import numpy.typing as npt
 from firmware_io import Device, Playback, PlaybackStats
 
 SWITCH_S = 5e-4
-"""How long a thread may hold the interpreter while another waits: with the usual 5 ms a busy
-thread delays a block by just that."""
+"""How long a thread may hold the interpreter while another waits. With the usual 5 ms, a busy
+thread delays a block by as much."""
 
-_FOLLOW = 0.02  # share of the difference to the device's clock that each block takes up
-_LOST_S = 0.05  # a difference that is no jitter: the clock is set anew
+_FOLLOW = 0.02  # share of the difference from the device's clock that each block corrects
+_LOST_S = 0.05  # a larger difference is no jitter: the clock is set anew
 
 
 @contextmanager
 def ready_interpreter() -> Iterator[None]:
     """Keep garbage collection and thread switches short, and restore them.
 
-    A full collection of what is there by now takes some 100 ms; frozen, it is never visited.
+    A full garbage collection takes some 100 ms here. Frozen objects are left out of it.
     """
     switch_s = sys.getswitchinterval()
     gc.collect()
@@ -40,12 +40,12 @@ def ready_interpreter() -> Iterator[None]:
 
 
 class Producer:
-    """Asks for blocks as the device needs them.
+    """Thread that renders blocks as the device needs them.
 
     Parameters
     ----------
     device : Device
-        Played on by a `Playback`, which owns it meanwhile.
+        A `Playback` owns it and plays on it meanwhile.
     render : callable
         Returns the samples of the next block, for the time at which its first is played.
     samples : int
@@ -73,12 +73,12 @@ class Producer:
 
     @property
     def stats(self) -> PlaybackStats:
-        """Of the playback."""
+        """Counts of the playback."""
         return self._playback.stats
 
     def start(self) -> None:
-        """Arm the device and begin."""
-        # First the collection, which takes long, then the driver, which may not be kept waiting.
+        """Arm the device and start the thread."""
+        # The collection comes first: it takes long, and an armed driver does not wait.
         self._settings.__enter__()
         try:
             self._playback.start()
@@ -88,13 +88,13 @@ class Producer:
         self._thread.start()
 
     def raise_once(self) -> None:
-        """Raise what ended the thread, the first time that it is asked."""
+        """Raise the error that ended the thread, once."""
         error, self._error = self._error, None
         if error is not None:
             raise error
 
     def stop(self, error: BaseException | None) -> None:
-        """End at 0 V; raise what ended the thread, unless another error is on its way."""
+        """End at 0 V; raise the error that ended the thread, unless another one is being raised."""
         self._must_end.set()
         self._thread.join()
         self._settings.__exit__(None, None, None)

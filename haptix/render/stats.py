@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from haptix.render.block import RenderedBlock
+from haptix.render.core import RenderedBlock
 from haptix.status import Status
 
 _KEPT = 100_000
@@ -20,28 +20,28 @@ class RenderStats:
     samples: int = 0
     """Samples rendered."""
     below: int = 0
-    """Samples whose friction was below what the contact has without voltage, of all fingers."""
+    """Samples, of all fingers, whose target was below the friction without voltage."""
     above: int = 0
-    """Samples whose friction was above what the highest voltage, pull-in or breakdown allow."""
+    """Samples whose target was above what the highest voltage, pull-in or breakdown allow."""
     outside: int = 0
-    """Samples outside the surface's range of force."""
+    """Samples whose force was outside the surface's range."""
     block_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT))
     """Time to compute each of the last blocks [s]."""
     lead_s: float = 0.0
-    """Time from computing a sample to its being played, as chosen; 0 in virtual time."""
+    """Time from computing a sample to playing it, as set; 0 in virtual time."""
     underruns: int = 0
     """Times that samples ran out."""
     late_blocks: int = 0
-    """Blocks that came after samples had run out."""
+    """Blocks that arrived after samples had run out."""
     touch_age_s: float = 0.0
-    """Time from the newest touch to the playing of the last block [s]: what is predicted over."""
+    """Time from the newest touch to the start of the last block [s]."""
 
-    def add(self, block: RenderedBlock, step: int, seconds: float) -> None:
+    def add(self, block: RenderedBlock, seconds: float) -> None:
         """Count a block."""
         self.samples += len(block.drive_v)
         self.block_s.append(seconds)
         if block.status.any():
-            each = np.bincount(block.status.ravel(), minlength=len(Status)) * step
+            each = np.bincount(block.status.ravel(), minlength=len(Status)) * block.step
             self.below += int(each[Status.BELOW])
             self.above += int(each[Status.ABOVE] + each[Status.PULL_IN] + each[Status.BREAKDOWN])
             self.outside += int(each[Status.OUT_OF_RANGE])

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from haptix.errors import FileFormatError
 from haptix.perception import Perception, components_of_pull
-from haptix.render.modulation import Carrier
+from haptix.render.drive import SineCarrier
 from haptix.stimuli.audio import read_drive
 from haptix.stimuli.folder import read_json
 
@@ -79,7 +79,7 @@ def read_for_drawing(path: Path, length_s: float = _LONGEST_S) -> Drawn:
     t = np.arange(len(drive)) / rate
     if carrier is None or len(drive) < 2 * rate / carrier:
         return Drawn(table, t, drive, t, np.abs(drive) * np.sqrt(2))
-    at, amplitude = Carrier(float(carrier), rate).demodulate(drive)
+    at, amplitude = SineCarrier(float(carrier)).demodulate(drive, rate)
     return Drawn(table, t, drive, at / rate, np.abs(amplitude))
 
 

@@ -8,11 +8,10 @@ import pytest
 
 import haptix
 from haptix.rehearsal import PARTS, rehearse
-from haptix.render import DirectDrive
+from haptix.render import DirectWave, LiveSettings
 from haptix.virtual_finger import TouchPanel
 
 CARRIER_HZ = 4000.0
-RATE = 48_000.0
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +66,8 @@ def test_the_surfaces_part_is_within_its_stated_error(model, hills, path, surfac
 
 def test_prediction_has_little_part_with_touches_like_the_truth(model, surface, hills, path, usual):
     quick = TouchPanel(rate_hz=1000.0, latency_s=0.0)
-    found = rehearse(model, surface, hills, path, quick, lead_s=1e-3, block_s=1e-3)
+    fast = LiveSettings(lead_s=1e-3, block_s=1e-3)
+    found = rehearse(model, surface, hills, path, quick, settings=fast)
     # The first touches say nothing of the speed yet; after that the finger is followed.
     assert found.parts["prediction"].error_rms_mu < usual.parts["prediction"].error_rms_mu
     late = rehearse(model, surface, hills, path, TouchPanel(latency_s=0.06))
@@ -103,7 +103,7 @@ def test_direct_drive_has_its_parts(model, path):
     scene = {"normal_force_n": (0.3, 0.8), "frequency_hz": 125.0}
     surface = haptix.FrictionSurface.build(model, scene, tolerance=2e-3)
     wide = haptix.texture.Grating(20.0, "sine", low=0.2, high=0.7)
-    found = rehearse(model, surface, wide, path, wave=DirectDrive(125.0, RATE, "square"))
+    found = rehearse(model, surface, wide, path, drive=DirectWave(125.0, "square"))
     assert set(found.parts) == {"modulation", "surface", "quantisation", "prediction"}
     total = sum(part.bias_mu for part in found.parts.values())
     assert total == pytest.approx(found.verdict.bias_mu, abs=1e-12)

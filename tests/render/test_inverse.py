@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import haptix
 from haptix import InputError, Status
 from haptix.electro.waveform import Waveform
-from haptix.render import DirectDrive, SliceInverse, Wishes
+from haptix.render import DirectWave, SliceInverse, Wishes
 
 RATE = 48_000.0
 MU, SHARE, CONTRAST = Wishes("mu"), Wishes("share"), Wishes("contrast")
@@ -117,7 +117,7 @@ def test_friction_is_averaged_over_the_period_of_a_direct_drive(model, force, fr
     """Against the model solved through the period, which knows no surface and no average."""
     scene = {"normal_force_n": (0.2, 1.0), "frequency_hz": frequency_hz}
     surface = haptix.FrictionSurface.build(model, scene, tolerance=2e-4)
-    drive = DirectDrive(frequency_hz, RATE)
+    drive = DirectWave(frequency_hz)
     row = SliceInverse(surface, drive.pulls, drive.peak_per_sine).row(force)
     naive = SliceInverse(surface).row(force)
     for share in (0.25, 0.5, 0.75):
@@ -133,7 +133,7 @@ def test_friction_is_averaged_over_the_period_of_a_direct_drive(model, force, fr
 
 
 def test_a_square_wave_has_no_ripple():
-    assert DirectDrive(125.0, RATE, "square").pulls is None
-    pulls = DirectDrive(125.0, RATE).pulls
+    assert DirectWave(125.0, "square").pulls is None
+    pulls = DirectWave(125.0).pulls
     assert pulls.mean() == pytest.approx(1.0, rel=1e-12)
     assert pulls.max() == pytest.approx(2.0, rel=2e-3)  # of 64 places none is just at the peak

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import haptix
 from firmware_io import DeviceFaultError
-from haptix import InputError, Renderer, Texture
-from haptix.render import DirectDrive, Sliding
+from haptix import InputError, Texture
+from haptix.render import DirectWave, LiveSettings, PredictingRenderer, Sliding
 from haptix.texture import FrictionField
 from haptix.touch import ForceModel, SingerKalman, TouchEvent, TouchSettings
 
@@ -18,6 +18,7 @@ RATE = 48_000.0
 CARRIER_HZ = 4000.0
 LEAD_S = 0.025
 ALWAYS = Sliding(is_needed=False)
+KEEP = LiveSettings(keep_blocks=True)
 FULL = Texture(np.ones((2, 2)), width_mm=100.0, beyond="hold")
 HALF = Texture(np.full((2, 2), 0.5), width_mm=100.0, beyond="hold")
 
@@ -52,10 +53,10 @@ def still(end_s=0.5, x_mm=20.0, **options):
     return stroke(end_s, 0.0, x_mm, **options)
 
 
-def render(surface, texture, events, latency_s=0.0, address="mock:", **options):
+def render(surface, texture, events, latency_s=0.0, address="mock:", drive=None, **options):
     device = haptix.open_device(address)
-    given = {"live": TouchSettings(), "lead_s": LEAD_S, "keep_blocks": True, **options}
-    renderer = Renderer(surface, texture, device, **given)
+    settings = LiveSettings(**{"lead_s": LEAD_S, "keep_blocks": True, **options})
+    renderer = PredictingRenderer(surface, texture, device, drive, settings)
     with renderer:
         for event in events:
             renderer.event(event, event.t_s + latency_s)
@@ -129,7 +130,7 @@ class Held(SingerKalman):
 
 def worst_place_mm(surface, events, true_mm, **settings):
     _, renderer = render(
-        surface, Ruler(), events, latency_s=0.03 - LEAD_S, live=TouchSettings(**settings)
+        surface, Ruler(), events, latency_s=0.03 - LEAD_S, touch=TouchSettings(**settings)
     )
     t = times(renderer)
     felt = amplitude(renderer) > 0
@@ -269,7 +270,7 @@ def test_touches_out_of_order_are_put_in_order(surface):
     mixed = list(events)
     mixed[10], mixed[11] = mixed[11], mixed[10]
     device = haptix.open_device("mock:")
-    with Renderer(surface, Ruler(), device, live=TouchSettings(), keep_blocks=True) as renderer:
+    with PredictingRenderer(surface, Ruler(), device, settings=KEEP) as renderer:
         for event, arrival in zip(mixed, (e.t_s + 0.01 for e in events), strict=True):
             renderer.event(event, arrival)
     assert renderer.touch_counts.reordered == 1
@@ -301,7 +302,7 @@ BAD_FORCE = {
 def test_a_bad_touch_raises_once_and_the_stroke_goes_on(surface, name):
     events, bad = stroke(0.4), {**BAD, **BAD_FORCE}[name]
     device = haptix.open_device("mock:")
-    with Renderer(surface, Ruler(), device, live=TouchSettings(), keep_blocks=True) as renderer:
+    with PredictingRenderer(surface, Ruler(), device, settings=KEEP) as renderer:
         for event in events[:20]:
             renderer.event(event)
         with pytest.raises(InputError, match="touch") as caught:
@@ -343,7 +344,9 @@ def test_a_clock_that_was_set_back(surface, strict):
     back = [event._replace(t_s=event.t_s - 100.0) for event in events[20:]]
     device = haptix.open_device("mock:")
     raised = 0
-    with Renderer(surface, FULL, device, live=TouchSettings(), strict=strict) as renderer:
+    with PredictingRenderer(
+        surface, FULL, device, settings=LiveSettings(strict=strict)
+    ) as renderer:
         for event in events[:20] + back:
             try:
                 renderer.event(event)
@@ -372,8 +375,8 @@ def test_a_flood_of_touches(surface):
 @pytest.mark.parametrize("assumed_n", [0.3, 0.5])
 def test_a_force_that_is_not_measured_is_the_assumed_one(surface, assumed_n):
     assumed = TouchSettings(force=ForceModel(assumed_n=assumed_n))
-    untold, _ = render(surface, HALF, stroke(force=None), live=assumed)
-    told, _ = render(surface, HALF, stroke(force=assumed_n), live=assumed)
+    untold, _ = render(surface, HALF, stroke(force=None), touch=assumed)
+    told, _ = render(surface, HALF, stroke(force=assumed_n), touch=assumed)
     np.testing.assert_array_equal(untold.mock.played_codes, told.mock.played_codes)
     assert np.abs(told.mock.played_v).max() > 100
 
@@ -412,8 +415,8 @@ def direct_surface(model):
 
 @pytest.mark.parametrize("waveform", ["sine", "square", (0.0, 1.0, 0.0, -1.0)])
 def test_direct_drive(direct_surface, waveform):
-    wave = DirectDrive(125.0, RATE, waveform)
-    device, renderer = render(direct_surface, HALF, stroke(0.5), wave=wave)
+    wave = DirectWave(125.0, waveform)
+    device, renderer = render(direct_surface, HALF, stroke(0.5), drive=wave)
     settled = device.mock.played_v[12_000 : 12_000 + 384 * 20]
     # The same in each of its periods of 384 samples, but for half a code; without a mean.
     periods = settled.reshape(20, 384)
@@ -428,8 +431,8 @@ def test_direct_drive(direct_surface, waveform):
 
 def test_the_ripple_is_followed_at_the_response_of_the_surfaces_finger(direct_surface):
     def highest(surface, speed_mm_per_s):
-        drive = DirectDrive(125.0, RATE)
-        renderer = Renderer(surface, HALF, haptix.open_device("mock:"), wave=drive)
+        device = haptix.open_device("mock:")
+        renderer = PredictingRenderer(surface, HALF, device, DirectWave(125.0))
         _, high = renderer.reachable(np.array([0.5]), np.array([speed_mm_per_s]))
         return float(high[0])
 
@@ -468,14 +471,14 @@ WAVES = st.one_of(
 )
 @settings(max_examples=60, deadline=None)
 def test_no_sample_is_ever_above_the_limit(fragile, wave, levels, mu_range, path, combination, two):
-    waves = None if wave is None else DirectDrive(125.0, RATE, wave)
+    waves = None if wave is None else DirectWave(125.0, wave)
     texture = Texture(np.array([levels]), width_mm=70.0, mu_range=mu_range, beyond="hold")
     t, events = 0.0, []
     for i, (x, force, dt) in enumerate(path):
         t += dt
         events.append(TouchEvent(t, i % 2 if two else 0, x, 1.0, "move", force))
     device, _ = render(
-        fragile[wave is None], texture, events, wave=waves, combination=combination, sliding=ALWAYS
+        fragile[wave is None], texture, events, drive=waves, combination=combination, sliding=ALWAYS
     )
     assert np.abs(device.mock.output_v).max() <= 120.0
 
@@ -499,9 +502,8 @@ def fragile(model):
 def test_a_new_texture_counts_from_the_next_block(surface):
     device = haptix.open_device("mock:")
     events = still(0.4)
-    with Renderer(
-        surface, HALF, device, live=TouchSettings(), keep_blocks=True, sliding=ALWAYS
-    ) as renderer:
+    settings = LiveSettings(keep_blocks=True, sliding=ALWAYS)
+    with PredictingRenderer(surface, HALF, device, settings=settings) as renderer:
         for event in events[:20]:
             renderer.event(event)
         assert renderer.texture is HALF
@@ -520,7 +522,7 @@ def test_a_new_texture_counts_from_the_next_block(surface):
 def test_a_device_that_fails_in_mid_stroke(surface):
     device = haptix.open_device("mock:")
     events = stroke(0.4)
-    renderer = Renderer(surface, Ruler(), device, live=TouchSettings())
+    renderer = PredictingRenderer(surface, Ruler(), device)
     raised = 0
     with pytest.raises(DeviceFaultError), renderer:
         for i, event in enumerate(events):

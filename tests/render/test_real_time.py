@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from firmware_io import Device, DeviceDisconnectedError, DeviceFaultError, MockDriver, MockLink
-from haptix import InputError, Renderer, Texture
-from haptix.render import Sliding
+from haptix import InputError, LiveRenderer, Texture
+from haptix.render import LiveSettings, Sliding
 
 FULL = Texture(np.ones((2, 2)), width_mm=100.0, beyond="hold")
 NEVER_STILL = Sliding(is_needed=False)
+ALWAYS = LiveSettings(sliding=NEVER_STILL)
 
 
 @pytest.fixture(autouse=True)
@@ -72,7 +73,8 @@ def assert_at_rest(device, link):
 
 def test_a_session(surface, link):
     device = opened(link)
-    renderer = Renderer(surface, FULL, device, real_time=True, lead_s=0.03, sliding=NEVER_STILL)
+    settings = LiveSettings(lead_s=0.03, sliding=NEVER_STILL)
+    renderer = LiveRenderer(surface, FULL, device, settings=settings)
     switch_s = sys.getswitchinterval()
     with renderer:
         assert gc.get_freeze_count() > 0
@@ -96,7 +98,7 @@ def test_an_exception_ends_at_zero(surface, link):
     device = opened(link)
     with (
         pytest.raises(ZeroDivisionError) as caught,
-        Renderer(surface, FULL, device, real_time=True, sliding=NEVER_STILL) as renderer,
+        LiveRenderer(surface, FULL, device, settings=ALWAYS) as renderer,
     ):
         until_loud(renderer, link)
         raise ZeroDivisionError
@@ -106,7 +108,7 @@ def test_an_exception_ends_at_zero(surface, link):
 
 def test_a_device_that_disappears_in_mid_stroke(surface, link):
     device = opened(link)
-    renderer = Renderer(surface, FULL, device, real_time=True, sliding=NEVER_STILL)
+    renderer = LiveRenderer(surface, FULL, device, settings=ALWAYS)
     raised = []
     with renderer:
         until_loud(renderer, link)
@@ -131,7 +133,7 @@ def test_a_device_that_disappears_in_mid_stroke(surface, link):
 
 def test_an_error_that_nobody_asked_for_is_told_at_the_end(surface, link):
     device = opened(link)
-    renderer = Renderer(surface, FULL, device, real_time=True, sliding=NEVER_STILL)
+    renderer = LiveRenderer(surface, FULL, device, settings=ALWAYS)
     with pytest.raises(DeviceDisconnectedError), renderer:
         touching(renderer, 0.03)
         link.inject("disconnect")
@@ -140,7 +142,7 @@ def test_an_error_that_nobody_asked_for_is_told_at_the_end(surface, link):
 
 def test_a_fault_of_the_driver_and_another_session(surface, link):
     device = opened(link, watchdog_s=0.4)
-    renderer = Renderer(surface, FULL, device, real_time=True, sliding=NEVER_STILL)
+    renderer = LiveRenderer(surface, FULL, device, settings=ALWAYS)
     with pytest.raises(DeviceFaultError), renderer:
         touching(renderer, 0.03)
         link.inject("stall", seconds=0.5)  # longer than the watchdog waits
@@ -153,7 +155,7 @@ def test_a_fault_of_the_driver_and_another_session(surface, link):
 
 def test_a_bad_touch_does_not_end_the_session(surface, link):
     device = opened(link)
-    with Renderer(surface, FULL, device, real_time=True) as renderer:
+    with LiveRenderer(surface, FULL, device) as renderer:
         touching(renderer, 0.02)
         with pytest.raises(InputError, match="x_mm"):
             renderer.touch(renderer.now_s(), np.nan, 5.0, 0.5)
@@ -163,7 +165,7 @@ def test_a_bad_touch_does_not_end_the_session(surface, link):
 
 def test_touches_from_several_threads_at_once(surface, link):
     device = opened(link)
-    with Renderer(surface, FULL, device, real_time=True, strict=False) as renderer:
+    with LiveRenderer(surface, FULL, device, settings=LiveSettings(strict=False)) as renderer:
         errors = []
 
         def one(touch_id):

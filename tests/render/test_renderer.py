@@ -10,6 +10,7 @@ from scipy.ndimage import map_coordinates
 import haptix
 from firmware_io import DeviceError, DeviceFaultError
 from haptix import InputError, LimitError, Renderer, Texture
+from haptix.render import DirectWave, RenderSettings, SineCarrier
 
 RATE = 48_000.0
 CARRIER_HZ = 4000.0
@@ -30,7 +31,8 @@ def between(share, start=START, end=END):
 
 def render(surface, texture, touches, address="mock:", **options):
     device = haptix.open_device(address)
-    renderer = Renderer(surface, texture, device, keep_blocks=True, **options)
+    settings = RenderSettings(keep_blocks=True, **options)
+    renderer = Renderer(surface, texture, device, settings=settings)
     with renderer:
         for touch in touches:
             renderer.touch(*touch)
@@ -162,7 +164,7 @@ def test_a_device_fault_ends_at_zero_and_the_renderer_starts_again(surface):
 
 def test_statistics_count_from_the_last_entry(surface):
     device = haptix.open_device("mock:")
-    renderer = Renderer(surface, HILLS, device, keep_blocks=True)
+    renderer = Renderer(surface, HILLS, device, settings=RenderSettings(keep_blocks=True))
     for _ in range(2):
         with renderer:
             renderer.touch(*START)
@@ -293,9 +295,9 @@ def test_the_carrier_must_be_on_the_surface(surface):
     device = haptix.open_device("mock:")
     for carrier_hz in (3000.0, 4100.0, 0.0, -4000.0, np.nan):
         with pytest.raises(InputError, match="frequency_hz"):
-            Renderer(surface, HILLS, device, carrier_hz=carrier_hz)
+            Renderer(surface, HILLS, device, SineCarrier(carrier_hz))
     with pytest.raises(InputError, match="h0_m"):
-        Renderer(surface, HILLS, device, h0_m=3e-7)
+        Renderer(surface, HILLS, device, settings=RenderSettings(h0_m=3e-7))
 
 
 def test_a_carrier_too_fast_for_the_device(model):
@@ -303,12 +305,12 @@ def test_a_carrier_too_fast_for_the_device(model):
     with pytest.raises(InputError, match="a quarter of the device's 48000 samples"):
         Renderer(fast, HILLS, haptix.open_device("mock:"))
     device = haptix.open_device("mock:sample_rate_hz=96000")
-    assert Renderer(fast, HILLS, device).carrier.frequency_hz == 15e3
+    assert Renderer(fast, HILLS, device).drive.frequency_hz == 15e3
 
 
 def test_the_carrier_without_being_told(model, surface):
     device = haptix.open_device("mock:")
-    assert Renderer(surface, HILLS, device).carrier.frequency_hz == CARRIER_HZ
+    assert Renderer(surface, HILLS, device).drive.frequency_hz == CARRIER_HZ
     for span, expected in (
         (None, 4000.0),
         ((1000.0, 2000.0), 2000.0),
@@ -317,7 +319,7 @@ def test_the_carrier_without_being_told(model, surface):
     ):
         scene = {"normal_force_n": 0.5, "frequency_hz": span}
         wide = haptix.FrictionSurface.build(model, scene, tolerance=0.05)
-        assert Renderer(wide, HILLS, device).carrier.frequency_hz == expected
+        assert Renderer(wide, HILLS, device).drive.frequency_hz == expected
 
 
 def test_the_screens_own_thickness_without_being_told(model):
@@ -337,7 +339,7 @@ def test_the_screens_own_thickness_without_being_told(model):
 def test_the_model_itself_reaches_the_wanted_friction(model, surface, level, force):
     flat = Texture(np.full((2, 2), level), width_mm=30.0)
     device, renderer = render(surface, flat, [(0.0, 1, 1, force), (0.02, 20, 10, force)])
-    _, amplitude = renderer.carrier.demodulate(device.mock.played_v[:960])
+    _, amplitude = renderer.drive.demodulate(device.mock.played_v[:960], RATE)
     amplitude = amplitude[FADE // 12 :]
     state = model.solve(torch.full((60,), force), torch.from_numpy(amplitude), CARRIER_HZ)
     reached = state.mu.numpy()
@@ -362,7 +364,7 @@ def test_the_model_itself_reaches_the_wanted_friction(model, surface, level, for
 def test_a_driver_that_makes_the_carrier_is_sent_amplitudes(surface):
     device = haptix.open_device("mock:mode=envelope,sample_rate_hz=16000")
     flat = Texture(np.full((2, 2), 0.5), width_mm=30.0)
-    renderer = Renderer(surface, flat, device, keep_blocks=True)
+    renderer = Renderer(surface, flat, device, settings=RenderSettings(keep_blocks=True))
     with renderer:
         renderer.touch(0.0, 1, 1, 0.5)
         renderer.touch(0.05, 20, 10, 0.5)
@@ -376,4 +378,4 @@ def test_a_driver_that_makes_the_carrier_is_sent_amplitudes(surface):
     assert played.min() < -0.99 * voltage
 
     with pytest.raises(InputError, match="the device makes the carrier itself"):
-        Renderer(surface, flat, device, wave=haptix.render.DirectDrive(125.0, 16_000.0))
+        Renderer(surface, flat, device, DirectWave(125.0))

@@ -1,4 +1,4 @@
-"""Fingers whose path is known: recorded touches, joined by straight lines."""
+"""Recorded fingers: touches joined by straight lines."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from math import hypot
 import numpy as np
 
 from haptix.errors import InputError
-from haptix.render.fingers import NOBODY, Array, FingerPoints, Sliding
+from haptix.render.motion import Array, Motion
+from haptix.render.settings import Sliding
 
 LOST_S = 0.1
-"""A finger without touches for so long, while others go on, was lifted unseen."""
+"""A finger without touches for so long, while others go on, counts as lifted."""
 
-
-_ROUNDING_S = 1e-6
+_ROUNDING_S = 1e-6  # of a clock: a fade continues over it
 
 
 @dataclass
 class Track:
-    """One finger from the touch at which rendering stands."""
+    """One finger, from the touch up to which it is rendered."""
 
     t_s: list[float]
     x_mm: list[float]
@@ -45,7 +45,7 @@ class Track:
         self.gain.append(goal)
 
     def forget_before(self, t_s: float) -> None:
-        """Drop what lies before, but for the start of the line that holds `t_s`."""
+        """Drop what lies before `t_s`, except the start of the line through it."""
         while len(self.t_s) > 2 and self.t_s[1] <= t_s:
             for column in (self.t_s, self.x_mm, self.y_mm, self.normal_force_n):
                 del column[0]
@@ -53,13 +53,13 @@ class Track:
             del self.gain_t_s[0], self.gain[0]
 
 
-class Replay:
+class RecordedFingers:
     """Recorded touches of several fingers, each path known up to its last touch.
 
     Parameters
     ----------
     sliding : Sliding
-        When a finger is to feel the drive.
+        When a finger gets the drive.
     """
 
     def __init__(self, sliding: Sliding) -> None:
@@ -70,7 +70,7 @@ class Replay:
     def touch(
         self, touch_id: int, t_s: float, x_mm: float, y_mm: float, normal_force_n: float
     ) -> None:
-        """Take a touch that has been checked.
+        """Take a checked touch.
 
         Raises
         ------
@@ -88,8 +88,8 @@ class Replay:
             before_s = track.t_s[-1]
             if t_s <= before_s:
                 raise InputError(f"touch: time must advance, but {t_s:g} s follows {before_s:g} s")
-            way = hypot(x_mm - track.x_mm[-1], y_mm - track.y_mm[-1])
-            track.speed_mm_per_s = way / (t_s - before_s)
+            distance_mm = hypot(x_mm - track.x_mm[-1], y_mm - track.y_mm[-1])
+            track.speed_mm_per_s = distance_mm / (t_s - before_s)
             track.is_sliding = self._sliding.is_sliding(track.speed_mm_per_s, track.is_sliding)
             track.fade(before_s, t_s, float(track.is_sliding), self._sliding.fade_s)
             for column, value in zip(
@@ -101,7 +101,7 @@ class Replay:
         self._latest_s = max(self._latest_s, t_s)
 
     def lift(self, touch_id: int, t_s: float) -> None:
-        """Take a finger away; the drive fades out after it."""
+        """Lift a finger; its drive fades out."""
         track = self._tracks.get(touch_id)
         if track is None or not track.is_down:
             return
@@ -121,14 +121,14 @@ class Replay:
         down = [track.t_s[-1] for track in self._tracks.values() if track.is_down]
         return min(down, default=self._latest_s)
 
-    def points(self, t_s: Array, step_s: float) -> FingerPoints:
-        """Fingers at times one step apart."""
+    def motion(self, t_s: Array, step_s: float) -> Motion:
+        """Fingers at times one step apart, shape (points,)."""
         start_s = float(t_s[0])
         for touch_id in [i for i, one in self._tracks.items() if not one.is_down]:
             if self._tracks[touch_id].gain_t_s[-1] < start_s:
                 del self._tracks[touch_id]
         if not self._tracks:
-            return NOBODY
+            return Motion.none(len(t_s))
         tracks = [self._tracks[i] for i in sorted(self._tracks)]
         columns = [
             [np.interp(t_s, track.t_s, getattr(track, name)) for track in tracks]
@@ -139,11 +139,11 @@ class Replay:
             track.forget_before(float(t_s[-1]))
         x, y, force = (np.concatenate(column) for column in columns)
         fastest = max(track.speed_mm_per_s for track in tracks)
-        return FingerPoints(len(tracks), x, y, force, np.concatenate(gain), fastest * step_s)
+        return Motion(len(tracks), len(t_s), x, y, force, np.concatenate(gain), fastest * step_s)
 
     def _gain(self, track: Track, t_s: Array) -> Array:
-        """Gain at times, a fade going on for the microsecond that a clock's rounding may want."""
-        way = _ROUNDING_S / self._sliding.fade_s * (1 if track.is_sliding else -1)
-        last = min(max(track.gain[-1] + way * track.is_down, 0.0), 1.0)
+        """Gain at times. A fade continues for a microsecond, which covers a clock's rounding."""
+        change = _ROUNDING_S / self._sliding.fade_s * (1 if track.is_sliding else -1)
+        last = min(max(track.gain[-1] + change * track.is_down, 0.0), 1.0)
         knots = [*track.gain_t_s, track.gain_t_s[-1] + _ROUNDING_S]
         return np.interp(t_s, knots, [*track.gain, last], left=0.0)

@@ -1,0 +1,276 @@
+"""One block: from fingers on a texture to drive samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_io import Device
+from haptix.errors import InputError
+from haptix.finger_response import FingerResponse
+from haptix.render.drive import Drive, DriverCarrier, SineCarrier
+from haptix.render.inverse import Amplitudes, SliceInverse, Wishes
+from haptix.render.motion import Array, Motion
+from haptix.render.settings import RenderSettings
+from haptix.status import Status
+from haptix.surface import FrictionSurface
+from haptix.texture import FrictionField
+
+CONTROL_HZ = 12_000.0
+"""Rate at which friction is asked for and inverted; the amplitude is a line in between. Skin feels
+up to 1 kHz, and a line between points 12 times as dense follows that within 3 %."""
+
+DEFAULT_CARRIER_HZ = 4000.0
+"""Above what skin feels, and a whole twelfth of the usual 48 kHz."""
+
+
+@dataclass(frozen=True, slots=True)
+class RenderState:
+    """What a block takes over from the one before it.
+
+    Parameters
+    ----------
+    amplitude_v : float
+        Amplitude at the end of the block before [V].
+    """
+
+    amplitude_v: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class RenderedBlock:
+    """Target and drive at control points, which end equal steps of samples.
+
+    Parameters
+    ----------
+    first_sample, step : int
+        First sample of the block; samples from one point to the next.
+    fingers : int
+        How many touched.
+    target_mu : ndarray, shape (fingers * points,)
+        Friction that the texture asks for.
+    status : ndarray of int, shape (fingers * points,)
+        Numbers of `Status`.
+    gain : ndarray, shape (fingers * points,)
+        Share of its amplitude that each finger got: below 1 where it fades.
+    amplitude_v : ndarray, shape (points,)
+        Amplitude sent, after fades and the combination of fingers.
+    drive_v : ndarray, shape (samples,)
+        Drive signal.
+    """
+
+    first_sample: int
+    step: int
+    fingers: int
+    target_mu: Array
+    status: npt.NDArray[np.int8]
+    gain: Array
+    amplitude_v: Array
+    drive_v: Array
+
+    @property
+    def sample(self) -> npt.NDArray[np.int64]:
+        """Index of the sample at each point, shape (points,)."""
+        points = np.arange(1, len(self.amplitude_v) + 1)
+        return np.asarray(self.first_sample + self.step * points)
+
+
+class RenderCore:
+    """Renders single blocks; it holds no clock and no thread, and remembers nothing.
+
+    The contact is too slow for a carrier and follows the mean attraction. It follows part of the
+    ripple of a direct drive, at twice the drive's frequency: this raises the mean friction of a
+    period, the more the faster the finger slides. To second order the rise goes with the square of
+    the ripple that the finger follows.
+
+    Parameters
+    ----------
+    surface : FrictionSurface
+        Must hold the drive's frequency and the thickness; it is sliced at these.
+    texture : FrictionField
+        What to feel.
+    device : Device
+        Gives the sample rate, and says whether the driver makes the carrier itself.
+    drive : Drive, optional
+        The default is a sine carrier at the surface's own frequency, or where the surface spans
+        several or leaves frequency out, at the one nearest to `DEFAULT_CARRIER_HZ`.
+    settings : RenderSettings
+        How friction becomes an amplitude.
+
+    Raises
+    ------
+    InputError
+        If the device cannot play the drive, or the surface does not hold it.
+    """
+
+    def __init__(
+        self,
+        surface: FrictionSurface,
+        texture: FrictionField,
+        device: Device,
+        drive: Drive | None,
+        settings: RenderSettings,
+    ) -> None:
+        rate = device.capabilities.sample_rate_hz
+        self.drive = drive = _on_device(drive or SineCarrier(_carrier_hz(surface)), device)
+        self.surface = surface = _sliced(surface, drive, settings.h0_m)
+        self.sample_rate_hz = rate
+        self.step = max(1, int(rate / CONTROL_HZ))
+        self.points = max(1, round(settings.block_s * rate / self.step))
+        self._compress = settings.compress
+        self._combination = settings.combination
+        self.texture = texture
+        peak = drive.peak_per_sine
+        self._inverse = SliceInverse(surface, None, peak)
+        pulls = drive.pulls
+        self._averaged = None if pulls is None else SliceInverse(surface, pulls, peak)
+        self._response = FingerResponse(surface.response_hz_per_mm_per_s)
+        # The drive stays below the limit, rounding included.
+        self._most_v = surface.voltage_limit_v / (1.0 if peak <= 1 else peak * (1 + 1e-12))
+        self._most_step_v = settings.slew_v_per_s * self.step / rate
+        self._share = np.arange(self.step) / self.step
+
+    @property
+    def texture(self) -> FrictionField:
+        """What to feel. Another one may be given at any time, and counts from the next block."""
+        return self._texture_and_wishes[0]
+
+    @texture.setter
+    def texture(self, texture: FrictionField) -> None:
+        # One tuple, so that a thread that renders sees the old pair or the new one.
+        self._texture_and_wishes = (texture, Wishes(texture.target, self._compress))
+
+    @property
+    def step_s(self) -> float:
+        """Time from one control point to the next."""
+        return self.step / self.sample_rate_hz
+
+    def block(
+        self, motion: Motion, first_sample: int, state: RenderState
+    ) -> tuple[RenderedBlock, RenderState]:
+        """Render the steps that end at the points of a motion, from the state before them."""
+        line = np.empty(motion.points + 1)
+        line[0] = state.amplitude_v
+        if motion.fingers:
+            found = self._amplitudes(motion)
+            amplitude = found.voltage_v * motion.gain
+            if motion.fingers > 1:
+                amplitude = self._combined(amplitude.reshape(motion.fingers, motion.points))
+            np.minimum(amplitude, self._most_v, out=line[1:])
+            target, status = found.wanted_mu, found.status
+        else:
+            line[1:] = 0.0
+            target, status = _NO_TARGET, _NO_STATUS
+        change = line[1:] - line[:-1]
+        if np.abs(change).max() > self._most_step_v:
+            change = self._slewed(line)
+        amplitude = (line[:-1, None] + change[:, None] * self._share).ravel()
+        drive_v = self.drive.modulate(amplitude, first_sample, self.sample_rate_hz)
+        block = RenderedBlock(
+            first_sample,
+            self.step,
+            motion.fingers,
+            target,
+            status,
+            motion.gain,
+            line[1:],
+            drive_v,
+        )
+        return block, RenderState(float(line[-1]))
+
+    def reachable(self, normal_force_n: Array, speed_mm_per_s: Array) -> tuple[Array, Array]:
+        """Lowest and highest friction coefficient at forces and speeds, shape (points,)."""
+        low, high = self._inverse.reachable(normal_force_n)
+        if self._averaged is not None:
+            _, ripples = self._averaged.reachable(normal_force_n)
+            high = high + self._followed(speed_mm_per_s) * (ripples - high)
+        return low, high
+
+    def _amplitudes(self, motion: Motion) -> Amplitudes:
+        """Amplitudes for each finger at each point."""
+        texture, wishes = self._texture_and_wishes
+        wish = texture.friction(motion.x_mm, motion.y_mm, motion.footprint_mm)
+        found = _inverted(self._inverse, motion, wish, wishes)
+        if self._averaged is None:
+            return found
+        ripples = _inverted(self._averaged, motion, wish, wishes)
+        speed = motion.footprint_mm * self.sample_rate_hz / self.step
+        share = self._followed(np.float64(speed))
+        return Amplitudes(
+            found.voltage_v + share * (ripples.voltage_v - found.voltage_v),
+            found.wanted_mu + share * (ripples.wanted_mu - found.wanted_mu),
+            np.where(found.status == Status.OK, ripples.status, found.status),
+        )
+
+    def _followed(self, speed_mm_per_s: Array | np.float64) -> Array | np.float64:
+        """Square of the share of the ripple that the contact of a sliding finger follows."""
+        gain = self._response.gain(2 * self.drive.frequency_hz, speed_mm_per_s)
+        return np.square(gain.real) + np.square(gain.imag)
+
+    def _combined(self, each: Array) -> Array:
+        if self._combination == "first":
+            return np.asarray(each[0])
+        if self._combination == "mean":
+            return np.asarray(each.mean(axis=0))
+        return np.asarray(each.max(axis=0))
+
+    def _slewed(self, line: Array) -> Array:
+        """Limit the slope of `line` in place, and return its steps."""
+        most = self._most_step_v
+        values = line.tolist()
+        for i in range(1, len(values)):
+            before = values[i - 1]
+            values[i] = min(max(values[i], before - most), before + most)
+        line[:] = values
+        return np.diff(line)
+
+
+def _inverted(inverse: SliceInverse, motion: Motion, wish: Array, wishes: Wishes) -> Amplitudes:
+    if motion.finger_force_n is None:
+        return inverse(motion.normal_force_n, wish, wishes)
+    count = motion.points
+    each = [
+        inverse.row(force)(wish[i * count : (i + 1) * count], wishes)
+        for i, force in enumerate(motion.finger_force_n)
+    ]
+    if len(each) == 1:
+        return each[0]
+    return Amplitudes(
+        np.concatenate([one.voltage_v for one in each]),
+        np.concatenate([one.wanted_mu for one in each]),
+        np.concatenate([one.status for one in each]),
+    )
+
+
+def _carrier_hz(surface: FrictionSurface) -> float:
+    frequency = surface.frequency_hz
+    if frequency.is_absent:
+        return DEFAULT_CARRIER_HZ
+    return min(max(DEFAULT_CARRIER_HZ, frequency.low), frequency.high)
+
+
+def _on_device(drive: Drive, device: Device) -> Drive:
+    """Return the drive as the device plays it: a driver in envelope mode makes the carrier."""
+    if device.mode == "envelope":
+        if not isinstance(drive, SineCarrier):
+            raise InputError(
+                "drive: expected a SineCarrier, since the device makes the carrier itself; open "
+                "it with mode=waveform to send another wave"
+            )
+        drive = DriverCarrier(drive.frequency_hz)
+    drive.check_rate(device.capabilities.sample_rate_hz)
+    return drive
+
+
+def _sliced(surface: FrictionSurface, drive: Drive, h0_m: float | None) -> FrictionSurface:
+    if surface.h0_m.varies and h0_m is None:
+        h0_m = surface.info.get("screen_h0_m")
+        if h0_m is None:
+            raise InputError("h0_m: the surface spans several; say which the screen has")
+    return surface.at(None if surface.frequency_hz.is_absent else drive.frequency_hz, h0_m)
+
+
+_NO_TARGET = np.empty(0)
+_NO_STATUS = np.empty(0, dtype=np.int8)

@@ -1,0 +1,218 @@
+"""What all renderers share: a device made ready, blocks counted, an end at 0 V."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from types import TracebackType
+from typing import Self
+
+from firmware_io import Device
+from haptix.errors import InputError, LimitError
+from haptix.render.core import RenderCore, RenderedBlock, RenderState
+from haptix.render.drive import Drive, DriverCarrier
+from haptix.render.motion import Array, Motion
+from haptix.render.settings import RenderSettings
+from haptix.render.stats import RenderStats
+from haptix.surface import FrictionSurface
+from haptix.texture import FrictionField
+from haptix.touch import TouchEvent
+
+LONGEST_GAP_S = 60.0
+"""Longest pause between touches that is rendered, in virtual time."""
+
+
+class RenderSession(ABC):
+    """A context in which touches become samples on a device.
+
+    Leaving the context ends at 0 V. So does a failing device: the next call raises its error once,
+    and the renderer can be entered again.
+
+    Parameters
+    ----------
+    surface : FrictionSurface
+        Must hold the drive's frequency and the thickness; kept as a slice at these.
+    texture : FrictionField
+        What to feel.
+    device : Device
+        Where the samples go. Its voltage ceiling is lowered to the surface's voltage limit, and
+        must not be below it.
+    drive : Drive, optional
+        A sine carrier by default, see `RenderCore`.
+    settings : RenderSettings
+        How friction becomes an amplitude.
+
+    Raises
+    ------
+    InputError
+        If the device cannot play the drive, or the surface does not hold it.
+    LimitError
+        On entering, if the surface's voltage limit is above the device's ceiling.
+    """
+
+    def __init__(
+        self,
+        surface: FrictionSurface,
+        texture: FrictionField,
+        device: Device,
+        drive: Drive | None,
+        settings: RenderSettings,
+    ) -> None:
+        self._core = RenderCore(surface, texture, device, drive, settings)
+        self._keep_blocks = settings.keep_blocks
+        self.device = device
+        self._reset()
+
+    def _reset(self) -> None:
+        """Start anew: from rest, at sample 0, with empty counts."""
+        self.stats = RenderStats()
+        self.blocks: list[RenderedBlock] = []
+        self._state = RenderState()
+        self._next_sample = 0
+
+    @property
+    def surface(self) -> FrictionSurface:
+        """Slice of the surface at the drive's frequency and the screen's thickness."""
+        return self._core.surface
+
+    @property
+    def drive(self) -> Drive:
+        """What the amplitude modulates."""
+        return self._core.drive
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """Sample rate of the device."""
+        return self._core.sample_rate_hz
+
+    @property
+    def texture(self) -> FrictionField:
+        """What to feel. Another one may be given at any time, and counts from the next block."""
+        return self._core.texture
+
+    @texture.setter
+    def texture(self, texture: FrictionField) -> None:
+        self._core.texture = texture
+
+    def reachable(self, normal_force_n: Array, speed_mm_per_s: Array) -> tuple[Array, Array]:
+        """Lowest and highest friction coefficient at forces and speeds, shape (points,)."""
+        return self._core.reachable(normal_force_n, speed_mm_per_s)
+
+    def touch(
+        self,
+        t_s: float,
+        x_mm: float,
+        y_mm: float,
+        normal_force_n: float | None = None,
+        touch_id: int = 0,
+        contact_area_m2: float | None = None,
+    ) -> None:
+        """Take a touch; in virtual time, render up to it.
+
+        Parameters
+        ----------
+        t_s : float
+            Time of the touch [s]; in real time by `LiveRenderer.now_s`.
+        x_mm, y_mm : float
+            Place on the screen.
+        normal_force_n : float, optional
+            Normal force [N], above 0. Without it, the force is estimated or assumed.
+        touch_id : int
+            Which finger.
+        contact_area_m2 : float, optional
+            Contact area [m^2], from which the force may be estimated.
+
+        Raises
+        ------
+        InputError
+            If a value cannot be used or time does not advance, unless `LiveSettings.strict` is
+            off.
+        LimitError, DeviceError
+            If the device rejects the samples or fails; its output is then at 0 V.
+        """
+        self.event(TouchEvent(t_s, touch_id, x_mm, y_mm, "move", normal_force_n, contact_area_m2))
+
+    def lift(self, t_s: float, touch_id: int = 0) -> None:
+        """Take a finger off the screen."""
+        self.event(TouchEvent(t_s, touch_id, 0.0, 0.0, "up"))
+
+    @abstractmethod
+    def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
+        """Take any touch event; see `touch`.
+
+        `arrival_s` says when the event arrived, for prediction in virtual time. The default is the
+        event's own time; recordings and real time take no notice of it.
+        """
+
+    def _prepare(self) -> None:
+        """Check and set the device's limits, and reset."""
+        limit, ceiling = self.surface.voltage_limit_v, self.device.limits.ceiling_v
+        if limit > ceiling:
+            raise LimitError(
+                f"the surface asks for up to {limit:g} V, but the device allows {ceiling:g} V; "
+                f"build the surface for voltages up to {ceiling:g} V, or open the device anew if "
+                "an earlier surface has lowered its ceiling"
+            )
+        if limit < ceiling:
+            self.device.lower_ceiling(limit)
+        if isinstance(self.drive, DriverCarrier):
+            self.device.set_up(carrier_hz=self.drive.frequency_hz)
+        self._reset()
+
+    def _render(self, motion: Motion) -> RenderedBlock:
+        """Render the next block."""
+        block, self._state = self._core.block(motion, self._next_sample, self._state)
+        self._next_sample += len(block.drive_v)
+        return block
+
+    def _count(self, block: RenderedBlock, seconds: float) -> None:
+        self.stats.add(block, seconds)
+        if self._keep_blocks:
+            self.blocks.append(block)
+
+
+class VirtualTimeSession(RenderSession):
+    """A session whose clock is the time stamps of touches, so that it can be repeated.
+
+    The first touch is sample 0.
+    """
+
+    _start_s: float | None
+
+    def __enter__(self) -> Self:
+        self._prepare()
+        self.device.arm()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.device.__exit__(kind, error, traceback)
+
+    def _reset(self) -> None:
+        super()._reset()
+        self._start_s = None
+
+    def _send(self, motion: Motion, began: float) -> None:
+        """Render a block whose computation began at a `perf_counter`, and write it."""
+        block = self._render(motion)
+        self.device.write(block.drive_v)
+        self._count(block, time.perf_counter() - began)
+
+    def _check_gap(self, t_s: float) -> None:
+        """Refuse to render hours of nothing because a clock jumped."""
+        gap_s = self._gap_s(t_s)
+        if gap_s > LONGEST_GAP_S:
+            raise InputError(
+                f"touch: expected a time within {LONGEST_GAP_S:g} s of what is rendered, got one "
+                f"{gap_s:g} s later; is the clock in seconds? Enter the renderer anew after a pause"
+            )
+
+    def _gap_s(self, t_s: float) -> float:
+        """Time from what is rendered to another time."""
+        if self._start_s is None:
+            return 0.0
+        return t_s - self._start_s - self._next_sample / self.sample_rate_hz

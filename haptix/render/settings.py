@@ -1,0 +1,116 @@
+"""Settings of the renderers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+from haptix.errors import InputError, check_positive
+from haptix.touch import TouchSettings
+
+Combination = Literal["strongest", "first", "mean"]
+"""Which finger sets the amplitude of the one electrode that all fingers share."""
+
+SLEW_V_PER_S = 4e5
+"""Largest slope of the amplitude. An edge of the texture takes 0.5 ms to the full 200 V; a faster
+one makes the screen click. A finger at 100 mm/s moves 50 um in that time."""
+
+
+@dataclass(frozen=True)
+class Sliding:
+    """When a finger counts as sliding. Electrovibration is felt only then.
+
+    Parameters
+    ----------
+    from_mm_per_s, to_mm_per_s : float
+        Speeds of a recorded finger at which it starts and stops sliding. The gap between them
+        keeps a hesitating finger from switching the drive. A live finger follows `TouchSettings`.
+    fade_s : float
+        Time in which the drive fades in and out.
+    is_needed : bool
+        Whether a finger that stands still gets no voltage.
+    """
+
+    from_mm_per_s: float = 2.0
+    to_mm_per_s: float = 1.0
+    fade_s: float = 0.005
+    is_needed: bool = True
+
+    def is_sliding(self, speed_mm_per_s: float, was_sliding: bool) -> bool:
+        """Whether a finger of this speed gets the drive."""
+        if not self.is_needed:
+            return True
+        return speed_mm_per_s > (self.to_mm_per_s if was_sliding else self.from_mm_per_s)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderSettings:
+    """How friction becomes an amplitude.
+
+    Parameters
+    ----------
+    h0_m : float, optional
+        Effective thickness of the insulator [m], where the surface spans several. The default is
+        the screen's own.
+    block_s : float
+        Longest block.
+    compress : (float, float), optional
+        Lowest and highest number of the texture, to be scaled into the reachable range. The
+        default replaces friction out of reach by the nearest that can be reached. `RenderStats`
+        counts it either way.
+    combination : {"strongest", "first", "mean"}
+        Which of several fingers' amplitudes the one electrode gets.
+    sliding : Sliding
+        When a finger gets the drive, and how fast the drive fades.
+    slew_v_per_s : float
+        Largest slope of the amplitude [V/s].
+    keep_blocks : bool
+        Keep every `RenderedBlock` in `blocks`, for figures and tests.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range.
+    """
+
+    h0_m: float | None = None
+    block_s: float = 0.005
+    compress: tuple[float, float] | None = None
+    combination: Combination = "strongest"
+    sliding: Sliding = Sliding()
+    slew_v_per_s: float = SLEW_V_PER_S
+    keep_blocks: bool = False
+
+    def __post_init__(self) -> None:
+        check_positive("block_s", self.block_s)
+        if self.combination not in get_args(Combination):
+            raise InputError(
+                f'combination: expected "strongest", "first" or "mean", got {self.combination!r}'
+            )
+        if not self.slew_v_per_s > 0:
+            raise InputError(f"slew_v_per_s: expected a number above 0, got {self.slew_v_per_s!r}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveSettings(RenderSettings):
+    """How live touches are followed; the other parameters are those of `RenderSettings`.
+
+    Parameters
+    ----------
+    touch : TouchSettings
+        How touches are filtered and predicted.
+    lead_s : float
+        Time from computing a sample to playing it. A stall shorter than this is not felt; touches
+        are predicted over it.
+    strict : bool
+        Raise for a touch that cannot be used. Otherwise it is dropped and counted in
+        `touch_counts`.
+    """
+
+    touch: TouchSettings = field(default_factory=TouchSettings)
+    lead_s: float = 0.025
+    strict: bool = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_positive("lead_s", self.lead_s)
