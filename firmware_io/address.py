@@ -1,4 +1,4 @@
-"""Addresses: a scheme, a colon, and key=value pairs that the scheme knows."""
+"""Addresses: a scheme, a colon, and the key=value pairs of that scheme."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def number(text: str) -> float:
 
 
 def count(text: str) -> int:
-    """Return a whole number, 0x for hexadecimal."""
+    """Return a whole number, hexadecimal after 0x."""
     return int(text, 0)
 
 
@@ -30,7 +30,7 @@ def hexadecimal(text: str) -> int:
 
 
 def yes_or_no(text: str) -> bool:
-    """Return whether it is said."""
+    """Return True for yes, true or 1, False for no, false or 0."""
     words = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0": False}
     if text.lower() not in words:
         raise ValueError(text)
@@ -38,7 +38,7 @@ def yes_or_no(text: str) -> bool:
 
 
 def one_of(*words: str) -> Read:
-    """Return a reader that takes these words only."""
+    """Return a reader that accepts only these words."""
 
     def read(text: str) -> str:
         if text not in words:
@@ -49,14 +49,14 @@ def one_of(*words: str) -> Read:
     return read
 
 
-_WANTED: Mapping[Any, str] = {
+_EXPECTED: Mapping[Any, str] = {
     number: "a number",
     count: "a whole number",
     hexadecimal: "a hexadecimal number of up to four digits",
     yes_or_no: "yes or no",
 }
 
-#: How samples are played; every link to a driver that speaks the protocol takes these.
+#: Keys of every scheme: how the driver plays samples.
 SETTING_KEYS: Mapping[str, Read] = {
     "mode": one_of("waveform", "envelope"),
     "carrier_hz": number,
@@ -72,13 +72,13 @@ def split_address(address: object, schemes: tuple[str, ...]) -> tuple[str, str]:
     Raises
     ------
     DeviceError
-        If it is no string.
+        If the address is not a string.
     DeviceNotFoundError
         If its scheme is unknown.
     """
     if not isinstance(address, str):
         raise DeviceError(
-            f"An address is a string, but {address!r} came, of type {type(address).__name__}; "
+            f"An address must be a string, but is {address!r}, of type {type(address).__name__}; "
             'use for example "mock:".'
         )
     scheme, colon, selector = address.partition(":")
@@ -86,7 +86,7 @@ def split_address(address: object, schemes: tuple[str, ...]) -> tuple[str, str]:
         known = ", ".join(f"{name}:" for name in schemes)
         raise DeviceNotFoundError(
             f"An address begins with one of {known}, but {address!r} does not; "
-            "`haptix devices` lists what is there."
+            "`haptix devices` lists the connected devices."
         )
     return scheme, selector
 
@@ -97,7 +97,7 @@ def read_selector(scheme: str, selector: str, keys: Mapping[str, Read]) -> dict[
     Raises
     ------
     DeviceError
-        If a key is unknown or comes twice, or a value cannot be read. It names the allowed keys.
+        If a key is unknown or repeated, or a value cannot be read. The message lists the keys.
     """
     known = ", ".join(keys)
     values: dict[str, Any] = {}
@@ -112,8 +112,8 @@ def read_selector(scheme: str, selector: str, keys: Mapping[str, Read]) -> dict[
         try:
             values[key] = read(text)
         except ValueError:
-            wanted = _WANTED.get(read) or (read.__doc__ or "a text").lower()
+            expected = _EXPECTED.get(read) or (read.__doc__ or "a text").lower()
             raise DeviceError(
-                f"{key} of {scheme}: must be {wanted}, but {text!r} came. The keys are {known}."
+                f"{key} of {scheme}: must be {expected}, but {text!r} came. The keys are {known}."
             ) from None
     return values

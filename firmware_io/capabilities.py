@@ -1,4 +1,4 @@
-"""What a driver can do, as it says itself, in volts and seconds."""
+"""The capabilities that a driver states, in volts and seconds."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ Mode = Literal["waveform", "envelope"]
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What the driver at the other end of a link can do.
+    """The capabilities of the driver at the other end of a link.
 
     Parameters
     ----------
     name : str
-        For people.
+        Name for display.
     sample_rate_hz : float
-        Samples that the driver takes per second, as it is set up.
+        Samples per second in the present set-up.
     full_scale_v : float
         The voltage of code 32767.
     ceiling_v : float
-        Largest voltage that the driver itself accepts.
+        Largest voltage that the driver accepts.
     max_frame_samples : int
         Largest number of samples in one frame.
     max_slew_v_per_s : float
-        Steepest slew that the driver itself accepts.
+        Steepest slew that the driver accepts.
     queue_samples : int
-        Samples that it can hold before it plays them.
+        Depth of its queue.
     max_watchdog_s : float
-        Longest time without a frame that it can be told to bear.
+        Longest watchdog time that it accepts.
     serial : str
-        Its number; empty if it has none.
+        Serial number; empty if it has none.
     calibration_id : str
-        Of the profile that was measured with it; empty if none was.
+        Profile that was measured with it; empty if none was.
     rates : tuple of (int, tuple of str)
         Each sample rate, with the modes in which it is offered.
     reports_touch : bool
-        Whether it tells where fingers are.
+        Whether it reports where fingers are.
 
     Raises
     ------
@@ -83,7 +83,7 @@ class Capabilities:
 
     @classmethod
     def from_report(cls, report: CapabilitiesReport, sample_rate_hz: int) -> Self:
-        """Return what a driver has said, at one of its rates."""
+        """Return the capabilities in a driver's report, at one of its rates."""
         return cls(
             name=report.name,
             sample_rate_hz=float(sample_rate_hz),
@@ -100,7 +100,7 @@ class Capabilities:
         )
 
     def best_rate_hz(self, mode: Mode, most_hz: float = math.inf) -> int:
-        """Return the highest rate in a mode that is not above `most_hz`.
+        """Return the highest rate in a mode that is at most `most_hz`.
 
         Raises
         ------
@@ -116,7 +116,7 @@ class Capabilities:
         return max(fitting)
 
     def offers(self) -> str:
-        """Return its rates and modes, for people."""
+        """Return its rates and modes as a text."""
         return ", ".join(f"{' and '.join(modes)} at {rate} Hz" for rate, modes in self.rates)
 
 

@@ -1,4 +1,4 @@
-"""The host's clock, and what tests put in its place."""
+"""The host's clock, and the interface of the clocks that tests use instead."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Something that tells the time and waits; a test's stands until it is told to go on."""
+    """Tells the time and waits. A test's clock stands still until the test advances it."""
 
     def __call__(self) -> float:
-        """Return the time in seconds, from any moment on; it never goes back."""
+        """Return the time in seconds since an arbitrary moment; it never decreases."""
 
     def sleep(self, seconds: float) -> None:
-        """Let so much time pass."""
+        """Wait."""
 
 
 class HostClock:
-    """The computer's."""
+    """The computer's monotonic clock."""
 
     def __call__(self) -> float:
         """Return the time in seconds."""

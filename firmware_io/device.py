@@ -1,4 +1,4 @@
-"""A device: the only way from the host to a link, with every sample checked on the way."""
+"""A device: the only way from the host to a link; it checks every sample."""
 
 from __future__ import annotations
 
@@ -34,31 +34,31 @@ from firmware_io.stream import Progress, Stream
 class Device:
     """Streams voltages to one driver, within limits.
 
-    As a context manager it arms on entry and always ends at 0 V; `close` lets the link go. A
-    device that is forgotten closes itself, at the latest when the interpreter exits. Where STOP
-    cannot be delivered it stays owed (`stop_is_owed`), and `stop`, `close`, `arm` and leaving the
-    context try again; the driver's watchdog ends the output meanwhile. It belongs to one thread.
+    As a context manager it arms on entry and always ends at 0 V; `close` closes the link. A device
+    without references closes itself, at the latest when the interpreter exits. If STOP cannot be
+    delivered it stays owed (`stop_is_owed`); `stop`, `close`, `arm` and leaving the context try
+    again, and the driver's watchdog ends the output in between. Only one thread may use a device.
 
     Parameters
     ----------
     link : Link
-        The way to the driver; from now on used by this object alone, and let go on any error.
+        Carries the bytes; from now on used by this object alone, and closed on any error.
     limits : DriveLimits, optional
-        What every sample must keep to; lowered to what the driver accepts.
+        Limits of every sample; lowered to what the driver accepts.
     mode : {"waveform", "envelope"}, optional
         Whether samples are the drive itself, or the amplitude of a carrier that the driver makes.
-        Without it waveform, or, through reports or where the driver has no other, envelope.
+        Default: waveform; envelope through reports, or if the driver has no other mode.
     sample_rate_hz : float, optional
-        One of the driver's rates in that mode; its highest that the link can carry without.
+        One of the driver's rates in that mode; default: the highest that the link can carry.
     carrier_hz : float, optional
-        Of the carrier in envelope mode; `firmware_io.setting.DEFAULT_CARRIER_HZ` without.
+        Carrier in envelope mode; default: `firmware_io.setting.DEFAULT_CARRIER_HZ`.
     clock : Clock
-        The host's; tests may give another.
+        The host's clock; tests may give another.
 
     Raises
     ------
     ProtocolError
-        If what answers is no haptix driver, speaks another version, or offers no such mode or rate.
+        If what answers is no haptix driver, has another version, or offers no such mode or rate.
     DeviceError
         If a value is impossible.
     """
@@ -76,55 +76,55 @@ class Device:
         try:
             client = ProtocolClient(link, clock)
             report = client.handshake()
-            reach = Capabilities.from_report(report, report.output_rate_hz)
-            mode = choose_mode(mode, reach, link)
-            rate_hz = choose_rate(sample_rate_hz, mode, reach, link)
-            setup = first_setup(reach, mode, rate_hz, carrier_hz)
+            driver = Capabilities.from_report(report, report.output_rate_hz)
+            mode = choose_mode(mode, driver, link)
+            rate_hz = choose_rate(sample_rate_hz, mode, driver, link)
+            setup = first_setup(driver, mode, rate_hz, carrier_hz)
             self._stream = Stream(
                 client,
-                lowered_limits(limits or DriveLimits(), reach, setup),
+                lowered_limits(limits or DriveLimits(), driver, setup),
                 setup,
-                reach.max_frame_samples,
+                driver.max_frame_samples,
                 report.output_rate_hz,
             )
         except BaseException:
             with suppress(Exception):
                 link.close()
             raise
-        self._capabilities = replace(reach, sample_rate_hz=float(rate_hz))
-        self._keep_setup_in_step()
+        self._capabilities = replace(driver, sample_rate_hz=float(rate_hz))
+        self._bound_setup()
         self._is_closed = False
-        # Holds the stream alone: a reference to the device would keep it from being forgotten.
+        # Holds only the stream: a reference to the device would keep it from being collected.
         weakref.finalize(self, self._stream.abandon)
 
     @property
     def capabilities(self) -> Capabilities:
-        """What the driver can do."""
+        """The driver's capabilities."""
         return self._capabilities
 
     @property
     def name(self) -> str:
-        """Where it was found, such as its address."""
+        """Name of the link, such as its address."""
         return self._stream.link.name
 
     @property
     def mode(self) -> Mode:
-        """Whether samples are the drive ("waveform") or its carrier's amplitude ("envelope")."""
+        """Meaning of the samples: the drive ("waveform") or a carrier's amplitude ("envelope")."""
         return "envelope" if self._stream.setup.mode is StreamMode.ENVELOPE else "waveform"
 
     @property
     def carrier_hz(self) -> float | None:
-        """Of the carrier that the driver makes; None in waveform mode."""
+        """Frequency of the carrier that the driver makes; None in waveform mode."""
         return self._stream.setup.carrier_mhz / 1e3 or None
 
     @property
     def watchdog_s(self) -> float:
-        """How long after the last frame the driver is at 0 V by itself, at the latest."""
+        """Time after the last frame at which the driver is at 0 V by itself, at the latest."""
         return self._stream.setup.watchdog_ms / 1e3
 
     @property
     def least_write_samples(self) -> int:
-        """Writes of a multiple of it waste nothing: whole frames where the link has reports."""
+        """Best size of a write: multiples of it fill whole frames if the link has reports."""
         stream = self._stream
         return 1 if stream.link.report_bytes is None else stream.frame_samples
 
@@ -140,12 +140,12 @@ class Device:
 
     @property
     def stop_is_owed(self) -> bool:
-        """Whether the driver may be armed: from the first try to arm it until a STOP arrived."""
+        """Whether the driver may be armed: from the first ARM sent until a STOP arrived."""
         return self._stream.stop_is_owed
 
     @property
     def latency_s(self) -> float | None:
-        """What an interface behind the link adds to the lead; None if it does not tell."""
+        """Latency of an interface behind the link, in seconds; None if unknown."""
         return self._stream.link.latency_s
 
     @property
@@ -167,8 +167,8 @@ class Device:
     def last_v(self) -> float:
         """The last voltage that may stand on the output: the last written, 0.0 when stopped.
 
-        While a lost link leaves open whether the last frame arrived, it is the larger of the
-        voltages before and after that frame, until a STOP arrives.
+        If a lost link leaves open whether the last frame arrived, it is the larger of the voltages
+        before and after that frame, until a STOP arrives.
         """
         return self._stream.last_v
 
@@ -179,7 +179,7 @@ class Device:
         return link.driver if isinstance(link, MockLink) else None
 
     def lower_ceiling(self, ceiling_v: float) -> None:
-        """Lower the ceiling, for a screen that bears less than the driver gives.
+        """Lower the ceiling, for a screen that stands less than the driver gives.
 
         If the output stands above the new ceiling, the device stops first.
 
@@ -188,7 +188,7 @@ class Device:
         LimitError
             If `ceiling_v` is above the present ceiling, or not finite and positive.
         DeviceError
-            If the device had to stop and could not; the ceiling is lowered all the same.
+            If the device had to stop and could not; the ceiling is lowered even so.
         """
         stream = self._stream
         lowered = replace(stream.limits, ceiling_v=ceiling_v)
@@ -202,7 +202,7 @@ class Device:
                 stream.stop(play_out=True)
         finally:
             stream.limits = lowered
-            self._keep_setup_in_step()
+            self._bound_setup()
 
     def set_up(
         self,
@@ -212,19 +212,19 @@ class Device:
         watchdog_s: float | None = None,
         status_s: float | None = None,
     ) -> None:
-        """Change how the driver plays what it is sent, from the next time it is armed on.
+        """Change how the driver plays samples, from the next arming on.
 
         Parameters
         ----------
         carrier_hz : float, optional
-            Of the carrier, in envelope mode.
+            Carrier, in envelope mode.
         lead_s : float, optional
-            Playback begins this long after the first sample was sent.
+            Delay from sending the first sample to the begin of playback.
         watchdog_s : float, optional
-            Without a frame for so long the driver is at 0 V by itself. Lowers the lead to half of
-            it where it is longer.
+            The driver is at 0 V by itself this long after the last frame. Lowers the lead to half
+            of this time if it is longer.
         status_s : float, optional
-            While armed it reports so often without being asked; 0 for never.
+            Interval of the driver's reports while it is armed; 0 for none.
 
         Raises
         ------
@@ -232,7 +232,7 @@ class Device:
             If the device is armed, or a value is impossible.
         """
         if self._stream.is_armed:
-            raise DeviceError("The device is armed and plays as it was set up; stop it first.")
+            raise DeviceError("The device is armed, so its set-up is fixed; stop it first.")
         self._stream.setup = changed_setup(
             self._stream.setup,
             self._capabilities.max_watchdog_s,
@@ -241,10 +241,10 @@ class Device:
             watchdog_s=watchdog_s,
             status_s=status_s,
         )
-        self._keep_setup_in_step()
+        self._bound_setup()
 
     def progress(self) -> Progress:
-        """Hear what the driver has said, and return how far it is.
+        """Read the driver's reports and return its progress.
 
         Raises
         ------
@@ -257,14 +257,14 @@ class Device:
         return self._stream.progress()
 
     def touches(self) -> list[TouchReport]:
-        """Return what the panel has reported since the last call, oldest first."""
+        """Return the touches that the panel has reported since the last call, oldest first."""
         latest = self._stream.client.touches
         return [latest.popleft() for _ in range(len(latest))]
 
     def arm(self) -> None:
-        """Make the driver ready to play, from sample index 0; no effect if armed.
+        """Prepare the driver to play, from sample index 0; no effect if armed.
 
-        A stop still owed is delivered first.
+        A STOP still owed is delivered first.
 
         Raises
         ------
@@ -278,12 +278,11 @@ class Device:
         self._stream.arm()
 
     def write(self, volts: npt.ArrayLike) -> None:
-        """Send samples to be played after those already sent.
+        """Send samples; they are played after those sent before.
 
         All samples are checked before the first is sent. On any error the output is brought to
-        0 V and the device is disarmed before the error is raised. Samples must keep coming: a
-        driver that has played all it was sent, and waits longer than its watchdog allows, stops
-        by itself, and the next call raises `DeviceFaultError`.
+        0 V and the device is disarmed before the error is raised. A driver that receives nothing
+        for its watchdog time stops by itself, and the next call raises `DeviceFaultError`.
 
         Parameters
         ----------
@@ -295,7 +294,8 @@ class Device:
         LimitError
             If a sample breaks a limit; none of `volts` is played.
         DeviceError
-            If the device is not armed, `volts` is not a 1-D real array, or the driver fails.
+            If the device is not armed, `volts` is not a 1-D array of real numbers, or the driver
+            fails.
         """
         if not self._stream.is_armed:
             raise DeviceError(
@@ -309,20 +309,20 @@ class Device:
             raise
 
     def stop(self) -> None:
-        """Play what was sent, bring the output to 0 V and disarm. Idempotent.
+        """Play the samples sent, bring the output to 0 V and disarm. Idempotent.
 
         Raises
         ------
         DeviceFaultError
             If the driver had stopped by itself before; it is at 0 V and nothing is owed.
         DeviceError
-            If the ramp or STOP could not be delivered. The device is disarmed all the same; if
-            it was STOP, `stop_is_owed` stays True and the next call tries again.
+            If the ramp or STOP could not be delivered. The device is disarmed even so; if STOP
+            failed, `stop_is_owed` stays True and the next call tries again.
         """
         self._stream.stop(play_out=True)
 
     def stop_at_once(self) -> None:
-        """Bring the output to 0 V without playing what is queued, and disarm. Idempotent.
+        """Bring the output to 0 V without playing the queue, and disarm. Idempotent.
 
         Raises
         ------
@@ -332,12 +332,12 @@ class Device:
         self._stream.stop(play_out=False)
 
     def close(self) -> None:
-        """Stop, then let the link go. Idempotent.
+        """Stop, then close the link. Idempotent.
 
         Raises
         ------
         DeviceError
-            As from `stop`; the link is let go all the same.
+            As from `stop`; the link is closed even so.
         """
         if self._is_closed and not self.stop_is_owed:
             return
@@ -360,14 +360,14 @@ class Device:
             self._stop_after(error)
 
     def _stop_after(self, error: BaseException) -> None:
-        """Stop because of `error`, which stays the one to be raised."""
+        """Stop because of `error`, and add a note to it if that fails."""
         try:
             self.stop_at_once()
         except Exception as failure:
             error.add_note(f"Bringing the output to 0 V failed as well: {failure}")
 
-    def _keep_setup_in_step(self) -> None:
-        """Tell the driver to refuse what this side refuses, but nothing that rounding adds."""
+    def _bound_setup(self) -> None:
+        """Give the driver the host's limits, with room for rounding to codes."""
         stream = self._stream
         stream.setup = bounded_setup(stream.setup, stream.limits, self._capabilities)
 

@@ -1,4 +1,4 @@
-"""The device's clock against the host's."""
+"""The rate of the device's clock against the host's."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ _SHORTEST_S = 1.0  # below this a rate would say more about scheduling than abou
 
 
 class DeviceClock:
-    """Follows the clock that a driver reports.
+    """Estimates the rate of the clock that a driver reports.
 
-    A report may come late, never early: of the reports in each spacing, the one that shows the
-    driver furthest ahead of its nominal rate came with the least delay, and is kept.
+    A report may come late, never early. Of the reports in each spacing, the one with the least
+    delay shows the driver furthest ahead of its nominal rate; that one is kept.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class DeviceClock:
         self._latest_s = -np.inf
 
     def observe(self, host_s: float, clock_samples: float) -> None:
-        """Take a report: at the host's time `host_s` the driver's clock stood there."""
+        """Add a report: the driver's clock at the host's time `host_s`."""
         if host_s < self._latest_s:
             return
         self._latest_s = host_s
@@ -55,7 +55,7 @@ class DeviceClock:
 
     @property
     def drift_ppm(self) -> float | None:
-        """How much faster than nominal the device's clock runs, in parts per million."""
+        """Excess of the device's rate over nominal, in ppm; None in the first second."""
         rate_hz = self.rate_hz
         return None if rate_hz is None else (rate_hz / self.nominal_hz - 1.0) * 1e6
 

@@ -1,4 +1,4 @@
-"""What is connected: drivers that can be opened, and what else the buses show."""
+"""Connected devices: drivers that can be opened, and others on the same buses."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from firmware_io.scheme import Bus, DeviceInfo
 
 @dataclass(frozen=True)
 class BusReport:
-    """What one bus showed.
+    """The result of searching one bus.
 
     Parameters
     ----------
     kind : str
         "usb", "hid" or "audio".
     available : bool
-        Whether the bus could be looked at.
+        Whether the bus could be searched.
     detail : str
-        The library and its version, or why it is missing and what to install.
+        The library and its version, or why it cannot be used and what to install.
     devices : tuple of DeviceInfo
-        What is connected.
+        The connected devices.
     """
 
     kind: str
@@ -34,13 +34,13 @@ class BusReport:
 
 
 def list_devices() -> list[DeviceInfo]:
-    """Return the mock and whatever the buses show, without opening anything."""
+    """Return the mock and all devices on the buses, without opening any."""
     mock = DeviceInfo("mock:", "mock", "mock driver", True, "Plays into memory; always there.")
     return [mock, *(device for report in survey_buses() for device in report.devices)]
 
 
 def survey_buses() -> list[BusReport]:
-    """Search every bus, without opening anything.
+    """Search every bus, without opening a device.
 
     Returns
     -------
@@ -51,23 +51,23 @@ def survey_buses() -> list[BusReport]:
 
 
 class DeviceWatch:
-    """Tells when drivers are connected and disconnected, by looking now and then.
+    """Calls back when drivers are connected and disconnected.
 
-    It opens nothing, has a thread of its own, and touches nobody else's.
+    It searches the buses at an interval, in its own thread, and opens no device.
 
     Parameters
     ----------
     on_change : callable
-        Called in that thread with the device, and whether it is there now.
+        Called in that thread with the device, and whether it is connected now.
     interval_s : float
-        Between two looks, in seconds.
+        Time between two searches, in seconds.
     look : callable
-        Returns what is there; `list_devices` by default.
+        Returns the devices; `list_devices` by default.
 
     Attributes
     ----------
     error : Exception or None
-        What `on_change` raised last; the watch goes on.
+        The last exception of `on_change`; the watch continues.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class DeviceWatch:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Begin to watch; what is there already is not told."""
+        """Begin to watch; devices that are connected already cause no call."""
         if self._thread is None:
             self._known = self._usable()
             self._end.clear()
@@ -100,7 +100,7 @@ class DeviceWatch:
         self._thread = None
 
     def poll(self) -> list[tuple[DeviceInfo, bool]]:
-        """Look once; tell and return the changes, those that went first."""
+        """Search once; report and return the changes, disconnected devices first."""
         now = self._usable()
         changes = [(device, False) for key, device in self._known.items() if key not in now]
         changes += [(device, True) for key, device in now.items() if key not in self._known]
@@ -108,7 +108,7 @@ class DeviceWatch:
         for device, is_there in changes:
             try:
                 self._on_change(device, is_there)
-            # A fault in what somebody does about a device must not end the watch over all.
+            # An error in the reaction to one device must not end the watch over the others.
             except Exception as error:
                 self.error = error
         return changes

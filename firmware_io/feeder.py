@@ -1,4 +1,4 @@
-"""What the writer thread does, round by round: samples to the device, 0 V when they run out."""
+"""The work of the writer thread: samples to the device, and 0 V when they run out."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from firmware_io.ring import SampleRing
 from firmware_io.stream import Progress
 
 FADE_S = 0.005
-"""Of the ramp down when samples run out, and of the fade back in: what the driver's own takes."""
+"""Duration in seconds of the ramp down when samples run out, and of the fade back in."""
 
-_LEAST_GUARD_S = 0.002  # what a thread needs to be woken, nine times in ten
+_LEAST_GUARD_S = 0.002  # within which a thread wakes, nine times in ten
 
 
 class Feeder:
-    """Keeps the device's queue at a lead, from a ring; not a thread, but what a thread runs.
+    """Keeps the device's queue at a lead, from a ring. A thread or a test calls its steps.
 
     Parameters
     ----------
@@ -30,12 +30,12 @@ class Feeder:
     lead_s, block_s : float
         See `firmware_io.Playback`.
     clock : Clock
-        The host's.
+        The host's clock.
 
     Attributes
     ----------
     ready : threading.Condition
-        Holds the lock of everything here but the device; notified whenever something changes.
+        Its lock guards all state here but the device; notified at every change.
     underruns, late_blocks, samples_played : int
         See `firmware_io.PlaybackStats`.
     """
@@ -58,7 +58,7 @@ class Feeder:
         self.samples_put = 0
         self.samples_taken = 0
         self._clock = clock
-        self._sent = 0  # to the device since it was armed, silence included
+        self._sent = 0  # to the device since it was armed, zeros included
         self._is_short = False  # from an underrun until samples come again
         self._has_rested = True
         self._gain = 1.0
@@ -69,7 +69,7 @@ class Feeder:
         self._is_draining = False
 
     def begin(self) -> None:
-        """Arm the device, to play what it is sent without a lead of its own."""
+        """Arm the device, to play without a lead of its own."""
         status_s = min(self.lead / self.rate_hz / 5, self.device.watchdog_s / 10)
         self.device.set_up(lead_s=0.0, status_s=status_s)
         self.device.arm()
@@ -82,7 +82,7 @@ class Feeder:
             self.samples_put += volts.size
             if self._is_short:
                 self.late_blocks += 1
-            # Two zeros in a row are no carrier: what ends like that has come to rest by itself.
+            # No carrier has two zeros in a row: a signal that ends with them has come to rest.
             tail = volts[-2:]
             if tail.size == 2:
                 self._has_rested = not tail.any()
@@ -96,7 +96,7 @@ class Feeder:
         return self.ring.queued + math.ceil(self._level(self._clock()))
 
     def step(self) -> float:
-        """Do one round; return the seconds after which the next is due, if nothing is put before.
+        """Do one round; return the time in seconds until the next, if nothing is put before.
 
         Raises
         ------
@@ -110,7 +110,7 @@ class Feeder:
             room = min(progress.room_samples, int(self.lead - level))
             count = max(0, min(self.ring.queued, room))
             if level > self.lead / 2 and not self._is_draining:
-                # Whole blocks, not a trickle of single samples, unless the device runs low.
+                # Whole blocks, not single samples, unless the device runs low.
                 count -= count % self.block
             volts = self.ring.take(count) if count else self._silence(level, room)
             if count:
@@ -127,11 +127,11 @@ class Feeder:
             wait = level - (self.lead / 2 if self.ring.queued else self.guard)
             if self.ring.queued >= self.block:
                 wait = min(wait, level + self.block - self.lead)
-            # Where the device has no room though its clock says so, its next report will tell.
+            # If the device has no room though its clock predicts some, wait for its next report.
             return max(wait, self.block / 4 if self.ring.queued else 1.0) / self.rate_hz
 
     def end(self, drain: bool) -> None:
-        """Stop the device at 0 V, after what was put has been played if `drain`.
+        """Stop the device at 0 V, with `drain` after all samples put have been played.
 
         Raises
         ------
@@ -162,29 +162,29 @@ class Feeder:
     def _observe(self, progress: Progress) -> None:
         self._progress = progress
         self.device_clock.observe(progress.reported_s, progress.clock_samples)
-        # The driver's own underruns: the host came too late. At rest nobody feels them.
+        # The driver's own underruns: the host was late. At rest they cannot be felt.
         if progress.underruns > self._known_underruns and not self._had_rested:
             self._count_underrun()
         self._known_underruns = progress.underruns
         self._had_rested = self._has_rested
 
     def _count_underrun(self) -> None:
-        """Count one, unless it is counted already or the signal has come to rest."""
+        """Count an underrun, unless it is counted already or the signal has come to rest."""
         if not (self._is_short or self._has_rested):
             self._is_short = True
             self.underruns += 1
 
     def _level(self, now_s: float) -> float:
-        """Samples in the device that it has not played by now."""
+        """Samples in the device that it has not played at `now_s`."""
         progress = self._progress
         if progress is None:
             return float(self._sent)
-        # It plays from the first sample on, also before it has said so.
+        # It plays from the first sample on, also before it has reported so.
         since_s = max(0.0, now_s - max(progress.reported_s, self._began_s))
         return max(0.0, self._sent - progress.samples_played - since_s * self.rate_hz)
 
     def _silence(self, level: float, room: int) -> npt.NDArray[np.float64]:
-        """Return what to send when the ring is empty: nothing yet, a ramp to 0 V, or 0 V."""
+        """Return the samples to send when the ring is empty: none yet, a ramp to 0 V, or zeros."""
         if self.ring.queued or level > self.guard or self._is_draining:
             return np.empty(0)
         self._count_underrun()
@@ -194,11 +194,11 @@ class Feeder:
         last_v = self.device.last_v
         if last_v == 0.0:
             return np.zeros(count)
-        # Whatever the lead: a ramp is short, and the driver's queue is long.
+        # Even beyond the lead: a ramp is short, and the driver's queue is long.
         return self.device.limits.ramp_to_zero(last_v, self.rate_hz, FADE_S)
 
     def _faded_in(self, volts: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Return samples with the fade that follows an underrun."""
+        """Return the samples, faded in after an underrun."""
         if self._gain >= 1.0:
             return volts
         step = 1.0 / (FADE_S * self.rate_hz)

@@ -1,4 +1,4 @@
-"""A link: the one interface that hardware and simulation both implement."""
+"""The interface that every way to a driver implements, hardware or simulated."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from abc import ABC, abstractmethod
 class Link(ABC):
     """Carries bytes to one driver and back.
 
-    A link knows neither limits nor frames: `firmware_io.Device` speaks the protocol through it,
-    and is the only one to hold it. An implementation turns its library's errors into those of
-    `firmware_io.errors`; an OSError may pass, and counts as a lost link. One thread at a time.
+    A link knows neither limits nor frames. `firmware_io.Device` owns it and speaks the protocol
+    through it. An implementation turns its library's errors into those of `firmware_io.errors`; an
+    OSError may pass and counts as a lost link. Only one thread uses a link at a time.
     """
 
     @property
     @abstractmethod
     def name(self) -> str:
-        """What to call the driver in a message, such as its address."""
+        """The driver's name in messages, such as its address."""
 
     @property
     def report_bytes(self) -> int | None:
@@ -25,22 +25,22 @@ class Link(ABC):
 
     @property
     def latency_s(self) -> float | None:
-        """What it adds to the time between a sample and the output; None if nobody knows."""
+        """Delay that the link adds between a sample and the output, in seconds; None if unknown."""
         return 0.0
 
     @abstractmethod
     def send(self, data: bytes) -> None:
-        """Deliver bytes, in order and as a whole.
+        """Deliver all bytes, in order.
 
         Raises
         ------
         DeviceDisconnectedError
-            If the link is closed or lost. The bytes may have arrived or not.
+            If the link is closed or lost. The bytes may or may not have arrived.
         """
 
     @abstractmethod
     def receive(self, timeout_s: float = 0.0) -> bytes:
-        """Return what has come from the driver, empty if nothing came within the timeout.
+        """Return the bytes from the driver; empty if none came within the timeout.
 
         Raises
         ------
@@ -50,4 +50,4 @@ class Link(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Let the driver go, which then ends at 0 V, at the latest by its watchdog. Idempotent."""
+        """Close the link. The driver ends at 0 V, at the latest by its watchdog. Idempotent."""

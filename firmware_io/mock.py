@@ -1,4 +1,4 @@
-"""The mock driver: the reference firmware in process, and everything that it plays."""
+"""The mock driver: the firmware in this process, with a record of its output."""
 
 from __future__ import annotations
 
@@ -31,19 +31,18 @@ from firmware_io.protocol import (
 
 Pace = Literal["virtual", "real"]
 
-#: Slower rates that the mock takes besides its own, where they go into it: what HID carries.
+#: Slower rates of the mock, if they divide its own: HID can carry these.
 _SLOWER_RATES_HZ = (16_000, 8_000)
 _BOTH = frozenset(StreamMode)
-# Small enough that no queue overflows within, whatever frames these bytes hold.
+# So few bytes that no queue overflows, whatever frames they hold.
 _PIECE_BYTES = 512
 
 
 class MockDriver:
-    """A driver without a board: the firmware in C, or its twin, and time to play in.
+    """A driver without a board: the firmware in C, or its reference in Python, and a clock.
 
-    In virtual time it plays at once all that it was sent, and time passes otherwise only in
-    `advance`. In real time it follows a clock: whatever it is asked, it first plays what was due.
-    It may be shared by threads.
+    In virtual time it plays its queue at once, and otherwise time passes only in `advance`. In real
+    time it follows a clock: each call first plays what was due. Threads may share it.
 
     Parameters
     ----------
@@ -52,28 +51,28 @@ class MockDriver:
     full_scale_v : float
         The voltage of code 32767, to the millivolt.
     ceiling_v : float
-        The driver's own ceiling, enforced whatever the host has checked.
+        The driver's own ceiling, enforced independently of the host.
     max_frame_samples : int
         Largest number of samples in a frame.
     queue_samples : int, optional
-        Depth of its queue; 8 frames or 8192 samples, whichever is more, if not given.
+        Depth of its queue; default: 8 frames or 8192 samples, whichever is more.
     max_slew_v_per_s : float
         The driver's own slew limit.
     max_watchdog_s : float
-        Longest watchdog time that it can be set up with.
+        Longest watchdog time that it accepts.
     rates_hz : sequence of int, optional
-        Sample rates that it takes, in both modes; each goes into `sample_rate_hz`. Its own,
-        16 kHz and 8 kHz, where they do, if not given.
+        Its sample rates, in both modes; each divides `sample_rate_hz`. Default: `sample_rate_hz`,
+        and 16 kHz and 8 kHz if they divide it.
     serial, calibration_id : str
-        What it says of itself.
+        Texts in its capabilities.
     pace : {"virtual", "real"}
-        What makes its time pass.
+        Whether time passes on demand or by the clock.
     clock : callable
         Returns the time in seconds, for the real pace.
     kept_s : float
-        How much of its output it remembers, at least, in seconds; for drivers that run for days.
+        Length of the record of its output, at least, in seconds.
     core : {"auto", "c", "python"}
-        What plays; see `firmware_io.firmware.core.open_core`.
+        Which implementation plays; see `firmware_io.firmware.opening.open_core`.
 
     Raises
     ------
@@ -140,12 +139,12 @@ class MockDriver:
 
     @property
     def core(self) -> str:
-        """What plays: "c", the firmware, or "python", its twin."""
+        """Which implementation plays: "c", the firmware, or "python", its reference."""
         return self._core.name
 
     @property
     def status(self) -> StatusReport:
-        """Where it stands."""
+        """Its state."""
         with self._lock:
             self._catch_up()
             return self._core.status()
@@ -157,7 +156,7 @@ class MockDriver:
 
     @property
     def fault(self) -> str | None:
-        """Why it refused a frame or stopped by itself; None if it did not, or was armed since."""
+        """Why it refused a frame or stopped by itself; None if it did not since it was armed."""
         with self._lock:
             self._catch_up()
             fault = self._core.fault()
@@ -170,12 +169,12 @@ class MockDriver:
 
     @property
     def underruns(self) -> int:
-        """How often the queue was empty when a sample was due, since construction."""
+        """Number of times that the queue was empty when a sample was due, since construction."""
         return self.status.underruns
 
     @property
     def samples_played(self) -> int:
-        """Output samples played since construction, ramps included, pauses not."""
+        """Output samples played since construction: streams and ramps, without pauses."""
         with self._lock:
             self._catch_up()
             return self._played
@@ -184,7 +183,7 @@ class MockDriver:
     def played_codes(self) -> npt.NDArray[np.int16]:
         """Every code of streams and ramps since construction, shape (samples_played,).
 
-        Left out are 0 V between streams, and the last sample while it is held in an underrun.
+        The 0 V between streams and the samples held in an underrun are left out.
         """
         codes, what = self.output
         played: npt.NDArray[np.int16] = codes[_is_played(what)]
@@ -197,7 +196,7 @@ class MockDriver:
 
     @property
     def output(self) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint8]]:
-        """Every output sample since construction, and what it was (an `Output`)."""
+        """Every output sample since construction, and the kind of each (an `Output`)."""
         with self._lock:
             self._catch_up()
             self._codes = deque([np.concatenate(self._codes)])
@@ -206,7 +205,7 @@ class MockDriver:
 
     @property
     def output_v(self) -> npt.NDArray[np.float64]:
-        """The voltage at every moment since construction, at `sample_rate_hz`."""
+        """The output voltage since construction, at `sample_rate_hz`."""
         return codes_to_volts(self.output[0], self.about.full_scale_mv / 1e3)
 
     def receive(self, data: bytes) -> None:
@@ -246,7 +245,7 @@ class MockDriver:
         contact: int = 0,
         phase: TouchPhase = TouchPhase.MOVE,
     ) -> bool:
-        """Put a finger on the panel; False if the host has not read the last eight reports."""
+        """Report a finger on the panel; False if the host has not read the last eight reports."""
         force_mn = 65535 if normal_force_n is None else round(normal_force_n * 1e3)
         report = TouchReport(0, round(x_mm * 1e3), round(y_mm * 1e3), force_mn, contact, phase)
         with self._lock:
@@ -254,7 +253,7 @@ class MockDriver:
             return self._core.touch(report)
 
     def release(self) -> None:
-        """Ramp to 0 V, disarm and forget the set-up, as when the host goes away."""
+        """Ramp to 0 V, disarm and forget the set-up, as when the host disconnects."""
         with self._lock:
             self._catch_up()
             self._core.release()
@@ -269,23 +268,23 @@ class MockDriver:
             If the pace is real.
         """
         if self.pace == "real":
-            raise DeviceError("A mock at real pace follows its clock; let that one advance.")
+            raise DeviceError("A mock at real pace follows its clock; advance the clock instead.")
         with self._lock:
             self._play(round(seconds * self.about.output_rate_hz))
 
     def _play_out(self) -> None:
-        """In virtual time, play all that was sent."""
+        """In virtual time, play the whole queue."""
         while self.pace == "virtual" and (ticks := self._core.pending_ticks):
             self._play(ticks)
 
     def _catch_up(self) -> None:
-        """In real time, play all that was due."""
+        """In real time, play what was due."""
         if self.pace == "real":
             passed_s = self.clock() - self._began_s
             self._play(math.floor(passed_s * self.about.output_rate_hz) - self._ticks)
 
     def _play(self, ticks: int) -> None:
-        # A second at a time, for a driver that nobody has asked anything for an hour.
+        # In pieces of a second: the last call may be an hour ago.
         while ticks > 0:
             codes, what = self._core.play(min(ticks, self.about.output_rate_hz))
             ticks -= codes.size
@@ -308,16 +307,16 @@ def _is_played(what: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
 
 
 def _whole(name: str, value: float, least: int, most: int, unit: str = "") -> int:
-    """Return a number as the wire carries it, or raise DeviceError."""
+    """Return a number as the integer that the wire carries, or raise DeviceError."""
     unit = unit and f" {unit}"
     if not (math.isfinite(value) and least <= round(value) <= most):
         raise DeviceError(
             f"{name} must lie in {least} to {most}{unit}, but is {value:g}{unit}; correct it."
         )
-    # 1e-6: what a decimal fraction leaves in binary.
+    # 1e-6: the rounding of decimal fractions to binary.
     if abs(value - round(value)) > 1e-6 * max(1.0, abs(value)):
         raise DeviceError(
-            f"{name} travels as a whole number of{unit or ' samples'}, but is {value!r}{unit}; "
+            f"{name} must be a whole number of{unit or ' samples'}, but is {value!r}{unit}; "
             "round it."
         )
     return round(value)

@@ -14,7 +14,7 @@ def open_device(address: str) -> Device:
     ----------
     address : str
         A scheme, a colon, and comma-separated key=value pairs; `haptix devices` lists what is
-        there. ``"mock:"``, ``"mock:pace=real,ceiling_v=150"``; ``"usb:"`` (the only one that is
+        connected. ``"mock:"``, ``"mock:pace=real,ceiling_v=150"``; ``"usb:"`` (the only one that is
         connected), ``"usb:serial=ABC"``; ``"hid:path=/dev/hidraw0"``;
         ``"audio:device=scarlett,full_scale_v=200"``; ``"tcp:localhost:7420"``. All
         schemes also take ``mode`` (waveform or envelope), ``sample_rate_hz`` and ``carrier_hz``.
@@ -23,14 +23,14 @@ def open_device(address: str) -> Device:
     Returns
     -------
     Device
-        Not yet armed.
+        Open, not yet armed.
 
     Raises
     ------
     DeviceNotFoundError, DeviceBusyError, DevicePermissionError, ProtocolError
-        If there is none, another program has it, this user may not, or it is no haptix driver.
+        If none is there, another program uses it, this user may not, or it is no haptix driver.
     DeviceError
-        If the address cannot be understood or describes no possible device.
+        If the address cannot be read or describes an impossible device.
     LimitError
         If the address asks for a ceiling above the absolute one.
     """

@@ -1,4 +1,4 @@
-"""Real-time playback: samples from one thread, played by another that owns the device."""
+"""Real-time playback: one thread makes samples, another owns the device and plays them."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ _JOIN_S = 5.0  # longer than any link waits before it gives up
 
 @dataclass(frozen=True)
 class PlaybackStats:
-    """What has happened since `Playback.start`.
+    """Counters since `Playback.start`.
 
     Parameters
     ----------
     lead_s : float
-        Wanted time between putting a sample and its being played, in seconds.
+        Time from `put` to the output that is asked for, in seconds.
     underruns : int
-        Times that samples ran out while the signal had not come to rest.
+        Number of times that samples ran out before the signal had come to rest.
     late_blocks : int
-        Blocks put after they had run out.
+        Blocks put after samples had run out.
     samples_played : int
-        Samples that were put and have gone to the device.
+        Samples put that have gone to the device.
     device_rate_hz, drift_ppm : float or None
-        Samples that the device plays per second of the host's clock, and by how much that is more
-        than stated; None in the first second.
+        Samples that the device plays per second of the host's clock, and the excess over its
+        stated rate; None in the first second.
     """
 
     lead_s: float
@@ -48,29 +48,29 @@ class PlaybackStats:
 
 
 class Playback:
-    """Plays samples in real time, through a thread that owns the device meanwhile.
+    """Plays samples in real time, through a thread that owns the device.
 
     The thread keeps the device's queue at the lead, by the device's own clock, so that the delay
     does not grow. When samples run out it ramps to 0 V, keeps the device fed with 0 V, and fades
     in when they return. However it ends (`stop`, an exception, Ctrl-C, SIGTERM, the interpreter's
-    exit, or forgotten), the output ends at 0 V and the thread is gone. It can be started again.
+    exit, or garbage collection), the output ends at 0 V and the thread ends. It can start again.
 
     Parameters
     ----------
     device : Device
-        Open; not to be used by others between `start` and `stop`.
+        Open; only the playback may use it between `start` and `stop`.
     lead_s : float
-        Time from `put` to the output, in seconds: what may stall without being felt.
+        Time from `put` to the output, in seconds: the longest stall that is not felt.
     block_s : float
-        Shortest write to the device, in seconds, while nothing presses; at most a third of the
-        lead. Through HID reports it is rounded up to whole frames.
+        Shortest write to the device, in seconds, unless its queue runs low; at most a third of
+        the lead. With HID reports it is rounded up to whole frames.
     clock : Clock, optional
-        For tests: without a thread, each call does the work that is due.
+        For tests: there is no thread, and each call does the work that is due.
 
     Raises
     ------
     DeviceError
-        If the times are impossible.
+        If a time is out of range.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Playback:
             )
         if device.mock is not None and device.mock.pace == "virtual":
             raise DeviceError(
-                "This mock plays at once whatever it is sent, and knows no delay; open "
+                "This mock plays at once whatever it is sent, without a lead; open "
                 '"mock:pace=real" for playback, or write to the device directly.'
             )
         self.device = device
@@ -118,19 +118,19 @@ class Playback:
         writer = _Writer(feeder)
         writer.feeder.begin()
         self._writer = writer
-        # Holds the writer alone: a reference to this object would keep it from being forgotten.
+        # Holds only the writer: a reference to this object would keep it from being collected.
         self._finalizer = weakref.finalize(self, writer.abandon)
         self._terminator = _Terminator()
         if self._clock is None:
             writer.thread.start()
 
     def stop(self, drain: bool = True) -> None:
-        """End at 0 V, disarm, and let the thread go. Idempotent.
+        """End at 0 V, disarm, and end the thread. Idempotent.
 
         Parameters
         ----------
         drain : bool
-            Play what was put, at most two leads of it; otherwise ramp down at once.
+            Play the samples put, at most two leads of them; otherwise ramp down at once.
 
         Raises
         ------
@@ -153,7 +153,7 @@ class Playback:
         self._writer.raise_once()
 
     def put(self, volts: npt.NDArray[np.float64]) -> None:
-        """Append samples; they are played one lead later.
+        """Append samples; the device plays them one lead later.
 
         Parameters
         ----------
@@ -163,7 +163,7 @@ class Playback:
         Raises
         ------
         DeviceError
-            If there is no room, if it does not run, or, once, what ended it.
+            If there is no room, or it does not run; once, the error that ended it.
         LimitError
             Once, if earlier samples broke a limit; the output is then at 0 V.
         """
@@ -179,7 +179,7 @@ class Playback:
             self._step(writer)
 
     def wait_for_room(self, samples: int, timeout_s: float = 1.0) -> bool:
-        """Wait until so many samples may be put without the delay growing.
+        """Wait until this many samples can be put without a longer delay.
 
         Returns
         -------
@@ -220,7 +220,7 @@ class Playback:
 
     @property
     def room_samples(self) -> int:
-        """Samples that may be put without the delay growing beyond the lead; 0 if stopped."""
+        """Samples that can be put before the delay exceeds the lead; 0 if stopped."""
         if self._writer is None or self._writer.is_over:
             return 0
         with self._writer.feeder.ready:
@@ -241,7 +241,7 @@ class Playback:
 
     @property
     def error(self) -> BaseException | None:
-        """What ended the playback, if it was not `stop`."""
+        """The error that ended the playback; None if there was none."""
         return None if self._writer is None else self._writer.error
 
     @property
@@ -251,7 +251,7 @@ class Playback:
 
     @property
     def stats(self) -> PlaybackStats:
-        """What has happened since `start`."""
+        """Counters since `start`."""
         if self._writer is None:
             return PlaybackStats(self.lead_s, 0, 0, 0, None, None)
         feeder = self._writer.feeder
@@ -297,12 +297,14 @@ class Playback:
         if writer is not None:
             writer.raise_once()
         if self._finalizer is None or writer is None or writer.is_over:
-            raise DeviceError("The playback does not run; start it first, or use it in a with.")
+            raise DeviceError(
+                "The playback does not run; call start() or use it in a with statement."
+            )
         return writer
 
 
 class _Writer:
-    """The thread that owns the device; it does not know the `Playback` that it serves."""
+    """The thread that owns the device; it holds no reference to its `Playback`."""
 
     def __init__(self, feeder: Feeder) -> None:
         self.feeder = feeder
@@ -316,11 +318,11 @@ class _Writer:
 
     @property
     def is_over(self) -> bool:
-        """Whether it has ended, so or so."""
+        """Whether it has ended, by `stop` or by an error."""
         return self._over.is_set()
 
     def round(self) -> float:
-        """Do one round of the feeder; an error ends the playback and is kept."""
+        """Do one round of the feeder; keep an error, which ends the playback."""
         try:
             return self.feeder.step()
         except BaseException as error:
@@ -332,22 +334,22 @@ class _Writer:
         with self.feeder.ready:
             self._must_end, self._drain = True, drain
             self.feeder.ready.notify_all()
-        if self.thread is threading.current_thread():  # the garbage collector ran here
+        if self.thread is threading.current_thread():  # called by the garbage collector
             return
         self.thread.join(_JOIN_S)
         if self.thread.is_alive():
             raise DeviceError(
-                f"The link did not return within {_JOIN_S:g} s, so the output may not be at 0 V "
-                "by the host's doing; the driver's own watchdog ends it. Unplug and open it anew."
+                f"The link did not return within {_JOIN_S:g} s, so the host could not bring the "
+                "output to 0 V; the driver's watchdog does. Unplug the device and open it again."
             )
 
     def end_stepping(self, drain: bool) -> None:
-        """Do, without a thread, what the thread does at its end."""
+        """Do the work at the thread's end, without a thread."""
         if not self.is_over:
             self._end(drain)
 
     def abandon(self) -> None:
-        """End without a word, for a playback that was forgotten: nobody is left to be told."""
+        """End without raising, for a playback that was collected: nobody can catch an error."""
         try:
             if self.thread.ident is None:
                 if not self.is_over:
@@ -355,10 +357,10 @@ class _Writer:
             else:
                 self.ask_to_end(False)
         except Exception:
-            self.error = self.error or DeviceError("The playback was forgotten and did not end.")
+            self.error = self.error or DeviceError("The playback was collected and did not end.")
 
     def raise_once(self) -> None:
-        """Raise what ended the playback, the first time."""
+        """Raise the error that ended the playback, the first time."""
         if self.error is not None and not self._is_told:
             self._is_told = True
             raise self.error
@@ -397,9 +399,9 @@ class _Writer:
 
 
 class _Terminator:
-    """Turns SIGTERM into SystemExit while a playback runs, so that everything is unwound.
+    """Turns SIGTERM into SystemExit while a playback runs, so that with statements end.
 
-    Only where nobody else handles it, and only in the main thread, which alone may.
+    Only if no other handler is set, and only from the main thread, as Python requires.
     """
 
     def __init__(self) -> None:
@@ -411,7 +413,7 @@ class _Terminator:
             signal.signal(signal.SIGTERM, self._exit)
 
     def restore(self) -> None:
-        """Give the signal back, if nobody has taken it meanwhile."""
+        """Restore the default, unless another handler was set since."""
         in_main = threading.current_thread() is threading.main_thread()
         if self._is_ours and in_main and signal.getsignal(signal.SIGTERM) == self._exit:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -1,4 +1,4 @@
-"""The host's half of the protocol: numbers its frames, asks, and hears what the driver says."""
+"""The host's side of the protocol: numbers its frames, sends requests, reads the answers."""
 
 from __future__ import annotations
 
@@ -27,34 +27,32 @@ from firmware_io.protocol import (
 )
 
 ANSWER_S = 0.5
-"""How long an answer may take: a full queue of reports and a busy host, not a person."""
+"""Longest time to an answer, in seconds: a full queue of reports and a busy host take less."""
 
 _BROKEN_OFF_S = 0.1  # PROTOCOL.md: a frame whose bytes pause this long is given up
 _KEPT_TOUCHES = 1024
 
 
 class ProtocolClient:
-    """Frames to and from one driver.
+    """Sends frames to one driver and reads its answers.
 
     Parameters
     ----------
     link : Link
-        The way to the driver.
+        Carries the bytes.
     clock : Clock
         The host's.
 
     Attributes
     ----------
     status : StatusReport or None
-        The latest, which came at `status_s` of the host's clock.
+        The latest, received at `status_s` by the host's clock.
     fault : FaultReport or None
-        What the driver has refused and nobody was told yet.
+        The first fault that was not raised yet.
     touches : deque of TouchReport
-        The latest from the panel, oldest first.
+        The latest touches of the panel, oldest first.
     frames_sent, bytes_sent : int
-        What was delivered.
-    frames_lost : int
-        Frames of the driver that came damaged, or whose numbers were left out.
+        Delivered frames and bytes.
     """
 
     def __init__(self, link: Link, clock: Clock = HOST_CLOCK) -> None:
@@ -66,12 +64,10 @@ class ProtocolClient:
         self.touches: deque[TouchReport] = deque(maxlen=_KEPT_TOUCHES)
         self.frames_sent = 0
         self.bytes_sent = 0
-        self.frames_lost = 0
         self._sequence = 0
         self._token = 0
         self._parser = FrameParser(max_payload_bytes=1024)
-        self._heard_s = 0.0
-        self._due_sequence: int | None = None
+        self._read_s = 0.0
 
     def handshake(self) -> CapabilitiesReport:
         """Begin a session.
@@ -79,15 +75,15 @@ class ProtocolClient:
         Raises
         ------
         ProtocolError
-            If whatever answers does not speak this protocol, or another version of it.
+            If what answers does not use this protocol, or uses another version of it.
         """
-        strange: ProtocolError | None = None
-        # Twice: a report may be lost on the way, and HELLO is obeyed in every state.
+        damage: ProtocolError | None = None
+        # Twice: a report may be lost on the way, and HELLO is accepted in every state.
         for end_s in (self.clock() + ANSWER_S / 2, self.clock() + ANSWER_S):
             self.send(Hello())
             while (left_s := end_s - self.clock()) >= 0:
-                heard = self._hear(left_s)
-                for item in heard or ():
+                items = self._read(left_s)
+                for item in items or ():
                     if isinstance(item, CapabilitiesReport):
                         self.fault = None
                         return item
@@ -96,22 +92,22 @@ class ProtocolClient:
                             f"{self.link.name}: {item} Bring both to the same version."
                         )
                     if isinstance(item, ProtocolError):
-                        strange = item
-                if heard is None:
+                        damage = item
+                if items is None:
                     break
-        if strange is not None:
+        if damage is not None:
             raise ProtocolError(
-                f"{self.link.name} answered, but not as a haptix driver does: {strange}"
-            ) from strange
+                f"{self.link.name} answered, but not as a haptix driver does: {damage}"
+            ) from damage
         raise ProtocolError(
-            f"{self.link.name} did not answer HELLO within {ANSWER_S:g} s; another device stands "
-            "behind this address, or its firmware hangs: check the address, then replug it."
+            f"{self.link.name} did not answer HELLO within {ANSWER_S:g} s; this is another "
+            "device, or its firmware hangs: check the address, then replug it."
         )
 
     def send(self, *messages: HostMessage) -> int:
-        """Send messages, together where the link takes them so; return the number of bytes.
+        """Send messages, in one write if the link has no reports; return the number of bytes.
 
-        The numbers advance only when all were delivered.
+        The sequence advances only when all were delivered.
         """
         frames = [
             encode(Frame(message, (self._sequence + place) % SEQUENCE_MODULUS))
@@ -132,12 +128,12 @@ class ProtocolClient:
         return size
 
     def ask(self, message: HostMessage) -> StatusReport:
-        """Send a message to a driver that is not armed, and return the STATUS that answers it.
+        """Send a message to a driver that is not armed; return the STATUS that answers it.
 
         Raises
         ------
         DeviceFaultError
-            If the driver refuses it.
+            If the driver refuses the message.
         DeviceDisconnectedError
             If no answer comes.
         """
@@ -148,19 +144,15 @@ class ProtocolClient:
         return self._await(type(message).__name__, lambda status: status.next_sequence == due)
 
     def synchronise(self) -> StatusReport:
-        """Hear everything that the driver has said before now, and where it stands."""
+        """Read everything that the driver has sent so far; return its present STATUS."""
         self._token = (self._token + 1) % 2**32
         token = self._token
         self.send(Ping(token))
-        # What was refused before this does not matter to who asks now.
+        # A fault from before this request must not hide the answer.
         return self._await("Ping", lambda status: status.token == token, is_patient=True)
 
-    def ping(self) -> None:
-        """Ask for a STATUS, without waiting for it."""
-        self.send(Ping(self._token))
-
     def send_stop(self) -> None:
-        """Send STOP and wait until the driver says that it is disarmed.
+        """Send STOP and wait until the driver reports that it is disarmed.
 
         A refusal is kept in `fault`: it has ended the output as well.
 
@@ -175,12 +167,12 @@ class ProtocolClient:
         except DeviceFaultError:
             return
 
-    def listen(self, timeout_s: float = 0.0) -> bool:
-        """Take what has come; return whether anything had."""
-        return self._hear(timeout_s) is not None
+    def poll(self, timeout_s: float = 0.0) -> bool:
+        """Read what the driver has sent; return whether there was anything."""
+        return self._read(timeout_s) is not None
 
     def raise_fault(self) -> None:
-        """Raise what the driver has refused, once."""
+        """Raise the driver's fault, once."""
         if self.fault is not None:
             fault, self.fault = self.fault, None
             raise DeviceFaultError(
@@ -188,7 +180,7 @@ class ProtocolClient:
             )
 
     def lost(self, error: OSError) -> DeviceDisconnectedError:
-        """Return what an error of the operating system means."""
+        """Return the error to raise for an error of the operating system."""
         return DeviceDisconnectedError(
             f"The link to {self.link.name} failed: {error}; check its cable and power, then stop "
             "or arm it again."
@@ -199,42 +191,38 @@ class ProtocolClient:
     ) -> StatusReport:
         end_s = self.clock() + ANSWER_S
         while True:
-            heard = self._hear(max(0.0, end_s - self.clock()))
-            for item in heard or ():
+            items = self._read(max(0.0, end_s - self.clock()))
+            for item in items or ():
                 if isinstance(item, StatusReport) and is_answer(item):
                     return item
                 if isinstance(item, FaultReport) and not is_patient:
                     self.raise_fault()
-            if heard is None or self.clock() > end_s:
+            if items is None or self.clock() > end_s:
                 raise DeviceDisconnectedError(
                     f"{self.link.name} did not answer {what.upper()} within {ANSWER_S:g} s; "
                     "check its cable and power, then open it again."
                 )
 
-    def _hear(self, timeout_s: float) -> list[DeviceMessage | ProtocolError] | None:
-        """Return what the driver has said, in order; None if no byte came in time."""
+    def _read(self, timeout_s: float) -> list[DeviceMessage | ProtocolError] | None:
+        """Return the driver's messages, in order; None if no byte came in time."""
         try:
             data = self.link.receive(timeout_s)
         except OSError as error:
             raise self.lost(error) from error
         now_s = self.clock()
         items: list[Frame | ProtocolError] = []
-        if self._parser.is_amid_a_frame and now_s - self._heard_s > _BROKEN_OFF_S:
+        if self._parser.is_amid_a_frame and now_s - self._read_s > _BROKEN_OFF_S:
             items += self._parser.give_up()
         if not data:
             return None
-        self._heard_s = now_s
+        self._read_s = now_s
         items += self._parser.feed(data)
         return [self._take(item, now_s) for item in items]
 
     def _take(self, item: Frame | ProtocolError, now_s: float) -> DeviceMessage | ProtocolError:
         if isinstance(item, ProtocolError):
-            self.frames_lost += 1
             return item
         message = item.message
-        if self._due_sequence is not None:
-            self.frames_lost += (item.sequence - self._due_sequence) % SEQUENCE_MODULUS
-        self._due_sequence = (item.sequence + 1) % SEQUENCE_MODULUS
         if isinstance(message, StatusReport):
             self.status, self.status_s = message, now_s
         elif isinstance(message, FaultReport):
@@ -243,8 +231,8 @@ class ProtocolClient:
             self.touches.append(message)
         elif not isinstance(message, CapabilitiesReport):
             return ProtocolError(
-                f"{self.link.name} sent a {type(message).__name__.upper()}, which only hosts "
-                "send; it echoes, or is another device."
+                f"{self.link.name} sent a {type(message).__name__.upper()}, which only hosts send; "
+                "it echoes, or is another device."
             )
         return message
 

@@ -9,12 +9,12 @@ from firmware_io.errors import DeviceError
 
 
 class SampleRing:
-    """First in, first out, in memory that is allocated once. Its owner holds the lock.
+    """A first-in, first-out buffer of fixed size. Its owner holds the lock.
 
     Parameters
     ----------
     capacity : int
-        Most samples that it holds.
+        Largest number of samples in it.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -24,7 +24,7 @@ class SampleRing:
 
     @property
     def room(self) -> int:
-        """Samples that can be put."""
+        """Number of samples that can be added."""
         return self._samples.size - self.queued
 
     def put(self, volts: npt.NDArray[np.float64]) -> None:
@@ -33,7 +33,7 @@ class SampleRing:
         Raises
         ------
         DeviceError
-            If there is no room for all of them; none is taken then.
+            If there is no room for all of them; none is added then.
         """
         if volts.size > self.room:
             raise DeviceError(
@@ -47,7 +47,7 @@ class SampleRing:
         self.queued += volts.size
 
     def take(self, count: int) -> npt.NDArray[np.float64]:
-        """Remove and return the oldest `count` samples, which must be there, as a copy."""
+        """Remove and return the oldest `count` samples; the ring must hold as many."""
         head = min(count, self._samples.size - self._first)
         taken = np.empty(count)
         taken[:head] = self._samples[self._first : self._first + head]
@@ -57,5 +57,5 @@ class SampleRing:
         return taken
 
     def clear(self) -> None:
-        """Forget all samples."""
+        """Remove all samples."""
         self._first = self.queued = 0

@@ -20,15 +20,15 @@ class DeviceInfo:
     Parameters
     ----------
     address : str
-        What `open_device` takes.
+        Argument of `open_device`.
     kind : str
         "mock", "usb", "hid" or "audio".
     name : str
-        For people.
+        Name for display.
     usable : bool
         Whether `open_device` would try to drive it.
     note : str
-        What to know about it.
+        Remark for the user.
     """
 
     address: str

@@ -1,4 +1,4 @@
-"""``python -m firmware_io.serve``: a mock driver in real time, for hosts in other processes."""
+"""``python -m firmware_io.serve``: a mock driver in real time for hosts in other processes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from firmware_io.errors import HaptixError
 from firmware_io.mock import MockDriver
 
 DEFAULT_PORT = 7420
-_TURN_S = 0.002  # between two looks at what the driver has to say
+_TURN_S = 0.002  # between two polls of the driver
 _READ_BYTES = 65536
 _SEND_S = 1.0
 
@@ -27,22 +27,22 @@ _SEND_S = 1.0
 class DriverServer:
     """Serves one mock driver to one host at a time, over TCP.
 
-    A second host is shown out at once. When a host goes away, however it does, the driver ramps
-    to 0 V.
+    The connection of a second host is closed at once. When a host disconnects, in whatever way,
+    the driver ramps to 0 V.
 
     Parameters
     ----------
     driver : MockDriver
-        At real pace.
+        The driver, at real pace.
     host : str
-        Where to listen.
+        Address to listen on.
     port : int
-        0 for any free one.
+        Port; 0 for any free one.
 
     Raises
     ------
     OSError
-        If it cannot listen there.
+        If it cannot listen on that port.
     """
 
     def __init__(self, driver: MockDriver, host: str = "127.0.0.1", port: int = 0) -> None:
@@ -53,36 +53,36 @@ class DriverServer:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """The port that it listens on."""
         return int(self._listener.getsockname()[1])
 
     @property
     def address(self) -> str:
-        """What `open_device` takes."""
+        """The address for `open_device`."""
         return f"tcp:{self._listener.getsockname()[0]}:{self.port}"
 
     def serve(self) -> None:
         """Serve until `stop`."""
-        guest: socket.socket | None = None
+        client: socket.socket | None = None
         try:
             while not self._end.is_set():
-                wanted = [self._listener] if guest is None else [self._listener, guest]
+                wanted = [self._listener] if client is None else [self._listener, client]
                 readable = select.select(wanted, [], [], _TURN_S)[0]
                 if self._listener in readable:
                     newcomer = self._listener.accept()[0]
-                    if guest is None:
-                        guest = newcomer
-                        guest.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                        guest.settimeout(_SEND_S)
+                    if client is None:
+                        client = newcomer
+                        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                        client.settimeout(_SEND_S)
                     else:
                         newcomer.close()
-                if guest is not None and not self._attend(guest, guest in readable):
-                    guest.close()
-                    guest = None
+                if client is not None and not self._exchange(client, client in readable):
+                    client.close()
+                    client = None
                     self.driver.release()
         finally:
-            if guest is not None:
-                guest.close()
+            if client is not None:
+                client.close()
             self.driver.release()
             self._listener.close()
 
@@ -104,17 +104,17 @@ class DriverServer:
     ) -> None:
         self.stop()
 
-    def _attend(self, guest: socket.socket, has_spoken: bool) -> bool:
-        """Carry bytes both ways; return whether the host is still there."""
+    def _exchange(self, client: socket.socket, has_sent: bool) -> bool:
+        """Carry bytes both ways; return whether the host is still connected."""
         try:
-            if has_spoken:
-                data = guest.recv(_READ_BYTES)
+            if has_sent:
+                data = client.recv(_READ_BYTES)
                 if not data:
                     return False
                 self.driver.receive(data)
             answer = self.driver.transmit()
             if answer:
-                guest.sendall(answer)
+                client.sendall(answer)
         except OSError:
             return False
         return True
@@ -133,7 +133,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--ceiling-v", type=float, default=200.0)
     parser.add_argument("--serial", default="MOCK0001")
     parser.add_argument(
-        "--record", type=Path, help="write what was played to this .npy file (volts) at the end"
+        "--record", type=Path, help="write the output to this .npy file (volts) at the end"
     )
     options = parser.parse_args(arguments)
     try:
@@ -143,7 +143,7 @@ def main(arguments: list[str] | None = None) -> int:
             ceiling_v=options.ceiling_v,
             serial=options.serial,
             pace="real",
-            # It may be served for days, and nobody can ask it for what it has played.
+            # It may be served for days, and no host can ask for its record.
             kept_s=1.0 if options.record is None else math.inf,
         )
         server = DriverServer(driver, options.host, options.port)

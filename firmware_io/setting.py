@@ -1,4 +1,4 @@
-"""How a driver is set up: from what is wished, what it can do and what its link can carry."""
+"""The set-up of a driver, from the user's choices, its capabilities and its link."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from firmware_io.link import Link
 from firmware_io.protocol import FULL_SCALE_CODE, Setup, StreamMode, samples_per_frame
 
 DEFAULT_CARRIER_HZ = 4000.0
-"""Of a driver that makes the carrier: above what skin feels."""
+"""The carrier of a driver in envelope mode: above what skin feels."""
 
-_LEAD_S = 0.025  # before playback begins, unless a playback chooses its own
-_MOST_REPORTS_PER_S = 900.0  # of the 1000 that a full-speed device takes
+_LEAD_S = 0.025  # default delay before playback begins
+_MOST_REPORTS_PER_S = 900.0  # of the 1000 that a full-speed device accepts
 
 
-def choose_mode(mode: Mode | None, reach: Capabilities, link: Link) -> Mode:
-    """Return the wished mode, or the one that suits driver and link."""
+def choose_mode(mode: Mode | None, driver: Capabilities, link: Link) -> Mode:
+    """Return the chosen mode, or the one that suits driver and link."""
     if mode is None:
-        offered = {mode for _, modes in reach.rates for mode in modes}
+        offered = {mode for _, modes in driver.rates for mode in modes}
         by_reports = link.report_bytes is not None and "envelope" in offered
         return "envelope" if by_reports or "waveform" not in offered else "waveform"
     if mode not in ("waveform", "envelope"):
@@ -29,34 +29,34 @@ def choose_mode(mode: Mode | None, reach: Capabilities, link: Link) -> Mode:
     return mode
 
 
-def choose_rate(sample_rate_hz: float | None, mode: Mode, reach: Capabilities, link: Link) -> int:
-    """Return the wished rate, or the highest in this mode that the link can carry."""
+def choose_rate(sample_rate_hz: float | None, mode: Mode, driver: Capabilities, link: Link) -> int:
+    """Return the chosen rate, or the highest in this mode that the link can carry."""
     if sample_rate_hz is not None:
-        if (sample_rate_hz, True) not in [(rate, mode in modes) for rate, modes in reach.rates]:
+        if (sample_rate_hz, True) not in [(rate, mode in modes) for rate, modes in driver.rates]:
             raise ProtocolError(
-                f"{link.name} offers {reach.offers()}, but {mode} at {sample_rate_hz!r} Hz was "
+                f"{link.name} offers {driver.offers()}, but {mode} at {sample_rate_hz!r} Hz was "
                 "asked for; choose one of these."
             )
         return round(sample_rate_hz)
     most_hz = math.inf
     if link.report_bytes is not None:
         most_hz = _MOST_REPORTS_PER_S / 3 * samples_per_frame(3, link.report_bytes)
-    return reach.best_rate_hz(mode, most_hz)
+    return driver.best_rate_hz(mode, most_hz)
 
 
-def first_setup(reach: Capabilities, mode: Mode, rate_hz: int, carrier_hz: float | None) -> Setup:
-    """Return what a driver is told if nobody asks for more."""
+def first_setup(driver: Capabilities, mode: Mode, rate_hz: int, carrier_hz: float | None) -> Setup:
+    """Return the default set-up of a driver."""
     wire_mode = StreamMode.ENVELOPE if mode == "envelope" else StreamMode.WAVEFORM
     if carrier_hz is None and mode == "envelope":
         carrier_hz = DEFAULT_CARRIER_HZ
-    watchdog_s = min(WATCHDOG_S, reach.max_watchdog_s)
+    watchdog_s = min(WATCHDOG_S, driver.max_watchdog_s)
     return Setup(
         mode=wire_mode,
         watchdog_ms=int(watchdog_s * 1e3),
         sample_rate_hz=rate_hz,
-        full_scale_mv=round(reach.full_scale_v * 1e3),
-        ceiling_mv=round(reach.ceiling_v * 1e3),
-        max_slew_v_per_s=round(reach.max_slew_v_per_s),
+        full_scale_mv=round(driver.full_scale_v * 1e3),
+        ceiling_mv=round(driver.ceiling_v * 1e3),
+        max_slew_v_per_s=round(driver.max_slew_v_per_s),
         carrier_mhz=0 if carrier_hz is None else _carrier_mhz(carrier_hz, wire_mode),
         lead_us=round(min(_LEAD_S, watchdog_s) * 1e6),
     )
@@ -71,7 +71,7 @@ def changed_setup(
     watchdog_s: float | None,
     status_s: float | None,
 ) -> Setup:
-    """Return a set-up with what is given changed; see `firmware_io.Device.set_up`."""
+    """Return a set-up with the given values; see `firmware_io.Device.set_up`."""
     if carrier_hz is not None:
         setup = replace(setup, carrier_mhz=_carrier_mhz(carrier_hz, setup.mode))
     if watchdog_s is not None:
@@ -87,27 +87,27 @@ def changed_setup(
     return setup
 
 
-def bounded_setup(setup: Setup, limits: DriveLimits, reach: Capabilities) -> Setup:
-    """Return a set-up by which the driver refuses what the host does, but nothing less."""
-    slew = limits.max_slew_v_per_s + _slew_of_a_step(reach, setup)
+def bounded_setup(setup: Setup, limits: DriveLimits, driver: Capabilities) -> Setup:
+    """Return a set-up whose limits are the host's, with room for rounding to codes."""
+    slew = limits.max_slew_v_per_s + _slew_of_a_step(driver, setup)
     return replace(
         setup,
-        ceiling_mv=math.ceil(min(limits.ceiling_v, reach.ceiling_v) * 1e3),
-        max_slew_v_per_s=int(min(math.ceil(slew), reach.max_slew_v_per_s)),
+        ceiling_mv=math.ceil(min(limits.ceiling_v, driver.ceiling_v) * 1e3),
+        max_slew_v_per_s=int(min(math.ceil(slew), driver.max_slew_v_per_s)),
     )
 
 
-def lowered_limits(limits: DriveLimits, reach: Capabilities, setup: Setup) -> DriveLimits:
+def lowered_limits(limits: DriveLimits, driver: Capabilities, setup: Setup) -> DriveLimits:
     """Return the tighter of the host's limits and the driver's."""
-    slew = reach.max_slew_v_per_s - _slew_of_a_step(reach, setup)
+    slew = driver.max_slew_v_per_s - _slew_of_a_step(driver, setup)
     if slew <= 0.0:
         raise DeviceError(
-            f"Device {reach.name!r} takes {reach.max_slew_v_per_s:g} V/s, less than one code per "
+            f"Device {driver.name!r} takes {driver.max_slew_v_per_s:g} V/s, less than one code per "
             f"sample at {setup.sample_rate_hz} Hz; choose a lower sample rate."
         )
     return replace(
         limits,
-        ceiling_v=min(limits.ceiling_v, reach.ceiling_v, reach.full_scale_v),
+        ceiling_v=min(limits.ceiling_v, driver.ceiling_v, driver.full_scale_v),
         max_slew_v_per_s=min(limits.max_slew_v_per_s, slew),
     )
 
@@ -127,11 +127,11 @@ def _check_span(name: str, value: float, least: float, most: float) -> None:
         raise DeviceError(f"{name} must lie in {least:g}..{most:g}, but is {value!r}; correct it.")
 
 
-def _slew_of_a_step(reach: Capabilities, setup: Setup) -> float:
-    """What rounding to codes can add to a slew with any carrier, in V/s.
+def _slew_of_a_step(driver: Capabilities, setup: Setup) -> float:
+    """Return the slew that rounding to codes can add with any carrier, in V/s.
 
-    With any: a driver lets its limits be lowered only, and carriers change both ways.
+    The carrier does not enter: a driver lets its limits be lowered only, but a carrier may rise.
     """
-    step_v = reach.full_scale_v / FULL_SCALE_CODE
-    fastest_hz = max(rate for rate, _ in reach.rates)
+    step_v = driver.full_scale_v / FULL_SCALE_CODE
+    fastest_hz = max(rate for rate, _ in driver.rates)
     return step_v * (setup.sample_rate_hz + math.pi * fastest_hz)

@@ -1,4 +1,4 @@
-"""The host's end of one stream: what was sent, what may stand on the output, the stop owed."""
+"""The host's side of one stream: samples sent, the voltage on the output, the stop owed."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ from firmware_io.protocol import (
 )
 from firmware_io.protocol_client import ProtocolClient
 
-#: Reports in a frame: the fewest with less than 15 % that is no sample (PROTOCOL.md).
+#: Reports in a frame: the fewest with less than 15 % overhead (PROTOCOL.md).
 _REPORTS_PER_FRAME = 3
-#: Samples in one write to a link without reports: 64 KiB go at once, more make stopping slow.
+#: Samples in one write to a link without reports: 64 KiB; longer writes delay a stop.
 _SAMPLES_PER_WRITE = 32_000
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far the driver is, by its last report.
+    """The driver's progress, by its last report.
 
     Parameters
     ----------
     reported_s : float
-        When that report came, by the host's clock.
+        Arrival of that report, by the host's clock.
     samples_sent, samples_played : int
-        Since it was armed; sent counts on after the report.
+        Since it was armed; samples sent after the report are included.
     room_samples : int
-        What it can take now.
+        Samples that it can accept now.
     is_playing : bool
-        Whether it plays: it begins a lead after the first sample.
+        Whether it plays; it begins one lead after the first sample.
     clock_samples : float
-        Its clock, in samples since its power-up, whether it plays or not.
+        Its clock, in samples since its power-up.
     underruns : int
         Since its power-up.
     """
@@ -60,23 +60,22 @@ class Progress:
 
 
 class Stream:
-    """Samples to one driver, and the stop that is owed for them.
+    """Sends samples to one driver, and the STOP that is owed for them.
 
-    It does not know the `Device` that it serves: it must be able to stop the driver after that
-    device was forgotten.
+    It holds no reference to its `Device`: it must stop the driver after the device was collected.
 
     Parameters
     ----------
     client : ProtocolClient
-        The words with the driver, after its greeting.
+        The client, after its handshake.
     limits : DriveLimits
-        What every sample must keep to.
+        Limits of every sample.
     setup : Setup
-        What the driver is told before it is armed.
+        The set-up that is sent before the driver is armed.
     max_frame_samples : int
-        Samples in the longest frame that it takes.
+        Samples in the longest frame that it accepts.
     output_rate_hz : float
-        Of its clock.
+        Rate of its clock.
 
     Attributes
     ----------
@@ -119,7 +118,7 @@ class Stream:
 
     @property
     def setup(self) -> Setup:
-        """What the driver is told before it is armed."""
+        """The set-up that is sent before the driver is armed."""
         return self._setup
 
     @setup.setter
@@ -130,24 +129,24 @@ class Stream:
 
     @property
     def frame_samples(self) -> int:
-        """Samples in a whole frame: what the driver takes, and a quarter of its watchdog time."""
+        """Samples in a whole frame: at most a quarter of the watchdog time."""
         setup = self._setup
         lasting = setup.watchdog_ms * setup.sample_rate_hz // 4000
         return max(1, min(self._max_frame_samples, lasting))
 
     def arm(self) -> None:
-        """Deliver a stop still owed, set the driver up, then arm it; no effect if armed."""
+        """Deliver a STOP still owed, set the driver up, then arm it; no effect if armed."""
         if self.is_armed:
             return
         self.stop(play_out=False)
-        # Each time: a driver that was reset meanwhile has forgotten it.
+        # Each time: a driver that was reset since then has lost its set-up.
         self.client.ask(self._setup)
         self._sent = 0
         rate_hz = self._setup.sample_rate_hz
         rested_s = self.client.clock() - self._rested_s
         self._window.limits = self.limits
         self._window.rest(math.floor(min(rested_s, self.limits.window_s) * rate_hz))
-        # Before the send: an ARM whose delivery fails may have arrived all the same.
+        # Before the send: an ARM whose delivery fails may still have arrived.
         self.stop_is_owed = True
         self._is_in_doubt = True
         try:
@@ -172,27 +171,27 @@ class Stream:
         self.poll()
 
     def poll(self) -> None:
-        """Take what the driver has said; raise what it has refused.
+        """Read what the driver has sent; raise its fault.
 
-        Where it reports unasked, only once in its interval: looking may cost a millisecond.
+        If it reports at an interval, read once in that interval: a read may take a millisecond.
         """
         interval_s = self._setup.status_ms / 1e3
         if interval_s and self.client.clock() - self.client.status_s < interval_s:
             return
         try:
-            while self.client.listen():
+            while self.client.poll():
                 pass
         finally:
             self._follow_fault()
         silent_s = self.client.clock() - self.client.status_s
         if interval_s and self.is_armed and silent_s > self._setup.watchdog_ms / 1e3:
             raise DeviceDisconnectedError(
-                f"{self.link.name} has said nothing for {silent_s:.2g} s, though it was to report "
+                f"{self.link.name} has sent nothing for {silent_s:.2g} s, though it should report "
                 f"every {interval_s:g} s; check its cable and power, then open it again."
             )
 
     def progress(self) -> Progress:
-        """Return how far the driver is, by its last report."""
+        """Return the driver's progress, by its last report."""
         status = self._status()
         played = self._sent - (self._sent - status.samples_played) % INDEX_MODULUS
         ahead = self._sent - played
@@ -209,7 +208,7 @@ class Stream:
 
     @property
     def _most_ahead(self) -> int:
-        """Samples in the driver at most: it must have played them before its watchdog bites."""
+        """Most samples in the driver: it must play them before its watchdog time is over."""
         setup = self._setup
         ahead_s = setup.watchdog_ms / 1e3 / 2 - min(setup.lead_us / 1e6, setup.watchdog_ms / 4e3)
         return max(self.frame_samples, int(ahead_s * setup.sample_rate_hz))
@@ -221,11 +220,11 @@ class Stream:
         self.is_armed = False
         unplayed = 0
         try:
-            # In doubt about what stands on the output, only the driver knows where to ramp from.
+            # In doubt about the voltage on the output, only the driver knows where to ramp from.
             if play_out and not self._is_in_doubt:
                 unplayed = self._play_out()
         finally:
-            # A driver ramps on STOP too, so a ramp that fails is no reason to withhold STOP.
+            # A driver ramps on STOP too, so STOP is sent even if the ramp here fails.
             self._send_stop()
         if unplayed:
             raise DeviceError(
@@ -234,7 +233,7 @@ class Stream:
             )
 
     def close(self, play_out: bool = True) -> None:
-        """Stop, then let the link go even if that failed."""
+        """Stop, then close the link even if that failed."""
         try:
             self.stop(play_out)
         finally:
@@ -244,12 +243,12 @@ class Stream:
                 raise self.client.lost(error) from error
 
     def abandon(self) -> None:
-        """Close without a word, for a device that was forgotten: nobody is left to be told."""
+        """Close without raising, for a device that was collected: nobody can catch an error."""
         with suppress(Exception):
             self.close(play_out=False)
 
     def _play_out(self) -> int:
-        """Ramp to 0 V behind what is queued, wait for it, and return what is left unplayed."""
+        """Ramp to 0 V behind the queue, wait for it, and return the number of unplayed samples."""
         rate_hz = self._setup.sample_rate_hz
         if self.last_v != 0.0:
             self._send(self.limits.ramp_to_zero(self.last_v, rate_hz))
@@ -267,8 +266,8 @@ class Stream:
         was_in_doubt = self._is_in_doubt
         self._is_in_doubt = True
         self.client.send_stop()
-        # A driver that refuses STOP has stopped as well. After a frame in doubt that is no news:
-        # it only means that the frame had arrived, and STOP did not follow on it.
+        # A driver that refuses STOP has stopped as well. After a frame in doubt a refusal only
+        # means that this frame had arrived, so that the number of STOP did not follow its own.
         self._is_at_rest()
         if was_in_doubt:
             self.client.fault = None
@@ -293,7 +292,7 @@ class Stream:
             self._is_in_doubt = True
             self.last_v = max(before_v, reached_v, key=abs)
             self.client.send(*frames)
-            # Only now: the driver counts what it received, and STOP must follow on that.
+            # Only now: the driver counts the samples it received, and STOP must continue that.
             self._is_in_doubt = False
             self.last_v = reached_v
             self._sent += count
@@ -302,7 +301,7 @@ class Stream:
             start += count
 
     def _room(self, wanted: int) -> int:
-        """Return how many of the wanted samples the driver can take, at least one frame or all."""
+        """Return how many of these samples the driver can accept: at least one frame, or all."""
         wanted = min(wanted, _SAMPLES_PER_WRITE)
         least = min(wanted, self.frame_samples)
         rate_hz = self._setup.sample_rate_hz
@@ -319,8 +318,8 @@ class Stream:
                 waits += 1
                 if waits > 400:
                     raise DeviceError(
-                        f"{self.link.name} has not played for two seconds; its clock stands. "
-                        "Stop it and open it again."
+                        f"{self.link.name} has not played for two seconds; its clock has stopped. "
+                        "Stop the device and open it again."
                     )
             else:
                 waits = 1
@@ -328,11 +327,11 @@ class Stream:
     def _status(self) -> StatusReport:
         status = self.client.status
         if status is None:
-            raise DeviceDisconnectedError(f"{self.link.name} has not said where it stands; arm it.")
+            raise DeviceDisconnectedError(f"{self.link.name} has not reported its status; arm it.")
         return status
 
     def _follow_fault(self) -> None:
-        """If the driver has refused something, it has stopped: nothing is owed, and say so."""
+        """Raise a fault of the driver; it has stopped, so no STOP is owed."""
         if self.client.fault is not None and (self.is_armed or self.stop_is_owed):
             self._is_at_rest()
             self.client.raise_fault()

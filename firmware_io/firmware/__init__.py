@@ -1,4 +1,5 @@
-"""The device side of the protocol: portable C99 firmware, and its twin in Python.
+"""The device side of the protocol: portable C99 firmware, and its reference in Python.
 
-`open_core` returns whichever can run here; both have the same face and play the same samples.
+`firmware_io.firmware.opening.open_core` returns one of them; both have the same interface and play
+the same samples.
 """

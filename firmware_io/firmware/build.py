@@ -22,7 +22,7 @@ SOURCES = (
 )
 HEADERS = ("haptix_wire.h", "haptix_device.h", "haptix_internal.h", "haptix_sine.h")
 
-#: A desktop has memory for the longest frame of the format, and a queue that no test fills.
+#: A desktop has memory for the longest frame of the format and a queue of 2.7 s at 48 kHz.
 QUEUE_SAMPLES = 1 << 17
 FRAME_SAMPLES = 32765
 _FLAGS = (
@@ -56,7 +56,7 @@ def library() -> Path:
     if compiler is None:
         raise DeviceError(
             "The firmware in C needs a C compiler, but none of $CC, cc, gcc and clang was found; "
-            'install one (on Debian: apt install gcc), or use the twin in Python, core="python".'
+            'install one (on Debian: apt install gcc), or use the Python reference, core="python".'
         )
     path = _cache_dir() / f"haptix-firmware-{_key(compiler)}.so"
     if not path.exists():
@@ -77,7 +77,7 @@ def _cache_dir() -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError:
-        # No home that can be written: a folder of this user alone, so that nobody else plants a
+        # The home cannot be written: a folder of this user alone, so that no other user plants a
         # library there.
         path = Path(tempfile.gettempdir()) / f"haptix-{os.getuid()}"
         path.mkdir(mode=0o700, exist_ok=True)
@@ -98,7 +98,7 @@ def _compile(compiler: list[str], path: Path) -> None:
         if done.returncode != 0:
             raise DeviceError(
                 f"{compiler[0]} could not compile the firmware: {done.stderr.strip()} Use another "
-                'compiler (set CC), or the twin in Python, core="python".'
+                'compiler (set CC), or the reference in Python, core="python".'
             )
-        # Renamed whole, so that another process never loads half a library.
+        # Renamed when complete, so that another process never loads half a library.
         built.replace(path)

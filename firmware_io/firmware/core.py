@@ -14,7 +14,7 @@ CoreName = Literal["auto", "c", "python"]
 
 
 class Output(IntEnum):
-    """What an output sample is."""
+    """The kind of an output sample: none, of the stream, held, of the safety ramp."""
 
     IDLE = 0
     STREAM = 1
@@ -23,16 +23,16 @@ class Output(IntEnum):
 
 
 class Core(Protocol):
-    """The device side of the protocol: bytes in, bytes out, and one output sample after the other.
+    """The device side of the protocol: it takes bytes, answers with bytes, and plays samples.
 
-    It knows no clock but the samples that were played. Not safe for several threads at once.
+    Its only clock is the number of samples played. It is not safe for several threads at once.
     """
 
     name: str
 
     @property
     def pending_ticks(self) -> int:
-        """Output samples until nothing is left to play but zeros or a held sample."""
+        """Output samples until only zeros or a held sample are left to play."""
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the host, in pieces of any size."""
@@ -41,22 +41,22 @@ class Core(Protocol):
         """Take one HID report from the host, its id first."""
 
     def transmit(self) -> bytes:
-        """Return the frames that wait for the host; empty if none do."""
+        """Return the frames that wait for the host; empty if there are none."""
 
     def transmit_report(self) -> bytes:
-        """Return one HID report for the host; empty if there is nothing to say."""
+        """Return one HID report for the host; empty if there is none."""
 
     def play(self, ticks: int) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint8]]:
-        """Return the next output samples as codes, and what each is (an `Output`)."""
+        """Return the next output samples as codes, and the kind of each (an `Output`)."""
 
     def status(self) -> StatusReport:
-        """Return where the device stands, without a word on the wire."""
+        """Return the state of the device, without a frame on the wire."""
 
     def fault(self) -> FaultReport | None:
-        """Return the first cause since HELLO, SETUP or ARM was last accepted."""
+        """Return the first fault since the last accepted HELLO, SETUP or ARM."""
 
     def touch(self, touch: TouchReport) -> bool:
         """Report a finger, at the present clock; False if the host has not read the last eight."""
 
     def release(self) -> None:
-        """Learn that the host has gone away: a bus reset, a closed connection."""
+        """Handle the loss of the host: a bus reset, a closed connection."""

@@ -1,4 +1,4 @@
-"""The firmware in C, driven from Python."""
+"""The firmware in C, called from Python."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class NativeCore:
     Parameters
     ----------
     config : CapabilitiesReport
-        What the device is to be able to do.
+        Capabilities of the device.
 
     Raises
     ------
@@ -54,12 +54,12 @@ class NativeCore:
 
     def __init__(self, config: CapabilitiesReport) -> None:
         self._ffi, self._lib = _firmware()
-        # Owned as bytes: the structure is the firmware's own affair.
+        # Owned as bytes: only the firmware knows the structure.
         self._memory = self._ffi.new("uint64_t[]", self._lib.hx_device_bytes() // 8 + 1)
         self._device = self._ffi.cast("hx_device *", self._memory)
         if not self._lib.hx_device_init(self._device, self._configuration(config)):
             raise DeviceError(
-                f"No device can be like this, see hx_config for the ranges: {config}; correct it."
+                f"Impossible values, see hx_config for the ranges: {config}; correct them."
             )
         self._answer = self._ffi.new("uint8_t[]", _ANSWER_BYTES)
         self._report = self._ffi.new("uint8_t[]", _REPORT_BYTES)
@@ -89,13 +89,11 @@ class NativeCore:
                 },
             )
         except (OverflowError, IndexError, UnicodeEncodeError) as error:
-            raise DeviceError(
-                f"No device can be like this, {error}: {config}; correct it."
-            ) from error
+            raise DeviceError(f"Impossible values, {error}: {config}; correct them.") from error
 
     @property
     def pending_ticks(self) -> int:
-        """Output samples until nothing is left to play but zeros or a held sample."""
+        """Output samples until only zeros or a held sample are left to play."""
         return int(self._lib.hx_device_pending(self._device))
 
     def receive(self, data: bytes) -> None:
@@ -117,7 +115,7 @@ class NativeCore:
         return bytes(self._ffi.buffer(self._report, size))
 
     def play(self, ticks: int) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint8]]:
-        """Return the next output samples, and what each is."""
+        """Return the next output samples, and the kind of each."""
         codes = np.empty(ticks, dtype=np.int16)
         what = np.empty(ticks, dtype=np.uint8)
         self._lib.hx_device_play(
@@ -129,12 +127,12 @@ class NativeCore:
         return codes, what
 
     def status(self) -> StatusReport:
-        """Return where the device stands."""
+        """Return the state of the device."""
         status: StatusReport = self._read(FrameKind.STATUS, self._lib.hx_device_status)
         return status
 
     def fault(self) -> FaultReport | None:
-        """Return the first cause since HELLO, SETUP or ARM was last accepted."""
+        """Return the first fault since the last accepted HELLO, SETUP or ARM."""
         fault: FaultReport = self._read(FrameKind.FAULT, self._lib.hx_device_fault)
         return None if fault.code is FaultCode.NONE else fault
 
@@ -149,5 +147,5 @@ class NativeCore:
         return bool(self._lib.hx_device_touch(self._device, self._ffi.new("hx_touch *", fields)))
 
     def release(self) -> None:
-        """Learn that the host has gone away."""
+        """Handle the loss of the host."""
         self._lib.hx_device_release(self._device)

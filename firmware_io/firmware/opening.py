@@ -15,7 +15,7 @@ def open_core(config: CapabilitiesReport, which: CoreName = "auto") -> Core:
     Parameters
     ----------
     config : CapabilitiesReport
-        What the device can do.
+        Capabilities of the device.
     which : {"auto", "c", "python"}
         The firmware compiled from C, or its reference. "auto" takes C where there is a compiler.
 

@@ -1,6 +1,7 @@
-"""The device side of the protocol in Python, written from PROTOCOL.md next to the one in C.
+"""The reference: the device side of the protocol in Python, written from PROTOCOL.md.
 
-It plays the same samples and says the same bytes; the conformance tests hold the two together.
+It plays the same samples and answers the same bytes as the firmware in C; the conformance tests
+compare the two.
 """
 
 from __future__ import annotations
@@ -41,12 +42,12 @@ _SETUP = LAYOUTS[FrameKind.SETUP].fields
 
 
 class ReferenceCore:
-    """The firmware's twin; see `firmware_io.firmware.core.Core`.
+    """The firmware in Python; see `firmware_io.firmware.core.Core`.
 
     Parameters
     ----------
     config : CapabilitiesReport
-        What the device is to be able to do.
+        Capabilities of the device.
 
     Raises
     ------
@@ -96,10 +97,10 @@ class ReferenceCore:
         """Take one HID report from the host."""
         self._receiver.receive_report(report)
 
-    # What each frame does
+    # Frames
 
     def take_frame(self, head: Head, payload: bytes) -> None:
-        """Do what a whole frame asks for, or refuse it."""
+        """Obey a whole frame, or refuse it."""
         if not FrameKind.HELLO <= head.kind <= FrameKind.PING:
             return self.refuse(FaultCode.KIND, head.sequence, 0, head.kind)
         kind = FrameKind(head.kind)
@@ -270,7 +271,7 @@ class ReferenceCore:
     def refuse(
         self, code: FaultCode, sequence: int, expected: int, got: int, field: int = 0
     ) -> None:
-        """End the output, remember and count the first cause, owe the host a FAULT."""
+        """End the output, keep and count the first fault, and send a FAULT."""
         if self._fault is None:
             self._fault = FaultReport(code, field, sequence, expected, got, self._clock)
             self._faults += 1
@@ -278,7 +279,7 @@ class ReferenceCore:
         self._end_output()
 
     def meet_damage(self, sequence: int, expected: int, got: int) -> None:
-        """Refuse what is no frame while armed; noise at a port that is being opened is no fault."""
+        """Refuse bytes that are not a frame; while disarmed they are no fault."""
         if self.is_armed:
             self.refuse(FaultCode.DAMAGED, sequence, expected, got)
 
@@ -295,7 +296,7 @@ class ReferenceCore:
         self._max_slew_v_per_s = self._config.max_slew_v_per_s
 
     def release(self) -> None:
-        """Learn that the host has gone away."""
+        """Handle the loss of the host."""
         self._end_output()
         self._forget_setup()
         self._receiver.clear()
@@ -307,11 +308,11 @@ class ReferenceCore:
 
     @property
     def pending_ticks(self) -> int:
-        """Output samples until nothing is left to play but zeros or a held sample."""
+        """Output samples until only zeros or a held sample are left to play."""
         return self._output.pending_ticks
 
     def play(self, ticks: int) -> tuple[Codes, Whats]:
-        """Return the next output samples, and what each is."""
+        """Return the next output samples, and the kind of each."""
         pieces: list[tuple[Codes, Whats]] = []
         while ticks:
             count = min(ticks, self._ticks_to_event())
@@ -341,7 +342,7 @@ class ReferenceCore:
         return min(*distances, self._receiver.ticks_to_event)
 
     def _pass_time(self, ticks: int) -> None:
-        """Do what these ticks bring about; nothing before the last of them."""
+        """Advance the time by these ticks; no event is due before the last of them."""
         self._clock += ticks
         self._status_due |= self._output.has_ended_ramp
         self._output.has_ended_ramp = False
@@ -419,7 +420,7 @@ class ReferenceCore:
         return frame
 
     def _next_message(self) -> DeviceMessage | None:
-        """Return the most urgent message, which is then no longer due."""
+        """Return the most urgent message and mark it as sent."""
         if self._capabilities_due:
             self._capabilities_due = False
             return self._config

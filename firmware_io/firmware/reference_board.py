@@ -1,4 +1,4 @@
-"""What a board can be: the ranges of hx_config and the constants of haptix_device.h."""
+"""Possible boards: the ranges of hx_config and the constants of haptix_device.h."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MAX_REPORT_BYTES = 64
 
 
 def check_board(config: CapabilitiesReport) -> None:
-    """Raise DeviceError unless this is a possible device; the ranges are those of hx_config."""
+    """Raise DeviceError unless all values lie in the ranges of hx_config."""
     rates_are_possible = 1 <= len(config.rates) <= 8 and all(
         rate.sample_rate_hz > 0
         and config.output_rate_hz % rate.sample_rate_hz == 0
@@ -38,5 +38,5 @@ def check_board(config: CapabilitiesReport) -> None:
     )
     if not is_possible:
         raise DeviceError(
-            f"No device can be like this, see hx_config for the ranges: {config}; correct it."
+            f"Impossible values, see hx_config for the ranges: {config}; correct them."
         )

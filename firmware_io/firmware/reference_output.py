@@ -1,4 +1,4 @@
-"""The output side of the twin: queue, line between samples, carrier, ramp; in blocks, not ticks."""
+"""The output of the reference: queue, line between samples, carrier, ramp; block by block."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _TURN = 2**32
 
 @dataclass(frozen=True)
 class Playing:
-    """How a stream is played: what SETUP fixed."""
+    """How SETUP says to play a stream."""
 
     mode: StreamMode
     ticks_per_sample: int
@@ -29,14 +29,14 @@ class Playing:
 
 
 class ReferenceOutput:
-    """What stands on the output, and what comes after it.
+    """The present output and the samples after it.
 
     Parameters
     ----------
     ramp_ticks : int
         Length of the safety ramp.
     top_code : int
-        The limiter's: no code above it leaves.
+        Largest code that leaves the limiter.
     """
 
     def __init__(self, ramp_ticks: int, top_code: int) -> None:
@@ -60,7 +60,7 @@ class ReferenceOutput:
 
     @property
     def pending_ticks(self) -> int:
-        """Ticks until nothing is left to play but zeros or a held sample."""
+        """Ticks until only zeros or a held sample are left to play."""
         if not self.has_begun:
             return self.ramp_ticks_left
         each = self._next.ticks_per_sample
@@ -68,13 +68,13 @@ class ReferenceOutput:
         return max(self.ramp_ticks_left, self.lead_ticks) + rest + self.queue.size * each
 
     def begin(self, lead_ticks: int, playing: Playing) -> None:
-        """Play what is queued from now on, after a lead."""
+        """Begin to play the queue after a lead."""
         self.has_begun = True
         self.lead_ticks = lead_ticks
         self._next = playing
 
     def end(self) -> None:
-        """Begin the safety ramp and forget what is queued."""
+        """Begin the safety ramp and discard the queue."""
         self.has_begun = self.is_playing = False
         self.queue = self.queue[:0]
         if self.ramp_ticks_left == 0 and self._level != 0:
@@ -82,7 +82,7 @@ class ReferenceOutput:
             self.ramp_ticks_left = self.ramp_ticks
 
     def play(self, ticks: int) -> tuple[Codes, Whats]:
-        """Return the next output samples, and what each is."""
+        """Return the next output samples, and the kind of each."""
         codes = np.zeros(ticks, np.int16)
         what = np.zeros(ticks, np.uint8)
         done = 0

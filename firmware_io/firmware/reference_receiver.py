@@ -1,4 +1,4 @@
-"""The receiving side of the twin: frames out of bytes and reports, and what is no frame."""
+"""The receiver of the reference: frames, and damage, from bytes and reports."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _HEAD = struct.Struct("<2sBBHHHH")
 
 @dataclass(frozen=True)
 class Head:
-    """What a header says."""
+    """The fields of a header."""
 
     kind: int
     sequence: int
@@ -25,29 +25,29 @@ class Head:
 
 
 class FrameHandler(Protocol):
-    """Whoever acts on what was received."""
+    """Acts on received frames and on damage."""
 
     is_armed: bool
 
     def take_frame(self, head: Head, payload: bytes) -> None:
-        """Take a whole frame."""
+        """Obey or refuse a whole frame."""
 
     def meet_damage(self, sequence: int, expected: int, got: int) -> None:
-        """Meet bytes that are no frame."""
+        """Handle bytes that are not a frame."""
 
     def refuse(self, code: FaultCode, sequence: int, expected: int, got: int) -> None:
         """Refuse a frame."""
 
 
 class Receiver:
-    """Frames out of bytes.
+    """Finds frames in bytes.
 
     Parameters
     ----------
     handler : FrameHandler
         Acts on the frames.
     longest_payload : int
-        A header that announces more is not believed.
+        A header that announces more is refused.
     pause_ticks : int
         A frame whose bytes pause for this long is given up.
     """
@@ -77,24 +77,24 @@ class Receiver:
         self.receive(report[2 : 2 + (report[1] & 0x7F)])
 
     def clear(self) -> None:
-        """Forget what has come of a frame."""
+        """Discard the bytes of an incomplete frame."""
         self._pending.clear()
         self._pause_ticks = 0
 
     @property
     def ticks_to_event(self) -> int:
-        """Output samples until a frame is given up."""
+        """Output samples until an incomplete frame is given up."""
         return self._most_pause_ticks - self._pause_ticks if self._pending else _NEVER
 
     def pass_time(self, ticks: int) -> None:
-        """Give a frame up whose bytes have paused for too long."""
+        """Give up an incomplete frame if its bytes have paused for too long."""
         if not self._pending:
             return
         self._pause_ticks += ticks
         if self._pause_ticks >= self._most_pause_ticks:
             self._refuse_rest()
             self._pause_ticks = 0
-            # Its first byte only: what stands behind may be whole.
+            # Only its first byte: the bytes behind may be whole frames.
             del self._pending[:1]
             self._take_frames()
 
@@ -106,7 +106,7 @@ class Receiver:
             self._handler.refuse(FaultCode.TRUNCATED, 0, due, len(self._pending))
 
     def _take_frames(self) -> None:
-        """Take every whole frame, and every byte that belongs to none."""
+        """Take every whole frame, and skip every byte that belongs to none."""
         pending = self._pending
         while pending:
             at = pending.find(MAGIC)

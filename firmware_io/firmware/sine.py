@@ -1,4 +1,4 @@
-"""The table of the carrier's sine, as numbers and as C; `make sine` writes haptix_sine.h."""
+"""The sine table of the carrier, as numbers and in C; `make sine` writes haptix_sine.h."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """An audio interface with a high-voltage amplifier as the driver: the firmware runs on the host.
 
-An interface plays whatever it is given, and knows no watchdog. So the reference firmware stands in
-front of it, with its queue, limits, ramp and watchdog; PortAudio's callback is its output stage.
+An interface plays whatever it is given and has no watchdog. So the firmware runs in front of it,
+with its queue, limits, ramp and watchdog; PortAudio's callback is its output stage.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -40,24 +40,24 @@ _POLL_S = 0.0005
 
 @dataclass(frozen=True)
 class AudioProfile:
-    """What stands behind an audio output.
+    """The interface and amplifier behind an audio output.
 
     Parameters
     ----------
     device : str or int, optional
-        Name of the interface, a unique part of it, or its number; the default one without.
+        Name of the interface, a unique part of it, or its number; default: the system's.
     full_scale_v : float, optional
-        Volts on the screen at digital full scale. Instead of it, the two below.
+        Volts on the screen at digital full scale; otherwise the product of the next two.
     dac_full_scale_v : float, optional
-        Volts out of the interface at digital full scale, peak.
+        Peak volts at the output of the interface at digital full scale.
     amplifier_gain : float, optional
-        Volts out of the amplifier per volt into it.
+        Gain of the amplifier, in V/V.
     ceiling_v : float
-        Largest voltage that the amplifier and the screen bear.
+        Largest voltage that amplifier and screen stand.
     sample_rate_hz : float
-        One that the interface offers.
+        A rate of the interface.
     trigger : bool
-        Whether the second channel gives a pulse of 1 ms with the first sample of each playback.
+        Whether the second channel gives a 1 ms pulse with the first sample of each playback.
 
     Raises
     ------
@@ -92,17 +92,6 @@ class AudioProfile:
                 "amplifier_gain."
             )
 
-    @classmethod
-    def load(cls, path: str | Path) -> Self:
-        """Read a profile from a TOML file of these keys.
-
-        Raises
-        ------
-        DeviceError
-            If the file cannot be read or understood.
-        """
-        return cls(**read_audio_profile(path))
-
     @property
     def screen_full_scale_v(self) -> float:
         """Volts on the screen at digital full scale."""
@@ -112,7 +101,7 @@ class AudioProfile:
         return self.dac_full_scale_v * self.amplifier_gain
 
     def capabilities(self) -> CapabilitiesReport:
-        """Return what the firmware in front of the interface is to say of itself."""
+        """Return the capabilities of the firmware in front of the interface."""
         rate = round(self.sample_rate_hz)
         slow = next(rate // n for n in range(math.ceil(rate / 16e3), rate) if rate % n == 0)
         full_scale_mv = round(self.screen_full_scale_v * 1e3)
@@ -140,7 +129,7 @@ class AudioProfile:
 
 
 def read_audio_profile(path: str | Path) -> dict[str, Any]:
-    """Return the entries of a TOML file whose keys are those of `AudioProfile`, some or all.
+    """Return the entries of a TOML file with some or all of the keys of `AudioProfile`.
 
     Raises
     ------
@@ -162,17 +151,17 @@ def read_audio_profile(path: str | Path) -> dict[str, Any]:
 
 
 class AudioLink(Link):
-    """The reference firmware, playing into an output stream of PortAudio.
+    """The firmware, playing into an output stream of PortAudio.
 
     Parameters
     ----------
     profile : AudioProfile
-        The interface, and what its numbers mean in volts.
+        The interface, and the volts at its full scale.
 
     Attributes
     ----------
     underflows : int
-        Times that PortAudio came too late to the interface.
+        Number of times that PortAudio served the interface too late.
 
     Raises
     ------
@@ -216,7 +205,7 @@ class AudioLink(Link):
 
     @property
     def latency_s(self) -> float | None:
-        """What the interface adds to the lead, as it says; None where that makes no sense."""
+        """Latency that the interface states, in seconds; None if it is implausible."""
         latency_s = float(self._stream.latency) if self._stream is not None else math.nan
         return latency_s if 0.0 <= latency_s <= _MOST_LATENCY_S else None
 
@@ -227,7 +216,7 @@ class AudioLink(Link):
             self._core.receive(data)
 
     def receive(self, timeout_s: float = 0.0) -> bytes:
-        """Return what the firmware says; see `Link.receive`."""
+        """Return the firmware's answers; see `Link.receive`."""
         waited_s = 0.0
         while True:
             self._check_open()
@@ -247,12 +236,12 @@ class AudioLink(Link):
             self._is_released = True
             self._is_resting.clear()
         if self._failure is None:
-            # One block may be under way; the ramp takes 5 ms; a stream that stands does not come.
+            # The ramp takes 5 ms, behind at most one block; a stream that stands still never ends.
             self._is_resting.wait(0.5)
         self._close_stream()
 
     def _fill(self, out: npt.NDArray[np.float32], frames: int, times: Any, status: Any) -> None:
-        """PortAudio's callback: what the firmware plays is what goes out."""
+        """Fill a block of PortAudio with what the firmware plays."""
         if status and status.output_underflow:
             self.underflows += 1
         with self._lock:
@@ -315,23 +304,23 @@ def _find_device(sounddevice: Any, profile: AudioProfile) -> int:
         for index, device in enumerate(found)
         if device["max_output_channels"] >= (2 if profile.trigger else 1)
     }
-    wish = profile.device
-    if isinstance(wish, int):
-        matches = [index for index in outputs if index == wish]
-    elif wish is None:
+    wanted = profile.device
+    if isinstance(wanted, int):
+        matches = [index for index in outputs if index == wanted]
+    elif wanted is None:
         matches = [index for index in outputs if index == sounddevice.default.device[1]]
     else:
-        matches = [index for index, name in outputs.items() if name == wish]
-        matches = matches or [i for i, name in outputs.items() if wish.lower() in name.lower()]
+        matches = [index for index, name in outputs.items() if name == wanted]
+        matches = matches or [i for i, name in outputs.items() if wanted.lower() in name.lower()]
     if len(matches) == 1:
         return matches[0]
     known = ", ".join(f"{name!r} ({index})" for index, name in outputs.items()) or "none"
     channels = "two output channels" if profile.trigger else "an output"
-    what = "is the default" if wish is None else f"is called {wish!r}"
+    what = "is the default" if wanted is None else f"is called {wanted!r}"
     if matches:
-        raise DeviceError(f"Several audio devices match {wish!r}; name one of {known}.")
+        raise DeviceError(f"Several audio devices match {wanted!r}; name one of {known}.")
     raise DeviceNotFoundError(
-        f"No audio device with {channels} {what}; there are: {known}. Name one by device=."
+        f"No audio device with {channels} {what}; connected: {known}. Name one by device=."
     )
 
 

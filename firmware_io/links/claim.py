@@ -1,4 +1,4 @@
-"""One user per device: claims that hold across processes and end with whoever made them."""
+"""One user per device: a claim holds across processes and ends with its process."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from firmware_io.errors import DeviceBusyError
 
 
 class Claim:
-    """The right to a device, until `release` or the end of this process.
+    """The exclusive right to use a device, until `release` or the end of this process.
 
-    hidraw and TCP would let two hosts in. A socket in Linux's abstract namespace is a name that
-    one process can hold, with no file left behind if it is killed.
+    hidraw would let two hosts open a device. A socket name in Linux's abstract namespace belongs
+    to one process and leaves no file behind if that process is killed.
 
     Parameters
     ----------
     what : str
-        The device, such as its path; the same for everyone who means the same device.
+        The device, such as its path; the same text for every user of one device.
 
     Raises
     ------
     DeviceBusyError
-        If somebody holds it.
+        If another process, or another object of this one, holds it.
     """
 
     def __init__(self, what: str) -> None:
@@ -45,7 +45,7 @@ class Claim:
         self._socket = holder
 
     def release(self) -> None:
-        """Give the device free. Idempotent."""
+        """Release the device. Idempotent."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

@@ -1,4 +1,4 @@
-"""What can go wrong on a wire, on purpose: for tests of hosts against the mock driver."""
+"""Faults of a wire, made on purpose, for tests of hosts against the mock driver."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from enum import StrEnum
 
 
 class InjectedFault(StrEnum):
-    """One thing that can happen to a transfer (a write, or one HID report)."""
+    """A fault of one transfer (a write, or one HID report)."""
 
-    LOSE = "lose"  # it never arrives, and nobody says so
+    LOSE = "lose"  # it never arrives, without an error
     CORRUPT = "corrupt"  # one bit arrives wrong
-    CUT = "cut"  # its second half never arrives, and nobody says so: a short packet
+    CUT = "cut"  # its second half never arrives, without an error: a short packet
     SHORT_WRITE = "short-write"  # its second half never arrives, and the write fails
     REPEAT = "repeat"  # it arrives twice
-    DELAY = "delay"  # it arrives no sooner than the next one
-    NOISE = "noise"  # bytes that are no frame arrive before it
+    DELAY = "delay"  # it arrives with the next one
+    NOISE = "noise"  # bytes that are not a frame arrive before it
     STALL = "stall"  # time passes before it arrives
     TIME_OUT = "time-out"  # it never arrives, and the write fails
-    DISCONNECT = "disconnect"  # the cable is pulled before it, for good
+    DISCONNECT = "disconnect"  # the cable is unplugged before it and stays so
     LOSE_ANSWER = "lose-answer"  # an answer never arrives
     CORRUPT_ANSWER = "corrupt-answer"  # one bit of an answer arrives wrong
-    MUTE = "mute"  # no answer arrives any more
+    MUTE = "mute"  # no more answers arrive
 
 
 _OF_ANSWERS = (InjectedFault.LOSE_ANSWER, InjectedFault.CORRUPT_ANSWER, InjectedFault.MUTE)
@@ -38,12 +38,12 @@ class _Due:
 
 @dataclass
 class FaultInjection:
-    """What is going to happen on one link.
+    """The faults that will happen on one link.
 
     Attributes
     ----------
     is_unplugged, is_mute : bool
-        What a DISCONNECT and a MUTE leave behind.
+        Set by a DISCONNECT and by a MUTE.
     """
 
     is_unplugged: bool = False
@@ -52,21 +52,21 @@ class FaultInjection:
     _held_back: bytes = b""
 
     def add(self, fault: InjectedFault | str, after: int = 0, seconds: float = 0.0) -> None:
-        """Let something happen once.
+        """Let one fault happen.
 
         Parameters
         ----------
         fault : InjectedFault or str
-            What.
+            Its kind.
         after : int
-            How many transfers in its direction pass unharmed before.
+            Number of transfers in its direction that pass before.
         seconds : float
-            How long a STALL lasts.
+            Duration of a STALL, in seconds.
         """
         self._due.append(_Due(InjectedFault(fault), after, seconds))
 
     def outward(self, data: bytes) -> Iterator[bytes | float | OSError]:
-        """Yield what becomes of a transfer to the device.
+        """Yield the events that a transfer to the device turns into.
 
         Yields
         ------
@@ -105,7 +105,7 @@ class FaultInjection:
             yield data
 
     def inward(self, data: bytes) -> bytes:
-        """Return what arrives of an answer."""
+        """Return the bytes of an answer that arrive."""
         fault, _ = self._next(of_answers=True)
         self.is_mute |= fault is InjectedFault.MUTE
         if self.is_mute or fault is InjectedFault.LOSE_ANSWER:
@@ -113,7 +113,7 @@ class FaultInjection:
         return _with_a_wrong_bit(data) if fault is InjectedFault.CORRUPT_ANSWER else data
 
     def _next(self, of_answers: bool) -> tuple[InjectedFault | None, float]:
-        """Count one transfer; return what happens to it."""
+        """Count one transfer; return its fault and the duration of that."""
         happens: tuple[InjectedFault | None, float] = (None, 0.0)
         for due in [due for due in self._due if (due.fault in _OF_ANSWERS) == of_answers]:
             if due.transfers_left == 0 and happens[0] is None:
@@ -125,6 +125,6 @@ class FaultInjection:
 
 
 def _with_a_wrong_bit(data: bytes) -> bytes:
-    """Flip a bit late in the data: in a frame with samples, one of theirs."""
+    """Flip a bit near the end; in a STREAM frame it belongs to a sample."""
     at = max(len(data) - 6, 0)
     return data[:at] + bytes([data[at] ^ 0x10]) + data[at + 1 :] if data else data

@@ -1,4 +1,4 @@
-"""HID reports, through hidapi: by the kernel's hidraw, or by libusb."""
+"""HID reports through hidapi, which uses the kernel's hidraw or libusb."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID, permission_remedy
 from firmware_io.protocol import REPORT_BYTES, from_report, to_reports
 from firmware_io.scheme import OTHER_DEVICE, Bus, DeviceInfo, Scheme
 
-#: hidapi's two modules, by the kernel driver first: it leaves the device to others when it ends.
+#: hidapi's two modules. hidraw first: libusb takes the device from the kernel.
 BACKENDS = ("hidraw", "hid")
 
 
 def enumerate_drivers(
     backend: str, vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID
 ) -> list[dict[str, Any]]:
-    """Return what hidapi says of each connected device of these numbers."""
+    """Return what hidapi says about each connected device with these numbers."""
     return list(import_module(backend).enumerate(vendor_id, product_id))
 
 
@@ -40,13 +40,13 @@ class HidLink(Link):
     Parameters
     ----------
     path : str, optional
-        As hidapi shows it: a path below /dev for hidraw, bus and port for libusb.
+        Path in hidapi's form: below /dev for hidraw, bus and port for libusb.
     serial : str, optional
         Serial number.
     backend : {"hidraw", "hid"}, optional
-        Which of hidapi's modules; by the path, or the first that finds the device, without.
+        Module of hidapi; by default the one that fits the path, or the first to find the device.
     vendor_id, product_id : int
-        By which it is recognised, unless a path says which.
+        USB numbers of the driver; ignored with a path.
 
     Raises
     ------
@@ -98,14 +98,14 @@ class HidLink(Link):
                 written = handle.write(report)
             except (OSError, ValueError) as error:
                 raise self._gone(error) from error
-            # hidraw tells a lost device by this alone, without an exception.
+            # hidraw reports a lost device by a short write, without an exception.
             if written < len(report):
                 raise self._gone(f"it took {written} of {len(report)} bytes")
 
     def receive(self, timeout_s: float = 0.0) -> bytes:
         """Read all reports that have come; see `Link.receive`.
 
-        All, because the kernel keeps the latest 63 only, and libusb's side of hidapi 32.
+        The kernel keeps only the latest 63 reports, and hidapi with libusb only 32.
         """
         handle = self._open_handle()
         pieces: list[bytes] = []
@@ -117,7 +117,7 @@ class HidLink(Link):
                 raise self._gone(error) from error
             if not report:
                 return b"".join(pieces)
-            with suppress(ProtocolError):  # the parser finds the frame that it leaves incomplete
+            with suppress(ProtocolError):  # the parser reports the frame that lacks these bytes
                 pieces.append(from_report(bytes(report))[0])
             timeout_ms = 0
 
@@ -132,21 +132,21 @@ class HidLink(Link):
     def _open(self, path: bytes, backend: str) -> None:
         try:
             self._handle.open_path(path)
-            # Without this a read without a timeout waits for ever.
+            # Otherwise a read without a timeout waits for ever.
             self._handle.set_nonblocking(True)
-            while self._handle.read(REPORT_BYTES):  # what an earlier host has left unread
+            while self._handle.read(REPORT_BYTES):  # left unread by an earlier host
                 pass
         except OSError as error:
             node = Path(os.fsdecode(path))
             if backend == "hidraw" and not node.exists():
                 raise DeviceNotFoundError(
-                    f"There is no {node}; look with `haptix devices`."
+                    f"There is no {node}; `haptix devices` lists what is connected."
                 ) from error
             if backend == "hid" and path not in [
                 f["path"] for f in import_module(backend).enumerate()
             ]:
                 raise DeviceNotFoundError(
-                    f"No HID device is at {node}; look with `haptix devices`."
+                    f"No HID device is at {node}; `haptix devices` lists what is connected."
                 ) from error
             if backend == "hid":
                 node = _usb_node(path)
@@ -171,7 +171,7 @@ class HidLink(Link):
 
 
 def _usb_node(path: bytes) -> Path:
-    """Return the file that libusb opens for what hidapi calls, for example, 1-2:1.0."""
+    """Return the file that libusb opens for a path of hidapi such as 1-2:1.0."""
     port = Path("/sys/bus/usb/devices") / os.fsdecode(path).partition(":")[0]
     try:
         bus, device = (int((port / name).read_text()) for name in ("busnum", "devnum"))
@@ -183,7 +183,7 @@ def _usb_node(path: bytes) -> Path:
 def _find(
     backends: tuple[str, ...], serial: str | None, vendor_id: int, product_id: int
 ) -> tuple[str, bytes]:
-    wish = f"{vendor_id:04x}:{product_id:04x}" + (f" with serial {serial}" if serial else "")
+    wanted = f"{vendor_id:04x}:{product_id:04x}" + (f" with serial {serial}" if serial else "")
     for backend in backends:
         found = {
             bytes(entry["path"])
@@ -193,16 +193,18 @@ def _find(
         if len(found) > 1:
             paths = ", ".join(sorted(path.decode(errors="replace") for path in found))
             raise DeviceError(
-                f"{len(found)} HID devices {wish} are connected, at {paths}; choose one by path= "
+                f"{len(found)} HID devices {wanted} are connected, at {paths}; choose one by path= "
                 "or serial=."
             )
         if found:
             return backend, found.pop()
-    raise DeviceNotFoundError(f"No HID device {wish} is connected; look with `haptix devices`.")
+    raise DeviceNotFoundError(
+        f"No HID device {wanted} is connected; `haptix devices` lists what is."
+    )
 
 
 def _search() -> tuple[str, list[DeviceInfo]]:
-    # hidraw asks the kernel; libusb's side of hidapi opens every device for its strings.
+    # hidraw asks the kernel; with libusb hidapi opens every device to read its strings.
     try:
         hid = import_module("hidraw")
     except ImportError:

@@ -1,30 +1,30 @@
-"""By which numbers a driver is recognised on USB, and the udev rule that lets people open it."""
+"""The USB numbers of a driver, and the udev rule that lets users open it."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-#: pid.codes' number for testing; a board that is sold needs one of its own.
+#: pid.codes' numbers for testing; a board that is sold needs its own.
 VENDOR_ID = 0x1209
 PRODUCT_ID = 0x0001
 
-#: Before 73-seat-late.rules, which acts on the tag.
+#: Sorts before 73-seat-late.rules, which acts on the tag.
 RULE_FILE = Path("etc/udev/rules.d/70-haptix.rules")
 
 _RULE = """\
-# haptix: whoever sits at this computer may open the touchscreen's driver.
+# haptix: the user who sits at this computer may open the touchscreen's driver.
 SUBSYSTEM=="usb", ATTR{{idVendor}}=="{vid:04x}", ATTR{{idProduct}}=="{pid:04x}", TAG+="uaccess"
 SUBSYSTEM=="hidraw", ATTRS{{idVendor}}=="{vid:04x}", ATTRS{{idProduct}}=="{pid:04x}", TAG+="uaccess"
 """
 
 
 def udev_rule(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> str:
-    """Return the text of the rule for one kind of device."""
+    """Return the text of the rule for these USB numbers."""
     return _RULE.format(vid=vendor_id, pid=product_id)
 
 
 def udev_rule_is_installed(root: Path = Path("/")) -> bool:
-    """Return whether the rule file stands below `root` with the text that it should have."""
+    """Return whether the rule file below `root` exists and has the right text."""
     try:
         return (root / RULE_FILE).read_text() == udev_rule()
     except OSError:
@@ -37,7 +37,7 @@ def install_udev_rule(root: Path = Path("/")) -> Path:
     Raises
     ------
     OSError
-        If it cannot be written: usually only root may.
+        If it cannot be written; usually only root may.
     """
     path = root / RULE_FILE
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -46,7 +46,7 @@ def install_udev_rule(root: Path = Path("/")) -> Path:
 
 
 def permission_remedy() -> str:
-    """Return what to do where the operating system does not let this user open a device."""
+    """Return what to do if the operating system does not let this user open a device."""
     return (
         f"install the udev rule /{RULE_FILE} with `sudo haptix doctor --install-udev`, "
         "then replug the device"

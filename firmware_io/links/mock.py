@@ -1,4 +1,4 @@
-"""The mock link: a driver in the same process, and what can go wrong on the way to it."""
+"""The mock link: a driver in the same process, with faults injected on the way to it."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class MockLink(Link):
     driver : MockDriver, optional
         The driver at the other end; one with default properties if not given.
     report_bytes : int, optional
-        Carry the frames in HID reports of this size, which is the driver's; as bytes if not given.
+        Carry the frames in HID reports of this size, the driver's own; as bytes if not given.
     sleep : callable
-        Waits for a number of seconds, between looks for an answer at real pace.
+        Waits for a number of seconds between two polls for an answer at real pace.
 
     Attributes
     ----------
     injected : FaultInjection
-        What is going to happen on this link.
+        The faults that will happen on this link.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class MockLink(Link):
 
     @property
     def name(self) -> str:
-        """What to call the driver in a message."""
+        """The driver's name in messages."""
         return "mock"
 
     @property
@@ -56,7 +56,7 @@ class MockLink(Link):
         return self._report_bytes
 
     def inject(self, fault: InjectedFault | str, after: int = 0, seconds: float = 0.0) -> None:
-        """Let something go wrong once; see `FaultInjection.add`."""
+        """Let one fault happen; see `FaultInjection.add`."""
         self.injected.add(fault, after, seconds)
 
     def send(self, data: bytes) -> None:
@@ -65,10 +65,10 @@ class MockLink(Link):
         size = self._report_bytes
         for transfer in [data] if size is None else to_reports(data, size):
             for event in self.injected.outward(transfer):
-                self._let_happen(event)
+                self._apply(event)
 
     def receive(self, timeout_s: float = 0.0) -> bytes:
-        """Return what the driver has said; see `Link.receive`."""
+        """Return the driver's answers; see `Link.receive`."""
         driver = self.driver
         end_s = driver.clock() + timeout_s if driver.pace == "real" else 0.0
         while True:
@@ -82,12 +82,12 @@ class MockLink(Link):
             if now_s >= end_s:
                 return b""
             self._sleep(min(end_s - now_s, 1e-3))
-            # A clock by hand stands while this thread waits: waiting longer would be for ever.
+            # A test's clock stands still while this thread waits, so the wait would never end.
             if driver.clock() == now_s:
                 return b""
 
     def close(self) -> None:
-        """Let the driver go; it ends at 0 V. Idempotent."""
+        """Close the link; the driver ends at 0 V. Idempotent."""
         if not self._is_closed:
             self._is_closed = True
             self.driver.release()
@@ -98,7 +98,7 @@ class MockLink(Link):
             pieces.append(report[2 : 2 + (report[1] & 0x7F)])
         return b"".join(pieces)
 
-    def _let_happen(self, event: bytes | float | OSError) -> None:
+    def _apply(self, event: bytes | float | OSError) -> None:
         if isinstance(event, OSError):
             if self.injected.is_unplugged:
                 self.driver.release()
@@ -120,7 +120,7 @@ class MockLink(Link):
             raise DeviceDisconnectedError("The mock link is closed; open the device again.")
         if self.injected.is_unplugged:
             raise DeviceDisconnectedError(
-                "The mock's cable is out (injected); plug it in and open the device again."
+                "The mock's cable is unplugged (injected); plug it in and open the device again."
             )
 
 

@@ -1,4 +1,4 @@
-"""TCP: a mock driver that another process serves (`python -m firmware_io.serve`)."""
+"""TCP: a mock driver in another process (`python -m firmware_io.serve`)."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ class TcpLink(Link):
     Parameters
     ----------
     host : str
-        Name or number.
+        Host name or IP address.
     port : int
-        Where it listens.
+        Port of the server.
 
     Raises
     ------
     DeviceNotFoundError
-        If nobody listens there.
+        If no server listens there.
     """
 
     def __init__(self, host: str, port: int) -> None:
         self._name = f"tcp:{host}:{port}"
-        self._has_heard = False
+        self._has_received = False
         self._socket: socket.socket | None = None
         try:
             self._socket = socket.create_connection((host, port), _CONNECT_S)
         except OSError as error:
             raise DeviceNotFoundError(
-                f"Nobody serves a driver at {self._name}: {error}; start one with "
+                f"No server listens at {self._name}: {error}; start one with "
                 f"`python -m firmware_io.serve --port {port}`."
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -65,7 +65,7 @@ class TcpLink(Link):
             raise self._lost(str(error)) from error
 
     def receive(self, timeout_s: float = 0.0) -> bytes:
-        """Return what has come; see `Link.receive`."""
+        """Return the bytes that have come; see `Link.receive`."""
         connection = self._connection()
         try:
             if not select.select([connection], [], [], timeout_s)[0]:
@@ -75,7 +75,7 @@ class TcpLink(Link):
             raise self._lost(str(error)) from error
         if not data:
             raise self._lost("the other side closed the connection")
-        self._has_heard = True
+        self._has_received = True
         return data
 
     def close(self) -> None:
@@ -91,10 +91,11 @@ class TcpLink(Link):
         return self._socket
 
     def _lost(self, why: str) -> DeviceError:
-        if not self._has_heard:
-            # A server has one driver: it lets a second host in only to show it out again.
+        if not self._has_received:
+            # A server has one driver: it accepts a second host only to close the connection.
             return DeviceBusyError(
-                f"{self._name} hung up without a word ({why}); it serves another host: close that."
+                f"{self._name} closed the connection at once ({why}), so it serves another host; "
+                "close that one first."
             )
         return DeviceDisconnectedError(
             f"The connection to {self._name} is lost: {why}; open the device again."

@@ -24,7 +24,7 @@ _VENDOR_CLASS = 0xFF
 _BULK = 2
 _IN = 0x80
 _READ_BYTES = 16384
-#: A full queue of a second drains in a second; a device that takes longer to take bytes is lost.
+#: A queue of one second drains in one second; a device that accepts no bytes for longer is lost.
 _WRITE_MS = 1000
 _GONE = (errno.ENODEV, errno.EIO, errno.ENOENT, errno.ESHUTDOWN)
 
@@ -32,12 +32,12 @@ _GONE = (errno.ENODEV, errno.EIO, errno.ENOENT, errno.ESHUTDOWN)
 def backend() -> Any:
     """Return pyusb's backend: the system's libusb, or that of the package libusb-package.
 
-    Always asked for by name, since pyusb keeps whichever a process found first.
+    The backend is always passed on explicitly: pyusb keeps the one that a process found first.
 
     Raises
     ------
     DeviceError
-        If there is neither.
+        If neither is installed.
     """
     libusb1 = import_module("usb.backend.libusb1")
     found = libusb1.get_backend()
@@ -54,14 +54,14 @@ def backend() -> Any:
 
 
 def find_drivers(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> list[Any]:
-    """Return pyusb's object for each connected device of these numbers, opening none."""
+    """Return pyusb's object of each connected device with these numbers, without opening it."""
     core = import_module("usb.core")
     found = core.find(find_all=True, idVendor=vendor_id, idProduct=product_id, backend=backend())
     return list(found)
 
 
 def serial_of(device: Any) -> str | None:
-    """Return a device's serial number; None if this user may not read it."""
+    """Return the serial number of a device; None if this user may not read it."""
     try:
         return str(device.serial_number or "")
     except (OSError, ValueError, NotImplementedError):
@@ -74,11 +74,11 @@ class UsbLink(Link):
     Parameters
     ----------
     serial : str, optional
-        Serial number; the only driver that is connected without.
+        Serial number; needed if several drivers are connected.
     bus, address : int, optional
-        Where it is connected.
+        Place on the bus.
     vendor_id, product_id : int
-        By which it is recognised.
+        USB numbers of the driver.
 
     Raises
     ------
@@ -96,29 +96,29 @@ class UsbLink(Link):
     ) -> None:
         self._core = import_module("usb.core")
         self._util = import_module("usb.util")
-        wish = f"{vendor_id:04x}:{product_id:04x}"
+        wanted = f"{vendor_id:04x}:{product_id:04x}"
         devices = [
             device
             for device in find_drivers(vendor_id, product_id)
             if bus in (None, device.bus) and address in (None, device.address)
         ]
         if serial is not None:
-            wish += f" with serial {serial}"
+            wanted += f" with serial {serial}"
             unreadable = [device for device in devices if serial_of(device) is None]
             devices = [device for device in devices if serial_of(device) == serial]
             if unreadable and not devices:
                 raise DevicePermissionError(
-                    f"There is a USB device {wish}, perhaps, but this user may not read its serial "
-                    f"number; {permission_remedy()}."
+                    f"The USB device {wanted} may be connected, but this user may not read serial "
+                    f"numbers; {permission_remedy()}."
                 )
         if not devices:
             raise DeviceNotFoundError(
-                f"No USB device {wish} is connected there; look with `haptix devices`."
+                f"No USB device {wanted} is connected there; `haptix devices` lists what is."
             )
         if len(devices) > 1:
             where = ", ".join(f"bus={d.bus},address={d.address}" for d in devices)
             raise DeviceError(
-                f"{len(devices)} USB devices {wish} are connected, at {where}; "
+                f"{len(devices)} USB devices {wanted} are connected, at {where}; "
                 "choose one by serial= or bus=,address=."
             )
         self._device: Any = devices[0]
@@ -148,7 +148,7 @@ class UsbLink(Link):
             )
 
     def receive(self, timeout_s: float = 0.0) -> bytes:
-        """Read one transfer; see `Link.receive`. libusb takes at least a millisecond for none."""
+        """Read one transfer; see `Link.receive`. libusb waits at least 1 ms for an empty one."""
         device = self._open_device()
         try:
             return bytes(device.read(self._in, _READ_BYTES, max(1, round(timeout_s * 1e3))))
@@ -158,7 +158,7 @@ class UsbLink(Link):
             self._raise(error, self._in)
 
     def close(self) -> None:
-        """Give the interface back, and to the kernel where it was the kernel's. Idempotent."""
+        """Release the interface, to the kernel if the kernel had it before. Idempotent."""
         device, self._device = self._device, None
         if device is not None:
             with suppress(OSError):
@@ -194,7 +194,7 @@ class UsbLink(Link):
                 if self._device.is_kernel_driver_active(self._interface):
                     self._device.detach_kernel_driver(self._interface)
             self._util.claim_interface(self._device, self._interface)
-            # What an earlier host has left unread is not for us.
+            # Discard what an earlier host has left unread.
             for _ in range(64):
                 if len(self._device.read(self._in, _READ_BYTES, 1)) == 0:
                     break
@@ -204,7 +204,7 @@ class UsbLink(Link):
             self._raise(error)
 
     def _raise(self, error: OSError, endpoint: int | None = None) -> NoReturn:
-        """Raise what an error of libusb means."""
+        """Raise the error of this package that an error of libusb means."""
         if error.errno in (errno.EACCES, errno.EPERM):
             raise DevicePermissionError(
                 f"This user may not open {self._name}; {permission_remedy()}."

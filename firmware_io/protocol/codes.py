@@ -1,4 +1,4 @@
-"""Volts and the int16 codes that travel for them."""
+"""Conversion between volts and the int16 codes on the wire."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import numpy.typing as npt
 
 from firmware_io.errors import LimitError
 
-#: The code of full scale. The range is symmetric, so that 0 V is a code and +v and -v are alike.
+#: The code of full scale. The range is symmetric: 0 V is a code, and so is -v with every +v.
 FULL_SCALE_CODE = 32767
 
 
 def volts_to_codes(
     volts: npt.ArrayLike, full_scale_v: float, ceiling_v: float | None = None
 ) -> npt.NDArray[np.int16]:
-    """Quantise voltages to the nearest code; rounding never goes above the ceiling.
+    """Quantise voltages to the nearest code that does not exceed the ceiling.
 
     Parameters
     ----------
@@ -23,8 +23,8 @@ def volts_to_codes(
     full_scale_v : float
         The voltage of code 32767.
     ceiling_v : float, optional
-        No code that stands for more than this is used: a voltage less than half a step below the
-        ceiling becomes the last code under it, even where the code above would be nearer.
+        No code means more than this. A voltage less than half a step below the ceiling becomes
+        the last code under it, even if the code above is nearer.
 
     Returns
     -------
@@ -53,6 +53,6 @@ def volts_to_codes(
 
 
 def codes_to_volts(codes: npt.NDArray[np.int16], full_scale_v: float) -> npt.NDArray[np.float64]:
-    """Return the voltages that codes stand for, in volts, in the same shape."""
-    # Divided first: code 32767 then gives full scale exactly, not one rounding above it.
+    """Return the voltages of codes, in volts, in the same shape."""
+    # Division first: code 32767 then gives exactly full scale.
     return codes / FULL_SCALE_CODE * full_scale_v

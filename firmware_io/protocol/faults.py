@@ -1,4 +1,4 @@
-"""Why a device refuses a frame or stops by itself, as numbers and as sentences."""
+"""Faults: why a device refuses a frame or stops by itself, as codes and as sentences."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class FaultCode(IntEnum):
 
 @dataclass(frozen=True)
 class FaultReport:
-    """Device: a frame was refused, or the stream ended by the device itself.
+    """Device: it refused a frame, or ended the stream by itself.
 
     Parameters
     ----------
@@ -39,11 +39,11 @@ class FaultReport:
     field_offset : int
         For SETUP, the offset of the first impossible field in the payload; else 0.
     sequence : int
-        Sequence of the frame that is the cause; 0 where none is.
+        Sequence of the refused frame; 0 if there is none.
     expected, got : int
-        What each code means by them is in PROTOCOL.md.
+        Their meaning for each code is in PROTOCOL.md.
     clock_ticks : int
-        When, by the device's clock.
+        Time, by the device's clock.
     """
 
     code: FaultCode
@@ -54,7 +54,15 @@ class FaultReport:
     clock_ticks: int
 
     def __str__(self) -> str:
-        return describe_fault(self)
+        return _SENTENCES[self.code].format(
+            expected=self.expected,
+            got=self.got,
+            expected_v=self.expected / 1e3,
+            got_v=self.got / 1e3,
+            expected_s=self.expected / 1e3,
+            field=_SETUP_FIELDS.get(self.field_offset, "payload"),
+            name=_ONLY_DISARMED.get(self.got, "A frame"),
+        )
 
 
 _SETUP_FIELDS = {
@@ -94,16 +102,3 @@ _SENTENCES = {
     ),
     FaultCode.TRUNCATED: "A frame broke off: {expected} bytes were due, but {got} came.",
 }
-
-
-def describe_fault(fault: FaultReport) -> str:
-    """Return a sentence for people about a fault."""
-    return _SENTENCES[fault.code].format(
-        expected=fault.expected,
-        got=fault.got,
-        expected_v=fault.expected / 1e3,
-        got_v=fault.got / 1e3,
-        expected_s=fault.expected / 1e3,
-        field=_SETUP_FIELDS.get(fault.field_offset, "payload"),
-        name=_ONLY_DISARMED.get(fault.got, "A frame"),
-    )

@@ -26,7 +26,7 @@ _CRC = struct.Struct("<I")
 HEADER_BYTES = _HEADER.size + _HEADER_CHECK.size
 #: Header and CRC-32 around a payload.
 FRAME_OVERHEAD_BYTES = HEADER_BYTES + _CRC.size
-#: Everything in a STREAM frame that is no sample.
+#: Bytes of a STREAM frame besides its samples.
 STREAM_OVERHEAD_BYTES = FRAME_OVERHEAD_BYTES + _INDEX.size
 
 
@@ -37,9 +37,9 @@ class Frame:
     Parameters
     ----------
     message : Message
-        What is said.
+        Its content.
     sequence : int
-        Number of the frame, modulo 2**16.
+        Its number, modulo 2**16.
     """
 
     message: Message
@@ -73,12 +73,12 @@ def encode(frame: Frame) -> bytes:
 
 
 def decode(data: bytes) -> Frame:
-    """Return the frame that `data` holds.
+    """Return the frame in `data`.
 
     Raises
     ------
     ProtocolError
-        If `data` is not exactly one well-formed frame of this protocol version.
+        If `data` is not exactly one valid frame of this protocol version.
     """
     if len(data) < FRAME_OVERHEAD_BYTES:
         raise ProtocolError(
@@ -100,7 +100,7 @@ def read_header(data: bytes | bytearray | memoryview, offset: int = 0) -> tuple[
     Raises
     ------
     ProtocolError
-        If no valid header of this version stands there.
+        If there is no valid header of this version.
     """
     magic, version, kind, sequence, length, mode = _HEADER.unpack_from(data, offset)
     if magic != MAGIC:
@@ -115,7 +115,7 @@ def read_header(data: bytes | bytearray | memoryview, offset: int = 0) -> tuple[
             f"The header's CRC-16 is {carried:#06x}, but its bytes give {check:#06x}; "
             "it was damaged on the way."
         )
-    # After the check: a damaged byte should be reported as damage, not as a strange version.
+    # After the check, so that a damaged byte is reported as damage, not as another version.
     if version != VERSION:
         raise ProtocolError(
             f"This side speaks protocol version {VERSION}, but version {version} came; "
@@ -127,12 +127,12 @@ def read_header(data: bytes | bytearray | memoryview, offset: int = 0) -> tuple[
 def read_frame(
     data: bytes | bytearray | memoryview, kind: int, sequence: int, length: int, mode: int
 ) -> Frame:
-    """Return the frame in `data`, whose header is known to be right.
+    """Return the frame in `data`, whose header was found valid.
 
     Raises
     ------
     ProtocolError
-        If the rest of it is not.
+        If the rest is not valid.
     """
     (carried,) = _CRC.unpack_from(data, HEADER_BYTES + length)
     check = crc32(memoryview(data)[: HEADER_BYTES + length])
@@ -153,7 +153,7 @@ def read_frame(
     if mode != 0:
         raise ProtocolError(f"Only STREAM has a mode, but mode {mode} came; send 0.")
     if kind not in LAYOUTS:
-        raise ProtocolError(f"Kind {kind:#04x} is none of this protocol's; send a known one.")
+        raise ProtocolError(f"This protocol has no kind {kind:#04x}; send a known one.")
     payload = bytes(data[HEADER_BYTES : HEADER_BYTES + length])
     try:
         return Frame(read_payload(FrameKind(kind), payload), sequence)

@@ -1,4 +1,4 @@
-"""What host and device say to each other, as Python objects (bytes: see frames.py, PROTOCOL.md)."""
+"""The messages of host and device, as Python objects (bytes: see frames.py, PROTOCOL.md)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from firmware_io.protocol.faults import FaultCode, FaultReport
 
 
 class FrameKind(IntEnum):
-    """What a frame says; kinds from 0x81 on are said by the device."""
+    """The kind of a frame; those from 0x81 on come from the device."""
 
     HELLO = 0x01
     SETUP = 0x02
@@ -28,14 +28,14 @@ class FrameKind(IntEnum):
 
 
 class StreamMode(IntEnum):
-    """What the samples of a stream mean."""
+    """The meaning of a stream's samples: the drive itself, or the amplitude of a carrier."""
 
     WAVEFORM = 0
     ENVELOPE = 1
 
 
 class DeviceState(IntEnum):
-    """What the device does at the moment."""
+    """The state of the device."""
 
     IDLE = 0
     ARMED = 1
@@ -44,7 +44,7 @@ class DeviceState(IntEnum):
 
 
 class TouchPhase(IntEnum):
-    """What a finger on the panel did."""
+    """What happened to a finger on the panel."""
 
     UP = 0
     DOWN = 1
@@ -53,7 +53,7 @@ class TouchPhase(IntEnum):
 
 @dataclass(frozen=True)
 class Hello:
-    """Host: begin a session, and tell what the device can do.
+    """Host: begin a session, and ask for the device's capabilities.
 
     Parameters
     ----------
@@ -67,18 +67,18 @@ class Hello:
 
 @dataclass(frozen=True)
 class Setup:
-    """Host: how to play what will be streamed.
+    """Host: how to play the samples that follow.
 
     Parameters
     ----------
     mode : StreamMode
-        Whether samples are the drive waveform, or the envelope of a carrier that the device makes.
+        Whether samples are the drive, or the amplitude of a carrier that the device makes.
     watchdog_ms : int
-        The output is at 0 V this long after the last STREAM frame that was accepted.
+        The output is at 0 V this long after the last accepted STREAM frame.
     sample_rate_hz : int
         Samples per second of the stream.
     full_scale_mv : int
-        The voltage of code 32767 as the host knows it; the device refuses any but its own.
+        The voltage of code 32767 that the host assumes; the device refuses any but its own.
     ceiling_mv : int
         Largest sample to accept; at most the one in force.
     max_slew_v_per_s : int
@@ -88,7 +88,7 @@ class Setup:
     lead_us : int
         Playback begins this long after the first STREAM frame, in microseconds.
     status_ms : int
-        A STATUS comes unasked once in this time, while armed; 0 for never.
+        Interval of unrequested STATUS frames while armed; 0 for none.
     """
 
     mode: StreamMode
@@ -104,12 +104,12 @@ class Setup:
 
 @dataclass(frozen=True)
 class Arm:
-    """Host: make ready to play, from sample index 0."""
+    """Host: prepare to play, from sample index 0."""
 
 
 @dataclass(frozen=True, eq=False)
 class StreamSamples:
-    """Host: samples to be played after those already sent (kind STREAM).
+    """Host: the next samples (kind STREAM).
 
     Parameters
     ----------
@@ -118,12 +118,12 @@ class StreamSamples:
     codes : ndarray of int16, shape (n,)
         Codes, 1 <= n <= `MAX_SAMPLES`.
     mode : StreamMode
-        What they mean; as in the set-up.
+        Their meaning; as in the set-up.
 
     Raises
     ------
     ProtocolError
-        If `codes` is no such array.
+        If `codes` has another type, shape or size.
     """
 
     sample_index: int
@@ -158,14 +158,14 @@ class Stop:
 
 @dataclass(frozen=True)
 class Ping:
-    """Host: send a STATUS that carries this token, 0 to 2**32 - 1."""
+    """Host: ask for a STATUS that carries this token, 0 to 2**32 - 1."""
 
     token: int = 0
 
 
 @dataclass(frozen=True)
 class Rate:
-    """A sample rate that the device plays, and the modes it plays it in."""
+    """A sample rate of the device, and its modes at that rate."""
 
     sample_rate_hz: int
     modes: frozenset[StreamMode]
@@ -173,14 +173,14 @@ class Rate:
 
 @dataclass(frozen=True)
 class CapabilitiesReport:
-    """Device: what it can do; the answer to HELLO.
+    """Device: its capabilities; the answer to HELLO.
 
     Parameters
     ----------
     oldest_version, newest_version : int
-        The protocol versions that it speaks.
+        Its protocol versions.
     report_bytes : int
-        Size of its HID reports; 0 if it takes none.
+        Size of its HID reports; 0 if it has none.
     output_rate_hz : int
         Rate of its output, and of its clock.
     full_scale_mv : int
@@ -188,9 +188,9 @@ class CapabilitiesReport:
     ceiling_mv, max_slew_v_per_s : int
         Its hard limits.
     queue_samples, max_frame_samples : int
-        Depth of its queue, and the longest STREAM frame.
+        Depth of its queue, and length of its longest STREAM frame.
     max_watchdog_ms : int
-        The longest watchdog time it can be set up with.
+        Its longest watchdog time.
     name, serial, calibration_id : str
         ASCII, at most 16 characters each.
     reports_touch : bool
@@ -218,20 +218,20 @@ class CapabilitiesReport:
 
 @dataclass(frozen=True)
 class StatusReport:
-    """Device: where it stands.
+    """Device: its state.
 
     Parameters
     ----------
     state : DeviceState
-        What it does.
+        What it does at the moment.
     fault : FaultCode
-        The first cause since the device was last armed, set up or greeted.
+        The first fault since the last accepted HELLO, SETUP or ARM.
     next_sequence : int
-        The sequence that follows on the last frame it accepted.
+        The sequence after that of the last accepted frame.
     token : int
-        That of the last PING.
+        Token of the last PING.
     queued_samples, free_samples : int
-        Samples in its queue, and room for more: the host's credit.
+        Samples in its queue, and how many more the host may send.
     samples_played : int
         Samples taken from the queue since ARM, modulo 2**32.
     underruns, faults : int
@@ -259,15 +259,15 @@ class TouchReport:
     Parameters
     ----------
     clock_ticks : int
-        When, by the device's clock.
+        Time, by the device's clock.
     x_um, y_um : int
-        Where, in micrometres from the panel's upper left corner.
+        Position, in micrometres from the upper left corner of the panel.
     normal_force_mn : int
-        How hard, in millinewtons; 65535 where the panel cannot tell.
+        Normal force, in millinewtons; 65535 if the panel does not measure it.
     contact : int
-        Which finger, 0 to 255.
+        Number of the finger, 0 to 255.
     phase : TouchPhase
-        What it did.
+        What happened to it.
     """
 
     clock_ticks: int
@@ -282,5 +282,5 @@ HostMessage = Hello | Setup | Arm | StreamSamples | Stop | Ping
 DeviceMessage = CapabilitiesReport | StatusReport | FaultReport | TouchReport
 Message = HostMessage | DeviceMessage
 
-#: What a payload of 65535 bytes can hold: a sample index, and samples.
+#: Samples in a payload of 65535 bytes, behind a sample index of four.
 MAX_SAMPLES = (2**16 - 1 - 4) // 2

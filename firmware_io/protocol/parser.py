@@ -1,4 +1,4 @@
-"""Frames out of a stream of bytes, whatever pieces it comes in."""
+"""The host's parser: frames from a stream of bytes."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from firmware_io.protocol.messages import MAX_SAMPLES
 
 
 class FrameParser:
-    """Frames out of a stream of bytes, whatever pieces it comes in.
+    """Finds frames in a stream of bytes that arrives in pieces of any size.
 
     Parameters
     ----------
     max_payload_bytes : int
-        A header that announces more is not believed.
+        A header that announces more is taken for damage.
 
     Attributes
     ----------
     skipped_bytes : int
-        Bytes that belonged to no frame.
+        Number of bytes that belonged to no frame.
     """
 
     def __init__(self, max_payload_bytes: int = 4 + 2 * MAX_SAMPLES) -> None:
@@ -34,17 +34,17 @@ class FrameParser:
 
     @property
     def is_amid_a_frame(self) -> bool:
-        """Whether bytes wait for the rest of a frame."""
+        """Whether it holds bytes of an incomplete frame."""
         return bool(self._pending)
 
     def feed(self, data: bytes) -> list[Frame | ProtocolError]:
-        """Take bytes; return what they complete, in order.
+        """Add bytes; return the frames that they complete, in order.
 
         Returns
         -------
         list of Frame or ProtocolError
-            A frame for each valid one. An error, not raised, for each run of bytes that is no
-            frame; parsing goes on at the next header.
+            Each valid frame. For each run of bytes that is not a frame an error, which is not
+            raised; parsing continues at the next header.
         """
         pending = self._pending
         pending += data
@@ -54,7 +54,7 @@ class FrameParser:
         while True:
             at = pending.find(MAGIC, start)
             if at < 0:
-                # A first half of the magic at the very end may still be completed.
+                # The first half of the magic at the very end may still be completed.
                 at = len(pending) - (pending[start:][-1:] == MAGIC[:1])
             if at > start:
                 if not is_skipping:
@@ -78,7 +78,7 @@ class FrameParser:
             except ProtocolError as error:
                 if not is_skipping:
                     found.append(error)
-                # One byte on, not one frame: the length may be the lie.
+                # Skip one byte, not one frame: the length may be the damaged field.
                 is_skipping = True
                 self.skipped_bytes += 1
                 start += 1
@@ -90,20 +90,20 @@ class FrameParser:
         return found
 
     def give_up(self) -> list[Frame | ProtocolError]:
-        """Believe no longer in a frame that broke off; return what stood behind its beginning."""
+        """Give up an incomplete frame; return the frames behind its first byte."""
         if not self._pending:
             return []
         behind = bytes(self._pending[1:])
         self._pending.clear()
         self.skipped_bytes += 1
         lost: list[Frame | ProtocolError] = [
-            ProtocolError("A frame broke off; it was lost on the way, or its sender fell silent.")
+            ProtocolError("A frame broke off: bytes were lost on the way, or its sender stopped.")
         ]
         return lost + [item for item in self.feed(behind) if isinstance(item, Frame)]
 
 
 def _no_frame(data: bytes) -> ProtocolError:
     return ProtocolError(
-        f"Bytes that are no frame came, beginning {data.hex(' ')}; check that the sender speaks "
-        "this protocol and is in step."
+        f"Bytes that are not a frame came, beginning {data.hex(' ')}; check that the sender uses "
+        "this protocol."
     )

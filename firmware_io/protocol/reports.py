@@ -1,11 +1,11 @@
-"""Frames in HID reports: fixed-size pieces, each with an id and a length (PROTOCOL.md)."""
+"""Frames in HID reports: pieces of fixed size, each with an id and a length (PROTOCOL.md)."""
 
 from __future__ import annotations
 
 from firmware_io.errors import ProtocolError
 from firmware_io.protocol.frames import STREAM_OVERHEAD_BYTES
 
-#: The one report id, the same in both directions.
+#: The only report id, the same in both directions.
 REPORT_ID = 1
 #: Size of a report of a full-speed device, its id included.
 REPORT_BYTES = 64
@@ -30,7 +30,7 @@ def from_report(report: bytes) -> tuple[bytes, bool]:
     Raises
     ------
     ProtocolError
-        If it is no report of this protocol.
+        If it is not a report of this protocol.
     """
     if len(report) < _PREFIX_BYTES or report[0] != REPORT_ID:
         raise ProtocolError(
@@ -41,18 +41,18 @@ def from_report(report: bytes) -> tuple[bytes, bool]:
     if length > len(report) - _PREFIX_BYTES:
         raise ProtocolError(
             f"A report of {len(report)} bytes carries at most {len(report) - _PREFIX_BYTES}, but "
-            f"announces {length}; it was cut on the way."
+            f"announces {length}; bytes were lost on the way."
         )
     return report[_PREFIX_BYTES : _PREFIX_BYTES + length], bool(report[1] & _BEGINS)
 
 
 def samples_per_frame(reports: int, report_bytes: int = REPORT_BYTES) -> int:
-    """Return how many samples fill a STREAM frame that takes this many reports."""
+    """Return the number of samples in a STREAM frame that fills this many reports."""
     return ((report_bytes - _PREFIX_BYTES) * reports - STREAM_OVERHEAD_BYTES) // 2
 
 
 def overhead_share(samples: int, report_bytes: int = REPORT_BYTES) -> float:
-    """Return the share of the bytes in reports that is no sample, for frames of `samples`."""
+    """Return the share of report bytes that carry no sample, for frames of `samples`."""
     frame_bytes = STREAM_OVERHEAD_BYTES + 2 * samples
     reports = -(-frame_bytes // (report_bytes - _PREFIX_BYTES))
     return 1 - 2 * samples / (reports * report_bytes)

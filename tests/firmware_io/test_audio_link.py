@@ -15,7 +15,7 @@ from firmware_io import (
     LimitError,
     open_device,
 )
-from firmware_io.links.audio import AudioProfile
+from firmware_io.links.audio import AudioProfile, read_audio_profile
 
 PERIOD = 64
 
@@ -217,7 +217,7 @@ def test_profiles_that_cannot_be_used(tmp_path, text, says):
     path = tmp_path / "rig.toml"
     path.write_text(text)
     with pytest.raises(DeviceError, match=says):
-        AudioProfile.load(path)
+        AudioProfile(**read_audio_profile(path))
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""One suite for the firmware in C and its twin in Python: what PROTOCOL.md promises."""
+"""One suite for the firmware in C and its reference in Python: what PROTOCOL.md promises."""
 
 import json
 import math

@@ -116,7 +116,7 @@ def test_modes_and_rates_by_address():
 
 @pytest.mark.parametrize("address", [5, None, b"mock:"])
 def test_an_address_that_is_no_string(address):
-    with pytest.raises(DeviceError, match=r'address is a string.*use for example "mock:"'):
+    with pytest.raises(DeviceError, match=r'address must be a string.*use for example "mock:"'):
         open_device(address)
 
 

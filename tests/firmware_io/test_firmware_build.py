@@ -73,7 +73,7 @@ def test_no_call_leaves_the_core(tmp_path):
     }
 
 
-def test_the_sine_table_in_c_is_the_twins():
+def test_the_sine_table_in_c_is_the_references():
     assert (FIRMWARE / "haptix_sine.h").read_text() == c_header()
     table = sine_table()
     assert table[: TURN // 2] == [-value for value in table[TURN // 2 : TURN]]
@@ -102,7 +102,7 @@ def test_the_library_is_built_once(no_cache):
     assert [entry.name for entry in path.parent.iterdir()] == [path.name]
 
 
-def test_without_a_compiler_the_twin_plays(no_cache, monkeypatch):
+def test_without_a_compiler_the_reference_plays(no_cache, monkeypatch):
     monkeypatch.setenv("PATH", str(no_cache))
     monkeypatch.delenv("CC", raising=False)
     assert MockDriver().core == "python"
@@ -127,7 +127,7 @@ def test_the_core_can_be_chosen():
 
 
 @pytest.mark.parametrize("name", ["RAMP_MS", "MIN_WATCHDOG_MS", "PAUSE_MS", "ABSOLUTE_CEILING_MV"])
-def test_the_twin_has_the_constants_of_the_firmware(name):
+def test_the_reference_has_the_constants_of_the_firmware(name):
     header = (FIRMWARE / "haptix_device.h").read_text()
     assert f"#define HX_{name} {getattr(reference_board, name)}u" in header
 

@@ -1,6 +1,6 @@
 """Random, mutated and cut bytes at both ends of the wire: in step again, never above the ceiling.
 
-The same calls go to the firmware in C and to its twin, which must not differ in a single sample or
+The same calls go to the firmware in C and to its reference, which must not differ in a sample or a
 byte. `make -C firmware_io/firmware fuzz` goes deeper into the C with libFuzzer.
 """
 
