@@ -18,9 +18,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from firmware_io import Device, open_device
+from haptix.files import read_json
 from haptix.stimuli import check_manifest
 from haptix.stimuli.audio import read_drive
-from haptix.stimuli.folder import read_json
 
 Show = Callable[[str], None]
 Ask = Callable[[], str]

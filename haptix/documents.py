@@ -1,22 +1,17 @@
-"""Documents: things in the world: validated, frozen, read from TOML, replaced field by field."""
+"""Documents: fingers, screens, scenes and recipes, as validated and frozen tables of a file."""
 
 from __future__ import annotations
 
-import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import tomlkit
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    PlainSerializer,
-    PlainValidator,
-    ValidationError,
-)
+from pydantic import BaseModel, ConfigDict, PlainSerializer, PlainValidator, ValidationError
 from torch import Tensor
 
 from haptix.errors import FileFormatError, InputError
+from haptix.files import json_text, read_json, read_toml, write_whole
 from haptix.units import with_numbers
 
 
@@ -40,10 +35,17 @@ Quantity = Annotated[float | Tensor, PlainValidator(_positive), PlainSerializer(
 """A positive number, or a tensor of one that is to be differentiated through."""
 
 
-class Document(BaseModel):
-    """Base of `Finger` and `Screen`: unknown keys and values out of range are errors."""
+class Part(BaseModel):
+    """A table within a document: unknown keys and values out of range are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Document(Part):
+    """A file of its own: TOML, or JSON where its name ends in ``.json``."""
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """Fields by the names of presets."""
 
     schema_version: Literal[1] = 1
 
@@ -58,23 +60,39 @@ class Document(BaseModel):
         return type(self)(**{**dict(self), **fields})
 
     @classmethod
+    def preset(cls, name: str) -> Self:
+        """Return the document that ships under a name.
+
+        Raises
+        ------
+        InputError
+            If there is no preset of that name.
+        """
+        if name not in cls.presets:
+            raise InputError(
+                f"unknown {cls.__name__.lower()} preset {name!r}: expected one of "
+                f"{', '.join(cls.presets)}"
+            )
+        return cls(name=name, **cls.presets[name])
+
+    @classmethod
+    def named(cls, name: str, folder: Path = Path()) -> Self:
+        """Load the file `name` in `folder` if it ends in ``.toml``, else return a preset."""
+        return cls.load(folder / name) if name.endswith(".toml") else cls.preset(name)
+
+    @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a TOML file; numbers may be strings with units, such as "150 V".
+        """Read a file; numbers may be strings with units, such as "150 V".
 
         Raises
         ------
         FileFormatError
-            If the file is missing, is not TOML, or is of a later schema.
+            If the file is missing, is not TOML or JSON, or is of a later schema.
         InputError
-            If a field is unknown or outside its range.
+            If a field is unknown, missing or outside its range.
         """
         path = Path(path)
-        try:
-            fields = tomllib.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise FileFormatError(f"cannot read {path}: {error.strerror}") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise FileFormatError(f"{path}: expected a TOML file, got: {error}") from None
+        fields = read_json(path) if path.suffix == ".json" else read_toml(path)
         version = fields.get("schema_version", 1)
         if version != 1:
             raise FileFormatError(
@@ -91,17 +109,10 @@ class Document(BaseModel):
         return cls(**fields)
 
     def save(self, path: str | Path) -> None:
-        """Write the profile as TOML that `load` reads back to an equal one."""
+        """Write a file that `load` reads back to an equal document."""
         fields = self.model_dump(mode="json", exclude_none=True)
-        path = Path(path)
-        whole = path.with_name(path.name + ".part")
-        try:
-            whole.write_text(tomlkit.dumps(fields), encoding="utf-8")
-            whole.replace(path)
-        except OSError as error:
-            raise FileFormatError(f"cannot write {path}: {error.strerror}") from None
-        finally:
-            whole.unlink(missing_ok=True)
+        is_json = Path(path).suffix == ".json"
+        write_whole(path, json_text(fields) if is_json else tomlkit.dumps(fields))
 
 
 def _sentence(name: str, error: ValidationError) -> str:
@@ -114,10 +125,3 @@ def _sentence(name: str, error: ValidationError) -> str:
     got = "" if told else f", got {first['input']!r}"
     message = first["msg"].removeprefix("Value error, ")
     return f"{field}: {message[0].lower()}{message[1:]}{got}"
-
-
-def named_preset(kind: str, name: str, presets: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """Look a preset up, or say which exist."""
-    if name not in presets:
-        raise InputError(f"unknown {kind} preset {name!r}: expected one of {', '.join(presets)}")
-    return presets[name]

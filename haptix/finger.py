@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Discriminator,
     Field,
     PositiveFloat,
@@ -16,20 +14,18 @@ from pydantic import (
 from torch import Tensor
 
 from haptix.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum
-from haptix.documents import Document, Quantity, named_preset
+from haptix.documents import Document, Part, Quantity
 from haptix.electro import SkinDielectric
 
 PoissonRatio = Annotated[float, Field(gt=-1, le=0.5)]
 
 
-class Roughness(BaseModel):
+class Roughness(Part):
     """Self-affine roughness with a roll-off: the numbers of `RoughnessSpectrum.self_affine`.
 
     The default has the paper's h_rms 22 um and H = 0.86 and its rms slope of 0.91; the spectrum of
     the paper's finger itself is only printed as a figure, so its band is a stand-in.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     h_rms_m: Quantity = 22e-6
     hurst: Annotated[float, Field(gt=0, le=1)] = 0.86
@@ -52,7 +48,7 @@ class Roughness(BaseModel):
         )
 
 
-class MeasuredRoughness(BaseModel):
+class MeasuredRoughness(Part):
     """A measured spectrum, as `RoughnessSpectrum.from_table` takes it.
 
     Parameters
@@ -62,8 +58,6 @@ class MeasuredRoughness(BaseModel):
     source : str
         Where the numbers come from.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     q_per_m: tuple[float, ...]
     density_m4: tuple[float, ...]
@@ -101,7 +95,9 @@ AnyRoughness = Annotated[
 
 
 class Finger(Document):
-    """One fingertip. Presets and sources: physics page, section 3 (Ayyildiz et al., PNAS 2018).
+    """One fingertip: presets "semi-wet" (the paper's Fig. 3C), "dry" and "wet".
+
+    Sources: physics page, section 3 (Ayyildiz et al., PNAS 2018).
 
     Parameters
     ----------
@@ -124,6 +120,22 @@ class Finger(Document):
         Roughness spectrum, and the skin's permittivity and resistivity.
     """
 
+    presets: ClassVar = {
+        "semi-wet": {"bulk_modulus_pa": 10e3},
+        "dry": {
+            "bulk_modulus_pa": 10e3,
+            "youngs_modulus_pa": 1e9,
+            "poisson_ratio": 0.3,
+            "hardness_pa": 50e6,
+            "frictional_shear_stress_pa": 13e6,
+        },
+        "wet": {
+            "bulk_modulus_pa": 10e3,
+            "youngs_modulus_pa": 10e6,
+            "frictional_shear_stress_pa": 5e6,
+        },
+    }
+
     name: str = "custom"
     youngs_modulus_pa: Quantity = 40e6
     poisson_ratio: PoissonRatio = 0.5
@@ -137,17 +149,6 @@ class Finger(Document):
     response_hz_per_mm_per_s: PositiveFloat = 13.8
     roughness: AnyRoughness = Roughness()
     dielectric: SkinDielectric = SkinDielectric()
-
-    @classmethod
-    def preset(cls, name: str) -> Self:
-        """Return "semi-wet" (the paper's Fig. 3C), "dry" or "wet".
-
-        Raises
-        ------
-        InputError
-            If there is no preset of that name.
-        """
-        return cls(name=name, **named_preset("finger", name, _PRESETS))
 
     def solid(self, layered: bool = True) -> ElasticSolid:
         """Return the elastic solid: the layered skin, or a half-space of the stratum corneum."""
@@ -164,20 +165,3 @@ class Finger(Document):
     def apparent_area_m2(self, normal_force_n: Tensor) -> Tensor:
         """A0 [m^2] at normal forces [N] of any shape."""
         return self.apparent_area_at_1n_m2 * normal_force_n**self.apparent_area_exponent
-
-
-_PRESETS: dict[str, dict[str, Any]] = {
-    "semi-wet": {"bulk_modulus_pa": 10e3},
-    "dry": {
-        "bulk_modulus_pa": 10e3,
-        "youngs_modulus_pa": 1e9,
-        "poisson_ratio": 0.3,
-        "hardness_pa": 50e6,
-        "frictional_shear_stress_pa": 13e6,
-    },
-    "wet": {
-        "bulk_modulus_pa": 10e3,
-        "youngs_modulus_pa": 10e6,
-        "frictional_shear_stress_pa": 5e6,
-    },
-}

@@ -9,16 +9,14 @@ from typing import Annotated, Any, Literal, Self
 
 import torch
 from pydantic import (
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     PositiveFloat,
     field_validator,
     model_validator,
 )
 
-from haptix.documents import Document
+from haptix.documents import Document, Part
 from haptix.errors import FileFormatError, InputError
 from haptix.finger import Finger
 from haptix.friction import ContactModel, FidelityName
@@ -41,12 +39,6 @@ def _low_and_high(value: Any) -> tuple[float, float]:
 
 Range = Annotated[tuple[float, float], BeforeValidator(_low_and_high)]
 """(low, high), both above 0; one number stands for both."""
-
-
-class Part(BaseModel):
-    """A table within a scene: unknown keys and values out of range are errors."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class DirectDrive(Part):
@@ -136,11 +128,11 @@ class Override(Part):
         Whether the surface keeps the axis ``frequency_hz`` or ``h0_m``.
     """
 
-    terms: dict[str, Annotated[bool, Field(strict=True)]] = {}
+    terms: dict[str, Annotated[bool, Field(strict=True)]] = Field(default={})
     fidelity: FidelityName | None = None
     dtype: DtypeName | None = None
     tolerance: Annotated[float, Field(strict=True)] | str | None = None
-    axes: dict[AxisName, Literal["keep", "collapse"]] = {}
+    axes: dict[AxisName, Literal["keep", "collapse"]] = Field(default={})
 
     @field_validator("terms")
     @classmethod
@@ -308,4 +300,4 @@ def _profile(kind: type[Finger] | type[Screen], value: Any, folder: Path) -> Any
         return kind(**value)
     if not isinstance(value, str):
         return value
-    return kind.load(folder / value) if value.endswith(".toml") else kind.preset(value)
+    return kind.named(value, folder)

@@ -7,11 +7,11 @@ import json
 import warnings
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from haptix.documents import Document, named_preset
+from haptix.documents import Document, Part
 
 Plain = Annotated[float, Field(gt=0, strict=True)]
 Permittivity = Annotated[float, Field(ge=1)]
@@ -25,7 +25,7 @@ class CalibrationWarning(UserWarning):
     """A screen's profile is a placeholder, failed its verification, is old or was edited."""
 
 
-class Calibration(BaseModel):
+class Calibration(Part):
     """Where a calibrated profile comes from.
 
     Parameters
@@ -46,19 +46,19 @@ class Calibration(BaseModel):
         SHA-256 of the profile as it was written; another one means that somebody has edited it.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
     date: date
     operator: str = ""
     instruments: tuple[str, ...] = ()
     verdict: Literal["passed", "failed"]
-    spread: dict[str, float] = {}
+    spread: dict[str, float] = Field(default={})
     rests_on: tuple[str, ...] = ()
     content_hash: str = ""
 
 
 class Screen(Document):
-    """One touchscreen. Presets from the paper; a calibration writes a profile of its own.
+    """One touchscreen. A calibration writes a profile of its own.
+
+    The preset "3m-sct3250" is the screen of the paper (1 um of SiO2, eps1 = 8).
 
     Parameters
     ----------
@@ -78,6 +78,8 @@ class Screen(Document):
         Where the numbers come from, for a profile that a calibration has written.
     """
 
+    presets: ClassVar = {"3m-sct3250": {}}
+
     name: str = "custom"
     insulator_thickness_m: Plain = 1e-6
     insulator_permittivity: Permittivity = 8.0
@@ -86,17 +88,6 @@ class Screen(Document):
     max_voltage_v: Plain = 200.0
     is_placeholder: bool = False
     calibration: Calibration | None = None
-
-    @classmethod
-    def preset(cls, name: str) -> Self:
-        """Return "3m-sct3250", the screen of the paper (1 um of SiO2, eps1 = 8).
-
-        Raises
-        ------
-        InputError
-            If there is no preset of that name.
-        """
-        return cls(name=name, **named_preset("screen", name, _PRESETS))
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -142,6 +133,3 @@ class Screen(Document):
     def h0_m(self) -> float:
         """Effective thickness d1/eps1 of the screen's insulator [m]."""
         return self.insulator_thickness_m / self.insulator_permittivity
-
-
-_PRESETS: dict[str, dict[str, Any]] = {"3m-sct3250": {}}

@@ -10,6 +10,8 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+import platformdirs
+
 from firmware_io.errors import DeviceError
 
 SOURCE_DIR = Path(__file__).parent
@@ -72,8 +74,7 @@ def _key(compiler: list[str]) -> str:
 
 
 def _cache_dir() -> Path:
-    base = os.environ.get("XDG_CACHE_HOME")
-    path = (Path(base) if base else Path.home() / ".cache") / "haptix"
+    path = platformdirs.user_cache_path("haptix", appauthor=False)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from haptix.cli.output import AsJson, show
+from haptix.terminal import AsJson, show
 
 
 def export(

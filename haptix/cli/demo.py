@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from haptix.cli.output import AsJson, progress_bar, show
+from haptix.terminal import AsJson, progress_bar, show
 
 _STAGES = {
     "surface": "solve the contact, build the surface",

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from haptix.cli.output import AsJson, progress_bar, show
+from haptix.terminal import AsJson, progress_bar, show
 
 _STAGES = {
     "model": "solve the model for every figure",

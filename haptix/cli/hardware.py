@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from haptix.cli.output import AsJson, show
+from haptix.terminal import AsJson, show
 
 
 def devices(as_json: AsJson = False) -> None:
@@ -114,7 +114,7 @@ def _check_torch() -> dict[str, Any]:
 def _check_cache() -> dict[str, Any]:
     import os
 
-    from haptix.surface.cache import cache_folder
+    from haptix.files import cache_folder
 
     folder = cache_folder()
     there = folder

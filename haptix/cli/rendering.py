@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptix.cli.output import AsJson, progress_bar, show, stand_ins
+from haptix.terminal import AsJson, placeholder_note, progress_bar, show
 
 if TYPE_CHECKING:
     from haptix.friction import ContactModel
@@ -89,7 +89,7 @@ def render(
             "photograph": job.photograph,
             "finger": finger,
             "screen": screen,
-            "stand_ins": job.model.placeholders(),
+            "placeholder_note": job.model.placeholders(),
             "surface_key": found.info["key"],
             "touch_hz": touch_hz,
             "touch_latency_ms": touch_latency_ms,
@@ -98,7 +98,7 @@ def render(
         write(out, rehearsal, job.texture, about)
     summary = summary_of(rehearsal)
     title = f"haptix render: outputs in {out}; {finger} finger on {screen}"
-    title += stand_ins(job.model.placeholders())
+    title += placeholder_note(job.model.placeholders())
     show(title, [summary] if as_json else _rows(summary), as_json)
 
 
@@ -184,7 +184,7 @@ class _Job:
         wanted = None if mu_range is None else read_pair("mu-range", mu_range)
         self.photograph = str(image or "scikit-image brick (CC0)")
         self.texture: FrictionField = _texture(image, width_mm, wanted)
-        self.model: ContactModel = ContactModel(_profile(Finger, finger), _profile(Screen, screen))
+        self.model: ContactModel = ContactModel(Finger.named(finger), Screen.named(screen))
 
     def surface(
         self, file: Path | None, carrier_hz: float | None, direct_hz: float | None, on_progress: Any
@@ -223,10 +223,6 @@ def _texture(
             f"--image: {image} has no {Sidecar.path_for(image).name} beside it; give --width-mm"
         )
     return Texture.load(image)
-
-
-def _profile(kind: Any, name: str) -> Any:
-    return kind.load(name) if name.endswith(".toml") else kind.preset(name)
 
 
 def _drive(carrier_hz: float | None, direct_hz: float | None, waveform: str) -> Drive | None:

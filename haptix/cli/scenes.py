@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptix.cli.output import AsJson, progress_bar, show
+from haptix.terminal import AsJson, progress_bar, show
 
 if TYPE_CHECKING:
     from haptix.planning import Plan

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from haptix.cli.output import AsJson, progress_bar, show
+from haptix.terminal import AsJson, progress_bar, show
 
 app = typer.Typer(
     help="Stimuli for perception experiments: make sets, look at them, run trials.",
@@ -57,7 +57,7 @@ def look(
 ) -> None:
     """Draw a stimulus (waveform, spectrum, friction, thresholds, audibility), or check a set."""
     from haptix.errors import InputError
-    from haptix.stimuli.folder import read_json, write_whole
+    from haptix.files import read_json, write_whole
 
     if what.is_dir():
         from haptix.stimuli.making import check_manifest
@@ -77,11 +77,7 @@ def look(
     from haptix.stimuli.drawing import draw_stimulus
 
     picture = what.with_suffix(".png") if out is None else out
-    data = draw_stimulus(what)
-    try:
-        write_whole(picture, data)
-    except OSError as error:
-        raise InputError(f"cannot write {picture}: {error.strerror}") from None
+    write_whole(picture, draw_stimulus(what))
     table = read_json(what.with_suffix(".json"))
     show(f"picture: {picture}", [table if as_json else _row(table)], as_json)
 

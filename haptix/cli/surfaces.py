@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptix.cli.output import AsJson, progress_bar, show, stand_ins
+from haptix.terminal import AsJson, placeholder_note, progress_bar, show
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -152,7 +152,7 @@ def build(
             raise typer.Exit(3) from None
         surface = error.best
     surface.save(target)
-    title = f"friction surface{stand_ins(surface.info['model']['placeholders'])}"
+    title = f"friction surface{placeholder_note(surface.info['model']['placeholders'])}"
     show(title, [_summary(target, surface)], as_json)
 
 
@@ -208,7 +208,7 @@ def query(
             )
         sample, doubts = table.evaluate(**inputs), table.info["model"]["placeholders"]
         outputs, status = {"mu": sample.mu}, sample.status
-    show(f"friction{stand_ins(doubts)}", _rows(inputs, outputs, status), as_json)
+    show(f"friction{placeholder_note(doubts)}", _rows(inputs, outputs, status), as_json)
 
 
 def invert(
@@ -231,7 +231,7 @@ def invert(
     table = FrictionSurface.load(surface)
     found = table.voltage(wanted, force, frequency, h0)
     inputs = {"mu": wanted, "normal_force_n": force, "frequency_hz": frequency, "h0_m": h0}
-    title = f"voltage{stand_ins(table.info['model']['placeholders'])}"
+    title = f"voltage{placeholder_note(table.info['model']['placeholders'])}"
     show(title, _rows(inputs, {"voltage_v": found.voltage_v}, found.status), as_json)
 
 
@@ -352,8 +352,8 @@ def _model(
     from haptix.screen import Screen
 
     return ContactModel(
-        Finger.load(finger) if finger.endswith(".toml") else Finger.preset(finger),
-        Screen.load(screen) if screen.endswith(".toml") else Screen.preset(screen),
+        Finger.named(finger),
+        Screen.named(screen),
         fidelity=fidelity,  # type: ignore[arg-type]  # checked by the model
         theory=theory,
         terms=dict.fromkeys(with_terms or [], True) | dict.fromkeys(without_terms or [], False),

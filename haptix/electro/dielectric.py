@@ -6,14 +6,16 @@ from typing import Annotated, Self
 
 import numpy as np
 import torch
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, model_validator
+from pydantic import Field, PositiveFloat, model_validator
 from torch import Tensor
+
+from haptix.documents import Part
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12
 """eps0 [F/m], CODATA 2018."""
 
 
-class SkinDielectric(BaseModel):
+class SkinDielectric(Part):
     """Permittivity and resistivity of the stratum corneum against frequency.
 
     ``eps2(w) = eps_SC + i / (w eps0 rho_SC)`` (paper, Eq. 4), log-log interpolated; beyond its ends
@@ -31,8 +33,6 @@ class SkinDielectric(BaseModel):
     source : str
         Where the numbers come from.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     frequency_hz: tuple[PositiveFloat, ...] = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6)
     permittivity: tuple[PositiveFloat, ...] = (1e4, 3e3, 1.5e3, 1e3, 6e2, 3e2)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
+from typing import Any
 
 from haptix.errors import InputError
 from haptix.figures.area_against_frequency import area_against_frequency
@@ -20,6 +18,7 @@ from haptix.figures.friction_against_force import friction_against_force
 from haptix.figures.friction_in_time import friction_in_time
 from haptix.figures.gap_distributions import gap_distributions
 from haptix.figures.roughness_spectra import roughness_spectra
+from haptix.files import check_folder, csv_text, json_text, write_folder
 from haptix.version import __version__
 
 Progress = Callable[[str, float], None]
@@ -72,24 +71,19 @@ def write_figures(
         If the folder cannot be used or a figure is unknown; nothing is computed then.
     """
     chosen = _chosen(names)
-    written = [folder / f"{name}{end}" for name in chosen for end in (".png", ".csv")]
-    _check(folder, [*written, folder / CAPTIONS])
+    names_of_files = [f"{name}{end}" for name in chosen for end in (".png", ".csv")]
+    check_folder(folder, [*names_of_files, CAPTIONS])
     figures = []
     for number, name in enumerate(chosen, start=1):
         figures.append(FIGURES[name]())
         on_progress("model", number / len(chosen))
-    files: dict[str, bytes] = {}
+    files: dict[str, bytes | str] = {}
     for number, data in enumerate(figures, start=1):
         files[f"{data.name}.png"] = png(data)
-        files[f"{data.name}.csv"] = table(data).encode("utf-8")
+        files[f"{data.name}.csv"] = table(data)
         on_progress("draw", number / len(figures))
-    files[CAPTIONS] = (_captions(figures)).encode("utf-8")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, content in files.items():
-            _replace(folder / name, content)
-    except OSError as error:
-        raise InputError(f"--out: cannot write into {folder}: {error.strerror}") from None
+    files[CAPTIONS] = json_text(_captions(figures))
+    write_folder(folder, files)
     on_progress("write", 1.0)
     return tuple(
         Written(data, folder / f"{data.name}.png", folder / f"{data.name}.csv") for data in figures
@@ -101,16 +95,14 @@ def table(data: FigureData) -> str:
 
     It carries no comment lines, which spreadsheets would take for data.
     """
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(data.columns)
-    for row in zip(*data.columns.values(), strict=True):
-        rows.writerow("" if isnan(value) else f"{value:.10g}" for value in row)
-    return text.getvalue()
+    rows = zip(*data.columns.values(), strict=True)
+    return csv_text(
+        data.columns, ((None if isnan(value) else value for value in row) for row in rows), 10
+    )
 
 
-def _captions(figures: list[FigureData]) -> str:
-    content = {
+def _captions(figures: list[FigureData]) -> dict[str, Any]:
+    return {
         "haptix": __version__,
         "figures": {
             data.name: {
@@ -123,7 +115,6 @@ def _captions(figures: list[FigureData]) -> str:
             for data in figures
         },
     }
-    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 
 def _chosen(names: Sequence[str]) -> list[str]:
@@ -135,25 +126,3 @@ def _chosen(names: Sequence[str]) -> list[str]:
             f"expected some of {', '.join(name.removeprefix('fig') for name in FIGURES)}"
         )
     return [name for name in FIGURES if name in found or not names]
-
-
-def _check(folder: Path, files: list[Path]) -> None:
-    """Refuse what is no folder, before the work."""
-    for above in (folder, *folder.parents):
-        if above.exists():
-            if not above.is_dir():
-                raise InputError(f"--out: {above} is a file; name a folder")
-            break
-    for file in files:
-        if file.is_dir():
-            raise InputError(f"--out: {file} is a folder where a file goes; name another --out")
-
-
-def _replace(file: Path, content: bytes) -> None:
-    """Write whole or not at all: a figure that is open elsewhere is never half a file."""
-    part = file.with_name(file.name + ".part")
-    try:
-        part.write_bytes(content)
-        part.replace(file)
-    finally:
-        part.unlink(missing_ok=True)

@@ -15,10 +15,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from haptix.errors import FileFormatError
+from haptix.files import read_json
 from haptix.perception import Perception, components_of_pull
 from haptix.render.drive import SineCarrier
 from haptix.stimuli.audio import read_drive
-from haptix.stimuli.folder import read_json
 
 Array = npt.NDArray[np.float64]
 
@@ -102,8 +102,8 @@ def draw_stimulus(path: str | Path, perception: Perception | None = None) -> byt
     return _png(figure)
 
 
-def contact_sheet(name: str, folder: Path, sidecars: Sequence[dict[str, Any]]) -> bytes:
-    """PNG of a set: the amplitude and the predicted friction of every stimulus."""
+def contact_sheet(name: str, files: Sequence[Path], sidecars: Sequence[dict[str, Any]]) -> bytes:
+    """PNG of a set: the amplitude and the predicted friction of every stimulus file."""
     known = Perception.default()
     shown = sidecars[:_MOST_ON_SHEET]
     columns = min(4, len(shown))
@@ -120,7 +120,7 @@ def contact_sheet(name: str, folder: Path, sidecars: Sequence[dict[str, Any]]) -
         one.set_visible(False)
     for index, table in enumerate(shown):
         at = axes.flat[index]
-        _friction(at, read_for_drawing(folder / table["file"], 3.0), known, labels=False)
+        _friction(at, read_for_drawing(files[index], 3.0), known, labels=False)
         flag = ", audible" if table["audibility"]["audible"] else ""
         at.set_title(f"{table['name']} on {table['screen']}\n{table['peak_v']:.0f} V{flag}",
                      fontsize=8)  # fmt: skip

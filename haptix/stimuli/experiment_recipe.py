@@ -18,7 +18,6 @@ from haptix.screen import Screen
 from haptix.stimuli.adaptive import ConstantStimuli, Method, Presentation, Quest, UpDown
 from haptix.stimuli.algebra import Product
 from haptix.stimuli.apparatus import Apparatus
-from haptix.stimuli.recipe import profile_named
 from haptix.stimuli.rendering import Rendering
 from haptix.stimuli.response import Response
 from haptix.stimuli.signal import Array, Constant, Signal, signal_from
@@ -87,8 +86,8 @@ class ExperimentRecipe(Document):
     def presentation(self, sample_rate_hz: float) -> Presentation:
         """Build the surface, and make what turns a level into volts."""
         stimulus = stimulus_from("target", self.stimulus)
-        finger = profile_named(Finger, self.finger, self.folder)
-        screen = profile_named(Screen, self.screen, self.folder)
+        finger = Finger.named(self.finger, self.folder)
+        screen = Screen.named(self.screen, self.folder)
         apparatus = Apparatus.build(finger, screen, [stimulus], self.ceiling_v)
         response, _ = apparatus.responses(stimulus)
         pedestal = None if self.pedestal is None else signal_from(self.pedestal, "pedestal")

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from haptix.errors import FileFormatError, InputError, LimitError, RangeError
+from haptix.files import json_text, publish, read_json
 from haptix.stimuli.apparatus import TOLERANCE, Apparatus
 from haptix.stimuli.audio import file_hash, step_v
 from haptix.stimuli.drawing import contact_sheet
-from haptix.stimuli.folder import as_json, read_json, write_whole
 from haptix.stimuli.play import write_drive
 from haptix.stimuli.rendering import Rendering
 from haptix.stimuli.sidecar import reach, sidecar
@@ -132,7 +132,7 @@ class Job:
             "recipe_sha256": recipe,
         }
         draft.replace(self.drafts / name)
-        write_whole(self.drafts / _beside(name), as_json(table))
+        (self.drafts / _beside(name)).write_text(json_text(table), encoding="utf-8")
         return table
 
     def _recipe(self, apparatus: Apparatus, stimulus: Stimulus, index: int) -> str:
@@ -166,26 +166,27 @@ class Job:
                 return table
         return None
 
+    def _place(self, name: str) -> Path:
+        """Path of a finished file: a draft, or published by an earlier run."""
+        draft = self.drafts / name
+        return draft if draft.exists() else self.folder / name
+
     def _publish(self, found: list[dict[str, Any]]) -> SetResult:
         parts = self.parts
         self.on_progress("write", 0.0)
-        # A manifest is there when all that it lists is.
-        (self.folder / "manifest.json").unlink(missing_ok=True)
         files = [str(table["file"]) for table in found]
-        for name in files:
-            for one in (name, _beside(name)):
-                if (self.drafts / one).exists():
-                    (self.drafts / one).replace(self.folder / one)
-        others: dict[str, bytes] = {"profiles.json": as_json(self.profiles)}
+        places = {name: self._place(name) for one in files for name in (one, _beside(one))}
+        others: dict[str, bytes] = {"profiles.json": json_text(self.profiles).encode()}
         for number, screen in enumerate(parts.screens):
             first = number * len(parts.stimuli)
             on_screen = files[first : first + len(parts.stimuli)]
             table, columns = events(parts.stimuli, on_screen, parts.trials)
             others[f"events{parts.suffix(screen)}.tsv"] = table.encode()
-            others[f"events{parts.suffix(screen)}.json"] = as_json(columns)
-        others["sheet.png"] = contact_sheet(parts.name, self.folder, found)
+            others[f"events{parts.suffix(screen)}.json"] = json_text(columns).encode()
+        others["sheet.png"] = contact_sheet(parts.name, [places[name] for name in files], found)
         for name, data in others.items():
-            write_whole(self.folder / name, data)
+            places[name] = self.drafts / name
+            places[name].write_bytes(data)
         manifest = {
             "haptix": __version__,
             "set": parts.name,
@@ -196,14 +197,19 @@ class Job:
                 "seed": parts.trials.seed,
             },
             "files": {
-                name: {
-                    "sha256": file_hash(self.folder / name),
-                    "bytes": (self.folder / name).stat().st_size,
-                }
-                for name in sorted([*files, *map(_beside, files), *others])
+                name: {"sha256": file_hash(places[name]), "bytes": places[name].stat().st_size}
+                for name in sorted(places)
             },
         }
-        write_whole(self.folder / "manifest.json", as_json(manifest))
+        places["manifest.json"] = self.drafts / "manifest.json"
+        places["manifest.json"].write_text(json_text(manifest), encoding="utf-8")
+        publish(
+            {
+                draft: self.folder / name
+                for name, draft in places.items()
+                if draft.parent == self.drafts
+            }
+        )
         shutil.rmtree(self.drafts, ignore_errors=True)
         self.on_progress("write", 1.0)
         return SetResult(self.folder, tuple(found), manifest, self.reused)

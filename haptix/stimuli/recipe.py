@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, model_validator
+from pydantic import Field, PositiveFloat, model_validator
 
-from haptix.documents import Document
+from haptix.documents import Document, Part
 from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.perception import Perception
@@ -26,13 +26,6 @@ from haptix.stimuli.stimulus_set import StimulusSet
 from haptix.stimuli.trials import TrialPlan
 
 Table = dict[str, Any]
-P = TypeVar("P", Finger, Screen)
-
-
-class Part(BaseModel):
-    """A table within a recipe: unknown keys and values out of range are errors."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class FactorialDesign(Part):
@@ -92,7 +85,7 @@ class EqualFrictionDesign(Part):
     kind: Literal["equal-friction"]
     name: str
     base: Table
-    factors: dict[str, list[Any]] = {}
+    factors: dict[str, list[Any]] = Field(default={})
 
     def stimuli(self, known: Perception) -> list[Stimulus]:
         """Make them."""
@@ -191,7 +184,7 @@ class Recipe(Document):
         found = [
             stimulus_from(name, self._with_folder(table)) for name, table in self.stimuli.items()
         ]
-        screens = tuple(profile_named(Screen, name, self.folder) for name in self.screens)
+        screens = tuple(Screen.named(name, self.folder) for name in self.screens)
         for design in self.designs:
             try:
                 made = design.stimuli(known)
@@ -200,7 +193,7 @@ class Recipe(Document):
             if design.kind == "equal-friction":
                 equal_friction(made, screens)
             found += made
-        one = profile_named(Finger, self.finger, self.folder)
+        one = Finger.named(self.finger, self.folder)
         finger: Finger | Population = one
         if self.population is not None:
             finger = Population.around(
@@ -223,8 +216,3 @@ class Recipe(Document):
         if inner.get("kind") == "recorded" and isinstance(inner.get("file"), str):
             inner["file"] = str(self.folder / inner["file"])
         return inner
-
-
-def profile_named(kind: type[P], name: str, folder: Path) -> P:
-    """Look a preset up, or read a TOML file relative to a folder."""
-    return kind.load(folder / name) if name.endswith(".toml") else kind.preset(name)

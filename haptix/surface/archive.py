@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from secrets import token_hex
 from typing import TYPE_CHECKING
 
-from haptix.errors import FileFormatError, HaptixError
+from haptix.errors import HaptixError
+from haptix.files import write_whole
 from haptix.surface.surface import FrictionSurface
 
 if TYPE_CHECKING:
@@ -53,16 +53,7 @@ def export_netcdf(surface: FrictionSurface, path: Path) -> None:
     encoding = {str(name): {"_FillValue": None} for name in dataset.variables}
     # Made in memory, since HDF5 does not raise when a disk is full.
     data = dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
-    part = path.with_name(f"{path.name}.{token_hex(8)}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            part.write_bytes(data)
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
-    except OSError as error:
-        raise FileFormatError(f"cannot write {path}: {error.strerror}") from None
+    write_whole(path, data)
 
 
 def _dataset(surface: FrictionSurface) -> xarray.Dataset:

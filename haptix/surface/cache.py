@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 from haptix.errors import FileFormatError
+from haptix.files import cache_folder
 from haptix.friction import ContactModel
 from haptix.surface.identity import surface_key
 from haptix.surface.surface import FrictionSurface
 from haptix.surface.tolerance import Tolerance
-
-
-def cache_folder() -> Path:
-    """Return ``$HAPTIX_CACHE``, or ``haptix`` in the user's cache folder."""
-    chosen = os.environ.get("HAPTIX_CACHE")
-    if chosen:
-        return Path(chosen).expanduser()
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "haptix"
 
 
 def cached_surface(
@@ -41,6 +32,6 @@ def cached_surface(
         if surface.info.get("key") == key:
             return surface, True
     surface = FrictionSurface.build(model, scene, tolerance, on_progress)
-    with suppress(FileFormatError, OSError):
+    with suppress(FileFormatError):
         surface.save(path)
     return surface, False

@@ -5,10 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import secrets
 import zlib
 from collections.abc import Mapping
-from contextlib import suppress
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -19,6 +17,7 @@ from safetensors.torch import save as to_bytes
 from torch import Tensor
 
 from haptix.errors import FileFormatError
+from haptix.files import write_whole
 from haptix.friction import ContactModel
 from haptix.surface.axes import Axis
 from haptix.surface.identity import model_hash
@@ -53,7 +52,7 @@ _SCHEMA = {
 
 
 def save_surface(surface: FrictionSurface, path: Path) -> None:
-    """Write to a temporary file beside `path`, then move it there."""
+    """Write a surface, whole or not at all."""
     table = surface.table
     tensors = {axis.name: axis.nodes for axis in table.axes}
     tensors |= {"drive": table.drive, "columns": table.columns}
@@ -68,18 +67,7 @@ def save_surface(surface: FrictionSurface, path: Path) -> None:
     }
     header["sha256"] = _digest(header)
     data = to_bytes(tensors, metadata={"haptix": json.dumps(header, sort_keys=True)})
-    # Not tempfile's, which nobody but its owner may read; two processes have two names.
-    part = path.with_name(f"{path.name}.{os.getpid()}.{secrets.token_hex(4)}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with part.open("xb") as file:
-            file.write(data)
-        part.replace(path)
-    except OSError as error:
-        raise FileFormatError(f"cannot write {path}: {error.strerror}") from None
-    finally:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
+    write_whole(path, data)
 
 
 def load_surface(path: Path, model: ContactModel | None = None) -> FrictionSurface:

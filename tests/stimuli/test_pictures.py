@@ -49,7 +49,8 @@ def test_pictures_are_drawn(made, tmp_path):
         assert picture.shape[0] > 600 and picture.std() > 10
     sheet = (one.folder / "sheet.png").read_bytes()
     assert imread(one.folder / "sheet.png").std() > 10
-    assert contact_sheet("one", one.folder, one.sidecars) == sheet  # equal inputs, equal bytes
+    files = [one.folder / table["file"] for table in one.sidecars]
+    assert contact_sheet("one", files, one.sidecars) == sheet  # equal inputs, equal bytes
 
 
 def test_files_without_a_sidecar_are_refused(made, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import zipfile
 from collections.abc import Callable
@@ -13,6 +14,7 @@ import torch
 from torch import Tensor
 
 from haptix.errors import FileFormatError
+from haptix.files import write_whole
 from haptix.threads import one_thread
 
 Row = dict[str, Tensor]
@@ -120,7 +122,6 @@ def _load(path: Path, fingerprint: str) -> dict[int, Row]:
 def _save(path: Path, fingerprint: str, done: dict[int, Row]) -> None:
     arrays = {f"{job} {name}": v.numpy() for job, row in done.items() for name, v in row.items()}
     arrays[_FINGERPRINT] = np.array(fingerprint)
-    partial = path.with_name(path.name + ".partial")
-    with partial.open("wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)
-    partial.replace(path)
+    file = io.BytesIO()
+    np.savez(file, allow_pickle=False, **arrays)
+    write_whole(path, file.getvalue())

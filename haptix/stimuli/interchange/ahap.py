@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from haptix.errors import FileFormatError, InputError
-from haptix.stimuli.folder import as_json, read_json, write_whole
+from haptix.files import json_text, read_json, write_whole
 from haptix.stimuli.signal import Signal, number
 from haptix.stimuli.waves import Points
 
@@ -109,10 +109,7 @@ def write_ahap(
         },
         "Pattern": pattern,
     }
-    try:
-        write_whole(Path(path), as_json(table))
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}") from None
+    write_whole(path, json_text(table))
     return lost
 
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from haptix.errors import FileFormatError, InputError, check_positive
-from haptix.stimuli.folder import as_json, read_json, write_whole
+from haptix.files import json_text, read_json, write_folder
 
 Array = npt.NDArray[np.float64]
 MapQuantity = Literal["mu", "contrast"]
@@ -62,25 +62,22 @@ class FrictionMap:
         low, high = float(self.values.min()), float(self.values.max())
         span = high - low
         level = (self.values - low) / span if span else np.zeros_like(self.values)
-        try:
-            file = io.BytesIO()
-            Image.fromarray(np.rint(level * _WHITE).astype(np.uint16)).save(file, "png")
-            picture = file.getvalue()
-            write_whole(path, picture)
-            table = {
-                "what": "friction map",
-                "quantity": self.quantity,
-                "value": "black_is + grey / 65535 * (white_is - black_is)",
-                "black_is": low,
-                "white_is": high,
-                "width_mm": self.width_mm,
-                "orientation": "x to the right, y downwards",
-                "lost": f"rounding to 16 bits: at most {self.step / 2:.3g} in {self.quantity}",
-                "sha256": hashlib.sha256(picture).hexdigest(),
-            }
-            write_whole(path.with_suffix(".json"), as_json(table))
-        except OSError as error:
-            raise InputError(f"cannot write {path}: {error.strerror}") from None
+        file = io.BytesIO()
+        Image.fromarray(np.rint(level * _WHITE).astype(np.uint16)).save(file, "png")
+        picture = file.getvalue()
+        table = {
+            "what": "friction map",
+            "quantity": self.quantity,
+            "value": "black_is + grey / 65535 * (white_is - black_is)",
+            "black_is": low,
+            "white_is": high,
+            "width_mm": self.width_mm,
+            "orientation": "x to the right, y downwards",
+            "lost": f"rounding to 16 bits: at most {self.step / 2:.3g} in {self.quantity}",
+            "sha256": hashlib.sha256(picture).hexdigest(),
+        }
+        sidecar = path.with_suffix(".json").name
+        write_folder(path.parent, {path.name: picture, sidecar: json_text(table)})
 
     @classmethod
     def load(cls, path: str | Path) -> FrictionMap:

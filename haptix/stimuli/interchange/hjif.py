@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from haptix.errors import FileFormatError, InputError
-from haptix.stimuli.folder import as_json, read_json, write_whole
+from haptix.files import json_text, read_json, write_whole
 from haptix.stimuli.space import Relief
 from haptix.stimuli.speed import SpeedProfile
 from haptix.stimuli.waves import demand_corners
@@ -114,10 +114,7 @@ def write_hjif(
         "perceptions": [perception],
         "syncs": [],
     }
-    try:
-        write_whole(Path(path), as_json(table))
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}") from None
+    write_whole(path, json_text(table))
     return {
         "lost": "volts, force, speed and carrier; friction is straight between corners",
         "largest_shift_mm": max(abs(a * unit_mm - b) for a, b in zip(whole, places, strict=True)),

@@ -39,8 +39,8 @@ def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
     Console().print(table)
 
 
-def stand_ins(placeholders: Sequence[str]) -> str:
-    """What a title says of inputs that were not measured."""
+def placeholder_note(placeholders: Sequence[str]) -> str:
+    """Return what a title says about inputs that were not measured."""
     return f", with stand-ins for {' and '.join(placeholders)}" if placeholders else ""
 
 

@@ -1,0 +1,108 @@
+"""Checks of arguments: each returns the value, or raises an `InputError` that names it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import suppress
+from math import inf, isfinite, isnan
+from numbers import Real
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.errors import InputError
+
+Array = npt.NDArray[np.float64]
+Choice = TypeVar("Choice")
+
+
+def number(
+    name: str, value: Any, least: float = -inf, *, above: float = -inf, open_end: bool = False
+) -> float:
+    """Check a number, which may be an array or a tensor of one.
+
+    Parameters
+    ----------
+    name : str
+        What it is called.
+    value : float
+        A truth value is no number.
+    least, above : float
+        Smallest value, or the value that it must exceed.
+    open_end : bool
+        Whether it may be infinite.
+
+    Raises
+    ------
+    InputError
+        If it is none, or out of that range.
+    """
+    found = _plain(value)
+    good = found is not None and found >= least and (found > above or above == -inf)
+    if found is None or not good or isnan(found) or not (open_end or isfinite(found)):
+        bound = f" above {above:g}" if above > -inf else f" of at least {least:g}"
+        raise InputError(
+            f"{name}: expected a {'' if open_end else 'finite '}number"
+            f"{bound if max(above, least) > -inf else ''}, "
+            f"got {f'{value!r:.80}' if found is None else f'{found:g}'}"
+        )
+    return found
+
+
+def _plain(value: Any) -> float | None:
+    """Return a real number as a float, and None for anything else."""
+    with suppress(AttributeError, ValueError, RuntimeError):  # not an array or tensor of one
+        value = value.item()
+    return float(value) if isinstance(value, Real) and not isinstance(value, bool) else None
+
+
+def positive(name: str, value: Any, *, open_end: bool = False) -> float:
+    """Check a number above 0; see `number`."""
+    return number(name, value, above=0.0, open_end=open_end)
+
+
+def whole(name: str, value: Any, least: int = 0) -> int:
+    """Check an integer of at least `least`."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise InputError(f"{name}: expected a whole number from {least}, got {value!r:.80}")
+    return int(value)
+
+
+def choice(name: str, value: Choice, known: Iterable[Choice]) -> Choice:
+    """Check that a value is one of those `known`."""
+    options = list(known)
+    if value not in options:
+        raise InputError(
+            f"{name}: expected one of {', '.join(map(str, options))}, got {value!r:.80}"
+        )
+    return value
+
+
+def row(name: str, values: Any, least_count: int = 1) -> Array:
+    """Return finite numbers as an array of shape (count,), with `least_count` of them or more."""
+    try:
+        found = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: expected numbers, got {values!r:.80}") from None
+    if found.ndim != 1 or len(found) < least_count:
+        raise InputError(
+            f"{name}: expected a row of at least {least_count} numbers, got shape {found.shape}"
+        )
+    bad = ~np.isfinite(found)
+    if bad.any():
+        at = int(bad.argmax())
+        raise InputError(f"{name}: expected finite numbers, but number {at + 1} is {found[at]:g}")
+    return found
+
+
+def increasing(name: str, values: Any, least_count: int = 1) -> Array:
+    """Return a `row` in which every number exceeds the one before."""
+    found = row(name, values, least_count)
+    late = np.diff(found) <= 0
+    if late.any():
+        at = int(late.argmax())
+        raise InputError(
+            f"{name}: expected increasing numbers, but {found[at + 1]:g} follows {found[at]:g}"
+        )
+    return found

@@ -1,0 +1,298 @@
+"""Files: written whole or not at all, read with a sentence about what is wrong."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from secrets import token_hex
+from typing import Any
+
+import platformdirs
+
+from haptix.errors import FileFormatError, InputError
+
+Content = bytes | memoryview | str | Callable[[Path], object]
+"""What a file holds: bytes, text, or a function that writes it to the path that it is given."""
+
+
+def write_whole(path: str | Path, content: Content) -> None:
+    """Write a file, or leave what was there before. Missing folders are made.
+
+    The content goes to a temporary name beside `path`, onto the disk, and only then gets its name.
+
+    Raises
+    ------
+    FileFormatError
+        If it cannot be written.
+    """
+    path = Path(path)
+    try:
+        _write({path: content})
+    except OSError as error:
+        raise FileFormatError(f"cannot write {path}: {error.strerror or error}") from None
+
+
+def write_folder(folder: Path, files: Mapping[str, Content]) -> list[Path]:
+    """Write a set of files into a folder, which is made if needed, and return their paths.
+
+    All of them are on the disk before the first gets its name. The last one is the manifest: where
+    it exists, all others are of the same set. Other files in the folder stay as they are.
+
+    Raises
+    ------
+    InputError
+        If they cannot be written.
+    """
+    targets = {folder / name: content for name, content in files.items()}
+    try:
+        _write(targets)
+    except OSError as error:
+        raise InputError(f"cannot write to {folder}: {error.strerror or error}") from None
+    return list(targets)
+
+
+def _write(files: Mapping[Path, Content]) -> None:
+    drafts = {path: path.with_name(f".{path.name}.{token_hex(8)}.part") for path in files}
+    try:
+        for path, draft in drafts.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _fill(draft, files[path])
+        publish({draft: path for path, draft in drafts.items()})
+    finally:
+        for draft in drafts.values():
+            with suppress(OSError):
+                draft.unlink(missing_ok=True)
+
+
+def _fill(draft: Path, content: Content) -> None:
+    if callable(content):
+        content(draft)
+    elif isinstance(content, str):
+        draft.write_text(content, encoding="utf-8", newline="")
+    else:
+        draft.write_bytes(content)
+
+
+def publish(drafts: Mapping[Path, Path]) -> None:
+    """Give finished drafts their final names; the last one is the manifest of the others.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be synced or renamed.
+    """
+    for draft in drafts:
+        _sync(draft)
+    *others, (draft, manifest) = drafts.items()
+    if others:
+        # An old manifest would list files of the new set.
+        manifest.unlink(missing_ok=True)
+        for other, target in others:
+            other.replace(target)
+        _sync_folders(target for _, target in others)
+    draft.replace(manifest)
+    _sync_folders([manifest])
+
+
+def _sync(path: Path) -> None:
+    opened = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(opened)
+    finally:
+        os.close(opened)
+
+
+def _sync_folders(files: Iterable[Path]) -> None:
+    for folder in {file.parent for file in files}:
+        with suppress(OSError):  # some file systems sync files only
+            _sync(folder)
+
+
+def check_folder(folder: Path, names: Iterable[str]) -> None:
+    """Refuse, before the work, a folder into which `names` cannot be written.
+
+    Raises
+    ------
+    InputError
+        If the folder is a file, or one of the files is a folder.
+    """
+    there = next(above for above in (folder, *folder.parents) if above.exists())
+    if not there.is_dir():
+        raise InputError(f"--out: {there} is a file; name a folder")
+    for name in names:
+        if (folder / name).is_dir():
+            raise InputError(f"--out: {folder / name} is a folder; name another --out")
+
+
+def json_text(value: object) -> str:
+    """Return plain values as JSON text, without NaN and with a line break at the end."""
+    return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def read_text(path: str | Path) -> str:
+    """Read a text file in UTF-8, with or without a byte-order mark.
+
+    Raises
+    ------
+    FileFormatError
+        If it cannot be read or is no such text.
+    """
+    try:
+        # newline="" keeps line breaks within the cells of a table.
+        with Path(path).open(encoding="utf-8-sig", newline="") as file:
+            return file.read()
+    except OSError as error:
+        raise FileFormatError(f"cannot read {path}: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"{path}: expected a text file, got: {error}") from None
+
+
+def read_json(path: str | Path) -> dict[str, Any]:
+    """Read a JSON file that holds one object.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is missing or holds no JSON object.
+    """
+    try:
+        value = json.loads(read_text(path), parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError(f"{path}: expected a JSON file, got: {error}") from None
+    if not isinstance(value, dict):
+        raise FileFormatError(f"{path}: expected a JSON object, got {value!r:.40}")
+    return value
+
+
+def _refuse_constant(name: str) -> float:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is missing or is not TOML.
+    """
+    try:
+        return tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
+        raise FileFormatError(f"{path}: expected a TOML file, got: {error}") from None
+
+
+@dataclass(frozen=True)
+class CsvRow:
+    """One row of a CSV file: its cells by column, and its place for error messages."""
+
+    place: str
+    cells: Mapping[str, str]
+
+    def number(self, name: str) -> float:
+        """Return the number in a cell, or raise `FileFormatError`."""
+        try:
+            return float(self.cells[name])
+        except ValueError:
+            raise self._wrong(name, "a number") from None
+
+    def whole(self, name: str) -> int:
+        """Return the integer in a cell, or raise `FileFormatError`."""
+        try:
+            return int(self.cells[name])
+        except ValueError:
+            raise self._wrong(name, "an integer") from None
+
+    def _wrong(self, name: str, expected: str) -> FileFormatError:
+        return FileFormatError(
+            f"{self.place}: {name}: expected {expected}, got {self.cells[name]!r:.60}"
+        )
+
+
+def read_csv(
+    path: str | Path,
+    required: Sequence[str] = (),
+    optional: Sequence[str] = (),
+    delimiter: str = ",",
+    skip_rows: int = 0,
+) -> Iterator[CsvRow]:
+    """Yield the rows of a CSV file with a line of column names; empty rows are skipped.
+
+    Parameters
+    ----------
+    path : path-like
+        In UTF-8, with or without a byte-order mark.
+    required, optional : sequence of str
+        Columns that must or may be there, in any order. Others may be there too.
+    delimiter : str
+        One character.
+    skip_rows : int
+        Lines above the column names.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read, a column is missing or named twice, or a row is too short or
+        too long.
+    """
+    lines = io.StringIO(read_text(path), newline="")
+    for _ in range(skip_rows):
+        lines.readline()
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+    try:
+        names = [name.strip() for name in next(reader, [])]
+        wrong = [name for name in required if names.count(name) != 1]
+        wrong += [name for name in optional if names.count(name) > 1]
+        if wrong or not names:
+            raise FileFormatError(
+                f"{path}: expected a first line naming {', '.join(required) or 'the columns'}, "
+                f"each once; missing or repeated: {', '.join(wrong)}; found: {', '.join(names)}"
+            )
+        for row in reader:
+            place = f"{path}, line {skip_rows + reader.line_num}"
+            if not any(cell.strip() for cell in row):
+                continue
+            if len(row) != len(names):
+                why = (
+                    f"{names[len(row)]} is missing"
+                    if len(row) < len(names)
+                    else "decimals need a point, not a comma"
+                )
+                raise FileFormatError(
+                    f"{place}: expected {len(names)} values, got {len(row)}; {why}"
+                )
+            yield CsvRow(place, dict(zip(names, row, strict=True)))
+    except csv.Error as error:
+        raise FileFormatError(f"{path}: expected a CSV file, got: {error}") from None
+
+
+def csv_text(
+    names: Iterable[str], rows: Iterable[Iterable[object]], digits: int | None = None
+) -> str:
+    """Return a CSV table: a line of names, then the rows; None is an empty cell.
+
+    Floats have `digits` significant digits, or without it as many as they need.
+    """
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(names)
+    for row in rows:
+        table.writerow(
+            f"{cell:.{digits}g}" if digits and isinstance(cell, float) else cell for cell in row
+        )
+    return text.getvalue()
+
+
+def cache_folder() -> Path:
+    """Return ``$HAPTIX_CACHE``, or ``haptix`` in the user's cache folder."""
+    chosen = os.environ.get("HAPTIX_CACHE")
+    if chosen:
+        return Path(chosen).expanduser()
+    return platformdirs.user_cache_path("haptix", appauthor=False)
