@@ -31,10 +31,10 @@ from haptix.render import (
     RenderSettings,
     RenderState,
     SineCarrier,
-    SliceInverse,
-    Wishes,
 )
 from haptix.render.live_fingers import LiveFingers
+from haptix.render.target import Amplitudes, Target
+from haptix.surface import Slice
 from haptix.texture import FrictionField
 from haptix.touch import TouchEvent, TouchSettings
 
@@ -83,13 +83,13 @@ def bare(surface: Any, texture: Any) -> None:
     """One row of pixels under 48 places, one row of the surface, the sine, 16 bits."""
     print("the bare path of it, one finger")
     level = np.ascontiguousarray(texture.level[100])
-    row = SliceInverse(surface).row(0.5)
+    row = Slice.of(surface.table).column(0.5)
     places = np.linspace(100.0, 110.0, BLOCK)
     columns = np.arange(len(level), dtype=float)
     wave = 2 * np.pi * 4000.0 / RATE * np.arange(BLOCK)
 
     def by_numpy() -> np.ndarray:
-        found = row(np.interp(places, columns, level), Wishes("share"))
+        found = Amplitudes.of(row, Target("share"), np.interp(places, columns, level))
         return (found.voltage_v * np.sin(wave) * (32767 / 250)).astype(np.int16)
 
     report("numpy", times_us(by_numpy))
@@ -111,8 +111,8 @@ def bare(surface: Any, texture: Any) -> None:
     except ImportError:
         print("  numba is not installed")
         return
-    column, drive = row.column, row.drive
-    low, high, pull_in = row.lowest_mu, row.highest_mu, row.pull_in_v
+    column, drive = row.inverse, row.drive
+    low, high, pull_in = row.lowest_mu, row.highest_mu, row.unit_v
 
     @numba.njit
     def compiled(places, level, column, drive, low, high, pull_in, wave):  # type: ignore[no-untyped-def]
@@ -204,7 +204,7 @@ def direct(model: Any) -> None:
         ranges = {"normal_force_n": (0.1, 1.0), "frequency_hz": frequency}
         surface = haptix.FrictionSurface.build(model, ranges, tolerance=1e-4)
         wave = DirectWave(frequency)
-        asked = SliceInverse(surface, wave.pulls, wave.peak_per_sine).row(0.3).highest_mu
+        asked = Slice.of(surface.table).averaged(wave.pulls).column(0.3).highest_mu
         felt = float(model.over_period(0.3, 200.0, frequency).mu.mean())
         naive = float(surface.mu(0.3, 200.0))
         parts = [(felt - one) / (0.11 * felt) for one in (naive, asked)]

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import haptix
 from firmware_io import open_device
-from haptix.stimuli import Response, Sine, Stimulus, StimulusSet, TrialPlan
+from haptix.stimuli import Sine, Stimulus, StimulusSet, TrialPlan
 from haptix.stimuli.adaptive import ConstantStimuli, Experiment, SimulatedObserver
 from haptix.stimuli.designs import constant_stimuli
 from haptix.stimuli.experiment_recipe import presentation_of
@@ -42,7 +42,7 @@ def main() -> None:
         )
 
     surface = parts.apparatus(screen).surfaces[0]
-    response = Response.of(surface, 0.5, 4000.0)
+    response = surface.column(0.5, 4000.0)
     device = open_device("mock:")
     rate = device.capabilities.sample_rate_hz
     method = ConstantStimuli(STEPS_DB, repeats=30, seed=2)

@@ -17,9 +17,7 @@ from haptix.perception import WEBER_FRACTION
 from haptix.planning.choices import Choice
 from haptix.scene import Scene
 from haptix.states import ContactState
-
-PULL_IN_SHARE = 0.9
-"""Points go up to this share of the pull-in voltage, where columns of a surface end too."""
+from haptix.surface import PULL_IN_SHARE
 
 _AXES = ("normal_force_n", "frequency_hz", "h0_m")
 _SEED = 20180516  # any; fixed, so that a scene always gets the same plan

@@ -2,7 +2,6 @@
 
 from haptix.render.core import RenderCore, RenderedBlock, RenderState
 from haptix.render.drive import DirectWave, Drive, SineCarrier
-from haptix.render.inverse import Amplitudes, SliceInverse, Wishes
 from haptix.render.live import LiveRenderer, PredictingRenderer
 from haptix.render.motion import Motion
 from haptix.render.renderer import Renderer
@@ -10,7 +9,6 @@ from haptix.render.settings import Combination, LiveSettings, RenderSettings, Sl
 from haptix.render.stats import RenderStats
 
 __all__ = [
-    "Amplitudes",
     "Combination",
     "DirectWave",
     "Drive",
@@ -25,7 +23,5 @@ __all__ = [
     "RenderedBlock",
     "Renderer",
     "SineCarrier",
-    "SliceInverse",
     "Sliding",
-    "Wishes",
 ]

@@ -11,11 +11,11 @@ from firmware_io import Device
 from haptix.errors import InputError
 from haptix.finger_response import FingerResponse
 from haptix.render.drive import Drive, DriverCarrier, SineCarrier
-from haptix.render.inverse import Amplitudes, SliceInverse, Wishes
 from haptix.render.motion import Array, Motion
 from haptix.render.settings import RenderSettings
+from haptix.render.target import Amplitudes, Target
 from haptix.status import Status
-from haptix.surface import FrictionSurface
+from haptix.surface import FrictionSurface, Slice
 from haptix.texture import FrictionField
 
 CONTROL_HZ = 12_000.0
@@ -115,7 +115,7 @@ class RenderCore:
     ) -> None:
         rate = device.capabilities.sample_rate_hz
         self.drive = drive = _on_device(drive or SineCarrier(_carrier_hz(surface)), device)
-        self.surface = surface = _sliced(surface, drive, settings.h0_m)
+        self.surface = surface = surface.driven_at(drive.frequency_hz, settings.h0_m)
         self.sample_rate_hz = rate
         self.step = max(1, int(rate / CONTROL_HZ))
         self.points = max(1, round(settings.block_s * rate / self.step))
@@ -123,9 +123,9 @@ class RenderCore:
         self._combination = settings.combination
         self.texture = texture
         peak = drive.peak_per_sine
-        self._inverse = SliceInverse(surface, None, peak)
-        pulls = drive.pulls
-        self._averaged = None if pulls is None else SliceInverse(surface, pulls, peak)
+        slice_ = Slice.of(surface.table).limited(surface.voltage_limit_v / max(peak, 1.0))
+        self._slice = slice_
+        self._averaged = None if drive.pulls is None else slice_.averaged(drive.pulls)
         self._response = FingerResponse(surface.response_hz_per_mm_per_s)
         # The drive stays below the limit, rounding included.
         self._most_v = surface.voltage_limit_v / (1.0 if peak <= 1 else peak * (1 + 1e-12))
@@ -135,12 +135,12 @@ class RenderCore:
     @property
     def texture(self) -> FrictionField:
         """What to feel. Another one may be given at any time, and counts from the next block."""
-        return self._texture_and_wishes[0]
+        return self._texture_and_target[0]
 
     @texture.setter
     def texture(self, texture: FrictionField) -> None:
         # One tuple, so that a thread that renders sees the old pair or the new one.
-        self._texture_and_wishes = (texture, Wishes(texture.target, self._compress))
+        self._texture_and_target = (texture, Target(texture.target, self._compress))
 
     @property
     def step_s(self) -> float:
@@ -159,7 +159,7 @@ class RenderCore:
             if motion.fingers > 1:
                 amplitude = self._combined(amplitude.reshape(motion.fingers, motion.points))
             np.minimum(amplitude, self._most_v, out=line[1:])
-            target, status = found.wanted_mu, found.status
+            target, status = found.target_mu, found.status
         else:
             line[1:] = 0.0
             target, status = _NO_TARGET, _NO_STATUS
@@ -182,25 +182,26 @@ class RenderCore:
 
     def reachable(self, normal_force_n: Array, speed_mm_per_s: Array) -> tuple[Array, Array]:
         """Lowest and highest friction coefficient at forces and speeds, shape (points,)."""
-        low, high = self._inverse.reachable(normal_force_n)
+        column = self._slice.columns_at(normal_force_n)
+        high = column.highest_mu
         if self._averaged is not None:
-            _, ripples = self._averaged.reachable(normal_force_n)
+            ripples = self._averaged.columns_at(normal_force_n).highest_mu
             high = high + self._followed(speed_mm_per_s) * (ripples - high)
-        return low, high
+        return column.lowest_mu, high
 
     def _amplitudes(self, motion: Motion) -> Amplitudes:
         """Amplitudes for each finger at each point."""
-        texture, wishes = self._texture_and_wishes
-        wish = texture.friction(motion.x_mm, motion.y_mm, motion.footprint_mm)
-        found = _inverted(self._inverse, motion, wish, wishes)
+        texture, target = self._texture_and_target
+        value = texture.friction(motion.x_mm, motion.y_mm, motion.footprint_mm)
+        found = _inverted(self._slice, motion, target, value)
         if self._averaged is None:
             return found
-        ripples = _inverted(self._averaged, motion, wish, wishes)
+        ripples = _inverted(self._averaged, motion, target, value)
         speed = motion.footprint_mm * self.sample_rate_hz / self.step
         share = self._followed(np.float64(speed))
         return Amplitudes(
             found.voltage_v + share * (ripples.voltage_v - found.voltage_v),
-            found.wanted_mu + share * (ripples.wanted_mu - found.wanted_mu),
+            found.target_mu + share * (ripples.target_mu - found.target_mu),
             np.where(found.status == Status.OK, ripples.status, found.status),
         )
 
@@ -227,19 +228,19 @@ class RenderCore:
         return np.diff(line)
 
 
-def _inverted(inverse: SliceInverse, motion: Motion, wish: Array, wishes: Wishes) -> Amplitudes:
+def _inverted(slice_: Slice, motion: Motion, target: Target, value: Array) -> Amplitudes:
     if motion.finger_force_n is None:
-        return inverse(motion.normal_force_n, wish, wishes)
+        return Amplitudes.of(slice_.columns_at(motion.normal_force_n), target, value)
     count = motion.points
     each = [
-        inverse.row(force)(wish[i * count : (i + 1) * count], wishes)
+        Amplitudes.of(slice_.column(force), target, value[i * count : (i + 1) * count])
         for i, force in enumerate(motion.finger_force_n)
     ]
     if len(each) == 1:
         return each[0]
     return Amplitudes(
         np.concatenate([one.voltage_v for one in each]),
-        np.concatenate([one.wanted_mu for one in each]),
+        np.concatenate([one.target_mu for one in each]),
         np.concatenate([one.status for one in each]),
     )
 
@@ -262,14 +263,6 @@ def _on_device(drive: Drive, device: Device) -> Drive:
         drive = DriverCarrier(drive.frequency_hz)
     drive.check_rate(device.capabilities.sample_rate_hz)
     return drive
-
-
-def _sliced(surface: FrictionSurface, drive: Drive, h0_m: float | None) -> FrictionSurface:
-    if surface.h0_m.varies and h0_m is None:
-        h0_m = surface.info.get("screen_h0_m")
-        if h0_m is None:
-            raise InputError("h0_m: the surface spans several; say which the screen has")
-    return surface.at(None if surface.frequency_hz.is_absent else drive.frequency_hz, h0_m)
 
 
 _NO_TARGET = np.empty(0)

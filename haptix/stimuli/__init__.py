@@ -6,7 +6,6 @@ from haptix.stimuli.making import SetResult, check_manifest
 from haptix.stimuli.noise import Noise
 from haptix.stimuli.population import Population
 from haptix.stimuli.rendering import Rendering
-from haptix.stimuli.response import Response
 from haptix.stimuli.signal import Constant, Signal, signal_from
 from haptix.stimuli.space import Grating, Relief
 from haptix.stimuli.speed import Path, SpeedProfile, SteadySpeed, Strokes
@@ -33,7 +32,6 @@ __all__ = [
     "Relief",
     "Rendering",
     "Repetition",
-    "Response",
     "SetResult",
     "Signal",
     "Sine",

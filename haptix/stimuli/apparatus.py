@@ -16,9 +16,8 @@ from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
 from haptix.stimuli.population import Population
-from haptix.stimuli.response import Response
 from haptix.stimuli.stimulus import Stimulus
-from haptix.surface import FrictionSurface, cached_surface
+from haptix.surface import Column, FrictionSurface, cached_surface
 
 TOLERANCE = "0.02 thresholds"
 """Of the surfaces: their share of the quarter of a threshold that a stimulus may be off."""
@@ -94,13 +93,13 @@ class Apparatus:
         """The screen."""
         return self.models[0].screen
 
-    def responses(self, stimulus: Stimulus) -> tuple[Response, tuple[Response, ...]]:
+    def responses(self, stimulus: Stimulus) -> tuple[Column, tuple[Column, ...]]:
         """Return the median finger's response to a stimulus's drive, and that of each."""
         each = tuple(
-            Response.of(surface, stimulus.normal_force_n, stimulus.frequency_hz, stimulus.h0_m)
+            surface.column(stimulus.normal_force_n, stimulus.frequency_hz, stimulus.h0_m)
             for surface in self.surfaces
         )
-        return Response.median(each), each
+        return Column.median(each), each
 
     def placeholders(self) -> list[str]:
         """Name the stand-ins for measured data that the predictions rest on."""

@@ -15,13 +15,14 @@ from haptix.documents import Document
 from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.screen import Screen
+from haptix.status import Status
 from haptix.stimuli.adaptive import ConstantStimuli, Method, Presentation, Quest, UpDown
 from haptix.stimuli.algebra import Product
 from haptix.stimuli.apparatus import Apparatus
 from haptix.stimuli.rendering import Rendering
-from haptix.stimuli.response import Response
 from haptix.stimuli.signal import Array, Constant, Signal, signal_from
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
+from haptix.surface import Column
 
 _METHODS: dict[str, Callable[..., Method]] = {
     "up-down": UpDown,
@@ -96,7 +97,7 @@ class ExperimentRecipe(Document):
 
 def presentation_of(
     stimulus: Stimulus,
-    response: Response,
+    response: Column,
     sample_rate_hz: float,
     pedestal: Signal | None = None,
 ) -> Presentation:
@@ -106,7 +107,7 @@ def presentation_of(
     ----------
     stimulus : Stimulus
         In contrast or volts: a level multiplies what has a zero.
-    response : Response
+    response : Column
         What voltage does.
     sample_rate_hz : float
         Of the device.
@@ -142,13 +143,13 @@ def presentation_of(
         if stimulus.quantity == "volts":
             return float(np.abs(total).max())
         mu = (1 + total) * response.lowest_mu
-        volts, too_low, too_high = response.voltage(mu)
-        if too_low:
+        volts, status = response.voltage(mu)
+        if (status == Status.BELOW).any():
             raise InputError(
                 f"{stimulus.name}: asks for friction below that without voltage at level "
                 f"{level:g}; raise its offset or the pedestal"
             )
-        return inf if too_high else float(volts.max())
+        return inf if (status == response.ends_by).any() else float(volts.max())
 
     reference = drive(ground.lasting(unit.length))
     return Presentation(target, reference, peak)

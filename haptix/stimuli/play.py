@@ -13,8 +13,8 @@ from firmware_io.limits import DriveLimits, DriveWindow
 from haptix.errors import LimitError
 from haptix.stimuli.audio import AudioWriter, Container, Encoding
 from haptix.stimuli.rendering import Block, Rendering
-from haptix.stimuli.response import Response
 from haptix.stimuli.trigger import Trigger
+from haptix.surface import Column
 
 Progress = Callable[[float], None]
 
@@ -36,7 +36,7 @@ class Tally:
     """Samples of a drive in volts whose friction the surface does not hold."""
     limits: list[str] = field(default_factory=list)
 
-    def take(self, block: Block, response: Response) -> None:
+    def take(self, block: Block, response: Column) -> None:
         """Add a block."""
         drive, amplitude = block.drive_v, block.amplitude_v
         self.samples += len(drive)
@@ -49,8 +49,8 @@ class Tally:
         if block.wanted_low == block.wanted_low:  # not NaN
             self.wanted_low = min(self.wanted_low, block.wanted_low)
             self.wanted_high = max(self.wanted_high, block.wanted_high)
-        elif high > response.limit_v:
-            self.past_the_surface += int(np.count_nonzero(amplitude > response.limit_v))
+        elif high > response.end_v:
+            self.past_the_surface += int(np.count_nonzero(amplitude > response.end_v))
         self.below += block.below
         self.above += block.above
 

@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.errors import InputError
-from haptix.stimuli.response import Response
+from haptix.status import Status
 from haptix.stimuli.stimulus import Stimulus
 from haptix.stimuli.tone import tone
+from haptix.surface import Column
 
 Array = npt.NDArray[np.float64]
 
@@ -47,14 +48,14 @@ class Rendering:
     ----------
     stimulus : Stimulus
         What is to be felt.
-    response : Response
+    response : Column
         What voltage does; decides the volts for friction, and the friction for volts.
     sample_rate_hz : float
         Samples per second.
     """
 
     stimulus: Stimulus
-    response: Response
+    response: Column
     sample_rate_hz: float = 48_000.0
 
     def __post_init__(self) -> None:
@@ -86,7 +87,9 @@ class Rendering:
         if stimulus.quantity == "contrast":
             mu = (1 + values) * response.lowest_mu
         low, high = float(mu.min()), float(mu.max())
-        amplitude, below, above = response.voltage(mu)
+        amplitude, status = response.voltage(mu)
+        below = int(np.count_nonzero(status == Status.BELOW))
+        above = int(np.count_nonzero(status == response.ends_by))
         return Block(
             first, amplitude * self._carrier(first, count), amplitude, low, high, below, above
         )

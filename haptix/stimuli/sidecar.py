@@ -14,7 +14,7 @@ from haptix.status import Status
 from haptix.stimuli.apparatus import Apparatus
 from haptix.stimuli.play import Tally
 from haptix.stimuli.rendering import Rendering
-from haptix.stimuli.response import Response
+from haptix.surface import Column
 
 Array = npt.NDArray[np.float64]
 
@@ -31,11 +31,11 @@ def excerpt(rendering: Rendering, length_s: float = _LOOK_S) -> tuple[int, Array
     return first, block.drive_v, block.amplitude_v
 
 
-def predicted(tally: Tally, response: Response, each: Sequence[Response]) -> dict[str, Any]:
+def predicted(tally: Tally, response: Column, each: Sequence[Column]) -> dict[str, Any]:
     """Friction at the lowest and highest amplitude, of the median finger and of all."""
     ends = np.array([tally.lowest_amplitude_v, tally.highest_amplitude_v])
     low, high = response.mu(ends)
-    amplitude = response.limit_v * np.linspace(0, 1, _NODES)
+    amplitude = response.end_v * np.linspace(0, 1, _NODES)
     found: dict[str, Any] = {
         "mu_low": float(low),
         "mu_high": float(high),
@@ -119,7 +119,7 @@ def heard(rendering: Rendering, capacitance_f: float, known: Perception) -> dict
     }
 
 
-def reach(name: str, tally: Tally, response: Response) -> str:
+def reach(name: str, tally: Tally, response: Column) -> str:
     """Say what a stimulus asked for that there is not, and the nearest there is."""
     why = {
         Status.ABOVE: "the voltage limit",
@@ -135,7 +135,7 @@ def reach(name: str, tally: Tally, response: Response) -> str:
     if tally.above:
         parts.append(
             f"friction up to {tally.wanted_high:.4f} in {tally.above / tally.samples:.1%} of its "
-            f"samples, the highest is {response.highest_mu:.4f} ({why}, {response.limit_v:.0f} V)"
+            f"samples, the highest is {response.highest_mu:.4f} ({why}, {response.end_v:.0f} V)"
         )
     return f"{name}: asks for {'; and for '.join(parts)}"
 
@@ -143,7 +143,7 @@ def reach(name: str, tally: Tally, response: Response) -> str:
 def sidecar(
     rendering: Rendering,
     apparatus: Apparatus,
-    each: Sequence[Response],
+    each: Sequence[Column],
     tally: Tally,
     known: Perception,
 ) -> dict[str, Any]:
@@ -167,9 +167,7 @@ def sidecar(
             "share_below_reach": tally.below / tally.samples,
             "share_above_reach": tally.above / tally.samples,
         }
-    capacitance = apparatus.capacitance_f(
-        stimulus, min(tally.highest_amplitude_v, response.limit_v)
-    )
+    capacitance = apparatus.capacitance_f(stimulus, min(tally.highest_amplitude_v, response.end_v))
     return {
         "name": stimulus.name,
         "stimulus": stimulus.describe(),

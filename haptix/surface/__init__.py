@@ -2,19 +2,24 @@
 
 from haptix.surface.boundary_elements import MeasuredPoints, MeasuringJob, measured_surface
 from haptix.surface.cache import cached_surface
+from haptix.surface.column import PULL_IN_DRIVE, PULL_IN_SHARE, Column
 from haptix.surface.identity import surface_key
-from haptix.surface.interpolant import PULL_IN_DRIVE, Interpolant
+from haptix.surface.interpolant import Interpolant
+from haptix.surface.slice import Slice
 from haptix.surface.surface import LARGEST_BYTES, FrictionSurface, Inversion, SurfaceSample
 from haptix.surface.tolerance import Tolerance
 
 __all__ = [
     "LARGEST_BYTES",
     "PULL_IN_DRIVE",
+    "PULL_IN_SHARE",
+    "Column",
     "FrictionSurface",
     "Interpolant",
     "Inversion",
     "MeasuredPoints",
     "MeasuringJob",
+    "Slice",
     "SurfaceSample",
     "Tolerance",
     "cached_surface",

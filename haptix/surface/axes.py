@@ -16,7 +16,7 @@ from haptix.errors import InputError, RangeError
 
 _COMPLEX = (torch.complex64, torch.complex128, np.complex64, np.complex128)
 _MOST_PLACES = 4096
-_SLACK = 1e-6  # relative; a float32 copy of an axis value still counts as on the axis
+SLACK = 1e-6  # relative; a float32 copy of an axis value still counts as on the axis
 
 
 def numbers(name: str, value: Any, like: Tensor) -> Tensor:
@@ -173,8 +173,8 @@ class Axis:
 
     def contains(self, x: Tensor) -> Tensor:
         """Whether values lie between the first and the last node."""
-        above = x >= self.low * (1 - _SLACK)
-        return above.logical_and_(x <= self.high * (1 + _SLACK))
+        above = x >= self.low * (1 - SLACK)
+        return above.logical_and_(x <= self.high * (1 + SLACK))
 
     def locate(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Cell and position in the cell (0 to 1); values beyond the ends are held there."""
@@ -188,7 +188,7 @@ class Axis:
         RangeError
             If the value is not on the axis.
         """
-        if not self.low * (1 - _SLACK) <= value <= self.high * (1 + _SLACK):
+        if not self.low * (1 - SLACK) <= value <= self.high * (1 + SLACK):
             raise RangeError(
                 f"{self.name}: {value:g} is outside the surface's {self.low:g} to {self.high:g}"
             )

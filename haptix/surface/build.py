@@ -15,8 +15,9 @@ from torch import Tensor
 from haptix.errors import InputError, ToleranceError
 from haptix.friction import ContactModel
 from haptix.surface.axes import Axis
+from haptix.surface.column import PULL_IN_DRIVE
 from haptix.surface.identity import model_hash, surface_key
-from haptix.surface.interpolant import PULL_IN_DRIVE, Interpolant
+from haptix.surface.interpolant import Interpolant
 from haptix.surface.placement import fewest_nodes
 from haptix.surface.ranges import Ranges, read_ranges
 from haptix.surface.sampling import PLACES, AxisPilot, DrivePilot, HeldOut, Sampler, solve_columns

@@ -15,10 +15,7 @@ from haptix.inputs import broadcast_shape
 from haptix.status import Status
 from haptix.surface.axes import Axis, Cells
 from haptix.surface.blocks import in_blocks
-
-PULL_IN_DRIVE = 0.81
-"""``(V0 / V_pull-in)^2`` at which a surface ends: at 90 % of the pull-in voltage friction is some
-five times that without voltage, and doubles within the next 5 %."""
+from haptix.surface.column import PULL_IN_DRIVE
 
 _EXTRA = 2  # numbers of a column after those of mu: ln of the pull-in and breakdown voltage
 _OK, _ABOVE, _BELOW = int(Status.OK), int(Status.ABOVE), int(Status.BELOW)

@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 
 from haptix.friction import ContactModel
-from haptix.surface.interpolant import PULL_IN_DRIVE, Interpolant
+from haptix.surface.column import PULL_IN_DRIVE
+from haptix.surface.interpolant import Interpolant
 from haptix.surface.placement import chord_error
 from haptix.surface.ranges import Ranges
 

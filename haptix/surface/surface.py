@@ -16,7 +16,9 @@ from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.status import Status
 from haptix.surface.axes import Axis, numbers, within
+from haptix.surface.column import Column
 from haptix.surface.interpolant import Interpolant
+from haptix.surface.slice import Slice
 from haptix.surface.tolerance import Tolerance
 
 LARGEST_BYTES = 64_000_000
@@ -267,6 +269,50 @@ class FrictionSurface:
         None leaves an axis as it is.
         """
         return FrictionSurface(self.table.at(frequency_hz, h0_m), self.info)
+
+    def driven_at(self, frequency_hz: float | None, h0_m: float | None = None) -> FrictionSurface:
+        """Slice at a drive's frequency and a screen's thickness.
+
+        Parameters
+        ----------
+        frequency_hz : float or None
+            Frequency of the drive; of no effect on a surface without frequency.
+        h0_m : float, optional
+            Effective thickness; without it, that of the screen for which the surface was built.
+
+        Raises
+        ------
+        InputError, RangeError
+            If a value is missing or lies outside the surface.
+        """
+        if self.h0_m.varies and h0_m is None:
+            h0_m = self.info.get("screen_h0_m")
+        for axis, value in ((self.frequency_hz, frequency_hz), (self.h0_m, h0_m)):
+            if axis.varies and value is None:
+                raise InputError(
+                    f"{axis.name}: expected a value, since the surface spans {axis.low:g} to "
+                    f"{axis.high:g}"
+                )
+        return self.at(None if self.frequency_hz.is_absent else frequency_hz, h0_m)
+
+    def column(
+        self, normal_force_n: float, frequency_hz: float | None, h0_m: float | None = None
+    ) -> Column:
+        """Friction against voltage at one force, frequency and thickness, see `driven_at`.
+
+        Raises
+        ------
+        InputError, RangeError
+            If a value is missing or lies outside the surface.
+        """
+        found = Slice.of(self.driven_at(frequency_hz, h0_m).table).column(normal_force_n)
+        if not found.is_inside:
+            axis = self.normal_force_n
+            raise RangeError(
+                f"normal_force_n: {normal_force_n:g} N is outside the surface's "
+                f"{axis.low:g} to {axis.high:g} N; build one for it"
+            )
+        return found
 
     def to(self, dtype: torch.dtype, device: torch.device | str = "cpu") -> FrictionSurface:
         """Return a copy in another precision or on another device."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from haptix import ContactModel, FrictionSurface
-from haptix.stimuli import Response, apparatus
+from haptix.stimuli import apparatus
 
 
 @pytest.fixture(scope="session")
@@ -16,7 +16,7 @@ def surface(model):
 
 @pytest.fixture(scope="session")
 def response(surface):
-    return Response.of(surface, 0.5, 4000.0)
+    return surface.column(0.5, 4000.0)
 
 
 _models = {}

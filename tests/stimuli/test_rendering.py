@@ -18,22 +18,22 @@ from haptix.stimuli import (
     Points,
     Population,
     Rendering,
-    Response,
     Sine,
     Stimulus,
 )
+from haptix.surface import Column
 from haptix.virtual_finger import VirtualFinger
 
 
 @pytest.mark.parametrize("force", [0.3, 0.437, 0.8])
 @pytest.mark.parametrize("frequency", [120.0, 4000.0])
-def test_a_response_is_its_surface(surface, force, frequency):
-    response = Response.of(surface, force, frequency)
+def test_a_column_is_its_surface(surface, force, frequency):
+    response = surface.column(force, frequency)
     volts = np.linspace(0, float(surface.highest_voltage(force, frequency)), 101)
     mu = surface.mu(force, torch.from_numpy(volts), frequency).numpy()
     np.testing.assert_allclose(response.mu(volts), mu, rtol=1e-12)
-    back, below, above = response.voltage(mu)
-    assert (below, above) == (0, 0)
+    back, status = response.voltage(mu)
+    assert set(status.tolist()) == {Status.OK}
     theirs = surface.voltage(torch.from_numpy(mu), force, frequency).voltage_v.numpy()
     # Near 0 V friction is flat: a rounding of mu by 1e-16 moves the voltage by 1e-6.
     np.testing.assert_allclose(back, theirs, atol=1e-5)
@@ -43,27 +43,27 @@ def test_a_response_is_its_surface(surface, force, frequency):
 
 def test_what_is_out_of_reach_gets_the_nearest_and_is_counted(response):
     low, high = response.lowest_mu, response.highest_mu
-    volts, below, above = response.voltage(np.array([low - 0.1, low, high, high + 0.1, high + 1]))
-    assert (below, above) == (1, 2)
+    volts, status = response.voltage(np.array([low - 0.1, low, high, high + 0.1, high + 1]))
+    assert status.tolist() == [Status.BELOW, Status.OK, Status.OK, Status.ABOVE, Status.ABOVE]
     assert volts[0] == volts[1] == 0
-    assert np.allclose(volts[2:], response.limit_v)
-    assert volts.max() <= response.limit_v
+    assert np.allclose(volts[2:], response.end_v)
+    assert volts.max() <= response.end_v
 
 
 def test_places_outside_a_surface_are_refused(surface):
     with pytest.raises(RangeError, match=r"0\.9 N.*0\.3 to 0\.8"):
-        Response.of(surface, 0.9, 4000.0)
+        surface.column(0.9, 4000.0)
     with pytest.raises(InputError, match="frequency_hz"):
-        Response.of(surface, 0.5, None)
+        surface.column(0.5, None)
     with pytest.raises(InputError, match="frequency_hz"):
-        Response.of(surface, 0.5, 9000.0)
+        surface.column(0.5, 9000.0)
 
 
 def test_a_response_says_what_ends_it(finger):
     strong = ContactModel(finger, Screen(max_voltage_v=400.0, insulator_thickness_m=4e-7))
     surface = FrictionSurface.build(strong, {"normal_force_n": 0.2}, 1e-2)
-    response = Response.of(surface, 0.2, None)
-    assert response.limit_v < 400
+    response = surface.column(0.2, None)
+    assert response.end_v < 400
     assert response.ends_by == Status.PULL_IN
 
 
@@ -118,7 +118,7 @@ def test_the_virtual_finger_feels_what_was_wanted(model, surface, name):
     """Within 0.25 difference thresholds for 95 % of the time; the finger knows no surface."""
     rate, length, force, speed = 48_000.0, 0.8, 0.45, 80.0
     stimulus = Stimulus("a", STIMULI[name].lasting(length), normal_force_n=force)
-    rendering = Rendering(stimulus, Response.of(surface, force, 4000.0), rate)
+    rendering = Rendering(stimulus, surface.column(force, 4000.0), rate)
     t = np.array([0.0, length])
     felt = VirtualFinger(model).feel(
         rendering.whole(), rate, t, speed * t, 0 * t + 20, 0 * t + force
@@ -146,18 +146,16 @@ def test_a_population_has_its_spread_and_a_median_that_is_reached(finger, screen
 
     three = Population.around(finger, 3, spread, seed=3).fingers
     responses = [
-        Response.of(
-            FrictionSurface.build(ContactModel(one, screen), {"normal_force_n": 0.5}, 2e-3),
-            0.5,
-            None,
+        FrictionSurface.build(ContactModel(one, screen), {"normal_force_n": 0.5}, 2e-3).column(
+            0.5, None
         )
         for one in three
     ]
-    middle = Response.median(responses)
-    volts = np.linspace(0, middle.limit_v, 57)
+    middle = Column.median(responses)
+    volts = np.linspace(0, middle.end_v, 57)
     exact = np.median([one.mu(volts) for one in responses], axis=0)
     np.testing.assert_allclose(middle.mu(volts), exact, rtol=1e-5)  # 4096 pieces
-    assert middle.limit_v == min(one.limit_v for one in responses)
+    assert middle.end_v == min(one.end_v for one in responses)
     np.testing.assert_allclose(middle.voltage(exact)[0][1:], volts[1:], rtol=1e-4)
 
 

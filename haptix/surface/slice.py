@@ -1,0 +1,152 @@
+"""A surface at one frequency and thickness, in numpy: for the few points of a rendered block."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import inf
+from typing import Any, Self
+
+import numpy as np
+
+from haptix.errors import InputError
+from haptix.status import Status
+from haptix.surface.axes import SLACK
+from haptix.surface.column import PULL_IN_DRIVE, Array, Column
+from haptix.surface.interpolant import Interpolant
+
+_AVERAGED_NODES = 65  # over the drive; lines between them are within 1e-4
+_STEEPEST = 0.05  # share of 1/mu without voltage: friction never counts as more than 20 times that
+_NEAR = 1e-6  # relative, of an end: rounding does not change what ends a column
+_KEPT = 16  # columns, for as many fingers whose force does not change
+_ABOVE, _PULL_IN, _BREAKDOWN = map(np.int8, (Status.ABOVE, Status.PULL_IN, Status.BREAKDOWN))
+
+
+@dataclass(frozen=True, eq=False)
+class Slice:
+    """Columns of a surface over the normal force.
+
+    It answers what `FrictionSurface.voltage` does. For the dozen points of a block, torch's calls
+    cost several times the arithmetic.
+
+    Parameters
+    ----------
+    force_n : ndarray, shape (forces,)
+        Nodes of the normal force [N].
+    drive : ndarray, shape (drives,)
+        Nodes of ``s = (V / V_pull-in)^2``.
+    columns : ndarray, shape (forces, drives + 2)
+        As `Interpolant.columns`.
+    unit_v, limit_v : float
+        Unit of the voltages in `columns`, and the highest amplitude [V].
+    ends_at_breakdown : bool
+        Whether columns end at breakdown.
+    pull_in_drive : float
+        Drive at which pull-in ends a column.
+    """
+
+    force_n: Array
+    drive: Array
+    columns: Array
+    unit_v: float
+    limit_v: float
+    ends_at_breakdown: bool
+    pull_in_drive: float = PULL_IN_DRIVE
+    _kept: dict[float, Column] = field(default_factory=dict, init=False, repr=False)
+
+    @classmethod
+    def of(cls, table: Interpolant) -> Self:
+        """Take the columns of a table whose frequency and thickness do not vary.
+
+        Raises
+        ------
+        InputError
+            If frequency or thickness vary.
+        """
+        force, *others = table.axes
+        if any(axis.varies for axis in others):
+            raise InputError("surface: expected one frequency and h0; slice it with surface.at()")
+        return cls(
+            force.nodes.double().cpu().numpy(),
+            table.drive.double().cpu().numpy(),
+            table.columns[:, 0, 0].double().cpu().numpy(),
+            table.unit_v,
+            table.voltage_limit_v,
+            table.ends_at_breakdown,
+        )
+
+    def limited(self, limit_v: float) -> Self:
+        """Return the slice with another highest amplitude [V]."""
+        return replace(self, limit_v=limit_v)
+
+    def averaged(self, attraction: Array) -> Self:
+        """Return the slice of friction averaged over a period of the drive.
+
+        Friction rises more than in proportion to the attraction, so that its mean is above the
+        friction at the mean attraction. The contact follows within the period.
+
+        Parameters
+        ----------
+        attraction : ndarray, shape (n,)
+            Attraction at even times of the period over its mean.
+        """
+        pull_in_drive = self.pull_in_drive / float(attraction.max())
+        drive = np.linspace(0.0, min(pull_in_drive, float(self.drive[-1])), _AVERAGED_NODES)
+        at = drive[:, None] * attraction
+        # Within the period the drive goes beyond a column's last node. There the column goes on as
+        # a straight line, as the closed form ``1/mu ~ 1 - s`` does.
+        beyond = np.maximum(at - self.drive[-1], 0.0)
+        rows = []
+        for column in self.columns:
+            slope = (column[-3] - column[-4]) / (self.drive[-1] - self.drive[-2])
+            inverse = np.interp(at, self.drive, column[:-2]) + slope * beyond
+            # Pull-in bounds the drive and keeps friction finite; this does so where lines bend.
+            friction = (-1 / np.minimum(inverse, _STEEPEST * column[0])).mean(axis=1)
+            rows.append(np.concatenate([-1 / friction, column[-2:]]))
+        return replace(self, drive=drive, columns=np.array(rows), pull_in_drive=pull_in_drive)
+
+    def column(self, normal_force_n: float) -> Column:
+        """Column at one force [N], finite and above 0; the last ones are kept."""
+        found = self._kept.get(normal_force_n)
+        if found is None:
+            if len(self._kept) >= _KEPT:
+                self._kept.clear()
+            found = self._kept[normal_force_n] = self._column(np.float64(normal_force_n), min, max)
+        return found
+
+    def columns_at(self, normal_force_n: Array) -> Column:
+        """Columns at forces [N], shape (points,), finite and above 0."""
+        return self._column(normal_force_n, np.minimum, np.maximum)
+
+    def _column(self, force_n: Any, least: Any, most: Any) -> Column:
+        """Blend columns at one force or several; `least` and `most` are of scalars or arrays."""
+        log_force = np.log(force_n)
+        cell = self._log_force[1:-1].searchsorted(log_force, side="right")
+        part = least(most((log_force - self._log_force[cell]) * self._per_log[cell], 0.0), 1.0)
+        # Transposed: the last entries of one column are then scalars, those of several are arrays.
+        column = self.columns[cell] + (part * self._step[cell].T).T
+        pull_in_v = self.unit_v * np.exp(column.T[-2])
+        breakdown_v = self.unit_v * np.exp(column.T[-1]) if self.ends_at_breakdown else inf
+        end_drive = least((least(breakdown_v, self.limit_v) / pull_in_v) ** 2, self.drive[-1])
+        end_v = least(pull_in_v * np.sqrt(end_drive), self.limit_v)
+        ends_by = _ABOVE + (end_drive >= self.pull_in_drive * (1 - _NEAR)) * (_PULL_IN - _ABOVE)
+        if self.ends_at_breakdown:
+            breaks = (breakdown_v <= end_v * (1 + _NEAR)) & (breakdown_v < self.limit_v)
+            ends_by = ends_by + breaks * (_BREAKDOWN - ends_by)
+        low, high = self.force_n[0] * (1 - SLACK), self.force_n[-1] * (1 + SLACK)
+        inside = (low <= force_n) & (force_n <= high)
+        return Column(self.drive, column[..., :-2], pull_in_v, end_drive, end_v, ends_by, inside)
+
+    @cached_property
+    def _log_force(self) -> Array:
+        return np.log(self.force_n)
+
+    @cached_property
+    def _per_log(self) -> Array:
+        return 1 / np.diff(self._log_force) if len(self.force_n) > 1 else np.ones(1)
+
+    @cached_property
+    def _step(self) -> Array:
+        """From each column to the next; 0 where there is only one."""
+        step = np.diff(self.columns, axis=0)
+        return step if len(step) else np.zeros_like(self.columns)
