@@ -14,9 +14,9 @@ import numpy as np
 import torch
 
 from haptix import ContactModel, Finger, Screen
-from haptix.electro import Waveform
 from haptix.perception import WEBER_FRACTION
 from haptix.virtual_finger import VirtualFinger
+from haptix.waves import Waveform
 
 RATE, FORCE, VOLTAGE = 48_000, 0.5, 150.0
 
@@ -38,7 +38,7 @@ def periods(model: ContactModel) -> None:
     finger = VirtualFinger(model, has_response=False)
     for shape, frequency in ((sine, 120.0), (sine, 1000.0), (square, 120.0), (modulated, 100.0)):
         samples = round(RATE / frequency)
-        waveform = Waveform.from_samples(shape(np.arange(samples) / samples))
+        waveform = Waveform.of_samples(shape(np.arange(samples) / samples))
         phase = torch.arange(samples, dtype=torch.float64) * (2 * math.pi / samples)
         drive = np.tile(VOLTAGE * waveform.at(phase).numpy(), math.ceil(1.1 * frequency))
         wanted = model.over_period(FORCE, VOLTAGE, frequency, waveform, samples=samples).mu.numpy()

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from typing import Any, Literal, get_args
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -14,7 +15,7 @@ from haptix.contact.finite_size import highest_asperity
 from haptix.contact.gaps import bin_inverse_square
 from haptix.contact.meanfield import check_contact_spots
 from haptix.contact.plasticity import elastoplastic_area
-from haptix.electro import Waveform, drive_strength, drive_voltage, effective_thickness
+from haptix.electro import drive_strength, drive_voltage, effective_thickness
 from haptix.electro.breakdown import (
     PASCHEN_MINIMUM_GAP_M,
     PASCHEN_MINIMUM_V,
@@ -22,6 +23,8 @@ from haptix.electro.breakdown import (
     breakdown_voltage,
     peak_field,
 )
+from haptix.electro.waveform import fields as fields_in_time
+from haptix.electro.waveform import pulls
 from haptix.errors import InputError, LimitError
 from haptix.fidelity import (
     BoundaryElementBalance,
@@ -40,6 +43,7 @@ from haptix.states import ContactState, PeriodState
 from haptix.status import Status
 from haptix.terms import TERMS, chosen_terms
 from haptix.threads import one_thread
+from haptix.waves import Waveform
 
 FidelityName = Literal["closed-form", "mean-field", "boundary-element"]
 
@@ -47,6 +51,7 @@ LOWEST_FORCE_N, HIGHEST_FORCE_N = 1e-9, 1e6
 """Forces that are solved: far beyond any finger, and far from the ends of double precision."""
 
 _FAINT_V = 1e-9  # pulls are tabulated by their logarithm: no voltage is one that pulls nothing
+_COSINE = Waveform(shift_turns=0.25)  # the drive of the paper
 _SHORTED_M = 1e6  # thickness that leaves a gap no field: what leaks shorts a steady voltage
 
 _BLOCK = 4096  # states solved together: bounds the memory, and fits the cache
@@ -445,7 +450,7 @@ class ContactModel:
         normal_force_n, voltage_v, frequency_hz : float
             Force [N], amplitude [V] and frequency of the drive [Hz].
         waveform : Waveform, optional
-            Shape of the drive; a sine without.
+            Shape of the drive; ``cos(2 pi f t)`` without.
         h0_m : float, optional
             Effective thickness of the screen's insulator [m]; the screen's own without.
         samples : int
@@ -456,7 +461,7 @@ class ContactModel:
         InputError, LimitError
             As `solve` does.
         """
-        waveform = Waveform.sine() if waveform is None else waveform
+        waveform = _COSINE if waveform is None else waveform
         if samples < 8:
             raise InputError(f"samples: expected 8 or more in a period, got {samples}")
         force = self._checked("normal_force_n", normal_force_n, "above 0 N").expand(samples)
@@ -465,17 +470,18 @@ class ContactModel:
         h0 = self._checked("h0_m", self.screen.h0_m if h0_m is None else h0_m, "above 0 m")
         self._check_limit(voltage)
         column = torch.arange(samples, device=self.contact.device)
-        phase = 2 * torch.pi * column.to(torch.float64) / samples
+        turns = np.arange(samples) / samples
+        phase = 2 * torch.pi * torch.from_numpy(turns).to(self.contact.device)
         drive = (
             max(float(voltage), _FAINT_V),
             float(frequency),
             lambda harmonic: self._harmonic_thickness(h0, harmonic),
             phase,
         )
-        gap_pull, spot_pull = waveform.pulls(self.contact.gap_edges_m, *drive)
+        gap_pull, spot_pull = pulls(waveform, self.contact.gap_edges_m, *drive)
         # At the edge of a spot, and in the gap where air gives way first.
         weakest = self.contact.gap_edges_m.new_tensor([0.0, PASCHEN_MINIMUM_GAP_M])
-        at_spot, in_gap = waveform.fields(weakest, *drive).abs().unbind(-1)
+        at_spot, in_gap = fields_in_time(waveform, weakest, *drive).abs().unbind(-1)
         broken = (at_spot > bearable_field(*self._insulator)) | (
             in_gap * PASCHEN_MINIMUM_GAP_M > PASCHEN_MINIMUM_V
         )
@@ -485,7 +491,7 @@ class ContactModel:
         friction = self.finger.frictional_shear_stress_pa * found.area_fraction * area / force
         return PeriodState(
             t_s=(phase / (2 * torch.pi * frequency)).to(self.dtype),
-            drive_v=(voltage * waveform.at(phase)).to(self.dtype),
+            drive_v=(voltage * torch.from_numpy(waveform.at(turns))).to(self.dtype),
             attraction_pa=(found.gap_attraction_pa + found.spot_attraction_pa).to(self.dtype),
             pressure_pa=found.pressure_pa.to(self.dtype),
             mu=friction.to(self.dtype),

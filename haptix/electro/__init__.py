@@ -12,7 +12,6 @@ from haptix.electro.dielectric import (
     SkinDielectric,
     effective_thickness,
 )
-from haptix.electro.waveform import Waveform
 
 __all__ = [
     "VACUUM_PERMITTIVITY",
@@ -20,7 +19,6 @@ __all__ = [
     "Attraction",
     "AttractionTable",
     "SkinDielectric",
-    "Waveform",
     "drive_strength",
     "drive_voltage",
     "effective_thickness",

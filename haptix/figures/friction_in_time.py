@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptix.electro import Waveform
 from haptix.electro.breakdown import NARROW_GAP_FIELD_V_PER_M
 from haptix.figures.data import COLD_TO_HOT, Curve, FigureData, Panel, basis, light_contact, numbers
 from haptix.finger import Finger
@@ -30,8 +29,6 @@ def friction_in_time(finger: Finger | None = None, screen: Screen | None = None)
         normal_force_n=FORCE_N,
         voltage_v=VOLTAGE_V,
         frequency_hz=FREQUENCY_HZ,
-        waveform=Waveform.sine(),
-        h0_m=None,
         samples=_SAMPLES,
     )
     periods = round(SHOWN_S * FREQUENCY_HZ)

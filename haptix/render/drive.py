@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from fractions import Fraction
-from functools import lru_cache
 from math import sqrt
 from typing import Literal
 
@@ -13,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.errors import InputError, check_positive
+from haptix.waves import Waveform, sine, turns
 
 Array = npt.NDArray[np.float64]
 
 _LEAST_DC_FREE = 1e-6
 """Largest mean of a waveform over its peak: what rounding of a thousand samples leaves."""
-_PLACES = 4096  # of a waveform's table; lines between them are within 3e-7 of a sine
+_PLACES = 4096  # samples of a square wave's period
 
 
 @dataclass(frozen=True)
@@ -81,26 +80,13 @@ class Drive(ABC):
     def _wave(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
         """Return the wave of amplitude 1 V, shape (count,)."""
 
-    def _turns(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
-        """Phase in periods, small at the first sample: hours of samples keep their precision."""
-        whole, part = _turns_per_sample(self.frequency_hz, sample_rate_hz)
-        start = int(first_sample) * whole % part / part
-        return np.asarray(start + self.frequency_hz / sample_rate_hz * np.arange(count))
-
-
-@lru_cache(maxsize=64)
-def _turns_per_sample(frequency_hz: float, sample_rate_hz: float) -> tuple[int, int]:
-    """Numerator and denominator: in whole numbers the phase is exact at any sample."""
-    return (Fraction(frequency_hz) / Fraction(sample_rate_hz)).as_integer_ratio()
-
 
 @dataclass(frozen=True)
 class SineCarrier(Drive):
     """A sine that is too fast to be felt; its amplitude is the envelope."""
 
     def _wave(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
-        turns = self._turns(first_sample, count, sample_rate_hz)
-        return np.asarray(np.sin(2 * np.pi * turns))
+        return sine(first_sample, count, self.frequency_hz, sample_rate_hz)
 
 
 @dataclass(frozen=True)
@@ -135,65 +121,45 @@ class DirectWave(Drive):
     """
 
     waveform: Literal["sine", "square"] | npt.ArrayLike = "sine"
-    _table: Array = field(init=False, repr=False, compare=False)
-    _peak: float = field(init=False, repr=False, compare=False)
+    _waveform: Waveform = field(init=False, repr=False, compare=False)
+    _scale: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        table = np.append(one := _one_period(self.waveform), one[0])
-        # Of the period's straight lines: thirds of the products of neighbours.
-        squares = table[:-1] ** 2 + table[:-1] * table[1:] + table[1:] ** 2
-        scale = sqrt(0.5 / (float(squares.mean()) / 3))
-        object.__setattr__(self, "_table", table * scale)
-        object.__setattr__(self, "_peak", float(np.abs(table).max()) * scale)
+        waveform = _waveform_of(self.waveform)
+        if abs(waveform.mean) > _LEAST_DC_FREE:
+            raise InputError(
+                f"waveform: expected a mean of 0, got {waveform.mean:.3g} of its peak; subtract "
+                "the mean"
+            )
+        object.__setattr__(self, "_waveform", waveform)
+        object.__setattr__(self, "_scale", sqrt(0.5 / waveform.mean_square))
 
     @property
     def peak_per_sine(self) -> float:
         """Peak of the drive over the amplitude of the sine with the same mean attraction."""
-        return self._peak
+        return self._scale
 
     @property
     def pulls(self) -> Array | None:
         """Attraction at even times of a period over its mean; None if it is constant."""
-        # Coarser than the table: the mean of a period converges fast. Never at an edge at turn 0.
-        turns = (np.arange(64) + 0.37) / 64
-        places = len(self._table) - 1
-        pulls = np.interp(turns * places, np.arange(places + 1), self._table) ** 2
+        # The mean of a period converges fast. No time lies at an edge.
+        pulls = np.square(self._waveform.at((np.arange(64) + 0.37) / 64))
         pulls /= pulls.mean()
         return None if np.ptp(pulls) < 0.1 else pulls
 
     def _wave(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
-        places = len(self._table) - 1
-        at = (self._turns(first_sample, count, sample_rate_hz) % 1.0) * places
-        cell = at.astype(np.intp)
-        start = self._table[cell]
-        return np.asarray(start + (at - cell) * (self._table[cell + 1] - start))
+        phase = turns(first_sample, count, self.frequency_hz, sample_rate_hz)
+        return self._scale * self._waveform.at(phase)
 
 
-def _one_period(waveform: Literal["sine", "square"] | npt.ArrayLike) -> Array:
-    turns = np.arange(_PLACES) / _PLACES
-    if isinstance(waveform, str):
-        if waveform == "sine":
-            return np.asarray(np.sin(2 * np.pi * turns))
-        if waveform == "square":
-            # Its two edges lie within one place of the table, and cross 0 at turns 0 and 1/2.
-            return np.asarray(np.sign(np.sin(2 * np.pi * turns).round(12)))
-        raise InputError(f'waveform: expected "sine", "square" or samples, got {waveform!r}')
-    try:
-        samples = np.asarray(waveform, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"waveform: expected samples of one period, got {waveform!r}") from None
-    if samples.ndim != 1 or len(samples) < 2 or not np.isfinite(samples).all():
-        raise InputError(
-            "waveform: expected two or more finite samples of one period, got an array of shape "
-            f"{samples.shape}"
-        )
-    peak = float(np.abs(samples).max())
-    if peak == 0:
-        raise InputError("waveform: expected samples that are not all 0")
-    if abs(float(samples.mean())) > _LEAST_DC_FREE * peak:
-        raise InputError(
-            f"waveform: expected a mean of 0, got {samples.mean() / peak:.3g} of its peak; "
-            "subtract the mean"
-        )
-    return samples / peak
+def _waveform_of(waveform: Literal["sine", "square"] | npt.ArrayLike) -> Waveform:
+    if not isinstance(waveform, str):
+        return Waveform.of_samples(waveform)
+    if waveform == "sine":
+        return Waveform()
+    if waveform == "square":
+        # Steep edges that cross 0: a sample on an edge must not depend on rounding.
+        places = np.sin(2 * np.pi * np.arange(_PLACES) / _PLACES)
+        return Waveform.of_samples(np.sign(places.round(12)))
+    raise InputError(f'waveform: expected "sine", "square" or samples, got {waveform!r}')

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from haptix.errors import InputError
 from haptix.status import Status
 from haptix.stimuli.stimulus import Stimulus
-from haptix.stimuli.tone import tone
 from haptix.surface import Column
+from haptix.waves import sine
 
 Array = npt.NDArray[np.float64]
 
@@ -96,7 +96,7 @@ class Rendering:
 
     def _carrier(self, first: int, count: int) -> Array:
         assert self.stimulus.carrier_hz is not None
-        return tone(first, count, self.stimulus.carrier_hz, self.sample_rate_hz)
+        return sine(first, count, self.stimulus.carrier_hz, self.sample_rate_hz)
 
     def stream(self, threads: int = 1) -> Iterator[Block]:
         """Blocks in their order, rendered by `threads` threads; the numbers do not depend on it."""

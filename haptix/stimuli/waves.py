@@ -14,7 +14,7 @@ import soundfile
 
 from haptix.errors import FileFormatError, InputError
 from haptix.stimuli.signal import Array, Signal, number, positive, read_row
-from haptix.stimuli.tone import tone
+from haptix.waves import sine
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class Sine(Signal):
     def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         """Values."""
         below_nyquist(self.frequency_hz, sample_rate_hz)
-        wave = tone(first, count, self.frequency_hz, sample_rate_hz, self.phase_rad)
+        wave = sine(first, count, self.frequency_hz, sample_rate_hz, self.phase_rad)
         return self.offset + self.amplitude * wave
 
 

@@ -6,7 +6,6 @@ import torch
 
 import haptix
 from haptix import InputError, Status
-from haptix.electro.waveform import Waveform
 from haptix.render import DirectWave
 from haptix.surface import Slice
 
@@ -100,7 +99,7 @@ def test_friction_is_averaged_over_the_period_of_a_direct_drive(model, force, fr
         felt = []
         for one in (column, naive):
             ((voltage,), _) = one.voltage(np.array([target]))
-            period = model.over_period(force, min(voltage, 200.0), frequency_hz, Waveform.sine())
+            period = model.over_period(force, min(voltage, 200.0), frequency_hz)
             felt.append(float(period.mu.mean()))
         # A twentieth of what can be felt: beyond the surface's end the column is a straight line.
         assert felt[0] == pytest.approx(target, rel=0.05 * 0.11)

@@ -33,20 +33,6 @@ def test_waves_at_points(period, angle, phase, duty):
         np.testing.assert_allclose(found[clear], (-0.2 + 0.8 * share)[clear], rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("wave", ["sine", "square", "sawtooth"])
-def test_harmonics_are_those_of_the_wave(wave):
-    grating = Grating(1.0, wave, duty=0.3)
-    count, samples = 6, 1 << 16
-    # The midpoint rule over a period; at the steps it errs by a part of 1/samples.
-    value = grating.friction((np.arange(samples) + 0.5) / samples, 0.0)
-    s = (np.arange(samples) + 0.5) / samples
-    mean, amplitudes = grating.harmonics(count)
-    assert mean == pytest.approx(value.mean(), abs=1e-4)
-    for n in range(1, count + 1):
-        expected = 2 * np.mean(value * np.exp(-2j * np.pi * n * s))
-        assert amplitudes[n - 1] == pytest.approx(expected, abs=1e-4)
-
-
 @pytest.mark.parametrize("wave", ["square", "sawtooth"])
 def test_a_small_footprint_leaves_the_wave(wave):
     grating = Grating(2.0, wave, duty=0.4)

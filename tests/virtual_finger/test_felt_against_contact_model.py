@@ -4,13 +4,12 @@ import math
 
 import numpy as np
 import pytest
-import torch
 
 import haptix.virtual_finger.finger
 from haptix import ContactModel, Finger, Screen, Status
-from haptix.electro import Waveform
 from haptix.perception import WEBER_FRACTION
 from haptix.virtual_finger import VirtualFinger
+from haptix.waves import Waveform
 
 RATE = 48_000
 FORCE, VOLTAGE = 0.5, 150.0
@@ -51,9 +50,8 @@ SHAPES = {
 def compare(model, shape, frequency_hz, voltage_v=VOLTAGE, force_n=FORCE):
     """Largest difference in mu, relative, over three periods; and the period."""
     samples = round(RATE / frequency_hz)
-    waveform = Waveform.from_samples(shape(np.arange(samples) / samples))
-    phase = torch.arange(samples, dtype=torch.float64) * (2 * math.pi / samples)
-    period_v = voltage_v * waveform.at(phase).numpy()
+    waveform = Waveform.of_samples(shape(np.arange(samples) / samples))
+    period_v = voltage_v * waveform.at(np.arange(samples) / samples)
     # Half a second of steady drive on both sides: more than the skin remembers.
     periods = math.ceil(1.1 * frequency_hz)
     at_s = round(0.5 * frequency_hz) / frequency_hz
@@ -110,7 +108,7 @@ def test_the_usual_rate_holds_every_direct_drive(model, stroke, frequency):
     middle = np.abs(felt.t_s - 0.5) < 0.05
     # At the very instants of the result: the samples of one period of 100 us each or finer.
     samples = round(10_000 / frequency * 60)
-    period = model.over_period(FORCE, VOLTAGE, frequency, Waveform.sine(), samples=samples)
+    period = model.over_period(FORCE, VOLTAGE, frequency, samples=samples)
     place = felt.t_s[middle] * frequency % 1 * samples
     wanted = np.interp(place, np.arange(samples + 1), np.append(period.mu, period.mu[0]))
     # Straight lines at 96 kHz take 0.14 % of a ripple at 2 kHz, and those of `wanted` less.

@@ -1,0 +1,142 @@
+"""One period of a wave: its values, harmonics and mean square."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import pi
+from typing import Literal, Self, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.errors import InputError
+
+Array = npt.NDArray[np.float64]
+Shape = Literal["sine", "square", "sawtooth"]
+
+_LEAST_SAMPLES = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Waveform:
+    """One period of a wave whose largest magnitude is 1.
+
+    Parameters
+    ----------
+    shape : {"sine", "square", "sawtooth", "samples"}
+        The sine rises from 0. The square wave is 1 first, then -1. The sawtooth rises from -1 to 1
+        and falls at once. Samples are joined by straight lines.
+    duty : float
+        Share of the period for which the square wave is 1.
+    period : ndarray, shape (samples,), optional
+        Even samples of one period, for the shape "samples"; `of_samples` scales them.
+    shift_turns : float
+        Part of the period that lies before turn 0.
+
+    Raises
+    ------
+    InputError
+        If the shape is unknown, or the duty is not between 0 and 1.
+    """
+
+    shape: Shape | Literal["samples"] = "sine"
+    duty: float = 0.5
+    period: Array | None = None
+    shift_turns: float = 0.0
+
+    def __post_init__(self) -> None:
+        known = (*get_args(Shape), *([] if self.period is None else ["samples"]))
+        if self.shape not in known:
+            raise InputError(f"wave: expected one of {', '.join(known)}, got {self.shape!r}")
+        if not 0 < self.duty < 1:
+            raise InputError(f"duty: expected a part between 0 and 1, got {self.duty:g}")
+
+    @classmethod
+    def of_samples(cls, samples: npt.ArrayLike) -> Self:
+        """Take one period, sampled evenly; scaled so that its largest magnitude is 1.
+
+        Raises
+        ------
+        InputError
+            If there are fewer than two samples, one is not finite, or all are 0.
+        """
+        try:
+            period = np.asarray(samples, dtype=float)
+        except (TypeError, ValueError):
+            raise InputError(f"waveform: expected samples of one period, got {samples!r}") from None
+        if period.ndim != 1 or len(period) < _LEAST_SAMPLES or not np.isfinite(period).all():
+            raise InputError(
+                "waveform: expected two or more finite samples of one period, got an array of "
+                f"shape {period.shape}"
+            )
+        peak = float(np.abs(period).max())
+        if peak == 0:
+            raise InputError("waveform: expected samples that are not all 0")
+        return cls("samples", period=period / peak)
+
+    def shifted(self, by_turns: float) -> Self:
+        """Return the wave, begun later in its period: a sine shifted by a quarter is a cosine."""
+        return replace(self, shift_turns=self.shift_turns + by_turns)
+
+    def at(self, turns: Array) -> Array:
+        """Values at phases in periods, of any shape."""
+        place = turns + self.shift_turns
+        if self.shape == "sine":
+            return np.asarray(np.sin(2 * pi * place))
+        place = place - np.floor(place)
+        if self.shape == "sawtooth":
+            return np.asarray(2 * place - 1)
+        if self.shape == "square":
+            return np.where(place < self.duty, 1.0, -1.0)
+        assert self.period is not None  # by __post_init__
+        around = np.append(self.period, self.period[0])
+        place *= len(self.period)
+        cell = np.minimum(place.astype(np.intp), len(self.period) - 1)
+        start = around[cell]
+        return np.asarray(start + (place - cell) * (around[cell + 1] - start))
+
+    def harmonics(self, count: int) -> npt.NDArray[np.complex128]:
+        """Amplitudes c of the series ``Re sum_n c_n exp(2 pi i n s)``, s in periods.
+
+        Shape (count + 1,); c_0 is the mean. Of samples it is the series that passes through them.
+        """
+        n = np.arange(count + 1)
+        c = np.zeros(count + 1, dtype=np.complex128)
+        if self.shape == "sine":
+            c[n == 1] = -1j
+        elif self.shape == "sawtooth":
+            c[1:] = 2j / (pi * n[1:])
+        elif self.shape == "square":
+            c[0] = 2 * self.duty - 1
+            c[1:] = 2 * (1 - np.exp(-2j * pi * n[1:] * self.duty)) / (1j * pi * n[1:])
+        else:
+            assert self.period is not None  # by __post_init__
+            size = len(self.period)
+            spectrum = np.fft.rfft(self.period) / size
+            spectrum[1:] *= 2
+            if size % 2 == 0:
+                spectrum[-1] /= 2  # the highest harmonic has no partner of negative frequency
+            known = min(len(c), len(spectrum))
+            c[:known] = spectrum[:known]
+        return np.asarray(c * np.exp(2j * pi * n * self.shift_turns))
+
+    @property
+    def highest_harmonic(self) -> int | None:
+        """Number of the highest harmonic; None for a wave with steps, whose series has no end."""
+        if self.period is not None:
+            return len(self.period) // 2
+        return 1 if self.shape == "sine" else None
+
+    @property
+    def mean(self) -> float:
+        """Mean over the period."""
+        return float(self.harmonics(0)[0].real)
+
+    @property
+    def mean_square(self) -> float:
+        """Mean of the square over the period."""
+        if self.period is None:
+            return {"sine": 1 / 2, "square": 1.0, "sawtooth": 1 / 3}[self.shape]
+        # Of straight lines: thirds of the products of neighbours.
+        here, after = self.period, np.roll(self.period, -1)
+        return float((here**2 + here * after + after**2).mean()) / 3
