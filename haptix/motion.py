@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.errors import InputError
-from haptix.tables import number_in, read_table
+from haptix.files import read_csv
 
 Array = npt.NDArray[np.float64]
 
@@ -107,14 +107,12 @@ class Trajectory:
 
         Raises
         ------
+        FileFormatError
+            If the file is not such a table.
         InputError
-            If the file is not such a table, or a normal force is not above 0 N.
+            If its numbers are not a path, or a normal force is not above 0 N.
         """
-        path = Path(path)
-        table = [
-            [number_in(path, line, name, row[name]) for name in _COLUMNS]
-            for line, row in read_table(path, "the trajectory", _COLUMNS)
-        ]
+        table = [[row.number(name) for name in _COLUMNS] for row in read_csv(path, _COLUMNS)]
         try:
             read = cls(*np.array(table, dtype=float).reshape(-1, len(_COLUMNS)).T)
             force = read.normal_force_n

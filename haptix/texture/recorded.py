@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass, field
 from math import ceil
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix.errors import FileFormatError, InputError, check_positive
+from haptix.files import read_csv
 from haptix.texture.field import (
     Array,
     FrictionField,
@@ -132,14 +132,18 @@ class Recording(FrictionField):
         InputError
             If the numbers are not a profile.
         """
-        path = Path(path)
-        names, rows = _read(path)
-        table = dict(zip(names, rows.T, strict=True))
-        if "position_mm" not in table or not {"mu", "tangential_force_n"} & set(table):
+        rows = list(read_csv(path, ("position_mm",)))
+        names = rows[0].cells if rows else {}
+        if not {"mu", "tangential_force_n"} & set(names):
             raise FileFormatError(
                 f"{path}: expected columns position_mm and mu, or position_mm and "
                 f"tangential_force_n, got {', '.join(names)}"
             )
+        table = {
+            name: np.array([row.number(name) for row in rows])
+            for name in ("position_mm", "mu", "tangential_force_n", "normal_force_n")
+            if name in names
+        }
         if "mu" in table:
             mu = table["mu"]
         else:
@@ -167,27 +171,3 @@ class Recording(FrictionField):
         # The first value is at its position, which the pyramid has half a step from its corner.
         start = float(self.position_mm[0]) - self._pyramid.pixel_mm / 2
         return self._pyramid.sample(along - np.array(start), across, footprint_mm)
-
-
-def _read(path: Path) -> tuple[list[str], Array]:
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = [line for line in csv.reader(file) if line]
-    except OSError as error:
-        raise FileFormatError(f"cannot read {path}: {error.strerror}") from None
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise FileFormatError(f"{path}: expected a CSV file, got: {error}") from None
-    if not lines:
-        raise FileFormatError(f"{path}: expected a CSV file with a line of names, got none")
-    names = [name.strip() for name in lines[0]]
-    numbers = np.empty((len(lines) - 1, len(names)))
-    for i, line in enumerate(lines[1:]):
-        try:
-            if len(line) != len(names):
-                raise ValueError
-            numbers[i] = [float(cell) for cell in line]
-        except ValueError:
-            raise FileFormatError(
-                f"{path}: row {i + 2}: expected {len(names)} numbers, got {','.join(line)!r:.60}"
-            ) from None
-    return names, numbers

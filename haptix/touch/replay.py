@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from haptix.errors import InputError, check_positive
+from haptix.files import read_csv
 from haptix.motion import Trajectory
-from haptix.tables import number_in, read_table
 from haptix.touch.events import KINDS, TouchEvent
 
 _REQUIRED = ("t_s", "x_mm", "y_mm")
@@ -33,26 +33,23 @@ def read_events(path: str | Path) -> list[TouchEvent]:
 
     Raises
     ------
-    InputError
-        If the file is no such table, naming the line.
+    FileFormatError, InputError
+        If the file is not such a table; the message names the line.
     """
-    path = Path(path)
     events: list[TouchEvent] = []
     seen: dict[int, int] = {}
     has_kinds = False
-    for line, row in read_table(path, "the touches", _REQUIRED, _OPTIONAL):
-        t_s, x_mm, y_mm = (number_in(path, line, name, row[name]) for name in _REQUIRED)
-        touch_id = _integer(path, line, row.get("touch_id", "0"))
-        has_kinds = "kind" in row
-        kind = row["kind"].strip() if has_kinds else "move" if touch_id in seen else "down"
+    for row in read_csv(path, _REQUIRED, _OPTIONAL):
+        cells = row.cells
+        t_s, x_mm, y_mm = (row.number(name) for name in _REQUIRED)
+        touch_id = row.whole("touch_id") if "touch_id" in cells else 0
+        has_kinds = "kind" in cells
+        kind = cells["kind"].strip() if has_kinds else "move" if touch_id in seen else "down"
         known = next((k for k in KINDS if k == kind), None)
         if known is None:
-            raise InputError(
-                f"{path}, line {line}: kind: expected {', '.join(KINDS)}, got {kind!r}"
-            )
+            raise InputError(f"{row.place}: kind: expected {', '.join(KINDS)}, got {kind!r}")
         force, area = (
-            number_in(path, line, name, row[name]) if row.get(name, "").strip() else None
-            for name in _OPTIONAL[2:]
+            row.number(name) if cells.get(name, "").strip() else None for name in _OPTIONAL[2:]
         )
         seen[touch_id] = len(events)
         events.append(TouchEvent(t_s, touch_id, x_mm, y_mm, known, force, area))
@@ -100,12 +97,3 @@ def paced(
         if (wait_s := due_s - clock()) > 0:
             sleep(wait_s)
         yield event._replace(t_s=due_s)
-
-
-def _integer(path: Path, line: int, text: str) -> int:
-    try:
-        return int(text)
-    except ValueError:
-        raise InputError(
-            f"{path}, line {line}: touch_id: expected an integer, got {text!r}"
-        ) from None

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptix import InputError, Trajectory
+from haptix import HaptixError, InputError, Trajectory
 
 COLUMNS = ("t_s", "x_mm", "y_mm", "normal_force_n")
 HEADER = ",".join(COLUMNS) + "\n"
@@ -90,7 +90,7 @@ def test_a_bad_file_is_one_sentence_naming_the_place(tmp_path, name):
     text, words = BAD_FILES[name]
     # A name without digits, so that a row's number cannot be found in it.
     path = write(tmp_path / "finger.csv", text)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(HaptixError) as caught:
         Trajectory.from_csv(path)
     message = str(caught.value)
     assert "\n" not in message
@@ -123,13 +123,13 @@ def test_a_bad_value_is_named_whatever_the_source():
 def test_a_binary_file(tmp_path, content):
     path = tmp_path / "binary.csv"
     path.write_bytes(content)
-    with pytest.raises(InputError, match=r"binary\.csv"):
+    with pytest.raises(HaptixError, match=r"binary\.csv"):
         Trajectory.from_csv(path)
 
 
 def test_no_file(tmp_path):
     for path in (tmp_path / "missing.csv", tmp_path):
-        with pytest.raises(InputError, match=path.name):
+        with pytest.raises(HaptixError, match=path.name):
             Trajectory.from_csv(path)
 
 

@@ -62,11 +62,11 @@ def test_from_csv(tmp_path):
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("", "line of names"),
-        ("x,mu\n1,0.3\n2,0.4\n", "columns position_mm and mu"),
+        ("", "first line naming position_mm"),
+        ("x,mu\n1,0.3\n2,0.4\n", "missing or repeated: position_mm"),
         ("position_mm,force\n1,0.3\n2,0.4\n", "tangential_force_n, got position_mm, force"),
-        ("position_mm,mu\n1,0.3\n2,high\n", "row 3"),
-        ("position_mm,mu\n1,0.3\n2\n", "row 3"),
+        ("position_mm,mu\n1,0.3\n2,high\n", "line 3"),
+        ("position_mm,mu\n1,0.3\n2\n", "line 3"),
         ("position_mm,mu\n1,0.3\n", "2 or more"),
         ("position_mm,mu\n1,0.3\n1,0.4\n", "increasing"),
         ("position_mm,mu\n1,0.3\n3,0.4\n2,0.4\n", "2 mm follows 3 mm"),
@@ -87,7 +87,7 @@ def test_files_that_are_none(tmp_path):
     with pytest.raises(FileFormatError, match="cannot read"):
         Recording.from_csv(tmp_path / "none.csv")
     (tmp_path / "picture.csv").write_bytes(bytes(range(256)))
-    with pytest.raises(FileFormatError, match="expected a CSV"):
+    with pytest.raises(FileFormatError, match="expected a text file"):
         Recording.from_csv(tmp_path / "picture.csv")
 
 
