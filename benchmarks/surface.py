@@ -20,6 +20,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from haptix import ContactModel, Finger, FrictionSurface, Screen
 from haptix.surface import Interpolant
+from haptix.surface.axes import Axes
 
 RANGES = {
     "normal_force_n": (0.1, 1.0),
@@ -97,13 +98,13 @@ def queries(surface: FrictionSurface) -> None:
 def load(surface: FrictionSurface) -> None:
     """Load a file of 20 MB: the surface's columns, many times over along the force."""
     table = surface.table
-    many = int(20e6 / table.columns.nbytes * len(table.axes[0].nodes)) + 1
-    force = type(table.axes[0])("normal_force_n", torch.logspace(-1, 0, many, dtype=torch.float64))
-    copies = table.columns[torch.arange(many) % len(table.axes[0].nodes)]
+    forces = table.axes.shape[0]
+    many = int(20e6 / table.columns.nbytes * forces) + 1
+    nodes = {axis.name: axis.nodes for axis in table.axes}
+    nodes["normal_force_n"] = torch.logspace(-1, 0, many, dtype=torch.float64)
+    copies = table.columns[torch.arange(many) % forces]
     large = FrictionSurface(
-        Interpolant(
-            (force, *table.axes[1:]), table.drive, copies, table.unit_v, table.voltage_limit_v
-        ),
+        Interpolant(Axes.of(nodes), table.drive, copies, table.unit_v, table.voltage_limit_v),
         surface.info,
     )
     with tempfile.TemporaryDirectory() as folder:

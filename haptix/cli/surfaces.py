@@ -282,7 +282,7 @@ def _unplanned(
 
 def _measured(model: ContactModel, ranges: dict[str, Any], tolerance: str, target: Path) -> Work:
     """Correct the mean field by boundary elements; an interrupted build resumes."""
-    from haptix.surface import MeasuringJob, measured_surface
+    from haptix.surface import FrictionSurface, MeasuringJob
 
     job = MeasuringJob(model, ranges)
     kept = target.with_name(target.name + ".partial.npz")
@@ -293,7 +293,7 @@ def _measured(model: ContactModel, ranges: dict[str, Any], tolerance: str, targe
     )
 
     def work(update: Update, largest_bytes: int) -> FrictionSurface:
-        surface = measured_surface(
+        surface = FrictionSurface.measured(
             job, tolerance, lambda share: update("build", share), largest_bytes, checkpoint=kept
         )
         kept.unlink(missing_ok=True)

@@ -22,8 +22,7 @@ from haptix.planning.decisions import (
 from haptix.planning.effects import Effect, Trials
 from haptix.planning.grid import estimated_nodes, values
 from haptix.scene import Scene
-from haptix.surface import FrictionSurface
-from haptix.surface.surface import LARGEST_BYTES
+from haptix.surface import LARGEST_BYTES, FrictionSurface
 from haptix.surface.tolerance import Tolerance
 from haptix.terms import TERMS
 

@@ -1,13 +1,13 @@
 """The friction surface mu(F_N, V0, f, h0): build, evaluate, invert, save."""
 
-from haptix.surface.boundary_elements import MeasuredPoints, MeasuringJob, measured_surface
+from haptix.surface.boundary_elements import MeasuredPoints, MeasuringJob
 from haptix.surface.cache import cached_surface
 from haptix.surface.column import PULL_IN_DRIVE, PULL_IN_SHARE, Column
 from haptix.surface.identity import surface_key
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.slice import Slice
-from haptix.surface.surface import LARGEST_BYTES, FrictionSurface, Inversion, SurfaceSample
-from haptix.surface.tolerance import Tolerance
+from haptix.surface.surface import FrictionSurface, Inversion, SurfaceSample
+from haptix.surface.tolerance import LARGEST_BYTES, Tolerance
 
 __all__ = [
     "LARGEST_BYTES",
@@ -23,6 +23,5 @@ __all__ = [
     "SurfaceSample",
     "Tolerance",
     "cached_surface",
-    "measured_surface",
     "surface_key",
 ]

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from haptix.errors import HaptixError
 from haptix.files import write_whole
-from haptix.surface.surface import FrictionSurface
+from haptix.surface.axes import AXES, AXIS_NAMES
+from haptix.surface.interpolant import Interpolant
 
 if TYPE_CHECKING:
     import xarray
     from torch import Tensor
 
-_PLACES = ("normal_force_n", "frequency_hz", "h0_m")
 _ATTRIBUTES = {
-    "normal_force_n": {"units": "N", "long_name": "normal force"},
-    "frequency_hz": {"units": "Hz", "long_name": "drive frequency"},
-    "h0_m": {"units": "m", "long_name": "effective thickness d1/eps1 of the insulator"},
+    **{axis.name: {"units": axis.unit, "long_name": axis.text} for axis in AXES},
     "drive": {"units": "1", "long_name": "square of the voltage over the pull-in voltage"},
     "mu": {"units": "1", "long_name": "friction coefficient"},
     "pull_in_voltage_v": {"units": "V", "long_name": "amplitude at which the contact snaps in"},
@@ -29,15 +28,17 @@ _ATTRIBUTES = {
 }
 
 
-def export_netcdf(surface: FrictionSurface, path: Path) -> None:
+def export_netcdf(table: Interpolant, info: Mapping[str, Any], path: Path) -> None:
     """Write a surface as NetCDF-4, whole or not at all; a file of that name is replaced.
 
     Parameters
     ----------
-    surface : FrictionSurface
+    table : Interpolant
         Becomes ``mu(normal_force_n, frequency_hz, h0_m, drive)``, with ``pull_in_voltage_v`` and
         ``breakdown_voltage_v`` over the first three. A quantity that it was built without is a
-        dimension of the one value NaN. Its ``info`` is the attribute ``haptix_info``, as JSON.
+        dimension with the single value NaN.
+    info : mapping
+        Plain values; becomes the attribute ``haptix_info``, as JSON.
     path : Path
         File to write, such as ``my.nc``.
 
@@ -48,7 +49,7 @@ def export_netcdf(surface: FrictionSurface, path: Path) -> None:
     FileFormatError
         If the file cannot be written.
     """
-    dataset = _dataset(surface)
+    dataset = _dataset(table, info)
     # By default xarray would mark NaN as missing, which makes no sense in a table without holes.
     encoding = {str(name): {"_FillValue": None} for name in dataset.variables}
     # Made in memory, since HDF5 does not raise when a disk is full.
@@ -56,7 +57,7 @@ def export_netcdf(surface: FrictionSurface, path: Path) -> None:
     write_whole(path, data)
 
 
-def _dataset(surface: FrictionSurface) -> xarray.Dataset:
+def _dataset(table: Interpolant, info: Mapping[str, Any]) -> xarray.Dataset:
     try:
         import h5netcdf  # noqa: F401  # by which xarray writes
         import xarray
@@ -65,19 +66,18 @@ def _dataset(surface: FrictionSurface) -> xarray.Dataset:
             f"export to NetCDF: expected xarray and h5netcdf, but {error.name} is not installed; "
             "run: pip install 'haptix-electrovibration[netcdf]'"
         ) from None
-    table = surface.table
 
     def variable(name: str, dims: tuple[str, ...], values: Tensor) -> xarray.Variable:
         return xarray.Variable(dims, values.detach().cpu().numpy(), _ATTRIBUTES[name])
 
-    axes = {name: axis.nodes for name, axis in zip(_PLACES, table.axes, strict=True)}
+    axes = {axis.name: axis.nodes for axis in table.axes}
     axes["drive"] = table.drive
     return xarray.Dataset(
         {
-            "mu": variable("mu", (*_PLACES, "drive"), table.mu),
-            "pull_in_voltage_v": variable("pull_in_voltage_v", _PLACES, table.pull_in_voltage_v),
+            "mu": variable("mu", (*AXIS_NAMES, "drive"), table.mu),
+            "pull_in_voltage_v": variable("pull_in_voltage_v", AXIS_NAMES, table.pull_in_voltage_v),
             "breakdown_voltage_v": variable(
-                "breakdown_voltage_v", _PLACES, table.breakdown_voltage_v
+                "breakdown_voltage_v", AXIS_NAMES, table.breakdown_voltage_v
             ),
         },
         {name: variable(name, (name,), nodes) for name, nodes in axes.items()},
@@ -87,6 +87,6 @@ def _dataset(surface: FrictionSurface) -> xarray.Dataset:
             "linear in the logarithms of normal_force_n, frequency_hz and h0_m",
             "voltage_limit_v": table.voltage_limit_v,
             "ends_at_breakdown": int(table.ends_at_breakdown),  # NetCDF has no truth values
-            "haptix_info": json.dumps(dict(surface.info), sort_keys=True),
+            "haptix_info": json.dumps(dict(info), sort_keys=True),
         },
     )

@@ -1,22 +1,53 @@
-"""Axes of the friction surface: where a query lies between the nodes."""
+"""Axes of the friction surface: their names, their nodes, and queries between the nodes."""
 
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, log
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from haptix.errors import InputError, RangeError
+from haptix.surface.cells import Cells
 
 _COMPLEX = (torch.complex64, torch.complex128, np.complex64, np.complex128)
-_MOST_PLACES = 4096
 SLACK = 1e-6  # relative; a float32 copy of an axis value still counts as on the axis
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What an axis stands for.
+
+    Parameters
+    ----------
+    name : str
+        Name in queries, files and tables, with the unit.
+    unit, text : str
+        Unit of SI, and a description for readers.
+    is_collapsible : bool
+        Whether planning may hold it at one value.
+    """
+
+    name: str
+    unit: str
+    text: str
+    is_collapsible: bool = True
+
+
+AXES = (
+    Quantity("normal_force_n", "N", "normal force", is_collapsible=False),
+    Quantity("frequency_hz", "Hz", "drive frequency"),
+    Quantity("h0_m", "m", "effective thickness d1/eps1 of the insulator"),
+)
+"""Axes of every surface besides the voltage, in the order of its table."""
+
+AXIS_NAMES = tuple(quantity.name for quantity in AXES)
 
 
 def numbers(name: str, value: Any, like: Tensor) -> Tensor:
@@ -37,70 +68,6 @@ def within(x: Tensor, least: float, least_counts: bool = True) -> bool:
         return True
     low, high = (float(end) for end in torch.aminmax(x.detach()))
     return (low >= least if least_counts else low > least) and high < inf
-
-
-@dataclass(frozen=True)
-class Cells:
-    """Finds the cell between increasing nodes in which a value lies, without a branch.
-
-    An even grid finer than the nodes knows the cell at its own places; what little a value lies
-    beyond them is mended in a fixed number of steps. Bisection, whose every branch a random value
-    leaves unpredictable, takes several times as long.
-
-    Parameters
-    ----------
-    start : float
-        The first node.
-    per_width : float
-        Even places per unit.
-    guide : Tensor of int, shape (places,)
-        Cell of each even place.
-    upper : Tensor, shape (cells,)
-        Upper node of each cell, infinite in the last.
-    scale, offset : Tensor, shape (cells,)
-        ``scale x + offset`` runs from 0 to 1 in the cell.
-    steps : int
-        Most nodes between two even places.
-    """
-
-    start: float
-    per_width: float
-    guide: Tensor
-    upper: Tensor
-    scale: Tensor
-    offset: Tensor
-    steps: int
-
-    @classmethod
-    def between(cls, nodes: Tensor) -> Cells:
-        """Prepare for nodes, shape (2 or more,)."""
-        low, high = float(nodes[0]), float(nodes[-1])
-        # Nodes may coincide in single precision: a cell of no width is never entered.
-        width = nodes.diff().clamp(min=(high - low) * 1e-7)
-        narrowest = float(width.min())
-        places = min(_MOST_PLACES, max(16, int((high - low) / narrowest) + 2))
-        at = torch.linspace(low, high, places, dtype=nodes.dtype, device=nodes.device)
-        guide = torch.bucketize(at, nodes[1:-1].contiguous(), right=True)
-        scale = 1 / width
-        return cls(
-            low,
-            (places - 1) / (high - low),
-            guide,
-            torch.cat([nodes[1:-1], nodes.new_tensor([torch.inf])]),
-            scale,
-            -nodes[:-1] * scale,
-            # A value that rounding takes across a node is at the node: nothing jumps there.
-            int(guide.diff().max()),
-        )
-
-    def find(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Cell, and position in it from 0 to 1; values beyond the ends are held there."""
-        place = ((x.detach() - self.start) * self.per_width).long()
-        cell = self.guide.index_select(0, place.clamp_(0, len(self.guide) - 1))
-        for _ in range(self.steps):
-            cell += x.detach() >= self.upper.index_select(0, cell)
-        part = torch.addcmul(self.offset.index_select(0, cell), x, self.scale.index_select(0, cell))
-        return cell, part.clamp(0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -180,19 +147,139 @@ class Axis:
         """Cell and position in the cell (0 to 1); values beyond the ends are held there."""
         return self._cells.find(torch.log(x))
 
-    def locate_one(self, value: float) -> tuple[int, float]:
+    def locate_one(self, value: Any) -> tuple[int, float]:
         """`locate` for one number, without the cost of tensors.
 
         Raises
         ------
-        RangeError
-            If the value is not on the axis.
+        InputError, RangeError
+            If the value is no number, or not on the axis.
         """
+        try:
+            value = float(value)
+        except (TypeError, ValueError, RuntimeError):
+            raise InputError(
+                f"{self.name}: expected one number to slice at, got {value!r}"
+            ) from None
+        if self.is_absent:
+            raise RangeError(f"{self.name}: the surface was built without it")
         if not self.low * (1 - SLACK) <= value <= self.high * (1 + SLACK):
             raise RangeError(
                 f"{self.name}: {value:g} is outside the surface's {self.low:g} to {self.high:g}"
             )
+        if not self.varies:
+            return 0, 0.0
         nodes = self._plain_log_nodes
         x = min(max(log(value), nodes[0]), nodes[-1])
         cell = min(max(bisect_right(nodes, x) - 1, 0), len(nodes) - 2)
         return cell, (x - nodes[cell]) / (nodes[cell + 1] - nodes[cell])
+
+
+@dataclass(frozen=True)
+class Axes:
+    """The axes of one surface, in the order of `AXES`.
+
+    Parameters
+    ----------
+    each : tuple of Axis
+        One for each quantity of `AXES`.
+    """
+
+    each: tuple[Axis, ...]
+
+    @classmethod
+    def of(cls, nodes: Mapping[str, Tensor]) -> Self:
+        """Put nodes by name into order; other names are left out."""
+        return cls(tuple(Axis(name, nodes[name]) for name in AXIS_NAMES))
+
+    def __iter__(self) -> Iterator[Axis]:
+        return iter(self.each)
+
+    def __getitem__(self, name: str) -> Axis:
+        return self.each[AXIS_NAMES.index(name)]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Nodes of each axis."""
+        return tuple(len(axis.nodes) for axis in self.each)
+
+    def to(self, dtype: torch.dtype, device: torch.device | str) -> Axes:
+        """Return a copy in another precision or on another device."""
+        return Axes(tuple(Axis(axis.name, axis.nodes.to(device, dtype)) for axis in self.each))
+
+    def read(self, query: Mapping[str, Any]) -> list[Tensor | None]:
+        """Check the values of a query by name, see `Axis.read`."""
+        return [axis.read(query.get(axis.name)) for axis in self.each]
+
+    def at(self, values: Mapping[str, Any], columns: Tensor) -> tuple[Axes, Tensor]:
+        """Slice axes away at one value each; None leaves an axis as it is.
+
+        Parameters
+        ----------
+        values : mapping
+            Values by name of the axis.
+        columns : Tensor, shape (*shape, entries)
+            Table over the axes.
+        """
+        axes = list(self.each)
+        for dim, axis in enumerate(self.each):
+            value = values.get(axis.name)
+            if value is None:
+                continue
+            cell, part = axis.locate_one(value)
+            if axis.varies:
+                low, high = columns.narrow(dim, cell, 1), columns.narrow(dim, cell + 1, 1)
+                columns = torch.lerp(low, high, part)
+            axes[dim] = Axis(axis.name, axis.nodes.new_tensor([float(value)]))
+        return Axes(tuple(axes)), columns
+
+    def blend(
+        self, places: Sequence[Tensor | None], columns: Tensor, like: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Blend the columns around each point, linear in the logarithm of each quantity.
+
+        Parameters
+        ----------
+        places : sequence of Tensor or None
+            Values along each axis, shape (points,), as `read` returns them.
+        columns : Tensor, shape (*shape, entries)
+            Table over the axes.
+        like : Tensor, shape (points,)
+            Gives the number of points where no place does.
+
+        Returns
+        -------
+        column : Tensor, shape (points, entries)
+            Beyond the ends of an axis, the column of the end.
+        is_inside : Tensor of bool, shape (points,)
+            Whether the point is on all axes.
+        """
+        inside: Tensor | None = None
+        row: Tensor | None = None
+        weight: Tensor | None = None
+        for axis, place in zip(self.each, places, strict=True):
+            if place is None:
+                continue
+            on_axis = axis.contains(place)
+            inside = on_axis if inside is None else inside.logical_and_(on_axis)
+            if not axis.varies:
+                continue
+            cell, part = axis.locate(place)
+            if row is None or weight is None:
+                row, weight = torch.stack([cell, cell + 1], -1), torch.stack([1 - part, part], -1)
+                continue
+            first = row * len(axis.nodes) + cell[:, None]
+            high = weight * part[:, None]
+            row = torch.cat([first, first + 1], -1)
+            weight = torch.cat([weight - high, high], -1)
+        if inside is None:
+            inside = torch.ones_like(like, dtype=torch.bool)
+        table = columns.reshape(-1, columns.shape[-1])
+        if row is None or weight is None:
+            return table.expand(len(like), -1).contiguous(), inside
+        each = row.shape[1]
+        offsets = torch.arange(0, row.numel(), each, device=row.device)
+        column: Tensor = torch.nn.functional.embedding_bag(
+            row.reshape(-1), table, offsets, per_sample_weights=weight.reshape(-1), mode="sum"
+        )
+        return column, inside

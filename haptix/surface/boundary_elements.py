@@ -24,14 +24,12 @@ from haptix.errors import InputError, ToleranceError
 from haptix.fidelity import BoundaryElementBalance
 from haptix.friction import ContactModel
 from haptix.status import Status
-from haptix.surface.axes import Axis
-from haptix.surface.build import build_surface
+from haptix.surface.axes import AXIS_NAMES, Axes, Axis
+from haptix.surface.build import build_table
 from haptix.surface.identity import model_hash, surface_key
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.ranges import read_ranges
-from haptix.surface.sampling import PLACES
-from haptix.surface.surface import LARGEST_BYTES, FrictionSurface
-from haptix.surface.tolerance import Tolerance
+from haptix.surface.tolerance import LARGEST_BYTES, Tolerance
 
 Band = Literal["finger", "box"]
 Progress = Callable[[float], None]
@@ -97,8 +95,10 @@ class MeasuringJob:
     def nodes(self) -> tuple[list[float | None], ...]:
         """Values along force, frequency and h0."""
         ranges = read_ranges(self.model, self.scene)
-        counts = (self.points.forces, self.points.axis_values, self.points.axis_values)
-        return tuple(_nodes(ranges[name], n) for name, n in zip(PLACES, counts, strict=True))
+        counts = {"normal_force_n": self.points.forces}
+        return tuple(
+            _nodes(ranges[name], counts.get(name, self.points.axis_values)) for name in AXIS_NAMES
+        )
 
     @property
     def places(self) -> list[tuple[float | None, ...]]:
@@ -133,15 +133,15 @@ class MeasuringJob:
         )
 
 
-def measured_surface(
+def measured_table(
     job: MeasuringJob,
     tolerance: Tolerance | float | str = 2e-3,
     on_progress: Progress | None = None,
     largest_bytes: int = LARGEST_BYTES,
     notes: Mapping[str, Any] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
-) -> FrictionSurface:
-    """Build a surface from boundary elements with the mean field between them.
+) -> tuple[Interpolant, dict[str, Any]]:
+    """Build a table from boundary elements with the mean field between them; see `build_table`.
 
     Parameters
     ----------
@@ -155,8 +155,8 @@ def measured_surface(
 
     Returns
     -------
-    FrictionSurface
-        With points, ratios and scatter in ``info["boundary_elements"]``.
+    Interpolant, dict
+        The table, and its description with points, ratios and scatter in "boundary_elements".
 
     Raises
     ------
@@ -169,7 +169,7 @@ def measured_surface(
     asked = Tolerance.read(tolerance)
     best: ToleranceError | None = None
     try:
-        prior = build_surface(
+        prior, info = build_table(
             job.mean_field(job.points.band),
             job.scene,
             asked,
@@ -180,12 +180,12 @@ def measured_surface(
     except ToleranceError as error:
         if error.best is None:
             raise
-        prior, best = error.best, error
+        (prior, info), best = error.best, error
     measured = _measure(job, prior, checkpoint, lambda share: report(0.1 + 0.9 * share))
-    surface = _corrected(job, prior, measured, surface_key(job.model, job.scene, asked))
+    found = _corrected(job, prior, info, measured, surface_key(job.model, job.scene, asked))
     if best is not None:
-        raise ToleranceError(str(best), surface)
-    return surface
+        raise ToleranceError(str(best), found)
+    return found
 
 
 def _nodes(span: tuple[float, float] | None, count: int) -> list[float | None]:
@@ -202,7 +202,7 @@ def _nodes(span: tuple[float, float] | None, count: int) -> list[float | None]:
 
 def _measure(
     job: MeasuringJob,
-    prior: FrictionSurface,
+    prior: Interpolant,
     checkpoint: str | os.PathLike[str] | None,
     report: Progress,
 ) -> Row:
@@ -211,13 +211,12 @@ def _measure(
     share = torch.linspace(0, 1, job.points.drives, dtype=torch.float64)
 
     def column(number: int) -> Row:
-        force, frequency, h0 = job.places[number]
-        place = (force, None if prior.frequency_hz.is_absent else frequency, h0)
+        place = dict(zip(AXIS_NAMES, job.places[number], strict=True))
         # The last bit of a voltage must not be beyond the screen's limit.
-        end = prior.highest_voltage(*place).to("cpu", torch.float64)
+        end = prior.end(place).to("cpu", torch.float64)
         voltage = (end * share.sqrt()).clamp(max=model.screen.max_voltage_v)
-        exact, mean = (m.solve(force, voltage, frequency, h0) for m in (model, box_field))
-        scatter = model.scatter(force, voltage, frequency, h0)
+        exact, mean = (m.solve(voltage_v=voltage, **place) for m in (model, box_field))
+        scatter = model.scatter(voltage_v=voltage, **place)
         area = scatter.area_fraction
         return {
             "voltage_v": voltage,
@@ -241,8 +240,8 @@ def _measure(
 
 
 def _corrected(
-    job: MeasuringJob, prior: FrictionSurface, measured: Row, key: str
-) -> FrictionSurface:
+    job: MeasuringJob, prior: Interpolant, info: dict[str, Any], measured: Row, key: str
+) -> tuple[Interpolant, dict[str, Any]]:
     log_ratio = torch.log(measured["mu"] / measured["mean_field_mu"])
     # Past an end of the branch a ratio compares ends: the last one before it is kept instead.
     for level in range(1, log_ratio.shape[1]):
@@ -253,7 +252,7 @@ def _corrected(
             "boundary_elements: expected some contact at every place, got a surface without; take "
             "more points, or larger forces"
         )
-    table = _refined(prior.table, job)
+    table = _refined(prior, job)
     shape = tuple(len(nodes) for nodes in job.nodes)
     grid = log_ratio.reshape(*shape, -1)
     for dim, axis in enumerate(table.axes):
@@ -270,29 +269,28 @@ def _corrected(
     inverse = columns[..., : len(table.drive)] * torch.exp(-correction).to(columns)
     falling = inverse.cummax(-1).values
     columns[..., : len(table.drive)] = falling
-    info = {
-        **prior.info,
+    described = {
+        **info,
         "key": key,
         "model": job.model.describe(),
         "model_hash": model_hash(job.model.describe()),
         "boundary_elements": {
             **asdict(job.points),
             "theory": job.model.theory,
-            "places": [dict(zip(PLACES, place, strict=True)) for place in job.places],
+            "places": [dict(zip(AXIS_NAMES, place, strict=True)) for place in job.places],
             "ratio": log_ratio.exp().tolist(),
             **{name: values.tolist() for name, values in measured.items()},
         },
         "mu_low": float((-1 / falling).min()),
         "mu_high": float((-1 / falling).max()),
-        "monotone_corrections": prior.info["monotone_corrections"]
-        + int((falling != inverse).sum()),
+        "monotone_corrections": info["monotone_corrections"] + int((falling != inverse).sum()),
     }
-    return FrictionSurface(replace(table, columns=columns), info)
+    return replace(table, columns=columns), described
 
 
 def _refined(table: Interpolant, job: MeasuringJob) -> Interpolant:
     """The same interpolant with nodes where the correction has its own."""
-    columns, axes = table.columns.to("cpu", torch.float64), list(table.axes)
+    columns, axes = table.columns.to("cpu", torch.float64), list(table.axes.each)
     for dim, (axis, known) in enumerate(zip(table.axes, job.nodes, strict=True)):
         if not axis.varies:
             continue
@@ -309,7 +307,7 @@ def _refined(table: Interpolant, job: MeasuringJob) -> Interpolant:
     inverse = torch.lerp(columns[..., cell], columns[..., cell + 1], part)
     return replace(
         table,
-        axes=(axes[0], axes[1], axes[2]),
+        axes=Axes(tuple(axes)),
         drive=finer,
         columns=torch.cat([inverse, columns[..., len(drive) :]], -1),
     )

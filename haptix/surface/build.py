@@ -14,14 +14,13 @@ from torch import Tensor
 
 from haptix.errors import InputError, ToleranceError
 from haptix.friction import ContactModel
-from haptix.surface.axes import Axis
+from haptix.surface.axes import AXIS_NAMES, Axes, Axis
 from haptix.surface.column import PULL_IN_DRIVE
 from haptix.surface.identity import model_hash, surface_key
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.placement import fewest_nodes
 from haptix.surface.ranges import Ranges, read_ranges
-from haptix.surface.sampling import PLACES, AxisPilot, DrivePilot, HeldOut, Sampler, solve_columns
-from haptix.surface.surface import FrictionSurface
+from haptix.surface.sampling import AxisPilot, DrivePilot, HeldOut, Sampler, solve_columns
 from haptix.surface.tolerance import Tolerance
 from haptix.version import __version__
 
@@ -40,15 +39,21 @@ _FIRST_SHARE = 1.8
 Progress = Callable[[float], None]
 
 
-def build_surface(
+def build_table(
     model: ContactModel,
     scene: Any,
     tolerance: Tolerance,
     on_progress: Progress | None,
     largest_bytes: int,
     notes: Mapping[str, Any],
-) -> FrictionSurface:
-    """See `FrictionSurface.build`."""
+) -> tuple[Interpolant, dict[str, Any]]:
+    """Solve a table and describe it; see `FrictionSurface.build`.
+
+    Raises
+    ------
+    ToleranceError
+        With the best table and its description.
+    """
     ranges = read_ranges(model, scene)
     try:
         json.dumps(dict(notes), allow_nan=False)
@@ -75,15 +80,15 @@ def build_surface(
         "held_out_points": found.error.numel(),
         "monotone_corrections": found.corrections,
     }
-    surface = FrictionSurface(found.table, info)
     if not found.is_met:
+        size = found.table.nbytes
         raise ToleranceError(
             f"tolerance {tolerance} cannot be met within {largest_bytes:,} bytes: reached "
-            f"{found.worst:.3g} {tolerance.unit} with {surface.nbytes:,} bytes; ask for less, for "
+            f"{found.worst:.3g} {tolerance.unit} with {size:,} bytes; ask for less, for "
             "a narrower range, or, if that is near the size, allow more bytes",
-            surface,
+            (found.table, info),
         )
-    return surface
+    return found.table, info
 
 
 @dataclass(frozen=True)
@@ -199,7 +204,7 @@ class _Build:
         return self.pilots[name]
 
     def _tabulate(self, nodes: Mapping[str, Tensor]) -> tuple[Interpolant, int]:
-        axes = tuple(self._axis(name, nodes) for name in PLACES)
+        axes = Axes(tuple(self._axis(name, nodes) for name in AXIS_NAMES))
         grid = torch.meshgrid(*(axis.nodes for axis in axes), indexing="ij")
         places = {
             axis.name: None if axis.is_absent else at for axis, at in zip(axes, grid, strict=True)
@@ -212,7 +217,7 @@ class _Build:
         # A power of two well below all of them keeps the logarithms above 0.
         unit_v = 2.0 ** (floor(float(voltages.min()) / _LN2) - 2)
         table = Interpolant(
-            (axes[0], axes[1], axes[2]),
+            axes,
             nodes["drive"],
             torch.cat([falling, voltages - log2(unit_v) * _LN2], -1),
             unit_v,
@@ -232,8 +237,8 @@ class _Build:
         return Axis(name, values)
 
     def _size(self, nodes: Mapping[str, Tensor]) -> int:
-        columns = prod(len(nodes.get(name, _ONE)) for name in PLACES)
-        axes = sum(len(nodes.get(name, _ONE)) for name in (*PLACES, "drive"))
+        columns = prod(len(nodes.get(name, _ONE)) for name in AXIS_NAMES)
+        axes = sum(len(nodes.get(name, _ONE)) for name in (*AXIS_NAMES, "drive"))
         return 8 * (columns * (len(nodes["drive"]) + 2) + axes)
 
     def _unit(self, mu: Tensor) -> Tensor:

@@ -19,25 +19,20 @@ from torch import Tensor
 from haptix.errors import FileFormatError
 from haptix.files import write_whole
 from haptix.friction import ContactModel
-from haptix.surface.axes import Axis
+from haptix.surface.axes import AXES, AXIS_NAMES, Axes
 from haptix.surface.identity import model_hash
 from haptix.surface.interpolant import Interpolant
-from haptix.surface.surface import FrictionSurface
 
 FORMAT = "haptix-friction-surface"
 VERSION = "2.0"
 """Major and minor: readers refuse another major, and read any minor."""
 
-_AXES = ("normal_force_n", "frequency_hz", "h0_m")
-_TENSORS = (*_AXES, "drive", "columns")
 _SCHEMA = {
     "format": FORMAT,
     "version": VERSION,
-    "axes": [*_AXES, "drive"],
+    "axes": [*AXIS_NAMES, "drive"],
     "units": {
-        "normal_force_n": "N",
-        "frequency_hz": "Hz",
-        "h0_m": "m",
+        **{axis.name: axis.unit for axis in AXES},
         "drive": "1",
         "unit_v": "V",
         "voltage_limit_v": "V",
@@ -46,14 +41,17 @@ _SCHEMA = {
     "columns": "-1/mu at each drive, not falling; ln(pull-in voltage / unit_v); "
     "ln(breakdown voltage / unit_v)",
     "drive": "(voltage_v / pull-in voltage)^2",
-    "interpolation": "linear in the logarithms of normal_force_n, frequency_hz and h0_m, for whole "
-    "columns; then linear in drive",
+    "interpolation": f"linear in the logarithms of {', '.join(AXIS_NAMES[:-1])} and "
+    f"{AXIS_NAMES[-1]}, for whole columns; then linear in drive",
 }
 
 
-def save_surface(surface: FrictionSurface, path: Path) -> None:
+Info = Mapping[str, Any]
+"""What a surface was built from and how accurate it is; plain values."""
+
+
+def save_table(table: Interpolant, info: Info, path: Path) -> None:
     """Write a surface, whole or not at all."""
-    table = surface.table
     tensors = {axis.name: axis.nodes for axis in table.axes}
     tensors |= {"drive": table.drive, "columns": table.columns}
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
@@ -62,7 +60,7 @@ def save_surface(surface: FrictionSurface, path: Path) -> None:
         "unit_v": table.unit_v,
         "voltage_limit_v": table.voltage_limit_v,
         "ends_at_breakdown": table.ends_at_breakdown,
-        "info": dict(surface.info),
+        "info": dict(info),
         "crc32": {name: _checksum(tensor) for name, tensor in tensors.items()},
     }
     header["sha256"] = _digest(header)
@@ -70,10 +68,13 @@ def save_surface(surface: FrictionSurface, path: Path) -> None:
     write_whole(path, data)
 
 
-def load_surface(path: Path, model: ContactModel | None = None) -> FrictionSurface:
-    """Read a file, or say what is wrong with it; never returns half a surface.
+def load_table(path: Path, model: ContactModel | None = None) -> tuple[Interpolant, Info]:
+    """Read a file; its tensors stay in the file and are mapped into memory.
 
-    The tensors stay in the file and are mapped into memory.
+    Raises
+    ------
+    FileFormatError
+        If the file is missing, foreign, damaged, of a later version or of another model.
     """
     header, tensors = _read(path)
     if not isinstance(header, dict) or header.get("format") != FORMAT:
@@ -92,9 +93,9 @@ def load_surface(path: Path, model: ContactModel | None = None) -> FrictionSurfa
         raise FileFormatError(f"{path} is damaged: its description does not match its checksum")
     if {name: _checksum(tensor) for name, tensor in tensors.items()} != header.get("crc32"):
         raise FileFormatError(f"{path} is damaged: its numbers do not match their checksum")
-    surface = _assemble(path, header, tensors)
-    _check_model(path, surface, model)
-    return surface
+    table, info = _assemble(path, header, tensors)
+    _check_model(path, info, model)
+    return table, info
 
 
 def _read(path: Path) -> tuple[Any, dict[str, Tensor]]:
@@ -125,21 +126,20 @@ def _is_same(path: Path, before: os.stat_result) -> bool:
     return (now.st_ino, now.st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
 
 
-def _assemble(path: Path, header: Mapping[str, Any], tensors: dict[str, Tensor]) -> FrictionSurface:
+def _assemble(path: Path, header: Info, tensors: dict[str, Tensor]) -> tuple[Interpolant, Info]:
     try:
-        force, frequency, h0 = (Axis(name, tensors[name]) for name in _AXES)
         table = Interpolant(
-            (force, frequency, h0),
+            Axes.of(tensors),
             tensors["drive"],
             tensors["columns"],
             float(header["unit_v"]),
             float(header["voltage_limit_v"]),
             bool(header["ends_at_breakdown"]),
         )
-        surface = FrictionSurface(table, dict(header["info"]))
+        info = dict(header["info"])
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise FileFormatError(f"{path} is damaged: {error}") from None
-    shape = (*(len(axis.nodes) for axis in table.axes), len(table.drive) + 2)
+    shape = (*table.axes.shape, len(table.drive) + 2)
     sound = {
         "axes and units are those of this version": all(
             header.get(key) == _SCHEMA[key] for key in ("axes", "units", "monotone_axis")
@@ -152,12 +152,12 @@ def _assemble(path: Path, header: Mapping[str, Any], tensors: dict[str, Tensor])
     wrong = [rule for rule, holds in sound.items() if not holds]
     if wrong:
         raise FileFormatError(f"{path}: expected that {'; '.join(wrong)}; build it again")
-    return surface
+    return table, info
 
 
-def _check_model(path: Path, surface: FrictionSurface, model: ContactModel | None) -> None:
-    stored = surface.info.get("model_hash")
-    if stored != model_hash(surface.info.get("model", {})):
+def _check_model(path: Path, info: Info, model: ContactModel | None) -> None:
+    stored = info.get("model_hash")
+    if stored != model_hash(info.get("model", {})):
         raise FileFormatError(f"{path} is damaged: its model does not match its hash")
     if model is not None and stored != model_hash(model.describe()):
         raise FileFormatError(
@@ -166,7 +166,7 @@ def _check_model(path: Path, surface: FrictionSurface, model: ContactModel | Non
         )
 
 
-def _digest(header: Mapping[str, Any]) -> str:
+def _digest(header: Info) -> str:
     return hashlib.sha256(json.dumps(header, sort_keys=True).encode()).hexdigest()
 
 

@@ -11,8 +11,7 @@ from typing import Any
 
 from haptix.friction import ContactModel
 from haptix.surface.ranges import read_ranges
-from haptix.surface.surface import LARGEST_BYTES
-from haptix.surface.tolerance import Tolerance
+from haptix.surface.tolerance import LARGEST_BYTES, Tolerance
 from haptix.version import __version__
 
 

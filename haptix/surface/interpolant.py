@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -10,12 +10,16 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from haptix.errors import InputError, RangeError
+from haptix.errors import InputError
 from haptix.inputs import broadcast_shape
 from haptix.status import Status
-from haptix.surface.axes import Axis, Cells
+from haptix.surface.axes import Axes
 from haptix.surface.blocks import in_blocks
+from haptix.surface.cells import Cells
 from haptix.surface.column import PULL_IN_DRIVE
+
+Query = Mapping[str, Any]
+"""Values by name of the axis, which broadcast; a missing one is None."""
 
 _EXTRA = 2  # numbers of a column after those of mu: ln of the pull-in and breakdown voltage
 _OK, _ABOVE, _BELOW = int(Status.OK), int(Status.ABOVE), int(Status.BELOW)
@@ -35,12 +39,11 @@ class Interpolant:
 
     Parameters
     ----------
-    axes : (Axis, Axis, Axis)
-        Normal force, frequency and h0, in the order of the table; one that does not vary has a
-        single node.
+    axes : Axes
+        Normal force, frequency and h0; an axis that does not vary has a single node.
     drive : Tensor, shape (drives,)
         Nodes of s, from 0 up to 0.81 or to the highest that occurs within the voltage limit.
-    columns : Tensor, shape (forces, frequencies, thicknesses, drives + 2)
+    columns : Tensor, shape (*axes.shape, drives + 2)
         ``-1/mu`` at each drive, not falling; then ln of the pull-in and of the breakdown voltage,
         each in units of `unit_v` and above 0.
     unit_v : float
@@ -51,7 +54,7 @@ class Interpolant:
         Whether the surface ends where gap or insulator break down.
     """
 
-    axes: tuple[Axis, Axis, Axis]
+    axes: Axes
     drive: Tensor
     columns: Tensor
     unit_v: float
@@ -60,7 +63,7 @@ class Interpolant:
 
     @property
     def mu(self) -> Tensor:
-        """Friction coefficient at the nodes, shape (forces, frequencies, thicknesses, drives)."""
+        """Friction coefficient at the nodes, shape (*axes.shape, drives)."""
         return -1 / self.columns[..., :-_EXTRA]
 
     @property
@@ -73,72 +76,59 @@ class Interpolant:
         """Breakdown voltage of each column [V]."""
         return self.unit_v * torch.exp(self.columns[..., -1])
 
-    def evaluate(self, voltage_v: Tensor, places: list[Any]) -> tuple[Tensor, Tensor]:
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the table."""
+        axes = sum(axis.nodes.nbytes for axis in self.axes)
+        return self.columns.nbytes + self.drive.nbytes + axes
+
+    def evaluate(self, voltage_v: Tensor, places: Query) -> tuple[Tensor, Tensor]:
         """Friction and status at amplitudes [V] and places on the axes, which broadcast."""
         mu, status = self._ask(self._evaluate, voltage_v, places)
         return mu, status
 
-    def invert(self, mu: Tensor, places: list[Any]) -> tuple[Tensor, Tensor]:
-        """Amplitude [V] and status for wanted frictions and places on the axes."""
+    def invert(self, mu: Tensor, places: Query) -> tuple[Tensor, Tensor]:
+        """Amplitude [V] and status for frictions and places on the axes."""
         voltage, status = self._ask(self._invert, mu, places)
         return voltage, status
 
-    def end(self, places: list[Any]) -> Tensor:
+    def end(self, places: Query) -> Tensor:
         """Amplitude [V] at which the columns end: by limit, pull-in or breakdown."""
         (end,) = self._ask(self._end_of_block, torch.zeros_like(self.drive[0]), places)
         return end
 
-    def breakdown(self, places: list[Any]) -> Tensor:
+    def breakdown(self, places: Query) -> Tensor:
         """Amplitude [V] from which gap or insulator break down."""
         (found,) = self._ask(self._breakdown_of_block, torch.zeros_like(self.drive[0]), places)
         return found
 
-    def at(self, frequency_hz: float | None, h0_m: float | None) -> Interpolant:
-        """Slice axes away; None leaves one as it is."""
-        columns, axes = self.columns, list(self.axes)
-        for dim, value in ((1, frequency_hz), (2, h0_m)):
-            if value is None:
-                continue
-            axis, value = axes[dim], _number(axes[dim].name, value)
-            if axis.varies:
-                cell, part = axis.locate_one(value)
-                low, high = columns.narrow(dim, cell, 1), columns.narrow(dim, cell + 1, 1)
-                columns = torch.lerp(low, high, part)
-            elif axis.is_absent or not bool(axis.contains(axis.nodes.new_tensor(value))):
-                raise RangeError(f"{axis.name}: {value:g} is not the surface's {axis.low:g}")
-            axes[dim] = Axis(axis.name, axis.nodes.new_tensor([value]))
-        return Interpolant(
-            (axes[0], axes[1], axes[2]),
-            self.drive,
-            columns,
-            self.unit_v,
-            self.voltage_limit_v,
-            self.ends_at_breakdown,
-        )
+    def at(self, places: Query) -> Interpolant:
+        """Slice axes away at one value each; None leaves an axis as it is."""
+        axes, columns = self.axes.at(places, self.columns)
+        return replace(self, axes=axes, columns=columns)
 
     def to(self, dtype: torch.dtype, device: torch.device | str) -> Interpolant:
         """Return a copy in another precision or on another device."""
         if dtype not in (torch.float32, torch.float64):
             raise InputError(f"dtype: expected torch.float32 or torch.float64, got {dtype}")
-        force, frequency, h0 = (Axis(a.name, a.nodes.to(device, dtype)) for a in self.axes)
         return replace(
             self,
-            axes=(force, frequency, h0),
+            axes=self.axes.to(dtype, device),
             drive=self.drive.to(device, dtype),
             columns=self.columns.to(device, dtype),
         )
 
     def _ask(
-        self, answer: Callable[..., tuple[Tensor, ...]], first: Tensor, values: list[Any]
+        self, answer: Callable[..., tuple[Tensor, ...]], first: Tensor, query: Query
     ) -> tuple[Tensor, ...]:
         """Broadcast the query's first quantity with its places on the axes, and answer it."""
-        places = [axis.read(value) for axis, value in zip(self.axes, values, strict=True)]
+        places = self.axes.read(query)
         shape = broadcast_shape(first, *(place for place in places if place is not None))
         flat = [None if t is None else t.expand(shape).reshape(-1) for t in (first, *places)]
         return tuple(result.reshape(shape) for result in in_blocks(answer, flat))
 
     def _evaluate(self, voltage: Tensor, *places: Tensor | None) -> tuple[Tensor, Tensor]:
-        column, inside = self._blend(voltage, places)
+        column, inside = self.axes.blend(places, self.columns, voltage)
         pull_in, breakdown, top = self._ends(column)
         drive = (voltage / pull_in).square()
         cell, part = self._drive_cells.find(torch.minimum(drive, top))
@@ -153,7 +143,7 @@ class Interpolant:
         return mu, _outside(status, inside)
 
     def _invert(self, wanted: Tensor, *places: Tensor | None) -> tuple[Tensor, Tensor]:
-        column, inside = self._blend(wanted, places)
+        column, inside = self.axes.blend(places, self.columns, wanted)
         pull_in, breakdown, top = self._ends(column)
         tiny = torch.finfo(wanted.dtype).tiny
         target = wanted.clamp(min=tiny**0.5).reciprocal().neg()
@@ -188,45 +178,13 @@ class Interpolant:
         return limited
 
     def _end_of_block(self, like: Tensor, *places: Tensor | None) -> tuple[Tensor]:
-        column, _ = self._blend(like, places)
+        column, _ = self.axes.blend(places, self.columns, like)
         pull_in, _, top = self._ends(column)
         return ((pull_in * top.sqrt()).clamp(max=self.voltage_limit_v),)
 
     def _breakdown_of_block(self, like: Tensor, *places: Tensor | None) -> tuple[Tensor]:
-        column, _ = self._blend(like, places)
+        column, _ = self.axes.blend(places, self.columns, like)
         return (self.unit_v * torch.exp(column[:, -1]),)
-
-    def _blend(self, like: Tensor, places: tuple[Tensor | None, ...]) -> tuple[Tensor, Tensor]:
-        """Blend the columns around each point; also say which points are on the axes."""
-        inside: Tensor | None = None
-        row: Tensor | None = None
-        weight: Tensor | None = None
-        for axis, place in zip(self.axes, places, strict=True):
-            if place is None:
-                continue
-            on_axis = axis.contains(place)
-            inside = on_axis if inside is None else inside.logical_and_(on_axis)
-            if not axis.varies:
-                continue
-            cell, part = axis.locate(place)
-            if row is None or weight is None:
-                row, weight = torch.stack([cell, cell + 1], -1), torch.stack([1 - part, part], -1)
-                continue
-            first = row * len(axis.nodes) + cell[:, None]
-            high = weight * part[:, None]
-            row = torch.cat([first, first + 1], -1)
-            weight = torch.cat([weight - high, high], -1)
-        if inside is None:
-            inside = torch.ones_like(like, dtype=torch.bool)
-        table = self.columns.reshape(-1, self.columns.shape[-1])
-        if row is None or weight is None:
-            return table.expand(len(like), -1).contiguous(), inside
-        each = row.shape[1]
-        offsets = torch.arange(0, row.numel(), each, device=row.device)
-        column: Tensor = torch.nn.functional.embedding_bag(
-            row.reshape(-1), table, offsets, per_sample_weights=weight.reshape(-1), mode="sum"
-        )
-        return column, inside
 
     def _ends(self, column: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Pull-in and breakdown voltage, and the drive at which the surface ends."""
@@ -252,13 +210,6 @@ class Interpolant:
     @cached_property
     def _last_drive(self) -> float:
         return float(self.drive[-1])
-
-
-def _number(name: str, value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError, RuntimeError):
-        raise InputError(f"{name}: expected one number to slice at, got {value!r}") from None
 
 
 def _small(truth: Tensor) -> Tensor:

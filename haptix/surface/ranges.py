@@ -8,10 +8,11 @@ from typing import Any
 
 from haptix.errors import InputError, LimitError
 from haptix.friction import ContactModel
+from haptix.surface.axes import AXIS_NAMES
 
 Ranges = Mapping[str, tuple[float, float] | None]
 
-_AXES = ("normal_force_n", "frequency_hz", "h0_m", "voltage_v")
+_NAMES = (*AXIS_NAMES, "voltage_v")
 
 
 def read_ranges(model: ContactModel, scene: Any) -> dict[str, tuple[float, float] | None]:
@@ -27,16 +28,16 @@ def read_ranges(model: ContactModel, scene: Any) -> dict[str, tuple[float, float
     if not isinstance(scene, Mapping) and not hasattr(scene, "ranges"):
         raise InputError(f"scene: expected a scene or ranges by name, got {scene!r}")
     given = scene if isinstance(scene, Mapping) else scene.ranges()
-    unknown = set(given) - set(_AXES)
+    unknown = set(given) - set(_NAMES)
     if unknown:
         raise InputError(
-            f"unknown range {', '.join(sorted(unknown))}: expected some of {', '.join(_AXES)}"
+            f"unknown range {', '.join(sorted(unknown))}: expected some of {', '.join(_NAMES)}"
         )
     ranges = {
+        **dict.fromkeys(AXIS_NAMES),
         "normal_force_n": (0.1, 1.0),
-        "voltage_v": (0.0, model.screen.max_voltage_v),
-        "frequency_hz": None,
         "h0_m": model.screen.h0_m,
+        "voltage_v": (0.0, model.screen.max_voltage_v),
         **given,
     }
     checked = {name: _read_range(name, value) for name, value in ranges.items()}

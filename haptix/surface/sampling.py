@@ -11,12 +11,11 @@ import torch
 from torch import Tensor
 
 from haptix.friction import ContactModel
+from haptix.surface.axes import AXES, AXIS_NAMES
 from haptix.surface.column import PULL_IN_DRIVE
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.placement import chord_error
 from haptix.surface.ranges import Ranges
-
-PLACES = ("normal_force_n", "frequency_hz", "h0_m")
 
 _NARROWEST = 1e-5  # relative width of an axis, which single precision still divides into cells
 _LINES = 6  # along an axis at random, besides those at all corners of the others
@@ -73,14 +72,14 @@ class HeldOut:
     def error(self, table: Interpolant) -> Tensor:
         """Absolute error of mu at every point."""
         # Within rounding of a column's end the value is that of the end: compared all the same.
-        mu, _ = table.evaluate(self.voltage_v, [self.places[name] for name in PLACES])
+        mu, _ = table.evaluate(self.voltage_v, self.places)
         return (mu - self.mu).abs()
 
     def boundary_error(self, table: Interpolant) -> Tensor:
         """Absolute error of ln V_breakdown at every point; 0 where breakdown ends nothing."""
         if self.log_breakdown is None:
             return torch.zeros(1, dtype=torch.float64)
-        found = torch.log(table.breakdown([self.places[name] for name in PLACES]))
+        found = torch.log(table.breakdown(self.places))
         return (found - self.log_breakdown).abs()
 
 
@@ -88,11 +87,8 @@ def solve_columns(
     model: ContactModel, places: Mapping[str, Tensor | None], drive: Tensor
 ) -> Columns:
     """Solve at places that broadcast, for every drive, shape (drives,)."""
-    force, frequency, h0 = (places[name] for name in PLACES)
-    assert force is not None and h0 is not None
-    state = model.at_drive(
-        force[..., None], drive, None if frequency is None else frequency[..., None], h0[..., None]
-    )
+    each = {name: None if at is None else at[..., None] for name, at in places.items()}
+    state = model.at_drive(drive=drive, **each)
     return Columns(
         -1 / state.mu.to("cpu", torch.float64),
         torch.log(state.pull_in_voltage_v[..., 0].to("cpu", torch.float64)),
@@ -208,7 +204,7 @@ class Sampler:
         """Names of the axes that have more than one value."""
         return [
             name
-            for name in PLACES
+            for name in AXIS_NAMES
             if self.ranges[name] is not None
             and self.span(name)[1] > self.span(name)[0] * (1 + _NARROWEST)
         ]
@@ -259,17 +255,15 @@ class Sampler:
             return stretched.clamp(0.0, 1.0)
 
         insulators = _INSULATORS if set(self.varying()) - {"normal_force_n"} else 1
-        shares = {
-            "normal_force_n": draw(insulators, _HELD_OUT // insulators),
-            "frequency_hz": draw(insulators, 1),
-            "h0_m": draw(insulators, 1),
+        each = {"normal_force_n": _HELD_OUT // insulators}  # forces for each pair of f and h0
+        places = {
+            axis.name: self._place(axis.name, draw(insulators, each.get(axis.name, 1)))
+            for axis in AXES
         }
-        places = {name: self._place(name, share) for name, share in shares.items()}
-        force, frequency, h0 = (places[name] for name in PLACES)
         at_rest = solve_columns(self.model, places, torch.zeros(1, dtype=torch.float64))
         top = at_rest.top(self.limit_v, self.ends_at_breakdown)
-        drive = top * draw(*shares["normal_force_n"].shape)
-        mu = self.model.at_drive(force, drive, frequency, h0).mu.to("cpu", torch.float64)
+        drive = top * draw(*top.shape)
+        mu = self.model.at_drive(drive=drive, **places).mu.to("cpu", torch.float64)
         pull_in = torch.exp(at_rest.log_pull_in)
         voltage = (pull_in * drive.sqrt()).clamp(max=self.limit_v)
         boundary = at_rest.log_breakdown if self.ends_at_breakdown else None
@@ -283,7 +277,7 @@ class Sampler:
         random = torch.rand((_LINES if others else 0, len(others)), generator=generator)
         shares = torch.cat([corners, random.to(torch.float64)])
         places = {}
-        for name in PLACES:
+        for name in AXIS_NAMES:
             share = shares[:, others.index(name)] if name in others else torch.zeros(len(shares))
             places[name] = self._place(name, share)
         return places

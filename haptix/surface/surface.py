@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
@@ -11,18 +12,19 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from haptix.errors import InputError, RangeError
+from haptix.errors import InputError, RangeError, ToleranceError
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.status import Status
-from haptix.surface.axes import Axis, numbers, within
+from haptix.surface.archive import export_netcdf
+from haptix.surface.axes import AXIS_NAMES, Axis, numbers, within
+from haptix.surface.boundary_elements import MeasuringJob, measured_table
+from haptix.surface.build import build_table
 from haptix.surface.column import Column
-from haptix.surface.interpolant import Interpolant
+from haptix.surface.file import load_table, save_table
+from haptix.surface.interpolant import Interpolant, Query
 from haptix.surface.slice import Slice
-from haptix.surface.tolerance import Tolerance
-
-LARGEST_BYTES = 64_000_000
-"""Size that a surface may have unless told otherwise."""
+from haptix.surface.tolerance import LARGEST_BYTES, Tolerance
 
 
 @dataclass(frozen=True)
@@ -101,28 +103,61 @@ class FrictionSurface:
         ToleranceError
             If the tolerance cannot be met within the size; it carries the best surface reached.
         """
-        from haptix.surface.build import build_surface  # which makes what this class holds
-
         if model.fidelity == "boundary-element":
-            from haptix.surface.boundary_elements import MeasuringJob, measured_surface
-
             job = MeasuringJob(model, scene or {})
-            return measured_surface(job, tolerance, on_progress, largest_bytes, notes)
-        return build_surface(
-            model, scene or {}, Tolerance.read(tolerance), on_progress, largest_bytes, notes or {}
-        )
+            return cls.measured(job, tolerance, on_progress, largest_bytes, notes)
+        with _as_surface():
+            return cls(
+                *build_table(
+                    model,
+                    scene or {},
+                    Tolerance.read(tolerance),
+                    on_progress,
+                    largest_bytes,
+                    notes or {},
+                )
+            )
+
+    @classmethod
+    def measured(
+        cls,
+        job: MeasuringJob,
+        tolerance: Tolerance | float | str = 2e-3,
+        on_progress: Callable[[float], None] | None = None,
+        largest_bytes: int = LARGEST_BYTES,
+        notes: Mapping[str, Any] | None = None,
+        checkpoint: str | Path | None = None,
+    ) -> FrictionSurface:
+        """Build from boundary elements at few points, see `haptix.surface.boundary_elements`.
+
+        Parameters
+        ----------
+        job : MeasuringJob
+            Model, ranges and points.
+        tolerance, on_progress, largest_bytes, notes
+            As for `build`; the tolerance is that of the mean field between the points.
+        checkpoint : path, optional
+            File (.npz) that keeps finished columns: the same call resumes from it.
+
+        Raises
+        ------
+        InputError, ToleranceError
+            As `build` does.
+        FileFormatError
+            If the checkpoint is damaged or belongs to something else.
+        """
+        with _as_surface():
+            return cls(
+                *measured_table(job, tolerance, on_progress, largest_bytes, notes, checkpoint)
+            )
 
     def save(self, path: str | Path) -> None:
         """Write the surface to one file, whole or not at all."""
-        from haptix.surface.file import save_surface
-
-        save_surface(self, Path(path))
+        save_table(self.table, self.info, Path(path))
 
     def to_netcdf(self, path: str | Path) -> None:
         """Write the surface as NetCDF, for other programs; see `haptix.surface.archive`."""
-        from haptix.surface.archive import export_netcdf
-
-        export_netcdf(self, Path(path))
+        export_netcdf(self.table, self.info, Path(path))
 
     @classmethod
     def load(cls, path: str | Path, model: ContactModel | None = None) -> FrictionSurface:
@@ -140,24 +175,22 @@ class FrictionSurface:
         FileFormatError
             If the file is missing, foreign, damaged, of a later version or of another model.
         """
-        from haptix.surface.file import load_surface
-
-        return load_surface(Path(path), model)
+        return cls(*load_table(Path(path), model))
 
     @property
     def normal_force_n(self) -> Axis:
         """Axis of normal force [N]."""
-        return self.table.axes[0]
+        return self.table.axes["normal_force_n"]
 
     @property
     def frequency_hz(self) -> Axis:
         """Axis of drive frequency [Hz]."""
-        return self.table.axes[1]
+        return self.table.axes["frequency_hz"]
 
     @property
     def h0_m(self) -> Axis:
         """Axis of the screen's effective insulator thickness [m]."""
-        return self.table.axes[2]
+        return self.table.axes["h0_m"]
 
     @property
     def mu_table(self) -> Tensor:
@@ -181,8 +214,7 @@ class FrictionSurface:
     @property
     def nbytes(self) -> int:
         """Bytes of the table."""
-        axes = sum(axis.nodes.nbytes for axis in self.table.axes)
-        return self.table.columns.nbytes + self.table.drive.nbytes + axes
+        return self.table.nbytes
 
     def mu(
         self,
@@ -219,7 +251,7 @@ class FrictionSurface:
         voltage = numbers("voltage_v", voltage_v, self.table.drive)
         if not within(voltage, 0.0):
             raise InputError("voltage_v: expected finite amplitudes of 0 V or more")
-        mu, status = self.table.evaluate(voltage, [normal_force_n, frequency_hz, h0_m])
+        mu, status = self.table.evaluate(voltage, _places(normal_force_n, frequency_hz, h0_m))
         if strict:
             self._demand_ok(status)
         return SurfaceSample(mu, status)
@@ -242,7 +274,7 @@ class FrictionSurface:
         wanted = numbers("mu", mu, self.table.drive)
         if not within(wanted, -inf, least_counts=False):
             raise InputError("mu: expected finite friction coefficients")
-        voltage, status = self.table.invert(wanted, [normal_force_n, frequency_hz, h0_m])
+        voltage, status = self.table.invert(wanted, _places(normal_force_n, frequency_hz, h0_m))
         if strict:
             self._demand_ok(status)
         return Inversion(voltage, status)
@@ -251,7 +283,7 @@ class FrictionSurface:
         self, normal_force_n: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> tuple[Tensor, Tensor]:
         """Lowest and highest friction coefficient that the surface can give."""
-        places = [normal_force_n, frequency_hz, h0_m]
+        places = _places(normal_force_n, frequency_hz, h0_m)
         none = torch.zeros_like(self.table.drive[0])
         low, _ = self.table.evaluate(none, places)
         high, _ = self.table.evaluate(none + inf, places)
@@ -261,14 +293,14 @@ class FrictionSurface:
         self, normal_force_n: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> Tensor:
         """Amplitude [V] at which the surface ends: by its limit, pull-in or breakdown."""
-        return self.table.end([normal_force_n, frequency_hz, h0_m])
+        return self.table.end(_places(normal_force_n, frequency_hz, h0_m))
 
     def at(self, frequency_hz: float | None = None, h0_m: float | None = None) -> FrictionSurface:
         """Slice frequency and thickness away, once, for queries that do not vary them.
 
         None leaves an axis as it is.
         """
-        return FrictionSurface(self.table.at(frequency_hz, h0_m), self.info)
+        return FrictionSurface(self.table.at(_places(None, frequency_hz, h0_m)), self.info)
 
     def driven_at(self, frequency_hz: float | None, h0_m: float | None = None) -> FrictionSurface:
         """Slice at a drive's frequency and a screen's thickness.
@@ -335,3 +367,19 @@ class FrictionSurface:
             f"{spans}, voltage_v 0 to {self.voltage_limit_v:g} and short of pull-in; build it for "
             "a wider range, or ask without `strict` for a status per point"
         )
+
+
+def _places(*values: Any) -> Query:
+    """Values by name of the axis, given in the order of `AXES`."""
+    return dict(zip(AXIS_NAMES, values, strict=True))
+
+
+@contextmanager
+def _as_surface() -> Iterator[None]:
+    """Turn the best table of a `ToleranceError` into a surface."""
+    try:
+        yield
+    except ToleranceError as error:
+        if error.best is not None:
+            error.best = FrictionSurface(*error.best)
+        raise

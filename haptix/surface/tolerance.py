@@ -12,6 +12,9 @@ from torch import Tensor
 from haptix.errors import InputError
 from haptix.perception import WEBER_FRACTION
 
+LARGEST_BYTES = 64_000_000
+"""Size that a surface may have unless told otherwise."""
+
 Unit = Literal["mu", "thresholds", "percent of range"]
 
 _SPELLINGS: dict[str, Unit] = {

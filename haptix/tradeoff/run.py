@@ -19,7 +19,7 @@ from haptix.planning.choices import AXES, Choice, middle
 from haptix.planning.effects import Points, Trials
 from haptix.scene import Scene
 from haptix.status import Status
-from haptix.surface import FrictionSurface, MeasuredPoints, MeasuringJob, measured_surface
+from haptix.surface import FrictionSurface, MeasuredPoints, MeasuringJob
 from haptix.tradeoff.pareto import pareto_front
 from haptix.tradeoff.settings import (
     FIDELITIES,
@@ -215,7 +215,7 @@ def _measured(
     """A surface that boundary elements correct, whole and as a slice."""
     began = perf_counter()
     tolerance = f"{QUICK_TOLERANCES[0]:g} thresholds"
-    surface = measured_surface(MeasuringJob(model, scene, _MEASURED), tolerance, report)
+    surface = FrictionSurface.measured(MeasuringJob(model, scene, _MEASURED), tolerance, report)
     build_s = perf_counter() - began
     return [
         judge.ask(surface, Setting("boundary-element", tolerance, *way), build_s)
@@ -293,7 +293,7 @@ class _Judge:
 
     @staticmethod
     def _varies(surface: FrictionSurface, name: str) -> bool:
-        return len((surface.h0_m if name == "h0_m" else surface.frequency_hz).nodes) > 1
+        return surface.table.axes[name].varies
 
     def _times(
         self,

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from haptix import ContactModel, Finger, FrictionSurface, InputError, Screen, Status
 from haptix.surface import Interpolant
-from haptix.surface.axes import Axis
+from haptix.surface.axes import Axes
 
 SOURCE = Path(__file__).parents[2] / "examples" / "read_surface.c"
 POINTS = 3000
@@ -59,7 +59,7 @@ def dense() -> FrictionSurface:
     columns = torch.cat(
         [(drive - 1) / at_rest[..., None], torch.stack([pull_in, pull_in - 0.2], -1)], -1
     )
-    axes = (Axis("normal_force_n", force), Axis("frequency_hz", frequency), Axis("h0_m", h0))
+    axes = Axes.of({"normal_force_n": force, "frequency_hz": frequency, "h0_m": h0})
     return FrictionSurface(Interpolant(axes, drive, columns, 1.0, 210.0), {"notes": 'a "\\" {[é'})
 
 

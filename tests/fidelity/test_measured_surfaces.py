@@ -10,7 +10,7 @@ from haptix.contact import RoughnessSpectrum
 from haptix.fidelity import BoundaryElementBox
 from haptix.finger import MeasuredRoughness
 from haptix.planning import plan_scene
-from haptix.surface import MeasuredPoints, MeasuringJob, measured_surface
+from haptix.surface import MeasuredPoints, MeasuringJob
 
 FINGER = Finger(
     name="gel",
@@ -37,7 +37,7 @@ def exact() -> ContactModel:
 
 @pytest.fixture(scope="module")
 def surface(exact: ContactModel) -> FrictionSurface:
-    return measured_surface(MeasuringJob(exact, SCENE, POINTS), 5e-3)
+    return FrictionSurface.measured(MeasuringJob(exact, SCENE, POINTS), 5e-3)
 
 
 def test_it_gives_what_was_measured(exact: ContactModel, surface: FrictionSurface) -> None:
@@ -65,7 +65,7 @@ def test_the_ratio_is_carried_over_to_the_whole_band(
     exact: ContactModel, surface: FrictionSurface
 ) -> None:
     job = MeasuringJob(exact, SCENE, MeasuredPoints(forces=1, drives=2, axis_values=1))
-    whole = measured_surface(job, 5e-3)
+    whole = FrictionSurface.measured(job, 5e-3)
     ratio = whole.info["boundary_elements"]["ratio"]
     prior = FrictionSurface.build(job.mean_field("finger"), SCENE, 5e-3)
     assert float(whole.mu(0.6, 0.0, 125.0) / prior.mu(0.6, 0.0, 125.0)) == pytest.approx(
@@ -82,12 +82,12 @@ def test_an_interrupted_build_resumes(surface: FrictionSurface, tmp_path: Path) 
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        measured_surface(job, 5e-3, stop_half_way, checkpoint=kept)
+        FrictionSurface.measured(job, 5e-3, stop_half_way, checkpoint=kept)
     assert kept.exists()
     fresh = model()
     solved: list[float] = []
     fresh.solver.on_progress = solved.append  # type: ignore[attr-defined]
-    again = measured_surface(MeasuringJob(fresh, SCENE, POINTS), 5e-3, checkpoint=kept)
+    again = FrictionSurface.measured(MeasuringJob(fresh, SCENE, POINTS), 5e-3, checkpoint=kept)
     assert solved == [1.0]  # the last of three columns
     torch.testing.assert_close(again.table.columns, surface.table.columns, rtol=0, atol=0)
     assert again.info == surface.info
