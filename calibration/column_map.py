@@ -16,16 +16,16 @@ A column map is a TOML file::
 from __future__ import annotations
 
 import csv
-import tomllib
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from calibration.parameters import Array
-from calibration.protocol import Stroke, first_complaint
+from calibration.protocol import Stroke
 from calibration.recording import SIGNALS, Conditions, StrokeRecording
+from haptix.documents import Document, Part
 from haptix.errors import FileFormatError, InputError
 
 _UNITS = {
@@ -37,7 +37,7 @@ _UNITS = {
 _UNITS["tangential_force_n"] = _UNITS["normal_force_n"]
 
 
-class Column(BaseModel):
+class Column(Part):
     """Where one signal comes from.
 
     Parameters
@@ -55,8 +55,6 @@ class Column(BaseModel):
         The same value throughout, such as 0 V.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
     column: str | None = None
     unit: str | None = None
     scale: float = 1.0
@@ -72,7 +70,7 @@ class Column(BaseModel):
         return self
 
 
-class ColumnMap(BaseModel):
+class ColumnMap(Document):
     """How to read a CSV file: see the module.
 
     Parameters
@@ -85,9 +83,6 @@ class ColumnMap(BaseModel):
         One character.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    schema_version: Literal[1] = 1
     skip_rows: Annotated[int, Field(ge=0)] = 0
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] = ","
     columns: dict[str, Column]
@@ -105,32 +100,6 @@ class ColumnMap(BaseModel):
         if "t_s" not in self.columns:
             raise ValueError("expected t_s among the columns")
         return self
-
-    @classmethod
-    def load(cls, path: str | Path) -> Self:
-        """Read a TOML file.
-
-        Raises
-        ------
-        FileFormatError, InputError
-            If it is no TOML file, or a field is unknown.
-        """
-        path = Path(path)
-        try:
-            fields = tomllib.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise FileFormatError(f"cannot read {path}: {error.strerror}") from None
-        except ValueError as error:
-            raise FileFormatError(f"{path}: expected a TOML file, got: {error}") from None
-        return cls.of(fields, str(path))
-
-    @classmethod
-    def of(cls, fields: object, name: str = "column map") -> Self:
-        """Check a table."""
-        try:
-            return cls.model_validate(fields)
-        except ValidationError as error:
-            raise InputError(f"{name}: {first_complaint(error)}") from None
 
     def read(self, path: str | Path) -> dict[str, Array]:
         """Read every mapped signal of a CSV file, in SI units and mm.

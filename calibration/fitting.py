@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from math import exp, inf, log, sqrt
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -24,6 +23,7 @@ from calibration.predict import StrokePredictor
 from calibration.reduction import Point, Reduced
 from calibration.residuals import Repeatability, Residuals
 from haptix.errors import FileFormatError, InputError
+from haptix.files import json_text, read_json, write_whole
 
 Verdict = Literal["determined", "prior", "undetermined", "fixed"]
 
@@ -149,10 +149,7 @@ class Fit:
         for one in fields["estimates"]:
             one["high"] = None if one["high"] == inf else one["high"]
         document = {"format": "haptix fit", "schema_version": 1, **fields}
-        try:
-            Path(path).write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise FileFormatError(f"cannot write {path}: {error.strerror}") from None
+        write_whole(path, json_text(document))
 
     @classmethod
     def load(cls, path: str | Path) -> Fit:
@@ -163,13 +160,8 @@ class Fit:
         FileFormatError
             If the file is missing, foreign or damaged.
         """
-        try:
-            fields: Any = json.loads(Path(path).read_text(encoding="utf-8"))
-        except OSError as error:
-            raise FileFormatError(f"cannot read {path}: {error.strerror}") from None
-        except ValueError as error:
-            raise FileFormatError(f"{path}: expected a fit as JSON, got: {error}") from None
-        if not isinstance(fields, dict) or fields.get("format") != "haptix fit":
+        fields = read_json(path)
+        if fields.get("format") != "haptix fit":
             raise FileFormatError(f"{path}: expected a fit, made by `haptix calibrate fit`")
         if fields.get("schema_version") != 1:
             raise FileFormatError(

@@ -21,13 +21,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
+from pydantic import Field, PositiveFloat
 
-from calibration.protocol import first_complaint
 from calibration.sources import (
     AnalogSource,
     AudioReader,
@@ -35,13 +33,12 @@ from calibration.sources import (
     NationalInstrumentsReader,
     SampleReader,
 )
-from haptix.errors import FileFormatError, InputError
+from haptix.documents import Document, Part
+from haptix.errors import InputError
 
 
-class InputChannel(BaseModel):
+class InputChannel(Part):
     """One channel: its signal, its scale, and for National Instruments its input."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     signal: str
     scale: float
@@ -49,12 +46,9 @@ class InputChannel(BaseModel):
     input: str | None = None
 
 
-class Inputs(BaseModel):
+class Inputs(Document):
     """All channels of one device: see the module."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    schema_version: Literal[1] = 1
     kind: Literal["audio", "national-instruments"]
     device: str | int = ""
     sample_rate_hz: PositiveFloat = 10_000.0
@@ -73,15 +67,7 @@ def open_inputs(path: str | Path) -> AnalogSource:
     DeviceError
         If the device cannot be opened.
     """
-    path = Path(path)
-    try:
-        found = Inputs.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise FileFormatError(f"cannot read {path}: {error.strerror}") from None
-    except ValidationError as error:
-        raise InputError(f"{path}: {first_complaint(error)}") from None
-    except ValueError as error:
-        raise FileFormatError(f"{path}: expected a TOML file, got: {error}") from None
+    found = Inputs.load(path)
     channels = [Channel(one.signal, one.scale, one.offset) for one in found.channels]
     reader: SampleReader
     if found.kind == "audio":

@@ -11,7 +11,8 @@ from calibration.fitting import Fit
 from calibration.predict import StrokePredictor
 from calibration.recording import StrokeRecording
 from calibration.verification import Verification
-from haptix.errors import FileFormatError, InputError
+from haptix.errors import InputError
+from haptix.files import write_whole
 from haptix.finger import Finger, Roughness
 from haptix.screen import Calibration, Screen
 
@@ -155,15 +156,12 @@ def instruments_of(recordings: Iterable[StrokeRecording]) -> list[str]:
 
 
 def write_archive(folder: Path, path: Path) -> None:
-    """Pack a session's folder, raw recordings included, into one zip file, whole or not at all."""
-    part = path.with_name(path.name + ".part")
-    try:
-        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
-            for file in sorted(folder.rglob("*")):
-                if file.is_file() and file not in (path, part):
-                    archive.write(file, file.relative_to(folder.parent))
-        part.replace(path)
-    except OSError as error:
-        raise FileFormatError(f"cannot write {path}: {error.strerror}") from None
-    finally:
-        part.unlink(missing_ok=True)
+    """Pack a session's folder, raw recordings included, into one zip file."""
+    files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file != path]
+
+    def pack(draft: Path) -> None:
+        with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
+            for file in files:
+                archive.write(file, file.relative_to(folder.parent))
+
+    write_whole(path, pack)

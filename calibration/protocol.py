@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import tomllib
-from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
-import tomlkit
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError, model_validator
+from pydantic import Field, PositiveFloat, model_validator
 
-from haptix.errors import FileFormatError, InputError
-from haptix.units import with_numbers
+from haptix.documents import Document, Part
+from haptix.errors import InputError
 
 FORCES_N = (0.1, 0.3, 0.5, 0.7, 0.9)
 VOLTAGES_V = (0.0, 50.0, 100.0, 150.0, 200.0)
@@ -25,7 +21,7 @@ SWEEP_HZ = (30.0, 60.0, 300.0, 1000.0, 4000.0)
 _SPREAD_SEED = 20180  # order of the strokes: any fixed one, so that a plan is the same twice
 
 
-class Stroke(BaseModel):
+class Stroke(Part):
     """One stroke of the finger.
 
     Parameters
@@ -42,8 +38,6 @@ class Stroke(BaseModel):
     held_out : bool
         Kept out of the fit, for verification.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     number: Annotated[int, Field(ge=1)]
     normal_force_n: PositiveFloat
@@ -69,7 +63,7 @@ class Stroke(BaseModel):
         return (1 + self.there_and_back) * self.length_mm / self.speed_mm_per_s
 
 
-class Protocol(BaseModel):
+class Protocol(Document):
     """Strokes in the order in which they are made.
 
     Parameters
@@ -86,9 +80,6 @@ class Protocol(BaseModel):
         Numbers are unique.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    schema_version: Literal[1] = 1
     name: str = "custom"
     idle_s: PositiveFloat = 0.3
     tolerance: Annotated[float, Field(gt=0, lt=1)] = 0.15
@@ -108,65 +99,6 @@ class Protocol(BaseModel):
     def duration_s(self) -> float:
         """Estimated time at the screen [s]."""
         return len(self.strokes) * self.seconds_per_stroke
-
-    def save(self, path: str | Path) -> None:
-        """Write TOML, or JSON where the name ends so.
-
-        Raises
-        ------
-        FileFormatError
-            If the file cannot be written.
-        """
-        path = Path(path)
-        fields = self.model_dump(mode="json")
-        text = (
-            json.dumps(fields, indent=2) + "\n" if path.suffix == ".json" else tomlkit.dumps(fields)
-        )
-        try:
-            path.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise FileFormatError(f"cannot write {path}: {error.strerror}") from None
-
-    @classmethod
-    def load(cls, path: str | Path) -> Self:
-        """Read what `save` wrote; numbers may be strings with units, such as "150 V".
-
-        Raises
-        ------
-        FileFormatError
-            If the file is missing or is no TOML or JSON.
-        InputError
-            If a field is unknown or outside its range.
-        """
-        path = Path(path)
-        try:
-            text = path.read_text(encoding="utf-8")
-            fields = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
-        except OSError as error:
-            raise FileFormatError(f"cannot read {path}: {error.strerror}") from None
-        except ValueError as error:
-            raise FileFormatError(f"{path}: expected TOML or JSON, got: {error}") from None
-        if not isinstance(fields, dict):
-            raise FileFormatError(f"{path}: expected a table, got {type(fields).__name__}")
-        strokes = fields.get("strokes")
-        if isinstance(strokes, list):
-            fields["strokes"] = [
-                with_numbers(f"strokes.{index}", one) if isinstance(one, dict) else one
-                for index, one in enumerate(strokes)
-            ]
-        try:
-            return cls.model_validate(fields)
-        except ValidationError as error:
-            raise InputError(f"{path}: {first_complaint(error)}") from None
-
-
-def first_complaint(error: ValidationError) -> str:
-    """One sentence about what a table has wrong."""
-    first = error.errors()[0]
-    place = ".".join(map(str, first["loc"]))
-    message = first["msg"].removeprefix("Value error, ")
-    got = "" if first["type"] == "missing" or not place else f", got {first['input']!r}"
-    return f"{place + ': ' if place else ''}{message[0].lower()}{message[1:]}{got}"
 
 
 def paper_protocol(max_voltage_v: float = 200.0) -> Protocol:

@@ -25,8 +25,10 @@ import numpy as np
 from pydantic import ValidationError
 
 from calibration.parameters import Array
-from calibration.protocol import Stroke, first_complaint
+from calibration.protocol import Stroke
+from haptix.documents import first_error
 from haptix.errors import FileFormatError, InputError
+from haptix.files import write_whole
 
 SIGNALS: Mapping[str, str] = {
     "t_s": "s",
@@ -118,8 +120,6 @@ class StrokeRecording:
         FileFormatError
             If the file cannot be written.
         """
-        path = Path(path)
-        part = path.with_name(path.name + ".part")
         room = self.conditions
         attributes: dict[str, Any] = {
             "format": _FORMAT,
@@ -134,9 +134,9 @@ class StrokeRecording:
         for name in ("temperature_c", "humidity_percent"):
             if getattr(room, name) is not None:
                 attributes[name] = float(getattr(room, name))
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with h5py.File(part, "w") as file:
+
+        def write(draft: Path) -> None:
+            with h5py.File(draft, "w") as file:
                 file.attrs.update(attributes)
                 signals = file.create_group("signals")
                 for name, unit in SIGNALS.items():
@@ -148,11 +148,8 @@ class StrokeRecording:
                         shuffle=True,
                     )
                     data.attrs["unit"] = unit
-            part.replace(path)
-        except OSError as error:
-            raise FileFormatError(f"cannot write {path}: {error}") from None
-        finally:
-            part.unlink(missing_ok=True)
+
+        write_whole(path, write)
 
     @classmethod
     def load(cls, path: str | Path) -> StrokeRecording:
@@ -199,7 +196,7 @@ class StrokeRecording:
             )
             complaints = tuple(json.loads(found["complaints"]))
         except ValidationError as error:
-            raise FileFormatError(f"{path}: stroke: {first_complaint(error)}") from None
+            raise FileFormatError(f"{path}: {first_error('stroke', error)}") from None
         except (KeyError, ValueError) as error:
             raise FileFormatError(f"{path}: expected attributes of a stroke, got {error}") from None
         values = {name: np.asarray(signals[name][()], dtype=float) for name in SIGNALS}

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import pairwise
 from math import hypot, nan, sqrt
@@ -18,6 +17,7 @@ from calibration.recording import StrokeRecording
 from calibration.recording_checks import complaints, drive_amplitude, idle_parts
 from calibration.segmentation import Segment, full_slip, sliding_speed
 from haptix.errors import FileFormatError, InputError
+from haptix.files import csv_text, read_csv, write_whole
 
 _BLOCKS = 8  # of a segment: their scatter is the error of its mean
 _HIGHEST_SHARE = 0.4  # of the sampling rate, up to which a ripple is looked for
@@ -67,6 +67,9 @@ class Point:
     notes: tuple[str, ...] = ()
 
 
+_COLUMNS = tuple(field.name for field in fields(Point))
+
+
 @dataclass(frozen=True)
 class Reduced:
     """All strokes of a session, reduced; in the order of their numbers."""
@@ -90,16 +93,8 @@ class Reduced:
 
     def save(self, path: str | Path) -> None:
         """Write a CSV table that people and `load` read."""
-        names = [field.name for field in fields(Point)]
-        try:
-            with Path(path).open("w", encoding="utf-8", newline="") as file:
-                table = csv.writer(file)
-                table.writerow(names)
-                for point in self.points:
-                    row = asdict(point) | {"notes": json.dumps(point.notes)}
-                    table.writerow([repr(v) if isinstance(v, float) else v for v in row.values()])
-        except OSError as error:
-            raise FileFormatError(f"cannot write {path}: {error.strerror}") from None
+        rows = [asdict(point) | {"notes": json.dumps(point.notes)} for point in self.points]
+        write_whole(path, csv_text(_COLUMNS, (row.values() for row in rows)))
 
     @classmethod
     def load(cls, path: str | Path) -> Reduced:
@@ -111,19 +106,15 @@ class Reduced:
             If the file is missing or is no such table.
         """
         try:
-            with Path(path).open(encoding="utf-8", newline="") as file:
-                rows = list(csv.DictReader(file))
-            return cls(tuple(_point(row) for row in rows))
-        except OSError as error:
-            raise FileFormatError(f"cannot read {path}: {error.strerror}") from None
-        except (KeyError, ValueError, TypeError) as error:
+            return cls(tuple(_point(row.cells) for row in read_csv(path, _COLUMNS)))
+        except (FileFormatError, ValueError) as error:
             raise FileFormatError(
-                f"{path}: expected a table of reduced strokes, got {error!r}; make it with "
+                f"{path}: expected a table of reduced strokes, got: {error}; make it with "
                 "`haptix calibrate reduce`"
             ) from None
 
 
-def _point(row: dict[str, Any]) -> Point:
+def _point(row: Mapping[str, str]) -> Point:
     read: dict[str, Callable[[str], Any]] = {
         "number": int,
         "held_out": lambda text: text == "True",

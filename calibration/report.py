@@ -20,7 +20,7 @@ from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.protocol import FORCES_N
 from calibration.reduction import Point, Reduced
 from calibration.verification import Verification
-from haptix.errors import FileFormatError
+from haptix.files import write_whole
 from haptix.perception import WEBER_FRACTION
 from haptix.screen import Screen
 
@@ -123,10 +123,7 @@ def write_report(
         + "\n".join(filter(None, parts))
         + "</body></html>\n"
     )
-    try:
-        Path(path).write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise FileFormatError(f"cannot write {path}: {error.strerror}") from None
+    write_whole(path, page)
 
 
 def _estimate_row(one: ParameterEstimate) -> tuple[str, ...]:

@@ -11,21 +11,18 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
-
-from calibration.protocol import Protocol, Stroke, first_complaint
+from calibration.protocol import Protocol, Stroke
 from calibration.recording import StrokeRecording
+from haptix.documents import Document
 from haptix.errors import FileFormatError, InputError
 from haptix.finger import Finger
 from haptix.screen import Screen
 
 
-class SessionInfo(BaseModel):
+class SessionInfo(Document):
     """Who and what, once for a session.
 
     Parameters
@@ -38,9 +35,6 @@ class SessionInfo(BaseModel):
         Share of the normal force that the tangential axis shows, from the sensor's certificate.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    schema_version: Literal[1] = 1
     screen: Screen
     finger: Finger
     operator: str = ""
@@ -92,13 +86,7 @@ class Session:
                     f"{len(there.protocol.strokes)} strokes); resume with that one"
                 )
             return there
-        try:
-            (folder / "strokes").mkdir(parents=True, exist_ok=True)
-            (folder / "session.json").write_text(
-                info.model_dump_json(indent=2) + "\n", encoding="utf-8"
-            )
-        except OSError as error:
-            raise FileFormatError(f"cannot write {folder}: {error.strerror}") from None
+        info.save(folder / "session.json")
         protocol.save(folder / "protocol.toml")
         return cls(folder, protocol, info)
 
@@ -113,18 +101,12 @@ class Session:
         """
         folder = Path(folder)
         path = folder / "session.json"
-        try:
-            fields: Any = json.loads(path.read_text(encoding="utf-8"))
-            info = SessionInfo.model_validate(fields)
-        except OSError as error:
+        if not path.is_file():
             raise FileFormatError(
-                f"{folder} is no session ({path.name}: {error.strerror}); measure first, with "
+                f"{folder} is no session (it has no {path.name}); measure first, with "
                 "`haptix calibrate measure`"
-            ) from None
-        except ValidationError as error:
-            raise FileFormatError(f"{path}: {first_complaint(error)}") from None
-        except ValueError as error:
-            raise FileFormatError(f"{path}: expected JSON, got: {error}") from None
+            )
+        info = SessionInfo.load(path)
         return cls(folder, Protocol.load(folder / "protocol.toml"), info)
 
     def path_of(self, stroke: Stroke) -> Path:

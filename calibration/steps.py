@@ -25,6 +25,7 @@ from calibration.report import write_report
 from calibration.session import Session
 from calibration.verification import TOLERANCE_THRESHOLDS, Verification, verify
 from haptix.errors import FileFormatError, InputError
+from haptix.files import json_text, write_whole
 from haptix.friction import ContactModel
 from haptix.screen import Screen
 from haptix.terms import TERMS
@@ -97,8 +98,7 @@ def fit_folder(
     fit = fit_strokes(reduced, predictor, parameters, seed)
     fit.save(session.folder / FIT)
     needs = compare_terms(fit, reduced, predictor, parameters) if compare else []
-    text = json.dumps([asdict(one) for one in needs], indent=2) + "\n"
-    (session.folder / NEEDS).write_text(text, encoding="utf-8")
+    write_whole(session.folder / NEEDS, json_text([asdict(one) for one in needs]))
     return fit, needs
 
 

@@ -53,7 +53,7 @@ class Document(Part):
         try:
             super().__init__(**fields)
         except ValidationError as error:
-            raise InputError(_sentence(type(self).__name__, error)) from None
+            raise InputError(first_error(type(self).__name__, error)) from None
 
     def replace(self, **fields: Any) -> Self:
         """Return a copy with some fields changed, validated like a new one."""
@@ -115,7 +115,8 @@ class Document(Part):
         write_whole(path, json_text(fields) if is_json else tomlkit.dumps(fields))
 
 
-def _sentence(name: str, error: ValidationError) -> str:
+def first_error(name: str, error: ValidationError) -> str:
+    """Return one sentence about the first error of a table called `name`."""
     first = error.errors()[0]
     # Tags of a union, such as "self-affine", are no keys that anybody typed.
     keys = [part for part in first["loc"] if isinstance(part, int) or part.isidentifier()]

@@ -180,7 +180,7 @@ def test_round_trip(tmp_path, paper_fit):
     ("text", "said"),
     [
         ("{}", "expected a fit, made by"),
-        ("[", "as JSON"),
+        ("[", "expected a JSON file"),
         ('{"format": "haptix fit", "schema_version": 2}', "schema_version 1, got 2"),
         ('{"format": "haptix fit", "schema_version": 1}', "expected a whole fit"),
     ],

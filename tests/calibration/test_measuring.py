@@ -186,8 +186,8 @@ def test_csv_files_are_replayed(tmp_path, session, recorded):
     for stroke, name in zip(session.protocol.strokes[:2], ("stroke-001.csv", "2.csv"), strict=True):
         write_csv(folder / name, recorded(stroke, rate_hz=2000.0))
     names = zip(SIGNALS.items(), ("time", "fz", "fx", "x", "drive"), strict=True)
-    columns = ColumnMap.of(
-        {"columns": {name: {"column": column, "unit": unit} for (name, unit), column in names}}
+    columns = ColumnMap(
+        columns={name: {"column": column, "unit": unit} for (name, unit), column in names}
     )
     with pytest.raises(haptix.HaptixError, match=r"expected a file stroke-003\.csv"):
         measure(session, CsvSource(folder, columns), most_tries=1)
@@ -261,9 +261,9 @@ CHANNELS = "".join(
     ("text", "said"),
     [
         (HEAD.format("national-instruments") + CHANNELS, "expected the input of normal_force_n"),
-        (HEAD.format("telepathy") + CHANNELS, "kind: "),
+        (HEAD.format("telepathy") + CHANNELS, r"Inputs\.kind: "),
         ("kind =", "expected a TOML file"),
-        (HEAD.format("audio"), "channels: field required"),
+        (HEAD.format("audio"), r"Inputs\.channels: field required"),
     ],
 )
 def test_wrong_descriptions_of_inputs(tmp_path, text, said):

@@ -20,7 +20,7 @@ def column_map(speed):
         "x_mm": {"speed_mm_per_s": speed},
         **{name: {"column": name, "unit": "raw"} for name in CHANNELS},
     }
-    return ColumnMap.of({"columns": columns})
+    return ColumnMap(columns=columns)
 
 
 def period_of(path, speed):
