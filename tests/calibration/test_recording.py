@@ -73,7 +73,7 @@ def damaged(file, how):
         ("foreign", "of another kind"),
         ("later", "schema_version 1, got 2"),
         ("missing", "expected signals x_mm"),
-        ("stroke", r"stroke\\.number"),
+        ("stroke", r"stroke\.number"),
     ],
 )
 def test_files_that_are_none(tmp_path, stroke, recorded, how, said):
