@@ -23,12 +23,12 @@ from haptix import ContactModel, Finger, Screen
 from haptix.perception import WEBER_FRACTION
 from haptix.stimuli import (
     Apparatus,
-    Grating,
-    Noise,
     Rendering,
     Sine,
     Stimulus,
     StimulusSet,
+    TimeNoise,
+    grating,
 )
 from haptix.virtual_finger import VirtualFinger
 
@@ -39,8 +39,8 @@ RATE = 48_000.0
 def signals() -> dict[str, object]:
     return {
         "sine": Sine(0.07, 20.0, offset=0.08),
-        "grating": Grating(0.07, 2.0, 80.0, offset=0.08),
-        "noise": Noise(0.014, (20.0, 200.0), seed=1, offset=0.1),  # 7 deviations: it is an hour
+        "grating": grating(0.07, 2.0, 80.0, offset=0.08),
+        "noise": TimeNoise(0.014, (20.0, 200.0), seed=1, mean=0.1),  # 7 deviations: it is an hour
     }
 
 

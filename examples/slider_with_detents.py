@@ -17,14 +17,14 @@ from matplotlib.figure import Figure
 
 import haptix
 from haptix.render import PredictingRenderer
-from haptix.texture import Recording, as_mu
+from haptix.texture import RecordedProfile, as_mu
 from haptix.touch import paced
 from haptix.virtual_finger import VirtualFinger, judge
 
 LEFT_MM, LENGTH_MM, RIDGE_MM, SECONDS, LATENCY_S = 10.0, 60.0, 1.2, 3.0, 0.02
 
 
-def detents(steps: int) -> Recording:
+def detents(steps: int) -> RecordedProfile:
     """Share of the reachable friction along x: a ridge between neighbours, walls at the ends."""
     most = int(LENGTH_MM / (3 * RIDGE_MM))
     if not 2 <= steps <= most:
@@ -38,7 +38,7 @@ def detents(steps: int) -> Recording:
     to_ridge = np.abs(on - width_mm * np.clip(np.round(on / width_mm), 1, steps - 1))
     ridges = np.exp(-((to_ridge / (RIDGE_MM / 2)) ** 2))
     walls = np.clip(np.maximum(-on, on - LENGTH_MM) / RIDGE_MM, 0.0, 1.0)
-    return Recording(x, 0.95 * np.maximum(ridges, walls), "share", beyond="hold")
+    return RecordedProfile(x, 0.95 * np.maximum(ridges, walls), "share", beyond="hold")
 
 
 def main(

@@ -18,7 +18,7 @@ from haptix.texture import (
     Composition,
     Grating,
     Noise,
-    Recording,
+    RecordedProfile,
     Sprite,
     Texture,
     headroom,
@@ -35,7 +35,7 @@ def screen() -> Composition:
     photograph = Texture.from_image(brick(), 40.0, contrast_range=(0.0, 0.55))
     stones = Texture.from_heights(gravel(), 35.0, "slope-magnitude", contrast_range=(0.0, 0.55))
     x = np.linspace(0, 30, 301)
-    detents = Recording(x, 0.5 * np.exp(-(((x % 6 - 3) / 0.6) ** 2)), "contrast")
+    detents = RecordedProfile(x, 0.5 * np.exp(-(((x % 6 - 3) / 0.6) ** 2)), "contrast")
     return Composition(
         [
             Sprite(photograph, 4.0, 4.0),

@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from haptix.errors import InputError
 from haptix.surface import Column
-from haptix.texture import Target as TargetKind
-from haptix.texture import as_mu
+from haptix.texture import TargetKind, as_mu
 
 Array = npt.NDArray[np.float64]
 

@@ -1,27 +1,35 @@
 """Offline stimuli: signals, sets, files, and the methods that choose among them."""
 
-from haptix.stimuli.algebra import Concatenation, Excerpt, Product, Repetition, Sum, Window
+from haptix.stimuli.along_path import AlongPath, grating, relief
 from haptix.stimuli.apparatus import Apparatus
+from haptix.stimuli.in_time import Chirp, Points, Pulse, Ramp, Recorded, Sine, Square, Step
 from haptix.stimuli.making import SetResult, check_manifest
-from haptix.stimuli.noise import Noise
 from haptix.stimuli.population import Population
 from haptix.stimuli.rendering import Rendering
-from haptix.stimuli.signal import Constant, Signal, signal_from
-from haptix.stimuli.space import Grating, Relief
+from haptix.stimuli.signal import (
+    Concatenation,
+    Constant,
+    Excerpt,
+    Product,
+    Repetition,
+    Signal,
+    Sum,
+    Window,
+    signal_from,
+)
 from haptix.stimuli.speed import Path, SpeedProfile, SteadySpeed, Strokes
 from haptix.stimuli.stimulus import Stimulus
 from haptix.stimuli.stimulus_set import StimulusSet
+from haptix.stimuli.time_noise import TimeNoise
 from haptix.stimuli.trials import TrialPlan
-from haptix.stimuli.waves import Chirp, Points, Pulse, Ramp, Recorded, Sine, Square, Step
 
 __all__ = [
+    "AlongPath",
     "Apparatus",
     "Chirp",
     "Concatenation",
     "Constant",
     "Excerpt",
-    "Grating",
-    "Noise",
     "Path",
     "Points",
     "Population",
@@ -29,7 +37,6 @@ __all__ = [
     "Pulse",
     "Ramp",
     "Recorded",
-    "Relief",
     "Rendering",
     "Repetition",
     "SetResult",
@@ -43,8 +50,11 @@ __all__ = [
     "StimulusSet",
     "Strokes",
     "Sum",
+    "TimeNoise",
     "TrialPlan",
     "Window",
     "check_manifest",
+    "grating",
+    "relief",
     "signal_from",
 ]

@@ -8,12 +8,12 @@ from itertools import product
 from math import pi, sqrt
 from typing import Any, Literal
 
+from haptix.checks import number, positive
 from haptix.errors import InputError
 from haptix.perception import Perception
 from haptix.screen import Screen
-from haptix.stimuli.signal import number, positive
+from haptix.stimuli.in_time import Sine
 from haptix.stimuli.stimulus import DEFAULT_CARRIER_HZ, Stimulus, stimulus_from
-from haptix.stimuli.waves import Sine
 
 
 def full_factorial(

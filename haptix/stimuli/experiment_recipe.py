@@ -17,10 +17,9 @@ from haptix.finger import Finger
 from haptix.screen import Screen
 from haptix.status import Status
 from haptix.stimuli.adaptive import ConstantStimuli, Method, Presentation, Quest, UpDown
-from haptix.stimuli.algebra import Product
 from haptix.stimuli.apparatus import Apparatus
 from haptix.stimuli.rendering import Rendering
-from haptix.stimuli.signal import Array, Constant, Signal, signal_from
+from haptix.stimuli.signal import Array, Constant, Product, Signal, signal_from
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
 from haptix.surface import Column
 

@@ -1,10 +1,11 @@
-"""How a set is made: file by file into drafts, judged as a whole, then published."""
+"""How a set is made: file by file into drafts, checked as a whole, then published."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,12 +17,14 @@ from haptix.stimuli.audio import file_hash, step_v
 from haptix.stimuli.drawing import contact_sheet
 from haptix.stimuli.play import write_drive
 from haptix.stimuli.rendering import Rendering
+from haptix.stimuli.set_plan import SetPlan
 from haptix.stimuli.sidecar import reach, sidecar
 from haptix.stimuli.stimulus import Stimulus
-from haptix.stimuli.stimulus_set import Progress, StimulusSet
 from haptix.stimuli.trials import events, trigger_code
 from haptix.stimuli.trigger import Trigger
 from haptix.version import __version__
+
+Progress = Callable[[str, float], None]
 
 _DRAFTS = ".drafts"
 
@@ -40,9 +43,7 @@ class SetResult:
 class Job:
     """One run of `StimulusSet.make`."""
 
-    def __init__(
-        self, parts: StimulusSet, folder: Path, threads: int, on_progress: Progress
-    ) -> None:
+    def __init__(self, parts: SetPlan, folder: Path, threads: int, on_progress: Progress) -> None:
         self.parts, self.folder, self.threads = parts, folder, threads
         self.drafts = folder / _DRAFTS
         self.on_progress = on_progress
@@ -52,7 +53,7 @@ class Job:
         self.unreachable: list[str] = []
 
     def run(self) -> SetResult:
-        """Make, judge and publish; see `StimulusSet.make`."""
+        """Make, check and publish; see `StimulusSet.make`."""
         parts = self.parts
         if self.folder.exists() and not self.folder.is_dir():
             raise InputError(f"{self.folder} is a file; name a folder")
@@ -78,7 +79,7 @@ class Job:
             raise LimitError(head)
         raise RangeError(
             f'{head}\nlower what they ask for, or say unreachable = "nearest" to play the nearest '
-            "that there is"
+            "reachable friction"
         )
 
     def _one(

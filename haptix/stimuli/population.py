@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from haptix.checks import positive
 from haptix.errors import InputError
 from haptix.finger import Finger
-from haptix.stimuli.signal import positive
 
 
 @dataclass(frozen=True)

@@ -1,58 +1,41 @@
 """Signals: frozen descriptions that are evaluated block by block, and their algebra.
 
-A signal says a quantity against time. Its value at a sample depends on the sample's number and the
-sample rate alone, so that it can be streamed in blocks, by several threads, in any order.
+A signal is a quantity against time. Its value at a sample depends only on the sample's number and
+the sample rate. So it can be streamed in blocks, by several threads, in any order.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from math import inf, isfinite
+from abc import abstractmethod
+from dataclasses import dataclass
+from math import inf
 from numbers import Real
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from haptix.checks import choice, number, positive
 from haptix.errors import InputError
+from haptix.stimuli.described import Described, read
 
 Array = npt.NDArray[np.float64]
 
-KINDS: dict[str, type[Signal]] = {}
-"""Every kind of signal by the name that recipes use."""
 
+class Signal(Described):
+    """Base of all signals; ``+``, ``-`` and ``*`` take signals and numbers."""
 
-class Signal(ABC):
-    """Base of all signals; ``+``, ``-`` and ``*`` take signals and numbers.
-
-    Attributes
-    ----------
-    kind : str
-        Name in recipes and sidecars.
-    """
-
-    kind: ClassVar[str]
-
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        super().__init_subclass__(**kwargs)
-        if "kind" in cls.__dict__:
-            KINDS[cls.kind] = cls
+    length_s: float
 
     @property
-    @abstractmethod
     def length(self) -> float:
-        """Length [s]; `math.inf` where the signal goes on for ever."""
-
-    @abstractmethod
-    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        """Values at samples that lie within the length."""
+        """Length [s]; `math.inf` for a signal without end."""
+        return self.length_s
 
     def samples(self, sample_rate_hz: float) -> int | None:
-        """Length in samples; None where it is infinite."""
+        """Length in samples; None for a signal without end."""
         return None if self.length == inf else round(self.length * sample_rate_hz)
 
     def values(self, first: int, count: int, sample_rate_hz: float) -> Array:
@@ -63,25 +46,22 @@ class Signal(ABC):
         first : int
             Number of the first sample, 0 or more.
         count : int
-            How many.
+            Number of samples.
         sample_rate_hz : float
             Samples per second.
         """
         total = self.samples(sample_rate_hz)
         if total is None or first + count <= total:
-            return self.inside(first, count, sample_rate_hz)
+            return self._inside(first, count, sample_rate_hz)
         within = max(0, total - first)
         values = np.zeros(count)
         if within:
-            values[:within] = self.inside(first, within, sample_rate_hz)
+            values[:within] = self._inside(first, within, sample_rate_hz)
         return values
 
-    def describe(self) -> dict[str, Any]:
-        """Everything that determines the values, as plain values; `signal_from` reads it."""
-        table: dict[str, Any] = {"kind": self.kind}
-        for field in fields(self):  # type: ignore[arg-type]  # every signal is a dataclass
-            table[field.name] = _plain(getattr(self, field.name))
-        return table
+    @abstractmethod
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        """Values at samples that lie within the length."""
 
     def digest(self) -> str:
         """Hash of the description."""
@@ -91,68 +71,39 @@ class Signal(ABC):
     @property
     def seeds(self) -> tuple[int, ...]:
         """Seeds of all noise within."""
-        found: list[int] = []
-        for field in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, field.name)
-            parts = value if isinstance(value, tuple) else (value,)
-            if field.name == "seed":
-                found.append(int(value))
-            for part in parts:
-                if isinstance(part, Signal):
-                    found.extend(part.seeds)
-        return tuple(found)
+        return tuple(int(part.seed) for part in self.walk() if hasattr(part, "seed"))
 
     def __add__(self, other: Signal | float) -> Signal:
-        from haptix.stimuli.algebra import Sum
-
         return Sum((self, as_signal(other)))
 
     def __radd__(self, other: float) -> Signal:
-        from haptix.stimuli.algebra import Sum
-
         return Sum((as_signal(other), self))
 
     def __sub__(self, other: Signal | float) -> Signal:
-        from haptix.stimuli.algebra import Sum
-
-        if not isinstance(other, Signal):
-            return Sum((self, as_signal(-other)))
-        return Sum((self, -other))
+        return Sum((self, -other if isinstance(other, Signal) else as_signal(-other)))
 
     def __rsub__(self, other: float) -> Signal:
         return other + (-self)
 
     def __neg__(self) -> Signal:
-        from haptix.stimuli.algebra import Product
-
         return Product((Constant(-1.0), self))
 
     def __mul__(self, other: Signal | float) -> Signal:
-        from haptix.stimuli.algebra import Product
-
         return Product((self, as_signal(other)))
 
     def __rmul__(self, other: float) -> Signal:
-        from haptix.stimuli.algebra import Product
-
         return Product((as_signal(other), self))
 
     def then(self, *others: Signal) -> Signal:
         """One after the other; all but the last must be finite."""
-        from haptix.stimuli.algebra import Concatenation
-
         return Concatenation((self, *others))
 
     def repeat(self, times: float = inf) -> Signal:
-        """Again and again; for ever without a number."""
-        from haptix.stimuli.algebra import Repetition
-
+        """Repeat the signal; without end if no number is given."""
         return Repetition(self, times)
 
     def lasting(self, length_s: float) -> Signal:
         """Cut to a length, or filled up with 0."""
-        from haptix.stimuli.algebra import Excerpt
-
         return Excerpt(self, length_s)
 
     def window(
@@ -162,9 +113,7 @@ class Signal(ABC):
         shape: Literal["raised-cosine", "linear"] = "raised-cosine",
         rest: float = 0.0,
     ) -> Signal:
-        """Faded in and out, from and to `rest`; the signal must be finite."""
-        from haptix.stimuli.algebra import Window
-
+        """Faded in from `rest` and out to it; the signal must be finite."""
         return Window(self, rise_s, rise_s if fall_s is None else fall_s, shape, rest)
 
 
@@ -185,81 +134,12 @@ def signal_from(table: Any, place: str = "signal") -> Signal:
     InputError
         If a kind or a field is unknown, missing or wrong; the message says where.
     """
-    if isinstance(table, Signal):
-        return table
-    if isinstance(table, int | float) and not isinstance(table, bool):
-        return Constant(float(table))
-    if not isinstance(table, Mapping) or "kind" not in table:
-        raise InputError(f'{place}: expected a table with a "kind", or a number, got {table!r}')
-    if table["kind"] not in KINDS:
-        raise InputError(
-            f"{place}.kind: unknown {table['kind']!r}; expected one of {', '.join(sorted(KINDS))}"
-        )
-    kind = KINDS[table["kind"]]
-    known = {field.name: field for field in fields(kind)}  # type: ignore[arg-type]
-    given: dict[str, Any] = {}
-    for name, value in table.items():
-        if name == "kind":
-            continue
-        if name not in known:
-            raise InputError(
-                f"{place}.{name}: {table['kind']} has no such field; expected some of "
-                f"{', '.join(known)}"
-            )
-        given[name] = _read(value, f"{place}.{name}")
-    try:
-        return kind(**given)
-    except InputError as error:
-        raise InputError(f"{place}: {error}") from None
-    except TypeError as error:
-        # "__init__() missing 1 required positional argument: 'frequency_hz'"
-        raise InputError(f"{place} ({table['kind']}): {str(error).split('__init__() ')[-1]}") from (
-            None
-        )
-
-
-def _read(value: Any, place: str) -> Any:
-    if isinstance(value, Mapping) and "kind" in value:
-        from haptix.stimuli.speed import SPEEDS, speed_from
-
-        return speed_from(value, place) if value["kind"] in SPEEDS else signal_from(value, place)
-    if isinstance(value, list | tuple):
-        return tuple(_read(item, f"{place}[{i}]") for i, item in enumerate(value))
-    return inf if value == "forever" else value
-
-
-def _plain(value: Any) -> Any:
-    if hasattr(value, "describe"):
-        return value.describe()
-    if isinstance(value, tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return "forever" if value == inf else value
-
-
-def number(name: str, value: Any, least: float = -inf, open_end: bool = False) -> None:
-    """Refuse what is no number of at least `least`; infinite only with `open_end`."""
-    good = isinstance(value, Real) and not isinstance(value, bool)
-    if not good or not (isfinite(value) or (open_end and value == inf)) or value < least:
-        bound = "" if least == -inf else f" of at least {least:g}"
-        raise InputError(f"{name}: expected a {'' if open_end else 'finite '}number{bound}, "
-                         f"got {value!r}")  # fmt: skip
-
-
-def read_row(owner: object, *names: str) -> None:
-    """Make tuples of the lists and arrays of numbers in some fields of a frozen dataclass."""
-    for name in names:
-        value = getattr(owner, name)
-        if isinstance(value, list | np.ndarray):
-            object.__setattr__(owner, name, tuple(np.asarray(value).tolist()))
-
-
-def positive(name: str, value: Any, open_end: bool = False) -> None:
-    """Refuse what is no number above 0."""
-    number(name, value, 0.0, open_end)
-    if value == 0:
-        raise InputError(f"{name}: expected a number above 0, got 0")
+    if isinstance(table, Signal | int | float) and not isinstance(table, bool):
+        return as_signal(table)
+    found = read(table, place)
+    if not isinstance(found, Signal):
+        raise InputError(f"{place}: expected a signal, got a {found.kind}")
+    return found
 
 
 @dataclass(frozen=True)
@@ -274,11 +154,212 @@ class Constant(Signal):
         number("value", self.value)
         positive("length_s", self.length_s, open_end=True)
 
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        return np.full(count, float(self.value))
+
+
+def _read_parts(signal: Sum | Product | Concatenation) -> None:
+    """Make constants of numbers, and refuse what is neither."""
+    parts: Any = signal.parts
+    if not isinstance(parts, tuple | list) or not parts:
+        raise InputError(f"parts: expected one signal or more, got {parts!r}")
+    object.__setattr__(signal, "parts", tuple(as_signal(part) for part in parts))
+
+
+@dataclass(frozen=True)
+class Sum(Signal):
+    """Signals added; as long as the longest. A signal that has ended adds 0."""
+
+    kind = "sum"
+    parts: tuple[Signal, ...]
+
+    def __post_init__(self) -> None:
+        _read_parts(self)
+
     @property
     def length(self) -> float:
-        """Length [s]."""
-        return self.length_s
+        """Length [s] of the longest; a constant without end takes that of the others."""
+        bounded = [part.length for part in self.parts if not _is_level(part)]
+        return max(bounded) if bounded else inf
 
-    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        """Values."""
-        return np.full(count, float(self.value))
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        total = np.zeros(count)
+        for part in self.parts:
+            total += part.values(first, count, sample_rate_hz)
+        return total
+
+
+@dataclass(frozen=True)
+class Product(Signal):
+    """Signals multiplied; as long as the shortest."""
+
+    kind = "product"
+    parts: tuple[Signal, ...]
+
+    def __post_init__(self) -> None:
+        _read_parts(self)
+
+    @property
+    def length(self) -> float:
+        """Length [s] of the shortest."""
+        return min(part.length for part in self.parts)
+
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        total = np.ones(count)
+        for part in self.parts:
+            total *= part.values(first, count, sample_rate_hz)
+        return total
+
+
+@dataclass(frozen=True)
+class Concatenation(Signal):
+    """Signals one after the other."""
+
+    kind = "concatenation"
+    parts: tuple[Signal, ...]
+
+    def __post_init__(self) -> None:
+        _read_parts(self)
+        endless = [i for i, part in enumerate(self.parts[:-1]) if part.length == inf]
+        if endless:
+            raise InputError(
+                f"parts[{endless[0]}] has no end, so that nothing can follow it; give it a length"
+            )
+
+    @property
+    def length(self) -> float:
+        """Length [s] of all."""
+        return sum(part.length for part in self.parts)
+
+    def samples(self, sample_rate_hz: float) -> int | None:
+        """Length in samples: each part is rounded to whole ones."""
+        counts = [part.samples(sample_rate_hz) for part in self.parts]
+        return None if counts[-1] is None else sum(count or 0 for count in counts)
+
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        values = np.zeros(count)
+        start = 0
+        for part in self.parts:
+            size = part.samples(sample_rate_hz)
+            low = max(first, start)
+            high = first + count if size is None else min(first + count, start + size)
+            if low < high:
+                values[low - first : high - first] = part.values(
+                    low - start, high - low, sample_rate_hz
+                )
+            start += size or 0
+        return values
+
+
+@dataclass(frozen=True)
+class Repetition(Signal):
+    """A finite signal repeated; `times` may be infinite."""
+
+    kind = "repetition"
+    of: Signal
+    times: float = inf
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "of", as_signal(self.of))
+        if self.of.length == inf:
+            raise InputError("of: has no end, so that it cannot repeat; give it a length")
+        number("times", self.times, 1, open_end=True)
+        if self.times != inf and self.times != int(self.times):
+            raise InputError(f"times: expected a whole number, got {self.times!r}")
+
+    @property
+    def length(self) -> float:
+        """Length [s] of all repetitions."""
+        return self.of.length * self.times
+
+    def samples(self, sample_rate_hz: float) -> int | None:
+        """Length in samples: whole ones of each repetition."""
+        return None if self.times == inf else self._size(sample_rate_hz) * int(self.times)
+
+    def _size(self, sample_rate_hz: float) -> int:
+        return max(1, self.of.samples(sample_rate_hz) or 0)
+
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        size = self._size(sample_rate_hz)
+        if size <= count:
+            once = self.of.values(0, size, sample_rate_hz)
+            return np.asarray(np.resize(np.roll(once, -(first % size)), count))
+        values = np.empty(count)
+        done = 0
+        while done < count:
+            start = (first + done) % size
+            run = min(count - done, size - start)
+            values[done : done + run] = self.of.values(start, run, sample_rate_hz)
+            done += run
+        return values
+
+
+@dataclass(frozen=True)
+class Excerpt(Signal):
+    """The first `length_s` of a signal; 0 where it has ended before."""
+
+    kind = "excerpt"
+    of: Signal
+    length_s: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "of", as_signal(self.of))
+        positive("length_s", self.length_s)
+
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        return self.of.values(first, count, sample_rate_hz)
+
+
+@dataclass(frozen=True)
+class Window(Signal):
+    """A finite signal faded in from `rest` and out to it."""
+
+    kind = "window"
+    of: Signal
+    rise_s: float
+    fall_s: float
+    shape: str = "raised-cosine"
+    rest: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "of", as_signal(self.of))
+        number("rise_s", self.rise_s, 0.0)
+        number("fall_s", self.fall_s, 0.0)
+        number("rest", self.rest)
+        choice("shape", self.shape, ("raised-cosine", "linear"))
+        if self.of.length == inf:
+            raise InputError("of: has no end, so that it cannot fade out; give it a length")
+        if self.rise_s + self.fall_s > self.of.length * (1 + 1e-9):
+            raise InputError(
+                f"rise_s and fall_s: expected at most the signal's {self.of.length:g} s together, "
+                f"got {self.rise_s:g} s and {self.fall_s:g} s"
+            )
+
+    @property
+    def length(self) -> float:
+        """Length [s], as without the window."""
+        return self.of.length
+
+    def samples(self, sample_rate_hz: float) -> int | None:
+        """Length in samples, as without the window."""
+        return self.of.samples(sample_rate_hz)
+
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        values = self.of.values(first, count, sample_rate_hz)
+        last = (self.of.samples(sample_rate_hz) or 1) - 1
+        rise, fall = self.rise_s * sample_rate_hz, self.fall_s * sample_rate_hz
+        if first >= rise and first + count <= last - fall:
+            return values
+        n = np.arange(first, first + count, dtype=float)
+        share = np.ones(count)
+        if rise > 0:
+            share = np.minimum(share, n / rise)
+        if fall > 0:
+            share = np.minimum(share, (last - n) / fall)
+        if self.shape == "raised-cosine":
+            share = 0.5 - 0.5 * np.cos(np.pi * share)
+        return np.asarray(self.rest + share * (values - self.rest))
+
+
+def _is_level(part: Signal) -> bool:
+    return isinstance(part, Constant) and part.length == inf

@@ -2,41 +2,26 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from haptix.checks import positive
 from haptix.errors import InputError
-from haptix.stimuli.signal import Array, number, positive, read_row
-from haptix.stimuli.waves import demand_corners
+from haptix.stimuli.described import Described, read, set_corners
 
-SPEEDS: dict[str, type[SpeedProfile]] = {}
-"""Every kind of speed profile by the name that recipes use."""
+Array = npt.NDArray[np.float64]
 
 
-class SpeedProfile(ABC):
+class SpeedProfile(Described):
     """Base of the speed profiles."""
-
-    kind: ClassVar[str]
-
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        super().__init_subclass__(**kwargs)
-        SPEEDS[cls.kind] = cls
 
     @abstractmethod
     def position_mm(self, t_s: Array) -> Array:
-        """Place along the grating [mm] at times [s]."""
-
-    def describe(self) -> dict[str, Any]:
-        """Everything that determines the profile, as plain values."""
-        table: dict[str, Any] = {"kind": self.kind}
-        for field in fields(self):  # type: ignore[arg-type]  # every profile is a dataclass
-            value = getattr(self, field.name)
-            table[field.name] = list(value) if isinstance(value, tuple) else value
-        return table
+        """Place along the finger's line [mm] at times [s]."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +41,7 @@ class SteadySpeed(SpeedProfile):
 
 @dataclass(frozen=True)
 class Strokes(SpeedProfile):
-    """To and fro over `stroke_mm`, each way in `stroke_s`, with the speed of a half sine."""
+    """To and fro over `stroke_mm`, each stroke in `stroke_s`, with the speed of a half sine."""
 
     kind = "strokes"
     stroke_mm: float
@@ -80,8 +65,7 @@ class Path(SpeedProfile):
     x_mm: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        read_row(self, "t_s", "x_mm")
-        demand_corners("t_s", self.t_s, self.x_mm)
+        set_corners(self, "t_s", "x_mm")
 
     def position_mm(self, t_s: Array) -> Array:
         """Place [mm]."""
@@ -99,21 +83,8 @@ def speed_from(table: Any, place: str = "speed") -> SpeedProfile:
     if isinstance(table, SpeedProfile):
         return table
     if isinstance(table, int | float) and not isinstance(table, bool):
-        number(place, table)
-        return SteadySpeed(float(table))
-    if not isinstance(table, Mapping) or table.get("kind") not in SPEEDS:
-        raise InputError(
-            f"{place}: expected a speed in mm/s, or a table whose kind is one of "
-            f"{', '.join(SPEEDS)}, got {table!r}"
-        )
-    given = {
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in table.items()
-        if name != "kind"
-    }
-    try:
-        return SPEEDS[table["kind"]](**given)
-    except InputError as error:
-        raise InputError(f"{place}: {error}") from None
-    except TypeError as error:
-        raise InputError(f"{place}: {str(error).split('__init__() ')[-1]}") from None
+        return SteadySpeed(positive(place, table))
+    found = read(table, place)
+    if not isinstance(found, SpeedProfile):
+        raise InputError(f"{place}: expected how the finger moves, got a {found.kind}")
+    return found

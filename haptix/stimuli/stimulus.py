@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from math import inf
 from typing import Any, Literal, get_args
 
+from haptix.checks import choice, positive
 from haptix.errors import InputError
-from haptix.stimuli.signal import Signal, positive, signal_from
+from haptix.stimuli.signal import Signal, signal_from
 from haptix.stimuli.speed import SpeedProfile, speed_from
 
 Quantity = Literal["mu", "contrast", "volts"]
@@ -58,10 +59,7 @@ class Stimulus:
         allowed = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.")
         if not self.name or set(self.name) - allowed or self.name.startswith("."):
             raise InputError(f"name: expected letters, digits, '-', '_' and '.', got {self.name!r}")
-        if self.quantity not in get_args(Quantity):
-            raise InputError(
-                f"quantity: expected one of {', '.join(get_args(Quantity))}, got {self.quantity!r}"
-            )
+        choice("quantity", self.quantity, get_args(Quantity))
         positive("normal_force_n", self.normal_force_n)
         for name in ("carrier_hz", "drive_hz", "h0_m"):
             if getattr(self, name) is not None:
@@ -73,7 +71,7 @@ class Stimulus:
             )
         if self.carrier_hz is not None and self.drive_hz is not None:
             raise InputError("drive_hz: with a carrier that is the carrier's; leave it out")
-        found = set(_speeds(self.signal))
+        found = {part for part in self.signal.walk() if isinstance(part, SpeedProfile)}
         if self.speed is None and len(found) == 1:
             object.__setattr__(self, "speed", found.pop())
         elif found - {self.speed}:
@@ -111,18 +109,7 @@ class Stimulus:
         }
 
 
-def _speeds(value: Any) -> Iterator[SpeedProfile]:
-    """Every speed profile within a signal."""
-    if isinstance(value, SpeedProfile):
-        yield value
-    elif isinstance(value, tuple):
-        for part in value:
-            yield from _speeds(part)
-    elif isinstance(value, Signal):
-        for one in fields(value):  # type: ignore[arg-type]  # every signal is a dataclass
-            yield from _speeds(getattr(value, one.name))
-
-
+_IN_SPACE = ("along-path", "grating", "relief")
 _FIELDS = ("quantity", "normal_force_n", "carrier_hz", "drive_hz", "h0_m")
 
 
@@ -165,6 +152,6 @@ def _with_speed(table: Any, speed: SpeedProfile | None) -> Any:
     if not isinstance(table, Mapping):
         return table
     inner = {key: _with_speed(value, speed) for key, value in table.items()}
-    if inner.get("kind") in ("grating", "relief") and "speed" not in inner and speed is not None:
+    if inner.get("kind") in _IN_SPACE and "speed" not in inner and speed is not None:
         inner["speed"] = speed.describe()
     return inner

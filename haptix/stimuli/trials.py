@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from haptix.errors import InputError
-from haptix.stimuli.signal import number
+from haptix.checks import number, whole
 from haptix.stimuli.stimulus import Stimulus
 
 
@@ -32,8 +31,7 @@ class TrialPlan:
     seed: int | None = 0
 
     def __post_init__(self) -> None:
-        if type(self.repeats) is not int or self.repeats < 1:
-            raise InputError(f"repeats: expected 1 or more, got {self.repeats!r}")
+        whole("repeats", self.repeats, 1)
         number("gap_s", self.gap_s, 0.0)
 
     def order(self, count: int) -> list[int]:

@@ -8,17 +8,18 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from haptix.errors import InputError, check_positive
+from haptix.checks import choice, number, positive
+from haptix.errors import InputError
 from haptix.texture.field import (
     Array,
     FrictionField,
-    Target,
+    TargetKind,
     are_near,
     check_numbers,
     check_target,
     without_far_places,
 )
-from haptix.texture.recorded import Recording
+from haptix.texture.recorded import RecordedProfile
 from haptix.texture.texture import Texture
 
 Blend = Literal["over", "add", "multiply", "max", "min"]
@@ -70,20 +71,15 @@ class Sprite:
                 "field: expected a texture or another field of friction, got a "
                 f"{type(self.field).__name__}"
             )
-        check_numbers(x_mm=self.x_mm, y_mm=self.y_mm, z=self.z, opacity=self.opacity)
+        check_numbers(self, "x_mm", "y_mm", "z", "opacity")
         for name in ("width_mm", "height_mm"):
             if getattr(self, name) is None:
                 if not isinstance(self.field, Texture):
                     raise InputError(f"{name}: expected a size, since the field has none")
                 object.__setattr__(self, name, getattr(self.field, name))
-            check_numbers(**{name: getattr(self, name)})
-            check_positive(name, getattr(self, name))
-        if self.blend not in get_args(Blend):
-            raise InputError(
-                f"blend: expected one of {', '.join(get_args(Blend))}, got {self.blend!r}"
-            )
-        if self.shape not in ("rectangle", "ellipse"):
-            raise InputError(f'shape: expected "rectangle" or "ellipse", got {self.shape!r}')
+            positive(name, getattr(self, name))
+        choice("blend", self.blend, get_args(Blend))
+        choice("shape", self.shape, ("rectangle", "ellipse"))
         if not 0 <= self.opacity <= 1:
             raise InputError(f"opacity: expected 0 to 1, got {self.opacity:g}")
         if self.blend == "multiply" and self.field.target != "share":
@@ -178,7 +174,7 @@ class Composition(FrictionField):
 
     sprites: Sequence[Sprite]
     background: float | FrictionField = 0.0
-    target: Target = None  # type: ignore[assignment]  # replaced below, never None
+    target: TargetKind = None  # type: ignore[assignment]  # replaced below, never None
 
     def __post_init__(self) -> None:
         below = self.background
@@ -192,7 +188,7 @@ class Composition(FrictionField):
                     f"background: expected a target of {self.target}, got {below.target}"
                 )
         else:
-            check_numbers(background=below)
+            number("background", below)
         try:
             sprites = tuple(self.sprites)
         except TypeError:
@@ -267,6 +263,6 @@ def _step(depth_mm: Array, ramp_mm: Array) -> Array:
 
 def _held(field: FrictionField) -> FrictionField:
     """The same without an end: within a sprite, its outline decides where it ends."""
-    if isinstance(field, Texture | Recording) and field.beyond == "outside":
+    if isinstance(field, Texture | RecordedProfile) and field.beyond == "outside":
         return replace(field, beyond="hold")
     return field

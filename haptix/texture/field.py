@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from haptix.checks import choice, number
 from haptix.errors import InputError
 from haptix.motion import FARTHEST_MM
 
@@ -16,32 +17,25 @@ Array = npt.NDArray[np.float64]
 Floats = Any
 """Numbers of any shape, or one number."""
 
-Target = Literal["mu", "contrast", "share"]
-"""How the numbers of a field are to be understood, see `as_mu`."""
+TargetKind = Literal["mu", "contrast", "share", "plain"]
+"""What the numbers of a field are, see `as_mu`; "plain" ones are not friction."""
 
 
 def check_target(target: str) -> None:
     """Raise `InputError` unless `target` is one."""
-    if target not in get_args(Target):
-        raise InputError(f'target: expected "mu", "contrast" or "share", got {target!r}')
+    choice("target", target, get_args(TargetKind))
 
 
-def check_numbers(**values: Any) -> None:
-    """Raise `InputError` for the first that is not one finite number; its key is its name."""
-    for name, value in values.items():
-        real = isinstance(value, int | float | np.integer | np.floating)
-        if not real or isinstance(value, bool) or not np.isfinite(value):
-            raise InputError(f"{name}: expected a finite number, got {value!r:.80}")
+def check_numbers(owner: object, *names: str) -> None:
+    """Raise `InputError` for the first of these fields that is not a finite number."""
+    for name in names:
+        number(name, getattr(owner, name))
 
 
-def check_whole(name: str, value: Any, least: int) -> None:
-    """Raise `InputError` unless the value is a whole number from `least` on."""
-    if not isinstance(value, int) or value < least:
-        raise InputError(f"{name}: expected a whole number from {least}, got {value!r:.80}")
-
-
-def check_range(name: str, target: Target, low: float, high: float) -> None:
+def check_range(name: str, target: TargetKind, low: float, high: float) -> None:
     """Raise `InputError` unless `low` and `high` are finite, increasing and possible."""
+    if target == "plain":
+        return
     least = {"mu": 0.0, "contrast": -1.0, "share": 0.0}[target]
     most = {"mu": np.inf, "contrast": np.inf, "share": 1.0}[target]
     if not (least <= low < high <= most and high < np.inf):
@@ -52,7 +46,7 @@ def check_range(name: str, target: Target, low: float, high: float) -> None:
         )
 
 
-def as_mu(target: Target, value: Floats, lowest_mu: Floats, highest_mu: Floats) -> Any:
+def as_mu(target: TargetKind, value: Floats, lowest_mu: Floats, highest_mu: Floats) -> Any:
     """Friction coefficients that values of a field ask for; arrays or tensors that broadcast.
 
     Parameters
@@ -67,6 +61,8 @@ def as_mu(target: Target, value: Floats, lowest_mu: Floats, highest_mu: Floats) 
         Friction without voltage and at the highest, at the finger's force:
         `FrictionSurface.reachable`.
     """
+    if target == "plain":
+        raise InputError("target: plain numbers are not friction; give mu, contrast or share")
     if target == "mu":
         return value
     if target == "contrast":
@@ -83,7 +79,7 @@ class FrictionField(ABC):
 
     @property
     @abstractmethod
-    def target(self) -> Target:
+    def target(self) -> TargetKind:
         """How the numbers are to be understood, see `as_mu`."""
 
     @property

@@ -7,11 +7,11 @@ from math import frexp, log2
 
 import numpy as np
 
-from haptix.errors import check_positive
+from haptix.checks import positive
 from haptix.texture.field import (
     Array,
     FrictionField,
-    Target,
+    TargetKind,
     are_near,
     check_numbers,
     check_range,
@@ -60,7 +60,7 @@ class Grating(FrictionField):
     wave: Shape = "sine"
     orientation_deg: float = 0.0
     duty: float = 0.5
-    target: Target = "share"
+    target: TargetKind = "share"
     low: float = 0.0
     high: float = 1.0
     phase: float = 0.0
@@ -68,15 +68,8 @@ class Grating(FrictionField):
     _tables: tuple[tuple[Array, Array, Array], ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        check_numbers(
-            period_mm=self.period_mm,
-            orientation_deg=self.orientation_deg,
-            duty=self.duty,
-            low=self.low,
-            high=self.high,
-            phase=self.phase,
-        )
-        check_positive("period_mm", self.period_mm)
+        positive("period_mm", self.period_mm)
+        check_numbers(self, "orientation_deg", "duty", "low", "high", "phase")
         check_target(self.target)
         check_range("low, high", self.target, self.low, self.high)
         object.__setattr__(self, "_waveform", Waveform(self.wave, self.duty))

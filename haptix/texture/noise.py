@@ -8,15 +8,15 @@ from typing import Literal
 
 import numpy as np
 
-from haptix.errors import InputError, check_positive
+from haptix.checks import choice, number, positive, whole
+from haptix.errors import InputError
 from haptix.texture.field import (
     Array,
     FrictionField,
-    Target,
+    TargetKind,
     are_near,
     check_numbers,
     check_target,
-    check_whole,
     turned,
     without_far_places,
 )
@@ -39,8 +39,8 @@ def power_law(exponent: float, shortest_mm: float, longest_mm: float) -> Spectru
     InputError
         If the wavelengths are not above 0 and increasing.
     """
-    check_numbers(exponent=exponent, shortest_mm=shortest_mm, longest_mm=longest_mm)
-    if not 0 < shortest_mm < longest_mm:
+    number("exponent", exponent)
+    if not positive("shortest_mm", shortest_mm) < positive("longest_mm", longest_mm):
         raise InputError(
             f"power_law: expected 0 < shortest_mm < longest_mm, got {shortest_mm:g}, {longest_mm:g}"
         )
@@ -89,7 +89,7 @@ class Noise(FrictionField):
     spectrum: Spectrum
     mean: float = 0.5
     deviation: float = 0.2
-    target: Target = "share"
+    target: TargetKind = "share"
     seed: int = 0
     tile_mm: float = 64.0
     pixels: int = 1024
@@ -99,23 +99,17 @@ class Noise(FrictionField):
 
     def __post_init__(self) -> None:
         check_target(self.target)
-        check_numbers(
-            mean=self.mean,
-            deviation=self.deviation,
-            tile_mm=self.tile_mm,
-            orientation_deg=self.orientation_deg,
-        )
+        check_numbers(self, "mean", "orientation_deg")
         if not callable(self.spectrum):
             raise InputError(
                 "spectrum: expected a function of the wavenumber such as power_law(...), got "
                 f"{self.spectrum!r:.80}"
             )
-        check_whole("seed", self.seed, 0)
-        check_whole("pixels", self.pixels, 4)
-        check_positive("deviation", self.deviation)
-        check_positive("tile_mm", self.tile_mm)
-        if self.grain not in ("isotropic", "ribbed"):
-            raise InputError(f'grain: expected "isotropic" or "ribbed", got {self.grain!r}')
+        whole("seed", self.seed)
+        whole("pixels", self.pixels, 4)
+        positive("deviation", self.deviation)
+        positive("tile_mm", self.tile_mm)
+        choice("grain", self.grain, ("isotropic", "ribbed"))
         rows = self.pixels if self.grain == "isotropic" else 1
         two = self.pixels & (self.pixels - 1) == 0
         if not two or rows * self.pixels > _MOST_PIXELS:

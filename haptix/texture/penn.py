@@ -27,8 +27,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import freqz
 
-from haptix.errors import FileFormatError, InputError, check_positive
-from haptix.texture.field import Array, check_numbers
+from haptix.checks import positive
+from haptix.errors import FileFormatError, InputError
+from haptix.texture.field import Array
 from haptix.texture.line_spectrum import polynomial_of_lsf
 from haptix.texture.noise import Noise
 from haptix.texture.penn_file import Contents, contents_of, root_of
@@ -107,8 +108,8 @@ class PennModel:
         InputError
             If one is not above 0.
         """
-        check_positive("speed_mm_per_s", speed_mm_per_s)
-        check_positive("normal_force_n", normal_force_n)
+        positive("speed_mm_per_s", speed_mm_per_s)
+        positive("normal_force_n", normal_force_n)
         place = np.array([speed_mm_per_s, normal_force_n], dtype=np.float64)
         nodes, weights = self._nearest(place)
         return ProcessAt(
@@ -169,8 +170,7 @@ class PennModel:
         InputError
             If a value is not above 0, or the model does not vibrate there.
         """
-        check_numbers(speed=speed_mm_per_s, normal_force_n=normal_force_n, mass_kg=mass_kg)
-        check_positive("mass_kg", mass_kg)
+        positive("mass_kg", mass_kg)
         process = self.at(speed_mm_per_s, normal_force_n)
         deviation = mass_kg * process.deviation / normal_force_n
         if not deviation > 0:

@@ -14,8 +14,8 @@ from skimage.color import rgb2gray
 from skimage.io import imread
 from skimage.util import img_as_float64
 
+from haptix.checks import positive
 from haptix.errors import InputError
-from haptix.texture.field import check_numbers
 
 LARGEST_BYTES = 1_500_000_000
 """Memory that a texture may take while it is made, unless told otherwise: some 24 megapixels."""
@@ -43,7 +43,7 @@ def read_grey(
         If the file is missing or is no image, the pixels have no image's shape, or there are too
         many of them: then nothing but a header was read.
     """
-    check_numbers(largest_bytes=largest_bytes)
+    positive("largest_bytes", largest_bytes)
     if isinstance(image, str | Path):
         path = Path(image)
         if not path.is_file():

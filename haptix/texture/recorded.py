@@ -10,14 +10,14 @@ from typing import Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from haptix.errors import FileFormatError, InputError, check_positive
+from haptix.checks import choice, increasing, number, positive, row
+from haptix.errors import FileFormatError, InputError
 from haptix.files import read_csv
 from haptix.texture.field import (
     Array,
     FrictionField,
-    Target,
+    TargetKind,
     are_near,
-    check_numbers,
     check_target,
     turned,
     without_far_places,
@@ -28,17 +28,17 @@ _MOST_SAMPLES = 4_000_000
 
 
 @dataclass(frozen=True)
-class Recording(FrictionField):
+class RecordedProfile(FrictionField):
     """Friction recorded along a line, the same all across it.
 
-    Between the positions the values are linear. They are taken over to an even grid as fine as the
-    closest two positions, or of `step_mm`.
+    Between the positions the values are linear. At a point they are these lines; with a footprint
+    they are read from an even grid, as fine as the closest two positions or of `step_mm`.
 
     Parameters
     ----------
-    position_mm : ndarray, shape (samples,)
+    position_mm : array_like, shape (samples,)
         Increasing positions along the line.
-    value : ndarray, shape (samples,)
+    value : array_like, shape (samples,)
         What was recorded there.
     target : {"mu", "contrast", "share"}
         What the values are, see `haptix.texture.as_mu`.
@@ -56,52 +56,43 @@ class Recording(FrictionField):
         more than 4 million steps.
     """
 
-    position_mm: Array
-    value: Array
-    target: Target = "mu"
+    position_mm: npt.ArrayLike
+    value: npt.ArrayLike
+    target: TargetKind = "mu"
     orientation_deg: float = 0.0
     beyond: Literal["outside", "hold"] = "outside"
     step_mm: float | None = None
+    _corners: tuple[Array, Array] = field(init=False, repr=False, compare=False)
     _pyramid: Pyramid = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_target(self.target)
-        if self.beyond not in ("outside", "hold"):
-            raise InputError(f'beyond: expected "outside" or "hold", got {self.beyond!r}')
-        check_numbers(orientation_deg=self.orientation_deg)
+        choice("beyond", self.beyond, ("outside", "hold"))
+        number("orientation_deg", self.orientation_deg)
         try:
-            position = np.asarray(self.position_mm, dtype=np.float64)
-            value = np.asarray(self.value, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise InputError("recording: expected numbers for positions and values") from None
-        if position.ndim != 1 or position.shape != value.shape or len(position) < 2:
+            position = increasing("position_mm", self.position_mm, 2)
+        except InputError as error:
+            raise InputError(f"{error}; sort them, or keep one stroke of several") from None
+        value = row("value", self.value, 2)
+        if len(value) != len(position):
             raise InputError(
-                "recording: expected 2 or more positions with a value each, got shapes "
-                f"{position.shape} and {value.shape}"
+                f"value: expected one for each of the {len(position)} positions, got {len(value)}"
             )
-        if not (np.isfinite(position).all() and np.isfinite(value).all()):
-            raise InputError("recording: expected finite positions and values")
-        steps = np.diff(position)
-        if steps.min() <= 0:
-            at = int(np.argmax(steps <= 0)) + 1
-            raise InputError(
-                f"recording: expected increasing positions, but {position[at]:g} mm follows "
-                f"{position[at - 1]:g} mm; sort them, or keep one stroke of several"
-            )
-        step = float(steps.min()) if self.step_mm is None else self.step_mm
-        check_numbers(step_mm=step)
-        check_positive("step_mm", step)
+        step = float(np.diff(position).min())
+        if self.step_mm is not None:
+            step = positive("step_mm", self.step_mm)
         length = float(position[-1] - position[0])
         count = ceil(length / step * (1 - 1e-9)) + 1
         if count > _MOST_SAMPLES:
             raise InputError(
-                f"recording: {length:g} mm in steps of {step:g} mm are {count} samples; expected "
+                f"step_mm: {length:g} mm in steps of {step:g} mm are {count} samples; expected "
                 f"at most {_MOST_SAMPLES}, give a larger step_mm"
             )
         step = length / (count - 1)
         even = np.interp(position[0] + step * np.arange(count), position, value)
         beyond_x: Literal["outside", "hold"] = self.beyond
         pyramid = Pyramid(even[None, :], step, float(value.min()), beyond_x, "hold")
+        object.__setattr__(self, "_corners", (position, value))
         object.__setattr__(self, "_pyramid", pyramid)
 
     @classmethod
@@ -162,12 +153,16 @@ class Recording(FrictionField):
     @property
     def outside(self) -> float:
         """The lowest value."""
-        return float(np.min(self.value))
+        return float(self._corners[1].min())
 
     def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
-        if self.orientation_deg != 0 and not are_near(x_mm, y_mm):
+        if not are_near(x_mm, y_mm):
             return without_far_places(self, x_mm, y_mm, footprint_mm)
         along, across = turned(x_mm, y_mm, self.orientation_deg)
+        position, value = self._corners
+        if not isinstance(footprint_mm, np.ndarray) and footprint_mm == 0:
+            beyond = self.outside if self.beyond == "outside" else None
+            return np.interp(along, position, value, beyond, beyond)
         # The first value is at its position, which the pyramid has half a step from its corner.
-        start = float(self.position_mm[0]) - self._pyramid.pixel_mm / 2
+        start = float(position[0]) - self._pyramid.pixel_mm / 2
         return self._pyramid.sample(along - np.array(start), across, footprint_mm)

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from haptix.documents import Document
 from haptix.errors import FileFormatError
-from haptix.texture.field import Target, check_range
+from haptix.texture.field import check_range
 
 
 class Sidecar(Document):
@@ -34,7 +34,7 @@ class Sidecar(Document):
 
     width_mm: Annotated[float, Field(gt=0, strict=True)]
     polarity: Literal["bright-high", "dark-high"]
-    target: Target = "share"
+    target: Literal["mu", "contrast", "share"] = "share"
     low: Annotated[float, Field(strict=True)] = 0.0
     high: Annotated[float, Field(strict=True)] = 1.0
 

@@ -9,12 +9,12 @@ from typing import Literal, Self, get_args
 import numpy as np
 import numpy.typing as npt
 
-from haptix.errors import InputError, check_positive
+from haptix.checks import number, positive
+from haptix.errors import InputError
 from haptix.texture.field import (
     Array,
     FrictionField,
-    Target,
-    check_numbers,
+    TargetKind,
     check_range,
 )
 from haptix.texture.heights import HeightRule, levels_by_rule, stretched
@@ -67,8 +67,7 @@ class Texture(FrictionField):
     _pyramid: Pyramid = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        check_numbers(width_mm=self.width_mm)
-        check_positive("width_mm", self.width_mm)
+        positive("width_mm", self.width_mm)
         level = self.level
         if not isinstance(level, np.ndarray):
             raise InputError(f"level: expected an array of numpy, got a {type(level).__name__}")
@@ -86,8 +85,8 @@ class Texture(FrictionField):
         except (TypeError, ValueError):
             raise InputError(f"{given[0]}: expected two numbers, low and high") from None
         name = given[0] if given else "share_range"
-        check_numbers(**{name: low})
-        check_numbers(**{name: high})
+        number(name, low)
+        number(name, high)
         check_range(name, self.target, low, high)
         values = level if (low, high) == (0.0, 1.0) else low + (high - low) * level
         finer = _finer(self.pixel_mm, values.shape)
@@ -189,12 +188,12 @@ class Texture(FrictionField):
         InputError
             If the heights cannot be read or hold nothing to feel, or a value is outside its range.
         """
-        check_numbers(direction_deg=direction_deg)
+        number("direction_deg", direction_deg)
         level = levels_by_rule(read_grey(heights, largest_bytes), rule, direction_deg)
         return cls(level, width_mm, mu_range, contrast_range, share_range)
 
     @property
-    def target(self) -> Target:
+    def target(self) -> TargetKind:
         """What the values of `friction` are: "mu", "contrast" or "share"."""
         if self.mu_range is not None:
             return "mu"

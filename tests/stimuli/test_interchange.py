@@ -8,7 +8,7 @@ import pytest
 from skimage.io import imsave
 
 from haptix.errors import HaptixError, InputError
-from haptix.stimuli import Chirp, Constant, Ramp, Relief, Sine, Step
+from haptix.stimuli import AlongPath, Chirp, Constant, Ramp, Sine, Step
 from haptix.stimuli.interchange import (
     FrictionMap,
     read_ahap,
@@ -137,7 +137,7 @@ def test_a_foreign_ahap(tmp_path):
         (lambda p: write_ahap("/dev/null/no", Ramp(0.0, 1.0, 1.0), 0.0, 1.0), "cannot write"),
         (lambda p: write_hjif(p, [0.0, 1.0], [0.2, 1.2]), "friction of 0 to 1"),
         (lambda p: write_hjif(p, [0.0, 1e-5], [0.2, 0.3]), "fall together"),
-        (lambda p: write_hjif(p, [0.0], [0.2]), "two corners"),
+        (lambda p: write_hjif(p, [0.0], [0.2]), "at least 2"),
     ],
 )
 def test_what_cannot_be_exported_is_refused(tmp_path, call, pattern):
@@ -149,10 +149,10 @@ def test_hjif_there_and_back(tmp_path):
     x, mu = [0.0, 1.5, 2.25, 10.0001], [0.25, 0.31, 0.27, 0.25]
     lost = write_hjif(tmp_path / "a.hjif", x, mu, date="2026-01-01")
     relief, said = read_hjif(tmp_path / "a.hjif", 50.0)
-    assert isinstance(relief, Relief)
-    assert relief.x_mm == pytest.approx(x, abs=lost["largest_shift_mm"] + 1e-12)
+    assert isinstance(relief, AlongPath)
+    assert relief.field.position_mm == pytest.approx(x, abs=lost["largest_shift_mm"] + 1e-12)
     assert lost["largest_shift_mm"] <= 0.5e-3
-    assert relief.values_at == tuple(mu) and said == []
+    assert relief.field.value == tuple(mu) and said == []
     write_hjif(tmp_path / "b.hjif", x, mu, date="2026-01-01")
     assert (tmp_path / "a.hjif").read_bytes() == (tmp_path / "b.hjif").read_bytes()
 
@@ -197,8 +197,8 @@ def test_a_foreign_hjif(tmp_path):
     table["perceptions"].insert(0, {"perception_modality": "Vibrotactile"})
     (tmp_path / "b.hjif").write_text(json.dumps(table))
     relief, lost = read_hjif(tmp_path / "b.hjif", 50.0)
-    assert relief.x_mm == pytest.approx((0.0, 7.0))
-    assert relief.values_at == pytest.approx((0.1, 0.15))
+    assert relief.field.position_mm == pytest.approx((0.0, 7.0))
+    assert relief.field.value == pytest.approx((0.1, 0.15))
     assert lost == ["1 other perceptions"]
 
 

@@ -5,7 +5,7 @@ import pytest
 from skimage.io import imread
 
 from haptix.errors import FileFormatError
-from haptix.stimuli import Noise, Population, Sine, Stimulus, StimulusSet
+from haptix.stimuli import Population, Sine, Stimulus, StimulusSet, TimeNoise
 from haptix.stimuli.drawing import contact_sheet, draw_stimulus, read_for_drawing
 
 pytestmark = pytest.mark.usefixtures("own_cache")
@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("own_cache")
 def made(tmp_path_factory, finger, screen):
     stimuli = (
         Stimulus("tone", (Sine(0.05, 10.0) + 0.08).lasting(0.5)),
-        Stimulus("noise", (Noise(0.01, (20.0, 80.0), seed=3) + 0.1).lasting(0.2)),
+        Stimulus("noise", (TimeNoise(0.01, (20.0, 80.0), seed=3) + 0.1).lasting(0.2)),
         Stimulus(
             "direct", Sine(60.0, 120.0).lasting(0.2), "volts", carrier_hz=None, drive_hz=120.0
         ),

@@ -13,13 +13,13 @@ from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
 from haptix.stimuli import (
     Constant,
-    Grating,
-    Noise,
     Points,
     Population,
     Rendering,
     Sine,
     Stimulus,
+    TimeNoise,
+    grating,
 )
 from haptix.surface import Column
 from haptix.virtual_finger import VirtualFinger
@@ -87,7 +87,7 @@ def test_amplitude_gives_the_wanted_friction(response):
 
 
 def test_equal_seeds_give_equal_bytes_on_one_thread_and_two(response):
-    signal = (Noise(0.01, (20.0, 300.0), seed=5) + Grating(0.02, 2.0, 50.0) + 0.1).lasting(9.3)
+    signal = (TimeNoise(0.01, (20.0, 300.0), seed=5) + grating(0.02, 2.0, 50.0) + 0.1).lasting(9.3)
 
     def digest(threads):
         rendering = Rendering(Stimulus("a", signal), response)
@@ -107,9 +107,9 @@ def test_an_error_in_a_thread_is_raised(response):
 
 STIMULI = {
     "sine": Sine(0.05, 20.0, offset=0.08),
-    "grating": Grating(0.06, 2.0, 80.0, offset=0.09),
+    "grating": grating(0.06, 2.0, 80.0, offset=0.09),
     "steps": Points((0.0, 0.2, 0.22, 0.5, 0.52, 0.8), (0.02, 0.02, 0.18, 0.18, 0.07, 0.07)),
-    "noise": Noise(0.02, (5.0, 60.0), seed=9, offset=0.1),
+    "noise": TimeNoise(0.02, (5.0, 60.0), seed=9, mean=0.1),
 }
 
 
@@ -190,10 +190,10 @@ def test_wrong_stimuli_are_refused(fields, pattern):
 
 
 def test_a_stimulus_has_the_speed_of_its_gratings():
-    one = Stimulus("a", (Grating(0.1, 2.0, 50.0) + Grating(0.1, 3.0, 50.0)).lasting(1.0))
+    one = Stimulus("a", (grating(0.1, 2.0, 50.0) + grating(0.1, 3.0, 50.0)).lasting(1.0))
     assert one.speed.speed_mm_per_s == 50.0
     with pytest.raises(InputError, match="moves otherwise"):
-        Stimulus("a", (Grating(0.1, 2.0, 50.0) + Grating(0.1, 3.0, 60.0)).lasting(1.0))
+        Stimulus("a", (grating(0.1, 2.0, 50.0) + grating(0.1, 3.0, 60.0)).lasting(1.0))
     assert Stimulus("a", Sine(0.1, 2.0).lasting(1.0)).speed is None
 
 

@@ -14,15 +14,15 @@ from haptix.errors import FileFormatError, HaptixError, InputError, RangeError
 from haptix.finger import MeasuredRoughness
 from haptix.stimuli import (
     Constant,
-    Grating,
-    Noise,
     Population,
     Recorded,
     Sine,
     Stimulus,
     StimulusSet,
+    TimeNoise,
     TrialPlan,
     check_manifest,
+    grating,
 )
 from haptix.stimuli.audio import AudioWriter, read_drive
 from haptix.stimuli.designs import constant_stimuli, equal_friction, full_factorial
@@ -38,7 +38,7 @@ def tones():
     """Three short stimuli."""
     return (
         Stimulus("sine", (Sine(0.05, 20.0) + 0.06).lasting(0.3), conditions={"hz": 20}),
-        Stimulus("noise", (Noise(0.01, (20.0, 200.0), seed=3) + 0.1).lasting(0.2)),
+        Stimulus("noise", (TimeNoise(0.01, (20.0, 200.0), seed=3) + 0.1).lasting(0.2)),
         Stimulus("volts", Sine(80.0, 10.0).lasting(0.25), "volts", conditions={"note": "a\tb"}),
     )
 
@@ -170,7 +170,7 @@ def test_a_full_disk_leaves_no_half_file_and_the_next_run_goes_on(parts, tmp_pat
 
     with monkeypatch.context() as patch:
         patch.setattr(AudioWriter, "write", fill_up)
-        with pytest.raises(InputError, match=r"No space left.*goes on where"):
+        with pytest.raises(InputError, match=r"No space left.*continues where"):
             parts.make(tmp_path)
     assert tree(tmp_path) == {}  # nothing bears a final name
     result = parts.make(tmp_path)
@@ -364,6 +364,6 @@ def test_a_grating_carries_its_speed_into_the_sidecar(finger, screen, tmp_path):
             "signal": {"kind": "grating", "amplitude": 0.02, "offset": 0.05, "period_mm": 2},
         },
     )
-    assert one.signal.of == Grating(0.02, 2, 50, offset=0.05)
+    assert one.signal.of == grating(0.02, 2, 50, offset=0.05)
     table = StimulusSet("x", (one,), finger, (screen,)).make(tmp_path).sidecars[0]
     assert table["speed"] == {"kind": "steady-speed", "speed_mm_per_s": 50.0}

@@ -15,19 +15,19 @@ from haptix.errors import HaptixError, InputError
 from haptix.stimuli import (
     Chirp,
     Constant,
-    Grating,
-    Noise,
     Path,
     Points,
     Pulse,
     Ramp,
     Recorded,
-    Relief,
     Sine,
     Square,
     SteadySpeed,
     Step,
     Strokes,
+    TimeNoise,
+    grating,
+    relief,
     signal_from,
 )
 
@@ -43,16 +43,16 @@ SIGNALS = {
     "square": Square(2.0, 100.0, duty=0.3),
     "chirp": Chirp(1.0, 20.0, 2000.0, 0.2, law="logarithmic"),
     "points": Points((0.0, 0.01, 0.05), (0.0, 1.0, 0.5)),
-    "noise": Noise(1.0, (100.0, 900.0), seed=4),
-    "grating": Grating(0.2, 1.5, Strokes(30.0, 0.4), shape="square"),
-    "relief": Relief((0.0, 1.0, 4.0), (0.2, 0.3, 0.1), 50.0, length_s=0.06),
+    "noise": TimeNoise(1.0, (100.0, 900.0), seed=4),
+    "grating": grating(0.2, 1.5, Strokes(30.0, 0.4), shape="square"),
+    "relief": relief((0.0, 1.0, 4.0), (0.2, 0.3, 0.1), 50.0, length_s=0.06),
     "sum": Sine(1.0, 50.0, length_s=0.02) + Ramp(0.0, 1.0, 0.03) + 0.25,
     "product": 2 * Sine(1.0, 50.0) * Ramp(0.0, 1.0, 0.03),
     "then": Ramp(0.0, 1.0, 0.0101).then(Sine(1.0, 300.0, length_s=0.007), Constant(0.5)),
     "repeat": Ramp(0.0, 1.0, 0.0033).repeat(7),
     "forever": Pulse(1.0, 0.001, length_s=0.0031).repeat(),
     "window": (Sine(1.0, 300.0).lasting(0.04) + 1).window(0.01, 0.02, rest=0.5),
-    "excerpt": Noise(1.0, (10.0, 90.0), seed=2).lasting(0.05),
+    "excerpt": TimeNoise(1.0, (10.0, 90.0), seed=2).lasting(0.05),
     "difference": -(Sine(1.0, 60.0) - 0.2).lasting(0.05),
     "rest": 1 - Ramp(0.0, 1.0, 0.04),
 }
@@ -123,23 +123,23 @@ def test_chirps_are_scipys():
 
 
 def test_a_grating_is_what_a_moving_finger_meets():
-    steady = Grating(0.5, 2.0, SteadySpeed(40.0)).values(0, 4000, RATE)
+    steady = grating(0.5, 2.0, SteadySpeed(40.0)).values(0, 4000, RATE)
     np.testing.assert_allclose(steady, whole(Sine(0.5, 20.0), 4000), atol=1e-12)
-    assert Grating(0.5, 2.0, 40.0) == Grating(0.5, 2.0, SteadySpeed(40.0))
+    assert grating(0.5, 2.0, 40.0) == grating(0.5, 2.0, SteadySpeed(40.0))
     # A stroke there and back meets the same in reverse.
-    stroke = Grating(1.0, 3.0, Strokes(30.0, 0.1)).values(0, 9601, RATE)
+    stroke = grating(1.0, 3.0, Strokes(30.0, 0.1)).values(0, 9601, RATE)
     np.testing.assert_allclose(stroke, stroke[::-1], atol=1e-9)
     # Along a path, place by place.
     path = Path((0.0, 0.1, 0.2), (0.0, 5.0, 1.0))
-    relief = Relief((0.0, 5.0), (0.2, 0.7), path).values(0, 9600, RATE)
+    values = relief((0.0, 5.0), (0.2, 0.7), path).values(0, 9600, RATE)
     x = np.interp(np.arange(9600) / RATE, path.t_s, path.x_mm)
-    np.testing.assert_allclose(relief, 0.2 + 0.1 * x, atol=1e-12)
+    np.testing.assert_allclose(values, 0.2 + 0.1 * x, atol=1e-12)
 
 
 def test_noise_has_its_variance_and_its_spectrum():
     """60 s: some 60,000 independent values of a 500 Hz band hold the rms to 0.6 %."""
     corners, density = (200.0, 400.0, 700.0), (1.0, 3.0, 0.0)
-    values = Noise(2.0, corners, seed=11, density=density, offset=1.0).values(0, 2_880_000, RATE)
+    values = TimeNoise(2.0, corners, seed=11, density=density, mean=1.0).values(0, 2_880_000, RATE)
     assert values.mean() == pytest.approx(1.0, abs=1e-2)
     assert values.std() == pytest.approx(2.0, rel=0.02)
     frequency, power = scipy_signal.welch(values, RATE, nperseg=48_000)
@@ -157,10 +157,12 @@ def test_noise_has_its_variance_and_its_spectrum():
 
 
 def test_noise_is_its_seed():
-    one, same, other = (Noise(1.0, (50.0, 500.0), seed=s).values(0, 2000, RATE) for s in (1, 1, 2))
+    one, same, other = (
+        TimeNoise(1.0, (50.0, 500.0), seed=s).values(0, 2000, RATE) for s in (1, 1, 2)
+    )
     assert np.array_equal(one, same)
     assert abs(np.corrcoef(one, other)[0, 1]) < 0.9
-    sum_ = Noise(1.0, (50.0, 500.0), seed=1) + Noise(1.0, (50.0, 500.0), seed=2) * 3
+    sum_ = TimeNoise(1.0, (50.0, 500.0), seed=1) + TimeNoise(1.0, (50.0, 500.0), seed=2) * 3
     assert sum_.seeds == (1, 2)
 
 
@@ -181,8 +183,8 @@ def test_recordings_are_played_and_resampled(tmp_path):
 
 
 def test_lists_and_numpys_numbers_are_numbers():
-    ours = Noise(np.float32(1.5), [100, 900], seed=4, density=np.array([1, 2]))
-    assert ours == Noise(1.5, (100.0, 900.0), 4, (1.0, 2.0))
+    ours = TimeNoise(np.float32(1.5), [100, 900], seed=4, density=np.array([1, 2]))
+    assert ours == TimeNoise(1.5, (100.0, 900.0), 4, (1.0, 2.0))
     scaled = np.int64(2) * Points([0, 1], np.array([0.0, 3.0]))
     assert signal_from(json.loads(json.dumps(scaled.describe()))).digest() == scaled.digest()
     assert Path([0, 1], [0, 5]) == Path((0, 1), (0, 5))
@@ -221,7 +223,7 @@ WRONG = {
         "some density",
     ),
     "no file": ({"kind": "recorded", "file": "missing.wav"}, r"missing\.wav"),
-    "backwards": ({"kind": "points", "t_s": [0, 2, 1], "values_at": [0, 1, 0]}, "increase"),
+    "backwards": ({"kind": "points", "t_s": [0, 2, 1], "values_at": [0, 1, 0]}, "increasing"),
 }  # fmt: skip
 
 
@@ -233,10 +235,10 @@ def test_wrong_tables_say_where(name):
 
 
 def test_what_the_rate_cannot_carry_is_refused():
-    for signal in (Sine(1.0, 24_000.0), Chirp(1.0, 10.0, 3e4, 1.0), Noise(1.0, (1.0, 3e4), 1)):
+    for signal in (Sine(1.0, 24_000.0), Chirp(1.0, 10.0, 3e4, 1.0), TimeNoise(1.0, (1.0, 3e4), 1)):
         with pytest.raises(InputError, match="half"):
             signal.values(0, 10, RATE)
     with pytest.raises(InputError, match="narrower"):
-        Noise(1.0, (100.01, 100.02), seed=1).values(0, 10, RATE)
+        TimeNoise(1.0, (100.01, 100.02), seed=1).values(0, 10, RATE)
     with pytest.raises(InputError, match="signal or a number"):
         Sine(1.0, 5.0) + "x"

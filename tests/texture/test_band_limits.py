@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from skimage.data import brick, gravel
 
-from haptix.texture import Composition, Grating, Noise, Recording, Sprite, Texture, power_law
+from haptix.texture import Composition, Grating, Noise, RecordedProfile, Sprite, Texture, power_law
 
 DENSE = 32
 PIXELS = 256
@@ -53,7 +53,7 @@ def screen(blend):
 
 def scattered():
     rng = np.random.default_rng(4)
-    return Recording(np.cumsum(rng.uniform(0.1, 0.3, 200)), rng.uniform(0.2, 0.6, 200))
+    return RecordedProfile(np.cumsum(rng.uniform(0.1, 0.3, 200)), rng.uniform(0.2, 0.6, 200))
 
 
 # The highest part of a field's variance that may be folded down. Bilinear interpolation of pixels

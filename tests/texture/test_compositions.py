@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptix import InputError
-from haptix.texture import Composition, Grating, Recording, Sprite, Texture
+from haptix.texture import Composition, Grating, RecordedProfile, Sprite, Texture
 
 LEVEL = np.random.default_rng(0).random((10, 16))
 PICTURE = Texture(LEVEL, 8.0)
@@ -124,7 +124,7 @@ def test_shapes_and_masks():
     np.testing.assert_array_equal(found[round_ < 0.999], 1.0)
     np.testing.assert_array_equal(found[round_ > 1.001], 0.0)
 
-    half = Recording(np.array([0.0, 10.0]), np.array([0.0, 1.0]), "share")
+    half = RecordedProfile(np.array([0.0, 10.0]), np.array([0.0, 1.0]), "share")
     faded = Composition([plate(0.8, mask=half)], 0.2).friction([2.0, 4.5, 7.0, 11.5, 13.0], 5.0)
     np.testing.assert_allclose(faded, [0.2, 0.35, 0.5, 0.77, 0.2], atol=1e-9)
 

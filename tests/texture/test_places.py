@@ -9,7 +9,7 @@ from haptix.texture import (
     FrictionField,
     Grating,
     Noise,
-    Recording,
+    RecordedProfile,
     Sprite,
     Texture,
     as_mu,
@@ -27,7 +27,7 @@ FIELDS = {
     "ribbed noise": Noise(
         power_law(1, 0.5, 8), tile_mm=16, pixels=64, grain="ribbed", orientation_deg=50
     ),
-    "recording": Recording(np.array([1.0, 2.0, 4.0]), np.array([0.5, 0.3, 0.6])),
+    "recording": RecordedProfile(np.array([1.0, 2.0, 4.0]), np.array([0.5, 0.3, 0.6])),
     "composition": Composition([Sprite(Texture(LEVEL, 10.0), 1.0, 1.0)], Grating(3.0, low=0.2)),
 }
 NOWHERE = [np.nan, np.inf, -np.inf, 1e300, -1e300, 1e18, -1.7e308]
@@ -99,7 +99,7 @@ WRONG = {
     "exponent": lambda: power_law("pink", 1, 2),
     "pixels": lambda: Noise(power_law(1, 1, 8), pixels=128.0),
     "seed": lambda: Noise(power_law(1, 1, 8), seed=0.5),
-    "recording": lambda: Recording(["left", "right"], [1, 2]),
+    "position_mm": lambda: RecordedProfile(["left", "right"], [1, 2]),
     "sprites": lambda: Composition(Sprite(Texture(LEVEL, 10.0))),
     "sprite 0": lambda: Composition([Texture(LEVEL, 10.0)]),
     "background": lambda: Composition([], "low"),

@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io import Device
+from haptix.checks import number, positive
 from haptix.errors import InputError, LimitError
 from haptix.stimuli.adaptive.log import TrialLog
 from haptix.stimuli.adaptive.method import Method
 from haptix.stimuli.adaptive.observer import AnswerTo, Question
-from haptix.stimuli.signal import number, positive
 
 Array = npt.NDArray[np.float64]
 Task = Literal["2ifc", "2afc"]

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from haptix.checks import number, positive, whole
 from haptix.errors import InputError
 from haptix.stimuli.adaptive.method import Estimate
-from haptix.stimuli.signal import number, positive
 
 
 class UpDown:
@@ -57,8 +57,7 @@ class UpDown:
             ("reversals_per_step", reversals_per_step), ("stop_after", stop_after),
             ("down_after", down_after),
         ):  # fmt: skip
-            if type(count) is not int or count < 1:
-                raise InputError(f"{name}: expected a whole number of 1 or more, got {count!r}")
+            whole(name, count, 1)
         if not lowest <= start <= highest:
             raise InputError(f"start: expected {lowest:g} to {highest:g}, got {start:g}")
         self.start, self.steps = float(start), tuple(float(size) for size in steps)

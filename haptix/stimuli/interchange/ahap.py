@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from haptix.checks import number
 from haptix.errors import FileFormatError, InputError
 from haptix.files import json_text, read_json, write_whole
-from haptix.stimuli.signal import Signal, number
-from haptix.stimuli.waves import Points
+from haptix.stimuli.in_time import Points
+from haptix.stimuli.signal import Signal
 
 _CORNERS_PER_CURVE = 16  # more in one are not played by every version of Core Haptics
 _LONGEST_EVENT_S = 30.0  # of a continuous event

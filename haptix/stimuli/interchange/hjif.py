@@ -16,11 +16,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from haptix.checks import increasing, row
 from haptix.errors import FileFormatError, InputError
 from haptix.files import json_text, read_json, write_whole
-from haptix.stimuli.space import Relief
+from haptix.stimuli.along_path import AlongPath, relief
 from haptix.stimuli.speed import SpeedProfile
-from haptix.stimuli.waves import demand_corners
 
 UNIT_EXPONENT = -6
 """Micrometres: finer than any finger, and 2 km of them in the standard's integers."""
@@ -54,8 +54,9 @@ def write_hjif(
     dict
         What is lost: in words, and ``largest_shift_mm`` of a corner.
     """
-    places, values = tuple(map(float, x_mm)), tuple(map(float, mu))
-    demand_corners("x_mm", places, values)
+    places, values = increasing("x_mm", x_mm, 2).tolist(), row("mu", mu, 2).tolist()
+    if len(places) != len(values):
+        raise InputError(f"mu: expected one value for each of the {len(places)} corners")
     if places[0] < 0 or min(values) < 0 or max(values) > 1:
         raise InputError(
             "x_mm and mu: expected places of 0 mm or more and friction of 0 to 1, which is what "
@@ -121,7 +122,7 @@ def write_hjif(
     }
 
 
-def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[Relief, list[str]]:
+def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[AlongPath, list[str]]:
     """Read the first profile of friction in a file.
 
     Parameters
@@ -133,7 +134,7 @@ def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[Relief, li
 
     Returns
     -------
-    Relief
+    AlongPath
         Friction along the line.
     list of str
         What of the file is not in it.
@@ -188,4 +189,4 @@ def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[Relief, li
     x = sorted(corners)
     if len(x) < 2:
         raise FileFormatError(f"{path}: expected two corners of friction or more, got {len(x)}")
-    return Relief(tuple(x), tuple(corners[at] for at in x), speed), lost
+    return relief(tuple(x), tuple(corners[at] for at in x), speed), lost

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from itertools import pairwise
 from math import gcd, inf, log, pi
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import soundfile
 
+from haptix.checks import choice, number, positive
 from haptix.errors import FileFormatError, InputError
-from haptix.stimuli.signal import Array, Signal, number, positive, read_row
-from haptix.waves import sine
+from haptix.stimuli.described import set_corners
+from haptix.stimuli.signal import Array, Signal
+from haptix.waves import Waveform, sine, turns
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,7 @@ class Step(Signal):
         number("at_s", self.at_s, 0.0)
         positive("length_s", self.length_s, open_end=True)
 
-    @property
-    def length(self) -> float:
-        """Length [s]."""
-        return self.length_s
-
-    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        """Values."""
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         n = np.arange(first, first + count)
         return np.where(n < round(self.at_s * sample_rate_hz), self.before, self.after)
 
@@ -58,13 +52,7 @@ class Ramp(Signal):
         number("end", self.end)
         positive("length_s", self.length_s)
 
-    @property
-    def length(self) -> float:
-        """Length [s]."""
-        return self.length_s
-
-    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        """Values."""
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         t = np.arange(first, first + count) / sample_rate_hz
         return np.asarray(self.start + (self.end - self.start) * (t / self.length_s))
 
@@ -87,13 +75,7 @@ class Pulse(Signal):
         number("at_s", self.at_s, 0.0)
         positive("length_s", self.length_s, open_end=True)
 
-    @property
-    def length(self) -> float:
-        """Length [s]."""
-        return self.length_s
-
-    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        """Values."""
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         begin = round(self.at_s * sample_rate_hz)
         n = np.arange(first - begin, first - begin + count)
         within = (n >= 0) & (n < round(self.width_s * sample_rate_hz))
@@ -117,13 +99,7 @@ class Sine(Signal):
         positive("frequency_hz", self.frequency_hz)
         positive("length_s", self.length_s, open_end=True)
 
-    @property
-    def length(self) -> float:
-        """Length [s]."""
-        return self.length_s
-
-    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        """Values."""
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         below_nyquist(self.frequency_hz, sample_rate_hz)
         wave = sine(first, count, self.frequency_hz, sample_rate_hz, self.phase_rad)
         return self.offset + self.amplitude * wave
@@ -145,22 +121,14 @@ class Square(Signal):
         number("offset", self.offset)
         positive("frequency_hz", self.frequency_hz)
         positive("length_s", self.length_s, open_end=True)
-        positive("duty", self.duty)
-        if self.duty >= 1:
-            raise InputError(f"duty: expected a share below 1, got {self.duty!r}")
+        Waveform("square", number("duty", self.duty))
 
-    @property
-    def length(self) -> float:
-        """Length [s]."""
-        return self.length_s
-
-    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        """Values."""
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         below_nyquist(self.frequency_hz, sample_rate_hz)
         # A millionth of a sample early, so that an edge on a sample is not lost by rounding.
-        n = np.arange(first, first + count) + 1e-6
-        high = n * (self.frequency_hz / sample_rate_hz) % 1.0 < self.duty
-        return np.where(high, self.offset + self.amplitude, self.offset - self.amplitude)
+        early = 1e-6 * self.frequency_hz / sample_rate_hz
+        phase = turns(first, count, self.frequency_hz, sample_rate_hz) + early
+        return self.offset + self.amplitude * Waveform("square", self.duty).at(phase)
 
 
 @dataclass(frozen=True)
@@ -181,16 +149,9 @@ class Chirp(Signal):
             number(name, getattr(self, name))
         for name in ("start_hz", "end_hz", "length_s"):
             positive(name, getattr(self, name))
-        if self.law not in ("linear", "logarithmic"):
-            raise InputError(f'law: expected "linear" or "logarithmic", got {self.law!r}')
+        choice("law", self.law, ("linear", "logarithmic"))
 
-    @property
-    def length(self) -> float:
-        """Length [s]."""
-        return self.length_s
-
-    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        """Values."""
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         below_nyquist(max(self.start_hz, self.end_hz), sample_rate_hz)
         t = np.arange(first, first + count) / sample_rate_hz
         if self.law == "linear" or self.start_hz == self.end_hz:
@@ -212,8 +173,7 @@ class Points(Signal):
     values_at: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        read_row(self, "t_s", "values_at")
-        demand_corners("t_s", self.t_s, self.values_at)
+        set_corners(self, "t_s", "values_at")
         if self.t_s[0] != 0:
             raise InputError(f"t_s: expected the first corner at 0 s, got {self.t_s[0]:g} s")
 
@@ -222,8 +182,7 @@ class Points(Signal):
         """Length [s]."""
         return self.t_s[-1]
 
-    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        """Values."""
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         t = np.arange(first, first + count) / sample_rate_hz
         return np.asarray(np.interp(t, self.t_s, self.values_at))
 
@@ -273,8 +232,7 @@ class Recorded(Signal):
         """Length [s]."""
         return float(len(self._data) / self._rate)  # type: ignore[attr-defined]
 
-    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        """Values."""
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         at_rate = self._resampled  # type: ignore[attr-defined]
         if sample_rate_hz not in at_rate:
             at_rate[sample_rate_hz] = self._at(sample_rate_hz)
@@ -294,17 +252,6 @@ class Recorded(Signal):
             raise InputError(f"{self.file}: cannot be resampled to {sample_rate_hz:g} Hz")
         common = gcd(int(sample_rate_hz), rate)
         return np.asarray(resample_poly(data, int(sample_rate_hz) // common, rate // common))
-
-
-def demand_corners(name: str, x: Any, y: Any) -> None:
-    """Refuse corners that are not two or more at places that increase."""
-    if not isinstance(x, tuple) or not isinstance(y, tuple) or len(x) != len(y) or len(x) < 2:
-        raise InputError(f"{name}: expected two corners or more, with one value each")
-    for place, value in zip(x, y, strict=True):
-        number(name, place)
-        number("values_at", value)
-    if any(b <= a for a, b in pairwise(x)):
-        raise InputError(f"{name}: must increase from corner to corner")
 
 
 def below_nyquist(frequency_hz: float, sample_rate_hz: float) -> None:

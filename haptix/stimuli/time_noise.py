@@ -8,65 +8,61 @@ from math import inf
 
 import numpy as np
 
+from haptix.checks import number, positive, whole
 from haptix.errors import InputError
-from haptix.stimuli.signal import Array, Signal, number, positive, read_row
-from haptix.stimuli.waves import below_nyquist, demand_corners
+from haptix.stimuli.described import KINDS, set_corners
+from haptix.stimuli.in_time import below_nyquist
+from haptix.stimuli.signal import Array, Signal
 
 _HOP = 1 << 16
 _FADE = np.sin(np.pi / 2 * (np.arange(_HOP) + 0.5) / _HOP)
 
 
 @dataclass(frozen=True)
-class Noise(Signal):
-    """Gaussian noise of a given rms and shape of spectrum.
+class TimeNoise(Signal):
+    """Gaussian noise of a given deviation and shape of spectrum.
 
     Pieces of twice 65,536 samples are drawn in the frequency domain, each from the seed and its own
-    number, and overlap by half with gains whose squares add to 1: the variance is the same
+    number. They overlap by half with gains whose squares add to 1. So the variance is the same
     everywhere, the spectrum is resolved to the inverse of a piece's length (0.4 Hz at 48 kHz), and
     any block can be made without those before it.
 
     Parameters
     ----------
-    rms : float
-        Root of the mean square about `offset`.
+    deviation : float
+        Standard deviation.
     frequency_hz : tuple of float
         Corners of the spectrum, increasing; nothing outside.
     density : tuple of float
         Power per hertz at the corners, relative; linear in between. Two equal numbers are a band.
     seed : int
-        Decides the draw.
-    offset, length_s : float
-        Mean, and length [s].
+        Same seed, same noise.
+    mean : float
+        Mean value.
+    length_s : float
+        Length [s].
     """
 
-    kind = "noise"
-    rms: float
+    kind = "time-noise"
+    deviation: float
     frequency_hz: tuple[float, ...]
     seed: int
     density: tuple[float, ...] = ()
-    offset: float = 0.0
+    mean: float = 0.0
     length_s: float = inf
 
     def __post_init__(self) -> None:
-        number("rms", self.rms, 0.0)
-        number("offset", self.offset)
+        number("deviation", self.deviation, 0.0)
+        number("mean", self.mean)
         positive("length_s", self.length_s, open_end=True)
-        if type(self.seed) is not int or self.seed < 0:
-            raise InputError(f"seed: expected a whole number of 0 or more, got {self.seed!r}")
-        read_row(self, "frequency_hz", "density")
-        if self.density == () and isinstance(self.frequency_hz, tuple):
+        whole("seed", self.seed)
+        if not len(self.density):
             object.__setattr__(self, "density", (1.0,) * len(self.frequency_hz))
-        demand_corners("frequency_hz", self.frequency_hz, self.density)
+        set_corners(self, "frequency_hz", "density")
         if self.frequency_hz[0] < 0 or min(self.density) < 0 or max(self.density) == 0:
             raise InputError("frequency_hz and density: expected 0 or more, and some density")
 
-    @property
-    def length(self) -> float:
-        """Length [s]."""
-        return self.length_s
-
-    def inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        """Values."""
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         below_nyquist(self.frequency_hz[-1], sample_rate_hz)
         values = np.empty(count)
         done = 0
@@ -80,7 +76,7 @@ class Noise(Signal):
                 old[_HOP:][part] * _FADE[::-1][part] + new[:_HOP][part] * _FADE[part]
             )
             done += run
-        return self.offset + self.rms * values
+        return self.mean + self.deviation * values
 
     def _piece(self, index: int, sample_rate_hz: float) -> Array:
         return _piece(self.frequency_hz, self.density, self.seed, index, sample_rate_hz)
@@ -111,3 +107,18 @@ def _piece(
     pair = draw.standard_normal((2, len(kept)))
     spectrum[kept] = (pair[0] + 1j * pair[1]) * (np.sqrt(power[kept] / total) * _HOP)
     return np.asarray(np.fft.irfft(spectrum, 2 * _HOP))
+
+
+def _noise(
+    rms: float,
+    frequency_hz: tuple[float, ...],
+    seed: int,
+    density: tuple[float, ...] = (),
+    offset: float = 0.0,
+    length_s: float = inf,
+) -> TimeNoise:
+    """Read the names that recipes of version 0.1 have."""
+    return TimeNoise(rms, frequency_hz, seed, density, offset, length_s)
+
+
+KINDS["noise"] = _noise

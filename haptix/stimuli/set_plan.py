@@ -1,0 +1,115 @@
+"""What a set of stimuli holds: the stimuli, who feels them, and the form of its files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from firmware_io.limits import DriveLimits
+from haptix.checks import choice, positive
+from haptix.errors import InputError, LimitError
+from haptix.finger import Finger
+from haptix.perception import Perception
+from haptix.screen import Screen
+from haptix.stimuli.apparatus import Apparatus
+from haptix.stimuli.audio import Container, Encoding, check_format
+from haptix.stimuli.population import Population
+from haptix.stimuli.stimulus import Stimulus
+from haptix.stimuli.trials import TrialPlan
+
+
+@dataclass(frozen=True)
+class SetPlan:
+    """Stimuli that belong together.
+
+    Parameters
+    ----------
+    name : str
+        What to call it.
+    stimuli : tuple of Stimulus
+        At least one; no two of one name.
+    finger : Finger or Population
+        Who feels them.
+    screens : tuple of Screen
+        Every stimulus is rendered for each screen, with the volts that give its friction there.
+    sample_rate_hz : float
+        Samples per second.
+    container, encoding : str
+        "wav" or "flac"; "float32" or "24-bit".
+    full_scale_v : float
+        Voltage of sample 1.0, above the ceiling.
+    ceiling_v : float, optional
+        Highest voltage of the set; by default the lowest of the screens' limits.
+    trigger : bool
+        Whether files have a trigger channel.
+    unreachable : {"reject", "nearest"}
+        Whether friction outside the reachable range rejects the set, or becomes the nearest
+        reachable.
+    trials : TrialPlan
+        In which order they come.
+    perception : Perception, optional
+        Thresholds; by default those that ship with haptix.
+    """
+
+    name: str
+    stimuli: tuple[Stimulus, ...]
+    finger: Finger | Population
+    screens: tuple[Screen, ...]
+    sample_rate_hz: float = 48_000.0
+    container: Container = "wav"
+    encoding: Encoding = "float32"
+    full_scale_v: float = 250.0
+    ceiling_v: float | None = None
+    trigger: bool = True
+    unreachable: str = "reject"
+    trials: TrialPlan = field(default_factory=TrialPlan)
+    perception: Perception = field(default_factory=Perception.default)
+
+    def __post_init__(self) -> None:
+        check_format(self.container, self.encoding)
+        positive("sample_rate_hz", self.sample_rate_hz)
+        if self.sample_rate_hz != round(self.sample_rate_hz):
+            raise InputError(
+                f"sample_rate_hz: audio files need a whole number, got {self.sample_rate_hz:g}"
+            )
+        if not self.stimuli or not self.screens:
+            raise InputError("stimuli and screens: expected at least one of each")
+        choice("unreachable", self.unreachable, ("reject", "nearest"))
+        names = [one.name for one in self.stimuli]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(f"stimuli: two are called {twice[0]!r}; names are those of files")
+        taken = sorted({"events", "manifest", "profiles", "sheet"} & set(names))
+        if taken:
+            raise InputError(f"stimuli: {taken[0]!r} is the name of a file of the set itself")
+        screens = [screen.name for screen in self.screens]
+        if len(set(screens)) < len(screens):
+            raise InputError("screens: two have one name; names tell their files apart")
+        positive("full_scale_v", self.full_scale_v)
+        if self.full_scale_v <= self.limits.ceiling_v:
+            raise InputError(
+                f"full_scale_v: expected more than the ceiling of {self.limits.ceiling_v:g} V, "
+                f"got {self.full_scale_v:g} V"
+            )
+
+    @property
+    def limits(self) -> DriveLimits:
+        """Limits that every sample must keep."""
+        lowest = min(screen.max_voltage_v for screen in self.screens)
+        ceiling = lowest if self.ceiling_v is None else self.ceiling_v
+        if ceiling > lowest:
+            raise LimitError(
+                f"ceiling_v: {ceiling:g} V is above the {lowest:g} V that the screens may carry"
+            )
+        return DriveLimits(ceiling_v=ceiling)
+
+    def apparatus(self, screen: Screen) -> Apparatus:
+        """Build what the stimuli are rendered through, on one screen."""
+        return Apparatus.build(self.finger, screen, self.stimuli, self.limits.ceiling_v)
+
+    def file_name(self, stimulus: Stimulus, screen: Screen) -> str:
+        """Name of a drive file."""
+        return f"{stimulus.name}{self.suffix(screen)}.{self.container}"
+
+    def suffix(self, screen: Screen) -> str:
+        """End of the names of a screen's files, where there are several screens."""
+        return "" if len(self.screens) == 1 else f"_on_{screen.name.replace('/', '-')}"
