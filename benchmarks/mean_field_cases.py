@@ -21,9 +21,9 @@ import torch
 from haptix.contact import THEORIES, HalfSpace, Layered, MeanField, RoughnessSpectrum
 from haptix.contact.boundary_elements import BoundaryElements, Surfaces
 from haptix.contact.elasticity import ElasticSolid
-from haptix.contact.gaps import bin_inverse_square
-from haptix.electro import VACUUM_PERMITTIVITY, Attraction, AttractionTable, drive_strength
-from haptix.equilibrium import LIGHT_CONTACT_LIMIT, Equilibrium, lowest_branch
+from haptix.electro import VACUUM_PERMITTIVITY, Pull
+from haptix.equilibrium import LIGHT_CONTACT_LIMIT
+from haptix.fidelity import Balance, Contact, Load, MeanFieldBalance
 
 FOLDER = Path(__file__).parents[1] / "tests" / "data" / "boundary-elements-own"
 SURFACES, SEED = 4, 7
@@ -97,24 +97,25 @@ LAYERED = (
 
 
 @cache
-def _table(contact: MeanField, applied_pa: float) -> AttractionTable:
-    return AttractionTable.solve(contact, applied_pa, 40 * applied_pa)
+def _solver(contact: MeanField, applied_pa: float, spots_load: bool) -> MeanFieldBalance:
+    return MeanFieldBalance(
+        Contact(contact, "included" if spots_load else "excluded", None, applied_pa)
+    )
 
 
 def end_of_light_contact(
     contact: MeanField, applied_pa: float, voltage_v: float, h0_m: float, spots_load: bool
-) -> Equilibrium:
+) -> Balance:
     """The mean field's equilibrium, and where it ends."""
-    table = _table(contact, applied_pa)
-    h0 = torch.tensor([h0_m], dtype=torch.float64)
-    kernel = bin_inverse_square(contact.gap_edges_m, h0)
-    spots = contact.area_fraction if spots_load else None
-    pull = Attraction(table.log_pull(kernel), torch.zeros(1, dtype=torch.long), h0**-2, spots)
-    strength = drive_strength(torch.tensor([voltage_v], dtype=torch.float64))
-    return lowest_branch(torch.tensor([applied_pa], dtype=torch.float64), strength, pull)
+    applied, voltage, h0 = (
+        torch.tensor([value], dtype=torch.float64) for value in (applied_pa, voltage_v, h0_m)
+    )
+    column = torch.zeros(1, dtype=torch.long)
+    pull = Pull.of_sine(contact.gap_edges_m, voltage, h0, column)
+    return _solver(contact, applied_pa, spots_load).solve(Load(applied, pull))
 
 
-def pull_in_voltage(found: Equilibrium) -> float:
+def pull_in_voltage(found: Balance) -> float:
     """Voltage [V] at which the mean field's light contact ends."""
     return sqrt(float(found.strength_at_end) * 4 / VACUUM_PERMITTIVITY)
 

@@ -117,6 +117,11 @@ def thickness(
     return complex((h0 + skin / eps2) * (1 + 1j * leak))
 
 
+def apparent_area(force: float, at_1n: float, exponent: float) -> float:
+    """Area [m^2] under a finger that presses with a force [N]."""
+    return float(np.exp(np.log(at_1n) + exponent * np.log(force)))
+
+
 def breaks_down(voltage: float, h0: complex, permittivity: float, strength: float) -> bool:
     """A narrow gap at 350 V/um, a gap of 7.5 um at Paschen's 327 V, or the insulator."""
     field = voltage / abs(h0)
@@ -356,3 +361,15 @@ class Oracle:
         """A/A0 of light contact: in proportion to ``p0 / (1 - (V/Vc)^2)``."""
         pressure = applied / (1 - (voltage / critical) ** 2)
         return min(1.0, 2 / sqrt(pi) * pressure / self.tau)
+
+
+TERMS = {
+    "layered-skin": Solid.effective,
+    "apparent-area": apparent_area,
+    "finite-size": SelfAffine.highest_asperity,
+    "plasticity": two_walls,
+    "skin-dielectric": thickness,
+    "leaky-gap": thickness,
+    "breakdown": breaks_down,
+}
+"""What solves each term of the package independently of it."""

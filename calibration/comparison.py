@@ -10,18 +10,22 @@ from typing import Literal
 import numpy as np
 
 from calibration.fitting import Fit, solve
-from calibration.parameters import Array, Parameters
+from calibration.parameters import (
+    OPTIONAL,
+    Array,
+    Parameters,
+    fitted_terms,
+    optional_parameters,
+)
 from calibration.predict import StrokePredictor
 from calibration.reduction import Reduced
 from calibration.residuals import Residuals
 from haptix.errors import InputError
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
+from haptix.terms import TERMS, Stage
 
 Need = Literal["needed", "contradicted", "cannot tell", "changes nothing"]
-
-COMPARED = ("leaky-gap", "skin-dielectric", "apparent-area", "layered-skin", "finite-size")
-"""Terms that are tried the other way round."""
 
 _DECISIVE = 6.0  # in AICc: 20 times as likely
 _UNFELT = 0.05  # thresholds: the planning rule's usual share of a budget
@@ -57,7 +61,7 @@ def compare_terms(
     reduced: Reduced,
     predictor: StrokePredictor,
     parameters: Parameters,
-    compared: Sequence[str] = COMPARED,
+    compared: Sequence[str] | None = None,
 ) -> list[TermNeed]:
     """Refit with each term switched, where the profiles allow it.
 
@@ -67,8 +71,8 @@ def compare_terms(
         Of the same strokes, predictor and parameters.
     reduced, predictor, parameters
         As `fit_strokes` had them.
-    compared : sequence of str
-        Names of terms, of `COMPARED`.
+    compared : sequence of str, optional
+        Names of terms; `comparable_terms` without.
     """
     points = tuple(point for point in reduced.used if point.number in fit.strokes)
     best = [name for name in fit.free if parameters[name].prior is None]
@@ -77,10 +81,9 @@ def compare_terms(
     at = solve(base, base.start)
     base_score, base_mu = _score(base, at), base.predict(at).log_mu
     found = []
-    for term in compared:
-        is_on = term in predictor.model.terms
-        if term == "leaky-gap":  # the parameter is the term
-            is_on = "gap_resistivity_ohm_m" in parameters.names
+    on = fitted_terms(predictor.model.terms, parameters.names)
+    for term in comparable_terms() if compared is None else compared:
+        is_on = term in on
         try:
             switched, changed = _switched(term, not is_on, predictor, start)
         except InputError:
@@ -92,6 +95,15 @@ def compare_terms(
         change = np.abs(np.expm1(other.predict(there).log_mu - base_mu)).max() / WEBER_FRACTION
         found.append(TermNeed(term, is_on, _need(evidence, change), evidence, float(change)))
     return found
+
+
+def comparable_terms() -> list[str]:
+    """Names of the terms that a fit can do without: those that act on elastic skin."""
+    return [
+        name
+        for name, term in TERMS.items()
+        if term.changes_friction and Stage.HARDNESS not in term.stages
+    ]
 
 
 def _need(evidence: float, change: float) -> Need:
@@ -118,13 +130,13 @@ def _switched(
 ) -> tuple[StrokePredictor, Parameters]:
     """Return a predictor with one term switched, and its parameters."""
     model = predictor.model
-    if term == "leaky-gap":
-        # Not the screen's resistivity but whether one is fitted.
+    optional = optional_parameters(term)
+    if optional:  # the term is on where its parameter is fitted
         if on:
-            return predictor, parameters.known(gap_resistivity_ohm_m=(1e7, 6.0))
-        kept = tuple(one for one in parameters.all if one.name != "gap_resistivity_ohm_m")
+            return predictor, parameters.known(**{name: OPTIONAL[name] for name in optional})
+        kept = tuple(one for one in parameters.all if one.name not in optional)
         return predictor, Parameters(kept, parameters.finger_prior)
-    terms = {name: name in model.terms for name in COMPARED}
+    terms = {name: name in model.terms for name in comparable_terms()}
     changed = ContactModel(
         model.finger,
         model.screen,

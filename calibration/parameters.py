@@ -5,7 +5,7 @@ Everything is fitted as a logarithm: a prior of 0.2 says "within some 20 %".
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import isfinite, log
 
@@ -15,6 +15,7 @@ import numpy.typing as npt
 from haptix.errors import InputError
 from haptix.finger import Finger, Roughness
 from haptix.screen import Screen
+from haptix.terms import TERMS
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -30,6 +31,12 @@ PER_FINGER = (
     "response_hz_per_mm_per_s",
 )
 NAMES = PER_SCREEN + PER_FINGER
+
+OPTIONAL: Mapping[str, tuple[float, float]] = {"gap_resistivity_ohm_m": (1e7, 6.0)}
+"""Parameters that a fit may do without, with start and prior where the profile has no value: around
+the values of the paper's Fig. 4, decades either way, hardly any knowledge."""
+
+REQUIRED = tuple(name for name in NAMES if name not in OPTIONAL)
 
 # What a fingertip is like before anything is measured, as standard deviations of logarithms. The
 # apparent area is that of an ink print; the rest is the spread between people. A screen's
@@ -68,6 +75,25 @@ EXPERIMENTS: Mapping[str, str] = {
     "response_hz_per_mm_per_s": "add strokes at 250 to 500 Hz, at two speeds",
 }
 """What would determine each parameter, in words."""
+
+
+def optional_parameters(term: str) -> list[str]:
+    """Names of the `OPTIONAL` parameters that a term of the model uses."""
+    fields = [field.partition(".")[2] for field in TERMS[term].uses]
+    return [name for name in OPTIONAL if name in fields]
+
+
+def fitted_terms(on: Collection[str], names: Collection[str]) -> frozenset[str]:
+    """Names of the terms that a fit has, of those that its model has.
+
+    A term with an optional parameter is on where that is fitted, whatever the model's profile says.
+    """
+    found = set()
+    for term in TERMS:
+        optional = optional_parameters(term)
+        if all(name in names for name in optional) if optional else term in on:
+            found.add(term)
+    return frozenset(found)
 
 
 @dataclass(frozen=True)
@@ -157,10 +183,9 @@ class Parameters:
             for name, value in values.items()
         ]
         if leaky_gap or screen.gap_resistivity_ohm_m is not None:
-            # Around the values of the paper's Fig. 4, decades either way: hardly any knowledge.
-            found.append(
-                Parameter("gap_resistivity_ohm_m", screen.gap_resistivity_ohm_m or 1e7, 6.0)
-            )
+            start, prior = OPTIONAL["gap_resistivity_ohm_m"]
+            value = screen.gap_resistivity_ohm_m or start
+            found.append(Parameter("gap_resistivity_ohm_m", value, prior))
         return cls(tuple(found))
 
     @property

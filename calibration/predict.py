@@ -2,7 +2,7 @@
 
 The mean over a drive period differs by some 10 % from the friction at the mean pull, so each stroke
 is solved at instants of the period, as `ContactModel.over_period` does, and averaged as the
-reduction averages. The finger's first-order response smooths the pull, as in
+reduction averages. The finger's first-order response smooths the attraction, as in
 `haptix.virtual_finger`.
 
 A fit asks for hundreds of fingers, and a contact table takes half a second. Two scalings, both
@@ -13,8 +13,7 @@ proportion to the stratum corneum's.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from copy import copy
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -22,19 +21,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from calibration.parameters import NAMES, Array, Mask
-from haptix.contact.finite_size import highest_asperity, touching_log_pressure
-from haptix.electro import VACUUM_PERMITTIVITY, Attraction, AttractionTable
-from haptix.equilibrium import LIGHT_CONTACT_LIMIT, lowest_branch
+from calibration.parameters import REQUIRED, Array, Mask, fitted_terms
+from haptix.electro import Pull
 from haptix.errors import InputError
-from haptix.friction import ContactModel
-from haptix.interpolation import UniformCubic
+from haptix.fidelity import Ability
+from haptix.friction import ContactModel, FrictionSolver
+from haptix.terms import ActiveTerms, Properties
 from haptix.threads import one_thread
 
-_INSTANTS = 24  # in half a drive period, after which the pull repeats: means within 1e-5
+_INSTANTS = 24  # in half a drive period, after which the attraction repeats: means within 1e-5
 _RANGE = 20.0  # of e s, either way, that the table covers
 _FORCES_N = (0.02, 3.0)  # that the table covers
-_FLOOR = 1e-15  # of a gap of zero, so that ln I stays finite in complete contact
 
 
 @dataclass(frozen=True)
@@ -86,7 +83,9 @@ class StrokePredictor:
     Parameters
     ----------
     model : ContactModel
-        Terms, theory and everything that is not fitted; fidelity "mean-field", elastic.
+        Terms, theory and everything that is not fitted; elastic, with a table that scales.
+    tables : StrokePredictor, optional
+        Another one, whose table is used where the contact is the same.
 
     Raises
     ------
@@ -94,10 +93,9 @@ class StrokePredictor:
         If the scalings do not hold for the model.
     """
 
-    def __init__(self, model: ContactModel) -> None:
-        if model.fidelity != "mean-field":
-            raise InputError(f'fidelity: expected "mean-field", got "{model.fidelity}"')
-        if "plasticity" in model.terms:
+    def __init__(self, model: ContactModel, tables: StrokePredictor | None = None) -> None:
+        model.require(Ability.RESCALE, "model")
+        if model.solver.fidelity.contact.hardness_pa is not None:
             raise InputError(
                 "finger: expected an elastic skin, got one with a hardness, whose friction hardly "
                 "depends on the voltage; calibrate with a finger that is not dry, or switch the "
@@ -109,27 +107,22 @@ class StrokePredictor:
                 '"open-gaps" or "corrected"'
             )
         self.model = model
-        finger = model.finger
-        self._modulus_pa = float(finger.youngs_modulus_pa)
+        self._modulus_pa = float(model.finger.youngs_modulus_pa)
         self._h_rms_m = float(model.contact.spectrum.h_rms_m)
-        low, high = (
-            force / float(finger.apparent_area_m2(torch.tensor(force, dtype=torch.float64)))
-            for force in _FORCES_N
-        )
-        with torch.no_grad():
-            self._table = AttractionTable.solve(
-                model.contact, low / _RANGE, high * _RANGE * LIGHT_CONTACT_LIMIT
-            )
         half = torch.arange(_INSTANTS, dtype=torch.float64)
         self._phase = torch.pi * half / _INSTANTS
+        if tables is not None:
+            model.solver.fidelity.borrow(tables.model.solver.fidelity)
+        # Heavy loads on soft skin and light ones on stiff skin, once for all fits.
+        unit = torch.tensor([_RANGE, 1 / _RANGE], dtype=torch.float64)
+        given = Properties(model.finger, model.screen, unit)
+        solver = FrictionSolver(ActiveTerms(given, model.terms), model.solver.fidelity)
+        with torch.no_grad():
+            solver.prepare(torch.tensor(_FORCES_N, dtype=torch.float64))
 
     def with_model(self, model: ContactModel) -> StrokePredictor:
         """Return a predictor of a model with other terms; the table is shared where it can be."""
-        if ("layered-skin" in model.terms) != ("layered-skin" in self.model.terms):
-            return StrokePredictor(model)
-        other = copy(self)
-        other.model = model
-        return other
+        return StrokePredictor(model, self)
 
     @one_thread()
     def __call__(
@@ -152,7 +145,7 @@ class StrokePredictor:
         jacobian : bool
             False leaves the Jacobians at zero, and is three times as fast.
         """
-        missing = set(NAMES) - {"gap_resistivity_ohm_m"} - set(names)
+        missing = set(REQUIRED) - set(names)
         if missing:
             raise InputError(f"parameters: expected {', '.join(sorted(missing))} as well")
         count = len(strokes)
@@ -160,7 +153,9 @@ class StrokePredictor:
         # give the whole Jacobian.
         rows = torch.tensor(log_values, dtype=torch.float64).expand(count, -1).clone()
         rows.requires_grad_(jacobian)
-        mu, z_real, z_imag, light = self._period(strokes, names, rows)
+        columns = dict(zip(names, rows.exp().unbind(-1), strict=True))
+        with torch.set_grad_enabled(jacobian):
+            mu, z_real, z_imag, light = self._period(strokes, columns)
         size = torch.sqrt(z_real**2 + z_imag**2 + 1e-30)
         log_mu, ripple = torch.log(mu), size / mu
         blank = np.zeros((count, len(names)))
@@ -174,173 +169,60 @@ class StrokePredictor:
         )
 
     def _period(
-        self, strokes: StrokeConditions, names: tuple[str, ...], rows: Tensor
+        self, strokes: StrokeConditions, values: Mapping[str, Tensor]
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Mean of mu, its cosine and sine parts at 2f, and whether the contact stays light."""
         count = len(strokes)
-        force = _tensor(strokes.normal_force_n)
-        stiffer = _column(rows, names, "youngs_modulus_pa") / self._modulus_pa
-        higher = _column(rows, names, "h_rms_m") / self._h_rms_m
-        exponent = _column(rows, names, "apparent_area_exponent")
-        area = _column(rows, names, "apparent_area_at_1n_m2")
-        if "apparent-area" in self.model.terms:
-            area = area * force**exponent
-        unit_pa = stiffer * higher
-        applied = force / area / unit_pa
-        strength = _tensor(strokes.voltage_v) ** 2 / (higher**2 * unit_pa)
-        own, group = np.unique(strokes.frequency_hz, return_inverse=True)
-        thickness = self._thickness(strokes, names, rows) / higher
-        first = [int(np.flatnonzero(group == index)[0]) for index in range(len(own))]
-        # All strokes of a frequency share their tables, and differ by their derivatives only.
-        shared = thickness.detach()[first]
-        frequency = torch.from_numpy(group)
-        cutoff = _column(rows, names, "response_hz_per_mm_per_s") * _tensor(strokes.speed_mm_per_s)
-        response = 1 / torch.complex(
-            torch.ones_like(cutoff), -2 * _tensor(strokes.frequency_hz) / cutoff
-        )
-        swing = response[:, None] * torch.exp(-2j * self._phase)
-        pulls = _Pulls(self._table, shared)
-        floor = self._floor(area, strokes)
-        column = torch.arange(count * _INSTANTS)
-        applied, strength, apart, table, swing = (
-            one.expand(count, _INSTANTS).reshape(-1)
-            for one in (
-                applied[:, None],
-                strength[:, None],
-                (thickness - shared[frequency])[:, None],
-                frequency[:, None],
-                swing,
+
+        def each(of_stroke: Tensor) -> Tensor:
+            """A value a stroke as one an instant."""
+            return of_stroke[:, None].expand(count, _INSTANTS).reshape(-1)
+
+        force, voltage, frequency, speed = (
+            torch.as_tensor(np.asarray(column, dtype=np.float64))
+            for column in (
+                strokes.normal_force_n,
+                strokes.voltage_v,
+                strokes.frequency_hz,
+                strokes.speed_mm_per_s,
             )
         )
-        with torch.no_grad():
-            held = None if floor is None else floor.detach()
-            attraction = Attraction(pulls.log_pull(table, swing), column, floor=held)
-            found = lowest_branch(applied.detach(), strength.detach(), attraction)
-        light = found.is_stable.reshape(count, _INSTANTS).all(-1)
-        # One Newton step, which autograd sees, carries the derivative of the balance.
-        value = pulls(found.pressure_pa, table, swing, apart, floor)
-        with torch.no_grad():
-            _, slope = attraction(torch.log(found.pressure_pa))
-        stiffness = (1 - strength * slope / found.pressure_pa).detach()
-        # At the very end of the branch the step would be all rounding.
-        usable = found.is_stable & (stiffness > 1e-4)
-        step = (found.pressure_pa - applied - strength * value) / torch.where(
-            usable, stiffness, torch.ones_like(stiffness)
+        higher = values["h_rms_m"] / self._h_rms_m
+        thickness = self._terms(values).thickness(values["h0_m"], frequency)
+        cutoff = values["response_hz_per_mm_per_s"] * speed
+        response = 1 / torch.complex(torch.ones_like(cutoff), -2 * frequency / cutoff)
+        pull = Pull.of_ripple(
+            self.model.contact.gap_edges_m,
+            voltage / higher,
+            thickness / higher,
+            response[:, None] * torch.exp(-2j * self._phase),
         )
-        pressure = torch.where(usable, found.pressure_pa - step, found.pressure_pa)
-        fraction = self.model.contact.area_fraction(pressure).reshape(count, _INSTANTS)
-        shear = _column(rows, names, "frictional_shear_stress_pa")
-        mu = (shear * area / force)[:, None] * fraction
+        of_instant = {name: each(value) for name, value in values.items()}
+        solver = FrictionSolver(self._terms(of_instant), self.model.solver.fidelity)
+        found, balance = solver.solve(each(force), pull)
+        mu = found.reshape(count, _INSTANTS)
         turn = 2 * self._phase
         return (
             mu.mean(-1),
             2 * (mu * torch.cos(turn)).mean(-1),
             2 * (mu * torch.sin(turn)).mean(-1),
-            light,
+            balance.is_stable.reshape(count, _INSTANTS).all(-1),
         )
 
-    def _thickness(self, strokes: StrokeConditions, names: tuple[str, ...], rows: Tensor) -> Tensor:
-        """Complex h0 [m] of each stroke."""
-        h0 = _column(rows, names, "h0_m")
-        frequency = _tensor(strokes.frequency_hz)
-        thickness = torch.complex(h0, torch.zeros_like(h0))
-        finger = self.model.finger
-        if "skin-dielectric" in self.model.terms:
-            with torch.no_grad():
-                # The scale is a parameter here.
-                table = finger.dielectric.model_copy(update={"scale": 1.0})
-                skin = finger.layer_thickness_m / table.relative_permittivity(frequency)
-            thickness = thickness + _column(rows, names, "skin_dielectric_scale") * skin
-        if "gap_resistivity_ohm_m" in names:
-            resistivity = _column(rows, names, "gap_resistivity_ohm_m")
-            leak = 1 / (2 * torch.pi * frequency * VACUUM_PERMITTIVITY * resistivity)
-            thickness = thickness * torch.complex(torch.ones_like(leak), leak)
-        return thickness
-
-    def _floor(self, area: Tensor, strokes: StrokeConditions) -> Tensor | None:
-        if "finite-size" not in self.model.terms:
-            return None
-        spectrum = self.model.contact.spectrum
-        height = highest_asperity(spectrum.h_rms_m, spectrum.q_rolloff, area)
-        touching = touching_log_pressure(self._table.log_mean_gap, torch.log(height))
-        return touching[:, None].expand(len(strokes), _INSTANTS).reshape(-1)
-
-
-class _Pulls:
-    """Pull per square volt against ln p at each frequency: its mean and its part at 2f.
-
-    A sine's squared field in a gap u is ``(|g|^2 + Re g^2 exp(-2iwt)) / 2`` with
-    ``g = 1/(u + h0)``; the finger's response scales the second part. Derivatives by h0 are tables
-    of their own.
-    """
-
-    def __init__(self, table: AttractionTable, thickness: Tensor) -> None:
-        edges = table.gaps.edges_m
-        gap = (edges[:-1] * edges[1:]).sqrt()
-        inverse = 1 / (gap + thickness[:, None])
-        size, square = inverse.abs() ** 2, inverse**2
-        cube = -2 * square * inverse
-        parts = torch.stack(
-            [
-                size,
-                square.real,
-                square.imag,
-                -2 * size * inverse.real,
-                2 * size * inverse.imag,
-                cube.real,
-                cube.imag,
-            ]
+    def _terms(self, values: Mapping[str, Tensor]) -> ActiveTerms:
+        """The terms that are on, with fitted values in place of the profiles' own."""
+        finger, screen = self.model.finger, self.model.screen
+        fitted: dict[str, Any] = {
+            name: value for name, value in values.items() if name in type(finger).model_fields
+        }
+        fitted["dielectric"] = finger.dielectric.model_copy(
+            update={"scale": values["skin_dielectric_scale"]}
         )
-        self._kinds, self._frequencies = len(parts), len(thickness)
-        flat = parts.reshape(-1, parts.shape[-1])
-        with torch.no_grad():
-            pulled = VACUUM_PERMITTIVITY / 4 * (table.gaps.mass @ flat.T)
-            # What a gap of zero would pull, in a share that keeps the logarithm finite.
-            self._least = VACUUM_PERMITTIVITY / 4 * _FLOOR * size.amax(-1)
-            self._start, self._step = table.log_pressure[0], table.log_mean_gap.step
-            self._tables = UniformCubic.through(self._start, self._step, pulled)
-
-    def log_pull(self, frequency: Tensor, swing: Tensor) -> UniformCubic:
-        """Ln of the pull against ln p, one column for each state."""
-        mean, real, imag = (
-            self._tables.values[:, kind * self._frequencies + frequency] for kind in range(3)
+        on_screen = {
+            name: value for name, value in values.items() if name in type(screen).model_fields
+        }
+        unit = values["youngs_modulus_pa"] / self._modulus_pa * values["h_rms_m"] / self._h_rms_m
+        given = Properties(
+            finger.model_copy(update=fitted), screen.model_copy(update=on_screen), unit
         )
-        pull = mean + real * swing.real - imag * swing.imag
-        # Rounding leaves a little below zero where the field passes through it.
-        return UniformCubic.through(
-            self._start, self._step, torch.log(pull.clamp(min=0.0) + self._least[frequency])
-        )
-
-    def __call__(
-        self,
-        pressure: Tensor,
-        frequency: Tensor,
-        swing: Tensor,
-        apart: Tensor,
-        floor: Tensor | None,
-    ) -> Tensor:
-        """Pull of each state; `apart` is zero and carries the thickness's derivatives."""
-        at = torch.log(pressure)
-        moved = torch.zeros_like(at)  # the floor's derivative: what a material moves it by
-        if floor is not None:
-            at = torch.maximum(at, floor)
-            moved = at - at.detach()
-        with torch.no_grad():
-            found = [
-                self._tables.with_slope(at, kind * self._frequencies + frequency)
-                for kind in range(self._kinds)
-            ]
-        mean, real, imag, by_real, by_imag, cube_real, cube_imag = (
-            value + slope * moved for value, slope in found
-        )
-        turned = torch.complex(real, imag) + torch.complex(cube_real, cube_imag) * apart
-        mean = mean + by_real * apart.real + by_imag * apart.imag
-        return mean + (swing * turned).real + self._least[frequency]
-
-
-def _tensor(values: Array) -> Tensor:
-    return torch.as_tensor(np.asarray(values, dtype=np.float64))
-
-
-def _column(rows: Tensor, names: tuple[str, ...], name: str) -> Tensor:
-    return torch.exp(rows[:, names.index(name)])
+        return ActiveTerms(given, fitted_terms(self.model.terms, values))

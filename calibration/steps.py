@@ -149,12 +149,9 @@ def verify_folder(
 
 
 def _terms(on: Iterable[str], session: Session) -> dict[str, bool]:
-    return {
-        name: name in set(on)
-        for name in TERMS
-        # The leak is a parameter here, whether or not the profile has one.
-        if name != "leaky-gap" or session.info.screen.gap_resistivity_ohm_m is not None
-    }
+    # A term whose parameter is fitted is on even where the profile has no value for it.
+    finger, screen, names = session.info.finger, session.info.screen, set(on)
+    return {name: name in names and not TERMS[name].missing(finger, screen) for name in TERMS}
 
 
 def _needs(path: Path) -> list[TermNeed]:

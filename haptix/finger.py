@@ -150,9 +150,9 @@ class Finger(Document):
     roughness: AnyRoughness = Roughness()
     dielectric: SkinDielectric = SkinDielectric()
 
-    def solid(self, layered: bool = True) -> ElasticSolid:
-        """Return the elastic solid: the layered skin, or a half-space of the stratum corneum."""
-        if self.bulk_modulus_pa is None or not layered:
+    def solid(self) -> ElasticSolid:
+        """Return the elastic solid: the layered skin, or a half-space without a bulk modulus."""
+        if self.bulk_modulus_pa is None:
             return HalfSpace(self.youngs_modulus_pa, self.poisson_ratio)
         return Layered(
             self.youngs_modulus_pa,

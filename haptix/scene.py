@@ -18,10 +18,11 @@ from pydantic import (
 
 from haptix.documents import Document, Part
 from haptix.errors import FileFormatError, InputError
+from haptix.fidelity import FIDELITIES, FidelityName
 from haptix.finger import Finger
-from haptix.friction import ContactModel, FidelityName
+from haptix.friction import ContactModel
 from haptix.screen import Screen
-from haptix.terms import TERMS, chosen_terms
+from haptix.terms import TERMS, possible_terms
 
 DtypeName = Literal["float32", "float64"]
 AxisName = Literal["frequency_hz", "h0_m"]
@@ -271,14 +272,7 @@ class Scene(Document):
 
     def possible_terms(self, fidelity: FidelityName = "mean-field") -> frozenset[str]:
         """Names of all terms that finger, screen and fidelity allow to be on."""
-        return frozenset(name for name in TERMS if self._allows(name, fidelity))
-
-    def _allows(self, name: str, fidelity: FidelityName) -> bool:
-        try:
-            chosen_terms({name: True}, self.finger, self.screen, fidelity)
-        except InputError:
-            return False
-        return True
+        return possible_terms(self.finger, self.screen, FIDELITIES[fidelity])
 
     def model(
         self,

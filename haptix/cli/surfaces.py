@@ -140,7 +140,7 @@ def build(
         )
         ranges = _ranges(normal_force_n or "0.1,1", voltage_v, frequency_hz, h0_m)
         work = partial(_unplanned, model, ranges, tolerance or "0.002")
-        if model.fidelity == "boundary-element":
+        if model.boxed is not None:
             work = _measured(model, ranges, tolerance or "0.002", target)
     stages = {"plan": "plan the scene", "build": "build the surface"}
     try:

@@ -162,6 +162,19 @@ class MeanField:
     def _variance_per_wave(self, q: Tensor) -> Tensor:
         return pi * q**3 * self.spectrum(q) * self.modulus.effective_modulus(q) ** 2
 
+    def equals(self, other: MeanField) -> bool:
+        """Whether another has the same numbers, and so the same gaps at every pressure."""
+        own, theirs = (
+            (field.gamma, field.gap_distribution, field.area, field.device)
+            for field in (self, other)
+        )
+        pairs = (
+            (self.spectrum.wavenumber, other.spectrum.wavenumber),
+            (self.spectrum.density, other.spectrum.density),
+            (self._log_waves.slope, other._log_waves.slope),
+        )
+        return own == theirs and all(torch.equal(one, two) for one, two in pairs)
+
     @property
     def stress_rms_pa(self) -> Tensor:
         """``tau(1, zeta1)`` [Pa], ``E* slope / sqrt(2)`` for a half-space: the scale of p."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, exp, floor, log
 
 import torch
@@ -11,7 +11,7 @@ from torch import Tensor
 
 from haptix.contact import MeanField
 from haptix.contact.gaps import GapHistogram
-from haptix.electro.dielectric import VACUUM_PERMITTIVITY
+from haptix.electro.pull import Pull
 from haptix.interpolation import UniformCubic
 
 # ln p steps of one lattice for all tables of a contact, so that a node's place, and with it every
@@ -20,22 +20,9 @@ from haptix.interpolation import UniformCubic
 _STEP = log(10) / 24
 _MARGIN = 3  # nodes beyond the ends, so that every slope in use has its full stencil
 _TINY = 1e-300
-# In complete contact no gap is left to pull; this share of what a gap of zero would pull keeps ln I
-# finite there.
-_FLOOR = 1e-15
 
 AreaFraction = Callable[[Tensor], Tensor]
 """A/A0 at pressures [Pa]: elastic, or elastoplastic."""
-
-
-def drive_strength(voltage_v: Tensor) -> Tensor:
-    """``eps0 V0^2 / 4`` [N]: times ``<1/|u + h0|^2>`` it is the time-averaged pull (Eq. 1)."""
-    return VACUUM_PERMITTIVITY / 4 * voltage_v**2
-
-
-def drive_voltage(strength: Tensor) -> Tensor:
-    """Invert `drive_strength`: amplitude V0 [V]."""
-    return (4 / VACUUM_PERMITTIVITY * strength).sqrt()
 
 
 @dataclass(frozen=True)
@@ -82,11 +69,29 @@ class AttractionTable:
         high = exp(float(self.log_pressure[-1 - _MARGIN].detach()))
         return low <= lowest_pa and highest_pa <= high
 
-    def log_pull(self, pull_of_bin: Tensor) -> UniformCubic:
-        """Ln of the mean pull against ln p, for pulls of shape (columns, bins)."""
-        pull = self.gaps.mass @ pull_of_bin.T
-        log_table = torch.log(pull + _FLOOR * pull_of_bin.amax(-1))
-        return UniformCubic.through(self.log_pressure[0], _STEP, log_table)
+    def part(self, lowest_pa: float, highest_pa: float) -> AttractionTable:
+        """Return the nodes that are used between these pressures, which must be covered."""
+        start, last = self.log_pressure[0].detach(), len(self.log_pressure)
+        first = max(0, floor((log(lowest_pa) - float(start)) / _STEP) - _MARGIN)
+        last = min(last, ceil((log(highest_pa) - float(start)) / _STEP) + _MARGIN + 1)
+        at, gap = slice(first, last), self.log_mean_gap
+        log_pressure = self.log_pressure[at]
+        return replace(
+            self,
+            log_pressure=log_pressure,
+            gaps=replace(self.gaps, mass=self.gaps.mass[at]),
+            log_mean_gap=UniformCubic(log_pressure[0], _STEP, gap.values[at], gap.slopes[at]),
+        )
+
+    def attraction(
+        self, pull: Pull, spots: AreaFraction | None = None, floor: Tensor | None = None
+    ) -> Attraction:
+        """Attraction of a batch of states against pressure; see `Attraction` for the rest."""
+        log_gaps = UniformCubic.through(
+            self.log_pressure[0], _STEP, torch.log(pull.on_gaps(self.gaps.mass))
+        )
+        spot_pull = None if spots is None else pull.on_spots()
+        return Attraction(log_gaps, pull.own_column, spot_pull, spots, floor)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
@@ -30,12 +32,31 @@ def breakdown_voltage(
     insulator_permittivity, insulator_strength_v_per_m : float
         eps1, and the field that the insulator bears [V/m].
     """
-    narrow = bearable_field(insulator_permittivity, insulator_strength_v_per_m) * thickness_m.abs()
+    narrow = _bearable_field(insulator_permittivity, insulator_strength_v_per_m) * thickness_m.abs()
     # The share of the voltage that falls over such a gap is u / |u + h0|.
     wide = (PASCHEN_MINIMUM_GAP_M + thickness_m).abs() / PASCHEN_MINIMUM_GAP_M * PASCHEN_MINIMUM_V
     return torch.minimum(narrow, wide)
 
 
-def bearable_field(insulator_permittivity: float, insulator_strength_v_per_m: float) -> float:
+def breaks_down(
+    field: Callable[[float], Tensor],
+    insulator_permittivity: float,
+    insulator_strength_v_per_m: float,
+) -> Tensor:
+    """Whether a narrow gap, one at Paschen's minimum, or the insulator gives way.
+
+    Parameters
+    ----------
+    field : callable
+        Magnitude of the field [V/m], any shape, in a gap of given width [m].
+    insulator_permittivity, insulator_strength_v_per_m : float
+        As for `breakdown_voltage`.
+    """
+    bearable = _bearable_field(insulator_permittivity, insulator_strength_v_per_m)
+    wide_v = field(PASCHEN_MINIMUM_GAP_M) * PASCHEN_MINIMUM_GAP_M
+    return (field(0.0) > bearable) | (wide_v > PASCHEN_MINIMUM_V)
+
+
+def _bearable_field(insulator_permittivity: float, insulator_strength_v_per_m: float) -> float:
     """Field [V/m] at a spot's edge up to which narrow gap and insulator both hold."""
     return min(NARROW_GAP_FIELD_V_PER_M, insulator_strength_v_per_m * insulator_permittivity)

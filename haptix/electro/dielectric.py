@@ -1,10 +1,9 @@
-"""Dielectric of the stratum corneum, and the effective thickness h0 of all insulators."""
+"""Dielectric of the stratum corneum."""
 
 from __future__ import annotations
 
 from typing import Annotated, Self
 
-import numpy as np
 import torch
 from pydantic import Field, PositiveFloat, model_validator
 from torch import Tensor
@@ -68,44 +67,3 @@ class SkinDielectric(Part):
         cell = torch.searchsorted(nodes[1:-1], inside.detach().contiguous(), right=True)
         part = (inside - nodes[cell]) / (nodes[cell + 1] - nodes[cell])
         return values[cell] + part * (values[cell + 1] - values[cell])
-
-
-def effective_thickness(
-    h0_m: Tensor,
-    frequency_hz: float | Tensor | None,
-    skin_thickness_m: float | Tensor,
-    skin: SkinDielectric | None,
-    gap_resistivity_ohm_m: float | None = None,
-) -> Tensor:
-    """``h0 = eps_g (d1/eps1 + d2/eps2(w))`` [m]; `h0_m` is the screen's d1/eps1.
-
-    Parameters
-    ----------
-    h0_m : Tensor
-        Effective thickness of the screen's insulator [m].
-    frequency_hz : float, Tensor or None
-        Frequency [Hz]; broadcasts with `h0_m`. Without one the skin counts as a conductor and the
-        gap as an insulator, and `h0_m` comes back as it is.
-    skin_thickness_m : float or Tensor
-        d2 [m].
-    skin : SkinDielectric or None
-        eps2(w); None for skin that conducts.
-    gap_resistivity_ohm_m : float, optional
-        rho_g of a gap that leaks: by continuity of the current ``E_gap = V / (u + eps_g h0)`` with
-        ``eps_g = 1 + i / (w eps0 rho_g)`` (physics page, section 3).
-
-    Returns
-    -------
-    Tensor
-        Complex with a frequency, real without.
-    """
-    if frequency_hz is None:
-        return h0_m
-    frequency_hz = torch.as_tensor(frequency_hz, dtype=h0_m.dtype, device=h0_m.device)
-    thickness = torch.complex(h0_m, torch.zeros_like(h0_m))
-    if skin is not None:
-        thickness = thickness + skin_thickness_m / skin.relative_permittivity(frequency_hz)
-    if gap_resistivity_ohm_m is not None:
-        leak = 1 / (2 * torch.pi * frequency_hz * VACUUM_PERMITTIVITY * gap_resistivity_ohm_m)
-        thickness = thickness * torch.complex(torch.ones_like(leak), leak)
-    return thickness.expand(np.broadcast_shapes(h0_m.shape, frequency_hz.shape))

@@ -1,18 +1,34 @@
-"""How a contact is solved: one face, several prices."""
+"""How a contact is solved: one protocol, from the fast to the exact."""
 
-from haptix.fidelity.balance import Balance, Fidelity, Load
+from collections.abc import Mapping
+from typing import Literal
+
+from haptix.fidelity.balance import Ability, Balance, Contact, Fidelity, Load
 from haptix.fidelity.boundary_element import BoundaryElementBalance, Scatter, UnsettledWarning
 from haptix.fidelity.box import BoundaryElementBox, BoxedFinger
 from haptix.fidelity.closed_form import ClosedForm
 from haptix.fidelity.mean_field import MeanFieldBalance
 
+FidelityName = Literal["closed-form", "mean-field", "boundary-element"]
+
+FIDELITIES: Mapping[FidelityName, type[Fidelity]] = {
+    "closed-form": ClosedForm,
+    "mean-field": MeanFieldBalance,
+    "boundary-element": BoundaryElementBalance,
+}
+"""By name, the fastest first."""
+
 __all__ = [
+    "FIDELITIES",
+    "Ability",
     "Balance",
     "BoundaryElementBalance",
     "BoundaryElementBox",
     "BoxedFinger",
     "ClosedForm",
+    "Contact",
     "Fidelity",
+    "FidelityName",
     "Load",
     "MeanFieldBalance",
     "Scatter",

@@ -1,11 +1,66 @@
-"""What every fidelity is given, and what it gives back."""
+"""What every fidelity is made for, is given, and gives back."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from typing import ClassVar, Self
 
+import torch
 from torch import Tensor
+
+from haptix.contact import ContactSpots, MeanField
+from haptix.contact.plasticity import elastoplastic_area
+from haptix.electro import Pull
+from haptix.fidelity.box import BoxedFinger
+from haptix.terms import Stage
+
+
+class Ability(StrEnum):
+    """What not every fidelity can do; the value completes "a fidelity that ..."."""
+
+    TABULATE = "knows the pull-in of every state"
+    INSTANTS = "solves thousands of instants of any drive"
+    RESCALE = "has one table for all moduli and heights"
+    SCATTER = "solves random surfaces one by one"
+
+
+@dataclass(frozen=True)
+class Contact:
+    """The contact that a fidelity solves.
+
+    Parameters
+    ----------
+    field : MeanField
+        Its mean field.
+    contact_spots : {"excluded", "included"}
+        Whether the attraction inside the contact spots loads the contact.
+    hardness_pa : float, Tensor or None
+        Stress [Pa] at which the skin yields; None for elastic skin.
+    reference_pa : float
+        A usual applied pressure [Pa]: where an approximation is exact.
+    boxed : BoxedFinger, optional
+        Random surfaces, for a fidelity that solves them.
+    on_progress : callable, optional
+        Called with the share of a solve that is done, where it takes long.
+    """
+
+    field: MeanField
+    contact_spots: ContactSpots
+    hardness_pa: float | Tensor | None
+    reference_pa: float
+    boxed: BoxedFinger | None = None
+    on_progress: Callable[[float], None] | None = None
+
+    def area_fraction(self, pressure_pa: Tensor) -> Tensor:
+        """A/A0 at pressures [Pa]: elastic, or elastoplastic where there is a hardness."""
+        if self.hardness_pa is None:
+            return self.field.area_fraction(pressure_pa)
+        y = pressure_pa / self.field.stress_rms_pa
+        spread = pressure_pa / self.field.area.argument(y)
+        return elastoplastic_area(pressure_pa, spread, self.hardness_pa).total
 
 
 @dataclass(frozen=True)
@@ -14,26 +69,17 @@ class Load:
 
     Parameters
     ----------
-    applied_pa, apparent_area_m2, strength : Tensor, shape (states,)
-        ``p0 = F_N/A0`` [Pa], A0 [m^2] and ``eps0 V0^2/4`` [N].
-    gap_pull : Tensor, shape (columns, bins)
-        Pull per strength [1/m^2] of a gap in each bin of the contact's `gap_edges_m`, for each
-        insulator or instant that occurs.
-    spot_pull : Tensor, shape (columns,)
-        The same of a contact spot.
-    column : Tensor of int, shape (states,)
-        Which column each state has.
-    thickness_m : Tensor, shape (columns,), optional
-        h0 [m], real or complex, of each column; None where the drive is not followed in its mean.
+    applied_pa : Tensor, shape (states,)
+        ``p0 = F_N/A0`` [Pa].
+    pull : Pull
+        The attraction against the gap.
+    widest_gap_m : Tensor, shape (states,), optional
+        Largest mean gap [m]; None for no limit.
     """
 
     applied_pa: Tensor
-    apparent_area_m2: Tensor
-    strength: Tensor
-    gap_pull: Tensor
-    spot_pull: Tensor
-    column: Tensor
-    thickness_m: Tensor | None = None
+    pull: Pull
+    widest_gap_m: Tensor | None = None
 
 
 @dataclass(frozen=True)
@@ -49,14 +95,33 @@ class Balance:
     """``eps0 V0^2/4`` [N] at which the light contact ends."""
     is_stable: Tensor
 
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """One batch after the other."""
+        columns = ([getattr(part, one.name) for part in parts] for one in fields(cls))
+        return cls(*(torch.cat(column) for column in columns))
 
-class Fidelity(Protocol):
-    """A way to solve the contact."""
 
-    def prepare(self, applied_pa: Tensor, apparent_area_m2: Tensor) -> None:
-        """Make what many loads share, once, for all that will be solved."""
-        ...
+class Fidelity(ABC):
+    """A way to solve a contact."""
 
+    name: ClassVar[str]
+    assumes: ClassVar[str]
+    """What keeps it from honouring some stages; completes "a fidelity, which ..."."""
+    honours: ClassVar[frozenset[Stage]]
+    """Stages of `haptix.terms` that it takes into account."""
+    can: ClassVar[frozenset[Ability]]
+
+    def __init__(self, contact: Contact) -> None:
+        self.contact = contact
+
+    @abstractmethod
     def solve(self, load: Load) -> Balance:
         """Return the equilibrium of every state on the lowest branch."""
-        ...
+
+    def prepare(self, applied_pa: Tensor, widest_gap_m: Tensor | None) -> None:  # noqa: B027
+        """Make what many loads share, once, for all that will be solved; most share nothing."""
+
+    def borrow(self, other: Fidelity) -> bool:
+        """Use what another has prepared for the same elastic contact; whether there was any."""
+        return False

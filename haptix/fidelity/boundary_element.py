@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import ceil, inf
 from time import perf_counter
 
@@ -19,19 +18,17 @@ from haptix.contact.boundary_elements import (
 )
 from haptix.contact.boundary_elements.kernel import PeriodicSolid
 from haptix.contact.boundary_elements.memory import check_memory
-from haptix.contact.elasticity import ElasticSolid
 from haptix.equilibrium import LIGHT_CONTACT_LIMIT
 from haptix.errors import InputError
-from haptix.fidelity.balance import Balance, Load
-from haptix.fidelity.box import BoxedFinger
+from haptix.fidelity.balance import Ability, Balance, Contact, Fidelity, Load
 from haptix.status import Status
+from haptix.terms import Stage
 from haptix.threads import given_threads
 
 # Of one surface at one voltage: 500 where the grid resolves h0, 2,000 to 10,000 where it does not.
 _TRANSFORMS = 8000
 _FEW_PIXELS = 100  # one more or less is a hundredth of the area
 
-Progress = Callable[[float], None]
 Place = tuple[float, complex]
 """Applied pressure [Pa] and h0 [m]: states of one place lie on one branch."""
 
@@ -63,45 +60,39 @@ class Scatter:
     converged: Tensor
 
 
-@dataclass
-class BoundaryElementBalance:
+class BoundaryElementBalance(Fidelity):
     """Equilibria as the mean over the surfaces of a box.
 
-    The pull acts on every point; in a contact spot the spot's own pressure bears it, which is what
-    the mean field calls spots "excluded": ``pressure_pa`` is ``p0`` and the gaps' pull. A state has
-    pulled in where half of its surfaces have snapped in, or are pulled so much by their gaps that
-    the contact is no longer light (`haptix.equilibrium.LIGHT_CONTACT_LIMIT`).
-
-    Parameters
-    ----------
-    boxed : BoxedFinger
-        Surfaces.
-    solid : ElasticSolid
-        ``E*(q)``.
-    hardness_pa : float or None
-        Where the skin yields [Pa].
-    device : torch.device
-        Where fields and results live.
-    on_progress : callable, optional
-        Called with the share of a call's places that is done.
+    The attraction acts on every point; in a contact spot the spot's own pressure bears it, which
+    the mean field calls spots "excluded": ``pressure_pa`` is ``p0`` and the attraction of the gaps.
+    A state has pulled in where half of its surfaces have snapped in, or are attracted so much by
+    their gaps that the contact is no longer light (`haptix.equilibrium.LIGHT_CONTACT_LIMIT`).
     """
 
-    boxed: BoxedFinger
-    solid: ElasticSolid
-    hardness_pa: float | None
-    device: torch.device
-    on_progress: Progress | None = None
-    _known: dict[Place, dict[float, Scatter]] = field(default_factory=dict)
+    name = "boundary-element"
+    assumes = "has a highest asperity of its own in its box"
+    honours = frozenset(Stage) - {Stage.GAPS}
+    can = frozenset({Ability.SCATTER})
 
-    def __post_init__(self) -> None:
+    def __init__(self, contact: Contact) -> None:
+        if contact.contact_spots == "included":
+            raise InputError(
+                'contact_spots: expected "excluded" with fidelity "boundary-element", got '
+                '"included": the attraction acts on every point, and inside a spot the contact '
+                "itself bears it"
+            )
+        assert contact.boxed is not None  # a fidelity that can scatter has a box
+        super().__init__(contact)
+        self.boxed = contact.boxed
+        self.device = contact.field.device
+        self.on_progress = contact.on_progress
+        self._known: dict[Place, dict[float, Scatter]] = {}
         box = self.boxed.box
         check_memory(box.points, min(given_threads(), box.surfaces), True, self.device)
+        hardness = None if contact.hardness_pa is None else float(contact.hardness_pa)
         self._elements = BoundaryElements(
-            self.boxed.surfaces, self.solid, self.hardness_pa, box.tolerance, self.device
+            self.boxed.surfaces, contact.field.modulus, hardness, box.tolerance, self.device
         )
-
-    def prepare(self, applied_pa: Tensor, apparent_area_m2: Tensor) -> None:
-        """Nothing: there is no table."""
 
     def solve(self, load: Load) -> Balance:
         """Return the mean equilibrium of every state on the lowest branch."""
@@ -124,7 +115,10 @@ class BoundaryElementBalance:
         states = [
             ((applied, complex(thickness[column])), strength)
             for applied, column, strength in zip(
-                load.applied_pa.tolist(), load.column.tolist(), load.strength.tolist(), strict=True
+                load.applied_pa.tolist(),
+                load.pull.own_column.tolist(),
+                load.pull.strength.tolist(),
+                strict=True,
             )
         ]
         missing: dict[Place, set[float]] = {}
@@ -147,7 +141,9 @@ class BoundaryElementBalance:
     def seconds_per_state(self) -> float:
         """Rough time of one state, from that of a transform on this machine."""
         box = self.boxed.box
-        grid = PeriodicSolid.on_grid(self.solid, box.points, self.boxed.side_m, self.device)
+        grid = PeriodicSolid.on_grid(
+            self.contact.field.modulus, box.points, self.boxed.side_m, self.device
+        )
         height = self.boxed.surfaces.height_m[:1].to(self.device)
         grid.displacement(height)
         began = perf_counter()
@@ -174,18 +170,15 @@ class BoundaryElementBalance:
 
     @staticmethod
     def _thickness(load: Load) -> list[complex]:
-        if load.thickness_m is None:
-            raise InputError(
-                "over_period: boundary elements follow the mean pull of a sine only; use fidelity "
-                '"mean-field"'
-            )
-        given = (load.applied_pa, load.strength, load.thickness_m)
+        thickness = load.pull.thickness_m
+        assert thickness is not None  # without the ability to solve instants: a sine's mean
+        given = (load.applied_pa, load.pull.strength, thickness)
         if any(tensor.requires_grad for tensor in given):
             raise InputError(
                 "expected values that need no gradient: boundary elements have none, got one that "
                 'requires grad; detach it, or use fidelity "mean-field"'
             )
-        return [complex(value) for value in load.thickness_m.tolist()]
+        return [complex(value) for value in thickness.tolist()]
 
     def _follow(self, place: Place, strengths: list[float]) -> None:
         """Solve one place along its rising strengths."""

@@ -9,6 +9,7 @@ from math import pi, sqrt
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from haptix.contact.boundary_elements import ResolutionWarning, Surfaces
 from haptix.contact.roughness import RoughnessSpectrum
@@ -69,13 +70,21 @@ class BoxedFinger:
     Parameters
     ----------
     finger : Finger
-        With its whole band.
+        With its whole band; no field may require grad.
     box : BoundaryElementBox
         What is drawn from it.
     """
 
     finger: Finger
     box: BoundaryElementBox
+
+    def __post_init__(self) -> None:
+        given = [value for part in (self.finger, self.finger.roughness) for _, value in part]
+        if any(isinstance(value, Tensor) and value.requires_grad for value in given):
+            raise InputError(
+                "finger: expected values that need no gradient: boundary elements have none, got a "
+                'tensor that requires grad; detach it, or use fidelity "mean-field"'
+            )
 
     @cached_property
     def side_m(self) -> float:

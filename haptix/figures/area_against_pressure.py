@@ -10,9 +10,8 @@ import numpy as np
 import torch
 
 from haptix.contact import THEORIES, HalfSpace, MeanField, RoughnessSpectrum, Theory
-from haptix.contact.gaps import bin_inverse_square
-from haptix.electro import Attraction, AttractionTable, drive_strength
-from haptix.equilibrium import lowest_branch
+from haptix.electro import Pull
+from haptix.fidelity import Contact, Load, MeanFieldBalance
 from haptix.figures.data import COLD_TO_HOT, Array, Curve, FigureData, Panel
 
 # What 512 x 512 points can hold with eight of them in the shortest wave: 1 um of roughness on skin
@@ -75,19 +74,15 @@ def area_against_pressure() -> FigureData:
 def _area(theory: Theory, voltage_v: float) -> Array:
     contact = MeanField(SPECTRUM, SKIN, theory.gamma, theory.gap_distribution, area=theory.area)
     applied = torch.from_numpy(_PRESSURE_PA)
-    table = AttractionTable.solve(contact, float(applied[0]), 40 * float(applied[-1]))
-    h0 = torch.tensor([H0_M], dtype=torch.float64)
-    spots = contact.area_fraction if theory.contact_spots == "included" else None
-    pull = Attraction(
-        table.log_pull(bin_inverse_square(contact.gap_edges_m, h0)),
+    solver = MeanFieldBalance(Contact(contact, theory.contact_spots, None, float(applied[0])))
+    pull = Pull.of_sine(
+        contact.gap_edges_m,
+        torch.full_like(applied, voltage_v),
+        torch.tensor([H0_M], dtype=torch.float64),
         torch.zeros(len(applied), dtype=torch.long),
-        h0**-2,
-        spots,
     )
-    strength = drive_strength(torch.full_like(applied, voltage_v))
-    found = lowest_branch(applied, strength, pull)
-    area = contact.area_fraction(found.pressure_pa)
-    return np.where(found.is_stable.numpy(), area.numpy(), np.nan)
+    found = solver.solve(Load(applied, pull))
+    return np.where(found.is_stable.numpy(), found.area_fraction.numpy(), np.nan)
 
 
 def _boundary_elements() -> dict[tuple[float, float], tuple[float, float]]:

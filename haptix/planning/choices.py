@@ -7,28 +7,22 @@ from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Literal
 
-from haptix.friction import FidelityName
+from haptix.fidelity import FIDELITIES, Ability, FidelityName
 from haptix.scene import AxisName, DtypeName, Scene
+from haptix.terms import TERMS, Term
 
 Kind = Literal["term", "axis", "fidelity", "dtype"]
 
 AXES: tuple[AxisName, ...] = ("frequency_hz", "h0_m")
 
+COARSE, *_, FULL = (name for name, how in FIDELITIES.items() if Ability.TABULATE in how.can)
+"""The fastest and the most exact of the fidelities that a surface can be tabulated from."""
+
 # Share of a build's work that leaving something out saves, at most: what it may cost of the budget.
-# Not timed where it is used, so that a plan does not depend on how busy a machine is. Terms: 20,000
-# states took 0.158 s with finite size and 0.101 s without, and 0.101 s with plasticity and 0.080 s
-# without (dry finger, one core); the others save next to nothing, and get some credit for a simpler
-# model. An axis has some ten nodes, the mean field's table is most of a small build, and float32
-# halves the memory.
-_WORK: Mapping[tuple[Kind, str], float] = {
-    ("axis", "frequency_hz"): 0.9,
-    ("axis", "h0_m"): 0.9,
-    ("fidelity", "mean-field"): 0.7,
-    ("dtype", "float64"): 0.5,
-    ("term", "finite-size"): 0.35,
-    ("term", "plasticity"): 0.2,
-}
-_WORK_OF_OTHER_TERMS = 0.1
+# Constants, so that a plan does not depend on how busy a machine is. An axis has some ten nodes,
+# the mean field's table is most of a small build, and float32 halves the memory. Terms have their
+# own.
+_WORK: Mapping[Kind, float] = {"axis": 0.9, "fidelity": 0.7, "dtype": 0.5}
 
 
 @dataclass(frozen=True)
@@ -38,7 +32,7 @@ class Choice:
     Parameters
     ----------
     terms : frozenset of str
-        Terms that are on, without "breakdown", which changes no friction.
+        Terms that are on, of those that change friction.
     fidelity, dtype : str
         How the contact is solved, and in what precision its friction is kept.
     held : tuple of (axis, value)
@@ -46,7 +40,7 @@ class Choice:
     """
 
     terms: frozenset[str]
-    fidelity: FidelityName = "mean-field"
+    fidelity: FidelityName = FULL
     dtype: DtypeName = "float64"
     held: tuple[tuple[AxisName, float], ...] = ()
 
@@ -77,14 +71,14 @@ class Omission:
     @property
     def work(self) -> float:
         """Share of the work that it saves."""
-        return _WORK.get((self.kind, self.name), _WORK_OF_OTHER_TERMS)
+        return TERMS[self.name].work if self.kind == "term" else _WORK[self.kind]
 
     def of(self, choice: Choice) -> Choice:
         """Return the choice without it."""
         if self.kind == "term":
             return replace(choice, terms=choice.terms - {self.name})
         if self.kind == "fidelity":
-            return replace(choice, fidelity="closed-form", terms=choice.terms & self.possible)
+            return replace(choice, fidelity=COARSE, terms=choice.terms & self.possible)
         if self.kind == "dtype":
             return replace(choice, dtype="float32")
         return choice.holding("h0_m" if self.name == "h0_m" else "frequency_hz", self.value)
@@ -95,17 +89,34 @@ def middle(low: float, high: float) -> float:
     return low if low == high else sqrt(low * high)
 
 
+def friction_terms(scene: Scene, fidelity: FidelityName = FULL) -> frozenset[str]:
+    """Names of the possible terms that change friction."""
+    possible = scene.possible_terms(fidelity)
+    return frozenset(name for name in possible if TERMS[name].changes_friction)
+
+
+def reporting_terms(scene: Scene) -> list[Term]:
+    """The possible terms that report a status and change no friction."""
+    return [TERMS[name] for name in sorted(scene.possible_terms() - friction_terms(scene))]
+
+
+def kept_reports(scene: Scene) -> frozenset[str]:
+    """Names of the reporting terms that the scene switches on; planning leaves them off."""
+    return frozenset(
+        term.name for term in reporting_terms(scene) if scene.override.terms.get(term.name)
+    )
+
+
 def omissions(scene: Scene) -> list[Omission]:
     """Everything that could be left out of a scene's model, in the order of its table."""
     ranges = scene.ranges()
-    terms = [name for name in sorted(scene.possible_terms()) if name != "breakdown"]
     return [
-        *(Omission("term", name) for name in terms),
+        *(Omission("term", name) for name in sorted(friction_terms(scene))),
         *(
             Omission("axis", axis, middle(*ranges[axis]))
             for axis in AXES
             if ranges[axis][0] < ranges[axis][1]
         ),
-        Omission("fidelity", "mean-field", possible=scene.possible_terms("closed-form")),
+        Omission("fidelity", FULL, possible=friction_terms(scene, COARSE)),
         Omission("dtype", "float64"),
     ]

@@ -6,10 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
 
-from haptix.planning.choices import Choice, Omission
+from haptix.fidelity import FIDELITIES
+from haptix.planning.choices import (
+    COARSE,
+    FULL,
+    Choice,
+    Omission,
+    friction_terms,
+    kept_reports,
+)
 from haptix.planning.effects import Effect, Trials
 from haptix.scene import Scene
-from haptix.terms import chosen_terms
+from haptix.terms import Term, chosen_terms
 
 MODELLING_SHARE = 0.5
 """Share of the budget that may go into what is left out; the surface's tolerance gets the rest."""
@@ -30,11 +38,11 @@ def with_overrides(
 ) -> tuple[Choice, dict[Omission, Decision]]:
     """Return the model from which things are left out, and what is not up to planning."""
     override = scene.override
-    base = Choice(scene.possible_terms(override.fidelity or "mean-field") - {"breakdown"})
+    base = Choice(friction_terms(scene, override.fidelity or FULL))
     for name, is_on in override.terms.items():
-        if is_on:  # says so where the profiles or the fidelity do not allow it
-            fidelity = override.fidelity or "mean-field"
-            chosen_terms({name: True}, scene.finger, scene.screen, fidelity)
+        if is_on:  # raises where the profiles or the fidelity do not allow it
+            how = FIDELITIES[override.fidelity or FULL]
+            chosen_terms({name: True}, scene.finger, scene.screen, how)
     settled: dict[Omission, Decision] = {}
     for one in everything:
         wanted = _overridden(scene, one)
@@ -47,8 +55,9 @@ def with_overrides(
         if one.kind == "term" and one.name not in base.terms and one not in settled:
             settled[one] = Decision(False, "contradicts the scene's fidelity")
         if one.kind == "fidelity" and one not in settled:
-            needed = {name for name, is_on in override.terms.items() if is_on} - one.possible
-            if needed - {"breakdown"}:
+            kept = {name for name, is_on in override.terms.items() if is_on}
+            needed = (kept & friction_terms(scene)) - one.possible
+            if needed:
                 names = ", ".join(sorted(needed))
                 settled[one] = Decision(True, f"needed by {names}, kept by the scene")
     return base, settled
@@ -62,10 +71,10 @@ def _overridden(scene: Scene, one: Omission) -> bool | None:
     if one.kind == "axis":
         wish = override.axes.get("h0_m" if one.name == "h0_m" else "frequency_hz")
         return None if wish is None else wish == "keep"
-    said = override.fidelity if one.kind == "fidelity" else override.dtype
-    if said == "boundary-element":  # planned on the mean field, which they correct
-        return True
-    return None if said is None else said == one.name
+    if one.kind == "dtype":
+        return None if override.dtype is None else override.dtype == one.name
+    # One that cannot be tabulated corrects a surface of the full one.
+    return None if override.fidelity is None else override.fidelity != COARSE
 
 
 def effect_alone(scene: Scene, trials: Trials, base: Choice, one: Omission) -> Effect:
@@ -82,7 +91,7 @@ def effect_alone(scene: Scene, trials: Trials, base: Choice, one: Omission) -> E
         held = tuple(pair for pair in base.held if pair[0] != one.name)
         truth = Choice(base.terms, base.fidelity, base.dtype, held)
     elif one.kind == "fidelity":
-        truth = Choice(base.terms, "mean-field", base.dtype, base.held)
+        truth = Choice(base.terms, FULL, base.dtype, base.held)
     else:
         truth = Choice(base.terms, base.fidelity, "float64", base.held)
     return trials.effect(truth, base)
@@ -111,7 +120,7 @@ def spend(
             break
         left.remove(nearest)
         if nearest.of(chosen) == chosen:
-            decisions[nearest] = Decision(False, "not in the closed form")
+            decisions[nearest] = Decision(False, "not in the coarser fidelity")
             continue
         chosen, joint = nearest.of(chosen), together[nearest]
         decisions[nearest] = Decision(False, _why_dropped(nearest, effects[nearest], joint))
@@ -148,16 +157,15 @@ def _why_kept(one: Omission, alone: Effect, share: float) -> str:
     return f"with what is dropped, more than {share:.2g} thresholds"
 
 
-def decide_breakdown(scene: Scene, trials: Trials, chosen: Choice) -> Decision:
-    """End the surface at breakdown if the scene says so; else say how near its voltages come.
+def decide_report(scene: Scene, trials: Trials, chosen: Choice, term: Term) -> Decision:
+    """Decide on a term that reports a status and changes no friction.
 
-    What is sparks at the edges of contact spots to the model are voltages that laboratories use
-    every day (the paper's own 200 V on 1 um of SiO2 among them).
+    The surface ends where the term reports, if the scene says so; else the reason says how near the
+    voltages come.
     """
-    wanted = scene.override.terms.get("breakdown", False)
-    share = trials.breakdown_share(chosen)
-    why = f"{'kept' if wanted else 'dropped'} by the scene; " * (
-        "breakdown" in scene.override.terms
-    )
-    why += f"voltages reach {share:.0%} of its voltage"
-    return Decision(wanted, why + (": the surface ends there" if wanted and share >= 1 else ""))
+    is_kept = term.name in kept_reports(scene)
+    share = trials.share_of_limit(chosen, term)
+    why = f"voltages reach {share:.0%} of its voltage"
+    if term.name in scene.override.terms:
+        why = f"{'kept' if is_kept else 'dropped'} by the scene; {why}"
+    return Decision(is_kept, why + (": the surface ends there" if is_kept and share >= 1 else ""))

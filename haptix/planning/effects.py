@@ -11,13 +11,13 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from haptix.fidelity import MeanFieldBalance
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
-from haptix.planning.choices import Choice
+from haptix.planning.choices import Choice, kept_reports, reporting_terms
 from haptix.scene import Scene
 from haptix.states import ContactState
 from haptix.surface import PULL_IN_SHARE
+from haptix.terms import Term
 
 _AXES = ("normal_force_n", "frequency_hz", "h0_m")
 _SEED = 20180516  # any; fixed, so that a scene always gets the same plan
@@ -116,7 +116,8 @@ class Trials:
 
     def __init__(self, scene: Scene, reference: Choice, count: int = 300, seed: int = _SEED):
         self.scene = scene
-        self._ends_at_breakdown = scene.override.terms.get("breakdown", False)
+        kept = kept_reports(scene)
+        self._ending = [term for term in reporting_terms(scene) if term.name in kept]
         self.points = Points.of(scene, count, seed)
         self._models: dict[tuple[frozenset[str], str], ContactModel] = {}
         self._prepared_s: dict[tuple[frozenset[str], str], float] = {}
@@ -137,8 +138,10 @@ class Trials:
             state = self.at_rest(choice)
         else:
             state = self._solve(choice, points, torch.zeros_like(points.h0_m))
-        end = (PULL_IN_SHARE * state.pull_in_voltage_v).clamp(max=self.scene.max_voltage_v)
-        return torch.minimum(end, state.breakdown_voltage_v) if self._ends_at_breakdown else end
+        end = self._end(state)
+        for term in self._ending:
+            end = torch.minimum(end, term.voltage_limit(state))
+        return end
 
     def friction(self, choice: Choice, points: Points, voltage_v: Tensor) -> Tensor:
         """Friction coefficient at points and voltages [V], float64; past pull-in that of its end.
@@ -166,16 +169,18 @@ class Trials:
         return Effect.between(right, wrong, overreach)
 
     def _overreach(self, truth: Choice, ends: Tensor) -> float:
-        if not self._ends_at_breakdown:
-            return 0.0
-        past = ends / self.at_rest(truth).breakdown_voltage_v
-        return max(0.0, float(past.max()) - 1)
+        state = self.at_rest(truth)
+        past = [float((ends / term.voltage_limit(state)).max()) for term in self._ending]
+        return max([0.0, *(share - 1 for share in past)])
 
-    def breakdown_share(self, choice: Choice) -> float:
-        """Highest voltage short of pull-in over that at which gap or insulator break down."""
+    def _end(self, state: ContactState) -> Tensor:
+        """Amplitude [V] up to which there is a light contact, or the scene's highest."""
+        return (PULL_IN_SHARE * state.pull_in_voltage_v).clamp(max=self.scene.max_voltage_v)
+
+    def share_of_limit(self, choice: Choice, term: Term) -> float:
+        """Highest voltage short of pull-in, over that from which a term reports its status."""
         state = self.at_rest(choice)
-        end = (PULL_IN_SHARE * state.pull_in_voltage_v).clamp(max=self.scene.max_voltage_v)
-        return float((end / state.breakdown_voltage_v).max())
+        return float((self._end(state) / term.voltage_limit(state)).max())
 
     def seconds_per_state(self, choice: Choice) -> float:
         """Time to solve one of many states, tables being there."""
@@ -197,9 +202,9 @@ class Trials:
         self._model(choice)
         return self._prepared_s[choice.terms, choice.fidelity]
 
-    def model(self, choice: Choice, with_breakdown: bool = False) -> ContactModel:
-        """Return the model of a choice, in its precision."""
-        terms = choice.terms | ({"breakdown"} if with_breakdown else set())
+    def model(self, choice: Choice) -> ContactModel:
+        """Return the model of a choice, in its precision, with what the scene wants reported."""
+        terms = choice.terms | kept_reports(self.scene)
         model = self.scene.model(choice.fidelity, getattr(torch, choice.dtype), terms=terms)
         self._share(model, choice)
         return model
@@ -226,15 +231,9 @@ class Trials:
         return self._models[key]
 
     def _share(self, model: ContactModel, choice: Choice) -> None:
-        """Take the table of a model with the same solid: it is the dear part of a trial."""
-        if not isinstance(model.solver, MeanFieldBalance):
-            return
-        # Without "apparent-area" pressures lie elsewhere, and a table would have to grow.
-        for decisive in ({"layered-skin", "apparent-area"}, {"layered-skin"}):
-            for (terms, _), other in self._models.items():
-                if (
-                    isinstance(other.solver, MeanFieldBalance)
-                    and terms & decisive == choice.terms & decisive
-                ):
-                    model.solver.share_table(other.solver)
-                    return
+        """Take the table of a model with the same solid: it is the slow part of a trial.
+
+        The models most like it come first, since their tables cover the same pressures.
+        """
+        known = sorted(self._models.items(), key=lambda item: len(item[0][0] ^ choice.terms))
+        any(model.solver.fidelity.borrow(other.solver.fidelity) for _, other in known)

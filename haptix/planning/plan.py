@@ -9,12 +9,21 @@ from typing import Any
 import torch
 
 from haptix.errors import ToleranceError
+from haptix.fidelity import FIDELITIES, Ability
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
-from haptix.planning.choices import AXES, Choice, Kind, Omission, omissions
+from haptix.planning.choices import (
+    AXES,
+    Choice,
+    Kind,
+    Omission,
+    friction_terms,
+    omissions,
+    reporting_terms,
+)
 from haptix.planning.decisions import (
     Decision,
-    decide_breakdown,
+    decide_report,
     effect_alone,
     spend,
     with_overrides,
@@ -212,17 +221,19 @@ def plan_scene(
     decisions = {**settled, **decisions}
     rest = scene.budget_thresholds - _UNSEEN * joint.thresholds_max
     tolerance = wanted or Tolerance(rest, "thresholds")
-    breakdown = decide_breakdown(scene, trials, chosen)
     nodes = estimated_nodes(trials, chosen, _in_thresholds(tolerance, trials, chosen))
     on_progress(0.9)
     rows = [_row(one, decisions[one], effects[one], trials, chosen, nodes) for one in everything]
-    rows += _fixed_rows(scene, breakdown)
+    for term in reporting_terms(scene):
+        decision = decide_report(scene, trials, chosen, term)
+        rows.append(Row("term", term.name, decision.kept, decision.why, Effect()))
+    rows += _fixed_rows(scene)
     order = {name: rank for rank, name in enumerate((*TERMS, "normal_force_n", *AXES))}
     rows.sort(key=lambda row: order.get(row.name, len(order)))
     plan = Plan(
         scene=scene,
         rows=tuple(rows),
-        model=_model(scene, trials.model(chosen, with_breakdown=breakdown.kept)),
+        model=_model(scene, trials.model(chosen)),
         ranges={**scene.ranges(), **{name: (value, value) for name, value in chosen.held}},
         tolerance=tolerance,
         dtype=getattr(torch, chosen.dtype),
@@ -235,10 +246,11 @@ def plan_scene(
 
 
 def _model(scene: Scene, planned: ContactModel) -> ContactModel:
-    """The planned model, or boundary elements of its terms where the scene asks for them."""
-    if scene.override.fidelity != "boundary-element":
+    """The planned model, or one of its terms by a fidelity that cannot be tabulated."""
+    asked = scene.override.fidelity
+    if asked is None or Ability.TABULATE in FIDELITIES[asked].can:
         return planned
-    return scene.model("boundary-element", planned.dtype, terms=planned.terms)
+    return scene.model(asked, planned.dtype, terms=planned.terms)
 
 
 def _in_thresholds(tolerance: Tolerance, trials: Trials, chosen: Choice) -> float:
@@ -272,7 +284,7 @@ def _row(
     if one.kind == "dtype":
         return Row(one.kind, one.name, False, decision.why, effect, 0.0, 4 * count, "estimated")
     if one.kind == "fidelity":
-        full = Choice(trials.scene.possible_terms() - {"breakdown"})
+        full = Choice(friction_terms(trials.scene))
         dearer = trials.seconds_to_prepare(full) - trials.seconds_to_prepare(chosen)
         dearer += count * (trials.seconds_per_state(full) - each)
     elif one.name in trials.scene.possible_terms(chosen.fidelity):
@@ -288,9 +300,9 @@ def _nodes_along(trials: Trials, with_it: Choice, one: Omission, nodes: Mapping[
     return estimated_nodes(trials, with_it, trials.scene.budget_thresholds)[one.name]
 
 
-def _fixed_rows(scene: Scene, breakdown: Decision) -> list[Row]:
-    """Rows of what the scene itself decides: breakdown, single values, what is not given."""
-    rows = [Row("term", "breakdown", breakdown.kept, breakdown.why, Effect())]
+def _fixed_rows(scene: Scene) -> list[Row]:
+    """Rows of what the scene itself decides: single values, and what is not given."""
+    rows = []
     ranges = scene.ranges()
     for name in ("normal_force_n", *AXES):
         low, high = ranges[name]
@@ -298,10 +310,7 @@ def _fixed_rows(scene: Scene, breakdown: Decision) -> list[Row]:
             rows.append(Row("axis", name, False, f"one value: {low:g}", Effect()))
         elif name == "normal_force_n":
             rows.append(Row("axis", name, True, "friction is asked for by force", Effect()))
-    absent = set(TERMS) - scene.possible_terms()
-    for name in sorted(absent):
-        term = TERMS[name]
-        fields = [f"finger.{f}" for f in term.finger_fields if getattr(scene.finger, f) is None]
-        fields += [f"screen.{f}" for f in term.screen_fields if getattr(scene.screen, f) is None]
-        rows.append(Row("term", name, False, f"{', '.join(fields)} not given", Effect()))
+    for name in sorted(set(TERMS) - scene.possible_terms()):
+        fields = ", ".join(TERMS[name].missing(scene.finger, scene.screen))
+        rows.append(Row("term", name, False, f"{fields} not given", Effect()))
     return rows

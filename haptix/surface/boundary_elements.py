@@ -21,7 +21,7 @@ from torch import Tensor
 
 from haptix.contact.boundary_elements.ensemble import Row, run_ensemble
 from haptix.errors import InputError, ToleranceError
-from haptix.fidelity import BoundaryElementBalance
+from haptix.fidelity import Ability, BoundaryElementBalance
 from haptix.friction import ContactModel
 from haptix.status import Status
 from haptix.surface.axes import AXIS_NAMES, Axes, Axis
@@ -85,11 +85,7 @@ class MeasuringJob:
     points: MeasuredPoints = MeasuredPoints()
 
     def __post_init__(self) -> None:
-        if self.model.boxed is None:
-            raise InputError(
-                'model: expected fidelity "boundary-element", got '
-                f'"{self.model.fidelity}"; use FrictionSurface.build'
-            )
+        self.model.require(Ability.SCATTER, "model")
 
     @property
     def nodes(self) -> tuple[list[float | None], ...]:
@@ -112,7 +108,7 @@ class MeasuringJob:
 
     def estimated_seconds(self) -> float:
         """Rough time of the boundary elements, from that of a transform on this machine."""
-        solver = self.model.solver
+        solver = self.model.solver.fidelity
         assert isinstance(solver, BoundaryElementBalance)
         return self.states * solver.seconds_per_state()
 

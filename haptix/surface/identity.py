@@ -49,7 +49,10 @@ def _code_digest() -> str:
     """Hash of the sources that make a surface's numbers: a mended solver finds no stale surface."""
     digest = hashlib.sha256()
     package = Path(__file__).parent.parent
-    rooms = [package / room for room in ("contact", "electro", "fidelity", "surface")]
+    rooms = [
+        package / room
+        for room in ("contact", "electro", "terms", "fidelity", "friction", "surface")
+    ]
     for file in sorted([*package.glob("*.py"), *(f for room in rooms for f in room.rglob("*.py"))]):
         digest.update(file.read_bytes())
     return digest.hexdigest()

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from haptix.friction import ContactModel
+from haptix.status import Status
 from haptix.surface.axes import AXES, AXIS_NAMES
 from haptix.surface.column import PULL_IN_DRIVE
 from haptix.surface.interpolant import Interpolant
@@ -192,7 +193,7 @@ class Sampler:
     @property
     def ends_at_breakdown(self) -> bool:
         """Whether breakdown ends a column."""
-        return "breakdown" in self.model.terms
+        return self.model.reports(Status.BREAKDOWN)
 
     def span(self, name: str) -> tuple[float, float]:
         """``(low, high)`` of a range that is there."""

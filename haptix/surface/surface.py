@@ -103,7 +103,7 @@ class FrictionSurface:
         ToleranceError
             If the tolerance cannot be met within the size; it carries the best surface reached.
         """
-        if model.fidelity == "boundary-element":
+        if model.boxed is not None:
             job = MeasuringJob(model, scene or {})
             return cls.measured(job, tolerance, on_progress, largest_bytes, notes)
         with _as_surface():

@@ -12,18 +12,18 @@ import torch
 from torch import Tensor
 
 from haptix.errors import ToleranceError
-from haptix.fidelity import BoundaryElementBox
+from haptix.fidelity import BoundaryElementBox, FidelityName
 from haptix.friction import ContactModel
 from haptix.planning import Effect, Plan, plan_scene
-from haptix.planning.choices import AXES, Choice, middle
+from haptix.planning.choices import AXES, Choice, friction_terms, kept_reports, middle
 from haptix.planning.effects import Points, Trials
 from haptix.scene import Scene
 from haptix.status import Status
 from haptix.surface import FrictionSurface, MeasuredPoints, MeasuringJob
 from haptix.tradeoff.pareto import pareto_front
 from haptix.tradeoff.settings import (
-    FIDELITIES,
     QUICK_TOLERANCES,
+    TABULATED,
     TOLERANCES,
     Setting,
     ways_to_ask,
@@ -177,9 +177,7 @@ def run_tradeoff(
     on_progress("truth", 1.0)
     runs = judge.ask_planned(plan)
     tolerances = QUICK_TOLERANCES if quick else TOLERANCES
-    builds = [
-        (fidelity, f"{value:g} thresholds") for fidelity in FIDELITIES for value in tolerances
-    ]
+    builds = [(fidelity, f"{value:g} thresholds") for fidelity in TABULATED for value in tolerances]
     on_progress("run", 1 / (1 + len(builds)))
     for number, (fidelity, tolerance) in enumerate(builds, start=2):
         began = perf_counter()
@@ -224,16 +222,15 @@ def _measured(
     ]
 
 
-def _terms(scene: Scene, fidelity: Any) -> frozenset[str]:
-    breakdown = {"breakdown"} if scene.override.terms.get("breakdown", False) else set()
-    return (scene.possible_terms(fidelity) - {"breakdown"}) | breakdown
+def _terms(scene: Scene, fidelity: FidelityName) -> frozenset[str]:
+    return friction_terms(scene, fidelity) | kept_reports(scene)
 
 
 class _Judge:
     """Points held out, the truth at them, and the queries that are timed."""
 
     def __init__(self, scene: Scene, count: int, batch: int) -> None:
-        everything = Choice(scene.possible_terms() - {"breakdown"})
+        everything = Choice(friction_terms(scene))
         self.batch = batch
         self.middles = {axis: middle(*scene.ranges()[axis]) for axis in AXES}
         trials = Trials(scene, everything, count, _SEED)

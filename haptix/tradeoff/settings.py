@@ -8,8 +8,9 @@ from typing import Literal
 
 import torch
 
+from haptix.fidelity import FidelityName
 from haptix.finger import Finger
-from haptix.friction import FidelityName
+from haptix.planning.choices import COARSE, FULL
 from haptix.scene import DirectDrive, DtypeName, Scene
 from haptix.screen import Screen
 
@@ -18,7 +19,7 @@ TOLERANCES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
 
 QUICK_TOLERANCES = (0.05, 0.5)
 
-FIDELITIES: tuple[FidelityName, ...] = ("mean-field", "closed-form")
+TABULATED: tuple[FidelityName, ...] = (FULL, COARSE)
 DTYPES: tuple[DtypeName, ...] = ("float64", "float32")
 
 

@@ -6,15 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import torch
 
+from haptix.electro.pull import Pull, middle_gaps
 from haptix.errors import InputError, LimitError, check_positive
+from haptix.fidelity import Ability
 from haptix.finger_response import FingerResponse
 from haptix.friction import HIGHEST_FORCE_N, ContactModel
 from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory, numbers
 from haptix.status import Status
-from haptix.virtual_finger.contact import GivenContact
-from haptix.virtual_finger.gap_field import GapField
-from haptix.virtual_finger.played import Amplitude, Drive, Samples
+from haptix.threads import one_thread
+from haptix.virtual_finger.gap_field import ComplexArray, GapField
+from haptix.virtual_finger.played import Amplitude, Drive, Excerpt, Samples
 from haptix.virtual_finger.sensor import SensedForce, SensorModel
 
 Array = npt.NDArray[np.float64]
@@ -92,6 +95,7 @@ class VirtualFinger:
         h0_m: float | None = None,
         has_response: bool = True,
     ) -> None:
+        model.require(Ability.INSTANTS, "model")
         h0_m = model.screen.h0_m if h0_m is None else h0_m
         check_positive("h0_m", h0_m)
         self.model = model
@@ -99,7 +103,7 @@ class VirtualFinger:
         self.seed = seed
         rate = model.finger.response_hz_per_mm_per_s
         self._response = FingerResponse(rate) if has_response else None
-        self._contact = GivenContact(model, h0_m)
+        self._h0 = torch.tensor(h0_m, dtype=torch.float64, device=model.contact.device)
 
     def read(self, felt: Felt) -> SensedForce:
         """Return what the finger's sensor reads of what it felt."""
@@ -150,7 +154,7 @@ class VirtualFinger:
                 f"sample_rate_hz: expected {low:g} to {high:g} Hz, got {sample_rate_hz:g} Hz"
             )
         volts, start = self._volts("drive_v", drive_v), _number("start_s", start_s)
-        drive = Samples(volts, float(sample_rate_hz), start, self._contact.thickness_m)
+        drive = Samples(volts, float(sample_rate_hz), start, self._thickness_m)
         path = Trajectory.of(t_s, x_mm, y_mm, normal_force_n)
         return self._feel(drive, path, output_rate_hz)
 
@@ -182,7 +186,7 @@ class VirtualFinger:
         volts, start = self._volts("amplitude_v", amplitude_v), _number("start_s", start_s)
         if volts.min() < 0:
             raise InputError(f"amplitude_v: expected 0 V or more, got {volts.min():g} V")
-        (thickness,) = self._contact.thickness_m(np.array([float(frequency_hz)]))
+        (thickness,) = self._thickness_m(np.array([float(frequency_hz)]))
         drive = Amplitude(volts, float(sample_rate_hz), start, complex(thickness))
         path = Trajectory.of(t_s, x_mm, y_mm, normal_force_n)
         return self._feel(drive, path, output_rate_hz)
@@ -205,19 +209,17 @@ class VirtualFinger:
                 "clock, or feel it in parts"
             )
         count = int(steps + _END) + 1
-        field = drive.field(self._contact.widest_gap_m)
+        field = drive.field(float(self.model.contact.gap_edges_m[-1]))
         time = path.t_s[0] + np.arange(count) / output_rate_hz
         x, y, force = path.at(time)
         speed = path.speed_mm_per_s(time)
         slides = (speed >= STANDING_BELOW_MM_PER_S) & (force >= LIFTED_BELOW_N)
-        squares, broken = self._squares(drive, field, path, count, output_rate_hz)
+        squares, reported = self._squares(drive, field, path, count, output_rate_hz)
         mu = np.full(count, np.nan)
         status = np.full(count, int(Status.OK))
         if slides.any():
-            mu[slides], status[slides] = self._contact.friction(
-                force[slides], squares[:, slides], field
-            )
-        status[slides & broken & (status == Status.OK)] = int(Status.BREAKDOWN)
+            mu[slides], stable = self._friction(force[slides], squares[:, slides], field)
+            status[slides] = np.where(stable, reported[slides], int(Status.PULL_IN))
         return Felt(
             t_s=time,
             x_mm=x,
@@ -246,10 +248,10 @@ class VirtualFinger:
 
     def _squares(
         self, drive: Drive, field: GapField, path: Trajectory, count: int, rate_hz: float
-    ) -> tuple[Array, npt.NDArray[np.bool_]]:
-        """Squared field after the response, (points, count), and where it broke down."""
+    ) -> tuple[Array, npt.NDArray[np.int64]]:
+        """Squared field after the response, (points, count), and the status that it has."""
         squares = np.empty((field.points, count))
-        broken = np.zeros(count, dtype=bool)
+        status = np.empty(count, dtype=np.int64)
         part = max(2, round(_PART_S * rate_hz))
         before: Array | None = None
         for first in range(0, count, part):
@@ -263,8 +265,37 @@ class VirtualFinger:
                 seen = self._response.follow(seen, path.distance_mm(time), before)
                 before = seen[:, -1]
             squares[:, first:last] = seen[:, :-1:_FINER]
-            broken[first:last] = self._contact.breaks_down(excerpt, time[::_FINER])
-        return squares, broken
+            status[first:last] = self._status(excerpt, time[::_FINER])
+        return squares, status
+
+    def _thickness_m(self, frequency_hz: Array) -> ComplexArray:
+        """Effective thickness [m] at frequencies [Hz] from 0."""
+        frequency = torch.from_numpy(frequency_hz).to(self._h0.device)
+        return self.model.solver.terms.thickness(self._h0, frequency).detach().cpu().numpy()
+
+    @one_thread()
+    def _friction(
+        self, normal_force_n: Array, squares: Array, field: GapField
+    ) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """Friction coefficient in equilibrium at each instant, and whether the contact is light."""
+        edges = self.model.contact.gap_edges_m
+        force, weight = (
+            torch.from_numpy(a.copy()).to(edges.device) for a in (normal_force_n, squares.T)
+        )
+        gaps = np.append(middle_gaps(edges).cpu().numpy(), 0.0)
+        basis = torch.from_numpy(field.basis_of_gaps(gaps)).to(edges.device)
+        mu, found = self.model.solver.solve_in_blocks(
+            force, lambda at: Pull.of_squares(edges, weight[at], basis, field.reference_m)
+        )
+        return mu.detach().cpu().numpy(), found.is_stable.cpu().numpy()
+
+    def _status(self, excerpt: Excerpt, t_s: Array) -> npt.NDArray[np.int64]:
+        """Status between times, one fewer of them, by the field alone."""
+        light = torch.ones(len(t_s) - 1, dtype=torch.bool)
+        status = self.model.solver.terms.status(
+            light, lambda gap_m: torch.from_numpy(excerpt.highest_field(gap_m, t_s))
+        )
+        return status.numpy()
 
 
 def _number(name: str, value: float) -> float:

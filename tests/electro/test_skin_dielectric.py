@@ -10,18 +10,17 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy import constants
 
-from haptix import Finger
+from haptix import Finger, Screen
 from haptix.contact import MeanField
-from haptix.contact.gaps import bin_inverse_square
 from haptix.electro import (
     VACUUM_PERMITTIVITY,
-    Attraction,
     AttractionTable,
+    Pull,
     SkinDielectric,
     drive_strength,
     drive_voltage,
-    effective_thickness,
 )
+from haptix.terms import ActiveTerms, Properties
 
 CONSTANT = SkinDielectric(
     frequency_hz=(1e3,), permittivity=(2000.0,), resistivity_ohm_m=(1e5,), source="constant"
@@ -29,8 +28,14 @@ CONSTANT = SkinDielectric(
 SCREEN_H0 = torch.tensor(1e-6 / 8, dtype=torch.float64)  # d1 = 1 um, eps1 = 8
 
 
+def insulators(skin: SkinDielectric) -> ActiveTerms:
+    given = Properties(Finger(dielectric=skin, layer_thickness_m=200e-6), Screen())
+    return ActiveTerms(given, {"skin-dielectric"})
+
+
 def thickness(frequency_hz: float, skin: SkinDielectric = CONSTANT) -> complex:
-    return complex(effective_thickness(SCREEN_H0, frequency_hz, 200e-6, skin))
+    frequency = torch.tensor(frequency_hz, dtype=torch.float64)
+    return complex(insulators(skin).thickness(SCREEN_H0, frequency))
 
 
 def test_vacuum_permittivity() -> None:
@@ -78,7 +83,7 @@ def test_a_fast_voltage_meets_lossless_skin() -> None:
 
 
 def test_without_a_frequency_the_skin_conducts() -> None:
-    assert effective_thickness(SCREEN_H0, None, 200e-6, CONSTANT) is SCREEN_H0
+    assert insulators(CONSTANT).thickness(SCREEN_H0, None) is SCREEN_H0
 
 
 # Page, section 3.
@@ -157,8 +162,8 @@ def test_the_attraction_table_covers_what_it_was_asked_for() -> None:
     for spots in ("excluded", "included"):
         for i in range(2):
             counted = field.area_fraction if spots == "included" else None
-            log_gaps = table.log_pull(bin_inverse_square(field.gap_edges_m, h0))
-            attraction = Attraction(log_gaps, torch.full((41,), i), h0**-2, counted)
+            pull = Pull.of_sine(field.gap_edges_m, torch.ones(41), h0, torch.full((41,), i))
+            attraction = table.attraction(pull, counted)
             exact = field.inverse_square_gap(pressure, h0[i], spots)
             # A cubic on 24 nodes a decade through fourth-order slopes: a few 1e-6 between them.
             torch.testing.assert_close(attraction(torch.log(pressure))[0], exact, rtol=4e-6, atol=0)

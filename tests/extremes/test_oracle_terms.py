@@ -17,6 +17,7 @@ from torch import Tensor
 from haptix import ContactModel, Finger, Screen, Status
 from haptix.contact import MeanField
 from haptix.finger import Roughness
+from haptix.terms import TERMS
 
 # What is asked of the package's grids in I, as in test_independent_mean_field. The oracle's own
 # error is 3e-4 with combined gaps (its nearly closed strips), 3e-5 with plain ones.
@@ -168,6 +169,19 @@ def test_images_are_the_diffusion_between_two_walls(slow: ModuleType) -> None:
     assert load - (x * density).sum() / cells == pytest.approx(plastic, rel=1e-4)
 
 
+def test_every_term_has_an_independent_solution(slow: ModuleType) -> None:
+    assert set(slow.TERMS) == set(TERMS)
+
+
+@pytest.mark.parametrize("force", [1e-4, 0.1, 1.0, 30.0])
+def test_the_apparent_area(force: float, slow: ModuleType) -> None:
+    active = ContactModel(FINGER, SCREEN).solver.terms
+    expected = slow.apparent_area(
+        force, FINGER.apparent_area_at_1n_m2, FINGER.apparent_area_exponent
+    )
+    assert float(active.apparent_area_m2(tensor(force))) == pytest.approx(expected, rel=1e-12)
+
+
 @pytest.mark.parametrize("hardness", [2e5, 5e6, 5e8])
 @pytest.mark.parametrize("spots", ["excluded", "included"])
 def test_friction_of_skin_that_yields(spots: Any, hardness: float, slow: ModuleType) -> None:
@@ -176,7 +190,9 @@ def test_friction_of_skin_that_yields(spots: Any, hardness: float, slow: ModuleT
     model = ContactModel(finger, SCREEN, contact_spots=spots)
     pressure = tensor(1e3, 3e4, 1e6)
     areas = [oracle.area_fraction(float(p)) for p in pressure]
-    assert model.area_fraction(pressure).tolist() == pytest.approx(areas, rel=AREA)
+    assert model.solver.fidelity.contact.area_fraction(pressure).tolist() == pytest.approx(
+        areas, rel=AREA
+    )
     force = 0.3
     applied = force / nominal(finger, force)
     end = float(model.solve(force, 0.0, 1e3, 1e-7).pull_in_voltage_v)
@@ -198,7 +214,7 @@ def test_insulators_skin_and_a_leaking_gap(slow: ModuleType) -> None:
     table = skin.frequency_hz, skin.permittivity, skin.resistivity_ohm_m
     model = ContactModel(FINGER, SCREEN.replace(gap_resistivity_ohm_m=1e6))
     for frequency in (1e-2, 125.0, 3.3e4, 1e7):
-        found = model.effective_thickness(tensor(1.25e-7), tensor(frequency))
+        found = model.solver.terms.thickness(tensor(1.25e-7), tensor(frequency))
         expected = slow.thickness(1.25e-7, frequency, 200e-6, table, 1e6)
         assert complex(found[0]) == pytest.approx(expected, rel=1e-12)  # rounding
 

@@ -84,7 +84,7 @@ def test_every_field_is_a_number_of_its_own_sign(
     assert bool((state.mu > 0).all() and (state.pressure_pa > 0).all())
     # V0 = 0 is the load alone, exactly, whatever the insulator.
     applied = force / float(model.finger.apparent_area_m2(tensor([force])))
-    off = model.area_fraction(tensor([applied]))
+    off = model.solver.fidelity.contact.area_fraction(tensor([applied]))
     if model.fidelity == "mean-field":
         assert state.area_fraction[0].tolist() == pytest.approx([float(off)] * 3, rel=1e-14)
     assert state.mu[0].tolist() == [float(state.mu[0, 0])] * 3

@@ -151,8 +151,8 @@ def leaky(resistivity: float | None) -> ContactModel:
 
 def test_a_leaking_gap_multiplies_the_insulators() -> None:
     frequency, rho = tensor(10.0, 1e3, 1e5), 1e6
-    found = leaky(rho).effective_thickness(tensor(1.25e-7), frequency)
-    dry = leaky(None).effective_thickness(tensor(1.25e-7), frequency)
+    found = leaky(rho).solver.terms.thickness(tensor(1.25e-7), frequency)
+    dry = leaky(None).solver.terms.thickness(tensor(1.25e-7), frequency)
     for i in range(3):
         factor = 1 + 1j / (2 * math.pi * float(frequency[i]) * EPS0 * rho)
         assert complex(found[i]) == pytest.approx(complex(dry[i]) * factor, rel=1e-14, abs=0)

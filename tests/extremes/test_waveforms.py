@@ -10,16 +10,20 @@ from torch import Tensor
 from haptix import ContactModel, Finger, Screen, Status
 from haptix.contact import HalfSpace, MeanField, RoughnessSpectrum
 from haptix.contact.gaps import GapHistogram
-from haptix.electro import SkinDielectric, effective_thickness
+from haptix.electro import SkinDielectric
 from haptix.electro.waveform import pulls
 from haptix.errors import InputError
+from haptix.terms import ActiveTerms, Properties
 from haptix.waves import Waveform
 
 EPS0 = 8.8541878128e-12
-H0, SKIN_M, VOLTAGE, FREQUENCY = 2e-7, 2e-4, 100.0, 200.0
+H0, VOLTAGE, FREQUENCY = 2e-7, 100.0, 200.0
 PHASE = torch.arange(64, dtype=torch.float64) * (2 * math.pi / 64)
 COSINE = Waveform(shift_turns=0.25)
 SKIN = SkinDielectric(frequency_hz=(1.0,), permittivity=(2000.0,), resistivity_ohm_m=(1e5,))
+INSULATORS = ActiveTerms(
+    Properties(Finger(dielectric=SKIN, layer_thickness_m=2e-4), Screen()), {"skin-dielectric"}
+)
 
 
 @pytest.fixture(scope="module")
@@ -38,11 +42,7 @@ def lossless(frequency: Tensor) -> Tensor:
 
 def lossy(frequency: Tensor) -> Tensor:
     # A constant voltage meets the screen's insulator alone: skin that conducts at all is short.
-    still = frequency == 0
-    at = effective_thickness(
-        torch.full_like(frequency, H0), frequency.masked_fill(still, 1.0), SKIN_M, SKIN
-    )
-    return torch.where(still, torch.full_like(at, H0), at)
+    return INSULATORS.thickness(torch.full_like(frequency, H0), frequency)
 
 
 def stress(wave: Waveform, gaps: GapHistogram, thickness: object) -> tuple[Tensor, Tensor]:

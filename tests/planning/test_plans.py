@@ -231,7 +231,7 @@ def test_breakdown_is_told_and_ends_a_surface_only_if_asked(plain):
     assert not told.kept
     found = re.search(r"voltages reach (\d+)% of its voltage", told.why)
     # 60 V across no more than 350 V/um of the thinnest insulator that the scene has.
-    thickness = full_model(plain).effective_thickness(
+    thickness = full_model(plain).solver.terms.thickness(
         torch.tensor(plain.screen.h0_m, dtype=torch.float64),
         torch.tensor(plain.ranges()["frequency_hz"], dtype=torch.float64),
     )

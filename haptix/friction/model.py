@@ -4,58 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from haptix.contact import ContactSpots, GapDistribution, MeanField, named_theory
-from haptix.contact.finite_size import highest_asperity
-from haptix.contact.gaps import bin_inverse_square
 from haptix.contact.meanfield import check_contact_spots
-from haptix.contact.plasticity import elastoplastic_area
-from haptix.electro import drive_strength, drive_voltage, effective_thickness
-from haptix.electro.breakdown import (
-    PASCHEN_MINIMUM_GAP_M,
-    PASCHEN_MINIMUM_V,
-    bearable_field,
-    breakdown_voltage,
-    peak_field,
-)
+from haptix.electro import Pull, drive_voltage
+from haptix.electro.breakdown import breakdown_voltage, peak_field
 from haptix.electro.waveform import fields as fields_in_time
-from haptix.electro.waveform import pulls
 from haptix.errors import InputError, LimitError
 from haptix.fidelity import (
+    FIDELITIES,
+    Ability,
     BoundaryElementBalance,
     BoundaryElementBox,
     BoxedFinger,
-    ClosedForm,
-    Fidelity,
-    Load,
-    MeanFieldBalance,
+    Contact,
+    FidelityName,
     Scatter,
 )
 from haptix.finger import Finger
+from haptix.friction.solver import FrictionSolver
 from haptix.inputs import broadcast_shape, checked
 from haptix.screen import Screen
 from haptix.states import ContactState, PeriodState
 from haptix.status import Status
-from haptix.terms import TERMS, chosen_terms
+from haptix.terms import TERMS, ActiveTerms, Properties, chosen_terms
 from haptix.threads import one_thread
 from haptix.waves import Waveform
-
-FidelityName = Literal["closed-form", "mean-field", "boundary-element"]
 
 LOWEST_FORCE_N, HIGHEST_FORCE_N = 1e-9, 1e6
 """Forces that are solved: far beyond any finger, and far from the ends of double precision."""
 
-_FAINT_V = 1e-9  # pulls are tabulated by their logarithm: no voltage is one that pulls nothing
+_FAINT_V = 1e-9  # attraction is tabulated by its logarithm: no voltage is one that attracts nothing
 _COSINE = Waveform(shift_turns=0.25)  # the drive of the paper
-_SHORTED_M = 1e6  # thickness that leaves a gap no field: what leaks shorts a steady voltage
-
-_BLOCK = 4096  # states solved together: bounds the memory, and fits the cache
-_REFERENCE_FORCE_N = 0.5  # where the closed form is exact; the middle of the paper's range
+_USUAL_FORCE_N = 0.5  # where the closed form is exact; the middle of the paper's range
 
 
 class ContactModel:
@@ -117,121 +103,73 @@ class ContactModel:
         boundary_elements: BoundaryElementBox | None = None,
         on_progress: Callable[[float], None] | None = None,
     ) -> None:
-        if fidelity not in get_args(FidelityName):
-            raise InputError(
-                'fidelity: expected "mean-field", "closed-form" or "boundary-element", got '
-                f"{fidelity!r}"
-            )
+        if fidelity not in FIDELITIES:
+            names = ", ".join(f'"{name}"' for name in FIDELITIES)
+            raise InputError(f"fidelity: expected one of {names}, got {fidelity!r}")
         chosen = named_theory(theory)
+        how = FIDELITIES[fidelity]
         self.theory = theory
         self.contact_spots: ContactSpots = contact_spots or chosen.contact_spots
         check_contact_spots(self.contact_spots)
-        self.boxed = self._boxed(finger, fidelity, boundary_elements)
-        self.on_progress = on_progress
-        self.terms = chosen_terms(terms, finger, screen, fidelity)
+        self.boxed: BoxedFinger | None = None
+        if Ability.SCATTER in how.can:
+            self.boxed = BoxedFinger(finger, boundary_elements or BoundaryElementBox())
+        elif boundary_elements is not None:
+            raise InputError(
+                f'boundary_elements: expected none with fidelity "{fidelity}", got a box; leave it '
+                f"out, or use {_able(Ability.SCATTER)}"
+            )
+        self.terms = chosen_terms(terms, finger, screen, how)
         self.finger = finger
         self.screen = screen
         self.fidelity = fidelity
         self.dtype = dtype
+        active = ActiveTerms(Properties(finger, screen), self.terms)
         self.contact = MeanField(
             (finger.roughness if self.boxed is None else self.boxed.roughness).spectrum(),
-            finger.solid(layered="layered-skin" in self.terms),
+            active.solid(),
             gamma=chosen.gamma if gamma is None else gamma,
             gap_distribution=gap_distribution or chosen.gap_distribution,
             device=device,
             area=chosen.area,
         )
-        self.solver = self._solver()
-
-    def _boxed(
-        self, finger: Finger, fidelity: FidelityName, box: BoundaryElementBox | None
-    ) -> BoxedFinger | None:
-        if fidelity != "boundary-element":
-            if box is None:
-                return None
-            raise InputError(
-                f'boundary_elements: expected none with fidelity "{fidelity}", got a box; leave it '
-                'out, or use "boundary-element"'
-            )
-        if self.contact_spots == "included":
-            raise InputError(
-                'contact_spots: expected "excluded" with fidelity "boundary-element", got '
-                '"included": the pull acts on every point, and inside a spot the contact itself '
-                "bears it"
-            )
-        given = [value for part in (finger, finger.roughness) for _, value in part]
-        if any(isinstance(value, Tensor) and value.requires_grad for value in given):
-            raise InputError(
-                "finger: expected values that need no gradient: boundary elements have none, got a "
-                'tensor that requires grad; detach it, or use fidelity "mean-field"'
-            )
-        return BoxedFinger(finger, box or BoundaryElementBox())
-
-    def _solver(self) -> Fidelity:
-        if self.fidelity == "closed-form":
-            force = torch.tensor(_REFERENCE_FORCE_N, dtype=torch.float64)
-            reference = float(force / self._apparent_area(force))
-            return ClosedForm(self.contact, reference, self.contact_spots)
-        if self.boxed is not None:
-            hardness = self.finger.hardness_pa if "plasticity" in self.terms else None
-            return BoundaryElementBalance(
-                self.boxed,
-                self.finger.solid(layered="layered-skin" in self.terms),
-                None if hardness is None else float(hardness),
-                self.contact.device,
-                self.on_progress,
-            )
-        return MeanFieldBalance(
+        usual = torch.tensor(_USUAL_FORCE_N, dtype=torch.float64)
+        contact = Contact(
             self.contact,
-            self.area_fraction,
-            self._highest_asperity if "finite-size" in self.terms else None,
             self.contact_spots,
-            keeps_table=not self.contact.stress_variance.requires_grad,
+            active.hardness_pa(),
+            float(usual / active.apparent_area_m2(usual)),
+            self.boxed,
+            on_progress,
         )
+        self.solver = FrictionSolver(active, how(contact))
 
-    def area_fraction(self, pressure_pa: Tensor) -> Tensor:
-        """A/A0 at pressures [Pa]: elastic, or elastoplastic where that term is on."""
-        if "plasticity" not in self.terms:
-            return self.contact.area_fraction(pressure_pa)
-        hardness = self.finger.hardness_pa
-        assert hardness is not None  # the term needs it
-        spread = pressure_pa / self.contact.area.argument(pressure_pa / self.contact.stress_rms_pa)
-        return elastoplastic_area(pressure_pa, spread, hardness).total
-
-    def _apparent_area(self, normal_force_n: Tensor) -> Tensor:
-        if "apparent-area" in self.terms:
-            return self.finger.apparent_area_m2(normal_force_n)
-        return self.finger.apparent_area_m2(torch.ones_like(normal_force_n))
-
-    def _highest_asperity(self, apparent_area_m2: Tensor) -> Tensor:
-        spectrum = self.contact.spectrum
-        return highest_asperity(spectrum.h_rms_m, spectrum.q_rolloff, apparent_area_m2)
-
-    def effective_thickness(self, h0_m: Tensor, frequency_hz: Tensor | None) -> Tensor:
-        """h0 of screen, skin and leaking gap [m], real without a frequency, else complex."""
-        skin = self.finger.dielectric if "skin-dielectric" in self.terms else None
-        leak = self.screen.gap_resistivity_ohm_m if "leaky-gap" in self.terms else None
-        if leak is not None and frequency_hz is None:
+    def require(self, ability: Ability, who: str) -> None:
+        """Raise `InputError` unless the fidelity has an ability that `who` needs."""
+        if ability not in FIDELITIES[self.fidelity].can:
             raise InputError(
-                'frequency_hz: expected one, since the term "leaky-gap" depends on it; give one or '
-                "switch the term off"
+                f"{who}: expected a fidelity that {ability} ({_able(ability)}), got "
+                f'"{self.fidelity}"'
             )
-        return effective_thickness(h0_m, frequency_hz, self.finger.layer_thickness_m, skin, leak)
+
+    def reports(self, status: Status) -> bool:
+        """Whether a term that is on reports this status."""
+        return any(term.reports == status for term in self.solver.terms.all)
 
     def describe(self) -> dict[str, Any]:
         """Everything that determines the model's numbers, as plain values for files and hashes."""
         # The response smooths friction in time: it changes none of the model's numbers.
         finger = self.finger.model_dump(mode="json", exclude={"response_hz_per_mm_per_s"})
         screen = self.screen.model_dump(mode="json")
+        values = {"finger": finger, "screen": screen}
         terms = {}
         for name, term in TERMS.items():
-            used = {f"finger.{field}": finger[field] for field in term.finger_fields}
-            used |= {f"screen.{field}": screen[field] for field in term.screen_fields}
+            places = [(field, *field.split(".")) for field in term.uses]
             terms[name] = {
                 "on": name in self.terms,
                 "what": term.summary,
                 "source": term.source,
-                "parameters": used,
+                "parameters": {field: values[owner][key] for field, owner, key in places},
             }
         boxed = {} if self.boxed is None else {"boundary_elements": self.boxed.describe()}
         return {
@@ -251,13 +189,11 @@ class ContactModel:
         }
 
     def placeholders(self) -> list[str]:
-        """Name the stand-ins for measured data that the model's numbers rest on."""
+        """Names of the unmeasured values that the model's numbers rest on."""
         found = []
         if self.finger.roughness.is_placeholder:
             found.append("roughness spectrum of the finger")
-        if "skin-dielectric" in self.terms and self.finger.dielectric.is_placeholder:
-            found.append("dielectric of the skin")
-        return found + self.screen.doubts()
+        return found + self.solver.terms.placeholders() + self.screen.doubts()
 
     @one_thread()
     def solve(
@@ -287,8 +223,7 @@ class ContactModel:
         LimitError
             If a voltage is above the screen's limit.
         """
-        voltage = self._checked("voltage_v", voltage_v, "of 0 V or more", zero=True)
-        self._check_limit(voltage)
+        voltage = self._voltage(voltage_v)
         return self._solve(voltage, *self._places(normal_force_n, frequency_hz, h0_m))
 
     @one_thread()
@@ -305,11 +240,7 @@ class ContactModel:
         drive : float or Tensor
             0 or more.
         """
-        if self.boxed is not None:
-            raise InputError(
-                'at_drive: expected a fidelity that knows every pull-in, got "boundary-element"; '
-                "solve at voltages instead"
-            )
+        self.require(Ability.TABULATE, "at_drive")
         share = self._checked("drive", drive, "of 0 or more", zero=True)
         places = self._places(normal_force_n, frequency_hz, h0_m)
         pull_in = self._solve(share.new_zeros(()), *places).pull_in_voltage_v
@@ -317,9 +248,7 @@ class ContactModel:
 
     def bends(self) -> dict[str, tuple[float, ...]]:
         """Values of an input at which the model has a corner: where a surface needs a node."""
-        if "skin-dielectric" not in self.terms:
-            return {}
-        return {"frequency_hz": self.finger.dielectric.frequency_hz}
+        return self.solver.terms.bends()
 
     def _places(
         self, normal_force_n: Any, frequency_hz: Any, h0_m: Any
@@ -339,61 +268,44 @@ class ContactModel:
     def _solve(
         self, voltage: Tensor, force: Tensor, frequency_hz: Tensor | None, h0: Tensor
     ) -> ContactState:
+        force, voltage, column, thickness, shape = self._flat(voltage, force, frequency_hz, h0)
+        mu, found = self.solver.solve_in_blocks(
+            force, lambda at: self._pull(voltage[at], thickness, column[at])
+        )
+        own = thickness[column]
+        breakdown = breakdown_voltage(
+            own, self.screen.insulator_permittivity, self.screen.insulator_strength_v_per_m
+        )
+        solved = {
+            "mu": mu,
+            "area_fraction": found.area_fraction,
+            "pressure_pa": found.pressure_pa,
+            "gap_attraction_pa": found.gap_attraction_pa,
+            "spot_attraction_pa": found.spot_attraction_pa,
+            "mean_gap_m": found.mean_gap_m,
+            "pull_in_voltage_v": drive_voltage(found.strength_at_end),
+            "peak_field_v_per_m": peak_field(voltage, own),
+            "breakdown_voltage_v": breakdown,
+        }
+        status = self.solver.terms.status(found.is_stable, lambda gap: voltage / (gap + own).abs())
+        return ContactState(
+            **{name: value.to(self.dtype).reshape(shape) for name, value in solved.items()},
+            status=status.reshape(shape),
+        )
+
+    def _flat(
+        self, voltage: Tensor, force: Tensor, frequency_hz: Tensor | None, h0: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, torch.Size]:
+        """Force, voltage and column of every state, h0 of every column, and the states' shape."""
         given = [force, voltage, h0] + ([] if frequency_hz is None else [frequency_hz])
         shape = broadcast_shape(*given)
-        thickness = self.effective_thickness(h0, frequency_hz)
-        # Blocks come in the order of the forces: a table that grew with each would be solved often.
-        area = self._apparent_area(force)
-        self.solver.prepare(force / area, area)
+        thickness = self.solver.terms.thickness(h0, frequency_hz)
         column = torch.arange(thickness.numel(), device=thickness.device).reshape(thickness.shape)
-        flat = [t.expand(shape).reshape(-1) for t in (force, voltage, column)]
-        blocks = [
-            self._solve_block(force, voltage, column, thickness.reshape(-1))
-            for force, voltage, column in zip(*(t.split(_BLOCK) for t in flat), strict=True)
-        ]
-        return ContactState(
-            *(
-                torch.cat([getattr(block, field.name) for block in blocks]).reshape(shape)
-                for field in fields(ContactState)
-            )
-        )
+        force, voltage, column = (t.expand(shape).reshape(-1) for t in (force, voltage, column))
+        return force, voltage, column, thickness.reshape(-1), shape
 
-    def _solve_block(
-        self, force: Tensor, voltage: Tensor, column: Tensor, thickness: Tensor
-    ) -> ContactState:
-        # Only the insulators that this block meets: with many, a table of all would not fit.
-        used, column = column.unique(return_inverse=True)
-        thickness = thickness[used]
-        load = self._load(force, voltage, column, thickness)
-        area = load.apparent_area_m2
-        found = self.solver.solve(load)
-        friction = self.finger.frictional_shear_stress_pa * found.area_fraction * area
-        own_thickness = thickness[column]
-        breakdown = breakdown_voltage(own_thickness, *self._insulator)
-        return ContactState(
-            mu=(friction / force).to(self.dtype),
-            area_fraction=found.area_fraction.to(self.dtype),
-            pressure_pa=found.pressure_pa.to(self.dtype),
-            gap_attraction_pa=found.gap_attraction_pa.to(self.dtype),
-            spot_attraction_pa=found.spot_attraction_pa.to(self.dtype),
-            mean_gap_m=found.mean_gap_m.to(self.dtype),
-            pull_in_voltage_v=drive_voltage(found.strength_at_end).to(self.dtype),
-            peak_field_v_per_m=peak_field(voltage, own_thickness).to(self.dtype),
-            breakdown_voltage_v=breakdown.to(self.dtype),
-            status=self._status(found.is_stable, voltage > breakdown),
-        )
-
-    def _load(self, force: Tensor, voltage: Tensor, column: Tensor, thickness: Tensor) -> Load:
-        area = self._apparent_area(force)
-        return Load(
-            applied_pa=force / area,
-            apparent_area_m2=area,
-            strength=drive_strength(voltage),
-            gap_pull=bin_inverse_square(self.contact.gap_edges_m, thickness),
-            spot_pull=thickness.abs() ** -2,
-            column=column,
-            thickness_m=thickness,
-        )
+    def _pull(self, voltage: Tensor, thickness: Tensor, column: Tensor) -> Pull:
+        return Pull.of_sine(self.contact.gap_edges_m, voltage, thickness, column)
 
     @one_thread()
     def scatter(
@@ -417,20 +329,13 @@ class ContactModel:
         InputError, LimitError
             As `solve` does; or if the fidelity is another one.
         """
-        if not isinstance(self.solver, BoundaryElementBalance):
-            raise InputError(
-                f'scatter: expected fidelity "boundary-element", got "{self.fidelity}", which has '
-                "no surfaces that could scatter"
-            )
-        voltage = self._checked("voltage_v", voltage_v, "of 0 V or more", zero=True)
-        self._check_limit(voltage)
-        force, frequency, h0 = self._places(normal_force_n, frequency_hz, h0_m)
-        shape = broadcast_shape(*(t for t in (force, voltage, h0, frequency) if t is not None))
-        thickness = self.effective_thickness(h0, frequency)
-        column = torch.arange(thickness.numel(), device=thickness.device).reshape(thickness.shape)
-        force, voltage, column = (t.expand(shape).reshape(-1) for t in (force, voltage, column))
-        load = self._load(force, voltage, column, thickness.reshape(-1))
-        found = self.solver.scatter(load)
+        self.require(Ability.SCATTER, "scatter")
+        fidelity = self.solver.fidelity
+        assert isinstance(fidelity, BoundaryElementBalance)
+        voltage = self._voltage(voltage_v)
+        places = self._places(normal_force_n, frequency_hz, h0_m)
+        force, voltage, column, thickness, shape = self._flat(voltage, *places)
+        found = fidelity.scatter(self.solver.load(force, self._pull(voltage, thickness, column)))
         return Scatter(*(getattr(found, one.name).reshape(*shape, -1) for one in fields(Scatter)))
 
     @one_thread()
@@ -462,66 +367,51 @@ class ContactModel:
             As `solve` does.
         """
         waveform = _COSINE if waveform is None else waveform
+        self.require(Ability.INSTANTS, "over_period")
         if samples < 8:
             raise InputError(f"samples: expected 8 or more in a period, got {samples}")
         force = self._checked("normal_force_n", normal_force_n, "above 0 N").expand(samples)
-        voltage = self._checked("voltage_v", voltage_v, "of 0 V or more", zero=True)
+        voltage = self._voltage(voltage_v)
         frequency = self._checked("frequency_hz", frequency_hz, "above 0 Hz")
         h0 = self._checked("h0_m", self.screen.h0_m if h0_m is None else h0_m, "above 0 m")
-        self._check_limit(voltage)
-        column = torch.arange(samples, device=self.contact.device)
         turns = np.arange(samples) / samples
         phase = 2 * torch.pi * torch.from_numpy(turns).to(self.contact.device)
         drive = (
             max(float(voltage), _FAINT_V),
             float(frequency),
-            lambda harmonic: self._harmonic_thickness(h0, harmonic),
+            lambda harmonic: self.solver.terms.thickness(h0, harmonic),
             phase,
         )
-        gap_pull, spot_pull = pulls(waveform, self.contact.gap_edges_m, *drive)
-        # At the edge of a spot, and in the gap where air gives way first.
-        weakest = self.contact.gap_edges_m.new_tensor([0.0, PASCHEN_MINIMUM_GAP_M])
-        at_spot, in_gap = fields_in_time(waveform, weakest, *drive).abs().unbind(-1)
-        broken = (at_spot > bearable_field(*self._insulator)) | (
-            in_gap * PASCHEN_MINIMUM_GAP_M > PASCHEN_MINIMUM_V
+        edges = self.contact.gap_edges_m
+        mu, found = self.solver.solve(force, Pull.of_period(edges, waveform, *drive))
+        status = self.solver.terms.status(
+            found.is_stable,
+            lambda gap: fields_in_time(waveform, edges.new_tensor([gap]), *drive).abs()[:, 0],
         )
-        area = self._apparent_area(force)
-        load = Load(force / area, area, torch.ones_like(phase), gap_pull, spot_pull, column)
-        found = self.solver.solve(load)
-        friction = self.finger.frictional_shear_stress_pa * found.area_fraction * area / force
         return PeriodState(
             t_s=(phase / (2 * torch.pi * frequency)).to(self.dtype),
             drive_v=(voltage * torch.from_numpy(waveform.at(turns))).to(self.dtype),
             attraction_pa=(found.gap_attraction_pa + found.spot_attraction_pa).to(self.dtype),
             pressure_pa=found.pressure_pa.to(self.dtype),
-            mu=friction.to(self.dtype),
-            status=self._status(found.is_stable, broken),
+            mu=mu.to(self.dtype),
+            status=status,
         )
-
-    @property
-    def _insulator(self) -> tuple[float, float]:
-        return self.screen.insulator_permittivity, self.screen.insulator_strength_v_per_m
-
-    def _status(self, is_stable: Tensor, breaks_down: Tensor) -> Tensor:
-        status = torch.where(is_stable, int(Status.OK), int(Status.PULL_IN))
-        if "breakdown" not in self.terms:
-            return status
-        return torch.where(is_stable & breaks_down, int(Status.BREAKDOWN), status)
-
-    def _harmonic_thickness(self, h0: Tensor, frequency_hz: Tensor) -> Tensor:
-        """h0 at harmonics of a drive; to a steady voltage skin and leaky gap are conductors."""
-        steady = frequency_hz == 0
-        thickness = self.effective_thickness(h0, torch.where(steady, 1.0, frequency_hz))
-        at_rest = _SHORTED_M if "leaky-gap" in self.terms else float(h0)
-        return torch.where(steady, at_rest, thickness)
 
     def _checked(self, name: str, value: Any, expected: str, zero: bool = False) -> Tensor:
         return checked(name, value, expected, self.contact.device, zero)
 
-    def _check_limit(self, voltage: Tensor) -> None:
+    def _voltage(self, voltage_v: Any) -> Tensor:
+        """Check amplitudes, the screen's limit included."""
+        voltage = self._checked("voltage_v", voltage_v, "of 0 V or more", zero=True)
         highest = float(voltage.detach().max())
         if highest > self.screen.max_voltage_v:
             raise LimitError(
                 f"voltage_v: {highest:g} V is above the limit of {self.screen.max_voltage_v:g} V "
                 f"of screen {self.screen.name!r}; lower it (it is rejected, not clamped)"
             )
+        return voltage
+
+
+def _able(ability: Ability) -> str:
+    """Names of the fidelities that have an ability."""
+    return " or ".join(f'"{name}"' for name, how in FIDELITIES.items() if ability in how.can)

@@ -1,0 +1,172 @@
+"""The attraction of a batch of states as a function of the gap, for every kind of drive."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Self
+
+import torch
+from torch import Tensor
+
+from haptix.contact.gaps import bin_inverse_square
+from haptix.electro.dielectric import VACUUM_PERMITTIVITY
+from haptix.electro.waveform import pulls
+from haptix.waves import Waveform
+
+# In complete contact no gap is left to attract, and at no voltage nothing does; this share of what
+# a gap of zero would add keeps logarithms finite there.
+_LEAST_SHARE = 1e-15
+
+
+def drive_strength(voltage_v: Tensor) -> Tensor:
+    """``eps0 V0^2 / 4`` [N]: times ``<1/|u + h0|^2>`` it is the mean attraction (paper, Eq. 1)."""
+    return VACUUM_PERMITTIVITY / 4 * voltage_v**2
+
+
+def drive_voltage(strength: Tensor) -> Tensor:
+    """Invert `drive_strength`: amplitude V0 [V]."""
+    return (4 / VACUUM_PERMITTIVITY * strength).sqrt()
+
+
+@dataclass(frozen=True)
+class Pull:
+    """Attraction ``strength * sum_k weight_k kernel_k(u)`` of states on gaps u.
+
+    Parameters
+    ----------
+    strength : Tensor, shape (states,)
+        Such as ``eps0 V0^2/4`` [N].
+    kernel : Tensor, shape (columns, kernels, bins)
+        Mean over each bin of the contact's `gap_edges_m`. A column is what states have in common:
+        an insulator, an instant or a stroke.
+    spot : Tensor, shape (columns, kernels)
+        The same in a contact spot.
+    column : Tensor of int, shape (states,), optional
+        The column of each state; not needed with weights.
+    weight : Tensor, shape (columns, states of each, kernels), optional
+        Of the kernels, column by column; None where there is one kernel, of weight 1.
+    thickness_m : Tensor, shape (columns,), optional
+        h0 [m], real or complex, for the mean attraction of a sine; None for other drives.
+    """
+
+    strength: Tensor
+    kernel: Tensor
+    spot: Tensor
+    column: Tensor | None = None
+    weight: Tensor | None = None
+    thickness_m: Tensor | None = None
+
+    @classmethod
+    def of_sine(
+        cls, gap_edges_m: Tensor, voltage_v: Tensor, thickness_m: Tensor, column: Tensor
+    ) -> Self:
+        """Mean over the period of a sine of amplitude V0 [V], with h0 [m] for each column."""
+        used, column = column.unique(return_inverse=True)
+        thickness_m = thickness_m[used]
+        kernel = bin_inverse_square(gap_edges_m, thickness_m)[:, None]
+        spot = thickness_m.abs()[:, None] ** -2
+        return cls(drive_strength(voltage_v), kernel, spot, column, None, thickness_m)
+
+    @classmethod
+    def of_period(
+        cls,
+        gap_edges_m: Tensor,
+        waveform: Waveform,
+        voltage_v: float,
+        frequency_hz: float,
+        thickness_m: Callable[[Tensor], Tensor],
+        phase: Tensor,
+    ) -> Self:
+        """Attraction at each phase [rad] of a drive; see `haptix.electro.waveform.pulls`."""
+        drive = (voltage_v, frequency_hz, thickness_m, phase)
+        gaps, spot = pulls(waveform, gap_edges_m, *drive)
+        column = torch.arange(len(phase), device=phase.device)
+        return cls(torch.ones_like(phase), gaps[:, None], spot[:, None], column)
+
+    @classmethod
+    def of_ripple(
+        cls, gap_edges_m: Tensor, voltage_v: Tensor, thickness_m: Tensor, swing: Tensor
+    ) -> Self:
+        """Attraction of sines whose part at twice the frequency is given, at instants of each.
+
+        The squared field in a gap u is ``(|g|^2 + Re(g^2 swing)) / 2`` with ``g = 1/(u + h0)``.
+
+        Parameters
+        ----------
+        voltage_v, thickness_m : Tensor, shape (sines,)
+            Amplitude [V] and complex h0 [m] of each.
+        swing : Tensor of complex, shape (sines, instants)
+            ``exp(-2 i w t)``, times what a response leaves of it.
+        """
+        gap = torch.cat([middle_gaps(gap_edges_m), gap_edges_m[:1]])
+        inverse = 1 / (gap + thickness_m[:, None])
+        square = inverse**2
+        kernel = torch.stack([inverse.real**2 + inverse.imag**2, square.real, square.imag], 1)
+        weight = torch.stack([torch.ones_like(swing.real), swing.real, -swing.imag], -1)
+        strength = drive_strength(voltage_v)[:, None].expand(swing.shape).reshape(-1)
+        return cls(strength, kernel[..., :-1], kernel[..., -1], weight=weight)
+
+    @classmethod
+    def of_squares(
+        cls, gap_edges_m: Tensor, squares: Tensor, basis: Tensor, reference_m: float
+    ) -> Self:
+        """Attraction by the squared field at a few points in the gap, ``eps0 E^2 / 2``.
+
+        Parameters
+        ----------
+        squares : Tensor, shape (states, points)
+            ``(E (u + reference))^2`` [V^2] at the points.
+        basis : Tensor, shape (points, bins + 1)
+            Weight of each point in the gap that stands for each bin (`middle_gaps`), then in a
+            contact spot.
+        reference_m : float
+            The length that `squares` are referred to [m].
+        """
+        stress = VACUUM_PERMITTIVITY / 2 * basis[None]
+        gaps = bin_inverse_square(gap_edges_m, gap_edges_m.new_tensor(reference_m))
+        kernel, spot = stress[..., :-1] * gaps, stress[..., -1] / reference_m**2
+        return cls(squares.new_ones(len(squares)), kernel, spot, weight=squares[None])
+
+    def scaled(self, factor: float | Tensor) -> Self:
+        """The same attraction times a factor."""
+        return replace(self, strength=self.strength * factor)
+
+    def on_gaps(self, mass: Tensor) -> Tensor:
+        """Attraction per strength, shape (distributions, own columns), for masses of gap bins.
+
+        Parameters
+        ----------
+        mass : Tensor, shape (distributions, bins)
+            Share of the area in each bin.
+        """
+        each: Tensor = torch.tensordot(mass, self.kernel, dims=([-1], [-1]))
+        if self.weight is None:
+            return each[..., 0] + _LEAST_SHARE * self.kernel[:, 0].amax(-1)
+        # Rounding leaves a little below zero where the field passes through it.
+        least = _LEAST_SHARE * self.kernel.abs().amax()
+        return _weighted(each, self.weight).clamp(min=0.0) + least
+
+    def on_spots(self) -> Tensor:
+        """Attraction per strength in a contact spot, shape (own columns,)."""
+        if self.weight is None:
+            return self.spot[:, 0]
+        return _weighted(self.spot[None], self.weight)[0].clamp(min=0.0)
+
+    @property
+    def own_column(self) -> Tensor:
+        """Which of the columns of `on_gaps` each state has: with weights, one of its own."""
+        if self.column is not None:
+            return self.column
+        return torch.arange(len(self.strength), device=self.strength.device)
+
+
+def _weighted(each: Tensor, weight: Tensor) -> Tensor:
+    """Sum over kernels: (distributions, columns, kernels) to (distributions, states)."""
+    by_column = torch.bmm(each.transpose(0, 1), weight.transpose(1, 2))
+    return by_column.transpose(0, 1).reshape(len(each), -1)
+
+
+def middle_gaps(gap_edges_m: Tensor) -> Tensor:
+    """The gap [m] that stands for each bin: where gaps are wide, 1/u^2 has its mean there."""
+    return (gap_edges_m[:-1] * gap_edges_m[1:]).sqrt()

@@ -1,0 +1,6 @@
+"""Friction of a finger on a screen: a solver of loads, and the contact model around it."""
+
+from haptix.friction.model import HIGHEST_FORCE_N, LOWEST_FORCE_N, ContactModel
+from haptix.friction.solver import FrictionSolver
+
+__all__ = ["HIGHEST_FORCE_N", "LOWEST_FORCE_N", "ContactModel", "FrictionSolver"]

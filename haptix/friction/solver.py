@@ -1,0 +1,74 @@
+"""From a load to its friction, whatever drives it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from haptix.electro import Pull
+from haptix.fidelity import Balance, Fidelity, Load
+from haptix.terms import ActiveTerms
+
+_BLOCK = 4096  # states solved together: bounds the memory, and fits the cache
+
+
+class FrictionSolver:
+    """Solves flat batches of states.
+
+    Parameters
+    ----------
+    terms : ActiveTerms
+        The terms that are on, and the properties that they act on.
+    fidelity : Fidelity
+        How the equilibrium is found.
+    """
+
+    def __init__(self, terms: ActiveTerms, fidelity: Fidelity) -> None:
+        self.terms = terms
+        self.fidelity = fidelity
+
+    def solve(self, normal_force_n: Tensor, pull: Pull) -> tuple[Tensor, Balance]:
+        """Return the friction coefficient and the equilibrium of each state.
+
+        Parameters
+        ----------
+        normal_force_n : Tensor, shape (states,)
+            Normal forces [N].
+        pull : Pull
+            Their attraction against the gap.
+        """
+        given, load = self.terms.given, self.load(normal_force_n, pull)
+        found = self.fidelity.solve(load)
+        shear = given.finger.frictional_shear_stress_pa
+        return shear * found.area_fraction / (load.applied_pa * given.unit_pa), found
+
+    def load(self, normal_force_n: Tensor, pull: Pull) -> Load:
+        """Return what the fidelity is given for these states."""
+        applied, widest = self._at_rest(normal_force_n)
+        return Load(applied, pull.scaled(1 / self.terms.given.unit_pa), widest)
+
+    def solve_in_blocks(
+        self, normal_force_n: Tensor, pull_of: Callable[[slice], Pull]
+    ) -> tuple[Tensor, Balance]:
+        """Solve many states a block at a time, with the `Pull` that `pull_of` gives for each."""
+        # Blocks come in the order of the forces: a table that grew with each would be solved often.
+        self.prepare(normal_force_n)
+        starts = range(0, len(normal_force_n), _BLOCK)
+        solved = [
+            self.solve(normal_force_n[at], pull_of(at))
+            for at in (slice(first, first + _BLOCK) for first in starts)
+        ]
+        mu, found = zip(*solved, strict=True)
+        return torch.cat(mu), Balance.joined(found)
+
+    def prepare(self, normal_force_n: Tensor) -> None:
+        """Make what all states of these normal forces [N] share, such as tables."""
+        self.fidelity.prepare(*self._at_rest(normal_force_n))
+
+    def _at_rest(self, normal_force_n: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Applied pressure in the fidelity's unit, and widest mean gap [m]."""
+        area = self.terms.apparent_area_m2(normal_force_n)
+        widest = self.terms.widest_gap_m(area, self.fidelity.contact.field.spectrum)
+        return normal_force_n / area / self.terms.given.unit_pa, widest

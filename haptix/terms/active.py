@@ -1,0 +1,117 @@
+"""The terms that are on, applied stage by stage."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from haptix.contact import ElasticSolid, HalfSpace, RoughnessSpectrum
+from haptix.errors import InputError
+from haptix.status import Status
+from haptix.terms.registry import TERMS
+from haptix.terms.term import FieldInGap, Properties
+
+_STEADY_HZ = 1e-9  # of a steady voltage: a period of 30 years, in which all that leaks conducts
+
+
+class ActiveTerms:
+    """What the properties of finger and screen come to with the terms that are on.
+
+    Parameters
+    ----------
+    given : Properties
+        Values of finger and screen.
+    names : iterable of str
+        Names of the terms that are on.
+    """
+
+    def __init__(self, given: Properties, names: Iterable[str]) -> None:
+        on = set(names)
+        self.given = given
+        self.all = tuple(term for name, term in TERMS.items() if name in on)
+
+    def solid(self) -> ElasticSolid:
+        """The elastic solid, from a half-space of the stratum corneum."""
+        finger = self.given.finger
+        solid: ElasticSolid = HalfSpace(finger.youngs_modulus_pa, finger.poisson_ratio)
+        for term in self.all:
+            solid = term.solid(solid, self.given)
+        return solid
+
+    def hardness_pa(self) -> float | Tensor | None:
+        """Stress [Pa] at which the skin yields; None for elastic skin."""
+        hardness: float | Tensor | None = None
+        for term in self.all:
+            hardness = term.hardness(hardness, self.given)
+        return hardness
+
+    def apparent_area_m2(self, normal_force_n: Tensor) -> Tensor:
+        """A0 [m^2] at normal forces [N] of any shape, from that at 1 N."""
+        area = self.given.finger.apparent_area_m2(torch.ones_like(normal_force_n))
+        for term in self.all:
+            area = term.size(area, normal_force_n, self.given)
+        return area
+
+    def widest_gap_m(self, area_m2: Tensor, spectrum: RoughnessSpectrum) -> Tensor | None:
+        """Largest mean gap [m] at apparent areas [m^2]; None for no limit."""
+        widest: Tensor | None = None
+        for term in self.all:
+            widest = term.gaps(widest, area_m2, spectrum)
+        return widest
+
+    def thickness(self, h0_m: Tensor, frequency_hz: Tensor | None) -> Tensor:
+        """Effective thickness h0 [m] of everything that insulates.
+
+        Parameters
+        ----------
+        h0_m : Tensor
+            That of the screen's film.
+        frequency_hz : Tensor or None
+            Frequencies [Hz], which broadcast with `h0_m`, 0 for a steady voltage. Without one the
+            skin counts as a conductor, and `h0_m` comes back as it is.
+
+        Returns
+        -------
+        Tensor
+            Complex with a frequency, real without.
+
+        Raises
+        ------
+        InputError
+            If a term that is on needs a frequency, and there is none.
+        """
+        if frequency_hz is None:
+            for term in self.all:
+                if term.needs_frequency:
+                    raise InputError(
+                        f'frequency_hz: expected one, since the term "{term.name}" depends on it; '
+                        "give one or switch the term off"
+                    )
+            return h0_m
+        frequency = frequency_hz.clamp(min=_STEADY_HZ)
+        thickness = torch.complex(h0_m, torch.zeros_like(h0_m))
+        for term in self.all:
+            thickness = term.insulators(thickness, frequency, self.given)
+        return thickness.expand(np.broadcast_shapes(h0_m.shape, frequency.shape))
+
+    def status(self, is_stable: Tensor, field: FieldInGap) -> Tensor:
+        """`haptix.Status` of states whose light contact holds or not, given their field."""
+        status = torch.where(is_stable, int(Status.OK), int(Status.PULL_IN))
+        for term in self.all:
+            status = term.status(status, field, self.given)
+        return status
+
+    def bends(self) -> dict[str, tuple[float, ...]]:
+        """Values of an input at which friction has a corner: where a surface needs a node."""
+        found: dict[str, tuple[float, ...]] = {}
+        for term in self.all:
+            for name, values in term.bends(self.given).items():
+                found[name] = tuple(sorted({*found.get(name, ()), *values}))
+        return found
+
+    def placeholders(self) -> list[str]:
+        """Names of the unmeasured values that the terms rest on."""
+        return [name for term in self.all for name in term.placeholders(self.given)]
