@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from haptix.errors import check_positive
+from haptix import checks
 
 Array = npt.NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class FingerResponse:
     response_hz_per_mm_per_s: float
 
     def __post_init__(self) -> None:
-        check_positive("response_hz_per_mm_per_s", self.response_hz_per_mm_per_s)
+        checks.positive("response_hz_per_mm_per_s", self.response_hz_per_mm_per_s)
 
     def gain(
         self, frequency_hz: float | Array, speed_mm_per_s: float | Array

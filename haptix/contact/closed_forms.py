@@ -12,7 +12,8 @@ from math import pi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from haptix.errors import InputError, check_positive
+from haptix import checks
+from haptix.errors import InputError
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12  # [F/m], CODATA 2018
 
@@ -37,8 +38,8 @@ class HertzSphere:
     modulus_pa: float
 
     def __post_init__(self) -> None:
-        check_positive("radius_m", self.radius_m)
-        check_positive("modulus_pa", self.modulus_pa)
+        checks.positive("radius_m", self.radius_m)
+        checks.positive("modulus_pa", self.modulus_pa)
 
     def contact_radius_m(self, force_n: ArrayLike) -> Array:
         """``a = (3 F R / 4 E*)^(1/3)`` [m] under a force [N]."""
@@ -80,7 +81,7 @@ class WavySurface:
 
     def __post_init__(self) -> None:
         for name in ("amplitude_m", "wavelength_m", "modulus_pa"):
-            check_positive(name, getattr(self, name))
+            checks.positive(name, getattr(self, name))
 
     @property
     def full_contact_pressure_pa(self) -> float:
@@ -133,7 +134,7 @@ def crossed_waves_full_contact_pressure(
         ("wavelength_m", wavelength_m),
         ("modulus_pa", modulus_pa),
     ):
-        check_positive(name, value)
+        checks.positive(name, value)
     return 2**0.5 * pi * modulus_pa * amplitude_m / wavelength_m
 
 
@@ -160,8 +161,8 @@ class PlateOnSpring:
     insulator_m: float = 0.0
 
     def __post_init__(self) -> None:
-        check_positive("stiffness_pa_per_m", self.stiffness_pa_per_m)
-        check_positive("gap_m", self.gap_m)
+        checks.positive("stiffness_pa_per_m", self.stiffness_pa_per_m)
+        checks.positive("gap_m", self.gap_m)
         _not_negative("insulator_m", self.insulator_m)
 
     @property

@@ -8,7 +8,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from haptix.errors import InputError, check_positive
+from haptix import checks
+from haptix.errors import InputError
 
 
 class ElasticSolid(Protocol):
@@ -40,7 +41,7 @@ class HalfSpace:
     poisson_ratio: float = 0.5
 
     def __post_init__(self) -> None:
-        check_positive("youngs_modulus_pa", self.youngs_modulus_pa)
+        checks.positive("youngs_modulus_pa", self.youngs_modulus_pa)
         _check_poisson("poisson_ratio", self.poisson_ratio)
 
     def effective_modulus(self, q: Tensor) -> Tensor:
@@ -74,7 +75,7 @@ class Layered:
 
     def __post_init__(self) -> None:
         for name in ("layer_modulus_pa", "thickness_m", "bulk_modulus_pa"):
-            check_positive(name, getattr(self, name))
+            checks.positive(name, getattr(self, name))
         for name in ("layer_poisson_ratio", "bulk_poisson_ratio"):
             _check_poisson(name, getattr(self, name))
 

@@ -10,7 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from haptix.errors import InputError, check_positive
+from haptix import checks
+from haptix.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class RoughnessSpectrum:
             If a value is outside its range.
         """
         for name, value in (("h_rms_m", h_rms_m), ("q0", q0), ("q1", q1), ("hurst", hurst)):
-            check_positive(name, value)
+            checks.positive(name, value)
         if hurst > 1:
             raise InputError(f"hurst: expected a Hurst exponent in (0, 1], got {hurst:g}")
         if not q0 <= q_rolloff <= q1 or q0 == q1:
@@ -121,7 +122,7 @@ class RoughnessSpectrum:
             height_m, pixel_m = _read_topography(height_m, pixel_m)
         if pixel_m is None:
             raise InputError("pixel_m: expected the distance between pixels [m], got None")
-        check_positive("pixel_m", pixel_m)
+        checks.positive("pixel_m", pixel_m)
         height = np.asarray(height_m, dtype=float)
         if height.ndim != 2 or min(height.shape) < 8 or not np.isfinite(height).all():
             raise InputError(

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from haptix import checks
 from haptix.contact.area import AreaLaw
 from haptix.contact.meanfield import ContactSpots, GapDistribution
-from haptix.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,4 @@ THEORIES: Mapping[str, Theory] = {
 
 def named_theory(name: str) -> Theory:
     """Look a theory up, or say which exist."""
-    if name not in THEORIES:
-        raise InputError(f"theory: expected one of {', '.join(THEORIES)}, got {name!r}")
-    return THEORIES[name]
+    return THEORIES[checks.choice("theory", name, THEORIES)]

@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from haptix.errors import InputError, check_positive
+from haptix import checks
+from haptix.errors import InputError
 from haptix.waves import Waveform, sine, turns
 
 Array = npt.NDArray[np.float64]
@@ -34,11 +35,11 @@ class Drive(ABC):
     frequency_hz: float
 
     def __post_init__(self) -> None:
-        check_positive("frequency_hz", self.frequency_hz)
+        checks.positive("frequency_hz", self.frequency_hz)
 
     def check_rate(self, sample_rate_hz: float) -> None:
         """Raise `InputError` unless a device of this sample rate can play the drive."""
-        check_positive("sample_rate_hz", sample_rate_hz)
+        checks.positive("sample_rate_hz", sample_rate_hz)
         if self.frequency_hz > sample_rate_hz / 4:
             raise InputError(
                 f"frequency_hz: expected at most a quarter of the device's {sample_rate_hz:g} "
@@ -95,7 +96,7 @@ class DriverCarrier(SineCarrier):
 
     def check_rate(self, sample_rate_hz: float) -> None:
         """Accept any rate: the samples hold only the envelope."""
-        check_positive("sample_rate_hz", sample_rate_hz)
+        checks.positive("sample_rate_hz", sample_rate_hz)
 
     def modulate(self, amplitude_v: Array, first_sample: int, sample_rate_hz: float) -> Array:
         """Return the amplitudes themselves."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from haptix.errors import InputError, check_positive
+from haptix import checks
 from haptix.touch import TouchSettings
 
 Combination = Literal["strongest", "first", "mean"]
@@ -82,13 +82,9 @@ class RenderSettings:
     keep_blocks: bool = False
 
     def __post_init__(self) -> None:
-        check_positive("block_s", self.block_s)
-        if self.combination not in get_args(Combination):
-            raise InputError(
-                f'combination: expected "strongest", "first" or "mean", got {self.combination!r}'
-            )
-        if not self.slew_v_per_s > 0:
-            raise InputError(f"slew_v_per_s: expected a number above 0, got {self.slew_v_per_s!r}")
+        checks.positive("block_s", self.block_s)
+        checks.choice("combination", self.combination, get_args(Combination))
+        checks.positive("slew_v_per_s", self.slew_v_per_s, open_end=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,4 +109,4 @@ class LiveSettings(RenderSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_positive("lead_s", self.lead_s)
+        checks.positive("lead_s", self.lead_s)

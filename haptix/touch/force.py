@@ -9,7 +9,8 @@ from typing import Literal, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from haptix.errors import InputError, check_positive
+from haptix import checks
+from haptix.errors import InputError
 
 ForceSource = Literal["axis", "area", "assumed"]
 
@@ -48,7 +49,7 @@ class AreaProxy:
 
     def __post_init__(self) -> None:
         for name in ("area_at_1n_m2", "exponent"):
-            check_positive(name, getattr(self, name))
+            checks.positive(name, getattr(self, name))
         low, high = self.force_range_n
         if not 0 < low < high < inf:
             raise InputError(
@@ -141,12 +142,9 @@ class ForceModel:
     assumed: ForceEstimate = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        check_positive("assumed_n", self.assumed_n)
+        checks.positive("assumed_n", self.assumed_n)
         for name in ("assumed_sigma_n", "axis_sigma"):
-            if not 0 <= getattr(self, name) < inf:
-                raise InputError(
-                    f"{name}: expected a finite number, 0 or more, got {getattr(self, name):g}"
-                )
+            checks.number(name, getattr(self, name), 0.0)
         made = ForceEstimate(self.assumed_n, self.assumed_sigma_n, "assumed")
         object.__setattr__(self, "assumed", made)
 

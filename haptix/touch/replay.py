@@ -6,7 +6,8 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from haptix.errors import InputError, check_positive
+from haptix import checks
+from haptix.errors import InputError
 from haptix.files import read_csv
 from haptix.motion import Trajectory
 from haptix.touch.events import KINDS, TouchEvent
@@ -87,7 +88,7 @@ def paced(
     clock, sleep : callable
         What to read, and how to wait [s].
     """
-    check_positive("speed", speed)
+    checks.positive("speed", speed)
     offset_s: float | None = None
     for event in events:
         if offset_s is None:

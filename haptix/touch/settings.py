@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import Any, Protocol
 
-from haptix.errors import InputError, check_positive
+from haptix import checks
+from haptix.errors import InputError
 from haptix.touch.force import ForceModel
 from haptix.touch.singer import SingerKalman
 
@@ -69,12 +70,9 @@ class TouchSettings:
 
     def __post_init__(self) -> None:
         for name in ("lost_after_s", "blend_s", "slide_smoothing_s", "least_interval_s"):
-            check_positive(name, getattr(self, name))
+            checks.positive(name, getattr(self, name))
         for name in ("latency_s", "rest_below_mm_s", "reorder_s"):
-            if not 0 <= getattr(self, name) < inf:
-                raise InputError(
-                    f"{name}: expected a finite number, 0 or more, got {getattr(self, name):g}"
-                )
+            checks.number(name, getattr(self, name), 0.0)
         if self.latency_s > 0.5:
             raise InputError(
                 f"latency_s: expected 0.5 s at most, got {self.latency_s:g}; is it in ms? No "

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, expm1, hypot, inf
+from math import exp, expm1, hypot
 
-from haptix.errors import InputError, check_positive
+from haptix import checks
 
 SingerState = tuple[
     float, float, float, float, float, float, float, float, float, float, float, float, float
@@ -49,12 +49,8 @@ class SingerKalman:
         for name in (
             "acceleration_mm_s2", "correlation_s", "position_noise_mm", "first_speed_mm_s",
         ):  # fmt: skip
-            check_positive(name, getattr(self, name))
-        if not 0 <= self.acceleration_per_speed_hz < inf:
-            raise InputError(
-                "acceleration_per_speed_hz: expected a finite number, 0 or more, got "
-                f"{self.acceleration_per_speed_hz:g}"
-            )
+            checks.positive(name, getattr(self, name))
+        checks.number("acceleration_per_speed_hz", self.acceleration_per_speed_hz, 0.0)
 
     def start(self, t_s: float, x_mm: float, y_mm: float) -> SingerState:
         """State after the first report."""

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import inf, pi
 
+from haptix import checks
 from haptix.errors import InputError
 from haptix.touch.events import TouchEvent
 
@@ -76,8 +77,8 @@ class ScreenAxes:
     def __post_init__(self) -> None:
         for name in ("force_n_per_unit", "area_units_per_mm"):
             value = getattr(self, name)
-            if value is not None and not 0 < value < inf:
-                raise InputError(f"{name}: expected a finite number above 0, got {value:g}")
+            if value is not None:
+                checks.positive(name, value)
 
 
 @dataclass

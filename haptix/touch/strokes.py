@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
-from haptix.errors import InputError, check_positive
+from haptix import checks
 from haptix.touch.events import TouchEvent
 
 Array = npt.NDArray[np.float64]
@@ -63,10 +63,9 @@ class FingerPath:
         speed_mm_s : float
             Mean speed over the path; of strokes the mean of the highest speeds.
         """
-        if kind not in KINDS:
-            raise InputError(f"kind: expected one of {', '.join(KINDS)}, got {kind!r}")
-        check_positive("duration_s", duration_s)
-        check_positive("speed_mm_s", speed_mm_s)
+        checks.choice("kind", kind, KINDS)
+        checks.positive("duration_s", duration_s)
+        checks.positive("speed_mm_s", speed_mm_s)
         random = np.random.default_rng(seed)
         made = KINDS[kind](random, duration_s, speed_mm_s)
         tremor = _tremor(random)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from math import nan
 
-from haptix.errors import InputError, check_positive
+from haptix import checks
+from haptix.errors import InputError
 from haptix.touch.events import (
     LARGEST_MM,
     LARGEST_S,
@@ -41,7 +42,7 @@ class Touches:
     def __init__(
         self, settings: TouchSettings | None = None, strict: bool = False, max_touches: int = 16
     ) -> None:
-        check_positive("max_touches", max_touches)
+        checks.positive("max_touches", max_touches)
         self.settings = TouchSettings() if settings is None else settings
         self.strict = strict
         self.max_touches = max_touches

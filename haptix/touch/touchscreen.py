@@ -11,7 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from haptix.errors import DeviceError, InputError, check_positive
+from haptix import checks
+from haptix.errors import DeviceError, InputError
 from haptix.touch.events import TouchEvent
 from haptix.touch.slots import (
     ABS_MT_POSITION_X,
@@ -184,7 +185,7 @@ def _axis(
         raise InputError(f"{path}: expected a multi-touch screen, but it reports no places")
     info = ranges[code]
     if size_mm is not None:
-        check_positive(name, size_mm)
+        checks.positive(name, size_mm)
         return AxisRange(info.min, info.max, (info.max - info.min) / size_mm)
     if info.resolution <= 0:
         raise InputError(f"{path}: the driver does not say how large it is; give {name}")

@@ -97,7 +97,7 @@ BOTH = {
 }
 RENDER = {
     "no rate of touches": ((*SMALL, "--touch-hz", "0"), "rate_hz.*above 0"),
-    "touches before they are": ((*SMALL, "--touch-latency-ms", "-1"), "latency_s.*0 or more"),
+    "touches before they are": ((*SMALL, "--touch-latency-ms", "-1"), "latency_s.*at least 0"),
     "a file as the folder": ((*SMALL, "--out", "file"), "--out.*file"),
 }
 PLAY = {

@@ -12,6 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from haptix import checks
 from haptix.contact.boundary_elements.bounded import BoundedProblem, BoundedSolution
 from haptix.contact.boundary_elements.branch import Reached, lowest_branch
 from haptix.contact.boundary_elements.coupled import LocalAttraction, PulledContact
@@ -25,7 +26,7 @@ from haptix.contact.boundary_elements.results import (
 )
 from haptix.contact.boundary_elements.surfaces import Surfaces
 from haptix.contact.elasticity import ElasticSolid
-from haptix.errors import InputError, check_positive
+from haptix.errors import InputError
 from haptix.status import Status
 from haptix.threads import given_threads
 
@@ -73,7 +74,7 @@ class BoundaryElements:
 
     def __post_init__(self) -> None:
         if self.hardness_pa is not None:
-            check_positive("hardness_pa", self.hardness_pa)
+            checks.positive("hardness_pa", self.hardness_pa)
         if not 1e-12 <= self.tolerance <= 1e-2:
             raise InputError(f"tolerance: expected 1e-12 to 1e-2, got {self.tolerance!r}")
         if self.at_a_time is not None and not self.at_a_time >= 1:

@@ -10,10 +10,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from haptix import checks
 from haptix.contact.boundary_elements.kernel import wavenumbers
 from haptix.contact.boundary_elements.resolution import check_resolution
 from haptix.contact.roughness import RoughnessSpectrum
-from haptix.errors import InputError, check_positive
+from haptix.errors import InputError
 
 Amplitudes = Literal["fixed", "gaussian"]
 
@@ -97,13 +98,13 @@ class Surfaces:
         """
         if amplitudes not in ("fixed", "gaussian"):
             raise InputError(f"amplitudes: expected 'fixed' or 'gaussian', got {amplitudes!r}")
-        _check_count("points", points, _LEAST_POINTS)
-        _check_count("surfaces", surfaces, 1)
-        _check_count("seed", seed, 0)
+        checks.whole("points", points, _LEAST_POINTS)
+        checks.whole("surfaces", surfaces, 1)
+        checks.whole("seed", seed, 0)
         q_end = spectrum.q1 if q_high is None else min(q_high, spectrum.q1)
-        check_positive("q_high", q_end)
+        checks.positive("q_high", q_end)
         side = 2 * pi / spectrum.q0 if side_m is None else float(side_m)
-        check_positive("side_m", side)
+        checks.positive("side_m", side)
         if q_end <= spectrum.q0:
             raise InputError(
                 f"q_high: expected a wave above the spectrum's longest, {spectrum.q0:g} /m, "
@@ -152,7 +153,7 @@ class Surfaces:
             As `random` does; the shortest wave is that below which 99.9 % of the mean-square slope
             lies. Also where opposite borders do not meet.
         """
-        check_positive("pixel_m", pixel_m)
+        checks.positive("pixel_m", pixel_m)
         height = torch.as_tensor(np.asarray(height_m, dtype=float)).clone()
         if height.ndim == 2:
             height = height[None]
@@ -228,11 +229,6 @@ class Surfaces:
             f"{self.waves_in_box:.3g} waves of the roll-off in the box, "
             f"h_rms {float(self.h_rms_m.mean()):.4g} m, slope {float(self.slope_rms.mean()):.4g}"
         )
-
-
-def _check_count(name: str, value: int, least: int) -> None:
-    if type(value) is not int or value < least:
-        raise InputError(f"{name}: expected a whole number of {least} or more, got {value!r}")
 
 
 def _on_grid(waves: Tensor, points: int) -> Tensor:

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from haptix.errors import FileFormatError, InputError, check_positive
+from haptix import checks
+from haptix.errors import FileFormatError, InputError
 from haptix.files import json_text, read_json, write_folder
 
 Array = npt.NDArray[np.float64]
@@ -40,9 +41,8 @@ class FrictionMap:
     quantity: MapQuantity = "mu"
 
     def __post_init__(self) -> None:
-        check_positive("width_mm", self.width_mm)
-        if self.quantity not in get_args(MapQuantity):
-            raise InputError(f'quantity: expected "mu" or "contrast", got {self.quantity!r}')
+        checks.positive("width_mm", self.width_mm)
+        checks.choice("quantity", self.quantity, get_args(MapQuantity))
         if self.values.ndim != 2 or not self.values.size or not np.isfinite(self.values).all():
             raise InputError(
                 f"values: expected finite values in rows and columns, got {self.values.shape}"
