@@ -13,6 +13,7 @@ import torch
 
 from haptix import ContactModel, Finger, Screen
 from tests.command_line import CommandLine, run_haptix
+from tests.steady_clock import steady_driver
 
 torch.set_num_threads(1)
 
@@ -50,6 +51,12 @@ def own_folder(tmp_path: Path, private_cache: Path, monkeypatch: pytest.MonkeyPa
     folder.mkdir()
     monkeypatch.chdir(folder)
     return folder
+
+
+@pytest.fixture
+def steady_mock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """``mock:pace=real`` is a driver that no stall of this machine starves."""
+    monkeypatch.setattr("firmware_io.links.mock.MockDriver", steady_driver)
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from skimage.io import imread
 
-import firmware_io
 import haptix
 
 FOLDER = Path(__file__).parents[2] / "examples"
@@ -61,13 +60,8 @@ def test_a_program_draws_its_picture(short, name, capsys, tmp_path):
     assert "0 underruns" in printed
 
 
-def test_real_time_is_played_and_not_judged(short, capsys, tmp_path):
-    try:
-        short("moving_edge")(device="mock:pace=real")
-    except firmware_io.DeviceFaultError as error:
-        if "starved" not in str(error):
-            raise
-        pytest.skip("this machine stalled for longer than the driver waits for its host, 0.25 s")
+def test_real_time_is_played_and_not_judged(short, steady_mock, capsys, tmp_path):
+    short("moving_edge")(device="mock:pace=real")
     printed = capsys.readouterr().out
     # 0.8 s at 48 kHz, and the lead; how many underruns there are is this machine's affair.
     assert int(re.match(r"(\d+) samples, \d+ underruns", printed)[1]) >= 0.75 * 48_000

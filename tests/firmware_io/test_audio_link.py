@@ -2,6 +2,7 @@
 
 import sys
 import threading
+import time
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -21,7 +22,11 @@ PERIOD = 64
 
 
 class OutputStream:
-    """Calls back from a thread, as PortAudio does, as fast as it can; keeps what it is given."""
+    """Calls back from a thread, as PortAudio does, in time or late; keeps what it is given.
+
+    A machine that stalls delays its callbacks, and so lets less time pass for the driver. With a
+    watchdog of 1 s the host would have to be held up during 750 callbacks.
+    """
 
     refusal = None
     latency = 0.003
@@ -33,16 +38,18 @@ class OutputStream:
         self.samplerate, self.channels = samplerate, channels
         self.callback, self.finished = callback, finished_callback
         self.heard = []
-        self.late = False
+        self.is_late = threading.Event()
         self.end = threading.Event()
         self.thread = threading.Thread(target=self._run)
         streams.append(self)
 
     def _run(self):
-        while not self.end.wait(1e-4):
+        while not self.end.wait(PERIOD / self.samplerate):
             out = np.full((PERIOD, self.channels), np.nan, np.float32)
-            self.callback(out, PERIOD, None, SimpleNamespace(output_underflow=self.late))
-            self.late = False
+            late = self.is_late.is_set()
+            if late:
+                self.is_late.clear()
+            self.callback(out, PERIOD, None, SimpleNamespace(output_underflow=late))
             self.heard.append(out)
 
     def start(self):
@@ -86,12 +93,20 @@ def portaudio(monkeypatch, no_thread_is_left):
         stream.close()
 
 
+def wait_until(is_true):
+    """Wait until something is true; the time only bounds how long a failure takes."""
+    end_s = time.monotonic() + 30.0
+    while not is_true():
+        assert time.monotonic() < end_s
+        time.sleep(0.001)
+
+
 def heard():
     return np.concatenate(streams[-1].heard)
 
 
 def test_what_is_heard_is_the_share_of_full_scale(portaudio):
-    device = open_device("audio:device=scarlett,full_scale_v=180,trigger=yes")
+    device = open_device("audio:device=scarlett,full_scale_v=180,trigger=yes,watchdog_s=1")
     assert device.name == "audio:device=Scarlett 2i2: USB"
     assert device.capabilities.full_scale_v == device.limits.ceiling_v == 180.0
     volts = np.r_[5.0, 150.0 * np.sin(np.arange(1, 9600) / 6)]
@@ -123,13 +138,10 @@ def test_volts_from_converter_and_amplifier(portaudio, tmp_path):
 def test_the_firmware_in_front_has_its_watchdog(portaudio):
     device = open_device("audio:full_scale_v=200,watchdog_s=0.02")
     device.arm()
-    device.write(np.linspace(0.0, 100.0, 100))
     with pytest.raises(DeviceError, match="starved"):
-        for _ in range(10_000):
-            threading.Event().wait(0.001)
-            device.progress()
-    while heard()[-1, 0] != 0.0:  # its ramp
-        threading.Event().wait(0.001)
+        device.write(np.linspace(0.0, 100.0, 100))
+        wait_until(lambda: device.progress() is None)
+    wait_until(lambda: heard()[-1, 0] == 0.0)  # its ramp
     device.close()
 
 
@@ -144,7 +156,7 @@ def test_envelopes_and_slower_rates(portaudio):
 
 
 def test_closing_ramps_down(portaudio):
-    device = open_device("audio:full_scale_v=200")
+    device = open_device("audio:full_scale_v=200,watchdog_s=1")
     device.arm()
     device.write(np.linspace(0.0, 150.0, 500))
     device.close()
@@ -156,16 +168,15 @@ def test_closing_ramps_down(portaudio):
 
 
 def test_an_interface_that_goes_away(portaudio):
-    device = open_device("audio:full_scale_v=200")
+    device = open_device("audio:full_scale_v=200,watchdog_s=1")
+    link = device._stream.link
+    streams[0].is_late.set()
+    wait_until(lambda: link.underflows)
     device.arm()
-    streams[0].late = True
-    while streams[0].late:
-        threading.Event().wait(1e-4)
     device.write(np.linspace(0.0, 50.0, 500))
     streams[0].abort()
     with pytest.raises(DeviceDisconnectedError, match="unplugged or its server quit"):
         device.write([50.0])
-    link = device._stream.link
     assert link.underflows == 1
     with pytest.raises(DeviceDisconnectedError):
         device.close()

@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+from contextlib import suppress
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -352,14 +353,25 @@ def test_a_claim_holds_across_processes():
 
 
 @pytest.fixture
-def server(no_thread_is_left):
-    with DriverServer(MockDriver(pace="real")) as server:
+def patient_host(monkeypatch):
+    """Answers through a socket may take long on a busy machine."""
+    monkeypatch.setattr("firmware_io.protocol_client.ANSWER_S", 30.0)
+
+
+@pytest.fixture
+def server(no_thread_is_left, patient_host):
+    with DriverServer(MockDriver(pace="real", max_watchdog_s=10.0)) as server:
         yield server
 
 
+def patient(address):
+    """An address with a watchdog that outlasts the stalls of a busy machine."""
+    return f"{address},watchdog_s=5"
+
+
 def test_tcp_plays(server):
-    device = open_device(f"{server.address},watchdog_s=0.2")
-    assert device.watchdog_s == 0.2
+    device = open_device(patient(server.address))
+    assert device.watchdog_s == 5.0
     volts = 100.0 * np.sin(np.arange(9600) / 5)
     with Playback(device, 0.09) as playback:
         for piece in np.split(volts, 40):
@@ -373,28 +385,26 @@ def test_tcp_plays(server):
 
 
 def test_tcp_serves_one_host_at_a_time_and_the_next_one_after(server):
-    first = open_device(server.address)
+    first = open_device(patient(server.address))
     with pytest.raises(DeviceBusyError, match="another host"):
         open_device(server.address)
     first.arm()
     first.write(np.linspace(0.0, 100.0, 100))
     first._stream.link.close()  # gone without a word
-    for _ in range(100):
-        try:
-            second = open_device(server.address)
-            break
-        except DeviceBusyError:  # until the server has seen it
-            continue
+    second = None
+    while second is None:
+        with suppress(DeviceBusyError):  # until the server has seen it
+            second = open_device(patient(server.address))
     with second:
         second.write(np.linspace(0.0, 10.0, 100))
     assert server.driver.played_codes[-1] == 0
     second.close()
 
 
-def test_tcp_that_hangs_up_in_mid_stream():
-    server = DriverServer(MockDriver(pace="real"))
+def test_tcp_that_hangs_up_in_mid_stream(patient_host):
+    server = DriverServer(MockDriver(pace="real", max_watchdog_s=10.0))
     with server:
-        device = open_device(server.address)
+        device = open_device(patient(server.address))
         device.arm()
         device.write([1.0])
     with pytest.raises(DeviceDisconnectedError, match=r"the connection|The connection"):
@@ -405,23 +415,34 @@ def test_tcp_that_hangs_up_in_mid_stream():
         device.close()
 
 
-def test_serving_from_the_command_line(tmp_path):
+SERVE = """
+import functools, sys
+from firmware_io import serve
+
+serve.MockDriver = functools.partial(serve.MockDriver, max_watchdog_s=10.0)
+sys.exit(serve.main())
+"""
+
+
+def test_serving_from_the_command_line(tmp_path, patient_host):
     record = tmp_path / "volts.npy"
-    command = [sys.executable, "-m", "firmware_io.serve", "--port", "0", "--record", str(record)]
+    options = ["--port", "0", "--record", str(record)]
+    command = [sys.executable, "-c", SERVE, *options]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
-        device = open_device(server.stdout.readline().strip())
+        device = open_device(patient(server.stdout.readline().strip()))
         with device:
             device.write(np.linspace(0.0, 90.0, 2000))
         device.close()
     finally:
         server.send_signal(signal.SIGINT)
-        server.wait(10)
+        server.wait(60)
     assert server.returncode == 0
     volts = np.load(record)
     assert volts.max() == pytest.approx(90.0, abs=0.01)
     assert volts[-1] == 0.0
-    refused = subprocess.run([*command, "--ceiling-v", "201"], capture_output=True, text=True)
+    command = [sys.executable, "-m", "firmware_io.serve", *options, "--ceiling-v", "201"]
+    refused = subprocess.run(command, capture_output=True, text=True)
     assert refused.returncode == 1
     assert "200 V" in refused.stderr
 

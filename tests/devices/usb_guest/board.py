@@ -3,7 +3,6 @@
 import errno
 import select
 import struct
-import time
 import traceback
 from collections import defaultdict, deque
 
@@ -12,28 +11,11 @@ from usb_guest.usbip import Cable
 
 from firmware_io import MockDriver
 from firmware_io.links.fault_injection import FaultInjection
+from tests.steady_clock import SteadyClock
 
 _TURN_S = 0.01  # between two looks at what a board in real time has to say
 _CLASS, _VENDOR = 0x20, 0x40
 _ENDPOINT_RECIPIENT = 0x02
-
-
-class SteadyClock:
-    """Half as fast as the wall's, and standing while the whole guest stands still.
-
-    A guest that its host leaves waiting for 100 ms would otherwise find every board starved, or in
-    the middle of a frame that broke off, though nobody was slow in it.
-    """
-
-    def __init__(self):
-        self._now_s = 0.0
-        self._looked_s = time.perf_counter()
-
-    def __call__(self):
-        looked_s = time.perf_counter()
-        self._now_s += min(looked_s - self._looked_s, 2 * _TURN_S) / 2
-        self._looked_s = looked_s
-        return self._now_s
 
 
 class Board:
@@ -43,7 +25,10 @@ class Board:
     """
 
     def __init__(self, serial, port, echoes=False, **driver):
-        self.driver = MockDriver(serial=serial, **{"clock": SteadyClock(), **driver})
+        # A guest that its host leaves waiting would otherwise find every board starved, or in the
+        # middle of a frame that broke off, though nobody was slow in it.
+        clock = SteadyClock(longest_s=2 * _TURN_S, speed=0.5)
+        self.driver = MockDriver(serial=serial, **{"clock": clock, **driver})
         self._serial, self._port, self._echoes = serial, port, echoes
         self._cable = None
         self._reset()
