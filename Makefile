@@ -1,7 +1,7 @@
 # `make demo` and `make test` work from a bare clone: each sets up .venv first when it has to.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test test-devices lint types setup clean
+.PHONY: help demo test test-slow test-devices lint types setup clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-13s %s\n", $$1, $$2 }' Makefile
@@ -12,7 +12,10 @@ demo: .venv/.ready ## render a texture end to end, no hardware needed, into hapt
 test: .venv/.ready ## run the tests (ARGS='-k surface -x')
 	.venv/bin/python -m pytest -n auto --dist loadfile $(ARGS)
 
-test-devices: .venv/.ready ## the tests through real USB, HID and audio stacks (first: bash scripts/setup-devices.sh)
+test-slow: .venv/.ready ## the tests that take minutes each
+	.venv/bin/python -m pytest -m slow $(ARGS)
+
+test-devices: .venv/.ready ## the tests through real USB, HID, touchscreen and audio stacks (first: bash scripts/setup-devices.sh)
 	.venv/bin/python -m pytest -m devices tests/devices $(ARGS)
 
 lint: .venv/.ready ## rules and format (ruff), the order of rooms (import-linter); nothing is changed

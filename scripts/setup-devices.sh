@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Installs what `make test-devices` needs besides .venv, on Debian 12: QEMU with a kernel for its guest,
-# JACK, libusb and PortAudio. Safe to run again; needs root, or sudo without a password.
+# Installs what the tests need besides .venv so that none is skipped, on Debian 12. For `make test`: the ARM
+# compiler and its emulator. For `make test-devices`: QEMU with a kernel for its guest, JACK, libusb and
+# PortAudio. Safe to run again; needs root, or sudo without a password.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 exec </dev/null # nothing here may wait for an answer
@@ -10,8 +11,10 @@ packages=(
     qemu-system-x86 busybox-static cpio kmod libacl1 libblkid1 libcap2 libselinux1
     # the links under test
     libusb-1.0-0 libportaudio2 jackd2
-    # the firmware core; without a compiler its twin in Python plays
-    gcc libc6-dev
+    # the firmware core; without a compiler the reference in Python plays
+    gcc libc6-dev make
+    # the same core on a Cortex-M
+    gcc-arm-none-eabi qemu-system-arm
     python3
 )
 
@@ -39,4 +42,4 @@ apt update || true
 apt install -y --no-install-recommends "${packages[@]}" || fail "apt-get failed (its reason is above)."
 
 # As the user who will run the tests: it lies in the user's cache.
-printf 'setup-devices: the guest lies in %s\n' "$(python3 tests/devices/usb_guest/debian.py)"
+printf 'setup-devices: the guest lies in %s\n' "$(python3 tests/devices/guest/debian.py)"

@@ -1,7 +1,7 @@
 """What tests of several rooms share: the terminal, the command line, the paper's finger."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 # Torch's threads wait for each other by spinning: on a busy machine the small arrays of these tests
@@ -16,6 +16,23 @@ from tests.command_line import CommandLine, run_haptix
 from tests.steady_clock import steady_driver
 
 torch.set_num_threads(1)
+
+
+#: "1" where nothing may be missing, as in CI: a skip is a failure there, unless it is optional.
+NO_SKIPS = "HAPTIX_NO_SKIPS"
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    may_skip = os.environ.get(NO_SKIPS) != "1" or item.get_closest_marker("optional")
+    if report.skipped and not may_skip:
+        report.outcome = "failed"
+        why = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
+        report.longrepr = f"{NO_SKIPS}=1, so this must run, but: {why}"
+    return report
 
 
 @pytest.fixture(scope="session", autouse=True)

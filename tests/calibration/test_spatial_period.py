@@ -51,6 +51,7 @@ def test_a_known_period(tmp_path, speed, period):
     assert period_of(tmp_path / "x.csv", speed) == pytest.approx(period, rel=0.01)
 
 
+@pytest.mark.optional
 def test_ridges_of_a_real_tactile_finger():
     files = sorted(DATA.glob("Board2mm_F150_*.csv")) if DATA.is_dir() else []
     if not files:

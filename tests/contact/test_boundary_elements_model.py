@@ -292,6 +292,7 @@ def test_too_little_memory_is_said_before_the_work(
         solver.solve_attracted(0.3, lambda u: 1 / (1 + u), 1.0)
 
 
+@pytest.mark.optional
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU that torch can use")
 def test_a_gpu_agrees(surfaces: Surfaces, solver: BoundaryElements) -> None:
     found = BoundaryElements(surfaces, UNIT, device="cuda").solve([0.3, 3.0])

@@ -4,11 +4,10 @@ Its surfaces are not ours: compared are means over surfaces, within two standard
 scatter from surface to surface. Of four or eight surfaces a scatter is known to a factor of two or
 so only (ours, of more surfaces, comes out up to 6 times larger than a row's for the mean gap at
 light load, where one high peak carries a surface), so that the larger of the row's and of ours is
-taken. HAPTIX_SLOW=1 adds the rows that take minutes.
+taken. The rows that take minutes are marked as slow.
 """
 
 import csv
-import os
 from math import pi
 from pathlib import Path
 
@@ -20,8 +19,6 @@ from haptix.contact.boundary_elements import BoundaryElements, ContactSolution, 
 
 WAVE = 2 * pi
 EPS0 = 8.8541878128e-12
-SLOW = os.environ.get("HAPTIX_SLOW") == "1"
-slow = pytest.mark.skipif(not SLOW, reason="takes minutes: set HAPTIX_SLOW=1")
 FOLDER = Path(__file__).parents[1] / "data" / "boundary-elements"
 
 Rows = list[dict[str, str]]
@@ -91,7 +88,7 @@ def test_the_correction_for_pixels_is_the_reference_s() -> None:
         assert ours == pytest.approx(float(row["A_corr"]) / float(row["A_raw"]), abs=1e-3)
 
 
-@slow
+@pytest.mark.slow
 @pytest.mark.parametrize("base", ["A", "C"])
 def test_every_row_of_pure_contact_and_of_the_gap_quantiles(base: str) -> None:
     loads = [float(r["x=p/(E*slope)"]) for r in read("pure_contact.csv") if r["base"] == base]
@@ -152,7 +149,7 @@ def test_coupled_contact() -> None:
     check_coupled("S1", 512, 2e-7, 30000.0, 2, most_v=100.0)
 
 
-@slow
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "h0_m", "pressure_pa"),
     [
@@ -168,7 +165,7 @@ def test_every_coupled_row(name: str, h0_m: float, pressure_pa: float) -> None:
     check_coupled(name, 512, h0_m, pressure_pa, 16)
 
 
-@slow
+@pytest.mark.slow
 def test_the_coupled_rows_on_the_finer_grid() -> None:
     # One surface made these rows: its scatter is ours, of four.
     check_coupled("S1", 1024, 2e-7, 10000.0, 4)

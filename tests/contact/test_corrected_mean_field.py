@@ -2,7 +2,6 @@
 
 import importlib.util
 import math
-import os
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -97,9 +96,12 @@ def test_contact_under_voltage_agrees_with_boundary_elements(comparison: ModuleT
     assert printed["ratio"].max() > 2
 
 
-def test_the_end_of_light_contact_and_the_way_there(comparison: ModuleType) -> None:
-    # Our own boundary elements, of four surfaces each; all cases with HAPTIX_SLOW=1.
-    found = comparison.endings("corrected", None if os.environ.get("HAPTIX_SLOW") == "1" else 4)
+@pytest.mark.parametrize("most_cases", [4, pytest.param(None, marks=pytest.mark.slow)])
+def test_the_end_of_light_contact_and_the_way_there(
+    comparison: ModuleType, most_cases: int | None
+) -> None:
+    # Our own boundary elements, of four surfaces each.
+    found = comparison.endings("corrected", most_cases)
     ends = np.array([ending.ratio for ending in found])
     ends = np.abs(ends[~np.isnan(ends)] - 1)
     assert len(ends) >= 3

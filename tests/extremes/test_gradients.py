@@ -1,7 +1,5 @@
 """Gradients of mu by inputs and by the finger's own materials, against central differences."""
 
-import os
-
 import pytest
 import torch
 from torch import Tensor
@@ -38,7 +36,7 @@ def solve(values: dict[str, Tensor | float], voltage: Tensor | float, model: str
 
 
 # Directions in the logarithms of the numbers: all together, so that every part raises mu and none
-# hides another; and each alone, with HAPTIX_SLOW=1.
+# hides another; and each alone, which is slow.
 ALONE = {name: {name: 1.0} for name in AT}
 TOGETHER = {
     "normal_force_n": -0.3,
@@ -48,14 +46,14 @@ TOGETHER = {
     "frictional_shear_stress_pa": 0.2,
     "h_rms_m": -0.3,
 }
-CHECKS = [(m, TOGETHER) for m in MODELS]
-if os.environ.get("HAPTIX_SLOW") == "1":
-    CHECKS += [("plain", d) for d in ALONE.values()]
+CHECKS = [pytest.param(m, TOGETHER, id=f"{m}: all together") for m in MODELS]
+CHECKS += [
+    pytest.param("plain", direction, id=f"plain: {name}", marks=pytest.mark.slow)
+    for name, direction in ALONE.items()
+]
 
 
-@pytest.mark.parametrize(
-    ("model", "direction"), CHECKS, ids=[f"{m}: {', '.join(d)}" for m, d in CHECKS]
-)
+@pytest.mark.parametrize(("model", "direction"), CHECKS)
 def test_gradients_of_everything(model: str, direction: dict[str, float]) -> None:
     end = float(solve(AT, 0.0, model).pull_in_voltage_v)
     voltages = torch.tensor([0.0, 0.5, 0.9, 0.99], dtype=torch.float64) * end

@@ -10,6 +10,7 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
+import usb.core as usb_core
 
 from firmware_io import (
     DeviceBusyError,
@@ -26,8 +27,6 @@ from firmware_io.links import usb as usb_link
 from firmware_io.links.claim import Claim
 from firmware_io.links.tcp import TcpLink
 from firmware_io.serve import DriverServer
-
-usb_core = pytest.importorskip("usb.core")
 
 
 class UsbDevice:
