@@ -3,12 +3,12 @@
 import time
 
 import numpy as np
-from usb_guest.descriptors import BULK_ENDPOINT, HID_ENDPOINT, PRODUCT_ID, VENDOR_ID
-from usb_guest.plugged import PluggedBoard, wait_for
-from usb_guest.ways import HID, HIDRAW, USB, WAYS, check, envelope, require, same, wave
 
 from firmware_io import volts_to_codes
 from firmware_io.protocol import FrameParser, StreamSamples, from_report
+from tests.devices.guest.descriptors import BULK_ENDPOINT, HID_ENDPOINT, PRODUCT_ID, VENDOR_ID
+from tests.devices.guest.plugged import PluggedBoard, wait_for
+from tests.devices.guest.ways import HID, HIDRAW, USB, WAYS, check, envelope, require, same, wave
 
 _FULL_SCALE_V = 250.0
 _SECONDS = 10.0

@@ -8,7 +8,7 @@ import traceback
 from contextlib import suppress
 from pathlib import Path
 
-from usb_guest.board import Board
+from tests.devices.guest.board import Board
 
 
 class PluggedBoard:

@@ -5,7 +5,8 @@ import pickle
 from dataclasses import dataclass
 
 import numpy as np
-from usb_guest.descriptors import BULK_ENDPOINT, HID_ENDPOINT
+
+from tests.devices.guest.descriptors import BULK_ENDPOINT, HID_ENDPOINT
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,10 @@ import zlib
 from pathlib import Path
 
 #: What the guest loads, with whatever these depend on.
-MODULES = ("virtio_pci", "9p", "9pnet_virtio", "vhci_hcd", "usbhid", "hid_generic")
+MODULES = (
+    *("virtio_pci", "9p", "9pnet_virtio", "vhci_hcd", "usbhid", "hid_generic"),
+    *("uinput", "evdev"),
+)
 _META_PACKAGE = "linux-image-amd64"
 
 

@@ -2,9 +2,6 @@
 
 import time
 
-from usb_guest.plugged import PluggedBoard, nodes_of, wait_for
-from usb_guest.ways import WAYS, Elsewhere, check, error_of, require, same, wave
-
 from firmware_io import (
     DeviceBusyError,
     DeviceDisconnectedError,
@@ -17,6 +14,8 @@ from firmware_io import (
     open_device,
     volts_to_codes,
 )
+from tests.devices.guest.plugged import PluggedBoard, nodes_of, wait_for
+from tests.devices.guest.ways import WAYS, Elsewhere, check, error_of, require, same, wave
 
 _NOBODY = 65534
 _VOLTS = wave(1000, 48_000.0)

@@ -10,13 +10,13 @@ import traceback
 from contextlib import suppress
 from pathlib import Path
 
-import usb_guest.checks_content
-import usb_guest.checks_faults
-import usb_guest.checks_opening  # noqa: F401
-from usb_guest.plugged import wait_for
-from usb_guest.ways import CHECKS
-
+import tests.devices.guest.checks_content
+import tests.devices.guest.checks_faults
+import tests.devices.guest.checks_opening
+import tests.devices.guest.checks_touchscreens  # noqa: F401
 from firmware_io.links.identity import udev_rule
+from tests.devices.guest.plugged import wait_for
+from tests.devices.guest.ways import CHECKS
 
 _LIMIT_S = float(os.environ.get("CHECK_LIMIT_S", "60"))
 _RESULTS = Path("/dev/ttyS1")

@@ -6,11 +6,10 @@ import struct
 import traceback
 from collections import defaultdict, deque
 
-from usb_guest.descriptors import BULK_ENDPOINT, HID_ENDPOINT, HID_INTERFACE, descriptor
-from usb_guest.usbip import Cable
-
 from firmware_io import MockDriver
 from firmware_io.links.fault_injection import FaultInjection
+from tests.devices.guest.descriptors import BULK_ENDPOINT, HID_ENDPOINT, HID_INTERFACE, descriptor
+from tests.devices.guest.usbip import Cable
 from tests.steady_clock import SteadyClock
 
 _TURN_S = 0.01  # between two looks at what a board in real time has to say

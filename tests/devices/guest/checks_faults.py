@@ -6,8 +6,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from usb_guest.plugged import PluggedBoard, wait_for
-from usb_guest.ways import HID, HIDRAW, USB, WAYS, check, require, same, wave
 
 from firmware_io import (
     DeviceDisconnectedError,
@@ -18,6 +16,8 @@ from firmware_io import (
 )
 from firmware_io.firmware.core import Output
 from firmware_io.protocol import DeviceState
+from tests.devices.guest.plugged import PluggedBoard, wait_for
+from tests.devices.guest.ways import HID, HIDRAW, USB, WAYS, check, require, same, wave
 
 _RATE_HZ = 16_000
 #: Long, since the guest stalls now and then; the board keeps to it by its own clock.
