@@ -1,11 +1,10 @@
-"""The rule of two channels: which component of a pull is felt, and how strongly.
+"""The rule of two channels: which component of the attraction is felt, and how strongly.
 
-Skin feels the pull of the drive, not the drive: a sine of amplitude V at f pulls with ``V^2 / 4``
-at ``2 f`` (in units of ``eps0 I``). Every component of a pull is therefore measured by the sine
-drive that would make it alone, and set against the threshold of that drive. Within a channel
-components add in energy; between channels they do not: the channel that is furthest above its
-threshold mediates detection, and two stimuli are matched in perceived intensity when their
-sensation levels there are equal (Vardar, Guclu, Basdogan, IEEE Trans. Haptics 10, 488 (2017);
+Skin feels the attraction, not the drive. A sine of amplitude V at f attracts with ``V^2 / 4`` at
+``2 f`` (in units of ``eps0 I``). Each component of the attraction is measured by the sine drive
+that would make it alone, and compared with the threshold of that drive. Energies add within a
+channel, and not between channels. The channel that is furthest above its threshold mediates
+detection. Two stimuli have equal intensity when their sensation levels there are equal (Vardar, Guclu, Basdogan, IEEE Trans. Haptics 10, 488 (2017);
 Bolanowski et al., J. Acoust. Soc. Am. 84, 1680 (1988), for the independence of the channels).
 """
 
@@ -24,7 +23,7 @@ from haptix.perception.data import Perception
 
 @dataclass(frozen=True)
 class Component:
-    """One component of a pull: its frequency, and the amplitude [V] of the sine drive alike."""
+    """One component of the attraction: its frequency, and the sine drive [V] that makes it."""
 
     felt_hz: float
     drive_v: float
@@ -32,35 +31,35 @@ class Component:
 
 @dataclass(frozen=True)
 class Detection:
-    """What is felt of a pull."""
+    """What is felt of an attraction."""
 
     channel: str
-    """Name of the channel that mediates."""
+    """Name of the channel that mediates detection."""
     sensation_db: float
     """Level above threshold of that channel [dB]; felt where above 0."""
     is_placeholder: bool
-    """Whether that channel's thresholds stand in for measurements."""
+    """Whether that channel's thresholds were not measured."""
 
 
 def components_of_pull(
     drive_v: npt.ArrayLike, sample_rate_hz: float, least_v: float = 0.1
 ) -> list[Component]:
-    """Components of the pull of a drive that repeats, such as whole periods of it.
+    """Components of the attraction of a periodic drive, given whole periods of it.
 
     Parameters
     ----------
     drive_v : array_like, shape (samples,)
-        Voltage; the insulators' dispersion is left out.
+        Voltage; the dispersion of the insulators is left out.
     sample_rate_hz : float
         Samples per second.
     least_v : float
-        Components that smaller drives make are left out.
+        Components of smaller drives are left out.
     """
     drive = np.asarray(drive_v, dtype=float)
     check_positive("sample_rate_hz", sample_rate_hz)
     if drive.ndim != 1 or len(drive) < 2:
         raise InputError(f"drive_v: expected 2 samples or more in a row, got shape {drive.shape}")
-    # v^2 / 2 is the pull whose component at 2 f is V^2 / 4 for a sine of amplitude V.
+    # v^2 / 2 is the attraction whose component at 2 f is V^2 / 4 for a sine of amplitude V.
     pull = np.abs(np.fft.rfft(drive**2 / 2)) * 2 / len(drive)
     frequency = np.fft.rfftfreq(len(drive), 1 / sample_rate_hz)
     alike = np.sqrt(4 * pull)
@@ -71,7 +70,7 @@ def components_of_pull(
 
 
 def detection(components: Sequence[Component], perception: Perception | None = None) -> Detection:
-    """Apply the rule to the components of a pull.
+    """Apply the rule to the components of an attraction.
 
     Raises
     ------
@@ -81,7 +80,7 @@ def detection(components: Sequence[Component], perception: Perception | None = N
     known = Perception.default() if perception is None else perception
     best: Detection | None = None
     for channel in known.channels:
-        # Energy of a pull goes with the fourth power of the drive.
+        # The energy of an attraction goes with the fourth power of the drive.
         energy = sum(
             (component.drive_v / 10 ** (threshold / 20)) ** 4
             for component in components
@@ -95,7 +94,7 @@ def detection(components: Sequence[Component], perception: Perception | None = N
             best = found
     if best is None:
         raise InputError(
-            "no component of the pull lies where a threshold is known; "
+            "no component of the attraction lies where a threshold is known; "
             "load thresholds that cover it"
         )
     return best

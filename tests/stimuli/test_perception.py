@@ -29,7 +29,7 @@ def test_the_thresholds_of_bau_2010(drive_hz, threshold_db):
     assert channel.threshold(2 * drive_hz) == pytest.approx(threshold_db)
     assert not channel.is_placeholder and channel.source
     assert WEBER_FRACTION == known.weber_fraction == 0.11
-    assert known.amplitude_step_db == 1.2
+    assert known.amplitude.step_db == 1.2
 
 
 def test_the_most_sensitive_channel_decides():
@@ -61,12 +61,11 @@ def test_a_square_drive_pulls_steadily_and_is_felt_by_its_edges_alone():
 
 
 def test_energies_add_within_a_channel_and_not_between():
-    two = Perception(
-        0.11,
-        1.2,
-        (Channel("a", (10.0, 100.0), (20.0, 20.0)), Channel("b", (200.0, 900.0), (20.0, 20.0))),
-        Perception.default().audibility,
-        {},
+    two = Perception.default().replace(
+        channels=(
+            Channel(name="a", felt_hz=(10.0, 100.0), threshold_db=(20.0, 20.0)),
+            Channel(name="b", felt_hz=(200.0, 900.0), threshold_db=(20.0, 20.0)),
+        )
     )
     one = detection([Component(50.0, 20.0)], two)
     both = detection([Component(50.0, 20.0), Component(80.0, 20.0)], two)
