@@ -124,7 +124,7 @@ class Override(Part):
         Terms that are to be on or off.
     fidelity, dtype, tolerance : optional
         How the contact is solved, in what precision the surface is kept, and how far it may be
-        from the planned model (a number in mu, ``"0.05 thresholds"`` or ``"0.2 %"``).
+        from the planned model (a number in mu, ``"0.05 JND"`` or ``"0.2 %"``).
     axes : mapping of str to {"keep", "collapse"}
         Whether the surface keeps the axis ``frequency_hz`` or ``h0_m``.
     """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,13 +12,18 @@ import typer
 from haptix.terminal import AsJson, placeholder_note, progress_bar, show
 
 if TYPE_CHECKING:
-    from torch import Tensor
-
     from haptix.friction import ContactModel
     from haptix.surface import FrictionSurface
 
     Update = Callable[[str, float], None]
     Work = Callable[[Update, int], FrictionSurface]
+
+_DEFAULTS = {
+    "finger": "semi-wet",
+    "screen": "3m-sct3250",
+    "fidelity": "mean-field",
+    "theory": "open-gaps",
+}
 
 _FINGER_HELP = "Finger: a preset (dry, semi-wet, wet) or a TOML file."
 _SCREEN_HELP = "Screen: a preset (3m-sct3250) or a TOML file."
@@ -81,7 +85,7 @@ def build(
     tolerance: Annotated[
         str | None,
         typer.Option(
-            help='Largest error: in mu, "0.05 thresholds" or "0.2 %" of the range. '
+            help='Largest error: in mu, "0.05 JND" or "0.2 %" of the range. '
             "[default: 0.002, or the plan's]"
         ),
     ] = None,
@@ -110,38 +114,23 @@ def build(
         raise InputError(f"--out goes with a scene; {what} is the file to write")
     target = what if scene is None else out or what.with_suffix(".surface")
     _check_writable(target, overwrite)
-    if largest_mb <= 0 or largest_mb != largest_mb:
+    if not largest_mb > 0:
         raise InputError(f"--largest-mb: expected a size above 0, got {largest_mb:g}")
     size = int(min(largest_mb, 1e6) * 1e6)
+    ranges = {
+        "normal-force-n": normal_force_n,
+        "voltage-v": None if voltage_v is None else f"0,{voltage_v!r}",
+        "frequency-hz": frequency_hz,
+        "h0-m": h0_m,
+    }
+    named = {"finger": finger, "screen": screen, "fidelity": fidelity, "theory": theory}
     if scene is not None:
-        _refuse_beside_a_scene(
-            {
-                "finger": finger,
-                "screen": screen,
-                "normal-force-n": normal_force_n,
-                "voltage-v": voltage_v,
-                "frequency-hz": frequency_hz,
-                "h0-m": h0_m,
-                "fidelity": fidelity,
-                "theory": theory,
-                "with": with_terms,
-                "without": without_terms,
-            }
-        )
+        _refuse_beside_a_scene({**named, **ranges, "with": with_terms, "without": without_terms})
         work = _planned(scene, tolerance)
     else:
-        model = _model(
-            finger or "semi-wet",
-            screen or "3m-sct3250",
-            fidelity or "mean-field",
-            theory or "open-gaps",
-            with_terms,
-            without_terms,
-        )
-        ranges = _ranges(normal_force_n or "0.1,1", voltage_v, frequency_hz, h0_m)
-        work = partial(_unplanned, model, ranges, tolerance or "0.002")
-        if model.boxed is not None:
-            work = _measured(model, ranges, tolerance or "0.002", target)
+        given = {name: value for name, value in named.items() if value is not None}
+        model = _model(**_DEFAULTS | given, with_terms=with_terms, without_terms=without_terms)
+        work = _unplanned(model, _ranges(ranges), tolerance or "0.002", target)
     stages = {"plan": "plan the scene", "build": "build the surface"}
     try:
         with progress_bar(stages) as update:
@@ -164,33 +153,24 @@ def query(
     surface: Annotated[
         Path | None, typer.Option(help="Read this surface instead of solving the model.")
     ] = None,
-    finger: Finger = "semi-wet",
-    screen: Screen = "3m-sct3250",
-    fidelity: Fidelity = "mean-field",
-    theory: Theory = "open-gaps",
+    finger: Finger = _DEFAULTS["finger"],
+    screen: Screen = _DEFAULTS["screen"],
+    fidelity: Fidelity = _DEFAULTS["fidelity"],
+    theory: Theory = _DEFAULTS["theory"],
     with_terms: With = None,
     without_terms: Without = None,
     as_json: AsJson = False,
 ) -> None:
-    """Friction for given force and voltage, from the model or from a surface."""
+    """Friction for a force and a voltage, from the model or from a surface."""
     from haptix.errors import LimitError
     from haptix.surface import FrictionSurface
 
-    force, voltage, frequency, h0 = _product(
-        _tensor("normal-force-n", normal_force_n),
-        _tensor("voltage-v", voltage_v),
-        _tensor("frequency-hz", frequency_hz),
-        _tensor("h0-m", h0_m),
+    inputs = _product(
+        normal_force_n=normal_force_n, voltage_v=voltage_v, frequency_hz=frequency_hz, h0_m=h0_m
     )
-    inputs = {
-        "normal_force_n": force,
-        "voltage_v": voltage,
-        "frequency_hz": frequency,
-        "h0_m": h0,
-    }
     if surface is None:
         model = _model(finger, screen, fidelity, theory, with_terms, without_terms)
-        state, doubts = model.solve(**inputs), model.placeholders()
+        state, placeholders = model.solve(**inputs), model.placeholders()
         outputs = {
             "mu": state.mu,
             "area_fraction": state.area_fraction,
@@ -201,36 +181,31 @@ def query(
     else:
         table = FrictionSurface.load(surface)
         limit = table.info["model"]["screen"]["max_voltage_v"]
-        if float(voltage.max()) > limit:
+        highest = float(inputs["voltage_v"].max())
+        if highest > limit:
             raise LimitError(
-                f"voltage_v: {float(voltage.max()):g} V is above the limit of {limit:g} V of the "
+                f"voltage_v: {highest:g} V is above the limit of {limit:g} V of the "
                 "surface's screen; lower it (it is rejected, not clamped)"
             )
-        sample, doubts = table.evaluate(**inputs), table.info["model"]["placeholders"]
+        sample, placeholders = table.evaluate(**inputs), table.info["model"]["placeholders"]
         outputs, status = {"mu": sample.mu}, sample.status
-    show(f"friction{placeholder_note(doubts)}", _rows(inputs, outputs, status), as_json)
+    show(f"friction{placeholder_note(placeholders)}", _rows(inputs, outputs, status), as_json)
 
 
 def invert(
     surface: Annotated[Path, typer.Argument(help="Surface made by `haptix build`.")],
-    mu: Annotated[str, typer.Option(help="Wanted friction coefficients, comma-separated.")],
+    mu: Annotated[str, typer.Option(help="Friction coefficients, comma-separated.")],
     normal_force_n: Force,
     frequency_hz: Frequency = None,
     h0_m: Thickness = None,
     as_json: AsJson = False,
 ) -> None:
-    """Voltage for a wanted friction, with the status of each: OK, BELOW, ABOVE, PULL_IN."""
+    """Voltage for a friction, with the status of each: OK, BELOW, ABOVE, PULL_IN."""
     from haptix.surface import FrictionSurface
 
-    wanted, force, frequency, h0 = _product(
-        _tensor("mu", mu),
-        _tensor("normal-force-n", normal_force_n),
-        _tensor("frequency-hz", frequency_hz),
-        _tensor("h0-m", h0_m),
-    )
+    inputs = _product(mu=mu, normal_force_n=normal_force_n, frequency_hz=frequency_hz, h0_m=h0_m)
     table = FrictionSurface.load(surface)
-    found = table.voltage(wanted, force, frequency, h0)
-    inputs = {"mu": wanted, "normal_force_n": force, "frequency_hz": frequency, "h0_m": h0}
+    found = table.voltage(**inputs)
     title = f"voltage{placeholder_note(table.info['model']['placeholders'])}"
     show(title, _rows(inputs, {"voltage_v": found.voltage_v}, found.status), as_json)
 
@@ -266,18 +241,18 @@ def _planned(scene: Path, tolerance: str | None) -> Work:
     return work
 
 
-def _unplanned(
-    model: ContactModel,
-    ranges: dict[str, Any],
-    tolerance: str,
-    update: Update,
-    largest_bytes: int,
-) -> FrictionSurface:
+def _unplanned(model: ContactModel, ranges: dict[str, Any], tolerance: str, target: Path) -> Work:
     from haptix.surface import FrictionSurface
 
-    return FrictionSurface.build(
-        model, ranges, tolerance, lambda share: update("build", share), largest_bytes
-    )
+    if model.boxed is not None:
+        return _measured(model, ranges, tolerance, target)
+
+    def work(update: Update, largest_bytes: int) -> FrictionSurface:
+        return FrictionSurface.build(
+            model, ranges, tolerance, lambda share: update("build", share), largest_bytes
+        )
+
+    return work
 
 
 def _measured(model: ContactModel, ranges: dict[str, Any], tolerance: str, target: Path) -> Work:
@@ -302,19 +277,14 @@ def _measured(model: ContactModel, ranges: dict[str, Any], tolerance: str, targe
     return work
 
 
-def _ranges(
-    normal_force_n: str, voltage_v: float | None, frequency_hz: str | None, h0_m: str | None
-) -> dict[str, Any]:
+def _ranges(options: dict[str, str | None]) -> dict[str, Any]:
     from haptix.cli.numbers import read_pair
 
-    ranges: dict[str, Any] = {"normal_force_n": read_pair("normal-force-n", normal_force_n)}
-    if voltage_v is not None:
-        ranges["voltage_v"] = (0.0, voltage_v)
-    if frequency_hz is not None:
-        ranges["frequency_hz"] = read_pair("frequency-hz", frequency_hz)
-    if h0_m is not None:
-        ranges["h0_m"] = read_pair("h0-m", h0_m)
-    return ranges
+    return {
+        option.replace("-", "_"): read_pair(option, text)
+        for option, text in options.items()
+        if text is not None
+    }
 
 
 def _summary(path: Path, surface: FrictionSurface) -> dict[str, Any]:
@@ -360,21 +330,20 @@ def _model(
     )
 
 
-def _tensor(option: str, text: str | None) -> Tensor | None:
+def _product(**options: str | None) -> dict[str, Any]:
+    """Every combination of the options' numbers, one row each; an option left out stays None."""
     import torch
 
     from haptix.cli.numbers import read_numbers
 
-    return None if text is None else torch.tensor(read_numbers(option, text), dtype=torch.float64)
-
-
-def _product(*columns: Any) -> list[Any]:
-    """Every combination, one row each; columns that are None stay None."""
-    import torch
-
-    given = [column for column in columns if column is not None]
-    grids = iter(grid.reshape(-1) for grid in torch.meshgrid(*given, indexing="ij"))
-    return [None if column is None else next(grids) for column in columns]
+    given = {
+        name: torch.tensor(read_numbers(name.replace("_", "-"), text), dtype=torch.float64)
+        for name, text in options.items()
+        if text is not None
+    }
+    grids = torch.meshgrid(*given.values(), indexing="ij")
+    rows = {name: grid.reshape(-1) for name, grid in zip(given, grids, strict=True)}
+    return {name: rows.get(name) for name in options}
 
 
 def _rows(inputs: dict[str, Any], outputs: dict[str, Any], status: Any) -> list[dict[str, Any]]:

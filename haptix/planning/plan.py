@@ -220,7 +220,7 @@ def plan_scene(
     on_progress(0.8)
     decisions = {**settled, **decisions}
     rest = scene.budget_thresholds - _UNSEEN * joint.thresholds_max
-    tolerance = wanted or Tolerance(rest, "thresholds")
+    tolerance = wanted or Tolerance(rest, "JND")
     nodes = estimated_nodes(trials, chosen, _in_thresholds(tolerance, trials, chosen))
     on_progress(0.9)
     rows = [_row(one, decisions[one], effects[one], trials, chosen, nodes) for one in everything]
@@ -254,7 +254,7 @@ def _model(scene: Scene, planned: ContactModel) -> ContactModel:
 
 
 def _in_thresholds(tolerance: Tolerance, trials: Trials, chosen: Choice) -> float:
-    if tolerance.unit == "thresholds":
+    if tolerance.unit == "JND":
         return tolerance.value
     mu = trials.friction(chosen, trials.points, trials.voltage_v)
     unit = tolerance.unit_in_mu(mu, float(mu.min()), float(mu.max()))

@@ -88,7 +88,7 @@ class FrictionSurface:
             screen's own); in brackets what a missing one means.
         tolerance : Tolerance, float or str
             Largest error in mu against the model at held-out points; in mu, or as
-            ``"0.05 thresholds"`` or ``"0.2 %"``, see `Tolerance`.
+            ``"0.05 JND"`` or ``"0.2 %"``, see `Tolerance`.
         on_progress : callable, optional
             Called with the share of the work that is done.
         largest_bytes : int

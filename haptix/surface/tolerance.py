@@ -1,4 +1,4 @@
-"""How far a surface may be from the model: in mu, of its range, or in what a finger can tell."""
+"""Largest error of a surface against its model: in mu, in JND, or of its range."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from haptix.perception import WEBER_FRACTION
 LARGEST_BYTES = 64_000_000
 """Size that a surface may have unless told otherwise."""
 
-Unit = Literal["mu", "thresholds", "percent of range"]
+Unit = Literal["mu", "JND", "percent of range"]
 
 _SPELLINGS: dict[str, Unit] = {
     "": "mu",
     "mu": "mu",
-    "threshold": "thresholds",
-    "thresholds": "thresholds",
+    "JND": "JND",
+    "jnd": "JND",
+    "threshold": "JND",
+    "thresholds": "JND",
     "%": "percent of range",
     "percent": "percent of range",
     "percent of range": "percent of range",
@@ -36,9 +38,9 @@ class Tolerance:
     ----------
     value : float
         Above 0.
-    unit : {"mu", "thresholds", "percent of range"}
-        Of friction coefficient; of the difference threshold, ``0.11 mu`` where the finger is; or
-        of the span between lowest and highest mu in the ranges asked for.
+    unit : {"mu", "JND", "percent of range"}
+        Friction coefficient; just-noticeable differences, of ``0.11 mu`` each; or percent of the
+        span between lowest and highest mu in the ranges asked for.
 
     Raises
     ------
@@ -59,12 +61,12 @@ class Tolerance:
 
     @classmethod
     def read(cls, value: Self | float | str) -> Self:
-        """Read ``0.002``, ``"0.002"``, ``"0.05 thresholds"`` or ``"0.2 %"``."""
+        """Read ``0.002``, ``"0.002"``, ``"0.05 JND"`` or ``"0.2 %"``."""
         if isinstance(value, cls):
             return value
         if isinstance(value, bool):
             raise InputError(f"tolerance: expected a number in mu, got {value}")
-        match = re.fullmatch(r"\s*([-+.\deE]+|nan|inf)\s*([a-z% ]*?)\s*", str(value))
+        match = re.fullmatch(r"\s*([-+.\deE]+|nan|inf)\s*([A-Za-z% ]*?)\s*", str(value))
         try:
             if match is None:
                 raise ValueError
@@ -73,7 +75,7 @@ class Tolerance:
             if isinstance(error, InputError):
                 raise
             raise InputError(
-                f'tolerance: expected a number in mu, "0.05 thresholds" or "0.2 %", got {value!r}'
+                f'tolerance: expected a number in mu, "0.05 JND" or "0.2 %", got {value!r}'
             ) from None
 
     def __str__(self) -> str:
@@ -81,7 +83,7 @@ class Tolerance:
 
     def unit_in_mu(self, mu: Tensor, low: float, high: float) -> Tensor | float:
         """Size of the unit at friction `mu`, where mu runs from `low` to `high`."""
-        if self.unit == "thresholds":
+        if self.unit == "JND":
             return WEBER_FRACTION * mu
         if self.unit == "percent of range":
             return max(high - low, 1e-12 * high) / 100

@@ -1,4 +1,4 @@
-"""Headroom: how much of the wanted friction a surface can give, as a map and as numbers."""
+"""Headroom: how much of the target friction a surface can give, as a map and as numbers."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ if TYPE_CHECKING:
     from haptix.surface import FrictionSurface
 
 _ABOVE = (Status.ABOVE, Status.PULL_IN, Status.BREAKDOWN)
-_NAMES = ("within reach", "below: lower than without voltage", "above: more than the highest gives")
+_NAMES = ("reachable", "below: lower than without voltage", "above: more than the highest gives")
 _COLORS = ("0.93", "tab:blue", "tab:red")
 _DPI = 110
 
 
 @dataclass(frozen=True)
 class Headroom:
-    """What is wanted at each place, and what can be reached at one force."""
+    """Target friction at each place, and the reachable range at one force."""
 
     x_mm: Array
     """Shape (columns,)."""
     y_mm: Array
     """Shape (rows,)."""
-    wanted_mu: Array
+    target_mu: Array
     """Shape (rows, columns)."""
-    status: npt.NDArray[np.int64]
+    status: npt.NDArray[np.int8]
     """Integers of `Status`, shape (rows, columns)."""
     normal_force_n: float
     lowest_mu: float
@@ -46,62 +46,65 @@ class Headroom:
 
     @property
     def below(self) -> float:
-        """Part of the places that want less friction than there is without voltage."""
+        """Share of the places whose target is below the friction without voltage."""
         return float((self.status == Status.BELOW).mean())
 
     @property
     def above(self) -> float:
-        """Part of the places that want more than the highest voltage gives."""
+        """Share of the places whose target is above the friction at the highest voltage."""
         return float(np.isin(self.status, _ABOVE).mean())
 
     @property
     def within(self) -> float:
-        """Part of the places that can be reached."""
+        """Share of the places whose target is reachable."""
         return float((self.status == Status.OK).mean())
 
     @property
     def shortfall_mu(self) -> Array:
-        """Wanted less reached, above 0 where too much is wanted, shape (rows, columns)."""
-        return self.wanted_mu - np.clip(self.wanted_mu, self.lowest_mu, self.highest_mu)
+        """Target less the nearest reachable friction, shape (rows, columns)."""
+        return self.target_mu - self._given_mu
 
     @property
-    def worst_thresholds(self) -> float:
-        """Largest shortfall of either sign, in difference thresholds of what is reached there."""
-        reached = np.clip(self.wanted_mu, self.lowest_mu, self.highest_mu)
-        return float((np.abs(self.shortfall_mu) / (WEBER_FRACTION * reached)).max())
+    def worst_jnd(self) -> float:
+        """Largest shortfall of either sign, in just-noticeable differences (JND)."""
+        return float((np.abs(self.shortfall_mu) / (WEBER_FRACTION * self._given_mu)).max())
+
+    @property
+    def _given_mu(self) -> Array:
+        return np.clip(self.target_mu, self.lowest_mu, self.highest_mu)
 
     def numbers(self) -> dict[str, float]:
-        """The figures that the drawing shows, as plain numbers."""
+        """Figures of the drawing, as plain numbers."""
         return {
             "normal_force_n": self.normal_force_n,
             "lowest_mu": self.lowest_mu,
             "highest_mu": self.highest_mu,
-            "least_wanted_mu": float(self.wanted_mu.min()),
-            "most_wanted_mu": float(self.wanted_mu.max()),
+            "least_target_mu": float(self.target_mu.min()),
+            "most_target_mu": float(self.target_mu.max()),
             "within": self.within,
             "below": self.below,
             "above": self.above,
             "worst_shortfall_mu": float(np.abs(self.shortfall_mu).max()),
-            "worst_thresholds": self.worst_thresholds,
+            "worst_jnd": self.worst_jnd,
         }
 
     def draw(self) -> Figure:
-        """Map of what is out of reach, and the wanted friction beside the reachable range."""
+        """Map of the places out of range, and the target friction beside the reachable range."""
         from matplotlib.colors import ListedColormap
         from matplotlib.figure import Figure
         from matplotlib.patches import Patch
 
         figure = Figure(figsize=(12, 4.6), layout="constrained")
-        wanted, reach, counts = figure.subplots(1, 3, width_ratios=(1.25, 1.1, 0.9))
+        target, reach, counts = figure.subplots(1, 3, width_ratios=(1.25, 1.1, 0.9))
         ends = (self.x_mm[0], self.x_mm[-1], self.y_mm[-1], self.y_mm[0])
-        picture = wanted.imshow(self.wanted_mu, extent=ends, cmap="viridis")
-        figure.colorbar(picture, ax=wanted, shrink=0.75)
-        wanted.set(xlabel="x on the screen (mm)", ylabel="y (mm)", title="friction wanted (mu)")
+        picture = target.imshow(self.target_mu, extent=ends, cmap="viridis")
+        figure.colorbar(picture, ax=target, shrink=0.75)
+        target.set(xlabel="x on the screen (mm)", ylabel="y (mm)", title="target friction (mu)")
         kind = np.select([self.status == Status.BELOW, np.isin(self.status, _ABOVE)], [1, 2], 0)
         reach.imshow(
             kind, extent=ends, cmap=ListedColormap(_COLORS), vmin=0, vmax=2, interpolation="nearest"
         )
-        reach.set(xlabel="x on the screen (mm)", title=f"{100 * self.within:.3g} % within reach")
+        reach.set(xlabel="x on the screen (mm)", title=f"{100 * self.within:.3g} % reachable")
         parts = (self.within, self.below, self.above)
         patches = [
             Patch(facecolor=color, edgecolor="0.6", label=f"{name} ({100 * part:.3g} %)")
@@ -109,15 +112,15 @@ class Headroom:
         ]
         figure.legend(handles=patches, loc="outside lower center", ncols=3, frameon=False)
         low, high = self.lowest_mu, self.highest_mu
-        counts.hist(self.wanted_mu.ravel(), bins=60, color="0.4", orientation="horizontal")
+        counts.hist(self.target_mu.ravel(), bins=60, color="0.4", orientation="horizontal")
         counts.axhspan(low, high, color="tab:green", alpha=0.25, label="reachable")
-        span = (min(low, self.wanted_mu.min()), max(high, self.wanted_mu.max()))
+        span = (min(low, self.target_mu.min()), max(high, self.target_mu.max()))
         room = 0.06 * (span[1] - span[0])
         counts.set(
             ylim=(span[0] - room, span[1] + room),
             xlabel="places",
             ylabel="mu",
-            title=f"reach at {self.normal_force_n:g} N: {low:.3g} to {high:.3g}",
+            title=f"reachable at {self.normal_force_n:g} N: {low:.3g} to {high:.3g}",
         )
         counts.legend(loc="best", fontsize=9)
         return figure
@@ -138,23 +141,23 @@ def headroom(
     columns: int = 300,
     footprint_mm: float = 0.0,
 ) -> Headroom:
-    """Ask on a grid of places from the origin how much of a field can be reached.
+    """Compare the targets of a field with the reachable range, on a grid from the origin.
 
     Parameters
     ----------
     field : FrictionField
-        What is wanted.
+        Gives the target friction.
     surface : FrictionSurface
-        What can be given, sliced to one frequency and thickness: ``surface.at(frequency, h0)``.
+        Sliced to one frequency and thickness: ``surface.at(frequency, h0)``.
     normal_force_n : float
         The finger's force [N].
     width_mm, height_mm : float, optional
-        Part of the screen to ask; a texture has its own size.
+        Part of the screen; a texture has its own size.
     columns : int
         Places along the width; as dense down the height.
     footprint_mm : float
-        Way of the finger during one sample of the envelope, as in `FrictionField.friction`; a fast
-        finger asks for less. 0 asks for all detail.
+        Distance that the finger moves during one sample of the envelope, as in
+        `FrictionField.friction`. A fast finger asks for less detail, 0 for all of it.
 
     Raises
     ------
@@ -173,13 +176,9 @@ def headroom(
     step = width_mm / columns
     x = np.asarray((np.arange(columns) + 0.5) * step, dtype=np.float64)
     y = np.asarray((np.arange(max(1, round(height_mm / step))) + 0.5) * step, dtype=np.float64)
-    surface.mu(normal_force_n, 0.0)  # which refuses a force outside the surface, by name
-    low, high = (float(end) for end in surface.reachable(normal_force_n))
+    column = surface.column(normal_force_n, None)
+    low, high = float(column.lowest_mu), float(column.highest_mu)
     values = field.friction(x[None, :], y[:, None], footprint_mm)
-    wanted = np.asarray(as_mu(field.target, values, low, high))
-    # The two ends themselves are within reach, whatever the last digit of the arithmetic says.
-    hair = 1e-9 * (high - low)
-    inner = np.where(np.abs(wanted - low) < hair, low + hair, wanted)
-    inner = np.where(np.abs(wanted - high) < hair, high - hair, inner)
-    status = surface.voltage(inner.ravel(), normal_force_n).status.numpy().reshape(wanted.shape)
-    return Headroom(x, y, wanted, status.astype(np.int64), float(normal_force_n), low, high)
+    target = np.asarray(as_mu(field.target, values, low, high))
+    _, status = column.voltage(target)
+    return Headroom(x, y, target, status, float(normal_force_n), low, high)

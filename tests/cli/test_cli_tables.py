@@ -215,7 +215,8 @@ def test_build_says_when_a_tolerance_cannot_be_met(haptix_cli):
 
 
 @pytest.mark.parametrize(
-    ("tolerance", "unit"), [("0.05 thresholds", "thresholds"), ("0.5 %", "percent of range")]
+    ("tolerance", "unit"),
+    [("0.05 thresholds", "JND"), ("0.05 JND", "JND"), ("0.5 %", "percent of range")],
 )
 def test_tolerances_in_units_of_people(haptix_cli, tolerance, unit):
     asked = ("build", "my.surface", "--tolerance", tolerance, "--overwrite", "--json")

@@ -171,7 +171,7 @@ def test_overrides_win(plain):
     assert "skin-dielectric" not in plan.model.terms
     assert plan.ranges["frequency_hz"] == (200.0, 220.0)
     assert plan.dtype == torch.float64
-    assert str(plan.tolerance) == "0.1 thresholds"
+    assert str(plan.tolerance) == "0.1 JND"
     # The cost of what was forced is told, though it is not held against the rest.
     assert found["skin-dielectric"].effect_mu > 0
 

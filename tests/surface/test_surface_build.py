@@ -67,7 +67,9 @@ def test_no_surface_fits_into_a_few_bytes(model: ContactModel) -> None:
     assert caught.value.best is None
 
 
-@pytest.mark.parametrize("tolerance", ["1e-4", "0.01 thresholds", "0.5 %", Tolerance(2e-4)])
+@pytest.mark.parametrize(
+    "tolerance", ["1e-4", "0.01 thresholds", "0.01 JND", "0.5 %", Tolerance(2e-4)]
+)
 def test_the_tolerance_is_kept_in_its_own_unit(model: ContactModel, tolerance: Any) -> None:
     surface = FrictionSurface.build(model, SMALL, tolerance=tolerance)
     generator = torch.Generator().manual_seed(7)
@@ -76,7 +78,7 @@ def test_the_tolerance_is_kept_in_its_own_unit(model: ContactModel, tolerance: A
     mu = model.solve(force, voltage).mu
     error = (surface.mu(force, voltage) - mu).abs()
     asked = Tolerance.read(tolerance)
-    unit = {"mu": 1.0, "thresholds": 0.11 * mu, "percent of range": (mu.max() - mu.min()) / 100}
+    unit = {"mu": 1.0, "JND": 0.11 * mu, "percent of range": (mu.max() - mu.min()) / 100}
     worst = float((error / unit[asked.unit]).max())
     # The range is that of the points that were drawn, and theirs was another draw.
     assert worst <= asked.value * 1.01

@@ -35,7 +35,7 @@ def ramp(**options):
 def test_shares_are_within_reach(surface):
     found = headroom(ramp(), surface, FORCE_N, columns=100)
     assert (found.within, found.below, found.above) == (1, 0, 0)
-    assert found.worst_thresholds == 0
+    assert found.worst_jnd == 0
 
 
 def test_parts_of_an_absolute_ramp(surface, reach):
@@ -55,8 +55,8 @@ def test_parts_of_an_absolute_ramp(surface, reach):
     assert found.shortfall_mu.max() == pytest.approx(span)
     assert found.shortfall_mu.min() == pytest.approx(-0.5 * span)
     expected = max(span / (0.11 * high), 0.5 * span / (0.11 * low))
-    assert found.worst_thresholds == pytest.approx(expected)
-    assert found.numbers()["most_wanted_mu"] > high
+    assert found.worst_jnd == pytest.approx(expected)
+    assert found.numbers()["most_target_mu"] > high
 
 
 def test_contrast_starts_from_the_friction_without_voltage(surface, reach):
@@ -64,7 +64,7 @@ def test_contrast_starts_from_the_friction_without_voltage(surface, reach):
     found = headroom(grating, surface, FORCE_N, 64.0, 16.0, columns=64)
     assert found.below == 0.5
     assert found.within == 0.5
-    assert found.wanted_mu.min() == pytest.approx(0.8 * reach[0])
+    assert found.target_mu.min() == pytest.approx(0.8 * reach[0])
     # A fast finger feels the mean of the wave only, everywhere below.
     assert headroom(grating, surface, FORCE_N, 64.0, 16.0, 64, footprint_mm=5.0).below == 1
 
