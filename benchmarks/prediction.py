@@ -3,7 +3,7 @@
     .venv/bin/python benchmarks/prediction.py             # the defaults; half a minute
     .venv/bin/python benchmarks/prediction.py --sweep     # the filters' parameters too; minutes
 
-Made-up fingers (`haptix.touch.strokes`) whose true place is known are reported by a touchscreen
+Made-up fingers (`made_up_fingers`) whose true place is known are reported by a touchscreen
 with noise and latency; a tracker is asked for its path in blocks of 1 ms, and the distance to the
 true place counts. "held" is the place of the last report: what there is without prediction.
 """
@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from made_up_fingers import FingerPath
 
 from haptix.touch import (
     ConstantVelocityKalman,
@@ -27,7 +28,6 @@ from haptix.touch import (
     TouchSettings,
     TouchTracker,
 )
-from haptix.touch.strokes import FingerPath
 
 KINDS = ("strokes", "scribble", "zigzag", "circles")
 SEEDS = tuple(range(1, 9))

@@ -19,6 +19,7 @@ from haptix.texture.field import (
     turned,
     without_far_places,
 )
+from haptix.texture.pyramid import blend_levels
 from haptix.waves import Shape, Waveform
 
 _MOST_HARMONICS = 1024
@@ -133,13 +134,7 @@ class Grating(FrictionField):
         with np.errstate(divide="ignore"):
             depth = np.log2(self.period_mm / (2 * footprint_mm))
         depth = np.minimum(np.maximum(depth, 0.0), float(last))
-        level = np.minimum(depth.astype(np.intp), last - 1)
-        value = np.empty(place.shape)
-        for one in np.unique(level):
-            mine = level == one
-            value[mine] = self._read(int(one), place[mine])
-            finer = self._read(int(one) + 1, place[mine])
-            value[mine] += (depth[mine] - one) * (finer - value[mine])
+        value = blend_levels(depth, last, lambda level, mine: self._read(level, place[mine]))
         points = footprint_mm == 0
         value[points] = self._banded(place[points], 0.0)
         return value

@@ -13,11 +13,13 @@ blended linearly in the footprint's logarithm, so nothing jumps when the speed c
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import floor, frexp, log2
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 from scipy.ndimage import correlate1d
 
 from haptix.texture.field import Array, are_near, far_places
@@ -246,22 +248,32 @@ class Pyramid:
             depth = np.log2(footprint_mm / self.pixel_mm)
         depth = np.maximum(np.minimum(depth + 1, 1.0), depth)
         depth = np.minimum(np.maximum(depth, 0.0), float(self._last))
-        level = np.minimum(depth.astype(np.intp), max(self._last - 1, 0))
-        part = depth - level
-        value = np.empty(x_mm.shape)
-        for one in np.unique(level):
-            mine = level == one
-            x, y = x_mm[mine], y_mm[mine]
-            fine = self._levels[one].at(x, y)
-            if self._last > 0:
-                fine += part[mine] * (self._levels[one + 1].at(x, y) - fine)
-            value[mine] = fine
-        return value
+        return blend_levels(
+            depth, self._last, lambda level, mine: self._levels[level].at(x_mm[mine], y_mm[mine])
+        )
 
     @property
     def nbytes(self) -> int:
         """Bytes of all levels."""
         return sum(level.corners[0].nbytes for level in self._levels)
+
+
+def blend_levels(
+    depth: Array, last: int, read: Callable[[int, npt.NDArray[np.bool_]], Array]
+) -> Array:
+    """Blend levels linearly by depth, shape (places,): 0 to `last`.
+
+    ``read(level, mine)`` returns the values of a level at the places of a mask.
+    """
+    level = np.minimum(depth.astype(np.intp), max(last - 1, 0))
+    value = np.empty(depth.shape)
+    for one in np.unique(level).tolist():
+        mine = level == one
+        found = read(one, mine)
+        if last > 0:
+            found += (depth[mine] - one) * (read(one + 1, mine) - found)
+        value[mine] = found
+    return value
 
 
 def _into(place_mm: Array, period_mm: float) -> Array:

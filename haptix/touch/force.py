@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from haptix import checks
+from haptix.checks import number, positive, row
 from haptix.errors import InputError
 
 ForceSource = Literal["axis", "area", "assumed"]
@@ -27,8 +27,8 @@ class ForceEstimate(NamedTuple):
 class AreaProxy:
     """Force from contact area by a power law: ``F = 1 N * (area / area_at_1n)^(1 / exponent)``.
 
-    The inverse of the law by which `haptix.Finger` gives its apparent contact area; but what a
-    touchscreen calls area is its own, so calibrate (`fit`) with the screen and the finger at hand.
+    This inverts the law of the apparent area in `haptix.Finger`. What a touchscreen calls area
+    differs from screen to screen, so calibrate with the screen and the finger at hand (`fit`).
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class AreaProxy:
     log_sigma : float
         Standard deviation of ln F about the law: 0.3 is a factor of 1.35 either way.
     force_range_n : (float, float)
-        What can be believed; an area that means a force outside is not used.
+        Range of plausible forces; an area that gives a force outside it is not used.
     """
 
     area_at_1n_m2: float
@@ -49,7 +49,7 @@ class AreaProxy:
 
     def __post_init__(self) -> None:
         for name in ("area_at_1n_m2", "exponent"):
-            checks.positive(name, getattr(self, name))
+            positive(name, getattr(self, name))
         low, high = self.force_range_n
         if not 0 < low < high < inf:
             raise InputError(
@@ -65,9 +65,9 @@ class AreaProxy:
     def fit(cls, contact_area_m2: npt.ArrayLike, normal_force_n: npt.ArrayLike) -> Self:
         """Fit the law to pairs of reported area [m^2] and measured force [N], each of shape (n,).
 
-        Least squares of ln F against ln area, so that what is predicted, the force, has the least
-        spread; `log_sigma` is that of the residuals, and `force_range_n` half the smallest to twice
-        the largest force seen.
+        Least squares of ln F against ln area, so that the predicted force has the least spread.
+        `log_sigma` is that of the residuals; `force_range_n` is half the smallest to twice the
+        largest force given.
 
         Raises
         ------
@@ -75,20 +75,15 @@ class AreaProxy:
             If there are fewer than 3 pairs, a value is not above 0, or force does not grow with
             area.
         """
-        area = np.asarray(contact_area_m2, dtype=float)
-        force = np.asarray(normal_force_n, dtype=float)
-        if area.ndim != 1 or area.shape != force.shape or len(area) < 3:
+        area, force = row("contact_area_m2", contact_area_m2), row("normal_force_n", normal_force_n)
+        if len(area) != len(force) or len(area) < 3:
             raise InputError(
-                "area proxy: expected areas and forces of one length, 3 pairs or more, got shapes "
-                f"{area.shape} and {force.shape}"
+                "area proxy: expected areas and forces of one length, 3 pairs or more, got "
+                f"{len(area)} and {len(force)}"
             )
         for name, values in (("contact_area_m2", area), ("normal_force_n", force)):
-            bad = ~(np.isfinite(values) & (values > 0))
-            if bad.any():
-                raise InputError(
-                    f"area proxy: {name} of pair {int(bad.argmax()) + 1}: expected a finite number "
-                    f"above 0, got {values[bad][0]:g}"
-                )
+            for i, value in enumerate(values.tolist(), 1):
+                positive(f"area proxy: {name} of pair {i}", value)
         ln_area, ln_force = np.log(area), np.log(force)
         spread = ln_area - ln_area.mean()
         square = float(spread @ spread)
@@ -108,9 +103,9 @@ class AreaProxy:
         )
 
     def force(self, contact_area_m2: float) -> ForceEstimate | None:
-        """Median force and standard deviation (log-normal), or None where it is not to be believed.
+        """Median force and standard deviation (log-normal) for an area above 0.
 
-        The area is above 0.
+        None where the force is outside `force_range_n`.
         """
         ln_force = log(contact_area_m2 / self.area_at_1n_m2) / self.exponent
         low, high = self.force_range_n
@@ -123,12 +118,12 @@ class AreaProxy:
 
 @dataclass(frozen=True)
 class ForceModel:
-    """How a touch gets its force: the axis if there is one, else the area, else the assumption.
+    """Where a touch gets its force: from the force axis, else the area, else the assumption.
 
     Parameters
     ----------
     assumed_n, assumed_sigma_n : float
-        Taken where nothing is measured: a usual exploring force, and how far people are from it.
+        Used where nothing is measured: a usual exploring force, and its spread among people.
     axis_sigma : float
         Standard deviation of a measured force, as a share of it.
     area_proxy : AreaProxy, optional
@@ -142,16 +137,16 @@ class ForceModel:
     assumed: ForceEstimate = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        checks.positive("assumed_n", self.assumed_n)
+        positive("assumed_n", self.assumed_n)
         for name in ("assumed_sigma_n", "axis_sigma"):
-            checks.number(name, getattr(self, name), 0.0)
+            number(name, getattr(self, name), 0.0)
         made = ForceEstimate(self.assumed_n, self.assumed_sigma_n, "assumed")
         object.__setattr__(self, "assumed", made)
 
     def estimate(
         self, normal_force_n: float | None, contact_area_m2: float | None
     ) -> ForceEstimate | None:
-        """Force of a report, or None where it says nothing that can be used."""
+        """Force of a report, or None where the report has none that can be used."""
         if normal_force_n is not None and _usable(normal_force_n):
             force = float(normal_force_n)
             return ForceEstimate(force, self.axis_sigma * force, "axis")

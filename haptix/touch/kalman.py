@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from haptix import checks
+from haptix.checks import positive
 
 KalmanState = tuple[float, float, float, float, float, float, float, float]
 """t [s], x, y [mm], vx, vy [mm/s], and the covariance of each axis: place, both, velocity."""
@@ -36,7 +36,7 @@ class ConstantVelocityKalman:
 
     def __post_init__(self) -> None:
         for name in ("acceleration_psd", "position_noise_mm", "first_speed_mm_s"):
-            checks.positive(name, getattr(self, name))
+            positive(name, getattr(self, name))
 
     def start(self, t_s: float, x_mm: float, y_mm: float) -> KalmanState:
         """State after the first report."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import hypot, tau
 
-from haptix import checks
+from haptix.checks import number, positive
 
 OneEuroState = tuple[float, float, float, float, float, float, float]
 """t [s], filtered x, y [mm], vx, vy [mm/s], and the smoothed derivatives along x and y [mm/s]."""
@@ -36,9 +36,9 @@ class OneEuroFilter:
     derivative_cutoff_hz: float = 36.0
 
     def __post_init__(self) -> None:
-        checks.positive("min_cutoff_hz", self.min_cutoff_hz)
-        checks.positive("derivative_cutoff_hz", self.derivative_cutoff_hz)
-        checks.number("beta_per_mm", self.beta_per_mm, 0.0)
+        positive("min_cutoff_hz", self.min_cutoff_hz)
+        positive("derivative_cutoff_hz", self.derivative_cutoff_hz)
+        number("beta_per_mm", self.beta_per_mm, 0.0)
 
     def start(self, t_s: float, x_mm: float, y_mm: float) -> OneEuroState:
         """State after the first report."""

@@ -1,4 +1,4 @@
-"""How touches are followed: the settings of every tracker."""
+"""Settings of the touch trackers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import Any, Protocol
 
-from haptix import checks
+from haptix.checks import number, positive
 from haptix.errors import InputError
 from haptix.touch.force import ForceModel
 from haptix.touch.singer import SingerKalman
@@ -16,7 +16,7 @@ FilterState = Any
 
 
 class PlaceFilter(Protocol):
-    """A filter whose state is a tuple that is never changed, so that steps can be taken back."""
+    """A filter whose state is an immutable tuple, so that steps can be undone."""
 
     def start(self, t_s: float, x_mm: float, y_mm: float, /) -> FilterState:
         """State after the first report."""
@@ -37,20 +37,20 @@ class TouchSettings:
     filter : PlaceFilter
         `SingerKalman`, `ConstantVelocityKalman` or `OneEuroFilter`.
     latency_s : float
-        Over how much time places are predicted, beyond the age of the last report: from the finger
-        being there to the time stamp of the report, plus from the time for which a sample is
+        How far ahead places are predicted, beyond the age of the last report. It is the time from
+        the finger being at a place to the report's time stamp, plus the time from a sample being
         rendered to the finger feeling it. Measure it end to end.
     lost_after_s : float
-        A touch without a report for so long is lost: held where it was expected then, not sliding.
-        With the next report it is taken up anew, as if the finger had just come down.
+        A touch without a report for this long is lost. It is held where it was expected then, and
+        does not slide. The next report starts it again, as if the finger had just come down.
     blend_s : float
-        Time constant with which a path takes up what a new report corrects.
+        Time constant with which a path follows the correction of a new report.
     slide_above_mm_s, rest_below_mm_s : float
         A finger starts to slide above the first and comes to rest below the second.
     slide_smoothing_s : float
         Time constant over which velocity, as a vector, is averaged for that decision.
     reorder_s : float
-        An event that comes late by up to this is put in its place, later ones are dropped.
+        An event that is late by at most this is put in its place. Later ones are dropped.
     least_interval_s : float
         Reports that follow each other faster than this replace each other.
     force : ForceModel
@@ -70,9 +70,9 @@ class TouchSettings:
 
     def __post_init__(self) -> None:
         for name in ("lost_after_s", "blend_s", "slide_smoothing_s", "least_interval_s"):
-            checks.positive(name, getattr(self, name))
+            positive(name, getattr(self, name))
         for name in ("latency_s", "rest_below_mm_s", "reorder_s"):
-            checks.number(name, getattr(self, name), 0.0)
+            number(name, getattr(self, name), 0.0)
         if self.latency_s > 0.5:
             raise InputError(
                 f"latency_s: expected 0.5 s at most, got {self.latency_s:g}; is it in ms? No "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import exp, expm1, hypot
 
-from haptix import checks
+from haptix.checks import number, positive
 
 SingerState = tuple[
     float, float, float, float, float, float, float, float, float, float, float, float, float
@@ -18,11 +18,11 @@ place-velocity, place-acceleration, velocity-velocity, velocity-acceleration, ac
 class SingerKalman:
     """Acceleration as a first-order Markov process (Singer, IEEE Trans. AES-6, 473, 1970).
 
-    A finger turns and brakes over tenths of a second, so its acceleration is worth estimating, and
-    predicting with as long as it is likely to last: ahead by h the place is
-    ``x + v h + a tau^2 (exp(-h/tau) - 1 + h/tau)``. The transition is Singer's own;
-    the noise that an interval adds is that for intervals short against `correlation_s`. Both axes
-    are alike and independent.
+    A finger turns and brakes over tenths of a second, so its acceleration is worth estimating. The
+    prediction uses it for as long as it is likely to last: ahead by h the place is
+    ``x + v h + a tau^2 (exp(-h/tau) - 1 + h/tau)``. The transition is Singer's. The noise of an
+    interval is that of intervals much shorter than `correlation_s`. Both axes are alike and
+    independent.
 
     Parameters
     ----------
@@ -49,8 +49,8 @@ class SingerKalman:
         for name in (
             "acceleration_mm_s2", "correlation_s", "position_noise_mm", "first_speed_mm_s",
         ):  # fmt: skip
-            checks.positive(name, getattr(self, name))
-        checks.number("acceleration_per_speed_hz", self.acceleration_per_speed_hz, 0.0)
+            positive(name, getattr(self, name))
+        number("acceleration_per_speed_hz", self.acceleration_per_speed_hz, 0.0)
 
     def start(self, t_s: float, x_mm: float, y_mm: float) -> SingerState:
         """State after the first report."""

@@ -1,15 +1,20 @@
 """Made-up fingers are what they say, and the tracker predicts them."""
 
 import math
+import runpy
 from bisect import bisect_right
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from haptix import InputError
 from haptix.touch import Touches, TouchSettings
-from haptix.touch.strokes import KINDS, TREMOR_MM, FingerPath
 
+MADE_UP = runpy.run_path(
+    str(Path(__file__).parents[2] / "benchmarks" / "made_up_fingers.py"), run_name="made_up_fingers"
+)
+KINDS, TREMOR_MM, FingerPath = (MADE_UP[name] for name in ("KINDS", "TREMOR_MM", "FingerPath"))
 MOVING = ("strokes", "scribble", "zigzag", "circles")
 T = np.arange(0, 20, 1e-3)
 

@@ -1,8 +1,7 @@
 """Made-up fingers: paths as people move on a screen, and what a touchscreen reports of them.
 
-For benchmarks, tests and the virtual finger, which have to know where the finger truly is. Strokes
-follow the minimum-jerk law (Flash and Hogan, J. Neurosci. 5, 1688, 1985), and all carry a
-physiological tremor of 8 to 12 Hz.
+For studies and tests that have to know where the finger truly is. Strokes follow the minimum-jerk
+law (Flash and Hogan, J. Neurosci. 5, 1688, 1985). All carry a physiological tremor of 8 to 12 Hz.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
-from haptix import checks
+from haptix.checks import choice, positive
 from haptix.touch.events import TouchEvent
 
 Array = npt.NDArray[np.float64]
@@ -63,9 +62,9 @@ class FingerPath:
         speed_mm_s : float
             Mean speed over the path; of strokes the mean of the highest speeds.
         """
-        checks.choice("kind", kind, KINDS)
-        checks.positive("duration_s", duration_s)
-        checks.positive("speed_mm_s", speed_mm_s)
+        choice("kind", kind, KINDS)
+        positive("duration_s", duration_s)
+        positive("speed_mm_s", speed_mm_s)
         random = np.random.default_rng(seed)
         made = KINDS[kind](random, duration_s, speed_mm_s)
         tremor = _tremor(random)
