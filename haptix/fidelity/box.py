@@ -11,9 +11,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from haptix import checks
 from haptix.contact.boundary_elements import ResolutionWarning, Surfaces
 from haptix.contact.roughness import RoughnessSpectrum
-from haptix.errors import InputError, check_positive
+from haptix.errors import InputError
 from haptix.finger import Finger, MeasuredRoughness
 
 _PIXELS = 4.0  # in the shortest wave: the corrected area is then off by up to 4 %
@@ -56,7 +57,7 @@ class BoundaryElementBox:
     def __post_init__(self) -> None:
         for name in ("waves", "side_m", "q_high_per_m"):
             if getattr(self, name) is not None:
-                check_positive(name, getattr(self, name))
+                checks.positive(name, getattr(self, name))
         for name in ("points", "surfaces", "most_states"):
             value = getattr(self, name)
             if type(value) is not int or value < 1:

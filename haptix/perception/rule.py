@@ -18,7 +18,8 @@ from math import log10
 import numpy as np
 import numpy.typing as npt
 
-from haptix.errors import InputError, check_positive
+from haptix import checks
+from haptix.errors import InputError
 from haptix.perception.data import Perception
 
 
@@ -57,7 +58,7 @@ def components_of_pull(
         Components of smaller drives are left out.
     """
     drive = np.asarray(drive_v, dtype=float)
-    check_positive("sample_rate_hz", sample_rate_hz)
+    checks.positive("sample_rate_hz", sample_rate_hz)
     if drive.ndim != 1 or len(drive) < 2:
         raise InputError(f"drive_v: expected 2 samples or more in a row, got shape {drive.shape}")
     # v^2 / 2 is the attraction whose component at 2 f is V^2 / 4 for a sine of amplitude V.

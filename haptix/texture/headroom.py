@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from haptix.errors import InputError, check_positive
+from haptix import checks
+from haptix.errors import InputError
 from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
 from haptix.texture.field import Array, FrictionField, as_mu
@@ -170,9 +171,9 @@ def headroom(
         if not isinstance(field, Texture):
             raise InputError("width_mm, height_mm: expected a size, since the field has none")
         width_mm, height_mm = width_mm or field.width_mm, height_mm or field.height_mm
-    check_positive("width_mm", width_mm)
-    check_positive("height_mm", height_mm)
-    check_positive("columns", columns)
+    checks.positive("width_mm", width_mm)
+    checks.positive("height_mm", height_mm)
+    checks.positive("columns", columns)
     step = width_mm / columns
     x = np.asarray((np.arange(columns) + 0.5) * step, dtype=np.float64)
     y = np.asarray((np.arange(max(1, round(height_mm / step))) + 0.5) * step, dtype=np.float64)

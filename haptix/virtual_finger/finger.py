@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 import torch
 
+from haptix import checks
 from haptix.electro.pull import Pull, middle_gaps
-from haptix.errors import InputError, LimitError, check_positive
+from haptix.errors import InputError, LimitError
 from haptix.fidelity import Ability
 from haptix.finger_response import FingerResponse
 from haptix.friction import HIGHEST_FORCE_N, ContactModel
 from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory, numbers
 from haptix.status import Status
 from haptix.threads import one_thread
+from haptix.virtual_finger.felt import Felt
 from haptix.virtual_finger.gap_field import ComplexArray, GapField
 from haptix.virtual_finger.played import Amplitude, Drive, Excerpt, Samples
 from haptix.virtual_finger.sensor import SensedForce, SensorModel
@@ -30,34 +30,6 @@ _DRIVE_RATES_HZ = (100.0, 1e6)  # of drivers there are, and what fits the memory
 _LOWEST_RATE_HZ = 10.0
 _MOST_SAMPLES = 20_000_000  # half an hour at 10 kHz, and a gigabyte
 _END = 1e-6  # of an output step: a path's last sample is felt though its time was rounded
-
-
-@dataclass(frozen=True)
-class Felt:
-    """What the finger felt; arrays of shape (samples,), evenly spaced in time."""
-
-    t_s: Array
-    """Time [s], on the clock of the path."""
-    x_mm: Array
-    y_mm: Array
-    """True place of the finger [mm]."""
-    speed_mm_per_s: Array
-    """Sliding speed [mm/s]."""
-    normal_force_n: Array
-    """Normal force [N]."""
-    mu: Array
-    """Friction coefficient; NaN where the finger stands or is lifted, since nothing slides."""
-    friction_force_n: Array
-    """Friction force against the motion [N]; 0 where nothing slides: no force is known to push a
-    standing finger, and friction is what it needs to be."""
-    status: npt.NDArray[np.int64]
-    """`haptix.Status`: `PULL_IN` where the contact snaps in (values at the branch's end),
-    `BREAKDOWN` where that term is on and the field too high, else `OK`."""
-
-    @property
-    def is_sliding(self) -> npt.NDArray[np.bool_]:
-        """Where there is friction to be felt."""
-        return np.isfinite(self.mu)
 
 
 class VirtualFinger:
@@ -97,7 +69,7 @@ class VirtualFinger:
     ) -> None:
         model.require(Ability.INSTANTS, "model")
         h0_m = model.screen.h0_m if h0_m is None else h0_m
-        check_positive("h0_m", h0_m)
+        checks.positive("h0_m", h0_m)
         self.model = model
         self.sensor = SensorModel() if sensor is None else sensor
         self.seed = seed
@@ -181,8 +153,8 @@ class VirtualFinger:
 
         The rest, the result and the errors are those of `feel`.
         """
-        check_positive("sample_rate_hz", sample_rate_hz)
-        check_positive("frequency_hz", frequency_hz)
+        checks.positive("sample_rate_hz", sample_rate_hz)
+        checks.positive("frequency_hz", frequency_hz)
         volts, start = self._volts("amplitude_v", amplitude_v), _number("start_s", start_s)
         if volts.min() < 0:
             raise InputError(f"amplitude_v: expected 0 V or more, got {volts.min():g} V")

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from haptix.errors import InputError
-
-if TYPE_CHECKING:
-    from haptix.virtual_finger.finger import Felt
+from haptix import checks
+from haptix.virtual_finger.felt import Felt
 
 Array = npt.NDArray[np.float64]
 Axis = Literal["motion", "x", "y"]
@@ -61,16 +59,12 @@ class SensorModel:
     axis: Axis = "motion"
 
     def __post_init__(self) -> None:
-        for name in ("force_noise_n", "drift_n_per_s", "crosstalk", "offset_n", "latency_s"):
-            value = getattr(self, name)
-            if isinstance(value, str) or not np.isfinite(value):
-                raise InputError(f"{name}: expected a finite number, got {value!r}")
-            if value < 0 and name in ("force_noise_n", "latency_s"):
-                raise InputError(f"{name}: expected 0 or more, got {value:g}")
-        if self.tangential_sign not in (1, -1):
-            raise InputError(f"tangential_sign: expected 1 or -1, got {self.tangential_sign!r}")
-        if self.axis not in get_args(Axis):
-            raise InputError(f'axis: expected "motion", "x" or "y", got {self.axis!r}')
+        for name in ("force_noise_n", "latency_s"):
+            checks.number(name, getattr(self, name), 0.0)
+        for name in ("drift_n_per_s", "crosstalk", "offset_n"):
+            checks.number(name, getattr(self, name))
+        checks.choice("tangential_sign", self.tangential_sign, (1, -1))
+        checks.choice("axis", self.axis, get_args(Axis))
 
     def read(self, felt: Felt, seed: int = 0) -> SensedForce:
         """Read what a finger felt; the same seed gives the same noise."""

@@ -12,7 +12,7 @@ from haptix.errors import InputError
 from haptix.motion import numbers
 from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
-from haptix.virtual_finger.finger import Felt
+from haptix.virtual_finger.felt import Felt
 
 Array = npt.NDArray[np.float64]
 

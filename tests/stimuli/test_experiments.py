@@ -185,7 +185,12 @@ def test_trials_with_a_wrong_touch_are_repeated(device, tmp_path):
 def test_every_trial_is_on_the_disk_before_the_next(device, tmp_path, monkeypatch):
     path, synced = tmp_path / "log.tsv", []
     sync = os.fsync
-    monkeypatch.setattr(os, "fsync", lambda fd: (synced.append(path.stat().st_size), sync(fd)))
+
+    def noted_sync(fd):
+        synced.append(path.stat().st_size if path.exists() else 0)
+        sync(fd)
+
+    monkeypatch.setattr(os, "fsync", noted_sync)
 
     def answer(question):
         lines = path.read_text().splitlines()
@@ -193,7 +198,8 @@ def test_every_trial_is_on_the_disk_before_the_next(device, tmp_path, monkeypatc
         return question.right
 
     experiment(device, path, ConstantStimuli([20.0, 30.0], 3), answer).run()
-    assert len(synced) == 7 and synced == sorted(synced)  # the head, and six trials
+    # The head and its folder, and six trials.
+    assert len(synced) == 8 and synced == sorted(synced)
 
 
 @pytest.mark.parametrize("cut", [0, 1, 25])

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from haptix.errors import FileFormatError, InputError
+from haptix.files import write_whole
 
 COLUMNS = (
     "trial",
@@ -56,16 +57,12 @@ class TrialLog:
                     "new file, or go back to the settings in its first line"
                 )
             self.rows = [self._read(line) for line in lines[2:]]
-            if whole != known:
-                self.path.parent.mkdir(parents=True, exist_ok=True)
-                with self.path.open("wb") as file:
-                    file.write(whole)
-                    file.flush()
-                    os.fsync(file.fileno())
         except OSError as error:
             raise InputError(f"cannot use {self.path} as a log: {error.strerror}") from None
         except UnicodeDecodeError:
             raise FileFormatError(f"{self.path}: is no log of trials") from None
+        if whole != known:
+            write_whole(self.path, whole)
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Write one trial, and wait until the disk has it.
