@@ -1,8 +1,8 @@
 """Keep freed array memory in the process instead of giving it back to the kernel each time.
 
-The tables are made by thousands of operations on arrays of a few 100 kB. glibc returns each such
-temporary to the kernel and faults it in again for the next one; on virtual machines those page
-faults cost 10 to 50 times the arithmetic. Raising two of malloc's thresholds keeps them.
+Tables take thousands of operations on arrays of a few 100 kB. glibc returns each temporary to the
+kernel and faults the next one in again. On virtual machines those page faults cost 10 to 50 times
+the arithmetic. Two raised thresholds of malloc keep the memory.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _TRIM_ABOVE = 256 << 20
 
 
 def keep_freed_memory() -> bool:
-    """Raise the thresholds where the C library is glibc; say whether that was done."""
+    """Raise the thresholds if the C library is glibc, and return whether it is."""
     if not sys.platform.startswith("linux"):
         return False
     try:

@@ -32,7 +32,7 @@ def _positive(value: Any) -> float | Tensor:
 
 
 Quantity = Annotated[float | Tensor, PlainValidator(_positive), PlainSerializer(_number)]
-"""A positive number, or a tensor of one that is to be differentiated through."""
+"""A positive number, or a tensor of one for gradients."""
 
 
 class Part(BaseModel):
@@ -118,10 +118,10 @@ class Document(Part):
 def first_error(name: str, error: ValidationError) -> str:
     """Return one sentence about the first error of a table called `name`."""
     first = error.errors()[0]
-    # Tags of a union, such as "self-affine", are no keys that anybody typed.
+    # Tags of a union, such as "self-affine", are not keys in the file.
     keys = [part for part in first["loc"] if isinstance(part, int) or part.isidentifier()]
     field = ".".join((name, *map(str, keys)))
-    # What contradicts itself as a whole has said so; all of its fields would bury that.
+    # An error of the whole table names its reason; printing all fields would hide it.
     told = first["type"] == "missing" or not first["loc"]
     got = "" if told else f", got {first['input']!r}"
     message = first["msg"].removeprefix("Value error, ")

@@ -1,4 +1,4 @@
-"""The errors of haptix: one hierarchy, rooted in `firmware_io` since that is the lowest room."""
+"""The errors of haptix. Their root stands in `firmware_io`, the lowest package."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ __all__ = [
 
 
 class InputError(HaptixError, ValueError):
-    """A value that cannot be used: the message says which, what was expected and what came."""
+    """A value that cannot be used; the message says which, what was expected and what was given."""
 
 
 class RangeError(InputError):
-    """A query outside the range for which a surface was built, or past the contact's pull-in."""
+    """A query outside the ranges of a surface, or beyond pull-in."""
 
 
 class ToleranceError(HaptixError):
@@ -44,7 +44,7 @@ class ToleranceError(HaptixError):
 
 
 class FileFormatError(HaptixError):
-    """A file that is not what it should be: foreign, damaged, or of a later version."""
+    """A file that cannot be read or written, or is foreign, damaged or of a later version."""
 
 
 def check_positive(name: str, value: Any) -> None:

@@ -1,4 +1,4 @@
-"""Checks of the numbers that a solver is given."""
+"""Checks of tensors: the arguments of solvers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def checked(
     Raises
     ------
     InputError
-        That names the quantity, what was `expected` and the first value that is not.
+        Naming the quantity, what was `expected` and the first wrong value.
     """
     try:
         tensor = torch.as_tensor(value, dtype=torch.float64, device=device)
@@ -36,7 +36,7 @@ def checked(
 def broadcast_shape(*tensors: Tensor) -> torch.Size:
     """Return the shape to which the tensors broadcast, or raise `InputError`."""
     try:
-        # numpy's, since torch's imports its compiler the first time, for half a second.
+        # torch's own function would import its compiler first, which takes half a second.
         return torch.Size(np.broadcast_shapes(*(tensor.shape for tensor in tensors)))
     except ValueError:
         raise InputError(

@@ -1,4 +1,4 @@
-"""What became of a sample: solved, or why not."""
+"""Status of a sample: solved, or the reason why not."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ class Status(IntEnum):
     """Outcome of one sample; tensors of status hold these numbers."""
 
     OK = 0
-    """Solved, or reachable."""
+    """Solved, or in the reachable range."""
     PULL_IN = 1
-    """The voltage is past the light contact: it snaps in. Values are those at the branch's end."""
+    """The light contact snaps in below this voltage; values are those where it does."""
     BELOW = 2
-    """The wanted friction is below what the contact has without voltage; 0 V is returned."""
+    """The target is below the friction without voltage; 0 V is returned."""
     ABOVE = 3
-    """The wanted friction is above what the highest voltage gives; that voltage is returned."""
+    """The target is above the friction at the highest voltage; that voltage is returned."""
     OUT_OF_RANGE = 4
     """The query lies outside the axes of the surface; values are those at its edge."""
     BREAKDOWN = 5
-    """The field is beyond what the gap or the insulator bears; the values hold without sparks."""
+    """The field is beyond the strength of gap or insulator; values assume no sparks."""

@@ -1,4 +1,4 @@
-"""Tables on the terminal, or the same rows as JSON; progress on the terminal's error stream."""
+"""Tables on the terminal or as JSON on stdout; progress bars on stderr."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a ta
 
 
 def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
-    """Print rows of one set of columns."""
+    """Print rows with the same columns as a table, or as JSON."""
     if as_json:
         sys.stdout.write(json.dumps(rows, indent=2, allow_nan=False) + "\n")
         return
@@ -26,7 +26,7 @@ def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
     table = Table(title=title, title_justify="left", box=SIMPLE, padding=0)
     for name, value in rows[0].items() if rows else ():
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        # Headings break at their underscores and numbers never, so that tables fit a terminal.
+        # Headings may break at underscores, numbers not: so tables fit a terminal.
         widest = max(len(_text(row[name])) for row in rows)
         table.add_column(
             name.replace("_", " "),
@@ -52,7 +52,7 @@ def _text(value: Any) -> str:
 
 @contextmanager
 def progress_bar(stages: Mapping[str, str]) -> Iterator[Callable[[str, float], None]]:
-    """Show one bar per stage as it comes up; yields ``update(stage, share)``."""
+    """Show a bar for each stage once it starts; yields ``update(stage, share)``."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 

@@ -1,8 +1,8 @@
 """Keep torch to one thread where its arrays are small.
 
-The contact model works on arrays of some 10^4 values. Two threads gain nothing there, and torch's
-threads wait for each other by spinning: on a machine whose cores are busy with something else, a
-solve took 25 times as long with two as with one.
+The contact model works on arrays of some 10^4 values, where two threads gain nothing. Torch's
+threads wait for each other by spinning: on a machine with busy cores, a solve on two threads took
+25 times as long as on one.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _given: ContextVar[int | None] = ContextVar("threads given", default=None)
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Limit torch to one thread inside, and restore what was set; also a decorator."""
+    """Limit torch to one thread in a ``with`` block or a decorated function."""
     before = torch.get_num_threads()
     token = _given.set(given_threads())
     torch.set_num_threads(1)
@@ -30,6 +30,6 @@ def one_thread() -> Iterator[None]:
 
 
 def given_threads() -> int:
-    """Threads that torch was given, within `one_thread` as well: for work of its own threads."""
+    """Return the number of threads outside of `one_thread`, for code that starts its own."""
     given = _given.get()
     return torch.get_num_threads() if given is None else given

@@ -43,27 +43,27 @@ _FACTOR = re.compile(
 
 
 def with_numbers(name: str, fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the table of a file with every string that is a quantity as a number.
+    """Return a table in which strings such as "150 V" are numbers.
 
     Parameters
     ----------
     name : str
-        What the table is, for errors.
+        Name of the table in error messages.
     fields : mapping
-        Values, lists and tables within. The end of a key says its unit: ``h0_m`` takes
-        ``"0.2 um"`` and becomes 2e-7. Other strings stay as they are.
+        Values, lists and nested tables. The end of a key names its unit: ``h0_m = "0.2 um"``
+        becomes 2e-7. Other strings stay as they are.
 
     Raises
     ------
     InputError
-        If a string under such a key is no number with a unit of that kind.
+        If a string under such a key is not a number with such a unit.
     """
     return {key: _converted(f"{name}.{key}", key, value) for key, value in fields.items()}
 
 
 def _converted(place: str, key: str, value: Any) -> Any:
     if isinstance(value, Mapping):
-        # There the names of quantities are keys of decisions: h0_m = "keep".
+        # Here the keys are names of axes: h0_m = "keep".
         return dict(value) if key == "axes" else with_numbers(place, value)
     if isinstance(value, list):
         return [_converted(f"{place}.{i}", key, item) for i, item in enumerate(value)]
@@ -89,7 +89,7 @@ def _quantity(place: str, text: str, unit: str, example: str) -> float:
 
 
 def _read_unit(text: str) -> tuple[int, Dimension] | None:
-    """Power of ten and dimension of units such as "kV/mm", "Ohm m" or "/m"; None if it is none."""
+    """Return power of ten and dimension of "kV/mm", "Ohm m" or "/m", and None for no unit."""
     power = 0
     dimension: dict[str, int] = {}
     for side, part in zip((1, -1), text.split("/"), strict=False):

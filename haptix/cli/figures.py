@@ -18,7 +18,7 @@ _STAGES = {
 
 def figures(
     names: Annotated[
-        list[str] | None, typer.Argument(help="Some of them, such as 2d or gaps. [default: all]")
+        list[str] | None, typer.Argument(help="Figures to draw, such as 2d or gaps. [default: all]")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for the figures.")] = Path("haptix-figures"),
     as_json: AsJson = False,
@@ -28,7 +28,7 @@ def figures(
     Writes a PNG and a CSV for each, and captions.json.
     """
     with progress_bar(_STAGES) as update:
-        # torch and matplotlib load here: seconds that the bar should already cover.
+        # torch and matplotlib load here; the bar shows those seconds too.
         update("model", 0.0)
         from haptix.figures import write_figures
 

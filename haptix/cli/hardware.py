@@ -25,13 +25,13 @@ def doctor(
         bool,
         typer.Option(
             "--install-udev",
-            help="Write the rule that lets whoever sits here open a driver, after asking.",
+            help="Write the rule that lets the user at this seat open a driver; asks first.",
         ),
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
-    root: Annotated[
-        Path, typer.Option(help="Folder that stands for / when the rule is written.")
-    ] = Path("/"),
+    root: Annotated[Path, typer.Option(help="Root folder below which the rule is written.")] = Path(
+        "/"
+    ),
 ) -> None:
     """Check this machine: packages, system libraries, cache, and a solve against known numbers.
 
@@ -100,7 +100,7 @@ def _check_udev(root: Path) -> dict[str, Any]:
 def _check_firmware() -> dict[str, Any]:
     from firmware_io import MockDriver
 
-    which = {"c": "compiled from C", "python": "its twin in Python (no C compiler was found)"}
+    which = {"c": "compiled from C", "python": "the reference in Python (no C compiler was found)"}
     return _row("mock driver", True, f"the reference firmware, {which[MockDriver().core]}")
 
 

@@ -27,11 +27,11 @@ def plan(
 ) -> None:
     """Measure what each part of the model does in a scene, and drop what its budget allows.
 
-    Effects are the largest over points of the scene, in friction coefficient and in difference
-    thresholds; what is saved is measured, or estimated where it has a ~.
+    An effect is the largest over points of the scene, in friction coefficient and in
+    just-noticeable differences (JND). Savings are measured; those with a ~ are estimated.
     """
     with progress_bar({"plan": "plan the scene"}) as update:
-        # torch loads here: seconds that the bar should already cover.
+        # torch loads here; the bar shows those seconds too.
         update("plan", 0.0)
         from haptix.planning import plan_scene
         from haptix.scene import Scene
@@ -42,7 +42,7 @@ def plan(
     title = (
         f"{found.scene.name}: {found.model.fidelity}, {dtype}, at most some {nodes} nodes, "
         f"tolerance {found.tolerance.value:.3g} {found.tolerance.unit}; left out "
-        f"{found.effect.thresholds_max:.2g} of {found.scene.budget_thresholds:g} thresholds"
+        f"{found.effect.thresholds_max:.2g} of {found.scene.budget_thresholds:g} JND"
     )
     show(title, _full_rows(found) if as_json else _rows(found), as_json)
 
@@ -53,7 +53,7 @@ def _rows(plan: Plan) -> list[dict[str, Any]]:
             "": row.name,
             "decision": "kept" if row.kept else "dropped",
             "mu": f"{row.effect_mu:.2g}",
-            "thresholds": f"{row.effect_thresholds:.2g}",
+            "JND": f"{row.effect_thresholds:.2g}",
             "saves": _saved(row.time_saved_s, row.memory_saved_bytes, row.savings),
             "why": row.why,
         }
@@ -95,7 +95,7 @@ def tradeoff(
     quick: Annotated[bool, typer.Option("--quick", help="Few runs and short timings.")] = False,
     boundary_elements: Annotated[
         bool,
-        typer.Option("--boundary-elements", help="A surface they correct, too: takes minutes."),
+        typer.Option("--boundary-elements", help="Also a surface that they correct: minutes."),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -128,8 +128,8 @@ def tradeoff(
             for run in found.runs
         ]
     title = (
-        f"haptix tradeoff: outputs in {out}; error and tolerance in thresholds (budget "
-        f"{chosen.budget_thresholds:g}), build in s, query and invert in s per million, on the "
-        "front of build time, query time, memory"
+        f"haptix tradeoff: outputs in {out}; error and tolerance in JND (budget "
+        f"{chosen.budget_thresholds:g}), build in s, query and invert in s per million; front: not "
+        "beaten in error and in build time, query time or memory"
     )
     show(title, rows, as_json)
