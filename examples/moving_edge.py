@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 import haptix
 from haptix.render import LiveSettings, PredictingRenderer
 from haptix.texture import Composition, Grating, Sprite, as_mu
-from haptix.touch import paced
+from haptix.touch import events_of, paced
 from haptix.virtual_finger import VirtualFinger, judge
 
 SECONDS, RIGHT_MM, LEAD_S, LATENCY_S = 2.5, 60.0, 0.025, 0.02
@@ -46,7 +46,7 @@ def main(
     kind = haptix.LiveRenderer if in_time else PredictingRenderer
     with kind(surface, GRATING, opened, settings=LiveSettings(lead_s=LEAD_S)) as renderer:
         began_s = renderer.now_s() if in_time else 0.0
-        for event in paced(path.events(), clock=renderer.now_s) if in_time else path.events():
+        for event in paced(events_of(path), clock=renderer.now_s) if in_time else events_of(path):
             left_mm = float(edge_mm(event.t_s - began_s + late_s + LEAD_S))
             renderer.texture = Composition([Sprite(GRATING, left_mm, 0.0, 100.0, 60.0)])
             renderer.event(event, event.t_s + late_s)

@@ -22,7 +22,7 @@ import haptix
 from haptix.demo.job import FINGER_PATH
 from haptix.render import PredictingRenderer
 from haptix.texture import as_mu
-from haptix.touch import TouchEvent, paced
+from haptix.touch import TouchEvent, events_of, paced
 from haptix.virtual_finger import TouchPanel, VirtualFinger, judge
 
 
@@ -54,7 +54,7 @@ def main(
     kind = haptix.LiveRenderer if in_time else PredictingRenderer
     with kind(surface, texture, opened) as renderer:
         if in_time:
-            for event in paced(finger.events(), clock=renderer.now_s):
+            for event in paced(events_of(finger), clock=renderer.now_s):
                 renderer.event(event)
         else:
             seen = TouchPanel(rate_hz=100, latency_s=0.02).read(*true)

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 import haptix
 from haptix.render import PredictingRenderer
 from haptix.texture import RecordedProfile, as_mu
-from haptix.touch import paced
+from haptix.touch import events_of, paced
 from haptix.virtual_finger import VirtualFinger, judge
 
 LEFT_MM, LENGTH_MM, RIDGE_MM, SECONDS, LATENCY_S = 10.0, 60.0, 1.2, 3.0, 0.02
@@ -60,7 +60,7 @@ def main(
     value, values = 0, []
     kind = haptix.LiveRenderer if in_time else PredictingRenderer
     with kind(surface, slider, opened) as renderer:
-        for event in paced(path.events(), clock=renderer.now_s) if in_time else path.events():
+        for event in paced(events_of(path), clock=renderer.now_s) if in_time else events_of(path):
             renderer.event(event, event.t_s + (0.0 if in_time else LATENCY_S))
             at = (event.x_mm - LEFT_MM) / LENGTH_MM * steps - 0.5  # 0 in the middle of value 0
             if abs(at - value) > 0.55:  # past the ridge, so that its top does not flicker

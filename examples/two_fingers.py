@@ -20,7 +20,7 @@ from skimage.data import brick
 import haptix
 from haptix.render import LiveSettings, PredictingRenderer
 from haptix.texture import Composition, Grating, Sprite, Texture, as_mu
-from haptix.touch import paced
+from haptix.touch import events_of, paced
 from haptix.virtual_finger import VirtualFinger, judge
 
 LATENCY_S = 0.02
@@ -44,7 +44,7 @@ def main(
     combination: str = "strongest", device: str = "mock:", out: Path = Path("two_fingers.png")
 ) -> None:
     paths = [stroke(0.0, 2.0, 5.0, 18.0), stroke(1.0, 3.0, 55.0, 18.0)]
-    events = [event for touch_id, path in enumerate(paths) for event in path.events(touch_id)]
+    events = [event for touch_id, path in enumerate(paths) for event in events_of(path, touch_id)]
     events.sort(key=lambda event: event.t_s)
     model = haptix.ContactModel(
         haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")
