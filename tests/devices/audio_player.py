@@ -1,15 +1,21 @@
 """Plays a known wave through ``audio:`` in real time; tells what happened as JSON."""
 
 import json
+import os
 import sys
 import time
+from contextlib import suppress
 
 import numpy as np
 
 from firmware_io import Playback, open_device
 from firmware_io.links.audio import AudioLink
 
-address, seconds, path = sys.argv[1], float(sys.argv[2]), sys.argv[3]
+# Ahead of every ordinary program on a busy machine; JACK's own thread waits for this one's lock.
+with suppress(PermissionError):
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+
+address, seconds, lead_s, path = sys.argv[1], float(sys.argv[2]), float(sys.argv[3]), sys.argv[4]
 
 times, frames = [], []
 fill = AudioLink._fill
@@ -31,7 +37,7 @@ t = np.arange(round(seconds * rate_hz)) / rate_hz
 volts = 120.0 * np.sin(2 * np.pi * 1000.0 * t) + rng.uniform(-20.0, 20.0, t.size)
 volts[0], volts[-1] = 5.0, 5.0
 block = 48
-with Playback(device) as playback:
+with Playback(device, lead_s) as playback:
     for start in range(0, volts.size, block):
         piece = volts[start : start + block]
         if not playback.wait_for_room(piece.size, 5.0):

@@ -22,10 +22,9 @@ pytestmark = pytest.mark.devices
 HERE = Path(__file__).parent
 SECONDS = 3.0
 FULL_SCALE_V = 200.0
-
-
-class StarvedError(Exception):
-    """The player was held up for longer than the driver's watchdog bears."""
+#: What the player may be held up without an underrun. It has real-time priority, as JACK has, so
+#: that no other program holds it up, but the host of a virtual machine may. Its watchdog is 1 s.
+LEAD_S = 0.4
 
 
 def missing():
@@ -40,18 +39,10 @@ def missing():
 
 @pytest.fixture(scope="module")
 def played(tmp_path_factory):
-    """What was played, heard and told; anew where this machine stalled and samples were late."""
+    """What was played, heard and told."""
     if missing():
         pytest.skip(f"missing: {missing()}")
-    for _ in range(3):
-        try:
-            volts, heard, told = _play(tmp_path_factory.mktemp("jack"))
-        except StarvedError as error:
-            told = str(error)
-            continue
-        if not told["underruns"] + told["underflows"] + told["capture"]["xruns"]:
-            return volts, heard, told
-    pytest.fail(f"this machine stalled for longer than JACK's period, three times over: {told}")
+    return _play(tmp_path_factory.mktemp("jack"))
 
 
 def _play(folder):
@@ -69,18 +60,23 @@ def _play(folder):
         try:
             capture = _start_capture(folder, environment, server)
             wave = folder / "wave.npy"
-            address = f"audio:device=cap,full_scale_v={FULL_SCALE_V},trigger=yes"
+            address = f"audio:device=cap,full_scale_v={FULL_SCALE_V},trigger=yes,watchdog_s=1"
             player = subprocess.run(
-                [sys.executable, str(HERE / "audio_player.py"), address, str(SECONDS), str(wave)],
+                [
+                    sys.executable,
+                    HERE / "audio_player.py",
+                    address,
+                    str(SECONDS),
+                    str(LEAD_S),
+                    wave,
+                ],
                 env=environment,
                 capture_output=True,
                 text=True,
-                timeout=60,
+                timeout=600,
             )
-            if "starved" in player.stderr:
-                raise StarvedError(player.stderr.splitlines()[-1])
             assert player.returncode == 0, player.stderr
-            capture.communicate(timeout=20)
+            capture.communicate(timeout=600)
         finally:
             for process in (capture, server):
                 if process is not None and process.poll() is None:
@@ -135,6 +131,7 @@ def test_no_underrun_and_callbacks_in_time(played, record_property):
     _, _, told = played
     for key, value in told.items():
         record_property(key, value)
+    assert told["underruns"] == told["underflows"] == told["capture"]["xruns"] == 0
     # JACK's ports state a latency of a day: it is told as unknown, not believed.
     assert told["latency_s"] is None or told["latency_s"] < 1.0
     # A callback every 10 ms, while it was open.

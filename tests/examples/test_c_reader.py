@@ -37,11 +37,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         pytest.skip("no C compiler: cc is not on the PATH (apt-get install gcc libc6-dev)")
     program = tmp_path_factory.mktemp("c") / "read_surface"
     flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror"]
-    subprocess.run([compiler, *flags, SOURCE, "-o", program, "-lm"], check=True, timeout=60)
+    subprocess.run([compiler, *flags, SOURCE, "-o", program, "-lm"], check=True, timeout=600)
 
     def call(*arguments: Any, text: str = "") -> "subprocess.CompletedProcess[str]":
         return subprocess.run(
-            [program, *arguments], input=text, capture_output=True, text=True, timeout=60
+            [program, *arguments], input=text, capture_output=True, text=True, timeout=600
         )
 
     return call

@@ -96,7 +96,7 @@ def test_a_shell_gets_one_line_and_an_exit_code(tmp_path):
         capture_output=True,
         text=True,
         cwd=tmp_path,
-        timeout=60,
+        timeout=600,
     )
     assert ended.returncode == 1
     assert ended.stdout == ""

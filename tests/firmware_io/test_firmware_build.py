@@ -28,7 +28,7 @@ def make(tmp_path, target):
         ["make", "-C", FIRMWARE, f"BUILD={tmp_path}", target],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
     )
 
 

@@ -71,7 +71,7 @@ def run(tmp_path, session):
         ],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
     )
 
 

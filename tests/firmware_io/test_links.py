@@ -435,7 +435,7 @@ def test_serving_from_the_command_line(tmp_path, patient_host):
         device.close()
     finally:
         server.send_signal(signal.SIGINT)
-        server.wait(60)
+        server.wait(600)
     assert server.returncode == 0
     volts = np.load(record)
     assert volts.max() == pytest.approx(90.0, abs=0.01)
