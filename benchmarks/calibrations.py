@@ -70,7 +70,7 @@ def draw_truth(number: int, seed: int, start: Parameters) -> Parameters:
 
 
 def highest_voltage(predictor: StrokePredictor, truth: Parameters) -> float:
-    """What a technician finds out by trying: where friction does not jump yet."""
+    """Highest voltage without pull-in, as a technician finds it by trying."""
     for volts in VOLTAGES_V:
         place = (np.array([value]) for value in (0.08, 1.05 * volts, 30.0, 50.0))
         found = predictor(StrokeConditions(*place), truth.names, truth.log_values, jacobian=False)
@@ -140,7 +140,7 @@ def run(number: int, seed: int) -> list[Trial]:
 
 
 class _as_fit:
-    """What `calibrated_finger` asks of a fit."""
+    """The part of `Fit` that `calibrated_finger` needs."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters

@@ -2,9 +2,9 @@
 
     python examples/calibrate_screen.py [folder]
 
-The finger is a virtual one, whose screen is secretly some 40 % thicker than believed. For a real
-one replace `VirtualFingerSource` by `calibration.inputs.open_inputs("inputs.toml")`, the device by
-`haptix.open_device("usb:")`, and prompt the person in the `Watcher`.
+The finger is a virtual one, and its screen's insulator is 40 % thicker than believed. For a real
+finger replace `VirtualFingerSource` by `calibration.inputs.open_inputs("inputs.toml")`, the device
+by `haptix.open_device("usb:")`, and prompt the person in the `Watcher`.
 """
 
 import sys
