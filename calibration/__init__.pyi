@@ -1,8 +1,9 @@
 from .column_map import ColumnMap as ColumnMap
 from .comparison import compare_terms as compare_terms
 from .design import short_protocol as short_protocol
-from .fitting import Fit as Fit
+from .fit import Fit as Fit
 from .fitting import fit_strokes as fit_strokes
+from .inputs import AnalogSource as AnalogSource
 from .measuring import measure as measure
 from .parameters import Parameters as Parameters
 from .predict import StrokePredictor as StrokePredictor
@@ -19,7 +20,6 @@ from .reduction import reduce_session as reduce_session
 from .report import write_report as write_report
 from .session import Session as Session
 from .session import SessionInfo as SessionInfo
-from .sources import AnalogSource as AnalogSource
 from .sources import CsvSource as CsvSource
 from .verification import Verification as Verification
 from .verification import verify as verify

@@ -1,4 +1,4 @@
-"""Which terms of the model the strokes need: the planning rule, applied to data."""
+"""Which terms of the model the strokes need: each is switched and everything fitted anew."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from calibration.fitting import Fit, solve
+from calibration.fit import Fit
+from calibration.fitting import solve
 from calibration.parameters import (
     OPTIONAL,
     Array,
@@ -28,12 +29,12 @@ from haptix.terms import TERMS, Stage
 Need = Literal["needed", "contradicted", "cannot tell", "changes nothing"]
 
 _DECISIVE = 6.0  # in AICc: 20 times as likely
-_UNFELT = 0.05  # thresholds: the planning rule's usual share of a budget
+_NEGLIGIBLE = 0.05  # JND: the planning rule's usual share of a budget
 
 
 @dataclass(frozen=True)
 class TermNeed:
-    """One term, switched the other way and everything fitted anew.
+    """What the strokes say of one term.
 
     Parameters
     ----------
@@ -42,11 +43,12 @@ class TermNeed:
     is_on : bool
         Whether the fit had it.
     need : {"needed", "contradicted", "cannot tell", "changes nothing"}
-        What the strokes say of the term.
+        The conclusion.
     evidence : float
         AICc without the term minus with it: positive speaks for the term, 6 is 20 to 1.
     effect_thresholds : float
-        Largest change of friction at the strokes, after the other parameters made up for it.
+        Largest change of friction at the strokes [JND], after the other parameters were fitted
+        again.
     """
 
     term: str
@@ -54,6 +56,16 @@ class TermNeed:
     need: Need
     evidence: float
     effect_thresholds: float
+
+    def row(self) -> dict[str, str]:
+        """Return a row of a table for people."""
+        return {
+            "term": self.term,
+            "in the fit": "on" if self.is_on else "off",
+            "the strokes say": self.need,
+            "evidence (AICc)": f"{self.evidence:+.1f}",
+            "effect [JND]": f"{self.effect_thresholds:.2g}",
+        }
 
 
 def compare_terms(
@@ -70,13 +82,12 @@ def compare_terms(
     fit : Fit
         Of the same strokes, predictor and parameters.
     reduced, predictor, parameters
-        As `fit_strokes` had them.
+        The arguments of `fit_strokes`.
     compared : sequence of str, optional
-        Names of terms; `comparable_terms` without.
+        Names of terms; without them, `comparable_terms`.
     """
     points = tuple(point for point in reduced.used if point.number in fit.strokes)
-    best = [name for name in fit.free if parameters[name].prior is None]
-    start = parameters.started_at(**{name: fit.best(name) for name in best})
+    start = parameters.restarted_at({name: fit.best(name) for name in fit.free})
     base = Residuals(predictor, start, points, fit.repeatability)
     at = solve(base, base.start)
     base_score, base_mu = _score(base, at), base.predict(at).log_mu
@@ -87,11 +98,10 @@ def compare_terms(
         try:
             switched, changed = _switched(term, not is_on, predictor, start)
         except InputError:
-            continue  # the profiles have not what the term needs
+            continue  # the profiles lack what the term needs
         other = Residuals(switched, changed, points, fit.repeatability)
         there = solve(other, other.start)
-        score = _score(other, there)
-        evidence = score - base_score if is_on else base_score - score
+        evidence = (_score(other, there) - base_score) * (1 if is_on else -1)
         change = np.abs(np.expm1(other.predict(there).log_mu - base_mu)).max() / WEBER_FRACTION
         found.append(TermNeed(term, is_on, _need(evidence, change), evidence, float(change)))
     return found
@@ -107,7 +117,7 @@ def comparable_terms() -> list[str]:
 
 
 def _need(evidence: float, change: float) -> Need:
-    if change < _UNFELT:
+    if change < _NEGLIGIBLE:
         return "changes nothing"
     if evidence > _DECISIVE:
         return "needed"
@@ -115,32 +125,23 @@ def _need(evidence: float, change: float) -> Need:
 
 
 def _score(residuals: Residuals, free: Array) -> float:
-    """AICc of the data: what is paid for a parameter is what the strokes determine of it."""
-    jacobian = residuals.data_jacobian(free)
-    weighted = residuals.weights(free)[:, None] * jacobian
-    used_up = float(np.trace(np.linalg.solve(residuals.information(free), jacobian.T @ weighted)))
-    rows = residuals.data_rows
-    spare = rows - used_up - 1
-    small = 2 * used_up * (used_up + 1) / spare if spare > 0 else inf
-    return residuals.cost(free) + 2 * used_up + small
+    """AICc of the data: a parameter costs as much as the strokes determine of it."""
+    used = residuals.parameters_used(free)
+    spare = residuals.data_rows - used - 1
+    small = 2 * used * (used + 1) / spare if spare > 0 else inf
+    return residuals.cost(free) + 2 * used + small
 
 
 def _switched(
     term: str, on: bool, predictor: StrokePredictor, parameters: Parameters
 ) -> tuple[StrokePredictor, Parameters]:
     """Return a predictor with one term switched, and its parameters."""
-    model = predictor.model
     optional = optional_parameters(term)
     if optional:  # the term is on where its parameter is fitted
         if on:
             return predictor, parameters.known(**{name: OPTIONAL[name] for name in optional})
-        kept = tuple(one for one in parameters.all if one.name not in optional)
-        return predictor, Parameters(kept, parameters.finger_prior)
-    terms = {name: name in model.terms for name in comparable_terms()}
-    changed = ContactModel(
-        model.finger,
-        model.screen,
-        theory=model.theory,
-        terms={**terms, term: on},
-    )
+        return predictor, parameters.without(optional)
+    model = predictor.model
+    terms = {name: name in model.terms for name in comparable_terms()} | {term: on}
+    changed = ContactModel(model.finger, model.screen, theory=model.theory, terms=terms)
     return predictor.with_model(changed), parameters

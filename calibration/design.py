@@ -1,4 +1,4 @@
-"""Short protocols, chosen by what their strokes are expected to tell about the parameters."""
+"""Short protocols: strokes chosen by what they are expected to tell about the parameters."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ import numpy as np
 
 from calibration.parameters import Array, Mask, Parameters
 from calibration.predict import StrokeConditions, StrokePredictor
-from calibration.protocol import FORCES_N, Protocol, numbered, strokes_within
+from calibration.protocol import FORCES_N, FREQUENCY_HZ, Protocol
 from haptix.errors import InputError
 
 _FREQUENCIES_HZ = (30.0, 60.0, 125.0, 300.0, 1000.0, 4000.0)
 _VOLTAGE_SHARES = (0.0, 0.5, 0.75, 1.0)
+_HELD_OUT = ((0.4, 0.85), (0.2, 0.65), (0.8, 0.75), (0.6, 0.95))  # force [N], share of the voltage
+_FEWEST_FITTED = 6
 
 MU_ERROR = 0.01
-"""Repeatability of mu from stroke to stroke that is expected, relative: a good laboratory's."""
+"""Expected repeatability of mu from stroke to stroke, relative: that of a good laboratory."""
 RIPPLE_ERROR = 0.02
-"""The same of the ripple at 2f, relative to the ripple; of a mean friction, 0.001 besides."""
+"""The same of the ripple at 2f, relative to the ripple; an error of 0.001 in mu is added."""
 
 
 def expected_rows(
@@ -44,9 +46,9 @@ def expected_rows(
 def expected_spread(
     predictor: StrokePredictor, parameters: Parameters, strokes: StrokeConditions
 ) -> dict[str, float]:
-    """Standard deviation of each logarithm that strokes are expected to leave."""
+    """Standard deviation of each parameter's logarithm that is expected after the strokes."""
     rows, is_light = expected_rows(predictor, parameters, strokes)
-    information = _prior_information(parameters) + np.einsum(
+    information = parameters.prior_information() + np.einsum(
         "skp,skq->pq", rows[is_light], rows[is_light]
     )
     spread = np.sqrt(np.diag(np.linalg.inv(information)))
@@ -62,9 +64,9 @@ def short_protocol(
 ) -> Protocol:
     """Choose strokes one by one, each the one that tells most (D-optimal, greedy).
 
-    Candidates are the paper's forces with four voltages and six frequencies. They are judged at
-    the parameters' start, which the true values may be away from by their priors; the screen's
-    insulator is therefore tried at half and at twice its value as well.
+    Candidates are the paper's forces with four voltages and six frequencies. Their information is
+    taken at the parameters' start, from which the true values may differ as their priors say; the
+    screen's insulator is therefore tried at half and at twice its value as well.
 
     Parameters
     ----------
@@ -75,20 +77,19 @@ def short_protocol(
     minutes : float
         Time at the screen.
     max_voltage_v : float
-        Highest amplitude.
+        Highest amplitude [V].
     held_out : int
-        Strokes of these that are kept for verification.
+        Number of the strokes that are kept for verification.
 
     Raises
     ------
     InputError
-        If there is no time, or the contact snaps in at all voltages.
+        If the time is too short, or the contact snaps in at all voltages.
     """
-    places = np.array(
-        list(product(FORCES_N, [max_voltage_v * s for s in _VOLTAGE_SHARES], _FREQUENCIES_HZ))
-    )
+    volts = [max_voltage_v * share for share in _VOLTAGE_SHARES]
+    places = np.array(list(product(FORCES_N, volts, _FREQUENCIES_HZ)))
     # Without voltage the frequency changes nothing: one of them is enough.
-    places = places[(places[:, 1] > 0) | (places[:, 2] == 125.0)]
+    places = places[(places[:, 1] > 0) | (places[:, 2] == FREQUENCY_HZ)]
     strokes = StrokeConditions(places[:, 0], places[:, 1], places[:, 2], np.full(len(places), 50.0))
     h0 = parameters["h0_m"].value
     cases = [
@@ -101,49 +102,42 @@ def short_protocol(
             f"max_voltage_v: expected one that the light contact bears, got {max_voltage_v:g} V; "
             "lower it"
         )
-    template = Protocol.model_fields["seconds_per_stroke"].default
-    count = strokes_within(minutes, template, held_out)
-    information = [_prior_information(parameters) + 1e-6 * np.eye(len(parameters.free))] * 3
-    # Two without voltage come first: what everything else is compared with.
-    rest_force = (places[:, 1] == 0) & np.isin(places[:, 0], (FORCES_N[0], FORCES_N[-1]))
-    chosen = np.flatnonzero(rest_force).tolist()
-    for index in chosen:
-        information = [
-            known + rows[index].T @ rows[index]
-            for known, (rows, _) in zip(information, cases, strict=True)
-        ]
-    for _ in range(count - held_out - len(chosen)):
+    count = _strokes_within(minutes, held_out)
+    prior = parameters.prior_information() + 1e-6 * np.eye(len(parameters.free))
+    information = np.stack([prior] * len(cases))
+    # What each candidate adds in each case, shape (cases, candidates, free, free).
+    added = np.stack([light[:, None, None] * _squared(rows) for rows, light in cases])
+    # Two without voltage come first: all others are compared with them.
+    at_rest = (places[:, 1] == 0) & np.isin(places[:, 0], (FORCES_N[0], FORCES_N[-1]))
+    chosen = np.flatnonzero(at_rest).tolist()
+    information += added[:, chosen].sum(1)
+    while len(chosen) < count - held_out:
         gain = np.zeros(len(places))
         for known, (rows, light) in zip(information, cases, strict=True):
-            inverse = np.linalg.inv(known)
-            inner = np.einsum("sap,pq,sbq->sab", rows, inverse, rows) + np.eye(2)
+            inner = np.einsum("sap,pq,sbq->sab", rows, np.linalg.inv(known), rows) + np.eye(2)
             gain += np.where(light, np.log(np.linalg.det(inner)), 0.0)
         gain[~usable] = -np.inf
-        best = int(gain.argmax())
-        chosen.append(best)
-        information = [
-            known + light[best] * rows[best].T @ rows[best]
-            for known, (rows, light) in zip(information, cases, strict=True)
-        ]
-    kept = [(*places[index], False) for index in chosen]
-    rest = [(0.4, 0.85), (0.2, 0.65), (0.8, 0.75), (0.6, 0.95)]
-    kept += [(f, share * max_voltage_v, 125.0, True) for f, share in rest[:held_out]]
-    return Protocol(
-        name="short",
-        strokes=numbered(
-            [
-                {
-                    "normal_force_n": float(force),
-                    "voltage_v": round(float(volts), 3),
-                    "frequency_hz": float(hertz),
-                    "held_out": is_held_out,
-                }
-                for force, volts, hertz, is_held_out in kept
-            ]
-        ),
+        chosen.append(int(gain.argmax()))
+        information += added[:, chosen[-1]]
+    return Protocol.shuffled(
+        "short",
+        places[chosen].tolist(),
+        [(force, share * max_voltage_v, FREQUENCY_HZ) for force, share in _HELD_OUT[:held_out]],
     )
 
 
-def _prior_information(parameters: Parameters) -> Array:
-    rows, _ = parameters.prior_rows()
-    return rows.T @ rows
+def _squared(rows: Array) -> Array:
+    return np.asarray(np.einsum("skp,skq->spq", rows, rows))
+
+
+def _strokes_within(minutes: float, held_out: int) -> int:
+    """Number of strokes that fit into a time, those held out included."""
+    each_s = float(Protocol.model_fields["seconds_per_stroke"].default)
+    count = int(60 * minutes / each_s + 1e-9)
+    least = _FEWEST_FITTED + held_out
+    if count < least:
+        raise InputError(
+            f"minutes: expected time for {least} strokes of {each_s:g} s or more "
+            f"({least * each_s / 60:.2g} minutes), got {minutes:g} minutes"
+        )
+    return count

@@ -1,4 +1,4 @@
-"""The analog channels of a laboratory, as a TOML file.
+"""Analog inputs of a laboratory: a force sensor and a position sensor, described by a TOML file.
 
 ::
 
@@ -21,26 +21,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Literal
+from threading import Lock
+from typing import Annotated, Any, Literal, Protocol
 
+import numpy as np
 from pydantic import Field, PositiveFloat
 
-from calibration.sources import (
-    AnalogSource,
-    AudioReader,
-    Channel,
-    NationalInstrumentsReader,
-    SampleReader,
-)
+from calibration.parameters import Array
+from calibration.protocol import Stroke
+from calibration.sources import Live, Played
 from haptix.documents import Document, Part
-from haptix.errors import InputError
+from haptix.errors import DeviceError, InputError
 
 
 class InputChannel(Part):
-    """One channel: its signal, its scale, and for National Instruments its input."""
+    """One analog channel: ``value = scale * volts + offset``, in the signal's unit.
 
-    signal: str
+    Parameters
+    ----------
+    signal : {"normal_force_n", "tangential_force_n", "x_mm", "drive_v"}
+        What it measures.
+    scale, offset : float
+        From volts to the signal.
+    input : str or None
+        Physical channel of National Instruments, such as "Dev1/ai0".
+    """
+
+    signal: Literal["normal_force_n", "tangential_force_n", "x_mm", "drive_v"]
     scale: float
     offset: float = 0.0
     input: str | None = None
@@ -63,20 +73,204 @@ def open_inputs(path: str | Path) -> AnalogSource:
     Raises
     ------
     FileFormatError, InputError
-        If the file is none, or a channel is unknown or missing.
+        If the file is not TOML, or a channel is unknown or missing.
     DeviceError
         If the device cannot be opened.
     """
     found = Inputs.load(path)
-    channels = [Channel(one.signal, one.scale, one.offset) for one in found.channels]
     reader: SampleReader
     if found.kind == "audio":
-        reader = AudioReader(found.device, len(channels), found.full_scale_v, found.sample_rate_hz)
+        count = len(found.channels)
+        reader = AudioReader(found.device, count, found.full_scale_v, found.sample_rate_hz)
     else:
         unnamed = [one.signal for one in found.channels if one.input is None]
         if unnamed:
             raise InputError(f"{path}: expected the input of {', '.join(unnamed)}, as Dev1/ai0")
-        reader = NationalInstrumentsReader(
-            [one.input for one in found.channels if one.input is not None], found.sample_rate_hz
-        )
-    return AnalogSource(reader, channels, found.sensor)
+        names = [one.input for one in found.channels if one.input is not None]
+        reader = NationalInstrumentsReader(names, found.sample_rate_hz)
+    return AnalogSource(reader, found.channels, found.sensor)
+
+
+class SampleReader(Protocol):
+    """Analog inputs that are read continuously."""
+
+    sample_rate_hz: float
+    serial: str
+
+    def start(self) -> None:
+        """Begin to sample."""
+        ...
+
+    def read(self) -> Array:
+        """Return the samples since the last call, shape (samples, channels), in volts."""
+        ...
+
+    def stop(self) -> None:
+        """End."""
+        ...
+
+
+class AnalogSource:
+    """A force sensor, and a position sensor, on analog inputs.
+
+    Without a channel for the drive, the drive that was played takes its place.
+
+    Parameters
+    ----------
+    reader : SampleReader
+        Such as `AudioReader` or `NationalInstrumentsReader`.
+    channels : sequence of InputChannel
+        One for each input, in order.
+    sensor : str
+        Serial number of the force sensor.
+    """
+
+    is_live = True
+
+    def __init__(self, reader: SampleReader, channels: Sequence[InputChannel], sensor: str) -> None:
+        needed = {"normal_force_n", "tangential_force_n", "x_mm"}
+        missing = needed - {channel.signal for channel in channels}
+        if missing:
+            raise InputError(f"channels: expected {', '.join(sorted(missing))} as well")
+        self._reader, self._channels, self._sensor = reader, tuple(channels), sensor
+        self._blocks: list[Array] = []
+        self._played: Played | None = None
+
+    @property
+    def instruments(self) -> Mapping[str, str]:
+        """Sensor and inputs."""
+        return {"force sensor": self._sensor, "inputs": self._reader.serial}
+
+    def start(self, stroke: Stroke, played: Played) -> None:
+        """Begin to sample."""
+        self._blocks, self._played = [], played
+        self._reader.start()
+
+    def live(self, t_s: float) -> Live | None:
+        """Force and speed of the newest samples."""
+        signals = self._signals()
+        return None if signals is None else Live.at(signals, float(signals["t_s"][-1]))
+
+    def finish(self) -> dict[str, Array]:
+        """Stop, and return the signals in their units."""
+        signals = self._signals()
+        self._reader.stop()
+        if signals is None:
+            raise DeviceError(
+                "expected samples from the analog inputs, got none; check the device and its clock"
+            )
+        return signals
+
+    def _signals(self) -> dict[str, Array] | None:
+        block = self._reader.read()
+        if len(block):
+            self._blocks.append(block)
+        if not self._blocks:
+            return None
+        volts = np.concatenate(self._blocks)
+        found: dict[str, Array] = {"t_s": np.arange(len(volts)) / self._reader.sample_rate_hz}
+        for index, channel in enumerate(self._channels):
+            found[channel.signal] = channel.scale * volts[:, index] + channel.offset
+        if "drive_v" not in found:
+            assert self._played is not None, "start comes first"
+            found["drive_v"] = self._played.at(found["t_s"])
+        return found
+
+
+class AudioReader:
+    """Inputs of an audio-class device, direct coupled, through sounddevice.
+
+    Parameters
+    ----------
+    device : str or int
+        As sounddevice names it.
+    channels : int
+        Number of inputs.
+    full_scale_v : float
+        Voltage of a full-scale sample [V].
+    sample_rate_hz : float
+        Samples per second.
+
+    Raises
+    ------
+    DeviceError
+        If sounddevice or the device is missing.
+    """
+
+    def __init__(
+        self, device: str | int, channels: int, full_scale_v: float, sample_rate_hz: float
+    ) -> None:
+        sound = _module("sounddevice", "pip install sounddevice, and Debian's libportaudio2")
+        self._lock, self._blocks = Lock(), list[Array]()
+        self._full_scale_v = full_scale_v
+        try:
+            self._stream = sound.InputStream(
+                samplerate=sample_rate_hz,
+                device=device,
+                channels=channels,
+                dtype="float32",
+                callback=self._take,
+            )
+        except Exception as error:  # PortAudioError, ValueError: the library's own kinds
+            raise DeviceError(f"audio input {device!r} cannot be opened: {error}") from error
+        self.start, self.stop = self._stream.start, self._stream.stop
+        self.sample_rate_hz = float(self._stream.samplerate)
+        self.serial = f"audio input {device}"
+
+    def _take(self, block: Any, frames: int, time: Any, status: Any) -> None:
+        with self._lock:
+            self._blocks.append(np.array(block, dtype=float) * self._full_scale_v)
+
+    def read(self) -> Array:
+        """Return the samples since the last call."""
+        with self._lock:
+            blocks, self._blocks = self._blocks, []
+        return np.concatenate(blocks) if blocks else np.empty((0, int(self._stream.channels)))
+
+
+class NationalInstrumentsReader:
+    """Inputs of a National Instruments device, through nidaqmx (extra "daq").
+
+    Parameters
+    ----------
+    channels : sequence of str
+        Physical channels, such as "Dev1/ai0".
+    sample_rate_hz : float
+        Samples per second and channel.
+
+    Raises
+    ------
+    DeviceError
+        If nidaqmx, its driver or the device is missing.
+    """
+
+    def __init__(self, channels: Sequence[str], sample_rate_hz: float) -> None:
+        daq = _module("nidaqmx", "pip install nidaqmx, and NI's driver")
+        self._count = len(channels)
+        try:
+            self._task = daq.Task()
+            for channel in channels:
+                self._task.ai_channels.add_ai_voltage_chan(channel)
+            self._task.timing.cfg_samp_clk_timing(
+                sample_rate_hz,
+                sample_mode=daq.constants.AcquisitionType.CONTINUOUS,
+                samps_per_chan=int(10 * sample_rate_hz),
+            )
+        except Exception as error:  # DaqError, or the driver's library is missing
+            raise DeviceError(f"inputs {', '.join(channels)} cannot be opened: {error}") from error
+        self.start, self.stop = self._task.start, self._task.stop
+        self.sample_rate_hz = float(sample_rate_hz)
+        self.serial = ", ".join(channels)
+
+    def read(self) -> Array:
+        """Return the samples since the last call."""
+        # -1 reads all there are, channel by channel; a single channel comes without its axis.
+        values = np.asarray(self._task.read(number_of_samples_per_channel=-1), dtype=float)
+        return np.asarray(values.reshape(self._count, -1).T)
+
+
+def _module(name: str, remedy: str) -> Any:
+    try:
+        return import_module(name)
+    except (ImportError, OSError) as error:
+        raise DeviceError(f"{name} cannot be loaded ({error}): {remedy}") from None

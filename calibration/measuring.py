@@ -1,10 +1,10 @@
-"""Play a protocol on a screen, stroke by stroke, and keep what was recorded."""
+"""Measure: play a protocol on a screen, stroke by stroke, and keep what was recorded."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
@@ -12,14 +12,11 @@ import numpy as np
 
 from calibration.protocol import Protocol, Stroke
 from calibration.recording import Conditions, StrokeRecording
-from calibration.recording_checks import Complaint, complaints
+from calibration.recording_checks import Finding, check_recording
 from calibration.session import Session
 from calibration.sources import ForceSource, Live, Played
 from firmware_io import Device
 from haptix.errors import HaptixError, InputError
-
-MOST_TRIES = 5
-"""Attempts at one stroke before the next comes; it stays open for a resumed session."""
 
 _SLACK_S = 1.2  # to press, turn and lift
 _RAMP_S = 0.02  # over which the drive comes and goes
@@ -30,35 +27,35 @@ _WITHOUT_DEVICE_HZ = 48_000.0
 
 @dataclass(frozen=True)
 class Watcher:
-    """What the person is told; each may do nothing.
+    """What the person at the screen is told.
 
     Parameters
     ----------
     prompt : callable
-        Called before a stroke with its number of tries so far; returns when the person is ready.
+        Called before a stroke with its number of attempts so far; returns when the person is ready.
     live : callable
-        Called while a stroke is made.
+        Called while a stroke is recorded, with the time since its start [s].
     done : callable
-        Called with what is wrong with a stroke; an empty list where it was accepted.
+        Called with the findings of a stroke; an empty list where it is good.
     """
 
     prompt: Callable[[Stroke, int], None] = lambda stroke, tries: None
     live: Callable[[Stroke, float, Live], None] = lambda stroke, t_s, now: None
-    done: Callable[[Stroke, list[Complaint]], None] = lambda stroke, wrong: None
+    done: Callable[[Stroke, list[Finding]], None] = lambda stroke, findings: None
 
 
 @dataclass(frozen=True)
 class SessionOutcome:
-    """What became of a protocol.
+    """How much of a protocol was measured.
 
     Parameters
     ----------
     accepted : int
-        StrokeConditions on disk.
+        Strokes on disk.
     rejected : int
-        Attempts that were not accepted, this time.
+        Attempts of this run that were not accepted.
     still_open : tuple of Stroke
-        Strokes that nothing usable was recorded of.
+        Strokes without an accepted recording.
     """
 
     accepted: int
@@ -93,14 +90,14 @@ def measure(
     device: Device | None = None,
     watcher: Watcher | None = None,
     conditions: Conditions | None = None,
-    most_tries: int = MOST_TRIES,
+    most_tries: int = 5,
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> SessionOutcome:
     """Measure all strokes of a session that are still open.
 
-    Every stroke is on disk before the next starts: an interrupted session loses the stroke under
-    way. The driver is armed for each stroke alone, and at 0 V while the person reads.
+    Every stroke is on disk before the next starts: an interrupted session loses only the current
+    one. The driver is armed for each stroke alone, and at 0 V in between.
 
     Parameters
     ----------
@@ -111,11 +108,11 @@ def measure(
     device : Device, optional
         Plays the drive; without one nothing is played (a replay).
     watcher : Watcher, optional
-        Prompts and shows.
+        Prompts the person and shows progress.
     conditions : Conditions, optional
         Room; instruments and time are added.
     most_tries : int
-        Attempts at each stroke.
+        Attempts at each stroke. After them it stays open for a resumed session.
     clock, sleep : callable
         For instruments that record in real time.
 
@@ -126,112 +123,83 @@ def measure(
     """
     if most_tries < 1:
         raise InputError(f"most_tries: expected 1 or more, got {most_tries}")
-    watcher = Watcher() if watcher is None else watcher
-    _check_protocol(session, device)
+    _check_voltages(session, device)
+    watcher = watcher or Watcher()
+    recorder = _Recorder(source, device, watcher, clock, sleep)
+    protocol, room = session.protocol, conditions or Conditions()
     rejected = 0
     for stroke in session.open_strokes:
         for tries in range(most_tries):
             watcher.prompt(stroke, tries)
-            recording = _record(session, stroke, source, device, watcher, conditions, clock, sleep)
-            wrong = complaints(recording, session.protocol.idle_s, session.protocol.tolerance)
-            fatal = tuple(str(one) for one in wrong if one.is_fatal)
-            session.keep(replace(recording, complaints=fatal))
-            watcher.done(stroke, wrong)
+            began = replace(
+                room,
+                instruments={**room.instruments, **source.instruments},
+                operator=room.operator or session.info.operator,
+                started=datetime.now(UTC).isoformat(timespec="seconds"),
+            )
+            recording = StrokeRecording.of(stroke, recorder.record(stroke, protocol), began)
+            findings = check_recording(recording, protocol.idle_s, protocol.tolerance)
+            fatal = tuple(str(one) for one in findings if one.is_fatal)
+            session.keep(replace(recording, findings=fatal))
+            watcher.done(stroke, findings)
             if not fatal:
                 break
             rejected += 1
     still_open = session.open_strokes
-    return SessionOutcome(len(session.protocol.strokes) - len(still_open), rejected, still_open)
+    return SessionOutcome(len(protocol.strokes) - len(still_open), rejected, still_open)
 
 
-def _check_protocol(session: Session, device: Device | None) -> None:
-    """Refuse before the first stroke what the screen must not carry."""
-    ceilings = {f"screen {session.info.screen.name!r}": session.info.screen.max_voltage_v}
+def _check_voltages(session: Session, device: Device | None) -> None:
+    """Refuse a protocol above a limit before the first stroke."""
+    limits = {f"screen {session.info.screen.name!r}": session.info.screen.max_voltage_v}
     if device is not None:
-        ceilings["the driver"] = device.limits.ceiling_v
+        limits["the driver"] = device.limits.ceiling_v
     for stroke in session.protocol.strokes:
-        for what, ceiling in ceilings.items():
-            if stroke.voltage_v > ceiling:
+        for what, limit in limits.items():
+            if stroke.voltage_v > limit:
                 raise InputError(
-                    f"{stroke.label}: {what} bears {ceiling:g} V; plan with --max-voltage-v "
-                    f"{ceiling:g}"
+                    f"{stroke.label}: {what} bears {limit:g} V; plan with --max-voltage-v {limit:g}"
                 )
 
 
-def _record(
-    session: Session,
-    stroke: Stroke,
-    source: ForceSource,
-    device: Device | None,
-    watcher: Watcher,
-    conditions: Conditions | None,
-    clock: Callable[[], float],
-    sleep: Callable[[float], None],
-) -> StrokeRecording:
-    rate = _WITHOUT_DEVICE_HZ if device is None else device.capabilities.sample_rate_hz
-    played = drive_for(stroke, session.protocol, rate)
-    room = conditions or Conditions()
-    room = replace(
-        room,
-        instruments={**room.instruments, **source.instruments},
-        operator=room.operator or session.info.operator,
-        started=datetime.now(UTC).isoformat(timespec="seconds"),
-    )
-    source.start(stroke, played)
-    try:
-        if device is None:
-            _watch(stroke, source, played, watcher, clock, sleep)
-        else:
-            _play(stroke, source, played, device, watcher, clock, sleep)
-    except BaseException:
-        _abandon(source)
-        raise
-    return StrokeRecording.of(stroke, source.finish(), room)
+@dataclass(frozen=True)
+class _Recorder:
+    source: ForceSource
+    device: Device | None
+    watcher: Watcher
+    clock: Callable[[], float]
+    sleep: Callable[[float], None]
 
+    def record(self, stroke: Stroke, protocol: Protocol) -> dict[str, np.ndarray]:
+        """Play and record one stroke, and return its signals."""
+        device = self.device
+        rate = _WITHOUT_DEVICE_HZ if device is None else device.capabilities.sample_rate_hz
+        played = drive_for(stroke, protocol, rate)
+        self.source.start(stroke, played)
+        try:
+            with nullcontext() if device is None else device:
+                self._play(stroke, played)
+        except BaseException:
+            # Release the instruments; the first failure is the one that is raised.
+            with suppress(HaptixError):
+                self.source.finish()
+            raise
+        return self.source.finish()
 
-def _play(
-    stroke: Stroke,
-    source: ForceSource,
-    played: Played,
-    device: Device,
-    watcher: Watcher,
-    clock: Callable[[], float],
-    sleep: Callable[[float], None],
-) -> None:
-    block = max(1, round(_BLOCK_S * played.sample_rate_hz))
-    with device:
-        begun = clock()
+    def _play(self, stroke: Stroke, played: Played) -> None:
+        lead_s = 0.0 if self.device is None else _LEAD_S
+        block = max(1, round(_BLOCK_S * played.sample_rate_hz))
+        begun = self.clock()
         for first in range(0, len(played.volts), block):
-            device.write(played.volts[first : first + block])
-            if source.is_live:
-                ahead = first / played.sample_rate_hz - (clock() - begun) - _LEAD_S
-                if ahead > 0:
-                    sleep(ahead)
-            now = source.live((first + block) / played.sample_rate_hz)
+            if self.device is not None:
+                self.device.write(played.volts[first : first + block])
+            self._wait_until(begun + first / played.sample_rate_hz - lead_s)
+            t_s = (first + block) / played.sample_rate_hz
+            now = self.source.live(t_s)
             if now is not None:
-                watcher.live(stroke, (first + block) / played.sample_rate_hz, now)
-        if source.is_live:
-            sleep(max(played.duration_s - (clock() - begun), 0.0))
+                self.watcher.live(stroke, t_s, now)
+        self._wait_until(begun + played.duration_s)
 
-
-def _watch(
-    stroke: Stroke,
-    source: ForceSource,
-    played: Played,
-    watcher: Watcher,
-    clock: Callable[[], float],
-    sleep: Callable[[float], None],
-) -> None:
-    begun = clock()
-    for t_s in np.arange(_BLOCK_S, played.duration_s, _BLOCK_S):
-        if source.is_live:
-            sleep(max(float(t_s) - (clock() - begun), 0.0))
-        now = source.live(float(t_s))
-        if now is not None:
-            watcher.live(stroke, float(t_s), now)
-
-
-def _abandon(source: ForceSource) -> None:
-    """Let instruments go after a failure, which stays the one to be raised."""
-    with suppress(HaptixError):
-        source.finish()
+    def _wait_until(self, time_s: float) -> None:
+        if self.source.is_live:
+            self.sleep(max(time_s - self.clock(), 0.0))

@@ -1,19 +1,19 @@
-"""What a calibration can find out: parameters by name, all positive, and what is known beforehand.
+"""The parameters of a calibration, all positive, and what is known of them beforehand.
 
-Everything is fitted as a logarithm: a prior of 0.2 says "within some 20 %".
+All are fitted as logarithms: a prior of 0.2 means "within some 20 %".
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from math import isfinite, log
+from math import isfinite, log, sqrt
 
 import numpy as np
 import numpy.typing as npt
 
 from haptix.errors import InputError
-from haptix.finger import Finger, Roughness
+from haptix.finger import Finger
 from haptix.screen import Screen
 from haptix.terms import TERMS
 
@@ -38,8 +38,8 @@ the values of the paper's Fig. 4, decades either way, hardly any knowledge."""
 
 REQUIRED = tuple(name for name in NAMES if name not in OPTIONAL)
 
-# What a fingertip is like before anything is measured, as standard deviations of logarithms. The
-# apparent area is that of an ink print; the rest is the spread between people. A screen's
+# What is known of a fingertip before anything is measured, as standard deviations of logarithms.
+# The apparent area is that of an ink print; the rest is the spread between people. A screen's
 # insulator and tau_f are found from the strokes alone.
 _SPREAD = {
     "youngs_modulus_pa": 0.3,
@@ -49,10 +49,10 @@ _SPREAD = {
     "response_hz_per_mm_per_s": 0.1,
 }
 
-_REACH = {"youngs_modulus_pa": 1.6, "h_rms_m": 1.2, "gap_resistivity_ohm_m": 12.0}
-_USUAL_REACH = 4.6
-"""Distance of a logarithm from its start that a fit may go: a factor of 100, or what the tables of
-the contact cover."""
+_FURTHEST = {"youngs_modulus_pa": 1.6, "h_rms_m": 1.2, "gap_resistivity_ohm_m": 12.0}
+_USUALLY_FURTHEST = 4.6
+"""Largest change of a logarithm in a fit: a factor of 100, or what the tables of the contact cover.
+"""
 
 EXPERIMENTS: Mapping[str, str] = {
     "h0_m": (
@@ -74,7 +74,7 @@ EXPERIMENTS: Mapping[str, str] = {
     ),
     "response_hz_per_mm_per_s": "add strokes at 250 to 500 Hz, at two speeds",
 }
-"""What would determine each parameter, in words."""
+"""The experiment that would determine each parameter."""
 
 
 def optional_parameters(term: str) -> list[str]:
@@ -109,7 +109,7 @@ class Parameter:
     prior : float or None
         Standard deviation of the logarithm before the strokes; None without any knowledge.
     is_fixed : bool
-        True where the value is taken as it is.
+        Whether the value is held.
     """
 
     name: str
@@ -130,7 +130,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class FingerPrior:
-    """What an earlier fit has found out about the finger: a Gaussian in the logarithms.
+    """What an earlier fit knows of the finger: a Gaussian in the logarithms.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ class FingerPrior:
 
 @dataclass(frozen=True)
 class Parameters:
-    """All parameters of a fit, and what is known of them."""
+    """All parameters of a fit, with their starts and priors."""
 
     all: tuple[Parameter, ...]
     finger_prior: FingerPrior | None = None
@@ -164,15 +164,11 @@ class Parameters:
     @classmethod
     def of(cls, finger: Finger, screen: Screen, leaky_gap: bool = False) -> Parameters:
         """Take the profiles' values as the start, with the usual spread of fingers as priors."""
-        if not isinstance(finger.roughness, Roughness):
-            h_rms = float(finger.roughness.spectrum().h_rms_m)
-        else:
-            h_rms = float(finger.roughness.h_rms_m)
         values = {
             "h0_m": screen.h0_m,
             "frictional_shear_stress_pa": float(finger.frictional_shear_stress_pa),
             "youngs_modulus_pa": float(finger.youngs_modulus_pa),
-            "h_rms_m": h_rms,
+            "h_rms_m": float(finger.roughness.spectrum().h_rms_m),
             "apparent_area_at_1n_m2": finger.apparent_area_at_1n_m2,
             "apparent_area_exponent": max(finger.apparent_area_exponent, 1e-3),
             "skin_dielectric_scale": finger.dielectric.scale,
@@ -223,10 +219,14 @@ class Parameters:
         return self._changed(changed)
 
     def started_at(self, **values: float) -> Parameters:
-        """Return a copy whose start, and middle of the priors, is elsewhere."""
+        """Return a copy with other starts, and middles of the priors."""
         return self._changed(
             {name: replace(self[name], value=value) for name, value in values.items()}
         )
+
+    def restarted_at(self, values: Mapping[str, float]) -> Parameters:
+        """Return a copy with other starts; parameters with a prior keep theirs."""
+        return self.started_at(**{n: v for n, v in values.items() if self[n].prior is None})
 
     def with_finger(self, prior: FingerPrior) -> Parameters:
         """Return a copy that knows of the finger what an earlier fit has found."""
@@ -237,18 +237,11 @@ class Parameters:
         }
         return replace(self._changed(changed), finger_prior=prior)
 
-    def only(self, names: Iterable[str]) -> Parameters:
-        """Return a copy in which all others are fixed where they are."""
-        keep = set(names)
-        return replace(
-            self,
-            all=tuple(one if one.name in keep else replace(one, is_fixed=True) for one in self.all),
-        )
+    def without(self, names: Collection[str]) -> Parameters:
+        """Return a copy that lacks some parameters."""
+        return replace(self, all=tuple(one for one in self.all if one.name not in names))
 
     def _changed(self, changed: Mapping[str, Parameter]) -> Parameters:
-        for name in changed:
-            if name not in NAMES:
-                raise InputError(f"parameter {name!r}: expected one of {', '.join(NAMES)}")
         kept = [changed.get(one.name, one) for one in self.all]
         added = [one for name, one in changed.items() if name not in self.names]
         return replace(self, all=(*kept, *added))
@@ -256,8 +249,21 @@ class Parameters:
     def bounds(self) -> tuple[Array, Array]:
         """Lowest and highest logarithms of the free parameters that a fit may try."""
         middle = np.array([log(self[name].value) for name in self.free])
-        reach = np.array([_REACH.get(name, _USUAL_REACH) for name in self.free])
-        return middle - reach, middle + reach
+        furthest = np.array([_FURTHEST.get(name, _USUALLY_FURTHEST) for name in self.free])
+        return middle - furthest, middle + furthest
+
+    def prior_spread(self, name: str) -> float | None:
+        """Standard deviation of a logarithm before the strokes; None without any knowledge."""
+        prior = self.finger_prior
+        if prior is None or name not in prior.names:
+            return self[name].prior
+        at = prior.names.index(name)
+        return sqrt(float(prior.covariance[at, at]))
+
+    def prior_information(self) -> Array:
+        """Inverse covariance of the free parameters before the strokes."""
+        rows, _ = self.prior_rows()
+        return rows.T @ rows
 
     def prior_rows(self) -> tuple[Array, Array]:
         """Return (matrix, target) with which ``matrix @ log_values - target`` is unit normal.
@@ -279,9 +285,9 @@ class Parameters:
         if prior is not None and joint:
             at = [prior.names.index(name) for name in joint]
             whitening = np.linalg.inv(np.linalg.cholesky(prior.covariance[np.ix_(at, at)]))
-            for weights, wanted in zip(whitening, whitening @ prior.log_value[at], strict=True):
+            for weights in whitening:
                 row = np.zeros(len(free))
                 row[[free.index(name) for name in joint]] = weights
                 rows.append(row)
-                target.append(float(wanted))
+                target.append(float(weights @ prior.log_value[at]))
         return np.array(rows).reshape(-1, len(free)), np.array(target)

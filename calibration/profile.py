@@ -1,4 +1,4 @@
-"""The screen profile: what a calibration leaves behind, and every later session starts from."""
+"""Profiles of screen and finger: the result of a calibration, and the start of later sessions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from datetime import UTC, date, datetime
 from pathlib import Path
 
-from calibration.fitting import Fit
+from calibration.fit import Fit
 from calibration.predict import StrokePredictor
 from calibration.recording import StrokeRecording
 from calibration.verification import Verification
@@ -59,20 +59,20 @@ def calibrated_screen(
     instruments: Iterable[str] = (),
     measured_on: date | None = None,
 ) -> Screen:
-    """Return the screen as the fit has found it.
+    """Return the screen with the fitted numbers.
 
     Parameters
     ----------
     screen : Screen
         As it was believed to be; its name, permittivity and limits are kept.
     fit, verification, predictor
-        What was found, how it was judged, and by which model.
+        The result, its verdict, and the model.
     operator : str
         Who measured.
     instruments : iterable of str
-        With what.
+        Names and serial numbers.
     measured_on : date, optional
-        Today's without.
+        Without it, today.
 
     Raises
     ------
@@ -83,40 +83,35 @@ def calibrated_screen(
     changed: dict[str, object] = {
         "insulator_thickness_m": fit.value("h0_m") * screen.insulator_permittivity
     }
-    spread = {"h0_m": fit["h0_m"].spread}
+    found = [fit["h0_m"]]
     if "gap_resistivity_ohm_m" in fit.names:
-        leak = fit["gap_resistivity_ohm_m"]
-        changed["gap_resistivity_ohm_m"] = leak.value
-        if leak.value is not None:
-            spread["gap_resistivity_ohm_m"] = leak.spread
+        found.append(fit["gap_resistivity_ohm_m"])
+        changed["gap_resistivity_ohm_m"] = found[-1].value
     calibration = Calibration(
         date=measured_on or datetime.now(UTC).date(),
         operator=operator,
         instruments=tuple(sorted(set(instruments))),
-        verdict="passed" if verification.passed else "failed",
-        spread=spread,
-        rests_on=tuple(rests_on(fit, predictor)),
+        verdict=verification.verdict,
+        spread={one.name: one.spread for one in found if one.value is not None},
+        rests_on=tuple(_assumptions(fit, predictor)),
     )
-    found = screen.replace(**changed, is_placeholder=False, calibration=calibration)
-    signed = calibration.model_copy(update={"content_hash": found.content_hash()})
-    return found.replace(calibration=signed)
+    calibrated = screen.replace(**changed, is_placeholder=False, calibration=calibration)
+    signed = calibration.model_copy(update={"content_hash": calibrated.content_hash()})
+    return calibrated.replace(calibration=signed)
 
 
-def rests_on(fit: Fit, predictor: StrokePredictor) -> list[str]:
-    """Name what a calibration takes for granted."""
-    model = predictor.model
-    found = [f"{name} (stand-in)" for name in model.placeholders() if "screen" not in name]
-    held = [one.name for one in fit.estimates if one.verdict == "fixed"]
-    known = [one.name for one in fit.estimates if one.verdict == "prior"]
-    found += [f"{name} (held fixed)" for name in held]
-    found += [f"{name} (its prior)" for name in known]
+def _assumptions(fit: Fit, predictor: StrokePredictor) -> list[str]:
+    placeholders = predictor.model.placeholders()
+    found = [f"{name} (placeholder)" for name in placeholders if "screen" not in name]
+    for verdict, note in (("fixed", "held fixed"), ("prior", "its prior")):
+        found += [f"{one.name} ({note})" for one in fit.estimates if one.verdict == verdict]
     return found
 
 
 def calibrated_finger(finger: Finger, fit: Fit) -> Finger:
     """Return the finger with which the fit predicts.
 
-    Its numbers belong together: single ones among them are not measured unless the fit says so.
+    Its numbers belong together: a single one is measured only if the fit determines it.
     """
     roughness = finger.roughness
     if isinstance(roughness, Roughness):
@@ -130,38 +125,38 @@ def calibrated_finger(finger: Finger, fit: Fit) -> Finger:
     bulk = finger.bulk_modulus_pa
     if bulk is not None:  # in proportion: see calibration.predict
         bulk = float(bulk) * modulus / float(finger.youngs_modulus_pa)
+    scale = {"scale": fit.best("skin_dielectric_scale")}
+    same = (
+        "youngs_modulus_pa",
+        "frictional_shear_stress_pa",
+        "apparent_area_at_1n_m2",
+        "apparent_area_exponent",
+        "response_hz_per_mm_per_s",
+    )
     return finger.replace(
-        youngs_modulus_pa=modulus,
+        **{name: fit.best(name) for name in same},
         bulk_modulus_pa=bulk,
-        frictional_shear_stress_pa=fit.best("frictional_shear_stress_pa"),
-        apparent_area_at_1n_m2=fit.best("apparent_area_at_1n_m2"),
-        apparent_area_exponent=fit.best("apparent_area_exponent"),
-        response_hz_per_mm_per_s=fit.best("response_hz_per_mm_per_s"),
         roughness=roughness,
-        dielectric=finger.dielectric.model_copy(
-            update={"scale": fit.best("skin_dielectric_scale")}
-        ),
+        dielectric=finger.dielectric.model_copy(update=scale),
     )
 
 
-def instruments_of(recordings: Iterable[StrokeRecording]) -> list[str]:
-    """Names and serial numbers that occur, sorted."""
-    return sorted(
-        {
-            f"{name}: {serial}"
-            for recording in recordings
-            for name, serial in recording.conditions.instruments.items()
-        }
-    )
+def instruments_of(recordings: Iterable[StrokeRecording]) -> set[str]:
+    """Names and serial numbers of all instruments in use."""
+    return {
+        f"{name}: {serial}"
+        for recording in recordings
+        for name, serial in recording.conditions.instruments.items()
+    }
 
 
 def write_archive(folder: Path, path: Path) -> None:
-    """Pack a session's folder, raw recordings included, into one zip file."""
+    """Pack a session's folder, raw recordings included, into one zip file, whole or not at all."""
     files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file != path]
 
-    def pack(draft: Path) -> None:
+    def write(draft: Path) -> None:
         with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
             for file in files:
                 archive.write(file, file.relative_to(folder.parent))
 
-    write_whole(path, pack)
+    write_whole(path, write)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+from collections.abc import Iterable, Sequence
+from itertools import product
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
@@ -16,9 +18,10 @@ FREQUENCY_HZ = 125.0
 """The paper's strokes: every force with every voltage, at one frequency."""
 
 SWEEP_HZ = (30.0, 60.0, 300.0, 1000.0, 4000.0)
-"""Frequencies that tell the screen's insulator from the skin's: each at every force."""
+"""Frequencies that separate the screen's insulator from the skin's: each at every force."""
 
-_SPREAD_SEED = 20180  # order of the strokes: any fixed one, so that a plan is the same twice
+_HELD_OUT = ((0.4, 175.0, FREQUENCY_HZ), (0.2, 125.0, FREQUENCY_HZ), (0.8, 150.0, FREQUENCY_HZ))
+_SHUFFLE_SEED = 20180  # any fixed one, so that a plan is the same twice
 
 
 class Stroke(Part):
@@ -33,8 +36,7 @@ class Stroke(Part):
     speed_mm_per_s, length_mm : float
         How to slide.
     there_and_back : bool
-        Whether the finger slides back under the same drive: what the sensor's axes tell each other
-        cancels.
+        Whether the finger slides back under the same drive, which cancels the sensor's cross-talk.
     held_out : bool
         Kept out of the fit, for verification.
     """
@@ -58,9 +60,14 @@ class Stroke(Part):
         )
 
     @property
+    def slides(self) -> int:
+        """Number of times that the finger slides the length."""
+        return 1 + self.there_and_back
+
+    @property
     def sliding_s(self) -> float:
         """Time that the finger slides [s]."""
-        return (1 + self.there_and_back) * self.length_mm / self.speed_mm_per_s
+        return self.slides * self.length_mm / self.speed_mm_per_s
 
 
 class Protocol(Document):
@@ -73,9 +80,9 @@ class Protocol(Document):
     idle_s : float
         Untouched time [s] at the start and the end of each recording: the sensor's zero.
     tolerance : float
-        A stroke whose force or speed is off by more than this share is repeated.
+        A stroke whose force or speed has a larger relative error is repeated.
     seconds_per_stroke : float
-        What one takes with its prompt, for the estimate of the time [s].
+        Time for one stroke with its prompt [s], for the estimate of the total time.
     strokes : tuple of Stroke
         Numbers are unique.
     """
@@ -95,6 +102,43 @@ class Protocol(Document):
             raise ValueError("expected every stroke to have a number of its own")
         return self
 
+    @classmethod
+    def shuffled(
+        cls,
+        name: str,
+        fitted: Iterable[Sequence[float]],
+        held_out: Iterable[Sequence[float]],
+        there_and_back: bool = True,
+    ) -> Self:
+        """Number strokes in random order, so that a finger that dries does not look like a force.
+
+        Parameters
+        ----------
+        name : str
+            Of the protocol.
+        fitted, held_out : iterable of sequence of float
+            Normal force [N], amplitude [V] and frequency [Hz] of the strokes for fit and
+            verification.
+        there_and_back : bool
+            For all strokes.
+        """
+        rows = [(row, False) for row in fitted] + [(row, True) for row in held_out]
+        order = np.random.default_rng(_SHUFFLE_SEED).permutation(len(rows)).tolist()
+        strokes = [
+            Stroke(
+                number=number,
+                normal_force_n=force,
+                voltage_v=round(volts, 3),
+                frequency_hz=hertz,
+                there_and_back=there_and_back,
+                held_out=is_held_out,
+            )
+            for number, ((force, volts, hertz), is_held_out) in enumerate(
+                (rows[index] for index in order), start=1
+            )
+        ]
+        return cls(name=name, strokes=tuple(strokes))
+
     @property
     def duration_s(self) -> float:
         """Estimated time at the screen [s]."""
@@ -103,69 +147,32 @@ class Protocol(Document):
 
 def paper_protocol(max_voltage_v: float = 200.0) -> Protocol:
     """Return the paper's 25 strokes, one way each, and 3 more that are held out."""
-    grid = [(force, volts, FREQUENCY_HZ) for force in FORCES_N for volts in VOLTAGES_V]
-    held_out = [(0.4, 175.0, FREQUENCY_HZ), (0.2, 125.0, FREQUENCY_HZ), (0.8, 150.0, FREQUENCY_HZ)]
-    return _protocol("paper", grid, held_out, max_voltage_v, there_and_back=False)
+    share = _share(max_voltage_v)
+    return Protocol.shuffled(
+        "paper", _scaled(_paper_grid(), share), _scaled(_HELD_OUT, share), there_and_back=False
+    )
 
 
 def full_protocol(max_voltage_v: float = 200.0) -> Protocol:
     """Return the paper's strokes and a frequency sweep at the highest voltage, there and back."""
-    grid = [(force, volts, FREQUENCY_HZ) for force in FORCES_N for volts in VOLTAGES_V]
-    grid += [(force, VOLTAGES_V[-1], hertz) for force in FORCES_N for hertz in SWEEP_HZ]
-    held_out = [
-        (0.4, 175.0, FREQUENCY_HZ),
-        (0.2, 125.0, FREQUENCY_HZ),
-        (0.8, 150.0, FREQUENCY_HZ),
-        (0.6, 175.0, 60.0),
-        (0.4, 175.0, 500.0),
-    ]
-    return _protocol("full", grid, held_out, max_voltage_v)
+    share = _share(max_voltage_v)
+    sweep = product(FORCES_N, VOLTAGES_V[-1:], SWEEP_HZ)
+    held_out = (*_HELD_OUT, (0.6, 175.0, 60.0), (0.4, 175.0, 500.0))
+    return Protocol.shuffled(
+        "full", _scaled([*_paper_grid(), *sweep], share), _scaled(held_out, share)
+    )
 
 
-def _protocol(
-    name: str,
-    grid: list[tuple[float, float, float]],
-    held_out: list[tuple[float, float, float]],
-    max_voltage_v: float,
-    there_and_back: bool = True,
-) -> Protocol:
+def _paper_grid() -> Iterable[Sequence[float]]:
+    return product(FORCES_N, VOLTAGES_V, [FREQUENCY_HZ])
+
+
+def _share(max_voltage_v: float) -> float:
+    """Factor on the paper's voltages for a screen that bears less."""
     if not max_voltage_v > 0:
         raise InputError(f"max_voltage_v: expected a voltage above 0 V, got {max_voltage_v:g} V")
-    # A screen that bears less has the same protocol, drawn together.
-    share = min(max_voltage_v / VOLTAGES_V[-1], 1.0)
-    rows = [(*row, False) for row in grid] + [(*row, True) for row in held_out]
-    return Protocol(
-        name=name,
-        strokes=numbered(
-            [
-                {
-                    "normal_force_n": force,
-                    "voltage_v": round(share * volts, 3),
-                    "frequency_hz": hertz,
-                    "there_and_back": there_and_back,
-                    "held_out": is_held_out,
-                }
-                for force, volts, hertz, is_held_out in rows
-            ]
-        ),
-    )
+    return min(max_voltage_v / VOLTAGES_V[-1], 1.0)
 
 
-def numbered(strokes: list[dict[str, Any]]) -> tuple[Stroke, ...]:
-    """Shuffle strokes, so that a finger that dries does not look like a force, and number them."""
-    order = np.random.default_rng(_SPREAD_SEED).permutation(len(strokes))
-    return tuple(
-        Stroke(number=place + 1, **strokes[index]) for place, index in enumerate(order.tolist())
-    )
-
-
-def strokes_within(minutes: float, seconds_per_stroke: float, held_out: int) -> int:
-    """How many strokes fit into a time: enough to fit, and those held out."""
-    count = int(60 * minutes / seconds_per_stroke + 1e-9)
-    least = 6 + held_out
-    if count < least:
-        raise InputError(
-            f"minutes: expected time for {least} strokes of {seconds_per_stroke:g} s or more "
-            f"({least * seconds_per_stroke / 60:.2g} minutes), got {minutes:g} minutes"
-        )
-    return count
+def _scaled(rows: Iterable[Sequence[float]], share: float) -> list[Sequence[float]]:
+    return [(force, share * volts, hertz) for force, volts, hertz in rows]

@@ -1,10 +1,11 @@
-"""Raw recordings: what the instruments said during one stroke, and how it lies on disk.
+"""Raw recordings: what the instruments measured during one stroke, and its file.
 
 One stroke is one HDF5 file. Layout, schema 1::
 
     /            attributes: format = "haptix stroke", schema_version, stroke (JSON of the planned
                  stroke), instruments (JSON: name to serial number), temperature_c,
-                 humidity_percent, operator, started (ISO 8601), is_accepted, complaints (JSON)
+                 humidity_percent, operator, started (ISO 8601), is_accepted, findings (JSON;
+                 "complaints" in version 0.1)
     /signals     t_s, normal_force_n, tangential_force_n, x_mm, drive_v: float64, one length,
                  each with an attribute "unit"
 
@@ -18,7 +19,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -44,7 +44,7 @@ _FORMAT = "haptix stroke"
 
 @dataclass(frozen=True)
 class Conditions:
-    """Around a recording: which instruments, and what the room was like.
+    """Circumstances of a recording.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Conditions:
     temperature_c, humidity_percent : float or None
         Of the room.
     operator : str
-        Who held the finger to it.
+        Who measured.
     started : str
         When, ISO 8601.
     """
@@ -77,7 +77,7 @@ class StrokeRecording:
         Signals, in these units.
     conditions : Conditions
         Instruments and room.
-    complaints : tuple of str
+    findings : tuple of str
         Why it was not accepted; empty where it was.
     """
 
@@ -88,7 +88,7 @@ class StrokeRecording:
     x_mm: Array
     drive_v: Array
     conditions: Conditions = field(default_factory=Conditions)
-    complaints: tuple[str, ...] = ()
+    findings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         shapes = {name: np.shape(getattr(self, name)) for name in SIGNALS}
@@ -102,13 +102,13 @@ class StrokeRecording:
     def of(
         cls, stroke: Stroke, signals: Mapping[str, Array], conditions: Conditions | None = None
     ) -> StrokeRecording:
-        """Take signals by their names; others among them are left."""
+        """Take signals by their names; other ones are ignored."""
         t, normal, tangential, x, drive = (signals[name] for name in SIGNALS)
         return cls(stroke, t, normal, tangential, x, drive, conditions or Conditions())
 
     @property
     def sample_rate_hz(self) -> float:
-        """Samples per second, from the middle of the steps in time."""
+        """Samples per second, from the median step in time."""
         step = float(np.median(np.diff(self.t_s)))
         return 1 / step if step > 0 else float("nan")
 
@@ -120,36 +120,31 @@ class StrokeRecording:
         FileFormatError
             If the file cannot be written.
         """
+        write_whole(path, self._write)
+
+    def _write(self, path: Path) -> None:
         room = self.conditions
-        attributes: dict[str, Any] = {
+        attributes = {
             "format": _FORMAT,
             "schema_version": 1,
             "stroke": self.stroke.model_dump_json(),
             "instruments": json.dumps(dict(room.instruments)),
+            "temperature_c": room.temperature_c,
+            "humidity_percent": room.humidity_percent,
             "operator": room.operator,
             "started": room.started,
-            "is_accepted": not self.complaints,
-            "complaints": json.dumps(list(self.complaints)),
+            "is_accepted": not self.findings,
+            "findings": json.dumps(self.findings),
         }
-        for name in ("temperature_c", "humidity_percent"):
-            if getattr(room, name) is not None:
-                attributes[name] = float(getattr(room, name))
-
-        def write(draft: Path) -> None:
-            with h5py.File(draft, "w") as file:
-                file.attrs.update(attributes)
-                signals = file.create_group("signals")
-                for name, unit in SIGNALS.items():
-                    data = signals.create_dataset(
-                        name,
-                        data=np.asarray(getattr(self, name), dtype=np.float64),
-                        compression="gzip",
-                        compression_opts=1,
-                        shuffle=True,
-                    )
-                    data.attrs["unit"] = unit
-
-        write_whole(path, write)
+        with h5py.File(path, "w") as file:
+            file.attrs.update({key: one for key, one in attributes.items() if one is not None})
+            signals = file.create_group("signals")
+            for name, unit in SIGNALS.items():
+                values = np.asarray(getattr(self, name), dtype=np.float64)
+                data = signals.create_dataset(
+                    name, data=values, compression="gzip", compression_opts=1, shuffle=True
+                )
+                data.attrs["unit"] = unit
 
     @classmethod
     def load(cls, path: str | Path) -> StrokeRecording:
@@ -161,7 +156,6 @@ class StrokeRecording:
             If the file is missing, foreign, damaged or of a later version; it names the column
             that is missing.
         """
-        path = Path(path)
         try:
             with h5py.File(path, "r") as file:
                 return cls._read(file, path)
@@ -169,7 +163,7 @@ class StrokeRecording:
             raise FileFormatError(f"cannot read {path} as HDF5: {error}") from None
 
     @classmethod
-    def _read(cls, file: h5py.File, path: Path) -> StrokeRecording:
+    def _read(cls, file: h5py.File, path: str | Path) -> StrokeRecording:
         found = dict(file.attrs)
         if found.get("format") != _FORMAT:
             raise FileFormatError(
@@ -185,23 +179,19 @@ class StrokeRecording:
         missing = [name for name in SIGNALS if signals is None or name not in signals]
         if missing:
             raise FileFormatError(f"{path}: expected signals {', '.join(missing)} as well")
+        room = {name: found.get(name) for name in ("temperature_c", "humidity_percent")}
         try:
             stroke = Stroke.model_validate_json(found["stroke"])
-            room = Conditions(
+            conditions = Conditions(
                 json.loads(found["instruments"]),
-                _optional(found.get("temperature_c")),
-                _optional(found.get("humidity_percent")),
-                str(found["operator"]),
-                str(found["started"]),
+                **{name: None if value is None else float(value) for name, value in room.items()},
+                operator=str(found["operator"]),
+                started=str(found["started"]),
             )
-            complaints = tuple(json.loads(found["complaints"]))
+            findings = json.loads(found["findings" if "findings" in found else "complaints"])
         except ValidationError as error:
             raise FileFormatError(f"{path}: {first_error('stroke', error)}") from None
         except (KeyError, ValueError) as error:
             raise FileFormatError(f"{path}: expected attributes of a stroke, got {error}") from None
         values = {name: np.asarray(signals[name][()], dtype=float) for name in SIGNALS}
-        return replace(cls.of(stroke, values, room), complaints=complaints)
-
-
-def _optional(value: Any) -> float | None:
-    return None if value is None else float(value)
+        return replace(cls.of(stroke, values, conditions), findings=tuple(findings))

@@ -1,32 +1,32 @@
-"""What can be wrong with a recording: recognised and named, before anything is made of it."""
+"""Checks of a recording before it is reduced: each fault has a name and a remedy."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.parameters import Array
 from calibration.recording import SIGNALS, StrokeRecording
 from calibration.segmentation import Segment, full_slip, sliding_speed
 
-_IDLE_USED = 0.8  # of the untouched time, away from its ends
+_IDLE_USED = 0.8  # of the untouched time, away from the touch
 _HIGHEST_MU = 20.0  # friction of a finger under voltage stays well below
 _LOST_SHARE = 0.01
-_ZERO_SHARE = 0.2  # of the wanted force: beyond, the sensor was not zeroed
+_ZERO_SHARE = 0.2  # of the planned force: a larger offset means that the sensor was not zeroed
 _PARTS = 8  # of the untouched time
-_EARLY_SHARE = 0.3  # of the wanted force, while nothing should touch
+_EARLY_SHARE = 0.3  # of the planned force, while nothing should touch
 _DRIVE_TOLERANCE = 0.05
-_ENOUGH_OF_THE_WAY = 0.9
+_FULL_LENGTH = 0.9  # of the planned length
 
 _FORCE_UNITS = {"mN": 1e3, "gf": 101.97, "kgf": 0.10197, "lbf": 0.22481, "uN": 1e6}
 _LENGTH_UNITS = {"m": 1e-3, "cm": 0.1, "um": 1e3}
+_FORCES = ("normal_force_n", "tangential_force_n")
 
 
 @dataclass(frozen=True)
-class Complaint:
-    """One thing that is wrong.
+class Finding:
+    """One fault of a recording.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Complaint:
     message : str
         What was expected, what was found and what to do.
     is_fatal : bool
-        False where the reduction can make up for it.
+        False where the reduction can correct it.
     """
 
     kind: str
@@ -44,6 +44,50 @@ class Complaint:
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.message}"
+
+
+def check_recording(
+    recording: StrokeRecording, idle_s: float, tolerance: float = 0.15
+) -> list[Finding]:
+    """Return all faults of a recording; an empty list where it is good.
+
+    Parameters
+    ----------
+    recording : StrokeRecording
+        As it came from the instruments.
+    idle_s : float
+        Untouched time at its start and end [s].
+    tolerance : float
+        Largest relative error of force and speed.
+    """
+    if numbers := list(_numbers(recording)):
+        return numbers
+    found = list(_times(recording))
+    if any(one.kind != "dropped samples" for one in found):
+        return found
+    found += _clipping(recording, idle_s)
+    if length := list(_sliding(recording)):
+        return found + length
+    stroke = recording.stroke
+    segments = full_slip(
+        recording.t_s,
+        recording.x_mm,
+        settling_mm=0.1 * stroke.length_mm,
+        stopping_mm=0.05 * stroke.length_mm,
+    )
+    if not segments:
+        return [*found, _too_short(recording, 0.0)]
+    checks = _SlidingChecks(recording, segments, idle_s)
+    found += checks.end()
+    if early := list(checks.touched_early()):
+        return found + early  # without a zero the forces mean nothing
+    forces = list(checks.force_axes())
+    found += forces
+    if not forces:  # in a wrong unit no other check of the forces means anything
+        found += checks.zero()
+        found += checks.off_target(tolerance)
+    found += checks.drive()
+    return found
 
 
 def idle_parts(recording: StrokeRecording, idle_s: float) -> tuple[slice, slice]:
@@ -55,65 +99,30 @@ def idle_parts(recording: StrokeRecording, idle_s: float) -> tuple[slice, slice]
     return slice(0, max(first, 1)), slice(min(last, len(t) - 1), len(t))
 
 
-def complaints(
-    recording: StrokeRecording, idle_s: float, tolerance: float = 0.15
-) -> list[Complaint]:
-    """Name everything that is wrong with a recording; empty where it is good.
-
-    Parameters
-    ----------
-    recording : StrokeRecording
-        As it came from the instruments.
-    idle_s : float
-        Untouched time at its start and end [s].
-    tolerance : float
-        Share by which force and speed may be off.
-    """
-    numbers = list(_numbers(recording))
-    if numbers:
-        return numbers
-    found = list(_times(recording))
-    if any(one.kind != "dropped samples" for one in found):
-        return found
-    found += _clipping(recording, idle_s)
-    length = list(_sliding(recording))
-    if length:
-        return found + length
-    segments = full_slip(
-        recording.t_s,
-        recording.x_mm,
-        settling_mm=0.1 * recording.stroke.length_mm,
-        stopping_mm=0.05 * recording.stroke.length_mm,
-    )
-    if not segments:
-        return [*found, Complaint("no sliding", _slide_more(recording, 0.0))]
-    found += _end(recording, segments, idle_s)
-    early = list(_touched_early(recording, segments, idle_s))
-    if early:  # without a zero nothing can be said of the forces
-        return [*found, *early]
-    forces = list(_axes(recording, segments, idle_s))
-    found += forces
-    if not forces:  # in a wrong unit nothing else can be said of them
-        found += _zero(recording, idle_s)
-        found += _off_target(recording, segments, idle_s, tolerance)
-    found += _drive(recording, segments)
-    return found
+def drive_amplitude(recording: StrokeRecording, segments: list[Segment]) -> float:
+    """Amplitude [V] at the stroke's frequency, over parts of a recording."""
+    found = []
+    for segment in segments:
+        t, drive = recording.t_s[segment.samples], recording.drive_v[segment.samples]
+        phase = 2 * np.pi * recording.stroke.frequency_hz * (t - t[0])
+        basis = np.stack([np.cos(phase), np.sin(phase), np.ones_like(phase)], axis=-1)
+        weights = np.linalg.lstsq(basis, drive, rcond=None)[0]
+        found.append(float(np.hypot(weights[0], weights[1])))
+    return float(np.mean(found))
 
 
-def _numbers(recording: StrokeRecording) -> Iterator[Complaint]:
+def _numbers(recording: StrokeRecording) -> Iterator[Finding]:
     for name in SIGNALS:
         bad = int((~np.isfinite(getattr(recording, name))).sum())
         if bad:
-            yield Complaint(
-                "no numbers", f"{bad} samples of {name} are not finite; check the export"
-            )
+            yield Finding("no numbers", f"{bad} samples of {name} are not finite; check the export")
 
 
-def _times(recording: StrokeRecording) -> Iterator[Complaint]:
+def _times(recording: StrokeRecording) -> Iterator[Finding]:
     step = np.diff(recording.t_s)
     usual = float(np.median(step))
     if usual <= 0 or (step <= 0).any():
-        yield Complaint(
+        yield Finding(
             "wrong times",
             f"expected times that increase, got a step of {step.min():g} s after sample "
             f"{int(step.argmin())}; export the instrument's own clock",
@@ -122,15 +131,15 @@ def _times(recording: StrokeRecording) -> Iterator[Complaint]:
     planned = recording.stroke.sliding_s
     lasted = float(recording.t_s[-1] - recording.t_s[0])
     if lasted > 300 * planned:
-        yield Complaint(
+        yield Finding(
             "wrong units",
             f"expected a recording of some {planned + 1:.1f} s, got {lasted:g} s: are the times "
             'in milliseconds? Say unit = "ms" in the column map',
         )
     gaps = step > 1.5 * usual
-    lost = float((step[gaps] - usual).sum())
     if gaps.any():
-        yield Complaint(
+        lost = float((step[gaps] - usual).sum())
+        yield Finding(
             "dropped samples",
             f"{round(lost / usual)} samples are missing in {int(gaps.sum())} places, the first "
             f"after {recording.t_s[int(gaps.argmax())] - recording.t_s[0]:.3f} s; check the "
@@ -139,69 +148,67 @@ def _times(recording: StrokeRecording) -> Iterator[Complaint]:
         )
 
 
-def _clipping(recording: StrokeRecording, idle_s: float) -> Iterator[Complaint]:
+def _clipping(recording: StrokeRecording, idle_s: float) -> Iterator[Finding]:
     before, _ = idle_parts(recording, idle_s)
-    for name in ("normal_force_n", "tangential_force_n"):
+    for name in _FORCES:
         values = getattr(recording, name)
         if not np.ptp(values[before]) > 0:
-            continue  # free of noise, where a constant says nothing
-        for extreme, side in ((values.max(), "upper"), (values.min(), "lower")):
-            at_end = int((values == extreme).sum())
-            others = values[values != extreme]
-            if not len(others):
-                continue
-            beside = others.max() if side == "upper" else others.min()
-            # Noise thins out towards its extremes; a full scale piles up there.
-            if at_end >= 20 and at_end > 5 * int((values == beside).sum()):
-                yield Complaint(
+            continue  # a signal without noise may well be constant
+        levels, counts = np.unique(values, return_counts=True)
+        for side, extreme, beside in (("upper", -1, -2), ("lower", 0, 1)):
+            # Noise has few samples at its extremes; a full scale has many.
+            if counts[extreme] >= 20 and counts[extreme] > 5 * counts[beside]:
+                yield Finding(
                     "clipped force",
-                    f"{at_end} samples of {name} stand at {extreme:.4g} N, the {side} end of its "
-                    "scale; choose a wider range of the sensor or a smaller force",
+                    f"{counts[extreme]} samples of {name} stand at {levels[extreme]:.4g} N, the "
+                    f"{side} end of its scale; choose a wider range of the sensor or a smaller "
+                    "force",
                 )
 
 
-def _sliding(recording: StrokeRecording) -> Iterator[Complaint]:
+def _sliding(recording: StrokeRecording) -> Iterator[Finding]:
     planned = recording.stroke.length_mm
-    way = float(np.ptp(recording.x_mm))
-    if way >= _ENOUGH_OF_THE_WAY * planned:
-        for unit, factor in _LENGTH_UNITS.items():
-            if factor > 1 and 0.7 * factor < way / planned < 1.4 * factor:
-                yield Complaint(
-                    "wrong units",
-                    f"expected a stroke of {planned:g} mm, got {way:g}: is x in {unit}? Say so in "
-                    "the column map",
-                )
+    length = float(np.ptp(recording.x_mm))
+    is_long = length >= _FULL_LENGTH * planned
+    bounds = (0.7, 1.4) if is_long else (0.85, 1.2)
+    unit = _unit(length / planned, _LENGTH_UNITS, *bounds)
+    if unit and (is_long or _is_smooth(recording)):
+        yield Finding(
+            "wrong units",
+            f"expected a stroke of {planned:g} mm, got {length:g}: is x in {unit}? Say so in the "
+            "column map",
+        )
+    elif is_long:
         return
-    for unit, factor in _LENGTH_UNITS.items():
-        if factor < 1 and 0.85 * factor < way / planned < 1.2 * factor and _is_smooth(recording):
-            yield Complaint(
-                "wrong units",
-                f"expected a stroke of {planned:g} mm, got {way:.3g}: is x in {unit}? Say so in "
-                "the column map",
-            )
-            return
-    if _still_sliding(recording):
-        yield Complaint(
+    elif _still_sliding(recording):
+        yield Finding(
             "stopped half-way",
-            f"the recording ends while the finger slides, after {way:.3g} of {planned:g} mm; "
+            f"the recording ends while the finger slides, after {length:.3g} of {planned:g} mm; "
             "repeat the stroke",
         )
-        return
-    yield Complaint("no sliding", _slide_more(recording, way))
+    else:
+        yield _too_short(recording, length)
 
 
-def _slide_more(recording: StrokeRecording, way: float) -> str:
-    return (
-        f"expected {recording.stroke.length_mm:g} mm, got {way:.3g} mm; slide the whole way, and "
-        "check that the position is recorded"
+def _too_short(recording: StrokeRecording, length_mm: float) -> Finding:
+    return Finding(
+        "no sliding",
+        f"expected {recording.stroke.length_mm:g} mm, got {length_mm:.3g} mm; slide the full "
+        "length, and check that the position is recorded",
     )
 
 
+def _unit(
+    ratio: float, units: Mapping[str, float], low: float = 0.7, high: float = 1.4
+) -> str | None:
+    """Unit in which a value reads `ratio` times as much as in the planned one."""
+    return next((unit for unit, factor in units.items() if low < ratio / factor < high), None)
+
+
 def _is_smooth(recording: StrokeRecording) -> bool:
-    """Whether the position moves as a stroke does, rather than trembling in place."""
+    """Whether the position moves as in a stroke, rather than trembling in place."""
     distance = float(np.abs(np.diff(recording.x_mm)).sum())
-    ways = 1 + recording.stroke.there_and_back
-    return distance < 1.5 * ways * float(np.ptp(recording.x_mm))
+    return distance < 1.5 * recording.stroke.slides * float(np.ptp(recording.x_mm))
 
 
 def _still_sliding(recording: StrokeRecording) -> bool:
@@ -209,171 +216,138 @@ def _still_sliding(recording: StrokeRecording) -> bool:
     return bool(speed[-3:].mean() > 0.5 * recording.stroke.speed_mm_per_s)
 
 
-def _end(recording: StrokeRecording, segments: list[Segment], idle_s: float) -> Iterator[Complaint]:
-    ways = 1 + recording.stroke.there_and_back
-    if len({segment.direction for segment in segments}) < ways:
-        yield Complaint(
-            "stopped half-way",
-            "expected the finger to slide there and back, got one direction; repeat the stroke",
-        )
-        return
-    _, after = idle_parts(recording, idle_s)
-    force = recording.normal_force_n
-    in_slip = np.concatenate([force[s.samples] for s in segments])
-    before, _ = idle_parts(recording, idle_s)
-    rest = abs(float(force[after].mean()) - float(force[before].mean()))
-    if rest > 0.5 * abs(float(in_slip.mean()) - float(force[before].mean())):
-        yield Complaint(
-            "stopped half-way",
-            "the recording ends before the finger has left the screen, so that drift cannot be "
-            f"told; record {idle_s:g} s more",
-            is_fatal=_still_sliding(recording),
-        )
+class _SlidingChecks:
+    """Checks of a recording in which the finger slides, in `segments`."""
 
+    def __init__(self, recording: StrokeRecording, segments: list[Segment], idle_s: float) -> None:
+        self.recording, self.segments, self.idle_s = recording, segments, idle_s
+        self.stroke = recording.stroke
+        self.before, self.after = idle_parts(recording, idle_s)
 
-def _level(
-    recording: StrokeRecording, values: Array, segments: list[Segment], idle_s: float
-) -> float:
-    """Mean in the segments above the idle level before."""
-    before, _ = idle_parts(recording, idle_s)
-    inside = np.concatenate([values[s.samples] for s in segments])
-    return float(inside.mean()) - float(np.median(values[before]))
+    def level(self, name: str, direction: int | None = None) -> float:
+        """Mean of a signal in full slip, above its median before the touch."""
+        values = getattr(self.recording, name)
+        inside = [
+            values[one.samples] for one in self.segments if direction in (None, one.direction)
+        ]
+        return float(np.concatenate(inside).mean()) - float(np.median(values[self.before]))
 
-
-def _axes(
-    recording: StrokeRecording, segments: list[Segment], idle_s: float
-) -> Iterator[Complaint]:
-    wanted = recording.stroke.normal_force_n
-    normal = _level(recording, recording.normal_force_n, segments, idle_s)
-    one = [s for s in segments if s.direction == segments[0].direction]
-    drag = _level(recording, recording.tangential_force_n, one, idle_s) * one[0].direction
-    back = [s for s in segments if s.direction != segments[0].direction]
-    if back:  # what does not turn with the direction is not friction
-        other = -one[0].direction
-        drag_back = _level(recording, recording.tangential_force_n, back, idle_s) * other
-        normal_one = _level(recording, recording.normal_force_n, one, idle_s)
-        normal_back = _level(recording, recording.normal_force_n, back, idle_s)
-        turns = abs(normal_one - normal_back) > abs(normal_one + normal_back)
-        swapped = turns and abs(drag + drag_back) < abs(drag - drag_back)
-        drag = (drag + drag_back) / 2
-    else:
-        swapped = abs(abs(drag) / wanted - 1) < 0.3 and abs(normal) < 0.7 * wanted
-    if swapped:
-        yield Complaint(
-            "swapped axes",
-            f"the normal force reads {normal:.3g} N and the tangential one {drag:.3g} N, where "
-            f"{wanted:g} N were to be pressed; swap the two columns",
-        )
-        return
-    if normal < -0.3 * wanted:
-        yield Complaint(
-            "wrong sign",
-            f"expected a normal force of {wanted:g} N, got {normal:.3g} N; give the column "
-            "scale = -1",
-        )
-        return
-    for unit, factor in _FORCE_UNITS.items():
-        if 0.7 < normal / wanted / factor < 1.4:
-            yield Complaint(
-                "wrong units",
-                f"expected a normal force of {wanted:g} N, got {normal:.3g}: is it in {unit}? Say "
-                "so in the column map",
+    def end(self) -> Iterator[Finding]:
+        if len({segment.direction for segment in self.segments}) < self.stroke.slides:
+            yield Finding(
+                "stopped half-way",
+                "expected the finger to slide there and back, got one direction; repeat the stroke",
             )
             return
-    if normal <= 0.3 * wanted:
-        return
-    mu = drag / normal
-    if mu < 0:
-        yield Complaint(
-            "wrong sign",
-            f"the tangential force pulls the finger along (mu {mu:.3g}); give the column scale = "
-            "-1, or turn x around",
-        )
-    elif mu > _HIGHEST_MU:
-        yield Complaint(
-            "wrong units",
-            f"expected mu below {_HIGHEST_MU:g}, got {mu:.3g}: is the tangential force in mN? Say "
-            "so in the column map",
-        )
-
-
-def _touched_early(
-    recording: StrokeRecording, segments: list[Segment], idle_s: float
-) -> Iterator[Complaint]:
-    before, _ = idle_parts(recording, idle_s)
-    force = recording.normal_force_n
-    if len(force[before]) < _PARTS:
-        return
-    level = abs(_level(recording, force, segments, idle_s))
-    # Means of parts: a touch, not noise.
-    spread = float(np.ptp([part.mean() for part in np.array_split(force[before], _PARTS)]))
-    if spread > _EARLY_SHARE * max(level, recording.stroke.normal_force_n):
-        yield Complaint(
-            "never zeroed",
-            f"the normal force changes by {spread:.3g} in the first {idle_s:g} s, when nothing "
-            "should touch the screen: there is no zero to take off; keep the finger off until the "
-            "prompt",
-        )
-
-
-def _zero(recording: StrokeRecording, idle_s: float) -> Iterator[Complaint]:
-    before, _ = idle_parts(recording, idle_s)
-    wanted = recording.stroke.normal_force_n
-    for name in ("normal_force_n", "tangential_force_n"):
-        rest = getattr(recording, name)[before]
-        level = float(np.median(rest))
-        if abs(level) > _ZERO_SHARE * wanted:
-            yield Complaint(
-                "never zeroed",
-                f"{name} reads {level:.3g} N before the touch; it is taken off, but zero the "
-                "sensor so that its range is not used up",
-                is_fatal=False,
+        force = self.recording.normal_force_n
+        zero = float(force[self.before].mean())
+        pressed = np.concatenate([force[one.samples] for one in self.segments]).mean() - zero
+        if abs(force[self.after].mean() - zero) > 0.5 * abs(pressed):
+            yield Finding(
+                "stopped half-way",
+                "the recording ends before the finger has left the screen, so that drift cannot "
+                f"be found; record {self.idle_s:g} s more",
+                is_fatal=_still_sliding(self.recording),
             )
 
+    def touched_early(self) -> Iterator[Finding]:
+        before = self.recording.normal_force_n[self.before]
+        if len(before) < _PARTS:
+            return
+        # Means of parts vary by a touch, hardly by noise.
+        spread = float(np.ptp([part.mean() for part in np.array_split(before, _PARTS)]))
+        largest = max(abs(self.level("normal_force_n")), self.stroke.normal_force_n)
+        if spread > _EARLY_SHARE * largest:
+            yield Finding(
+                "never zeroed",
+                f"the normal force changes by {spread:.3g} in the first {self.idle_s:g} s, when "
+                "nothing should touch the screen: there is no zero to subtract; keep the finger "
+                "off until the prompt",
+            )
 
-def _off_target(
-    recording: StrokeRecording, segments: list[Segment], idle_s: float, tolerance: float
-) -> Iterator[Complaint]:
-    stroke = recording.stroke
-    force = _level(recording, recording.normal_force_n, segments, idle_s)
-    off = force / stroke.normal_force_n - 1
-    if abs(off) > tolerance:
-        yield Complaint(
-            "force off",
-            f"expected {stroke.normal_force_n:g} N within {tolerance:.0%}, got {force:.3g} N "
-            f"({off:+.0%}); press {'less' if off > 0 else 'harder'}",
-        )
-    speed = np.abs(sliding_speed(recording.t_s, recording.x_mm))
-    inside = float(np.concatenate([speed[s.samples] for s in segments]).mean())
-    off = inside / stroke.speed_mm_per_s - 1
-    if abs(off) > tolerance:
-        yield Complaint(
-            "speed off",
-            f"expected {stroke.speed_mm_per_s:g} mm/s within {tolerance:.0%}, got {inside:.3g} "
-            f"mm/s ({off:+.0%}); slide {'slower' if off > 0 else 'faster'}",
-        )
+    def force_axes(self) -> Iterator[Finding]:
+        planned = self.stroke.normal_force_n
+        normal = self.level("normal_force_n")
+        there = self.segments[0].direction
+        drag = self.level("tangential_force_n", there) * there
+        if any(one.direction == -there for one in self.segments):
+            # Friction turns with the direction, the normal force does not.
+            drag_back = self.level("tangential_force_n", -there) * -there
+            one_way, back = (self.level("normal_force_n", way) for way in (there, -there))
+            turns = abs(one_way - back) > abs(one_way + back)
+            is_swapped = turns and abs(drag + drag_back) < abs(drag - drag_back)
+            drag = (drag + drag_back) / 2
+        else:
+            is_swapped = abs(abs(drag) / planned - 1) < 0.3 and abs(normal) < 0.7 * planned
+        if is_swapped:
+            yield Finding(
+                "swapped axes",
+                f"the normal force reads {normal:.3g} N and the tangential one {drag:.3g} N, where "
+                f"{planned:g} N were to be pressed; swap the two columns",
+            )
+        elif normal < -0.3 * planned:
+            yield Finding(
+                "wrong sign",
+                f"expected a normal force of {planned:g} N, got {normal:.3g} N; give the column "
+                "scale = -1",
+            )
+        elif unit := _unit(normal / planned, _FORCE_UNITS):
+            yield Finding(
+                "wrong units",
+                f"expected a normal force of {planned:g} N, got {normal:.3g}: is it in {unit}? Say "
+                "so in the column map",
+            )
+        elif normal <= 0.3 * planned:
+            return
+        elif (mu := drag / normal) < 0:
+            yield Finding(
+                "wrong sign",
+                f"the tangential force pulls the finger along (mu {mu:.3g}); give the column scale "
+                "= -1, or turn x around",
+            )
+        elif mu > _HIGHEST_MU:
+            yield Finding(
+                "wrong units",
+                f"expected mu below {_HIGHEST_MU:g}, got {mu:.3g}: is the tangential force in mN? "
+                "Say so in the column map",
+            )
 
+    def zero(self) -> Iterator[Finding]:
+        for name in _FORCES:
+            level = float(np.median(getattr(self.recording, name)[self.before]))
+            if abs(level) > _ZERO_SHARE * self.stroke.normal_force_n:
+                yield Finding(
+                    "never zeroed",
+                    f"{name} reads {level:.3g} N before the touch; it is subtracted, but zero the "
+                    "sensor so that its range is not used up",
+                    is_fatal=False,
+                )
 
-def drive_amplitude(recording: StrokeRecording, segments: list[Segment]) -> float:
-    """Amplitude [V] at the stroke's frequency, over parts of a recording."""
-    found = []
-    for segment in segments:
-        t, drive = recording.t_s[segment.samples], recording.drive_v[segment.samples]
-        turn = 2 * np.pi * recording.stroke.frequency_hz * (t - t[0])
-        basis = np.stack([np.cos(turn), np.sin(turn), np.ones_like(turn)], axis=-1)
-        weights = np.linalg.lstsq(basis, drive, rcond=None)[0]
-        found.append(float(np.hypot(weights[0], weights[1])))
-    return float(np.mean(found))
+    def off_target(self, tolerance: float) -> Iterator[Finding]:
+        speed = np.abs(sliding_speed(self.recording.t_s, self.recording.x_mm))
+        mean_speed = float(np.concatenate([speed[one.samples] for one in self.segments]).mean())
+        stroke = self.stroke
+        for what, unit, planned, found, too_much, too_little in (
+            ("force", "N", stroke.normal_force_n, self.level("normal_force_n"),
+             "press less", "press harder"),
+            ("speed", "mm/s", stroke.speed_mm_per_s, mean_speed, "slide slower", "slide faster"),
+        ):  # fmt: skip
+            error = found / planned - 1
+            if abs(error) > tolerance:
+                yield Finding(
+                    f"{what} off",
+                    f"expected {planned:g} {unit} within {tolerance:.0%}, got {found:.3g} {unit} "
+                    f"({error:+.0%}); {too_much if error > 0 else too_little}",
+                )
 
-
-def _drive(recording: StrokeRecording, segments: list[Segment]) -> Iterator[Complaint]:
-    stroke = recording.stroke
-    if recording.sample_rate_hz < 2.2 * stroke.frequency_hz:
-        return  # the monitor cannot show it
-    played = drive_amplitude(recording, segments)
-    if abs(played - stroke.voltage_v) > max(_DRIVE_TOLERANCE * stroke.voltage_v, 1.0):
-        yield Complaint(
-            "drive off",
-            f"expected an amplitude of {stroke.voltage_v:g} V, got {played:.4g} V on the screen; "
-            "check amplifier, cable and the divider's scale",
-        )
+    def drive(self) -> Iterator[Finding]:
+        planned = self.stroke.voltage_v
+        if self.recording.sample_rate_hz < 2.2 * self.stroke.frequency_hz:
+            return  # too slow to show it
+        played = drive_amplitude(self.recording, self.segments)
+        if abs(played - planned) > max(_DRIVE_TOLERANCE * planned, 1.0):
+            yield Finding(
+                "drive off",
+                f"expected an amplitude of {planned:g} V, got {played:.4g} V on the screen; "
+                "check amplifier, cable and the divider's scale",
+            )

@@ -1,10 +1,10 @@
-"""From raw force to mu(F_N, V0, f): zero and drift off, full slip only, the ripple by lock-in."""
+"""From raw force to mu(F_N, V0, f): without zero and drift, in full slip, the ripple by lock-in."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from math import hypot, nan, sqrt
 from pathlib import Path
@@ -14,14 +14,14 @@ import numpy as np
 
 from calibration.parameters import Array
 from calibration.recording import StrokeRecording
-from calibration.recording_checks import complaints, drive_amplitude, idle_parts
+from calibration.recording_checks import check_recording, drive_amplitude, idle_parts
 from calibration.segmentation import Segment, full_slip, sliding_speed
 from haptix.errors import FileFormatError, InputError
 from haptix.files import csv_text, read_csv, write_whole
 
 _BLOCKS = 8  # of a segment: their scatter is the error of its mean
 _HIGHEST_SHARE = 0.4  # of the sampling rate, up to which a ripple is looked for
-_LEAST_TURNS = 8.0  # of the ripple in a segment
+_LEAST_PERIODS = 8.0  # of the ripple in a segment
 _NEIGHBOURS = np.array([-9, -8, -7, -6, -5, 5, 6, 7, 8, 9])  # bins: where there is noise alone
 _GAIN_ERROR = 0.002  # of the ratio of two force channels, one way
 _RIPPLE_GAIN_ERROR = 0.01  # of the sensor's gain at 2f against its gain at rest
@@ -40,16 +40,16 @@ class Point:
     mu, mu_sd : float
         Mean friction coefficient of the full slip and its standard error.
     ripple, ripple_sd : float
-        Amplitude at 2f over the mean friction, noise taken off; NaN where it cannot be seen.
+        Amplitude at 2f over the mean friction, without noise; NaN where it cannot be seen.
     crosstalk : float
         Half the difference of both directions, over the normal force: what a tilted sensor adds to
         mu in one direction; NaN for one-way strokes.
     held_out : bool
         Whether it is kept for verification.
     outlier : str
-        Why it is not used; empty where it is.
+        Why it is not used; empty where it is used.
     notes : tuple of str
-        What was made up for.
+        Faults that the reduction has corrected.
     """
 
     number: int
@@ -67,9 +67,6 @@ class Point:
     notes: tuple[str, ...] = ()
 
 
-_COLUMNS = tuple(field.name for field in fields(Point))
-
-
 @dataclass(frozen=True)
 class Reduced:
     """All strokes of a session, reduced; in the order of their numbers."""
@@ -78,12 +75,12 @@ class Reduced:
 
     @property
     def used(self) -> tuple[Point, ...]:
-        """What a fit may use: no outliers, nothing held out."""
+        """Strokes for the fit: no outliers, none held out."""
         return tuple(p for p in self.points if not p.outlier and not p.held_out)
 
     @property
     def held_out(self) -> tuple[Point, ...]:
-        """What verification uses."""
+        """Strokes for the verification."""
         return tuple(p for p in self.points if not p.outlier and p.held_out)
 
     @property
@@ -93,8 +90,11 @@ class Reduced:
 
     def save(self, path: str | Path) -> None:
         """Write a CSV table that people and `load` read."""
-        rows = [asdict(point) | {"notes": json.dumps(point.notes)} for point in self.points]
-        write_whole(path, csv_text(_COLUMNS, (row.values() for row in rows)))
+        rows = (
+            [json.dumps(value) if name == "notes" else value for name, value in vars(point).items()]
+            for point in self.points
+        )
+        write_whole(path, csv_text(_COLUMNS, rows))
 
     @classmethod
     def load(cls, path: str | Path) -> Reduced:
@@ -107,27 +107,30 @@ class Reduced:
         """
         try:
             return cls(tuple(_point(row.cells) for row in read_csv(path, _COLUMNS)))
-        except (FileFormatError, ValueError) as error:
+        except ValueError as error:
             raise FileFormatError(
-                f"{path}: expected a table of reduced strokes, got: {error}; make it with "
+                f"{path}: expected a table of reduced strokes, got {error}; make it with "
                 "`haptix calibrate reduce`"
             ) from None
 
 
-def _point(row: Mapping[str, str]) -> Point:
+_COLUMNS = [field.name for field in fields(Point)]
+
+
+def _point(cells: Mapping[str, str]) -> Point:
     read: dict[str, Callable[[str], Any]] = {
         "number": int,
         "held_out": lambda text: text == "True",
         "outlier": str,
         "notes": lambda text: tuple(json.loads(text)),
     }
-    return Point(**{one.name: read.get(one.name, float)(row[one.name]) for one in fields(Point)})
+    return Point(**{name: read.get(name, float)(cells[name]) for name in _COLUMNS})
 
 
 def reduce_session(
     recordings: Iterable[StrokeRecording], idle_s: float = 0.3, crosstalk: float = 0.0
 ) -> Reduced:
-    """Reduce recordings; strokes that say something else than their neighbours are named.
+    """Reduce recordings; a stroke that cannot be used has the reason in its `outlier`.
 
     Parameters
     ----------
@@ -136,8 +139,8 @@ def reduce_session(
     idle_s : float
         Untouched time at start and end of each [s].
     crosstalk : float
-        What the sensor's certificate says: share of the normal force that its tangential axis
-        shows. It is taken off strokes of one direction; there and back it cancels by itself.
+        Share of the normal force that the sensor's tangential axis shows, by its certificate. It
+        is subtracted from strokes of one direction; there and back it cancels.
     """
     points = [reduce_stroke(one, idle_s, crosstalk) for one in recordings]
     if not points:
@@ -146,10 +149,10 @@ def reduce_session(
 
 
 def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: float = 0.0) -> Point:
-    """Reduce one recording; what makes it unusable is in the point's `outlier`."""
+    """Reduce one recording; if it cannot be used, the point's `outlier` says why."""
     stroke = recording.stroke
-    wrong = complaints(recording, idle_s, tolerance=0.5)
-    fatal = [str(one) for one in wrong if one.is_fatal]
+    findings = check_recording(recording, idle_s, tolerance=0.5)
+    fatal = [str(one) for one in findings if one.is_fatal]
     blank = Point(
         stroke.number,
         stroke.normal_force_n,
@@ -159,7 +162,7 @@ def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: fl
         *(nan,) * 4,
         held_out=stroke.held_out,
         outlier="; ".join(fatal),
-        notes=tuple(str(one) for one in wrong if not one.is_fatal),
+        notes=tuple(str(one) for one in findings if not one.is_fatal),
     )
     if fatal:
         return blank
@@ -171,9 +174,9 @@ def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: fl
 
 
 def without_drift(recording: StrokeRecording, idle_s: float) -> tuple[Array, Array]:
-    """Forces with a straight line between both idle parts taken off.
+    """Subtract from both forces a straight line between the idle parts.
 
-    Where the finger is still on the screen at the end, the zero before the touch alone.
+    Where the finger is still on the screen at the end, only the zero before the touch.
     """
     before, after = idle_parts(recording, idle_s)
     t = recording.t_s
@@ -203,38 +206,34 @@ def _reduced(
     crosstalk: float,
 ) -> Point:
     speed = np.abs(sliding_speed(recording.t_s, recording.x_mm))
-    by_direction: dict[int, list[Segment]] = {}
-    for segment in segments:
-        by_direction.setdefault(segment.direction, []).append(segment)
-    # Each direction counts the same, so that cross-talk and a lateral offset cancel.
-    ratios, errors, forces, speeds = {}, [], [], []
-    for direction, group in by_direction.items():
-        parts = [_ratio(recording, normal, tangential, one) for one in group]
+    rows = []  # direction, mu, its error, force and speed of each direction
+    for direction in sorted({segment.direction for segment in segments}):
+        group = [segment for segment in segments if segment.direction == direction]
+        ratio, sd = np.array([_ratio(recording, normal, tangential, one) for one in group]).T
         weights = np.array([one.stop - one.start for one in group], dtype=float)
         weights /= weights.sum()
-        ratios[direction] = float(weights @ np.array([ratio for ratio, _ in parts]))
-        errors.append(float(np.sqrt(weights**2 @ np.array([sd**2 for _, sd in parts]))))
         inside = np.concatenate([np.arange(one.start, one.stop) for one in group])
-        forces.append(float(normal[inside].mean()))
-        speeds.append(float(speed[inside].mean()))
-    both = len(ratios) == 2
-    mu = sum(direction * ratio for direction, ratio in ratios.items()) / len(ratios)
-    if not both:
-        mu -= crosstalk * next(iter(ratios))
-    sd = sqrt(sum(error**2 for error in errors)) / len(errors)
+        force, moved = normal[inside].mean(), speed[inside].mean()
+        rows.append((direction, weights @ ratio, np.sqrt(weights**2 @ sd**2), force, moved))
+    directions, ratios, errors, forces, speeds = np.array(rows, dtype=float).T
+    # Each direction counts the same, so that cross-talk and a lateral offset cancel.
+    mu = float((directions * ratios).mean())
+    is_one_way = len(rows) == 1
+    if is_one_way:
+        mu -= crosstalk * float(directions[0])
     if mu <= 0:
         return replace(blank, outlier=f"wrong sign: mu is {mu:.3g} in full slip")
     ripple, ripple_sd = _ripple(recording, tangential, segments)
     return replace(
         blank,
-        normal_force_n=float(np.mean(forces)),
+        normal_force_n=float(forces.mean()),
         voltage_v=_amplitude(recording, segments),
-        speed_mm_per_s=float(np.mean(speeds)),
+        speed_mm_per_s=float(speeds.mean()),
         mu=mu,
-        mu_sd=hypot(sd, _GAIN_ERROR * mu),
+        mu_sd=hypot(float(np.linalg.norm(errors)) / len(errors), _GAIN_ERROR * mu),
         ripple=ripple,
         ripple_sd=ripple_sd,
-        crosstalk=sum(ratios.values()) / 2 if both else nan,
+        crosstalk=nan if is_one_way else float(ratios.mean()),
     )
 
 
@@ -260,7 +259,7 @@ def _ratio(
 
 
 def _amplitude(recording: StrokeRecording, segments: list[Segment]) -> float:
-    """Amplitude that stood on the screen; the planned one where the monitor is too slow for it."""
+    """Amplitude on the screen; the planned one where the monitor is too slow to show it."""
     stroke = recording.stroke
     if stroke.voltage_v == 0 or recording.sample_rate_hz < 2.2 * stroke.frequency_hz:
         return stroke.voltage_v
@@ -277,32 +276,30 @@ def _ripple(
     frequency = 2 * recording.stroke.frequency_hz
     if recording.stroke.voltage_v == 0 or frequency > _HIGHEST_SHARE * recording.sample_rate_hz:
         return nan, nan
-    powers, noises, means, weights = [], [], [], []
+    rows = []  # squared amplitude, squared noise, mean and length of each segment
     for segment in segments:
         t = recording.t_s[segment.samples]
         shear = segment.direction * tangential[segment.samples]
         lasts = float(t[-1] - t[0])
-        if lasts * frequency < _LEAST_TURNS:
+        if lasts * frequency < _LEAST_PERIODS:
             continue
         share = (t - t[0]) / lasts
         window = 1 - np.cos(2 * np.pi * share)
-        mean = float(shear.mean())
         line = np.polynomial.polynomial.polyfit(share - 0.5, shear, 1)
-        ac = (shear - line[0] - line[1] * (share - 0.5)) * window
+        alternating = (shear - line[0] - line[1] * (share - 0.5)) * window
         at = np.array([0, *_NEIGHBOURS]) / lasts + frequency
-        at = at[at > 0]
-        turn = np.exp(-2j * np.pi * at[:, None] * (t - t[0]))
-        size = 2 * np.abs(turn @ ac) / window.sum()
-        powers.append(size[0] ** 2)
-        noises.append(float((size[1:] ** 2).mean()))
-        means.append(mean)
-        weights.append(lasts)
-    if not powers or min(means) <= 0:
+        turn = np.exp(-2j * np.pi * at[at > 0, None] * (t - t[0]))
+        power = (2 * np.abs(turn @ alternating) / window.sum()) ** 2
+        rows.append((power[0], power[1:].mean(), shear.mean(), lasts))
+    if not rows:
         return nan, nan
-    weight = np.array(weights) / sum(weights)
-    mean = float(weight @ np.array(means))
-    noise = float(weight @ np.array(noises))
-    size = sqrt(max(float(weight @ np.array(powers)) - noise, 0.0))
+    powers, noises, means, lengths = np.array(rows).T
+    if means.min() <= 0:
+        return nan, nan
+    power, noise, mean = (
+        float(np.average(one, weights=lengths)) for one in (powers, noises, means)
+    )
+    size = sqrt(max(power - noise, 0.0))
     # One quadrature of the noise moves the amplitude; the segments average.
-    sd = sqrt(noise / 2 / len(powers))
+    sd = sqrt(noise / 2 / len(rows))
     return size / mean, hypot(sd / mean, _RIPPLE_GAIN_ERROR * size / mean, 1e-4)

@@ -1,18 +1,19 @@
-"""Where in a recording the finger slides in full, and what repeats along the way."""
+"""Segments of full slip in a recording, and the spatial period of a signal along them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from calibration.parameters import Array
 from haptix.errors import InputError
 
 SETTLING_MM = 4.0
-"""Way after each start that is left out: a fingertip first rolls and slips in part."""
+"""Distance after each start that is left out: a fingertip first rolls and slips in part."""
 STOPPING_MM = 1.5
-"""Way before each stop that is left out."""
+"""Distance before each stop that is left out."""
 
 _SMOOTHING_S = 0.02
 _MOVING = 0.5  # of the usual speed; slower counts as starting and stopping
@@ -34,25 +35,23 @@ class Segment:
 
 
 def sliding_speed(t_s: Array, x_mm: Array) -> Array:
-    """Velocity [mm/s], signed, shape (samples,): a straight line through 20 ms around each sample.
+    """Velocity [mm/s], signed, shape (samples,): slope of a straight line through 20 ms.
 
-    Slowly sampled recordings have it through three samples.
+    In slowly sampled recordings the line goes through three samples.
     """
     step = float(np.median(np.diff(t_s)))
     if not step > 0:
         raise InputError("t_s: expected times that increase")
     half = min(max(1, round(_SMOOTHING_S / step / 2)), len(t_s) - 1)
-    padded_t = np.pad(t_s, half, mode="reflect", reflect_type="odd")
-    padded_x = np.pad(x_mm, half, mode="reflect", reflect_type="odd")
-    # Least squares through a window of evenly weighted samples, by running sums.
-    width = 2 * half + 1
+    # From the mean, so that large times do not cost digits.
+    t, x = (
+        np.pad(values - values.mean(), half, mode="reflect", reflect_type="odd")
+        for values in (t_s, x_mm)
+    )
 
     def mean(values: Array) -> Array:
-        total = np.concatenate([[0.0], np.cumsum(values)])
-        return np.asarray((total[width:] - total[:-width]) / width)
+        return np.asarray(uniform_filter1d(values, 2 * half + 1))[half:-half]
 
-    # About a common middle, so that large times do not cost digits.
-    t, x = padded_t - padded_t.mean(), padded_x - padded_x.mean()
     covariance = mean(t * x) - mean(t) * mean(x)
     variance = mean(t * t) - mean(t) ** 2
     return np.asarray(covariance / np.maximum(variance, 1e-30))
@@ -65,16 +64,16 @@ def full_slip(
     settling_mm: float = SETTLING_MM,
     stopping_mm: float = STOPPING_MM,
 ) -> list[Segment]:
-    """Find the parts in which the finger touches and slides in full.
+    """Find the parts in which the finger touches and the whole contact slides.
 
     Parameters
     ----------
     t_s, x_mm : array, shape (samples,)
         Time [s] and place along the stroke [mm].
     normal_force_n : array or None
-        Normal force [N]; without one the finger counts as touching throughout.
+        Normal force [N]; without one the finger is taken to touch throughout.
     settling_mm, stopping_mm : float
-        Way that is left out after each start and before each stop [mm].
+        Distance that is left out after each start and before each stop [mm].
 
     Returns
     -------
@@ -83,10 +82,9 @@ def full_slip(
     """
     speed = sliding_speed(t_s, x_mm)
     fast = np.abs(speed)
-    span = float(np.ptp(x_mm))
-    if span <= 0:
+    if not np.ptp(x_mm) > 0:
         return []
-    # The usual speed is the one at which most of the way is made.
+    # The usual speed is the one at which most of the distance is covered.
     usual = float(np.sqrt((fast**3).sum() / max(fast.sum(), 1e-30)))
     good = fast > _MOVING * usual
     if normal_force_n is not None:
@@ -98,12 +96,10 @@ def full_slip(
     for start, stop in zip([0, *edges], [*edges, len(sign)], strict=True):
         if sign[start] == 0:
             continue
-        way = np.abs(x_mm[start:stop] - x_mm[start])
-        inside = np.flatnonzero((way >= settling_mm) & (way <= way[-1] - stopping_mm))
+        slid = np.abs(x_mm[start:stop] - x_mm[start])
+        inside = start + np.flatnonzero((slid >= settling_mm) & (slid <= slid[-1] - stopping_mm))
         if len(inside) >= 8:
-            found.append(
-                Segment(start + int(inside[0]), start + int(inside[-1]) + 1, int(sign[start]))
-            )
+            found.append(Segment(int(inside[0]), int(inside[-1]) + 1, int(sign[start])))
     return found
 
 
@@ -115,18 +111,18 @@ def spatial_period_mm(
     longest_mm: float = 6.0,
     normal_force_n: Array | None = None,
 ) -> float:
-    """Period [mm] of what signals repeat along the way, over the parts of full slip.
+    """Spatial period [mm] of signals along the stroke, over the parts of full slip.
 
     Parameters
     ----------
     t_s, x_mm : array, shape (samples,)
         Time [s] and place [mm].
     signals : array, shape (samples,) or (samples, channels)
-        Anything that feels the surface; each channel counts by its own variance.
+        Signals of any sensor that touches the surface; each channel is scaled to unit variance.
     shortest_mm, longest_mm : float
-        Periods that are looked for.
+        Range of periods.
     normal_force_n : array or None
-        As `full_slip` takes it.
+        See `full_slip`.
 
     Raises
     ------
@@ -137,18 +133,17 @@ def spatial_period_mm(
         raise InputError("expected 0 < shortest_mm < longest_mm")
     columns = signals[:, None] if signals.ndim == 1 else signals
     segments = full_slip(t_s, x_mm, normal_force_n)
-    long_enough = [s for s in segments if abs(np.ptp(x_mm[s.samples])) >= 4 * longest_mm]
-    if not long_enough:
+    longest = max((float(np.ptp(x_mm[s.samples])) for s in segments), default=0.0)
+    if longest < 4 * longest_mm:
         raise InputError(
-            f"expected a stroke that slides for {4 * longest_mm:g} mm or more, got "
-            f"{max((float(np.ptp(x_mm[s.samples])) for s in segments), default=0.0):.3g} mm"
+            f"expected a stroke that slides for {4 * longest_mm:g} mm or more, got {longest:.3g} mm"
         )
-    way = max(float(np.ptp(x_mm[s.samples])) for s in long_enough)
-    # Samples further apart than half a wave would show another one.
+    long_enough = [s for s in segments if np.ptp(x_mm[s.samples]) >= 4 * longest_mm]
+    # Sampled more coarsely than half a period, a wave would look like another one.
     apart = max(float(np.median(np.abs(np.diff(x_mm[s.samples])))) for s in long_enough)
     shortest_mm = min(max(shortest_mm, 2.2 * apart), longest_mm / 2)
     # Steps of a fiftieth of the resolution: the parabola through the peak is then exact to 1e-4.
-    waves = np.arange(1 / longest_mm, 1 / shortest_mm, 0.02 / way)
+    waves = np.arange(1 / longest_mm, 1 / shortest_mm, 0.02 / longest)
     power = np.zeros(len(waves))
     for segment in long_enough:
         x = x_mm[segment.samples]

@@ -2,16 +2,17 @@
 
 ::
 
-    protocol.toml            what is to be done
+    protocol.toml            which strokes to make
     session.json             screen, finger, operator
-    strokes/stroke-007.h5    what was accepted, one file each, whole or not there
-    rejected/stroke-007-1.h5 what was not, with the reasons inside
-    reduced.csv, fit.json, screen.toml, report.html, archive.zip   what the later steps make
+    strokes/stroke-007.h5    accepted strokes, one file each, whole or absent
+    rejected/stroke-007-1.h5 rejected ones, with the reasons inside
+    reduced.csv, fit.json, screen.toml, report.html, archive.zip   results of the later steps
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 from calibration.protocol import Protocol, Stroke
@@ -23,7 +24,7 @@ from haptix.screen import Screen
 
 
 class SessionInfo(Document):
-    """Who and what, once for a session.
+    """Screen, finger and person of a session.
 
     Parameters
     ----------
@@ -43,17 +44,7 @@ class SessionInfo(Document):
 
 @dataclass(frozen=True)
 class Session:
-    """A folder, its protocol and its strokes.
-
-    Parameters
-    ----------
-    folder : Path
-        Where everything lies.
-    protocol : Protocol
-        What is to be done.
-    info : SessionInfo
-        Who and what.
-    """
+    """A folder, its protocol and its strokes."""
 
     folder: Path
     protocol: Protocol
@@ -63,7 +54,7 @@ class Session:
     def begin(
         cls, folder: str | Path, protocol: Protocol, info: SessionInfo, resume: bool = False
     ) -> Session:
-        """Make the folder, or take up what is in it.
+        """Make the folder, or continue the session that is in it.
 
         Raises
         ------
@@ -73,22 +64,22 @@ class Session:
             If the folder cannot be written.
         """
         folder = Path(folder)
-        if (folder / "protocol.toml").exists():
-            if not resume:
-                raise InputError(
-                    f"{folder} has a session: go on with --resume, or choose another folder; "
-                    "nothing that was measured is overwritten"
-                )
-            there = cls.open(folder)
-            if there.protocol != protocol:
-                raise InputError(
-                    f"{folder} was measured by another protocol ({there.protocol.name}, "
-                    f"{len(there.protocol.strokes)} strokes); resume with that one"
-                )
-            return there
-        info.save(folder / "session.json")
-        protocol.save(folder / "protocol.toml")
-        return cls(folder, protocol, info)
+        if not (folder / "protocol.toml").exists():
+            info.save(folder / "session.json")
+            protocol.save(folder / "protocol.toml")
+            return cls(folder, protocol, info)
+        if not resume:
+            raise InputError(
+                f"{folder} has a session: continue it with --resume, or choose another folder; "
+                "nothing that was measured is overwritten"
+            )
+        there = cls.open(folder)
+        if there.protocol != protocol:
+            raise InputError(
+                f"{folder} was measured by another protocol ({there.protocol.name}, "
+                f"{len(there.protocol.strokes)} strokes); resume with that one"
+            )
+        return there
 
     @classmethod
     def open(cls, folder: str | Path) -> Session:
@@ -96,18 +87,17 @@ class Session:
 
         Raises
         ------
-        FileFormatError
-            If it is none.
+        FileFormatError, InputError
+            If it holds no session, or a damaged one.
         """
         folder = Path(folder)
         path = folder / "session.json"
-        if not path.is_file():
+        if not path.exists():
             raise FileFormatError(
                 f"{folder} is no session (it has no {path.name}); measure first, with "
                 "`haptix calibrate measure`"
             )
-        info = SessionInfo.load(path)
-        return cls(folder, Protocol.load(folder / "protocol.toml"), info)
+        return cls(folder, Protocol.load(folder / "protocol.toml"), SessionInfo.load(path))
 
     def path_of(self, stroke: Stroke) -> Path:
         """File of an accepted stroke."""
@@ -121,23 +111,16 @@ class Session:
     @property
     def recordings(self) -> list[StrokeRecording]:
         """All accepted strokes on disk."""
-        return [
-            StrokeRecording.load(self.path_of(one))
-            for one in self.protocol.strokes
-            if self.path_of(one).exists()
-        ]
+        paths = map(self.path_of, self.protocol.strokes)
+        return [StrokeRecording.load(path) for path in paths if path.exists()]
 
     def keep(self, recording: StrokeRecording) -> Path:
-        """Write a recording: among the strokes, or where it has complaints among the rejected."""
-        if not recording.complaints:
-            path = self.path_of(recording.stroke)
-        else:
-            attempt = 1
-            while True:
-                name = f"stroke-{recording.stroke.number:03d}-{attempt}.h5"
-                path = self.folder / "rejected" / name
-                if not path.exists():
-                    break
-                attempt += 1
+        """Write a recording among the strokes, or with findings among the rejected ones."""
+        path = self.path_of(recording.stroke)
+        if recording.findings:
+            attempts = (
+                self.folder / "rejected" / f"{path.stem}-{attempt}.h5" for attempt in count(1)
+            )
+            path = next(one for one in attempts if not one.exists())
         recording.save(path)
         return path

@@ -1,4 +1,4 @@
-"""The steps on a session's folder: each reads what the one before has left, and can be repeated."""
+"""Steps on a session's folder: each reads the files of the one before, and can be repeated."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from calibration.comparison import TermNeed, compare_terms
-from calibration.fitting import Fit, fit_strokes
+from calibration.design import expected_rows, expected_spread, short_protocol
+from calibration.fit import Fit
+from calibration.fitting import fit_strokes
 from calibration.parameters import Parameters
-from calibration.predict import StrokePredictor
+from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.profile import (
     calibrated_finger,
     calibrated_screen,
@@ -20,12 +22,14 @@ from calibration.profile import (
     instruments_of,
     write_archive,
 )
+from calibration.protocol import Protocol, full_protocol, paper_protocol
 from calibration.reduction import Reduced, reduce_session
 from calibration.report import write_report
 from calibration.session import Session
 from calibration.verification import TOLERANCE_THRESHOLDS, Verification, verify
 from haptix.errors import FileFormatError, InputError
-from haptix.files import json_text, write_whole
+from haptix.files import json_text, read_text, write_whole
+from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
 from haptix.terms import TERMS
@@ -34,16 +38,60 @@ REDUCED, FIT, NEEDS = "reduced.csv", "fit.json", "terms.json"
 SCREEN, FINGER, REPORT, ARCHIVE = "screen.toml", "finger.toml", "report.html", "archive.zip"
 
 
+class Plan(NamedTuple):
+    """A protocol, the spread that each parameter is expected to keep, and strokes that snap in."""
+
+    protocol: Protocol
+    expected_spread: dict[str, float]
+    past_light_contact: int
+
+
 class Verified(NamedTuple):
-    """What the last step leaves: its verdict, and the profile where there is one."""
+    """Result of the last step: the verification, and the profile where there is one."""
 
     verification: Verification
     screen: Screen | None
 
 
-def predictor_of(session: Session, terms: Mapping[str, bool] | None = None) -> StrokePredictor:
-    """Return the model of a session's finger and screen; `terms` switches single ones."""
-    return StrokePredictor(ContactModel(session.info.finger, session.info.screen, terms=terms))
+def plan_strokes(
+    kind: str, finger: Finger, screen: Screen, minutes: float, max_voltage_v: float | None = None
+) -> Plan:
+    """Plan a calibration of a finger on a screen.
+
+    Parameters
+    ----------
+    kind : {"paper", "full", "short"}
+        Protocol.
+    finger, screen : Finger, Screen
+        As they are believed to be.
+    minutes : float
+        Time for a short protocol.
+    max_voltage_v : float, optional
+        Highest amplitude [V]; the screen's limit without.
+
+    Raises
+    ------
+    InputError
+        If the voltage is above the screen's limit, or there is no such protocol.
+    """
+    limit = screen.max_voltage_v if max_voltage_v is None else max_voltage_v
+    if limit > screen.max_voltage_v:
+        raise InputError(
+            f"--max-voltage-v: expected at most the {screen.max_voltage_v:g} V of screen "
+            f"{screen.name!r}, got {limit:g} V"
+        )
+    predictor = StrokePredictor(ContactModel(finger, screen))
+    parameters = Parameters.of(finger, screen)
+    if kind == "short":
+        protocol = short_protocol(predictor, parameters, minutes, limit)
+    elif kind in ("paper", "full"):
+        protocol = paper_protocol(limit) if kind == "paper" else full_protocol(limit)
+    else:
+        raise InputError(f"--protocol: expected paper, full or short, got {kind!r}")
+    strokes = StrokeConditions.of(one for one in protocol.strokes if not one.held_out)
+    spread = expected_spread(predictor, parameters, strokes)
+    _, is_light = expected_rows(predictor, parameters, strokes)
+    return Plan(protocol, spread, int((~is_light).sum()))
 
 
 def reduce_folder(folder: str | Path) -> Reduced:
@@ -81,20 +129,17 @@ def fit_folder(
     terms : mapping of str to bool, optional
         Terms to switch.
     compare : bool
-        Whether to ask which terms the strokes need.
+        Whether to find which terms the strokes need.
     seed : int
         Of the bootstrap.
     """
     session = Session.open(folder)
     reduced = Reduced.load(session.folder / REDUCED)
-    predictor = predictor_of(session, terms)
+    predictor = _predictor(session, terms)
     parameters = Parameters.of(session.info.finger, session.info.screen, leaky_gap)
     if finger_fit is not None:
         parameters = parameters.with_finger(Fit.load(finger_fit).finger_prior())
-    if priors:
-        parameters = parameters.known(**priors)
-    if fixed:
-        parameters = parameters.fixed(**fixed)
+    parameters = parameters.known(**priors or {}).fixed(**fixed or {})
     fit = fit_strokes(reduced, predictor, parameters, seed)
     fit.save(session.folder / FIT)
     needs = compare_terms(fit, reduced, predictor, parameters) if compare else []
@@ -105,7 +150,7 @@ def fit_folder(
 def verify_folder(
     folder: str | Path, tolerance_thresholds: float = TOLERANCE_THRESHOLDS
 ) -> Verified:
-    """Judge ``fit.json`` by the held-out strokes and write profiles, report and archive.
+    """Verify ``fit.json`` by the held-out strokes and write profiles, report and archive.
 
     Where the insulator is not determined there is a report, but no profile.
     """
@@ -113,12 +158,12 @@ def verify_folder(
     check_name(session.info.screen)
     reduced = Reduced.load(session.folder / REDUCED)
     fit = Fit.load(session.folder / FIT)
-    predictor = predictor_of(session, _terms(fit.terms, session))
+    predictor = _predictor(session, _terms(fit.terms, session))
     found = verify(fit, reduced, predictor, tolerance_thresholds)
-    recordings = session.recordings
-    started = min((one.conditions.started[:10] for one in recordings), default="")
     screen: Screen | None = None
     if fit["h0_m"].value is not None:
+        recordings = session.recordings
+        started = min((one.conditions.started[:10] for one in recordings), default="")
         screen = calibrated_screen(
             session.info.screen,
             fit,
@@ -131,7 +176,7 @@ def verify_folder(
         screen.save(session.folder / SCREEN)
         calibrated_finger(session.info.finger, fit).save(session.folder / FINGER)
     else:
-        # What an earlier fit has left would be taken for this one's.
+        # Profiles of an earlier fit would be taken for this one's.
         for name in (SCREEN, FINGER):
             (session.folder / name).unlink(missing_ok=True)
     write_report(
@@ -148,6 +193,10 @@ def verify_folder(
     return Verified(found, screen)
 
 
+def _predictor(session: Session, terms: Mapping[str, bool] | None) -> StrokePredictor:
+    return StrokePredictor(ContactModel(session.info.finger, session.info.screen, terms=terms))
+
+
 def _terms(on: Iterable[str], session: Session) -> dict[str, bool]:
     # A term whose parameter is fitted is on even where the profile has no value for it.
     finger, screen, names = session.info.finger, session.info.screen, set(on)
@@ -155,11 +204,11 @@ def _terms(on: Iterable[str], session: Session) -> dict[str, bool]:
 
 
 def _needs(path: Path) -> list[TermNeed]:
-    try:
-        return [TermNeed(**one) for one in json.loads(path.read_text(encoding="utf-8"))]
-    except FileNotFoundError:
+    if not path.exists():
         return []
-    except (OSError, TypeError, ValueError) as error:
+    try:
+        return [TermNeed(**one) for one in json.loads(read_text(path))]
+    except (TypeError, ValueError) as error:
         raise FileFormatError(f"{path}: expected a list of terms, got {error!r}") from None
 
 

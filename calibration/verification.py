@@ -1,4 +1,4 @@
-"""Judge a fit by strokes that it has not seen."""
+"""Verify a fit by strokes that were kept out of it."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.fitting import Fit, refusal
+from calibration.fit import Fit
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.reduction import Reduced
 from haptix.perception import WEBER_FRACTION
 
 TOLERANCE_THRESHOLDS = 0.5
-"""Largest residual that passes: half of what a finger can tell."""
+"""Largest residual that passes [JND]."""
 
 FEWEST_HELD_OUT = 2
 
@@ -30,7 +30,7 @@ class HeldOutStroke:
     mu, predicted_mu : float
         Friction.
     residual_thresholds : float
-        Measured minus predicted, in difference thresholds (11 % of mu).
+        Measured minus predicted, in just-noticeable differences (11 % of mu).
     ripple_residual_thresholds : float
         The same of the ripple's amplitude in mu; NaN where no ripple is seen.
     """
@@ -54,7 +54,7 @@ class Verification:
     rows : tuple of HeldOutStroke
         Strokes kept out of the fit.
     tolerance_thresholds : float
-        What was allowed.
+        Largest residual that passes [JND].
     failures : tuple of str
         Why it fails; empty where it passes.
     """
@@ -69,8 +69,13 @@ class Verification:
         return not self.failures
 
     @property
+    def verdict(self) -> str:
+        """Return "passed" or "failed"."""
+        return "passed" if self.passed else "failed"
+
+    @property
     def worst_thresholds(self) -> float:
-        """Largest residual of mu; NaN without strokes."""
+        """Largest residual of mu [JND]; NaN without strokes."""
         return max((abs(row.residual_thresholds) for row in self.rows), default=float("nan"))
 
     @property
@@ -91,28 +96,8 @@ def verify(
     It fails where a residual is above the tolerance, where fewer than two strokes were kept out,
     or where the strokes do not determine the screen's insulator.
     """
-    points = reduced.held_out
+    rows = _compared(fit, reduced, predictor)
     failures = []
-    rows: list[HeldOutStroke] = []
-    if points:
-        found = predictor(StrokeConditions.of(points), fit.names, fit.log_values, jacobian=False)
-        for point, log_mu, ripple in zip(points, found.log_mu, found.ripple, strict=True):
-            predicted = float(np.exp(log_mu))
-            rows.append(
-                HeldOutStroke(
-                    number=point.number,
-                    normal_force_n=point.normal_force_n,
-                    voltage_v=point.voltage_v,
-                    frequency_hz=point.frequency_hz,
-                    mu=point.mu,
-                    predicted_mu=predicted,
-                    residual_thresholds=(point.mu - predicted) / (WEBER_FRACTION * predicted),
-                    ripple_residual_thresholds=(
-                        (point.ripple * point.mu - ripple * predicted)
-                        / (WEBER_FRACTION * predicted)
-                    ),
-                )
-            )
     if len(rows) < FEWEST_HELD_OUT:
         failures.append(
             f"expected {FEWEST_HELD_OUT} good strokes kept out of the fit or more, got {len(rows)}"
@@ -124,10 +109,32 @@ def verify(
         ):
             if abs(value) > tolerance_thresholds:
                 failures.append(
-                    f"stroke {row.number}: {what} is {value:+.2g} difference thresholds from the "
-                    f"prediction, {tolerance_thresholds:g} are allowed"
+                    f"stroke {row.number}: {what} is {value:+.2g} JND from the prediction, "
+                    f"{tolerance_thresholds:g} are allowed"
                 )
-    insulator = fit["h0_m"]
-    if insulator.value is None:
-        failures.append(refusal(insulator))
-    return Verification(tuple(rows), tolerance_thresholds, tuple(failures))
+    if fit["h0_m"].value is None:
+        failures.append(fit["h0_m"].refusal())
+    return Verification(rows, tolerance_thresholds, tuple(failures))
+
+
+def _compared(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> tuple[HeldOutStroke, ...]:
+    points = reduced.held_out
+    if not points:
+        return ()
+    found = predictor(StrokeConditions.of(points), fit.names, fit.log_values, jacobian=False)
+    rows = []
+    for point, mu, ripple in zip(points, np.exp(found.log_mu), found.ripple, strict=True):
+        jnd = WEBER_FRACTION * mu
+        rows.append(
+            HeldOutStroke(
+                point.number,
+                point.normal_force_n,
+                point.voltage_v,
+                point.frequency_hz,
+                mu=point.mu,
+                predicted_mu=float(mu),
+                residual_thresholds=float((point.mu - mu) / jnd),
+                ripple_residual_thresholds=float((point.ripple * point.mu - ripple * mu) / jnd),
+            )
+        )
+    return tuple(rows)

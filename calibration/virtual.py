@@ -1,4 +1,4 @@
-"""A virtual finger, sensor and person: a calibration with known truth, and without hardware."""
+"""A virtual finger, sensor and person: a calibration with known truth and without hardware."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from calibration.parameters import Array
 from calibration.protocol import Stroke
-from calibration.sources import Live, Played, live_at
+from calibration.sources import Live, Played
 from haptix.friction import ContactModel
 from haptix.virtual_finger import SensorModel, VirtualFinger
 
@@ -22,12 +23,12 @@ _TREMOR_HZ = (3.0, 12.0)
 GOOD_SENSOR = SensorModel(
     force_noise_n=2e-3, drift_n_per_s=2e-3, crosstalk=0.01, offset_n=5e-3, axis="x"
 )
-"""A laboratory's: 2 mN of noise per sample, 1 % of cross-talk."""
+"""A good laboratory's sensor: 2 mN of noise per sample, 1 % of cross-talk."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """How well somebody holds force and speed.
+    """How precisely a person holds force and speed.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ class Person:
     tremor : float
         Standard deviation of the force within a stroke, relative.
     repeatability : float
-        Standard deviation of tau_f from stroke to stroke, relative: sweat, wear.
+        Standard deviation of tau_f from stroke to stroke, relative: sweat and wear.
     """
 
     force_error: float = 0.05
@@ -46,7 +47,7 @@ class Person:
 
 
 class VirtualFingerSource:
-    """Feels what is played, by the contact model, and reads it with an imperfect sensor.
+    """Computes the friction of what is played by the contact model, with an imperfect sensor.
 
     Parameters
     ----------
@@ -80,11 +81,11 @@ class VirtualFingerSource:
 
     @property
     def instruments(self) -> Mapping[str, str]:
-        """Says that it is none."""
+        """Say that there is no instrument."""
         return {"force sensor": "virtual finger (no instrument)"}
 
     def start(self, stroke: Stroke, played: Played) -> None:
-        """Feel the whole stroke."""
+        """Compute the whole stroke."""
         t, x, force = self._path(stroke, played.duration_s)
         felt = self._finger.feel(
             played.volts, played.sample_rate_hz, t, x, 0.0, force, output_rate_hz=self._rate_hz
@@ -101,9 +102,8 @@ class VirtualFingerSource:
         }
 
     def live(self, t_s: float) -> Live | None:
-        """Of what will have been felt by then."""
-        assert self._signals is not None, "start comes first"
-        return live_at(self._signals, t_s)
+        """Force and speed up to a time."""
+        return Live.at(self.finish(), t_s)
 
     def finish(self) -> dict[str, Array]:
         """Return the signals."""
@@ -116,33 +116,18 @@ class VirtualFingerSource:
         force = stroke.normal_force_n * (1 + person.force_error * rng.normal())
         t = np.arange(int(duration_s * _PATH_RATE_HZ)) / _PATH_RATE_HZ
         slide_s = stroke.length_mm / speed
-        ways = 1 + stroke.there_and_back
-        busy_s = 2 * _TOUCH_S + (ways + 1) * _REST_S + ways * (slide_s + _START_S)
-        first = (duration_s - busy_s) / 2
-        pressed = first + _TOUCH_S
-        lifted = first + busy_s - _TOUCH_S
-        envelope = np.interp(t, [first, pressed, lifted, lifted + _TOUCH_S], [0.0, 1.0, 1.0, 0.0])
+        turn_s = slide_s + _START_S + _REST_S
+        pressed = (duration_s - stroke.slides * turn_s - _REST_S) / 2
+        lifted = duration_s - pressed
+        knots = [pressed - _TOUCH_S, pressed, lifted, lifted + _TOUCH_S]
+        envelope = np.interp(t, knots, [0.0, 1.0, 1.0, 0.0])
         hertz = rng.uniform(*_TREMOR_HZ, 4)
         waves = np.sin(2 * np.pi * hertz[:, None] * t + rng.uniform(0, 2 * np.pi, (4, 1)))
         tremor = person.tremor * waves.sum(0) / np.sqrt(2)
-        x = np.zeros_like(t)
-        begin = pressed + _REST_S
-        for way in range(ways):
-            moved = stroke.length_mm * _eased(
-                (t - begin) * speed / stroke.length_mm, _START_S / slide_s
-            )
-            x += moved if way == 0 else -moved
-            begin += slide_s + _START_S + _REST_S
+        velocity = np.zeros_like(t)
+        for way in range(stroke.slides):
+            begin = pressed + _REST_S + way * turn_s
+            knots = [begin, begin + _START_S, begin + slide_s, begin + slide_s + _START_S]
+            velocity += (-1) ** way * np.interp(t, knots, [0.0, speed, speed, 0.0])
+        x = cumulative_trapezoid(velocity, t, initial=0.0)
         return t, x, np.maximum(force * envelope * (1 + tremor), 0.0)
-
-
-def _eased(share: Array, ease: float) -> Array:
-    """Rise from 0 to 1 over a time of 1 + ease, with a start and a stop of that length each."""
-    s = np.clip(share, 0.0, 1.0 + ease)
-    starting = np.clip(s, 0.0, ease)
-    stopping = np.clip(s - 1.0, 0.0, ease)
-    return (
-        starting**2 / (2 * ease)
-        + np.clip(s - ease, 0.0, 1.0 - ease)
-        + (stopping - stopping**2 / (2 * ease))
-    )

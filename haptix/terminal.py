@@ -10,7 +10,18 @@ from typing import Annotated, Any
 
 import typer
 
+from haptix.errors import HaptixError
+
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+
+def run(app: Callable[[], object], name: str) -> None:
+    """Run a command line; a wrong input is one sentence and exit code 2, never a traceback."""
+    try:
+        app()
+    except HaptixError as error:
+        sys.stderr.write(f"{name}: {error}\n")
+        sys.exit(2)
 
 
 def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:

@@ -18,6 +18,7 @@ from haptix.cli import (
     stimuli,
     surfaces,
 )
+from haptix.terminal import run
 from haptix.version import __version__
 
 app = typer.Typer(
@@ -54,13 +55,5 @@ def _options(
 
 
 def main() -> None:
-    """Run the command line; a wrong input is one sentence and exit code 2, never a traceback."""
-    try:
-        app()
-    except Exception as error:
-        from firmware_io.errors import HaptixError  # loads numpy: too slow for --help
-
-        if not isinstance(error, HaptixError):
-            raise
-        sys.stderr.write(f"haptix: {error}\n")
-        sys.exit(2)
+    """Run the command line."""
+    run(app, "haptix")

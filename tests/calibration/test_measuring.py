@@ -16,10 +16,10 @@ from calibration import (
     StrokeRecording,
     measure,
 )
-from calibration.inputs import open_inputs
+from calibration.inputs import InputChannel, open_inputs
 from calibration.measuring import Watcher, drive_for
 from calibration.recording import SIGNALS
-from calibration.sources import Channel, Live, Played, live_at
+from calibration.sources import Live, Played
 
 
 def protocol(count=3, volts=100.0):
@@ -49,7 +49,7 @@ class Scripted:
         self.signals = {name: getattr(made, name) for name in SIGNALS}
 
     def live(self, t_s):
-        return live_at(self.signals, t_s)
+        return Live.at(self.signals, t_s)
 
     def finish(self):
         return self.signals
@@ -84,9 +84,7 @@ def test_strokes_that_are_off_are_repeated_and_kept_apart(session, recorded):
     kept = sorted(path.name for path in (session.folder / "rejected").iterdir())
     assert kept == ["stroke-001-1.h5", "stroke-001-2.h5"]
     assert (
-        StrokeRecording.load(session.folder / "rejected" / kept[0])
-        .complaints[0]
-        .startswith("force")
+        StrokeRecording.load(session.folder / "rejected" / kept[0]).findings[0].startswith("force")
     )
 
 
@@ -220,9 +218,9 @@ def test_analog_inputs_are_scaled_and_paced_by_the_clock(session):
     now = [0.0]
     inputs = Inputs(lambda: now[0])
     channels = [
-        Channel("normal_force_n", 2.0),
-        Channel("tangential_force_n", 1.0, -0.1),
-        Channel("x_mm", 10.0),
+        InputChannel(signal="normal_force_n", scale=2.0),
+        InputChannel(signal="tangential_force_n", scale=1.0, offset=-0.1),
+        InputChannel(signal="x_mm", scale=10.0),
     ]
     source = AnalogSource(inputs, channels, "FT1")
     seen = []
@@ -245,9 +243,7 @@ def test_analog_inputs_are_scaled_and_paced_by_the_clock(session):
 
 def test_channels_that_are_missing_are_named():
     with pytest.raises(haptix.InputError, match="expected tangential_force_n, x_mm as well"):
-        AnalogSource(None, [Channel("normal_force_n", 1.0)], "FT1")
-    with pytest.raises(haptix.InputError, match="got 'force'"):
-        Channel("force", 1.0)
+        AnalogSource(None, [InputChannel(signal="normal_force_n", scale=1.0)], "FT1")
 
 
 HEAD = 'kind = "{}"\nsensor = "FT1"\n'
@@ -262,6 +258,7 @@ CHANNELS = "".join(
     [
         (HEAD.format("national-instruments") + CHANNELS, "expected the input of normal_force_n"),
         (HEAD.format("telepathy") + CHANNELS, r"Inputs\.kind: "),
+        (HEAD.format("audio") + CHANNELS.replace("x_mm", "force"), r".*got 'force'"),
         ("kind =", "expected a TOML file"),
         (HEAD.format("audio"), r"Inputs\.channels: field required"),
     ],
@@ -283,8 +280,8 @@ def test_the_monitor_sees_what_was_played():
 
 def test_live_needs_samples():
     signals = {"t_s": np.arange(3.0), "normal_force_n": np.ones(3), "x_mm": np.arange(3.0)}
-    assert live_at(signals, 0.0) is None
+    assert Live.at(signals, 0.0) is None
     t = np.arange(0, 0.1, 1e-3)
-    found = live_at({"t_s": t, "normal_force_n": 0 * t + 2, "x_mm": 30 * t}, 0.1)
+    found = Live.at({"t_s": t, "normal_force_n": 0 * t + 2, "x_mm": 30 * t}, 0.1)
     assert (found.normal_force_n, found.speed_mm_per_s) == pytest.approx((2.0, 30.0))
     assert isinstance(found, Live)

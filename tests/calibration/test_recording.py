@@ -30,7 +30,7 @@ def test_round_trip(tmp_path, stroke, recorded):
     made.save(tmp_path / "a" / "stroke.h5")
     found = StrokeRecording.load(tmp_path / "a" / "stroke.h5")
     assert (found.stroke, found.conditions) == (stroke, room)
-    assert found.complaints == made.complaints
+    assert found.findings == made.findings
     for name in SIGNALS:
         np.testing.assert_array_equal(getattr(found, name), getattr(made, name))
     assert [path.name for path in (tmp_path / "a").iterdir()] == ["stroke.h5"]
@@ -110,12 +110,12 @@ ROWS = "\n".join(f"{i}, {-100 - i}, 0.0{i}, {i / 10}" for i in range(9))
 
 def test_units_signs_and_constants(tmp_path, stroke):
     columns, path = csv_of(tmp_path, f"made by a rig\ntime, Fz , Fx, pos\n{ROWS}\n")
-    found = columns.recording(path, stroke)
-    np.testing.assert_allclose(found.t_s, np.arange(9) / 1000)
-    np.testing.assert_allclose(found.normal_force_n, (100 + np.arange(9)) / 1000)
-    np.testing.assert_allclose(found.tangential_force_n, np.arange(9) / 100)
-    np.testing.assert_allclose(found.x_mm, np.arange(9))
-    assert (found.drive_v == 0).all()
+    found = columns.signals(path)
+    np.testing.assert_allclose(found["t_s"], np.arange(9) / 1000)
+    np.testing.assert_allclose(found["normal_force_n"], (100 + np.arange(9)) / 1000)
+    np.testing.assert_allclose(found["tangential_force_n"], np.arange(9) / 100)
+    np.testing.assert_allclose(found["x_mm"], np.arange(9))
+    assert (found["drive_v"] == 0).all()
 
 
 def test_a_known_speed_makes_a_position(tmp_path):
@@ -126,7 +126,7 @@ def test_a_known_speed_makes_a_position(tmp_path):
 
 def test_a_last_line_cut_short_is_left_out(tmp_path, stroke):
     columns, path = csv_of(tmp_path, f"rig\ntime,Fz,Fx,pos\n{ROWS}\n9, -1")
-    assert len(columns.recording(path, stroke).t_s) == 9
+    assert len(columns.signals(path)["t_s"]) == 9
 
 
 @pytest.mark.parametrize(
@@ -144,7 +144,7 @@ def test_a_last_line_cut_short_is_left_out(tmp_path, stroke):
 def test_wrong_files_are_named(tmp_path, stroke, head, rows, said):
     columns, path = csv_of(tmp_path, f"rig\n{head}\n{rows}\n")
     with pytest.raises(haptix.HaptixError, match=rf"x\.csv.*{said}"):
-        columns.recording(path, stroke)
+        columns.signals(path)
 
 
 @pytest.mark.parametrize(
@@ -169,7 +169,7 @@ def test_a_map_that_leaves_a_signal_out(tmp_path, stroke):
         tmp_path, "rig\ntime,Fz,Fx,pos\n" + ROWS, MAP.replace("drive_v = { value = 0 }", "")
     )
     with pytest.raises(haptix.InputError, match="expected drive_v as well"):
-        columns.recording(path, stroke)
+        columns.signals(path)
 
 
 def test_strokes_describe_themselves():

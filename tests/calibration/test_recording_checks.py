@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration import Stroke
-from calibration.recording_checks import complaints
+from calibration.recording_checks import check_recording
 
 ONE_WAY = Stroke(
     number=1, normal_force_n=0.5, voltage_v=100, frequency_hz=125, there_and_back=False
@@ -17,7 +17,7 @@ ONE_WAY = Stroke(
 
 
 def kinds(recording, fatal=True):
-    return [one.kind for one in complaints(recording, 0.3) if one.is_fatal or not fatal]
+    return [one.kind for one in check_recording(recording, 0.3) if one.is_fatal or not fatal]
 
 
 @settings(deadline=None, max_examples=25)
@@ -155,21 +155,21 @@ def test_strokes_without_sliding(recorded, stroke, way):
     ],
 )
 def test_what_is_off_by_more_than_the_tolerance(recorded, stroke, fault, kind, said):
-    (found,) = complaints(recorded(stroke, **fault), 0.3)
+    (found,) = check_recording(recorded(stroke, **fault), 0.3)
     assert found.kind == kind
     assert found.is_fatal
     assert re.search(said, found.message)
 
 
 def test_a_sensor_that_was_never_zeroed_is_made_up_for_and_named(recorded, stroke):
-    (found, other) = complaints(recorded(stroke, offset_n=3.0), 0.3)
+    (found, other) = check_recording(recorded(stroke, offset_n=3.0), 0.3)
     assert {found.kind, other.kind} == {"never zeroed"}
     assert not found.is_fatal
 
 
 def test_the_unit_that_fits_is_named(recorded, stroke):
     for factor, unit in ((1000, "mN"), (101.97, "gf"), (0.10197, "kgf")):
-        (found,) = complaints(
+        (found,) = check_recording(
             times(normal_force_n=factor, tangential_force_n=factor)(recorded(stroke, noise_n=2e-4)),
             idle_s=0.3,
         )

@@ -74,8 +74,10 @@ def test_without_held_out_strokes_nothing_passes(fit, strokes, predictor):
 
 
 def test_an_insulator_that_is_not_determined_fails(fit, strokes, predictor, screen):
-    vague = [replace(e, value=None, advice="ask") if e.name == "h0_m" else e for e in fit.estimates]
-    vague_fit = replace(fit, estimates=tuple(vague))
+    unknown = fit["h0_m"].model_copy(update={"value": None, "advice": "ask"})
+    vague_fit = fit.replace(
+        estimates=tuple(unknown if one.name == "h0_m" else one for one in fit.estimates)
+    )
     found = verify(vague_fit, strokes, predictor)
     assert "h0_m is not determined" in found.failures[-1]
     with pytest.raises(haptix.InputError, match=r"h0_m is not determined.*ask"):
@@ -94,7 +96,7 @@ def test_the_profile_is_used_without_a_word(tmp_path, calibrated, fit):
     assert found.calibration.verdict == "passed"
     assert found.calibration.spread["h0_m"] == fit["h0_m"].spread
     assert found.calibration.instruments == ("force sensor: FT1",)
-    assert "dielectric of the skin (stand-in)" in found.calibration.rests_on
+    assert "dielectric of the skin (placeholder)" in found.calibration.rests_on
 
 
 OLD = date.today() - timedelta(days=CALIBRATION_VALID_DAYS + 2)
@@ -146,7 +148,7 @@ def test_the_finger_has_the_fitted_response_and_skin(predictor, finger, screen, 
     logs = fit.log_values.copy()
     logs[fit.names.index("response_hz_per_mm_per_s")] = np.log(9.0)
     logs[fit.names.index("skin_dielectric_scale")] = np.log(1.7)
-    changed = replace(fit, log_values=logs)
+    changed = fit.replace(log_values=logs)
     own = calibrated_finger(finger, changed)
     assert own.response_hz_per_mm_per_s == pytest.approx(9.0, rel=1e-12)
     assert own.dielectric.scale == pytest.approx(1.7, rel=1e-12)

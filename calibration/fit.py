@@ -1,0 +1,152 @@
+"""The result of a fit: estimates with intervals, as a file that later steps read."""
+
+from __future__ import annotations
+
+from math import exp, inf
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import BeforeValidator, Field, PlainSerializer, PlainValidator
+
+from calibration.parameters import PER_FINGER, Array, FingerPrior
+from calibration.residuals import Repeatability
+from haptix.documents import Document, Part
+from haptix.errors import InputError
+
+Verdict = Literal["determined", "prior", "undetermined", "fixed"]
+
+_Numbers = Annotated[
+    Array,
+    PlainValidator(lambda values: np.asarray(values, dtype=float)),
+    PlainSerializer(lambda values: values.tolist()),
+]
+_UpperBound = Annotated[  # JSON has no infinity
+    float,
+    Field(allow_inf_nan=True),
+    BeforeValidator(lambda value: inf if value is None else value),
+    PlainSerializer(lambda value: None if value == inf else value),
+]
+
+
+class ParameterEstimate(Part):
+    """What a fit says of one parameter.
+
+    Parameters
+    ----------
+    name : str
+        Of `calibration.parameters.NAMES`.
+    value : float or None
+        In the unit that the name ends with; None where the strokes do not determine it.
+    low, high : float
+        90 % interval; 0 or infinite where the strokes set no bound.
+    spread : float
+        Standard deviation of the logarithm.
+    verdict : {"determined", "prior", "undetermined", "fixed"}
+        "prior" where the strokes add nothing to what was known before.
+    advice : str
+        Which experiment would determine it; empty where none is needed.
+    """
+
+    name: str
+    value: float | None = None
+    low: float
+    high: _UpperBound = inf
+    spread: float
+    verdict: Verdict
+    advice: str = ""
+
+    def refusal(self) -> str:
+        """Return one sentence: why there is no number, and what would give one."""
+        if self.low > 0 and self.high < inf:
+            bounds = f"anything from {self.low:.3g} to {self.high:.3g} fits"
+        elif self.low > 0:
+            bounds = f"anything above {self.low:.3g} fits"
+        elif self.high < inf:
+            bounds = f"anything below {self.high:.3g} fits"
+        else:
+            bounds = "any value fits"
+        what = "only its prior is known" if self.verdict == "prior" else bounds
+        return f"{self.name} is not determined by these strokes: {what}; {self.advice}"
+
+
+class Fit(Document):
+    """A fitted screen and finger.
+
+    Parameters
+    ----------
+    estimates : tuple of ParameterEstimate
+        One for each parameter.
+    names, free : tuple of str
+        All parameters, and those that were fitted.
+    log_values : array, shape (names,)
+        Best values, those of undetermined parameters included: together they predict, alone they
+        mean nothing.
+    covariance : array, shape (free, free)
+        Of the logarithms.
+    repeatability : Repeatability
+        How well the strokes repeat.
+    cost : float
+        Minus twice the log-likelihood, priors included.
+    strokes : tuple of int
+        Numbers of the strokes that were used.
+    left_out : mapping of int to str
+        Strokes that were not used, with reasons.
+    terms : tuple of str
+        Terms of the model that were on.
+    """
+
+    format: Literal["haptix fit"] = "haptix fit"
+    estimates: tuple[ParameterEstimate, ...]
+    names: tuple[str, ...]
+    free: tuple[str, ...]
+    log_values: _Numbers
+    covariance: _Numbers
+    repeatability: Repeatability
+    cost: float
+    strokes: tuple[int, ...]
+    left_out: dict[int, str]
+    terms: tuple[str, ...]
+
+    @classmethod
+    def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
+        if fields.get("format") != "haptix fit":
+            raise InputError("expected a fit, made by `haptix calibrate fit`")
+        if "scatter" in fields:  # its name in version 0.1
+            fields["repeatability"] = fields.pop("scatter")
+        return super()._from_table(fields, folder)
+
+    def __getitem__(self, name: str) -> ParameterEstimate:
+        for one in self.estimates:
+            if one.name == name:
+                return one
+        raise InputError(f"parameter {name!r}: expected one of {', '.join(self.names)}")
+
+    @property
+    def undetermined(self) -> list[ParameterEstimate]:
+        """Estimates without a value."""
+        return [one for one in self.estimates if one.value is None]
+
+    def value(self, name: str) -> float:
+        """Value of a parameter.
+
+        Raises
+        ------
+        InputError
+            If the strokes do not determine it; the message says which experiment would.
+        """
+        one = self[name]
+        if one.value is None:
+            raise InputError(one.refusal())
+        return one.value
+
+    def best(self, name: str) -> float:
+        """Value with which the model predicts, determined or not."""
+        return exp(float(self.log_values[self.names.index(name)]))
+
+    def finger_prior(self) -> FingerPrior:
+        """What this fit knows of the finger, for the next screen that it touches."""
+        names = tuple(name for name in self.free if name in PER_FINGER)
+        at = [self.free.index(name) for name in names]
+        values = [self.log_values[self.names.index(name)] for name in names]
+        return FingerPrior(names, np.array(values), self.covariance[np.ix_(at, at)])
