@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, Self
 
 import torch
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     Field,
     PositiveFloat,
@@ -22,10 +23,10 @@ from haptix.fidelity import FIDELITIES, FidelityName
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
+from haptix.surface.axes import AXES
 from haptix.terms import TERMS, possible_terms
 
 DtypeName = Literal["float32", "float64"]
-AxisName = Literal["frequency_hz", "h0_m"]
 
 
 def _low_and_high(value: Any) -> tuple[float, float]:
@@ -37,6 +38,16 @@ def _low_and_high(value: Any) -> tuple[float, float]:
         raise ValueError("expected finite 0 < low <= high")
     return low, high
 
+
+def _collapsible(name: str) -> str:
+    known = [axis.name for axis in AXES if axis.is_collapsible]
+    if name not in known:
+        raise ValueError(f"expected one of {', '.join(known)}")
+    return name
+
+
+AxisName = Annotated[str, AfterValidator(_collapsible)]
+"""Name of an axis that a surface can do without."""
 
 Range = Annotated[tuple[float, float], BeforeValidator(_low_and_high)]
 """(low, high), both above 0; one number stands for both."""

@@ -9,11 +9,13 @@ from typing import Literal
 
 from haptix.fidelity import FIDELITIES, Ability, FidelityName
 from haptix.scene import AxisName, DtypeName, Scene
+from haptix.surface.axes import AXES
 from haptix.terms import TERMS, Term
 
 Kind = Literal["term", "axis", "fidelity", "dtype"]
 
-AXES: tuple[AxisName, ...] = ("frequency_hz", "h0_m")
+COLLAPSIBLE = tuple(axis.name for axis in AXES if axis.is_collapsible)
+"""Axes that a surface can do without."""
 
 COARSE, *_, FULL = (name for name, how in FIDELITIES.items() if Ability.TABULATE in how.can)
 """The fastest and the most exact of the fidelities that a surface can be tabulated from."""
@@ -81,7 +83,7 @@ class Omission:
             return replace(choice, fidelity=COARSE, terms=choice.terms & self.possible)
         if self.kind == "dtype":
             return replace(choice, dtype="float32")
-        return choice.holding("h0_m" if self.name == "h0_m" else "frequency_hz", self.value)
+        return choice.holding(self.name, self.value)
 
 
 def middle(low: float, high: float) -> float:
@@ -114,7 +116,7 @@ def omissions(scene: Scene) -> list[Omission]:
         *(Omission("term", name) for name in sorted(friction_terms(scene))),
         *(
             Omission("axis", axis, middle(*ranges[axis]))
-            for axis in AXES
+            for axis in COLLAPSIBLE
             if ranges[axis][0] < ranges[axis][1]
         ),
         Omission("fidelity", FULL, possible=friction_terms(scene, COARSE)),

@@ -69,7 +69,7 @@ def _overridden(scene: Scene, one: Omission) -> bool | None:
     if one.kind == "term":
         return override.terms.get(one.name)
     if one.kind == "axis":
-        wish = override.axes.get("h0_m" if one.name == "h0_m" else "frequency_hz")
+        wish = override.axes.get(one.name)
         return None if wish is None else wish == "keep"
     if one.kind == "dtype":
         return None if override.dtype is None else override.dtype == one.name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 from math import log
@@ -17,9 +18,9 @@ from haptix.planning.choices import Choice, kept_reports, reporting_terms
 from haptix.scene import Scene
 from haptix.states import ContactState
 from haptix.surface import PULL_IN_SHARE
+from haptix.surface.axes import AXIS_NAMES
 from haptix.terms import Term
 
-_AXES = ("normal_force_n", "frequency_hz", "h0_m")
 _SEED = 20180516  # any; fixed, so that a scene always gets the same plan
 _TIMED = 3  # solves, of which the fastest counts: the others met something else on the machine
 _TIMED_TOGETHER = 2000  # states in each
@@ -63,9 +64,8 @@ class Effect:
 class Points:
     """States of a scene, every tensor of shape (points,)."""
 
-    normal_force_n: Tensor
-    frequency_hz: Tensor
-    h0_m: Tensor
+    places: Mapping[str, Tensor]
+    """Values by name of the axis."""
     voltage_share: Tensor
     """Amplitude as a share of the highest at that force, frequency and thickness."""
 
@@ -78,26 +78,22 @@ class Points:
         """
         ranges = scene.ranges()
         generator = torch.Generator().manual_seed(seed)
-        ends = [tuple(dict.fromkeys(ranges[axis])) for axis in _AXES]
+        ends = [tuple(dict.fromkeys(ranges[axis])) for axis in AXIS_NAMES]
         corners = torch.tensor(list(product(*ends, (0.0, 1.0))), dtype=torch.float64).T
-        drawn = torch.rand(4, count, generator=generator, dtype=torch.float64)
-        columns = {}
-        for axis, corner, share in zip(_AXES, corners, drawn, strict=False):
+        drawn = torch.rand(len(corners), count, generator=generator, dtype=torch.float64)
+        places = {}
+        for axis, corner, share in zip(AXIS_NAMES, corners, drawn, strict=False):
             low, high = ranges[axis]
             value = torch.exp(log(low) + share * (log(high) - log(low))).clamp(low, high)
-            columns[axis] = torch.cat([corner, value])
-        drive = drawn[3].sqrt()
+            places[axis] = torch.cat([corner, value])
+        drive = drawn[-1].sqrt()
         drive[: count // 3] = 1.0
-        return cls(**columns, voltage_share=torch.cat([corners[3], drive]))
+        return cls(places, torch.cat([corners[-1], drive]))
 
     def at(self, rows: Tensor) -> Points:
         """Some of the points."""
-        return Points(
-            self.normal_force_n[rows],
-            self.frequency_hz[rows],
-            self.h0_m[rows],
-            self.voltage_share[rows],
-        )
+        places = {name: values[rows] for name, values in self.places.items()}
+        return Points(places, self.voltage_share[rows])
 
 
 class Trials:
@@ -128,7 +124,7 @@ class Trials:
     def at_rest(self, choice: Choice) -> ContactState:
         """Solve the trial's own points without voltage: where they pull in and break down."""
         if choice not in self._at_rest:
-            none = torch.zeros_like(self.points.h0_m)
+            none = torch.zeros_like(self.points.voltage_share)
             self._at_rest[choice] = self._solve(choice, self.points, none)
         return self._at_rest[choice]
 
@@ -137,7 +133,7 @@ class Trials:
         if points is self.points:
             state = self.at_rest(choice)
         else:
-            state = self._solve(choice, points, torch.zeros_like(points.h0_m))
+            state = self._solve(choice, points, torch.zeros_like(points.voltage_share))
         end = self._end(state)
         for term in self._ending:
             end = torch.minimum(end, term.voltage_limit(state))
@@ -210,13 +206,8 @@ class Trials:
         return model
 
     def _solve(self, choice: Choice, points: Points, voltage_v: Tensor) -> ContactState:
-        held = dict(choice.held)
-        return self._model(choice).solve(
-            points.normal_force_n,
-            voltage_v,
-            held.get("frequency_hz", points.frequency_hz),
-            held.get("h0_m", points.h0_m),
-        )
+        places = {**points.places, **dict(choice.held)}
+        return self._model(choice).solve(voltage_v=voltage_v, **places)
 
     def _model(self, choice: Choice) -> ContactModel:
         key = (choice.terms, choice.fidelity)

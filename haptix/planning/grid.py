@@ -10,8 +10,9 @@ import torch
 from torch import Tensor
 
 from haptix.perception import WEBER_FRACTION
-from haptix.planning.choices import AXES, Choice
+from haptix.planning.choices import Choice
 from haptix.planning.effects import Points, Trials
+from haptix.surface.axes import AXIS_NAMES
 
 _BASES = 12  # states from which each axis is followed
 _INTERVALS = 4  # of the trial grid, whose middles say how wrong it is
@@ -22,7 +23,7 @@ Nodes = Mapping[str, int]
 
 
 def estimated_nodes(trials: Trials, choice: Choice, tolerance_thresholds: float) -> Nodes:
-    """Nodes that each axis needs, by name: "normal_force_n", "frequency_hz", "h0_m", "voltage_v".
+    """Nodes that each axis and the voltage need, by name.
 
     ``1/mu`` is interpolated linearly, so that its error falls with the square of the number of
     intervals; each axis may take an equal share of the tolerance. An axis that does not vary has
@@ -31,12 +32,10 @@ def estimated_nodes(trials: Trials, choice: Choice, tolerance_thresholds: float)
     ranges = trials.scene.ranges()
     held = {name for name, _ in choice.held}
     varying = [
-        name
-        for name in ("normal_force_n", *AXES)
-        if name not in held and ranges[name][0] < ranges[name][1]
+        name for name in AXIS_NAMES if name not in held and ranges[name][0] < ranges[name][1]
     ]
     allowed = _PEAKS_APART * tolerance_thresholds / (len(varying) + 1)
-    nodes = dict.fromkeys(("normal_force_n", *AXES), 1)
+    nodes = dict.fromkeys(AXIS_NAMES, 1)
     for name in varying:
         nodes[name] = _needed(_bend(trials, choice, name), allowed)
     nodes["voltage_v"] = _needed(_bend(trials, choice, "voltage_v"), allowed)
@@ -55,7 +54,7 @@ def _needed(error: float, allowed: float) -> int:
 def _bend(trials: Trials, choice: Choice, name: str) -> float:
     """Largest error of the trial grid along one axis, in thresholds."""
     bases = Points.of(trials.scene, _BASES, _SEED)
-    count = len(bases.h0_m)
+    count = len(bases.voltage_share)
     steps = torch.linspace(0, 1, 2 * _INTERVALS + 1, dtype=torch.float64)
     rows = torch.arange(count).repeat_interleave(len(steps))
     points = bases.at(rows)
@@ -64,7 +63,7 @@ def _bend(trials: Trials, choice: Choice, name: str) -> float:
     else:
         low, high = trials.scene.ranges()[name]
         along = torch.exp(log(low) + steps * log(high / low)).clamp(low, high)
-        points = replace(points, **{name: along.repeat(count)})
+        points = replace(points, places={**points.places, name: along.repeat(count)})
     voltage = points.voltage_share * trials.highest_voltage(choice, points)
     return _error_between(trials.friction(choice, points, voltage).reshape(count, -1))
 

@@ -13,7 +13,6 @@ from haptix.fidelity import FIDELITIES, Ability
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
 from haptix.planning.choices import (
-    AXES,
     Choice,
     Kind,
     Omission,
@@ -32,6 +31,7 @@ from haptix.planning.effects import Effect, Trials
 from haptix.planning.grid import estimated_nodes, values
 from haptix.scene import Scene
 from haptix.surface import LARGEST_BYTES, FrictionSurface
+from haptix.surface.axes import AXIS_NAMES
 from haptix.surface.tolerance import Tolerance
 from haptix.terms import TERMS
 
@@ -228,7 +228,7 @@ def plan_scene(
         decision = decide_report(scene, trials, chosen, term)
         rows.append(Row("term", term.name, decision.kept, decision.why, Effect()))
     rows += _fixed_rows(scene)
-    order = {name: rank for rank, name in enumerate((*TERMS, "normal_force_n", *AXES))}
+    order = {name: rank for rank, name in enumerate((*TERMS, *AXIS_NAMES))}
     rows.sort(key=lambda row: order.get(row.name, len(order)))
     plan = Plan(
         scene=scene,
@@ -304,7 +304,7 @@ def _fixed_rows(scene: Scene) -> list[Row]:
     """Rows of what the scene itself decides: single values, and what is not given."""
     rows = []
     ranges = scene.ranges()
-    for name in ("normal_force_n", *AXES):
+    for name in AXIS_NAMES:
         low, high = ranges[name]
         if low == high:
             rows.append(Row("axis", name, False, f"one value: {low:g}", Effect()))

@@ -15,7 +15,7 @@ from haptix.errors import ToleranceError
 from haptix.fidelity import BoundaryElementBox, FidelityName
 from haptix.friction import ContactModel
 from haptix.planning import Effect, Plan, plan_scene
-from haptix.planning.choices import AXES, Choice, friction_terms, kept_reports, middle
+from haptix.planning.choices import COLLAPSIBLE, Choice, friction_terms, kept_reports, middle
 from haptix.planning.effects import Points, Trials
 from haptix.scene import Scene
 from haptix.status import Status
@@ -232,7 +232,7 @@ class _Judge:
     def __init__(self, scene: Scene, count: int, batch: int) -> None:
         everything = Choice(friction_terms(scene))
         self.batch = batch
-        self.middles = {axis: middle(*scene.ranges()[axis]) for axis in AXES}
+        self.middles = {axis: middle(*scene.ranges()[axis]) for axis in COLLAPSIBLE}
         trials = Trials(scene, everything, count, _SEED)
         self.count = len(trials.voltage_v)
         self.truths: dict[str, tuple[Points, Tensor, Tensor]] = {}
@@ -241,7 +241,7 @@ class _Judge:
         }
         for form, points in (
             ("surface", trials.points),
-            ("slice", replace(trials.points, **held)),
+            ("slice", replace(trials.points, places={**trials.points.places, **held})),
         ):
             voltage = points.voltage_share * trials.highest_voltage(everything, points)
             self.truths[form] = points, voltage, trials.friction(everything, points, voltage)
@@ -272,7 +272,7 @@ class _Judge:
             )
         asked = asked.to(dtype, setting.device)
         place = self._place(asked, points)
-        sample = asked.evaluate(points.normal_force_n, voltage, **place)
+        sample = asked.evaluate(points.places["normal_force_n"], voltage, **place)
         error = Effect.between(truth, sample.mu.to("cpu", torch.float64))
         return Run(
             setting,
@@ -285,8 +285,7 @@ class _Judge:
 
     def _place(self, surface: FrictionSurface, points: Points) -> dict[str, Any]:
         """Frequency and h0 where the surface wants them: a collapsed axis stands for its range."""
-        given = {"frequency_hz": points.frequency_hz, "h0_m": points.h0_m}
-        return {name: value for name, value in given.items() if self._varies(surface, name)}
+        return {name: points.places[name] for name in COLLAPSIBLE if self._varies(surface, name)}
 
     @staticmethod
     def _varies(surface: FrictionSurface, name: str) -> bool:
@@ -308,7 +307,7 @@ class _Judge:
         def many(column: Tensor) -> Tensor:
             return column[rows].to(device, dtype)
 
-        force, voltage = many(points.normal_force_n), many(voltage_v)
+        force, voltage = many(points.places["normal_force_n"]), many(voltage_v)
         at: dict[str, Any] = {name: many(column) for name, column in place.items()}
         mu = surface.evaluate(force, voltage, **at).mu
         return (

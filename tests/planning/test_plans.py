@@ -243,10 +243,10 @@ def test_points_end_where_a_surface_does(plain):
     everything = Choice(plain.possible_terms() - {"breakdown"})
     trials = Trials(plain.replace(override={"terms": {"breakdown": False}}), everything, 100)
     end = trials.highest_voltage(everything, trials.points)
-    state = full_model(plain).solve(
-        trials.points.normal_force_n, 0.0, trials.points.frequency_hz, trials.points.h0_m
-    )
+    state = full_model(plain).solve(voltage_v=0.0, **trials.points.places)
     assert bool((end <= 0.9 * state.pull_in_voltage_v + 1e-9).all())
     assert float(end.max()) <= 60.0
-    thin = replace(trials.points, h0_m=trials.points.h0_m / 100)
+    thin = replace(
+        trials.points, places={**trials.points.places, "h0_m": trials.points.places["h0_m"] / 100}
+    )
     assert float(trials.highest_voltage(everything, thin).max()) <= 60.0
