@@ -1,4 +1,4 @@
-"""The scene: what will touch what, how it is driven, and how wrong its friction may be."""
+"""The scene: finger, screen, drive and textures of a surface, and the largest error allowed."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _low_and_high(value: Any) -> tuple[float, float]:
 def _collapsible(name: str) -> str:
     known = [axis.name for axis in AXES if axis.is_collapsible]
     if name not in known:
-        raise ValueError(f"expected one of {', '.join(known)}")
+        raise ValueError(f"expected {' or '.join(map(repr, known))}")
     return name
 
 
@@ -54,7 +54,7 @@ Range = Annotated[tuple[float, float], BeforeValidator(_low_and_high)]
 
 
 class DirectDrive(Part):
-    """The screen is driven at the frequency that is felt, half of it to be exact.
+    """The screen is driven at half of the frequency that is felt.
 
     Parameters
     ----------
@@ -78,12 +78,12 @@ class DirectDrive(Part):
 
 
 class CarrierDrive(Part):
-    """A carrier too fast to be felt, whose envelope is.
+    """A carrier too fast to be felt, with an envelope that is felt.
 
     Parameters
     ----------
     carrier_hz : (float, float)
-        Frequency of the carrier; a range where devices or settings differ.
+        Frequency of the carrier; a range if devices or settings differ.
     envelope_hz : float, optional
         Highest frequency of the envelope.
     max_voltage_v : float, optional
@@ -102,7 +102,7 @@ class CarrierDrive(Part):
 
     @model_validator(mode="after")
     def _envelope_is_slower(self) -> Self:
-        # Above half of the carrier its side bands fold over each other: there is no envelope.
+        # Above half of the carrier the side bands overlap, and there is no envelope.
         if self.envelope_hz is not None and self.envelope_hz > self.carrier_hz[0] / 2:
             raise ValueError("expected envelope_hz of at most half of carrier_hz")
         return self
@@ -114,7 +114,7 @@ class SceneTexture(Part):
     Parameters
     ----------
     file : str
-        Photograph, relative to the scene's folder; it need not exist before it is used.
+        Photograph, relative to the scene's folder; it may be missing until it is used.
     width_mm : float
         Width on the screen.
     mu_range : (float, float), optional
@@ -127,15 +127,15 @@ class SceneTexture(Part):
 
 
 class Override(Part):
-    """What planning must not decide: by name.
+    """Decisions taken out of planning's hands, by name.
 
     Parameters
     ----------
     terms : mapping of str to bool
-        Terms that are to be on or off.
+        Terms to switch on or off.
     fidelity, dtype, tolerance : optional
-        How the contact is solved, in what precision the surface is kept, and how far it may be
-        from the planned model (a number in mu, ``"0.05 JND"`` or ``"0.2 %"``).
+        How the contact is solved, the precision of the surface, and its largest error against the
+        planned model (a number in mu, ``"0.05 JND"`` or ``"0.2 %"``).
     axes : mapping of str to {"keep", "collapse"}
         Whether the surface keeps the axis ``frequency_hz`` or ``h0_m``.
     """
@@ -158,31 +158,31 @@ class Override(Part):
 
 
 class Scene(Document):
-    """What a friction surface is for.
+    """Everything that a friction surface depends on.
 
     Parameters
     ----------
     name : str
-        What to call it.
+        Name of the scene.
     finger, screen : Finger and Screen
         Or the name of a preset, or the path of a TOML file relative to `folder`, or a table.
     normal_force_n : (float, float)
         Range of the normal force [N], or one value.
     drive : DirectDrive or CarrierDrive
-        How the screen is driven; `scheme` says which.
+        How the screen is driven; the key `scheme` selects one.
     speed_mm_per_s : (float, float), optional
-        Range of the finger's speed. Friction does not depend on it in the model; what is felt of
-        a texture does.
+        Range of the finger's speed. It does not change friction in the model, but what is felt of
+        a texture.
     h0_m : (float, float), optional
         Range of the screens' d1/eps1 [m]; the screen's own without.
     textures : tuple of SceneTexture
-        What is to be felt.
+        Textures to be felt.
     budget_thresholds : float
-        Largest error of friction, in difference thresholds of ``0.11 mu``.
+        Largest error of friction in just-noticeable differences (JND) of ``0.11 mu``.
     override : Override
-        Decisions taken out of planning's hands.
+        Decisions that planning must keep.
     folder : Path
-        Where relative paths start: the folder of the file, the current one without a file.
+        Folder to which paths are relative: that of the file, or the current one.
 
     Raises
     ------
@@ -232,7 +232,7 @@ class Scene(Document):
         return cls(**fields, folder=folder)
 
     def save(self, path: str | Path) -> None:
-        """Write the scene as TOML; finger and screen are written out, paths are kept relative."""
+        """Write the scene as TOML, with finger and screen written out and paths kept relative."""
         folder = Path(path).parent
         moved = [
             texture.model_copy(update={"file": os.path.relpath(self.folder / texture.file, folder)})
@@ -266,12 +266,12 @@ class Scene(Document):
         Raises
         ------
         InputError
-            If the drive is no sine, whose pull alone a friction surface holds.
+            If the drive is no sine: a friction surface holds the attraction of a sine only.
         """
         if isinstance(self.drive, DirectDrive) and self.drive.waveform != "sine":
             raise InputError(
-                'drive.waveform: a friction surface holds the pull of a sine, got "square"; use '
-                '"sine" here, and ContactModel.over_period for other shapes'
+                'drive.waveform: a friction surface holds the attraction of a sine, got "square"; '
+                'use "sine" here, and ContactModel.over_period for other shapes'
             )
         h0 = self.screen.h0_m
         return {
@@ -292,7 +292,7 @@ class Scene(Document):
         device: torch.device | str = "cpu",
         terms: frozenset[str] | None = None,
     ) -> ContactModel:
-        """Return the contact model of the scene, with all possible terms unless `terms` says."""
+        """Return the contact model of the scene, with `terms` or all possible terms."""
         on = self.possible_terms(fidelity) if terms is None else terms
         return ContactModel(
             self.finger, self.screen, fidelity=fidelity, dtype=dtype, device=device, terms=on

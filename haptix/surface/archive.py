@@ -1,4 +1,4 @@
-"""Export to NetCDF: the surface's numbers under their names and units, for other programs."""
+"""Export to NetCDF: the numbers of a surface with names and units, for other programs."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def export_netcdf(table: Interpolant, info: Mapping[str, Any], path: Path) -> No
         If the file cannot be written.
     """
     dataset = _dataset(table, info)
-    # By default xarray would mark NaN as missing, which makes no sense in a table without holes.
+    # By default xarray marks NaN as missing, but this table has no holes.
     encoding = {str(name): {"_FillValue": None} for name in dataset.variables}
     # Made in memory, since HDF5 does not raise when a disk is full.
     data = dataset.to_netcdf(engine="h5netcdf", encoding=encoding)

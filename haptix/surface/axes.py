@@ -17,7 +17,7 @@ from haptix.errors import InputError, RangeError
 from haptix.surface.cells import Cells
 
 _COMPLEX = (torch.complex64, torch.complex128, np.complex64, np.complex128)
-SLACK = 1e-6  # relative; a float32 copy of an axis value still counts as on the axis
+SLACK = 1e-6  # relative; a float32 copy of a node is still on the axis
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def numbers(name: str, value: Any, like: Tensor) -> Tensor:
 
 
 def within(x: Tensor, least: float, least_counts: bool = True) -> bool:
-    """Whether all values are finite and above `least`, in one pass; NaN is not."""
+    """Whether all values are finite and above `least`, in one pass; False for NaN."""
     if x.numel() == 0:
         return True
     low, high = (float(end) for end in torch.aminmax(x.detach()))
@@ -79,8 +79,8 @@ class Axis:
     name : str
         Quantity with its unit, such as ``"normal_force_n"``.
     nodes : Tensor, shape (nodes,)
-        Increasing positive values; a single node is an axis that does not vary, and a single NaN
-        is a quantity that the surface was built without.
+        Increasing positive values. A single node is an axis that does not vary; a single NaN is a
+        quantity that the surface was built without.
     """
 
     name: str
@@ -88,7 +88,7 @@ class Axis:
 
     @classmethod
     def absent(cls, name: str) -> Axis:
-        """Return the axis of a quantity that the model was asked to leave out."""
+        """Return the axis of a quantity that the model leaves out."""
         return cls(name, torch.tensor([torch.nan], dtype=torch.float64))
 
     @cached_property
@@ -120,7 +120,7 @@ class Axis:
         return [log(node) for node in self.nodes.tolist()]
 
     def read(self, value: Any) -> Tensor | None:
-        """Check a query's values; None stands for the value of an axis that does not vary."""
+        """Check the values of a query; None means the value of an axis that does not vary."""
         if value is None:
             if self.varies:
                 raise InputError(

@@ -1,4 +1,4 @@
-"""Batches in blocks that bound the memory, over the cores that torch was given."""
+"""Large batches in blocks that bound the memory, on all of torch's threads."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from torch import Tensor
 
 from haptix.threads import one_thread
 
-_BLOCK = 65536  # larger gains nothing; at an eighth of it half of the time goes into calls
+_BLOCK = 65536  # larger gains nothing; at an eighth of it, calls take half of the time
 _LEAST_PER_THREAD = 2 * _BLOCK  # below, starting a thread costs more than it saves
 
 Answer = Callable[..., tuple[Tensor, ...]]
@@ -22,7 +22,7 @@ def in_blocks(answer: Answer, inputs: Sequence[Tensor | None]) -> tuple[Tensor, 
     Parameters
     ----------
     answer : callable
-        Takes tensors of one length, or None where `inputs` has it, and returns some of that length.
+        Takes tensors of one length, or None where `inputs` has None, and returns tensors of it.
     inputs : sequence of Tensor or None
         Flat tensors of one length. Where autograd records, or on a GPU, they go in one piece.
     """

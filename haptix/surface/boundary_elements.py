@@ -1,8 +1,8 @@
 """Surfaces from few boundary elements: the mean-field surface, corrected by what they measure.
 
-A surface needs thousands of states and a boundary element takes seconds, so that only a few places
-are solved. At each the ratio of its friction to that of the mean field of the same waves is taken;
-the mean-field surface is multiplied by it, linear in its logarithm between the places, in the
+A surface needs thousands of states, and boundary elements take seconds for one. Only a few places
+are solved. There, the ratio of the friction to that of the mean field with the same waves is taken.
+The mean-field surface is multiplied by this ratio; its logarithm is interpolated linearly in the
 logarithms of the axes and in the squared voltage.
 """
 
@@ -34,7 +34,7 @@ from haptix.surface.tolerance import LARGEST_BYTES, Tolerance
 Band = Literal["finger", "box"]
 Progress = Callable[[float], None]
 
-_DRIVES_BETWEEN = 4  # nodes for each voltage solved: where the ratio bends differs by column
+_DRIVES_BETWEEN = 4  # nodes for each solved voltage: the ratio bends elsewhere in each column
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ class MeasuredPoints:
     axis_values : int
         Values along frequency and along h0, where these vary.
     band : {"finger", "box"}
-        Waves of the surface: all of the finger's, to which the ratio in the box is carried over; or
-        those of the box alone, of which the surface is then an interpolation.
+        Waves of the surface: all waves of the finger, with the ratio found in the box; or only the
+        waves of the box, so that the surface interpolates the boundary elements themselves.
     """
 
     forces: int = 3
@@ -68,7 +68,7 @@ class MeasuredPoints:
 
 @dataclass(frozen=True)
 class MeasuringJob:
-    """What is to be solved for a surface, before the work starts.
+    """The states that a surface needs, before they are solved.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class MeasuringJob:
     scene : Scene or mapping
         As for `FrictionSurface.build`.
     points : MeasuredPoints
-        Where it is solved.
+        Where the model is solved.
     """
 
     model: ContactModel
@@ -103,11 +103,11 @@ class MeasuringJob:
 
     @property
     def states(self) -> int:
-        """States to be solved."""
+        """Number of states."""
         return len(self.places) * self.points.drives
 
     def estimated_seconds(self) -> float:
-        """Rough time of the boundary elements, from that of a transform on this machine."""
+        """Rough time of the boundary elements, from the time of a transform on this machine."""
         solver = self.model.solver.fidelity
         assert isinstance(solver, BoundaryElementBalance)
         return self.states * solver.seconds_per_state()
@@ -208,7 +208,7 @@ def _measure(
 
     def column(number: int) -> Row:
         place = dict(zip(AXIS_NAMES, job.places[number], strict=True))
-        # The last bit of a voltage must not be beyond the screen's limit.
+        # Rounding must not exceed the screen's limit.
         end = prior.end(place).to("cpu", torch.float64)
         voltage = (end * share.sqrt()).clamp(max=model.screen.max_voltage_v)
         exact, mean = (m.solve(voltage_v=voltage, **place) for m in (model, box_field))
@@ -239,7 +239,7 @@ def _corrected(
     job: MeasuringJob, prior: Interpolant, info: dict[str, Any], measured: Row, key: str
 ) -> tuple[Interpolant, dict[str, Any]]:
     log_ratio = torch.log(measured["mu"] / measured["mean_field_mu"])
-    # Past an end of the branch a ratio compares ends: the last one before it is kept instead.
+    # Past pull-in both frictions are those of the end: keep the last ratio before it.
     for level in range(1, log_ratio.shape[1]):
         stable = measured["is_stable"][:, level]
         log_ratio[:, level] = torch.where(stable, log_ratio[:, level], log_ratio[:, level - 1])
@@ -263,8 +263,8 @@ def _corrected(
     correction = torch.lerp(grid.gather(-1, cell), grid.gather(-1, cell + 1), at - cell)
     columns = table.columns.clone()
     inverse = columns[..., : len(table.drive)] * torch.exp(-correction).to(columns)
-    falling = inverse.cummax(-1).values
-    columns[..., : len(table.drive)] = falling
+    rising = inverse.cummax(-1).values
+    columns[..., : len(table.drive)] = rising
     described = {
         **info,
         "key": key,
@@ -277,9 +277,9 @@ def _corrected(
             "ratio": log_ratio.exp().tolist(),
             **{name: values.tolist() for name, values in measured.items()},
         },
-        "mu_low": float((-1 / falling).min()),
-        "mu_high": float((-1 / falling).max()),
-        "monotone_corrections": info["monotone_corrections"] + int((falling != inverse).sum()),
+        "mu_low": float((-1 / rising).min()),
+        "mu_high": float((-1 / rising).max()),
+        "monotone_corrections": info["monotone_corrections"] + int((rising != inverse).sum()),
     }
     return replace(table, columns=columns), described
 

@@ -1,4 +1,4 @@
-"""Build a friction surface: place the nodes, solve the columns, and check at points held out."""
+"""Build a friction surface: place the nodes, solve the columns, and check at held-out points."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from haptix.surface.identity import model_hash, surface_key
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.placement import fewest_nodes
 from haptix.surface.ranges import Ranges, read_ranges
-from haptix.surface.sampling import AxisPilot, DrivePilot, HeldOut, Sampler, solve_columns
+from haptix.surface.sampling import AxisPilot, DrivePilot, HeldOutPoints, Sampler, solve_columns
 from haptix.surface.tolerance import Tolerance
 from haptix.version import __version__
 
 _PILOT_POINTS = 97  # along an axis at first; doubled where cells come down to single steps
 _MOST_PILOT_POINTS = 3000
-_KEPT_BACK = 0.9  # share of the tolerance that the first held-out points may use: a sample
+_KEPT_BACK = 0.9  # share of the tolerance that the first held-out points may use
 _MOST_ROUNDS = 16
-_COARSER = 8.0  # times the share that was too fine, until a size fits
+_COARSER = 8.0  # factor on a share whose table is too large
 _BOUNDARY = 0.01  # largest relative error of the breakdown voltage, where that ends the surface
-_CLOSE = 1.2  # a size is used up well enough when the share that fits is this near
+_CLOSE = 1.2  # stop when the largest share that fits is this near the smallest that does not
 _LN2 = log(2)
 _ONE = (None,)  # the node of an axis that does not vary
-# The axes' errors do not all peak at one place: together they may take more than the tolerance.
+# The errors of the axes peak at different places, so their sum may exceed the tolerance.
 _FIRST_SHARE = 1.8
 
 Progress = Callable[[float], None]
@@ -103,7 +103,7 @@ class _Attempt:
 
 
 class _Build:
-    """One run: shares the tolerance between the axes until the held-out points agree."""
+    """One build: share the tolerance between the axes until the held-out points agree."""
 
     def __init__(
         self, model: ContactModel, ranges: Ranges, tolerance: Tolerance, largest_bytes: int
@@ -119,11 +119,11 @@ class _Build:
         held_out = self.sampler.held_out(seed=1)
         self._check_reach(held_out)
         self.low, self.high = float(held_out.mu.min()), float(held_out.mu.max())
-        # With some margin for what lies between the points.
+        # With a margin for states between the points.
         self.last_drive = min(1.05 * float(held_out.end_drive.max()), PULL_IN_DRIVE)
         report(0.3)
         share, best = _FIRST_SHARE, None
-        fits, exceeds = inf, 0.0  # shares of the tolerance: the finest that fits, the coarsest not
+        fits, exceeds = inf, 0.0  # smallest share that fits into the size, largest that does not
         for round_ in range(_MOST_ROUNDS):
             nodes = self._place(share)
             if self._size(nodes) > self.largest_bytes:
@@ -152,12 +152,12 @@ class _Build:
             )
         return best
 
-    def _attempt(self, nodes: Mapping[str, Tensor], held_out: HeldOut) -> _Attempt:
+    def _attempt(self, nodes: Mapping[str, Tensor], held_out: HeldOutPoints) -> _Attempt:
         table, corrections = self._tabulate(nodes)
         error = held_out.error(table)
         worst = self._worst(error, held_out, table)
         is_met = worst <= _KEPT_BACK * self.tolerance.value
-        if is_met:  # at points that have decided nothing
+        if is_met:  # confirm at fresh points
             fresh = self.sampler.held_out(seed=2)
             other = fresh.error(table)
             worst = max(worst, self._worst(other, fresh, table))
@@ -165,7 +165,7 @@ class _Build:
             error = torch.cat([error.reshape(-1), other.reshape(-1)])
         return _Attempt(table, corrections, error.reshape(-1), worst, is_met)
 
-    def _check_reach(self, held_out: HeldOut) -> None:
+    def _check_reach(self, held_out: HeldOutPoints) -> None:
         lowest = self.sampler.span("voltage_v")[0]
         highest = float(held_out.end_v.max())
         if lowest > highest:
@@ -175,14 +175,14 @@ class _Build:
             )
 
     def _place(self, share: float) -> dict[str, Tensor]:
-        """Nodes of every axis, for a share of the tolerance that they divide among them."""
+        """Nodes of every axis, for a share of the tolerance that the axes divide."""
         tolerance = share * self.tolerance.value / len(self.points)
         nodes = {}
         for name in self.points:
             while True:
                 pilot = self._pilot(name)
                 chosen = fewest_nodes(len(pilot.at), pilot.error, tolerance)
-                # Where cells come down to the pilot's own steps their error is not seen.
+                # A cell of one pilot step has no inner point, so its error is unknown.
                 shortest = min(b - a for a, b in pairwise(chosen))
                 if shortest > 1 or self.points[name] >= _MOST_PILOT_POINTS:
                     break
@@ -210,16 +210,16 @@ class _Build:
             axis.name: None if axis.is_absent else at for axis, at in zip(axes, grid, strict=True)
         }
         columns = solve_columns(self.sampler.model, places, nodes["drive"])
-        # The solver rises with voltage; this makes it true of the last bit as well.
-        falling = columns.falling.cummax(-1).values
-        corrections = int((falling != columns.falling).sum())
+        # Solved friction rises with voltage; this holds for the last bit as well.
+        inverse = columns.inverse.cummax(-1).values
+        corrections = int((inverse != columns.inverse).sum())
         voltages = torch.stack([columns.log_pull_in, columns.log_breakdown], -1)
         # A power of two well below all of them keeps the logarithms above 0.
         unit_v = 2.0 ** (floor(float(voltages.min()) / _LN2) - 2)
         table = Interpolant(
             axes,
             nodes["drive"],
-            torch.cat([falling, voltages - log2(unit_v) * _LN2], -1),
+            torch.cat([inverse, voltages - log2(unit_v) * _LN2], -1),
             unit_v,
             self.sampler.limit_v,
             self.sampler.ends_at_breakdown,
@@ -245,7 +245,7 @@ class _Build:
         unit = self.tolerance.unit_in_mu(mu, self.low, self.high)
         return torch.as_tensor(unit, dtype=mu.dtype).expand_as(mu)
 
-    def _worst(self, error: Tensor, held_out: HeldOut, table: Interpolant) -> float:
-        """Largest error in units of the tolerance, that of the breakdown voltage included."""
+    def _worst(self, error: Tensor, held_out: HeldOutPoints, table: Interpolant) -> float:
+        """Largest error in units of the tolerance, the breakdown voltage included."""
         boundary = held_out.boundary_error(table) * (self.tolerance.value / _BOUNDARY)
         return max(float((error / self._unit(held_out.mu)).max()), float(boundary.max()))

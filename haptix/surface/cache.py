@@ -1,4 +1,4 @@
-"""Surfaces built before, found again by the hash of everything that decides their numbers."""
+"""Cache of surfaces, by the hash of everything that decides their numbers."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def cached_surface(
     tolerance: Tolerance | float | str,
     on_progress: Callable[[float], None] | None = None,
 ) -> tuple[FrictionSurface, bool]:
-    """Load the surface of these inputs or build and keep it; say whether it was found.
+    """Load the surface of these inputs, or build and keep it; also return whether it was found.
 
-    A cache entry that cannot be read is built again, and a cache that cannot be written is done
-    without: neither can change a result.
+    An entry that cannot be read is built again. A cache that cannot be written is not used. Neither
+    changes a result.
     """
     key = surface_key(model, scene, tolerance)
     path = cache_folder() / f"{key}.surface"

@@ -88,8 +88,8 @@ def load_table(path: Path, model: ContactModel | None = None) -> tuple[Interpola
             f"{path}: expected surface version {major}, got {header.get('version')!r}; "
             "update haptix, or build the surface again"
         )
-    told = header.pop("sha256", "")
-    if told != _digest(header):
+    stored = header.pop("sha256", "")
+    if stored != _digest(header):
         raise FileFormatError(f"{path} is damaged: its description does not match its checksum")
     if {name: _checksum(tensor) for name, tensor in tensors.items()} != header.get("crc32"):
         raise FileFormatError(f"{path} is damaged: its numbers do not match their checksum")
@@ -108,7 +108,7 @@ def _read(path: Path) -> tuple[Any, dict[str, Tensor]]:
                 header = json.loads((file.metadata() or {}).get("haptix", "null"))
                 tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         except (SafetensorError, OSError, RuntimeError, ValueError) as error:
-            # The library opens the file twice; between the two another may have taken its place.
+            # The library opens the file twice; it may have been replaced in between.
             if _is_same(path, before):
                 raise FileFormatError(
                     f"{path} is not a friction surface, or is damaged: {error}"

@@ -1,4 +1,4 @@
-"""What decides a surface's numbers, as hashes."""
+"""Hashes of everything that decides the numbers of a surface."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from haptix.version import __version__
 
 
 def model_hash(description: Mapping[str, Any]) -> str:
-    """Hash of what `ContactModel.describe` tells."""
+    """Hash of a description by `ContactModel.describe`."""
     return _hash(description)
 
 
@@ -46,7 +46,7 @@ def _hash(plain: Mapping[str, Any]) -> str:
 
 @cache
 def _code_digest() -> str:
-    """Hash of the sources that make a surface's numbers: a mended solver finds no stale surface."""
+    """Hash of the source code: a surface of an earlier solver is never found in the cache."""
     digest = hashlib.sha256()
     package = Path(__file__).parent.parent
     rooms = [

@@ -33,9 +33,9 @@ class Interpolant:
 
     Each column, at one force, frequency and thickness, holds 1/mu at nodes of the drive
     ``s = (V0 / V_pull-in)^2`` and its own pull-in voltage. The closed form ``mu = mu_0 / (1 - s)``
-    makes 1/mu nearly linear in s, whatever the column; columns are blended linearly in the
-    logarithms of their axes. 1/mu falls along every column and so along every blend of them, which
-    makes the inverse unique and exact on the interpolant.
+    makes 1/mu nearly linear in s in every column. Columns are blended linearly in the logarithms of
+    their axes. 1/mu falls along every column, and so along every blend of columns. The inverse is
+    therefore unique, and exact on the interpolant.
 
     Parameters
     ----------
@@ -47,11 +47,11 @@ class Interpolant:
         ``-1/mu`` at each drive, not falling; then ln of the pull-in and of the breakdown voltage,
         each in units of `unit_v` and above 0.
     unit_v : float
-        Voltage below all of those [V].
+        Unit of these voltages [V], below all of them.
     voltage_limit_v : float
         Highest amplitude asked for [V].
     ends_at_breakdown : bool
-        Whether the surface ends where gap or insulator break down.
+        Whether the surface ends where the gap or the insulator breaks down.
     """
 
     axes: Axes
@@ -98,7 +98,7 @@ class Interpolant:
         return end
 
     def breakdown(self, places: Query) -> Tensor:
-        """Amplitude [V] from which gap or insulator break down."""
+        """Amplitude [V] from which the gap or the insulator breaks down."""
         (found,) = self._ask(self._breakdown_of_block, torch.zeros_like(self.drive[0]), places)
         return found
 
@@ -121,7 +121,7 @@ class Interpolant:
     def _ask(
         self, answer: Callable[..., tuple[Tensor, ...]], first: Tensor, query: Query
     ) -> tuple[Tensor, ...]:
-        """Broadcast the query's first quantity with its places on the axes, and answer it."""
+        """Broadcast a quantity with the places on the axes, and answer block by block."""
         places = self.axes.read(query)
         shape = broadcast_shape(first, *(place for place in places if place is not None))
         flat = [None if t is None else t.expand(shape).reshape(-1) for t in (first, *places)]
@@ -155,20 +155,20 @@ class Interpolant:
         # Per unit of drive; a column that does not rise is left at once.
         slope = (high - low).clamp(min=tiny) * self._drive_cells.scale.index_select(0, cell)
         at = self.drive.index_select(0, cell) + (target - low) / slope
-        # A target equal to an end's own value is not out of reach by rounding.
+        # Rounding does not put a column's own end out of range.
         slack = max(1e-9, 8 * torch.finfo(wanted.dtype).eps) * target
         above = (top - at) * slope < slack
         below = target < column[:, 0] + slack
         status = _small(above) * self._limited_by(pull_in, breakdown, top) + _small(below) * _BELOW
-        # Without drive the voltage is 0 and so is its gradient: that of the root is infinite.
+        # Without drive the voltage is 0; its gradient is set to 0, since the root's is infinite.
         driven = at > 0
         root = torch.where(driven, torch.minimum(at, top), 1.0).sqrt()
         voltage = pull_in * torch.where(driven, root, 0.0)
-        # Never above the limit by rounding.
+        # Rounding must not exceed the limit.
         return voltage.clamp(max=self.voltage_limit_v), _outside(status, inside)
 
     def _limited_by(self, pull_in: Tensor, breakdown: Tensor, top: Tensor) -> Tensor:
-        """Status of a friction above what each column reaches."""
+        """Status of a friction above the end of each column."""
         by_pull_in = _small(top >= PULL_IN_DRIVE * (1 - 1e-6))
         limited = by_pull_in * (_PULL_IN - _ABOVE) + _ABOVE
         if self.ends_at_breakdown:
@@ -213,7 +213,7 @@ class Interpolant:
 
 
 def _small(truth: Tensor) -> Tensor:
-    """Truth as numbers of one byte: statuses are put together an eighth as wide as they end up."""
+    """Truth values as bytes: a status is combined at an eighth of its final width."""
     return truth.view(torch.int8)
 
 

@@ -1,4 +1,4 @@
-"""Where the nodes of an axis must lie: as few as keep linear interpolation within a tolerance."""
+"""Place the fewest nodes of an axis that keep linear interpolation within a tolerance."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ CellError = Callable[[int, int], float]
 def fewest_nodes(points: int, error: CellError, tolerance: float) -> list[int]:
     """Choose nodes among points so that the error of no cell exceeds the tolerance.
 
-    Cells are made as long as they may be, one after the other; then the last cell's slack is spread
-    by making all of them a little shorter, which costs no node.
+    Each cell is made as long as possible. Then all cells are made a little shorter, as long as this
+    costs no node, so that the last cell is not the only short one.
 
     Parameters
     ----------
     points : int
         Points along the axis; the first and the last are always nodes.
     error : callable
-        Largest error inside a cell between two points; grows with the cell.
+        Largest error inside a cell between two points; it grows with the cell.
     tolerance : float
-        What it may be.
+        Largest error allowed.
 
     Returns
     -------
     list of int
-        Increasing. A cell between neighbouring points has no error that could be seen.
+        Increasing. The error of a cell between neighbouring points is taken as 0.
     """
     nodes = _longest_cells(points, error, tolerance)
     for share in (0.5, 0.7, 0.85):
@@ -62,9 +62,9 @@ def chord_error(values: Tensor, at: Tensor, start: int, end: int) -> Tensor:
     values : Tensor, shape (points, ...)
         The curves.
     at : Tensor, shape (points,)
-        Where the points lie.
+        Positions of the points.
     start, end : int
-        Points between which the chord runs.
+        First and last point of the chord.
     """
     share = (at[start + 1 : end] - at[start]) / (at[end] - at[start])
     share = share.reshape(-1, *([1] * (values.ndim - 1)))

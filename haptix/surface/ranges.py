@@ -1,4 +1,4 @@
-"""The ranges that a surface is to span, checked."""
+"""Check the ranges of a surface."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _NAMES = (*AXIS_NAMES, "voltage_v")
 
 
 def read_ranges(model: ContactModel, scene: Any) -> dict[str, tuple[float, float] | None]:
-    """Fill in what is missing and check the rest: ``(low, high)`` per axis, None where absent.
+    """Complete and check ranges: ``(low, high)`` per axis, None where absent.
 
     Parameters
     ----------
     model : ContactModel
-        Gives what is missing.
-    scene : mapping, or what has ``ranges()``
+        Gives the defaults.
+    scene : mapping, or an object with ``ranges()``
         ``(low, high)`` or one value by name.
     """
     if not isinstance(scene, Mapping) and not hasattr(scene, "ranges"):

@@ -1,4 +1,4 @@
-"""What a build asks the solver: columns, lines along an axis, and points held out."""
+"""Solved states for a build: columns, lines along an axis, and held-out points."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _INSULATORS = 512  # pairs of f and h0 held out; each has its own table of attra
 _HELD_OUT = 8192  # points of an error estimate: the 99th percentile rests on 80 of them
 
 UnitInMu = Callable[[Tensor], Tensor]
-"""The tolerance's unit, in mu, at frictions of any shape."""
+"""Size of the tolerance's unit in mu, at frictions of any shape."""
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Solved columns: shape (...,), and (..., drives) of `falling`."""
+    """Solved columns: shape (...,), and (..., drives) of `inverse`."""
 
-    falling: Tensor
+    inverse: Tensor
     """-1/mu at each drive."""
     log_pull_in: Tensor
     """ln of the pull-in voltage [V]."""
@@ -48,8 +48,8 @@ class Columns:
 
 
 @dataclass(frozen=True)
-class HeldOut:
-    """Solved points, all of one shape, that no node was placed by.
+class HeldOutPoints:
+    """Solved points of one shape that took no part in placing the nodes.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class HeldOut:
 
     def error(self, table: Interpolant) -> Tensor:
         """Absolute error of mu at every point."""
-        # Within rounding of a column's end the value is that of the end: compared all the same.
+        # Within rounding of a column's end, the value of the end is compared.
         mu, _ = table.evaluate(self.voltage_v, self.places)
         return (mu - self.mu).abs()
 
@@ -105,24 +105,24 @@ class AxisPilot:
     ----------
     at : Tensor, shape (points,)
         ln of the axis.
-    falling, fall : Tensor, shape (points, lines, levels)
-        -1/mu, and its derivative by the drive.
+    inverse, slope : Tensor, shape (points, lines, levels)
+        -1/mu, and its derivative with respect to the drive.
     log_pull_in : Tensor, shape (points, lines)
         ln of the pull-in voltage [V].
-    reach : Tensor, shape (points, lines, levels)
-        Drive of the level, or where the column ends if that is less.
-    unit : Tensor, shape of `falling`
+    drive : Tensor, shape (points, lines, levels)
+        Drive of the level, at most that of the column's end.
+    unit : Tensor, shape of `inverse`
         The tolerance's unit in mu.
     boundary : Tensor or None, shape (points, lines)
-        ln of the breakdown voltage over what may be its error, in units of the tolerance, where
+        ln of the breakdown voltage over its allowed error, in units of the tolerance, where
         breakdown ends columns.
     """
 
     at: Tensor
-    falling: Tensor
-    fall: Tensor
+    inverse: Tensor
+    slope: Tensor
     log_pull_in: Tensor
-    reach: Tensor
+    drive: Tensor
     unit: Tensor
     boundary: Tensor | None
 
@@ -131,11 +131,11 @@ class AxisPilot:
         if end - start < 2:
             return 0.0
         inner = slice(start + 1, end)
-        wrong = chord_error(self.falling, self.at, start, end)
-        # A pull-in voltage that is off by a factor takes the drive for another one.
+        wrong = chord_error(self.inverse, self.at, start, end)
+        # An error of the pull-in voltage is an error of the drive.
         shift = chord_error(self.log_pull_in, self.at, start, end)[..., None]
-        wrong = wrong - 2 * shift * self.reach[inner] * self.fall[inner]
-        worst = float((wrong.abs() / self.falling[inner] ** 2 / self.unit[inner]).max())
+        wrong = wrong - 2 * shift * self.drive[inner] * self.slope[inner]
+        worst = float((wrong.abs() / self.inverse[inner] ** 2 / self.unit[inner]).max())
         if self.boundary is None:
             return worst
         return max(worst, float(chord_error(self.boundary, self.at, start, end).abs().max()))
@@ -143,20 +143,20 @@ class AxisPilot:
 
 @dataclass(frozen=True)
 class DrivePilot:
-    """A few columns along their own axis, the drive.
+    """A few columns, solved finely along the drive.
 
     Parameters
     ----------
     at : Tensor, shape (points,)
         Drive.
-    falling, unit : Tensor, shape (points, columns)
+    inverse, unit : Tensor, shape (points, columns)
         -1/mu, and the tolerance's unit in mu.
     top : Tensor, shape (columns,)
-        Where each column ends; what lies beyond does not count.
+        Drive at which each column ends; errors beyond it do not count.
     """
 
     at: Tensor
-    falling: Tensor
+    inverse: Tensor
     unit: Tensor
     top: Tensor
 
@@ -165,19 +165,19 @@ class DrivePilot:
         if end - start < 2:
             return 0.0
         inner = slice(start + 1, end)
-        wrong = chord_error(self.falling, self.at, start, end).abs()
-        wrong = wrong / self.falling[inner] ** 2 / self.unit[inner]
+        wrong = chord_error(self.inverse, self.at, start, end).abs()
+        wrong = wrong / self.inverse[inner] ** 2 / self.unit[inner]
         return float(torch.where(self.at[inner, None] <= self.top, wrong, 0.0).max())
 
 
 @dataclass(frozen=True)
 class Sampler:
-    """Asks a model within ranges.
+    """Solves a model within ranges.
 
     Parameters
     ----------
     model : ContactModel
-        Who is asked.
+        The model.
     ranges : mapping
         See `haptix.surface.ranges`.
     """
@@ -196,7 +196,7 @@ class Sampler:
         return self.model.reports(Status.BREAKDOWN)
 
     def span(self, name: str) -> tuple[float, float]:
-        """``(low, high)`` of a range that is there."""
+        """``(low, high)`` of a range that is not absent."""
         found = self.ranges[name]
         assert found is not None
         return found
@@ -211,7 +211,7 @@ class Sampler:
         ]
 
     def positions(self, name: str, points: int) -> Tensor:
-        """Values along an axis: even in the logarithm, with those where the model bends."""
+        """Values along an axis: even in the logarithm, and at the corners of the model."""
         low, high = self.span(name)
         even = torch.exp(torch.linspace(log(low), log(high), points, dtype=torch.float64))
         even[0], even[-1] = low, high
@@ -222,7 +222,7 @@ class Sampler:
     def along(
         self, name: str, points: int, last_drive: float, unit: UnitInMu, boundary_error: float
     ) -> AxisPilot:
-        """Solve lines along one axis; `boundary_error` is that of ln V_breakdown per unit."""
+        """Solve lines along one axis; `boundary_error` is the error of ln V_breakdown per unit."""
         values = self.positions(name, points)
         places = self._lines(without=name)
         places[name] = values[:, None]
@@ -231,24 +231,24 @@ class Sampler:
         top = columns.top(self.limit_v, self.ends_at_breakdown)
         return AxisPilot(
             torch.log(values),
-            columns.falling,
-            torch.gradient(columns.falling, spacing=(drive,), dim=-1)[0],
+            columns.inverse,
+            torch.gradient(columns.inverse, spacing=(drive,), dim=-1)[0],
             columns.log_pull_in,
             torch.minimum(drive, top[..., None]),
-            unit(-1 / columns.falling),
+            unit(-1 / columns.inverse),
             columns.log_breakdown / boundary_error if self.ends_at_breakdown else None,
         )
 
     def along_drive(self, points: int, last_drive: float, unit: UnitInMu) -> DrivePilot:
-        """Solve columns finely along their own axis."""
+        """Solve columns finely along the drive."""
         drive = torch.linspace(0, last_drive, points, dtype=torch.float64)
         columns = solve_columns(self.model, self._lines(), drive)
         top = columns.top(self.limit_v, self.ends_at_breakdown)
-        falling = columns.falling.T
-        return DrivePilot(drive, falling, unit(-1 / falling), top)
+        inverse = columns.inverse.T
+        return DrivePilot(drive, inverse, unit(-1 / inverse), top)
 
-    def held_out(self, seed: int) -> HeldOut:
-        """Draw points anywhere within the ranges, some at their ends, and solve them."""
+    def held_out(self, seed: int) -> HeldOutPoints:
+        """Draw points within the ranges, some at their ends, and solve them."""
         generator = torch.Generator().manual_seed(seed)
 
         def draw(*shape: int) -> Tensor:
@@ -268,10 +268,10 @@ class Sampler:
         pull_in = torch.exp(at_rest.log_pull_in)
         voltage = (pull_in * drive.sqrt()).clamp(max=self.limit_v)
         boundary = at_rest.log_breakdown if self.ends_at_breakdown else None
-        return HeldOut(places, voltage, mu, pull_in * top.sqrt(), top, boundary)
+        return HeldOutPoints(places, voltage, mu, pull_in * top.sqrt(), top, boundary)
 
     def _lines(self, without: str = "") -> dict[str, Tensor | None]:
-        """Places at all corners of the axes that vary, and some at random: shape (lines,) each."""
+        """Corners of the axes that vary, and random places: shape (lines,) each."""
         others = [name for name in self.varying() if name != without]
         corners = torch.tensor(list(product((0.0, 1.0), repeat=len(others))), dtype=torch.float64)
         generator = torch.Generator().manual_seed(len(others))

@@ -32,19 +32,19 @@ class SurfaceSample:
     """Friction at query points, of their broadcast shape."""
 
     mu: Tensor
-    """Friction coefficient; where the status is not OK, that of the nearest point inside."""
+    """Friction coefficient; where the status is not OK, of the nearest point inside."""
     status: Tensor
     """Integers of `Status`: OK, PULL_IN, BREAKDOWN or OUT_OF_RANGE."""
 
 
 @dataclass(frozen=True)
 class Inversion:
-    """Voltages for wanted frictions, of their broadcast shape."""
+    """Voltages for frictions, of their broadcast shape."""
 
     voltage_v: Tensor
-    """Amplitude [V] that gives the wanted friction, or the nearest one that can be given."""
+    """Amplitude [V] that gives the friction, or the nearest in the reachable range."""
     status: Tensor
-    """Integers of `Status`: OK, BELOW, OUT_OF_RANGE, or what the friction is limited by: ABOVE (the
+    """Integers of `Status`: OK, BELOW, OUT_OF_RANGE, or what limits the friction: ABOVE (by the
     voltage limit), PULL_IN or BREAKDOWN."""
 
 
@@ -85,12 +85,12 @@ class FrictionSurface:
         scene : Scene or mapping, optional
             Ranges ``(low, high)`` or single values for ``normal_force_n`` (0.1 to 1 N),
             ``voltage_v`` (0 V to the screen's limit), ``frequency_hz`` (none) and ``h0_m`` (the
-            screen's own); in brackets what a missing one means.
+            screen's own); the brackets hold the defaults.
         tolerance : Tolerance, float or str
             Largest error in mu against the model at held-out points; in mu, or as
             ``"0.05 JND"`` or ``"0.2 %"``, see `Tolerance`.
         on_progress : callable, optional
-            Called with the share of the work that is done.
+            Called with the finished share of the work.
         largest_bytes : int
             Size that the surface may have.
         notes : mapping, optional
@@ -264,7 +264,7 @@ class FrictionSurface:
         h0_m: Any = None,
         strict: bool = False,
     ) -> Inversion:
-        """Amplitude that gives a wanted friction, for points that broadcast together.
+        """Amplitude [V] that gives a friction, for points that broadcast together.
 
         Raises
         ------
@@ -282,7 +282,7 @@ class FrictionSurface:
     def reachable(
         self, normal_force_n: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> tuple[Tensor, Tensor]:
-        """Lowest and highest friction coefficient that the surface can give."""
+        """Reachable range: lowest and highest friction coefficient."""
         places = _places(normal_force_n, frequency_hz, h0_m)
         none = torch.zeros_like(self.table.drive[0])
         low, _ = self.table.evaluate(none, places)
@@ -296,7 +296,7 @@ class FrictionSurface:
         return self.table.end(_places(normal_force_n, frequency_hz, h0_m))
 
     def at(self, frequency_hz: float | None = None, h0_m: float | None = None) -> FrictionSurface:
-        """Slice frequency and thickness away, once, for queries that do not vary them.
+        """Slice at one frequency or thickness, for queries that do not vary them.
 
         None leaves an axis as it is.
         """
