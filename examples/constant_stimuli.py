@@ -38,7 +38,7 @@ def main() -> None:
     for table in made.sidecars:
         print(
             f"{table['file']}: contrast {table['conditions']['amplitude']:.4f}, "
-            f"{table['peak_v']:.1f} V, stand-ins: {', '.join(table['placeholders'])}"
+            f"{table['peak_v']:.1f} V, placeholders: {', '.join(table['placeholders'])}"
         )
 
     surface = parts.apparatus(screen).surfaces[0]

@@ -33,8 +33,8 @@ def make(
 ) -> None:
     """Render a set: drive files with sidecars, trial table, contact sheet, manifest.
 
-    Nothing is published unless all stimuli are within the limits and within reach. A run that was
-    cut short goes on where it stopped.
+    Nothing is published unless all stimuli are within the limits and the reachable range. A run
+    that was stopped continues where it ended.
     """
     with progress_bar(_STAGES) as update:
         update("surface", 0.0)
@@ -65,7 +65,7 @@ def look(
         wrong = check_manifest(what)
         if wrong:
             raise InputError(
-                f"{what}: {len(wrong)} files are missing or not what the manifest says: "
+                f"{what}: {len(wrong)} files are missing or differ from the manifest: "
                 f"{', '.join(wrong[:5])}; make the set again"
             )
         manifest = read_json(what / "manifest.json")
@@ -85,11 +85,11 @@ def look(
 @app.command()
 def run(
     recipe: Annotated[Path, typer.Argument(help="Experiment: a TOML file.")],
-    log: Annotated[Path, typer.Option(help="Table of the trials; gone on with if it exists.")],
+    log: Annotated[Path, typer.Option(help="Table of the trials; continued if it exists.")],
     device: Annotated[str, typer.Option(help="Address of the device.")] = "mock:",
     simulate_db: Annotated[
         float | None,
-        typer.Option("--simulate-db", help="Let an observer of this threshold [dB] answer."),
+        typer.Option("--simulate-db", help="Simulate an observer of this threshold [dB]."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -101,22 +101,22 @@ def run(
     from haptix.stimuli.adaptive import Experiment, Keys, SimulatedObserver
     from haptix.stimuli.experiment_recipe import ExperimentRecipe
 
-    said = ExperimentRecipe.load(recipe)
+    plan = ExperimentRecipe.load(recipe)
     opened = open_device(device)
     try:
-        observer = None if simulate_db is None else SimulatedObserver(simulate_db, seed=said.seed)
-        method = said.make_method()
+        observer = None if simulate_db is None else SimulatedObserver(simulate_db, seed=plan.seed)
+        method = plan.make_method()
         waiting: dict[str, Any] = {} if observer is None else {"wait": lambda seconds: None}
         experiment = Experiment(
             method,
-            said.presentation(opened.capabilities.sample_rate_hz),
+            plan.presentation(opened.capabilities.sample_rate_hz),
             opened,
             Keys() if observer is None else observer,
             log,
-            said.task,
-            said.seed,
-            said.ceiling_v,
-            said.pause_s,
+            plan.task,
+            plan.seed,
+            plan.ceiling_v,
+            plan.pause_s,
             **waiting,
         )
         experiment.run()
@@ -130,7 +130,7 @@ def run(
         "spread_db": spread,
         **found.others,
     }
-    show(f"{said.name}: trials in {log}", [row], as_json)
+    show(f"{plan.name}: trials in {log}", [row], as_json)
 
 
 def _row(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -140,8 +140,8 @@ def _row(table: Mapping[str, Any]) -> dict[str, Any]:
         "s": f"{table['length_s']:.3g}",
         "peak V": f"{table['peak_v']:.1f}",
         "mu": f"{prediction['mu_low']:.3f}-{prediction['mu_high']:.3f}",
-        "dB re threshold": "-" if felt is None else f"{felt['sensation_db']:+.1f}"
+        "dB SL": "-" if felt is None else f"{felt['sensation_db']:+.1f}"
         + ("*" if felt["threshold_is_placeholder"] else ""),
         "audible": "yes" if table["audibility"]["audible"] else "no",
-        "stand-ins": "yes" if table["is_placeholder"] else "no",
+        "placeholders": "yes" if table["is_placeholder"] else "no",
     }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Who touches what: fingers and a screen, with the surfaces that stimuli are rendered through."""
+"""The fingers and the screen of a set, with the lookup surfaces that render its stimuli."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Apparatus:
     surfaces : tuple of FrictionSurface
         One per finger.
     fingers : str
-        Who they are: the name of one, or how several were drawn.
+        Name of the one finger, or how several were drawn.
     """
 
     models: tuple[ContactModel, ...]
@@ -58,16 +58,16 @@ class Apparatus:
         Parameters
         ----------
         finger : Finger or Population
-            Who touches.
+            The finger, or a population of them.
         screen : Screen
-            What.
+            The screen.
         stimuli : sequence of Stimulus
-            They say forces, frequencies and thicknesses.
+            Their forces, frequencies and thicknesses are the ranges of the surfaces.
         ceiling_v : float, optional
-            Highest amplitude; the screen's own limit without, and never above it.
+            Highest amplitude; by default the screen's limit, and never above it.
         """
         people = finger.fingers if isinstance(finger, Population) else (finger,)
-        said = finger.statement if isinstance(finger, Population) else finger.name
+        names = finger.statement if isinstance(finger, Population) else finger.name
         forces = [one.normal_force_n for one in stimuli]
         frequencies = []
         for one in stimuli:
@@ -86,7 +86,7 @@ class Apparatus:
         }
         models = tuple(ContactModel(one, screen) for one in people)
         surfaces = tuple(cached_surface(model, ranges, TOLERANCE)[0] for model in models)
-        return cls(models, surfaces, said)
+        return cls(models, surfaces, names)
 
     @property
     def screen(self) -> Screen:
@@ -102,7 +102,7 @@ class Apparatus:
         return Column.median(each), each
 
     def placeholders(self) -> list[str]:
-        """Name the stand-ins for measured data that the predictions rest on."""
+        """Names of the placeholders (unmeasured values) that the predictions use."""
         return sorted({name for model in self.models for name in model.placeholders()})
 
     def profiles(self) -> dict[str, Any]:
@@ -127,7 +127,7 @@ class Apparatus:
     def capacitance_f(self, stimulus: Stimulus, amplitude_v: float) -> float:
         """Upper bound of the capacitance between finger and screen [F], of the first finger.
 
-        ``<1/|u + h0|> <= sqrt(<1/|u + h0|^2>)``, and the mean square is what the pull holds:
+        ``<1/|u + h0|> <= sqrt(<1/|u + h0|^2>)``, and the mean square follows from the attraction:
         ``p_a = eps0 V0^2 I / 4``.
         """
         model = self.models[0]

@@ -91,19 +91,19 @@ def matched_intensity(
     name : str
         Beginning of the stimuli's names; the frequency follows.
     felt_hz : sequence of float
-        Frequencies of the pull [Hz].
+        Frequencies of the attraction [Hz].
     sensation_db : float
-        Level above the threshold of the channel that mediates [dB].
+        Level above the detection threshold of the mediating channel [dB].
     length_s, fade_s : float
-        Length, and of it each fade [s].
+        Length, and the part of it that each fade takes [s].
     drive : {"direct", "carrier"}
-        A sine of half the felt frequency; or a carrier whose pull is a raised sine of the felt
-        frequency, which takes sqrt(2) times the amplitude for the same pull (dispersion of skin and
-        insulator between the two frequencies left out).
+        A sine of half the felt frequency; or a carrier whose attraction is a raised sine of the
+        felt frequency. The carrier takes sqrt(2) times the amplitude for the same attraction, if
+        the dispersion of skin and insulator between the two frequencies is neglected.
     normal_force_n, carrier_hz : float
         Of the touch and the drive.
     perception : Perception, optional
-        Thresholds; those that ship without.
+        Detection thresholds; by default those that ship with haptix.
     """
     known = Perception.default() if perception is None else perception
     number("sensation_db", sensation_db)
@@ -117,7 +117,7 @@ def matched_intensity(
         if drive == "direct":
             tone = Sine(volts, felt / 2)
         else:
-            # The square of this amplitude is V^2 (1 + sin 2 pi f t) / 2: the pull's own shape.
+            # The square of this amplitude is V^2 (1 + sin 2 pi f t) / 2: a raised sine.
             tone = Sine(sqrt(2) * volts, felt / 2, phase_rad=pi / 4)
         one = Stimulus(
             f"{name}-{felt:g}Hz",
@@ -140,7 +140,7 @@ def matched_intensity(
 def equal_friction(
     stimuli: Sequence[Stimulus], screens: Sequence[Screen]
 ) -> tuple[tuple[Stimulus, ...], tuple[Screen, ...]]:
-    """Check that a set means the same friction on several screens: each has volts of its own.
+    """Check that a set asks for the same friction on several screens, in volts of their own.
 
     Raises
     ------
@@ -152,13 +152,13 @@ def equal_friction(
     for one in stimuli:
         if one.quantity != "mu":
             raise InputError(
-                f'{one.name}: equal friction is asked for in quantity "mu", got {one.quantity!r}'
+                f'{one.name}: equal friction needs the quantity "mu", got {one.quantity!r}'
             )
     return tuple(stimuli), tuple(screens)
 
 
 def stimulus_maker(base: Mapping[str, Any], place: str) -> Callable[..., Stimulus]:
-    """Return ``make(name, **values)`` for a table, with values put at dotted places of it."""
+    """Return ``make(name, **values)``, which puts values at dotted places of a table."""
 
     def make(name: str, **values: Any) -> Stimulus:
         table: Any = _copy(base)

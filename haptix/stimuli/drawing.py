@@ -1,4 +1,4 @@
-"""Pictures of drive files: one in detail, or a whole set on a sheet. They need no contact model."""
+"""Pictures of drive files: one in detail, or a whole set on a sheet, without a contact model."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from haptix.stimuli.audio import read_drive
 
 Array = npt.NDArray[np.float64]
 
-_LONGEST_S = 10.0  # that is drawn
+_LONGEST_S = 10.0  # of a drawing
 _ZOOM_PERIODS = 24
 _MOST_ON_SHEET = 60
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """The start of a drive file, ready to be drawn."""
+    """The start of a drive file, with what its sidecar predicts."""
 
     table: dict[str, Any]
     t_s: Array
@@ -44,7 +44,7 @@ class Drawn:
         return _of_square(self.amplitude_v, against["amplitude_v"], against["mu"])
 
     def band(self, known: Perception) -> tuple[Array, Array, str]:
-        """Lowest and highest predicted friction, and what the band is."""
+        """Lowest and highest predicted friction, and a label of the band."""
         prediction = self.table["predicted"]
         against = prediction["against_amplitude"]
         if "mu_p5" in against:
@@ -129,9 +129,9 @@ def contact_sheet(name: str, files: Sequence[Path], sidecars: Sequence[dict[str,
         at.set_xlabel("s" if index >= len(shown) - columns else "", fontsize=8)
     rest = len(sidecars) - len(shown)
     more = f" (the first {len(shown)}; {rest} more)" if rest else ""
-    stand_ins = sorted({what for table in shown for what in table["placeholders"]})
-    said = f"; stand-ins for the {' and the '.join(stand_ins)}" if stand_ins else ""
-    title = f"{name}{more}: predicted friction, band, and one difference threshold (bar){said}"
+    placeholders = sorted({what for table in shown for what in table["placeholders"]})
+    said = f"; placeholders for the {' and the '.join(placeholders)}" if placeholders else ""
+    title = f"{name}{more}: predicted friction, band, and one JND (bar){said}"
     figure.suptitle(fill(title, round(14 * width)), fontsize=9, y=1 - 0.1 / height, va="top")
     return _png(figure)
 
@@ -141,7 +141,7 @@ def _summary(table: dict[str, Any]) -> str:
     what = "AUDIBLE" if heard["audible"] else "not flagged as audible"
     level = "no threshold known" if felt is None else (
         f"{felt['sensation_db']:+.1f} dB re threshold ({felt['channel']}"
-        f"{', stand-in' if felt['threshold_is_placeholder'] else ''})"
+        f"{', placeholder' if felt['threshold_is_placeholder'] else ''})"
     )  # fmt: skip
     lines = (
         f"{table['normal_force_n']:g} N, {table['fingers']} on {table['screen']}, peak "
@@ -149,7 +149,7 @@ def _summary(table: dict[str, Any]) -> str:
         f"{heard['drive_current_a_rms'] * 1e6:.0f} µA rms"
     )
     if table["placeholders"]:
-        lines += f"\nstand-ins, not measurements: {', '.join(table['placeholders'])}"
+        lines += f"\nplaceholders, not measurements: {', '.join(table['placeholders'])}"
     return lines
 
 
@@ -188,7 +188,7 @@ def _friction(axes: Axes, drawn: Drawn, known: Perception, labels: bool) -> None
     step = known.difference_mu(ground)
     axes.errorbar(
         [t[0] - 0.02 * (t[-1] - t[0])], [ground + step / 2], [step / 2], color="tab:red", capsize=3,
-        label=f"one difference threshold, {step:.3f}",
+        label=f"one JND, {step:.3f}",
     )  # fmt: skip
     reachable = drawn.table["predicted"]["mu_reachable"][1]
     axes.axhline(ground, color="0.6", ls="--", lw=0.8, label="without voltage")
@@ -219,13 +219,13 @@ def _thresholds(axes: Axes, drawn: Drawn, known: Perception) -> None:
         rate = 1 / float(np.mean(np.diff(drawn.amplitude_t_s)))
     found = components_of_pull(drawn.amplitude_v / np.sqrt(2), rate, least_v=0.5)
     axes.plot([c.felt_hz for c in found], [20 * np.log10(c.drive_v) for c in found], ".",
-              color="tab:purple", ms=4, label="components of the pull")  # fmt: skip
+              color="tab:purple", ms=4, label="components of the attraction")  # fmt: skip
     for channel, color in zip(known.channels, ("tab:green", "tab:olive", "0.5"), strict=False):
-        label = f"threshold, {channel.name}{' (stand-in)' if channel.is_placeholder else ''}"
+        label = f"threshold, {channel.name}{' (placeholder)' if channel.is_placeholder else ''}"
         axes.plot(channel.felt_hz, channel.threshold_db, color=color, label=label)
     axes.set(
         xscale="log", xlim=(1, 2000), ylim=(-10, 50), xlabel="felt frequency (Hz)",
-        ylabel="sine drive alike (dB re 1 V)", title="What is felt, against detection thresholds",
+        ylabel="equivalent sine drive (dB re 1 V)", title="Components and detection thresholds",
     )  # fmt: skip
     axes.legend(fontsize=8, loc="lower left")
 

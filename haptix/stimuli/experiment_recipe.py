@@ -1,8 +1,7 @@
-"""An experiment as a TOML file: the stimulus whose level varies, the method, the task."""
+"""An experiment as a TOML file: the stimulus whose level varies, the method and the task."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -16,22 +15,16 @@ from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.screen import Screen
 from haptix.status import Status
-from haptix.stimuli.adaptive import ConstantStimuli, Method, Presentation, Quest, UpDown
+from haptix.stimuli.adaptive import METHODS, Method, Presentation
 from haptix.stimuli.apparatus import Apparatus
 from haptix.stimuli.rendering import Rendering
 from haptix.stimuli.signal import Array, Constant, Product, Signal, signal_from
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
 from haptix.surface import Column
 
-_METHODS: dict[str, Callable[..., Method]] = {
-    "up-down": UpDown,
-    "quest+": Quest,
-    "constant-stimuli": ConstantStimuli,
-}
-
 
 class ExperimentRecipe(Document):
-    """An experiment as a file says it.
+    """An experiment, read from a file.
 
     Parameters
     ----------
@@ -40,12 +33,12 @@ class ExperimentRecipe(Document):
     stimulus : table
         A stimulus; the level multiplies its signal by ``10^(level / 20)``.
     pedestal : table, optional
-        A signal in the same quantity that target and reference both have, for difference
-        thresholds; without it the reference is 0 V.
+        A signal in the same quantity, in both target and reference, for difference thresholds.
+        Without it the reference is 0 V.
     method : table
         ``kind`` is "up-down", "quest+" or "constant-stimuli"; the rest are its parameters.
     task : {"2ifc", "2afc"}
-        How the alternatives are presented.
+        In two intervals, or on the two sides of one stroke.
     finger, screen : str
         Presets or TOML files.
     """
@@ -70,21 +63,21 @@ class ExperimentRecipe(Document):
         """Make the method."""
         given = dict(self.method)
         kind = given.pop("kind", None)
-        if kind not in _METHODS:
-            raise InputError(f"method.kind: expected one of {', '.join(_METHODS)}, got {kind!r}")
+        if kind not in METHODS:
+            raise InputError(f"method.kind: expected one of {', '.join(METHODS)}, got {kind!r}")
         values = {
             name: tuple(value) if isinstance(value, list) else value
             for name, value in given.items()
         }
         try:
-            return _METHODS[kind](**values)
+            return METHODS[kind](**values)
         except TypeError as error:
             raise InputError(f"method: {str(error).split('__init__() ')[-1]}") from None
         except InputError as error:
             raise InputError(f"method: {error}") from None
 
     def presentation(self, sample_rate_hz: float) -> Presentation:
-        """Build the surface, and make what turns a level into volts."""
+        """Build the surface, and return the presentation that turns a level into volts."""
         stimulus = stimulus_from("target", self.stimulus)
         finger = Finger.named(self.finger, self.folder)
         screen = Screen.named(self.screen, self.folder)
@@ -105,18 +98,18 @@ def presentation_of(
     Parameters
     ----------
     stimulus : Stimulus
-        In contrast or volts: a level multiplies what has a zero.
+        In contrast or volts, which have a zero that a level can multiply from.
     response : Column
-        What voltage does.
+        Friction against voltage.
     sample_rate_hz : float
         Of the device.
     pedestal : Signal, optional
-        What is added, and alone is the reference; 0 without.
+        Signal that is added to the target; alone it is the reference. 0 by default.
 
     Returns
     -------
     Presentation
-        A level whose friction there is not counts as above every ceiling.
+        A level that asks for more friction than is reachable counts as above every ceiling.
     """
     if stimulus.quantity == "mu":
         raise InputError(

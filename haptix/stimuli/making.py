@@ -31,7 +31,7 @@ _DRAFTS = ".drafts"
 
 @dataclass(frozen=True)
 class SetResult:
-    """What was made."""
+    """A finished set."""
 
     folder: Path
     sidecars: tuple[dict[str, Any], ...]
@@ -137,7 +137,7 @@ class Job:
         return table
 
     def _recipe(self, apparatus: Apparatus, stimulus: Stimulus, index: int) -> str:
-        """Hash of everything that decides a file and its sidecar."""
+        """Hash of everything that determines a file and its sidecar."""
         parts = self.parts
         text = json.dumps(
             [
@@ -161,9 +161,9 @@ class Job:
                 continue
             made = table.get("recipe_sha256") == recipe
             if made and table.get("sha256") == file_hash(place / name):
-                wanted = table.get("wanted") or {}
-                if wanted.get("share_below_reach") or wanted.get("share_above_reach"):
-                    continue  # to be reported again
+                target = table.get("wanted") or {}
+                if target.get("share_below_reach") or target.get("share_above_reach"):
+                    continue  # rendered again, so that it is reported again
                 return table
         return None
 
@@ -217,7 +217,7 @@ class Job:
 
 
 def check_manifest(folder: str | Path) -> list[str]:
-    """Names of files in a made folder that are missing or are not what its manifest says.
+    """Names of files in a finished folder that are missing or differ from its manifest.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""One stimulus into one file: rendered, checked sample by sample, and summed up."""
+"""Render one stimulus into one file, and check and count its samples."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ Progress = Callable[[float], None]
 
 @dataclass
 class Tally:
-    """What a stimulus came to, gathered block by block."""
+    """Extremes and counts of a rendered stimulus, gathered block by block."""
 
     samples: int = 0
     peak_v: float = 0.0
     square_sum: float = 0.0
     lowest_amplitude_v: float = inf
     highest_amplitude_v: float = 0.0
-    wanted_low: float = inf
-    wanted_high: float = -inf
+    target_low: float = inf
+    target_high: float = -inf
     below: int = 0
     above: int = 0
     past_the_surface: int = 0
-    """Samples of a drive in volts whose friction the surface does not hold."""
+    """Samples of a drive in volts beyond the end of the surface."""
     limits: list[str] = field(default_factory=list)
 
     def take(self, block: Block, response: Column) -> None:
@@ -46,9 +46,9 @@ class Tally:
         low, high = float(amplitude.min()), float(amplitude.max())
         self.lowest_amplitude_v = min(self.lowest_amplitude_v, low)
         self.highest_amplitude_v = max(self.highest_amplitude_v, high)
-        if block.wanted_low == block.wanted_low:  # not NaN
-            self.wanted_low = min(self.wanted_low, block.wanted_low)
-            self.wanted_high = max(self.wanted_high, block.wanted_high)
+        if block.target_low == block.target_low:  # not NaN
+            self.target_low = min(self.target_low, block.target_low)
+            self.target_high = max(self.target_high, block.target_high)
         elif high > response.end_v:
             self.past_the_surface += int(np.count_nonzero(amplitude > response.end_v))
         self.below += block.below
@@ -61,7 +61,7 @@ class Tally:
 
     @property
     def is_reached(self) -> bool:
-        """Whether every friction asked for can be given."""
+        """Whether all friction asked for is reachable."""
         return self.below == 0 and self.above == 0
 
 
@@ -76,7 +76,7 @@ def write_drive(
     threads: int,
     on_progress: Progress = lambda share: None,
 ) -> Tally:
-    """Render into a file, and hold every sample against the limits.
+    """Render into a file, and check every sample against the limits.
 
     Returns
     -------

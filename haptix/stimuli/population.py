@@ -1,4 +1,4 @@
-"""Fingers that differ: drawn around one, or listed."""
+"""Populations of fingers: drawn around one, or listed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Population:
     fingers : tuple of Finger
         All of them.
     statement : str
-        What the spread is and where it comes from, for sidecars.
+        The spread and its origin, for sidecars.
     """
 
     fingers: tuple[Finger, ...]
@@ -46,7 +46,7 @@ class Population:
             How many, 2 or more.
         spread : mapping
             Standard deviation of the logarithm, by field: ``{"youngs_modulus_pa": 0.3,
-            "roughness.h_rms_m": 0.1}``. There is no default: it is yours to know.
+            "roughness.h_rms_m": 0.1}``. There is no default.
         seed : int
             Decides the draw.
         """

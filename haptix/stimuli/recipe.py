@@ -43,7 +43,7 @@ class FactorialDesign(Part):
 
 
 class ConstantStimuliDesign(Part):
-    """Levels in dB about a threshold, put at one dotted place."""
+    """Levels in dB relative to a threshold, put at one dotted place."""
 
     kind: Literal["constant-stimuli"]
     name: str
@@ -119,12 +119,12 @@ class TrialsTable(Part):
 
 
 class Recipe(Document):
-    """A set of stimuli as a file says it.
+    """A set of stimuli, read from a file.
 
     Parameters
     ----------
     name : str
-        What to call the set.
+        Name of the set.
     finger : str
         Preset, or TOML file relative to the recipe's folder.
     population : PopulationTable, optional
@@ -134,7 +134,7 @@ class Recipe(Document):
     stimuli : mapping of name to table
         Single stimuli, see `haptix.stimuli.stimulus.stimulus_from`.
     designs : list of tables
-        Designs; `kind` says which.
+        Designs, each with its `kind`.
     format, encoding, sample_rate_hz, full_scale_v, ceiling_v, trigger, unreachable, trials
         As of `StimulusSet`.
     perception : str, optional
@@ -171,7 +171,7 @@ class Recipe(Document):
         return cls(**fields, folder=folder)
 
     def stimulus_set(self) -> StimulusSet:
-        """Make the set that the recipe says.
+        """Make the set.
 
         Raises
         ------

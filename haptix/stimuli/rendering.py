@@ -19,25 +19,26 @@ from haptix.waves import sine
 Array = npt.NDArray[np.float64]
 
 BLOCK = 1 << 16
-"""Samples of a block. It is part of what the numbers are: sums run block by block."""
+"""Samples of a block. Sums run block by block, so the last bits depend on it."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """Consecutive samples, and what became of them."""
+    """Consecutive samples of a drive, and how well they give the friction asked for."""
 
     first: int
     drive_v: Array
     """Voltage, shape (samples,)."""
     amplitude_v: Array
-    """Amplitude that sets the friction: the carrier's, or of a sine of the same pull."""
-    wanted_low: float
-    """Lowest value asked for, as friction; NaN for volts."""
-    wanted_high: float
+    """Amplitude of the carrier, or of the sine with the same attraction, shape (samples,)."""
+    target_low: float
+    """Lowest friction asked for; NaN for volts."""
+    target_high: float
+    """Highest friction asked for; NaN for volts."""
     below: int
-    """Samples whose friction is below what there is without voltage."""
+    """Samples whose friction is below that without voltage."""
     above: int
-    """Samples above what the highest voltage gives."""
+    """Samples whose friction is above that of the highest voltage."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Rendering:
     Parameters
     ----------
     stimulus : Stimulus
-        What is to be felt.
+        The signal, with its force and carrier.
     response : Column
         What voltage does; decides the volts for friction, and the friction for volts.
     sample_rate_hz : float
@@ -79,7 +80,7 @@ class Rendering:
         values = stimulus.signal.values(first, count, self.sample_rate_hz)
         if stimulus.quantity == "volts":
             if stimulus.carrier_hz is None:
-                # A sine pulls like its mean square: at every instant, that of sqrt(2) |v|.
+                # The attraction of a sine is that of its mean square: here of the sine sqrt(2) |v|.
                 return Block(first, values, np.abs(values) * np.sqrt(2), np.nan, np.nan, 0, 0)
             drive = values * self._carrier(first, count)
             return Block(first, drive, np.abs(values), np.nan, np.nan, 0, 0)

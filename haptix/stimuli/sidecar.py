@@ -1,4 +1,4 @@
-"""What stands beside a drive file: everything needed to play it, and to know what it should do."""
+"""The JSON beside a drive file: how to play it, and what friction it is predicted to give."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from haptix.surface import Column
 
 Array = npt.NDArray[np.float64]
 
-_LOOK_S = 2.0  # seconds of a stimulus, from its middle, that spectra look at
+_LOOK_S = 2.0  # length of the middle of a stimulus whose spectra are taken
 _BAND = (5.0, 50.0, 95.0)
 _NODES = 65  # of the table that pictures are drawn from
 
@@ -32,7 +32,7 @@ def excerpt(rendering: Rendering, length_s: float = _LOOK_S) -> tuple[int, Array
 
 
 def predicted(tally: Tally, response: Column, each: Sequence[Column]) -> dict[str, Any]:
-    """Friction at the lowest and highest amplitude, of the median finger and of all."""
+    """Predicted friction at the lowest and highest amplitude, of the median finger and of all."""
     ends = np.array([tally.lowest_amplitude_v, tally.highest_amplitude_v])
     low, high = response.mu(ends)
     amplitude = response.end_v * np.linspace(0, 1, _NODES)
@@ -64,7 +64,7 @@ def predicted(tally: Tally, response: Column, each: Sequence[Column]) -> dict[st
 def felt(rendering: Rendering, known: Perception) -> dict[str, Any] | None:
     """Sensation level of the middle of a stimulus; None where no threshold is known."""
     _, _, amplitude = excerpt(rendering)
-    # A carrier of amplitude a pulls with a^2 / 4, a voltage v with v^2 / 2.
+    # The attraction of a carrier of amplitude a goes with a^2 / 4, of a voltage v with v^2 / 2.
     try:
         components = components_of_pull(amplitude / np.sqrt(2), rendering.sample_rate_hz)
         found = detection(components, known)
@@ -80,9 +80,9 @@ def felt(rendering: Rendering, known: Perception) -> dict[str, Any] | None:
 def heard(rendering: Rendering, capacitance_f: float, known: Perception) -> dict[str, Any]:
     """Flag a carrier or an envelope in the audible range, at the current that the finger draws.
 
-    The strongest component of the drive and the strongest of its envelope are looked at. The
-    current of a component of amplitude V at f is ``2 pi f C V / sqrt(2)``; an envelope goes with
-    the current of the whole drive that carries it.
+    The strongest component of the drive and that of its envelope are checked. The current of a
+    component of amplitude V at f is ``2 pi f C V / sqrt(2)``. An envelope is checked at the current
+    of the whole drive.
     """
     _, drive, amplitude = excerpt(rendering)
     rate = rendering.sample_rate_hz
@@ -94,10 +94,12 @@ def heard(rendering: Rendering, capacitance_f: float, known: Perception) -> dict
     strongest = int(np.argmax(np.where(in_range, current, 0.0)))
     slope = np.gradient(drive) * rate if len(drive) > 1 else np.zeros(1)
     total = float(capacitance_f * np.sqrt(np.mean(slope**2)))
-    pull = np.abs(np.fft.rfft((amplitude**2 - np.mean(amplitude**2)) * taper)) * 2 / taper.sum()
-    # An envelope that moves the pull by less than 1 % of its mean is none.
-    moving = in_range & (pull > 0.01 * np.mean(amplitude**2))
-    envelope = int(np.argmax(np.where(moving, pull, 0.0))) if moving.any() else None
+    attraction = (
+        np.abs(np.fft.rfft((amplitude**2 - np.mean(amplitude**2)) * taper)) * 2 / taper.sum()
+    )
+    # A ripple of the attraction below 1 % of its mean is not counted as an envelope.
+    moving = in_range & (attraction > 0.01 * np.mean(amplitude**2))
+    envelope = int(np.argmax(np.where(moving, attraction, 0.0))) if moving.any() else None
     carrier_hz = float(frequency[strongest])
     envelope_hz = None if envelope is None else float(frequency[envelope])
     drive_flag = bool(known.audibility(carrier_hz, float(current[strongest])))
@@ -120,7 +122,7 @@ def heard(rendering: Rendering, capacitance_f: float, known: Perception) -> dict
 
 
 def reach(name: str, tally: Tally, response: Column) -> str:
-    """Say what a stimulus asked for that there is not, and the nearest there is."""
+    """Say which friction a stimulus asks for that is not reachable, and the nearest that is."""
     why = {
         Status.ABOVE: "the voltage limit",
         Status.PULL_IN: "pull-in",
@@ -129,12 +131,12 @@ def reach(name: str, tally: Tally, response: Column) -> str:
     parts = []
     if tally.below:
         parts.append(
-            f"friction down to {tally.wanted_low:.4f} in {tally.below / tally.samples:.1%} of its "
+            f"friction down to {tally.target_low:.4f} in {tally.below / tally.samples:.1%} of its "
             f"samples, the lowest is {response.lowest_mu:.4f} (no voltage)"
         )
     if tally.above:
         parts.append(
-            f"friction up to {tally.wanted_high:.4f} in {tally.above / tally.samples:.1%} of its "
+            f"friction up to {tally.target_high:.4f} in {tally.above / tally.samples:.1%} of its "
             f"samples, the highest is {response.highest_mu:.4f} ({why}, {response.end_v:.0f} V)"
         )
     return f"{name}: asks for {'; and for '.join(parts)}"
@@ -147,23 +149,23 @@ def sidecar(
     tally: Tally,
     known: Perception,
 ) -> dict[str, Any]:
-    """Everything but what the file itself decides (format, trigger, hash)."""
+    """Return the table, without the file's own format, trigger and hash."""
     stimulus, response = rendering.stimulus, rendering.response
     error = apparatus.error_mu()
     prediction = predicted(tally, response, each)
     prediction["error_mu_at_most"] = error
     prediction["error_thresholds_at_most"] = error / known.difference_mu(response.lowest_mu)
     prediction["error_is"] = (
-        "of the surface against its contact model; the model's own error, and that of stand-ins, "
-        "is not in it"
+        "of the surface against its contact model; without the errors of the model and of its "
+        "placeholders"
     )
     if stimulus.quantity == "volts" and tally.past_the_surface:
         prediction["share_past_the_surface"] = tally.past_the_surface / tally.samples
-    wanted = None
+    target = None
     if stimulus.quantity != "volts":
-        wanted = {
-            "mu_low": tally.wanted_low,
-            "mu_high": tally.wanted_high,
+        target = {
+            "mu_low": tally.target_low,
+            "mu_high": tally.target_high,
             "share_below_reach": tally.below / tally.samples,
             "share_above_reach": tally.above / tally.samples,
         }
@@ -194,7 +196,7 @@ def sidecar(
         "fingers": apparatus.fingers,
         "screen": apparatus.screen.name,
         "h0_m": apparatus.screen.h0_m if stimulus.h0_m is None else stimulus.h0_m,
-        "wanted": wanted,
+        "wanted": target,
         "predicted": prediction,
         "felt": felt(rendering, known),
         "audibility": heard(rendering, capacitance, known),

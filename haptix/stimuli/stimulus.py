@@ -15,12 +15,12 @@ from haptix.stimuli.speed import SpeedProfile, speed_from
 Quantity = Literal["mu", "contrast", "volts"]
 
 DEFAULT_CARRIER_HZ = 4000.0
-"""Above what skin feels, and a whole twelfth of 48 kHz."""
+"""Too fast to be felt, and exactly a twelfth of 48 kHz."""
 
 
 @dataclass(frozen=True)
 class Stimulus:
-    """What is to be felt.
+    """A signal and the touch that it is made for.
 
     Parameters
     ----------
@@ -29,20 +29,21 @@ class Stimulus:
     signal : Signal
         Values against time.
     quantity : {"mu", "contrast", "volts"}
-        What the values are: friction coefficients; friction over that without voltage, less 1; or
-        volts.
+        What the values are: friction coefficients; the relative change from the friction without
+        voltage; or volts.
     normal_force_n : float
-        Force of the touch [N].
+        Normal force of the touch [N].
     carrier_hz : float or None
-        Frequency of the carrier, whose amplitude follows; without one volts are played as they are.
+        Frequency of the carrier, whose amplitude follows the signal. With None, volts are played as
+        they are.
     drive_hz : float, optional
-        Without a carrier: the frequency of the drive, at which skin and insulator are to be taken.
+        Without a carrier: the frequency at which skin and insulator are evaluated.
     speed : SpeedProfile, optional
-        How the finger is to move; without it that of the signals in space within, if they agree.
+        How the finger moves; by default the speed of the signals in space within.
     h0_m : float, optional
-        Thickness, where the surface spans several.
+        Effective thickness, where the surface spans several.
     conditions : mapping
-        What the trial table says of it.
+        Columns of the trial table.
     """
 
     name: str
@@ -70,14 +71,14 @@ class Stimulus:
                 'make the stimulus in volts (quantity = "volts")'
             )
         if self.carrier_hz is not None and self.drive_hz is not None:
-            raise InputError("drive_hz: with a carrier that is the carrier's; leave it out")
+            raise InputError("drive_hz: a carrier has its own frequency; leave it out")
         found = {part for part in self.signal.walk() if isinstance(part, SpeedProfile)}
         if self.speed is None and len(found) == 1:
             object.__setattr__(self, "speed", found.pop())
         elif found - {self.speed}:
             raise InputError(
-                f"{self.name}: speed: the signal is made for a finger that moves otherwise; "
-                "give one speed to all of its parts"
+                f"{self.name}: speed: its parts are made for different speeds; give "
+                "one speed to all of them"
             )
         if self.signal.length == inf:
             raise InputError(
@@ -91,7 +92,7 @@ class Stimulus:
 
     @property
     def frequency_hz(self) -> float | None:
-        """Frequency at which skin and insulator are driven."""
+        """Frequency at which skin and insulator are evaluated."""
         return self.drive_hz if self.carrier_hz is None else self.carrier_hz
 
     def describe(self) -> dict[str, Any]:
@@ -146,7 +147,7 @@ def stimulus_from(name: str, table: Mapping[str, Any]) -> Stimulus:
 
 
 def _with_speed(table: Any, speed: SpeedProfile | None) -> Any:
-    """Hand the finger's speed down to signals in space that say none."""
+    """Give the finger's speed to signals in space that have none."""
     if isinstance(table, list | tuple):
         return [_with_speed(item, speed) for item in table]
     if not isinstance(table, Mapping):

@@ -19,11 +19,11 @@ class TrialPlan:
     Parameters
     ----------
     repeats : int
-        How often each comes; every repetition has all of them once, in an order of its own.
+        How often each stimulus comes. Each repetition has all of them once, in its own order.
     gap_s : float
-        Pause between two.
+        Pause between two trials.
     seed : int or None
-        Of the orders; None leaves them as they are listed.
+        Of the orders; with None they stay as listed.
     """
 
     repeats: int = 1
@@ -72,7 +72,7 @@ def events(
         "onset": {"Description": "Planned start of the stimulus", "Units": "s"},
         "duration": {"Description": "Length of the stimulus", "Units": "s"},
         "trial_type": {"Description": "Name of the stimulus"},
-        "stim_file": {"Description": "Drive file; its sidecar of the same name says all of it"},
+        "stim_file": {"Description": "Drive file; its sidecar has the same name"},
         "trigger": {"Description": "Code of the onset's pulse on the file's second channel"},
     }
     for name in names:
@@ -86,6 +86,6 @@ def trigger_code(index: int) -> int:
 
 
 def _cell(value: Any) -> str:
-    """A value in a table whose empty cells are ``n/a``."""
+    """Text of a cell; empty ones are ``n/a``."""
     text = "n/a" if value is None or value == "" else str(value)
     return " ".join(text.split())

@@ -1,4 +1,4 @@
-"""The trigger channel: coded pulses at onset and end, for whatever records beside."""
+"""The trigger channel: coded pulses at onset and end, for other recorders."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ LEVELS = 256
 
 @dataclass(frozen=True)
 class Trigger:
-    """A pulse of `PULSE_S` whose level, ``code / 256`` of full scale, says what happens.
+    """A pulse of `PULSE_S` whose level, ``code / 256`` of full scale, marks an event.
 
-    The channel is for a recorder's input, at line level; it must never reach the amplifier that
+    The channel has line level, for a recorder's input. It must never reach the amplifier that
     drives the screen.
 
     Parameters
@@ -52,7 +52,7 @@ class Trigger:
         return level
 
     def describe(self) -> dict[str, object]:
-        """What a sidecar says of it."""
+        """Description for the sidecar."""
         return {
             "channel": 2,
             "level": "code / 256 of full scale",

@@ -32,21 +32,21 @@ class Sprite:
     Parameters
     ----------
     field : FrictionField
-        What is felt; its origin lies at the sprite's corner.
+        The texture; its origin lies at the sprite's corner.
     x_mm, y_mm : float
         Corner on the screen, upper left.
     width_mm, height_mm : float, optional
         Size; a texture has its own.
     z : float
-        Order: what is higher lies on top; of two at one height, the later one.
+        Order: a higher sprite lies on top; of two at one height, the later one.
     blend : {"over", "add", "multiply", "max", "min"}
-        What the sprite makes of the friction below it. A sprite that multiplies is a share.
+        How the sprite changes the friction below it. One that multiplies must be a share.
     opacity : float
-        0 to 1: how much of that is felt.
+        Opacity, 0 to 1.
     shape : {"rectangle", "ellipse"}
         Its outline, the ellipse within the rectangle.
     mask : FrictionField, optional
-        A share at every place of the sprite, by which it is more or less opaque.
+        Opacity at every place of the sprite, as a share.
 
     Raises
     ------
@@ -98,9 +98,9 @@ class Sprite:
     def cover(
         self, x_mm: Array, y_mm: Array, box: _Box, footprint_mm: float | Array
     ) -> float | Array:
-        """How opaque the sprite is at places on the screen, shape (places,), within a box: 0 to 1.
+        """Opacity of the sprite at places on the screen within a box, shape (places,): 0 to 1.
 
-        One number where it is the same at all of them.
+        One number if it is the same at all places.
         """
         width, height = self.width_mm or 0.0, self.height_mm or 0.0  # never None: set above
         left, right = box.left - self.x_mm, box.right - self.x_mm
@@ -129,7 +129,7 @@ class Sprite:
 
 @dataclass(frozen=True)
 class _Box:
-    """The rectangle that holds some places, and their widest footprint [mm]."""
+    """The bounding box of some places, and their widest footprint [mm]."""
 
     left: float
     right: float
@@ -152,18 +152,18 @@ class _Box:
 class Composition(FrictionField):
     """Sprites on a background.
 
-    Edges of sprites are ramps of four footprints, at a point they are steps. A product holds sums
-    of its factors' wavenumbers: with a sprite that multiplies, every layer is asked for twice the
-    footprint. "max" and "min" leave kinks where their fields cross, which are band-limited no more.
+    Edges of sprites are ramps of four footprints; at a point they are steps. A product has the sums
+    of its factors' wavenumbers, so with a sprite that multiplies every layer is evaluated at twice
+    the footprint. "max" and "min" leave kinks where their fields cross; these are not band-limited.
 
     Parameters
     ----------
     sprites : sequence of Sprite
         In any order of their z.
     background : float or FrictionField
-        What lies below them all.
+        Friction below all sprites.
     target : {"mu", "contrast", "share"}, optional
-        What the values are; the background's without. Every sprite must have the same, but for
+        What the values are; by default as in the background. All sprites must have the same, except
         those that multiply.
 
     Raises
@@ -257,12 +257,12 @@ def _blended(blend: Blend, below: float | Array, felt: Array) -> Array:
 
 
 def _step(depth_mm: Array, ramp_mm: Array) -> Array:
-    """From 0 to 1 within a ramp around 0, where it is a half."""
+    """From 0 to 1 over a ramp around 0."""
     return np.asarray(np.clip(0.5 + depth_mm / ramp_mm, 0.0, 1.0))
 
 
 def _held(field: FrictionField) -> FrictionField:
-    """The same without an end: within a sprite, its outline decides where it ends."""
+    """The field held beyond its edges: a sprite ends at its outline."""
     if isinstance(field, Texture | RecordedProfile) and field.beyond == "outside":
         return replace(field, beyond="hold")
     return field

@@ -1,4 +1,4 @@
-"""What every texture is to the renderer: a field of wanted friction over the screen."""
+"""The base of all textures: a field of target friction over the screen."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ def as_mu(target: TargetKind, value: Floats, lowest_mu: Floats, highest_mu: Floa
     Parameters
     ----------
     target : {"mu", "contrast", "share"}
-        The field's own: values are friction coefficients; or changes from `lowest_mu` as a part of
-        it, ``mu = lowest_mu (1 + value)``; or shares of the reachable range, 0 for `lowest_mu`, 1
+        The field's own. Values are friction coefficients; relative changes from `lowest_mu`,
+        ``mu = lowest_mu (1 + value)``; or shares of the reachable range, 0 for `lowest_mu` and 1
         for `highest_mu`.
     value
         What `FrictionField.friction` returned.
     lowest_mu, highest_mu
-        Friction without voltage and at the highest, at the finger's force:
+        Friction without voltage and at the highest voltage, at the finger's force, see
         `FrictionSurface.reachable`.
     """
     if target == "plain":
@@ -71,21 +71,21 @@ def as_mu(target: TargetKind, value: Floats, lowest_mu: Floats, highest_mu: Floa
 
 
 class FrictionField(ABC):
-    """Wanted friction at every place of the screen, band-limited to what the drive can follow.
+    """Target friction at every place of the screen, band-limited to what the drive can follow.
 
-    x points right and y down, in millimetres from the screen's corner. A field has no state: any
-    thread may ask it.
+    x points right and y down, in millimetres from the screen's corner. A field has no state, so any
+    thread may use it.
     """
 
     @property
     @abstractmethod
     def target(self) -> TargetKind:
-        """How the numbers are to be understood, see `as_mu`."""
+        """What the numbers are, see `as_mu`."""
 
     @property
     @abstractmethod
     def outside(self) -> float:
-        """Value where there is no texture, and where the place is not a number."""
+        """Value outside the texture, and where a place is not a finite number."""
 
     @abstractmethod
     def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
@@ -94,22 +94,22 @@ class FrictionField(ABC):
     def friction(
         self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, footprint_mm: npt.ArrayLike = 0.0
     ) -> Array:
-        """Wanted friction at places and footprints that broadcast together.
+        """Target friction at places and footprints that broadcast together.
 
         Parameters
         ----------
         x_mm, y_mm : array_like
             Places. NaN, infinite and absurdly far ones have the value `outside`.
         footprint_mm : array_like
-            Way of the finger during one sample of the drive's envelope. Waves along the path that
-            are shorter than two footprints would be felt as other, longer waves, and are left out.
-            0, and anything below it or NaN, is the point value with all detail. One number for a
-            whole block is the fast way.
+            Distance slid during one sample of the drive's envelope. Waves along the path that are
+            shorter than two footprints would be felt as other, longer waves, and are left out. At
+            0, below 0 or NaN the value is that of the point, with all detail. One number for a
+            whole block is fastest.
 
         Returns
         -------
         ndarray
-            Numbers that `target` explains, of the common shape.
+            Numbers of the kind `target`, of the common shape.
 
         Raises
         ------
@@ -163,7 +163,7 @@ def far_places(x_mm: Array, y_mm: Array) -> npt.NDArray[np.bool_]:
 def without_far_places(
     field: FrictionField, x_mm: Array, y_mm: Array, footprint_mm: float | Array
 ) -> Array:
-    """Values of a field that cannot be asked at places that are not near; there, its outside."""
+    """Values of a field, and its `outside` at places that are not near."""
     far = far_places(x_mm, y_mm)
     x_mm, y_mm = np.where(far, 0.0, x_mm), np.where(far, 0.0, y_mm)
     return np.where(far, field.outside, field._sample(x_mm, y_mm, footprint_mm))

@@ -1,4 +1,4 @@
-"""Height maps as levels of friction, by a rule with a name."""
+"""Height maps as levels of friction, by a named rule."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def levels_by_rule(
     Raises
     ------
     InputError
-        If the rule is unknown, or there is nothing to feel by it.
+        If the rule is unknown, or the map is flat by it.
     """
     if rule not in get_args(HeightRule):
         raise InputError(f"rule: expected one of {', '.join(get_args(HeightRule))}, got {rule!r}")

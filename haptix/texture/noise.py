@@ -1,4 +1,4 @@
-"""Noise of a given spectrum: random friction that is the same every time."""
+"""Noise of a given spectrum: random friction, the same for the same seed."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from haptix.texture.field import (
 from haptix.texture.pyramid import Pyramid
 
 Spectrum = Callable[[Array], Array]
-"""Power density against wavenumber [1/mm], 0 or more; its scale does not matter."""
+"""Power density against wavenumber [1/mm], 0 or more, on any scale."""
 
 _MOST_PIXELS = 4096**2
 
 
 def power_law(exponent: float, shortest_mm: float, longest_mm: float) -> Spectrum:
-    """Spectrum ``k^-exponent`` between two wavelengths, and nothing beside.
+    """Spectrum ``k^-exponent`` between two wavelengths, and 0 elsewhere.
 
     An exponent of 0 is white; 2 (1 + H) is that of a self-affine surface of Hurst exponent H in two
     dimensions, 1 + 2 H in one.
@@ -54,18 +54,18 @@ def power_law(exponent: float, shortest_mm: float, longest_mm: float) -> Spectru
 
 @dataclass(frozen=True)
 class Noise(FrictionField):
-    """Gaussian noise, made on a tile that repeats without a seam.
+    """Gaussian noise on a tile that repeats without a seam.
 
-    Its tails are not cut off: 5 % of all places are beyond two deviations from the mean, and those
-    that are out of reach are the renderer's to treat.
+    Its tails are not cut off: 5 % of all places are more than two deviations from the mean. The
+    renderer treats those outside the reachable range.
 
     Parameters
     ----------
     spectrum : callable
-        Power density against wavenumber [1/mm], such as `power_law`: over the plane, of the radial
-        wavenumber, or with ``grain="ribbed"`` along the one direction.
+        Power density against wavenumber [1/mm], such as `power_law`. The wavenumber is the radial
+        one of the plane, or with ``grain="ribbed"`` that along the direction.
     mean, deviation : float
-        Of the values; the deviation is that of the tile itself.
+        Mean of the values, and their standard deviation over the tile.
     target : {"mu", "contrast", "share"}
         What the values are, see `haptix.texture.as_mu`.
     seed : int

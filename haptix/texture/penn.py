@@ -6,14 +6,15 @@ speeds and normal forces, a Delaunay triangulation over these, and one friction 
 `haptix.texture.penn_file` has the format. Between the vertices of a triangle the line spectral
 frequencies, the variance and the gain are linear, which keeps the interpolated process stable.
 
-What becomes of it here, and what is lost: at one speed v and force F the process has a spectrum
-over frequency f; a pattern under a finger of that speed has the same over wavenumber ``k = f / v``.
-Accelerations are turned into friction by a mass m: ``mu(x) = mu + m a(x) / F``. So the pattern is
-right at its one speed and force. At other speeds its frequencies shift as those of a fixed pattern
-do, and its depth stays, while the toolkit's change by the triangulation. The tool's own resonances
-are part of the pattern, and the direction of the acceleration, which the toolkit had already folded
-into one, is taken to be the finger's. A tool is not a finger: this transfers a spectrum, not a
-feeling.
+At one speed v and force F the process has a spectrum over frequency f. A pattern under a finger of
+that speed has the same spectrum over wavenumber ``k = f / v``. A mass m turns accelerations into
+friction: ``mu(x) = mu + m a(x) / F``.
+
+This has limits. The pattern is right at its one speed and force. At other speeds its frequencies
+shift with the speed and its depth stays, while the toolkit's change by the triangulation. The
+tool's resonances are part of the pattern. The toolkit folds the acceleration into one direction,
+which is here taken as the finger's. A tool is not a finger: this transfers a spectrum, not a
+sensation.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ class PennModel:
     Parameters
     ----------
     contents : Contents
-        What its file says.
+        Contents of its file.
     """
 
     contents: Contents
@@ -123,7 +124,7 @@ class PennModel:
         )
 
     def _nearest(self, place: Array) -> tuple[npt.NDArray[np.intp], Array]:
-        """Three models and their weights at a place, or at the place nearest to it within any."""
+        """Three models and their weights at the place, or at the nearest place in a triangle."""
         points = np.column_stack([self.contents.speed_mm_per_s, self.contents.normal_force_n])
         scale = np.ptp(points, axis=0)  # nearness must not depend on the units
         points, place = points / scale, place / scale
@@ -143,15 +144,15 @@ class PennModel:
         seed: int = 0,
         orientation_deg: float = 0.0,
     ) -> Noise:
-        """Friction of which a finger at this speed and force feels the model's spectrum.
+        """Friction that gives the model's spectrum to a finger of this speed and force.
 
-        Noise with ridges across `orientation_deg`: a stroke along it feels the spectrum, a slanted
-        one the same stretched, and one across nothing. The module says what else is lost.
+        Noise with ridges across `orientation_deg`. A stroke along it has the spectrum, a slanted
+        one the stretched spectrum, and one across it none. The module lists further limits.
 
         Parameters
         ----------
         speed_mm_per_s, normal_force_n : float
-            Where in the triangulation, and the speed that turns frequencies into wavenumbers.
+            Place in the triangulation; the speed turns frequencies into wavenumbers.
         mass_kg : float
             Turns accelerations into forces.
         seed : int

@@ -30,7 +30,7 @@ _UNITS = {"AccelUnits": "m/s", "SpeedUnits": "mm/s", "ForceUnits": "N"}
 
 @dataclass(frozen=True)
 class Contents:
-    """What a file says; arrays have a row or number for each of the models."""
+    """Contents of a file; arrays have a row or number per model."""
 
     material: str
     sample_rate_hz: float
@@ -87,7 +87,7 @@ def contents_of(root: ET.Element) -> Contents:
             raise ValueError(f"{name}: expected {start}, got {unit!r}")
     models = root.findall("model")
     if len(models) < 3 or len(models) != int(_number(root, "numMod")):
-        raise ValueError(f"expected as many models as numMod says and 3 or more, got {len(models)}")
+        raise ValueError(f"expected numMod models, 3 or more, got {len(models)}")
     order, ma_order = int(_number(root, "numARCoeff")), int(_number(root, "numMACoeff", 0))
     speed = np.array([_number(model, "speedMod") for model in models])
     force = np.array([_number(model, "forceMod") for model in models])
@@ -143,7 +143,7 @@ def _triangles(root: ET.Element, speed: Array, force: Array) -> npt.NDArray[np.i
         except Exception:  # qhull has errors of its own
             raise ValueError("expected models that are not all in one line") from None
     if int(_number(root, "numTri", len(listed))) != len(listed):
-        raise ValueError(f"tri: expected as many as numTri says, got {len(listed)}")
+        raise ValueError(f"tri: expected numTri of them, got {len(listed)}")
     if any(len(one) != 3 for one in listed):
         raise ValueError("tri: expected 3 vertices each")
     corners = np.array(listed)

@@ -18,7 +18,7 @@ from haptix.checks import positive
 from haptix.errors import InputError
 
 LARGEST_BYTES = 1_500_000_000
-"""Memory that a texture may take while it is made, unless told otherwise: some 24 megapixels."""
+"""Default limit of the memory that making a texture takes: some 24 megapixels."""
 
 # For each pixel: grey and level, the levels of the pyramid (7/3) and one more that is being made,
 # each as a float64.
@@ -33,9 +33,9 @@ def read_grey(
     Parameters
     ----------
     image : path or array_like
-        A file, or pixels. Of a file the header is read first.
+        A file, or pixels. The header of a file is read first.
     largest_bytes : int
-        Memory that reading and everything made of it may take.
+        Limit of the memory for reading it and making a texture of it.
 
     Raises
     ------

@@ -1,10 +1,10 @@
-"""A sampled map at falling resolutions, read where and as coarsely as the finger moves.
+"""A sampled map at falling resolutions, read at the resolution of the finger's footprint.
 
 Level 0 is the map itself, bilinear between its pixels. Level 1 is the map smoothed by the binomial
 kernel of 9 taps, whose response ``cos^8(pi k p)`` at wavenumber k leaves 6 % at a quarter of the
 pixels' rate 1/p and nothing at half of it. Each further level takes every second pixel of the one
-before and smooths again. A level so holds waves down to 4 of its pixels only, twice as long as it
-could: bilinear interpolation then makes little of waves that are not there.
+before and smooths again. So a level holds only waves of 4 of its pixels or longer, twice as long as
+it could hold. Bilinear interpolation then adds little of waves that the map does not have.
 
 A footprint f carries waves longer than 2 f. Level 0 serves footprints up to p/2, level 1 those from
 p to 2 p, and each further level twice the footprint of the one before. In between, two levels are
@@ -25,20 +25,20 @@ from scipy.ndimage import correlate1d
 from haptix.texture.field import Array, are_near, far_places
 
 Beyond = Literal["outside", "hold", "repeat"]
-"""What follows beyond the edges of a map: nothing, the edge's own level, the map again."""
+"""Beyond the edges of a map: the outside value, the edge's value, or the map again."""
 
 _KERNEL = np.array([1, 8, 28, 56, 70, 56, 28, 8, 1]) / 256
 _REACH = len(_KERNEL) // 2
 _Origin = tuple[int, int]
-"""Row and column of the map that are first in an array, in pixels of its level."""
+"""Row and column of the map at an array's first pixel, in pixels of its level."""
 
 
 @dataclass(frozen=True)
 class _Level:
-    """One level, with what a bilinear look-up needs at hand.
+    """One level, with the numbers of a bilinear look-up.
 
-    Numbers are arrays of no dimension where numpy multiplies with them: it takes a third of the
-    time of a Python float.
+    Numbers that numpy multiplies with are arrays of no dimension: they take a third of the time of
+    a Python float.
     """
 
     corners: tuple[Array, Array, Array, Array]
@@ -73,7 +73,7 @@ class _Level:
         )
 
     def at(self, x_mm: Array, y_mm: Array) -> Array:
-        """Bilinear values; places beyond are those at the rim, NaN too."""
+        """Bilinear values; those of the rim for places beyond and for NaN."""
         if not (
             x_mm[x_mm.argmin()] >= self.low_x
             and x_mm[x_mm.argmax()] <= self.high_x
@@ -120,11 +120,11 @@ class Pyramid:
     pixel_mm : float
         Side of a pixel.
     outside : float
-        Value far beyond the edges, and of places that are none. With `beyond` of "outside" the
-        edge is a ramp as wide as a pixel: a step would alias at any footprint.
+        Value far beyond the edges, and at places that are not finite. With `beyond` of "outside"
+        the edge is a ramp as wide as a pixel, since a step would alias at any footprint.
     beyond_x, beyond_y : {"outside", "hold", "repeat"}
-        What follows beyond left and right, and above and below. A map that repeats has a power of
-        two of pixels that way.
+        Values beyond left and right, and above and below. A map that repeats needs a power of two
+        of pixels in that direction.
     """
 
     def __init__(

@@ -39,13 +39,13 @@ class RecordedProfile(FrictionField):
     position_mm : array_like, shape (samples,)
         Increasing positions along the line.
     value : array_like, shape (samples,)
-        What was recorded there.
+        Recorded values there.
     target : {"mu", "contrast", "share"}
         What the values are, see `haptix.texture.as_mu`.
     orientation_deg : float
         Direction of the line from the origin: 0 to the right, 90 down.
     beyond : {"outside", "hold"}
-        What follows beyond the ends: the lowest value, or that of the end.
+        Value beyond the ends: the lowest, or that of the end.
     step_mm : float, optional
         Step of the even grid.
 
@@ -109,10 +109,10 @@ class RecordedProfile(FrictionField):
         Parameters
         ----------
         path : path
-            CSV with a line of names. Without ``mu`` it has ``tangential_force_n`` and, unless it is
-            given here, ``normal_force_n``; other columns are left alone.
+            CSV with a line of names. Without ``mu`` it needs ``tangential_force_n`` and, unless it
+            is given here, ``normal_force_n``; other columns are ignored.
         normal_force_n : float, optional
-            The normal force, where it was constant and is no column.
+            The normal force, if it was constant and is not a column.
         orientation_deg, beyond, step_mm
             See the class.
 
@@ -144,10 +144,10 @@ class RecordedProfile(FrictionField):
                     f"{path}: expected a column normal_force_n beside tangential_force_n, or the "
                     "one force as normal_force_n="
                 )
-            load = np.asarray(normal, dtype=np.float64)
-            if not (load > 0).all():
+            force = np.asarray(normal, dtype=np.float64)
+            if not (force > 0).all():
                 raise InputError(f"{path}: expected normal forces above 0 N")
-            mu = table["tangential_force_n"] / load
+            mu = table["tangential_force_n"] / force
         return cls(table["position_mm"], mu, "mu", orientation_deg, beyond, step_mm)
 
     @property

@@ -1,4 +1,4 @@
-"""The file beside a photograph that says how it is to be felt."""
+"""The file beside a photograph with its size and friction."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from haptix.texture.field import check_range
 
 
 class Sidecar(Document):
-    """How a photograph is to be felt; JSON beside it, ``brick.json`` for ``brick.png``.
+    """Size and friction of a photograph; JSON beside it, ``brick.json`` for ``brick.png``.
 
     Parameters
     ----------

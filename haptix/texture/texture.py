@@ -9,7 +9,7 @@ from typing import Literal, Self, get_args
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import number, positive
+from haptix.checks import choice, number, positive
 from haptix.errors import InputError
 from haptix.texture.field import (
     Array,
@@ -33,9 +33,9 @@ Range = tuple[float, float]
 class Texture(FrictionField):
     """Friction over a rectangle with its corner at (0, 0), x to the right and y downwards.
 
-    Without a range a level is a share of the friction range that is reachable at the finger's
-    force. Beyond the edges it is level 0, the lowest friction. With a footprint the edge is a ramp
-    at least as wide as a pixel, since a step would alias; at a point it is a step.
+    Without a range a level is a share of the reachable friction range at the finger's force. Beyond
+    the edges the level is 0, the lowest friction. With a footprint the edge is a ramp at least as
+    wide as a pixel, since a step would alias; at a point it is a step.
 
     Parameters
     ----------
@@ -46,11 +46,11 @@ class Texture(FrictionField):
     mu_range : (float, float), optional
         Absolute friction coefficients of levels 0 and 1.
     contrast_range : (float, float), optional
-        Changes of levels 0 and 1 from the friction without voltage, as a part of it.
+        Relative changes of levels 0 and 1 from the friction without voltage.
     share_range : (float, float), optional
         Shares of the reachable range of levels 0 and 1.
     beyond : {"outside", "hold"}
-        What follows beyond the edges: level 0, or the level of the edge.
+        Level beyond the edges: level 0, or that of the edge.
 
     Raises
     ------
@@ -75,8 +75,7 @@ class Texture(FrictionField):
             raise InputError(
                 f"level: expected a map of values from 0 to 1, got shape {level.shape}"
             )
-        if self.beyond not in ("outside", "hold"):
-            raise InputError(f'beyond: expected "outside" or "hold", got {self.beyond!r}')
+        choice("beyond", self.beyond, ("outside", "hold"))
         given = [name for name in _RANGES if getattr(self, name) is not None]
         if len(given) > 1:
             raise InputError(f"expected one range, got {' and '.join(given)}")
@@ -126,8 +125,7 @@ class Texture(FrictionField):
         InputError
             If the file is missing, no image or too large, or a value is outside its range.
         """
-        if polarity not in get_args(Polarity):
-            raise InputError(f'polarity: expected "bright-high" or "dark-high", got {polarity!r}')
+        choice("polarity", polarity, get_args(Polarity))
         level = stretched(read_grey(image, largest_bytes))
         if polarity == "dark-high":
             level = 1 - level
@@ -142,12 +140,12 @@ class Texture(FrictionField):
         FileFormatError, InputError
             If one of the two files is missing, or is not what it should be.
         """
-        told = Sidecar.load(Sidecar.path_for(image))
-        ends: dict[str, Range] = {told.target: (told.low, told.high)}
+        beside = Sidecar.load(Sidecar.path_for(image))
+        ends: dict[str, Range] = {beside.target: (beside.low, beside.high)}
         return cls.from_image(
             image,
-            told.width_mm,
-            told.polarity,
+            beside.width_mm,
+            beside.polarity,
             ends.get("mu"),
             ends.get("contrast"),
             ends.get("share"),
@@ -239,7 +237,7 @@ _RANGES = ("mu_range", "contrast_range", "share_range")
 def _finer(pixel_mm: float, shape: tuple[int, ...]) -> int:
     """Parts, an odd number, into which a coarse map's pixels are split.
 
-    The ramp at the map's edge is a pixel wide: in a map of a few pixels it would be most of it.
+    The ramp at the map's edge is a pixel wide, which would be most of a map of a few pixels.
     """
     parts = min(pixel_mm / _COARSE_MM, (_MOST_PIXELS / (shape[0] * shape[1])) ** 0.5)
     return max(1, 2 * int(parts / 2) + 1)

@@ -1,4 +1,4 @@
-"""Touch: from a touchscreen's reports to where the finger is now, and how hard it presses."""
+"""Touch: from a touchscreen's reports to the finger's place and normal force now."""
 
 from haptix.touch.events import TouchCounts, TouchEvent
 from haptix.touch.force import AreaProxy, ForceEstimate, ForceModel

@@ -1,4 +1,4 @@
-"""What a touchscreen reports: one touch at one time."""
+"""The reports of a touchscreen: one touch at one time."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ TouchKind = Literal["down", "move", "up"]
 KINDS: tuple[TouchKind, ...] = ("down", "move", "up")
 
 LARGEST_MM = 1e4
-"""Ten metres: whoever reports more has not converted to millimetres."""
+"""Ten metres; larger numbers are not in millimetres."""
 LARGEST_S = 1e10
-"""Some 300 years, so clocks that count from 1970 pass; whoever reports more counts in ms or ns."""
+"""Some 300 years, so clocks that count from 1970 pass; larger numbers are in ms or ns."""
 
 
 class TouchEvent(NamedTuple):
@@ -21,11 +21,11 @@ class TouchEvent(NamedTuple):
     Parameters
     ----------
     t_s : float
-        Time stamp [s], of any clock as long as it is the renderer's.
+        Time stamp [s] on the renderer's clock.
     touch_id : int
         Which finger; the same from "down" to "up".
     x_mm, y_mm : float
-        Place on the screen. Not used of an "up", which often repeats an old place.
+        Place on the screen. That of an "up" is not used: it often repeats an old place.
     kind : {"down", "move", "up"}
         What happened.
     normal_force_n : float, optional
@@ -44,7 +44,7 @@ class TouchEvent(NamedTuple):
 
 
 def problem_of(event: Any) -> str | None:
-    """Say what is wrong with an event: field, what was expected and what came; None if nothing."""
+    """Return what is wrong with an event: field, expected and given value; None if nothing."""
     try:
         t_s, touch_id, x_mm, y_mm, kind, force, area = event
     except (TypeError, ValueError):
@@ -83,27 +83,27 @@ def _within(value: Any, low: float, high: float) -> bool:
 
 @dataclass(slots=True)
 class TouchCounts:
-    """How many events met which fate, of all touches together."""
+    """Numbers of events by what became of them, over all touches."""
 
     taken: int = 0
-    """Events that went into a filter, those of the next two among them."""
+    """Events that went into a filter, including the next two kinds."""
     reordered: int = 0
-    """Came after a later one, and were put in their place."""
+    """Arrived after a later one and were sorted in."""
     coalesced: int = 0
-    """Replaced the report before, which came at the same time or hardly earlier."""
+    """Replaced the report before, of the same or nearly the same time."""
     late: int = 0
-    """Dropped: older than what can still be put in its place, or of a touch that is over."""
+    """Dropped: too old to be sorted in, or of a touch that has ended."""
     clock_jumps: int = 0
-    """Times that a touch was taken up anew because its clock ran backwards."""
+    """Times that a touch was restarted because its clock ran backwards."""
     invalid: int = 0
-    """Dropped: not finite, huge, or no event at all."""
+    """Dropped: not finite, too large, or not an event."""
     bad_force: int = 0
-    """Forces and areas that could not be used; the place was."""
+    """Unusable forces and areas; the place of the event was used."""
     without_down: int = 0
     """Touches that began with a "move"."""
     without_up: int = 0
-    """Touches that ended because their id went down once more, or to make room."""
+    """Touches that ended because their id came down again, or to make room."""
     unknown_up: int = 0
-    """Dropped: "up" of a touch that was not there."""
+    """Dropped: "up" of an unknown touch."""
     crowded: int = 0
     """Dropped: more touches at once than allowed."""

@@ -1,4 +1,4 @@
-"""Recorded touches: from a CSV file, at their own pace."""
+"""Recorded touches: read from a CSV file, and played at their own pace."""
 
 from __future__ import annotations
 
@@ -29,8 +29,7 @@ def read_events(path: str | Path) -> list[TouchEvent]:
     Returns
     -------
     list of TouchEvent
-        As recorded: out of order, not finite or twice at one time if the file says so, which is for
-        `Touches` to sort out.
+        As recorded, even if out of order, not finite or twice at one time: `Touches` sorts them.
 
     Raises
     ------
@@ -77,7 +76,7 @@ def paced(
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Iterator[TouchEvent]:
-    """Yield events when their time has come, stamped with the clock instead.
+    """Yield events at their times, with time stamps of the clock.
 
     Parameters
     ----------

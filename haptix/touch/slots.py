@@ -28,7 +28,7 @@ SLOT_CODES = (
     ABS_MT_TRACKING_ID, ABS_MT_POSITION_X, ABS_MT_POSITION_Y, ABS_MT_TOUCH_MAJOR,
     ABS_MT_TOUCH_MINOR, ABS_MT_PRESSURE, ABS_MT_TOOL_TYPE,
 )  # fmt: skip
-"""What is kept of each slot."""
+"""Codes whose values are kept for each slot."""
 
 INPUT_EVENT = struct.Struct("llHHi")
 """struct input_event: seconds, microseconds, type, code, value."""
@@ -56,7 +56,7 @@ class AxisRange:
 
 @dataclass(frozen=True)
 class ScreenAxes:
-    """What the numbers of a touchscreen mean.
+    """Units of a touchscreen's numbers.
 
     Parameters
     ----------
@@ -83,31 +83,31 @@ class ScreenAxes:
 
 @dataclass
 class _Slot:
-    """Last values of a slot, which outlive a touch: what has not changed is not sent again."""
+    """Last values of a slot. They outlive a touch, since unchanged values are not sent again."""
 
     values: dict[int, int] = field(default_factory=dict)
     touch_id: int | None = None
-    """Of the touch that is down as far as has been said."""
+    """Id of the touch that was last reported as down."""
 
 
 SlotValues = Callable[[], tuple[int, Mapping[int, Mapping[int, int]]]]
-"""Asks the kernel: current slot, and for each slot the values by code."""
+"""Returns, from the kernel, the current slot and the values of each slot by code."""
 
 
 class SlotDecoder:
-    """Collects the events of a device and gives those of touches, once per SYN_REPORT.
+    """Turns the events of a device into touches, once per SYN_REPORT.
 
-    Every finger that is down is reported each time, moved or not: that a finger rests is news too.
-    A palm counts as no touch. When the kernel has dropped events (SYN_DROPPED), the slots are asked
-    for; without `ask`, all touches go up, and a finger is back when it comes down the next time.
+    Every finger that is down is reported each time, whether it moved or not. A palm is not a touch.
+    When the kernel has dropped events (SYN_DROPPED), `ask` returns the slots. Without `ask` all
+    touches go up, and a finger returns when it comes down the next time.
 
     Parameters
     ----------
     axes : ScreenAxes
         Units of the screen.
     ask : callable, optional
-        Gives the current slot and the values of all, for fingers that were down before and after
-        events are lost.
+        Returns the current slot and the values of all, for fingers that are down at the start or
+        when events were lost.
     """
 
     def __init__(self, axes: ScreenAxes, ask: SlotValues | None = None) -> None:
@@ -123,7 +123,7 @@ class SlotDecoder:
             self._refresh()
 
     def feed_bytes(self, data: bytes) -> list[TouchEvent]:
-        """Take what was read from a device file; an incomplete event waits for its rest."""
+        """Take bytes of a device file; an incomplete event waits for its rest."""
         data = self._rest + data
         whole = len(data) - len(data) % INPUT_EVENT.size
         self._rest = data[whole:]
@@ -132,7 +132,7 @@ class SlotDecoder:
         ]
 
     def feed(self, sec: int, usec: int, kind: int, code: int, value: int) -> list[TouchEvent]:
-        """Take one event; at a SYN_REPORT, return what has happened since the one before."""
+        """Take one event; at a SYN_REPORT, return the touches since the one before."""
         if kind == EV_SYN:
             if code == SYN_DROPPED:
                 self.dropped += 1

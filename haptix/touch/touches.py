@@ -1,4 +1,4 @@
-"""All touches on a screen: events in, one tracker for each finger that is down."""
+"""All touches on a screen: one tracker for each finger that is down."""
 
 from __future__ import annotations
 
@@ -17,16 +17,15 @@ from haptix.touch.events import (
 from haptix.touch.settings import TouchSettings
 from haptix.touch.tracker import TouchTracker
 
-# Touches that are over, remembered so that their late events do not bring them back.
+# Ended touches that are remembered, so that their late events do not start them again.
 _REMEMBERED = 32
 
 
 class Touches:
-    """Sorts events to trackers by their id.
+    """Passes events to trackers by their id.
 
-    Nothing that comes in stops it, since a finger must never be left under voltage because of one
-    bad report: what cannot be used is dropped and counted (`counts`), and the touch goes on. With
-    `strict`, what would be dropped raises instead, and changes nothing.
+    A bad report must never leave a finger under voltage, so unusable events are dropped and counted
+    (`counts`), and the touch continues. With `strict` they raise instead, and change nothing.
 
     Parameters
     ----------
@@ -35,8 +34,8 @@ class Touches:
     strict : bool
         Raise `InputError` for events that cannot be used.
     max_touches : int
-        At most so many at once. One more takes the place of the touch that is lost for longest;
-        if none is lost, it is not taken.
+        Largest number at once. A further touch replaces the one that is lost for longest; if none
+        is lost, it is dropped.
     """
 
     def __init__(

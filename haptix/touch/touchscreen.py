@@ -30,7 +30,7 @@ _READ_BYTES = 24 * 256
 
 
 class Touchscreen:
-    """A touchscreen that speaks protocol B, read without waiting.
+    """A touchscreen of multi-touch protocol B, read without waiting.
 
     Time stamps are those of the kernel, on the clock of `time.monotonic`.
 
@@ -39,17 +39,17 @@ class Touchscreen:
     path : path
         Such as "/dev/input/event5"; `find_touchscreens` lists them.
     width_mm, height_mm : float, optional
-        Of the touch-sensitive area. Needed only where the driver does not say its resolution; they
-        come before what it says.
+        Size of the touch-sensitive area; needed if the driver gives no resolution, which it
+        overrides.
     force_n_per_unit, area_units_per_mm : float, optional
-        As of `ScreenAxes`.
+        See `ScreenAxes`.
 
     Raises
     ------
     DeviceError
         If it cannot be opened, or the package evdev is missing.
     InputError
-        If it is no multi-touch screen of protocol B, or its size is not known.
+        If it is not a multi-touch screen of protocol B, or its size is unknown.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class Touchscreen:
 
     @property
     def name(self) -> str:
-        """What the driver calls it."""
+        """Name that the driver gives."""
         return str(self._device.name)
 
     @property
@@ -102,7 +102,7 @@ class Touchscreen:
         return self._decoder.dropped
 
     def read(self, timeout_s: float = 0.0) -> list[TouchEvent]:
-        """Return what has happened, after waiting for up to `timeout_s` until something does.
+        """Return the events so far; if there are none, wait for up to `timeout_s`.
 
         Raises
         ------
@@ -188,5 +188,5 @@ def _axis(
         checks.positive(name, size_mm)
         return AxisRange(info.min, info.max, (info.max - info.min) / size_mm)
     if info.resolution <= 0:
-        raise InputError(f"{path}: the driver does not say how large it is; give {name}")
+        raise InputError(f"{path}: the driver gives no size; give {name}")
     return AxisRange(info.min, info.max, info.resolution)

@@ -1,4 +1,4 @@
-"""One touch: from its reports to where the finger is now."""
+"""One touch: from its reports to the finger's place now."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from haptix.touch.settings import FilterState, TouchSettings
 
 # Events are kept for `reorder_s` at `least_interval_s` apart; with other settings this bounds them.
 _KEPT = 64
-# Reports closer than this divide noise by nothing: they count as simultaneous.
+# Reports closer than this count as simultaneous: their speed would be noise over nothing.
 _SIMULTANEOUS_S = 1e-5
 # Blocks that follow each other to this count as adjacent: a sample's time is rounded.
 _NO_GAP_S = 1e-6
-# So many late events in a row, each after the one before, and it is the clock that jumped.
+# After this many late events in a row, each after the one before, the clock has jumped.
 _LATE_IN_A_ROW = 3
 
 
 class TouchState(NamedTuple):
-    """A touch at one time, in the units that the names say."""
+    """A touch at one time; names hold the units."""
 
     t_s: float
     x_mm: float
@@ -30,7 +30,7 @@ class TouchState(NamedTuple):
     vy_mm_s: float
     speed_mm_s: float
     age_s: float
-    """Since the last report; below 0 if that has a later time stamp."""
+    """Time since the last report; below 0 if its time stamp is later."""
     normal_force_n: float
     force_sigma_n: float
     force_source: ForceSource
@@ -40,7 +40,7 @@ class TouchState(NamedTuple):
 
 
 class PathSegment(NamedTuple):
-    """A straight piece of the finger's path, walked at constant speed from `t0_s` to `t1_s`.
+    """A straight piece of the finger's path, at constant speed from `t0_s` to `t1_s`.
 
     At time t the finger is at ``x_mm + x_slope_mm_s * (t - t0_s)``, likewise y and force.
     """
@@ -54,14 +54,14 @@ class PathSegment(NamedTuple):
     normal_force_n: float
     force_slope_n_s: float
     speed_mm_s: float
-    """Of the finger as estimated; the slopes hold the blending of corrections too."""
+    """Estimated speed of the finger; the slopes contain the blending of corrections too."""
     is_sliding: bool
     is_lost: bool
     is_down: bool
 
 
 class _Entry(NamedTuple):
-    """A report that was taken, and what is known after it."""
+    """A report that was used, and the state after it."""
 
     t_s: float
     x_mm: float
@@ -77,7 +77,7 @@ _Now = tuple[float, FilterState, ForceEstimate, bool]
 
 
 class _End(NamedTuple):
-    """Where the last segment ended, and the prediction for then that it was made with."""
+    """End of the last segment, and the prediction for that time that it used."""
 
     t_s: float
     x_mm: float
@@ -91,8 +91,8 @@ class _End(NamedTuple):
 class TouchTracker:
     """Follows one touch from down to up.
 
-    One thread may push reports while another asks for paths: what the second reads is one tuple
-    that the first replaces.
+    One thread may push reports while another reads paths: the second reads one tuple that the first
+    replaces.
 
     Parameters
     ----------
@@ -101,9 +101,9 @@ class TouchTracker:
     t_s, x_mm, y_mm : float
         The first report, finite.
     normal_force_n, contact_area_m2 : float, optional
-        What it says of the force.
+        Its force and area, if measured.
     counts : TouchCounts, optional
-        Where to count; its own without.
+        Counts to add to; by default its own.
     """
 
     def __init__(
@@ -173,14 +173,14 @@ class TouchTracker:
         self._late = 0
         self.counts.taken += 1
         if (normal_force_n is not None or contact_area_m2 is not None) and (
-            t_s >= history[-1].t_s  # not where a later report has said more
+            t_s >= history[-1].t_s  # a later report has a newer force
         ):
             self._take_force(normal_force_n, contact_area_m2)
         self._publish()
         return True
 
     def lift(self) -> None:
-        """End the touch: it slides no more, and its place goes on until it is lost."""
+        """End the touch: it no longer slides, and its place is predicted until it is lost."""
         self.is_down = False
 
     def at(self, t_s: float) -> TouchState:
@@ -200,11 +200,10 @@ class TouchTracker:
     def path(self, t0_s: float, dt_s: float, count: int) -> PathSegment:
         """Return the path over a block of samples, as one straight piece.
 
-        It begins where the one before ended. What a new report has changed since, an offset e
-        between that end and the prediction of now, is not jumped over but decays as
-        ``e exp(-t / blend_s)``, so the path is continuous and within a few ms on the prediction.
-        Over a gap between blocks the offset decays likewise; a block that begins before the last
-        one ended begins anew on the prediction.
+        It begins where the one before ended. A new report changes the prediction by an offset e
+        from that end. The offset decays as ``e exp(-t / blend_s)``, so the path is continuous and
+        reaches the prediction within a few ms. It decays over a gap between blocks too. A block
+        that begins before the last one ended starts on the prediction.
 
         Parameters
         ----------
@@ -252,7 +251,7 @@ class TouchTracker:
         )  # fmt: skip
 
     def _up_to(self, t0_s: float, end: _End, now: _Now) -> _End:
-        """Carry the end of the last segment over a gap, and give it the prediction of now."""
+        """Extend the end of the last segment over a gap, with the present prediction."""
         t, filtered, estimate, _ = now
         ahead = self._filter.ahead
         x, y, _, _ = ahead(filtered, self._ahead_s(end.t_s - t))
@@ -267,7 +266,7 @@ class TouchTracker:
         )  # fmt: skip
 
     def _ahead_s(self, age_s: float) -> float:
-        """How far ahead of the last report to predict: neither end goes beyond `lost_after_s`."""
+        """Prediction time from the last report, limited to `lost_after_s` either way."""
         settings = self.settings
         limit = settings.lost_after_s
         ahead = settings.latency_s + (age_s if age_s < limit else limit)
@@ -298,7 +297,7 @@ class TouchTracker:
         self._history.append(_Entry(t_s, x_mm, y_mm, start, 0.0, 0.0, False))
 
     def _insert(self, t_s: float, x_mm: float, y_mm: float) -> None:
-        """Take back what came later, take the late report, and take the others again."""
+        """Undo the later reports, add the late one, and add the others again."""
         history = self._history
         again = []
         while history and history[-1].t_s > t_s + _SIMULTANEOUS_S:

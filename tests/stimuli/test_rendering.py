@@ -192,7 +192,7 @@ def test_wrong_stimuli_are_refused(fields, pattern):
 def test_a_stimulus_has_the_speed_of_its_gratings():
     one = Stimulus("a", (grating(0.1, 2.0, 50.0) + grating(0.1, 3.0, 50.0)).lasting(1.0))
     assert one.speed.speed_mm_per_s == 50.0
-    with pytest.raises(InputError, match="moves otherwise"):
+    with pytest.raises(InputError, match="different speeds"):
         Stimulus("a", (grating(0.1, 2.0, 50.0) + grating(0.1, 3.0, 60.0)).lasting(1.0))
     assert Stimulus("a", Sine(0.1, 2.0).lasting(1.0)).speed is None
 

@@ -26,7 +26,7 @@ def test_constant_stimuli(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["constant_stimuli.py", str(tmp_path / "set")])
     example("constant_stimuli").main()
     said = capsys.readouterr().out
-    assert "180 trials" in said and "stand-ins" in said
+    assert "180 trials" in said and "placeholders" in said
     threshold = float(said.split("threshold ")[1].split(" dB")[0])
     assert abs(threshold) < 2  # three of the spreads that 180 trials leave
 

@@ -1,4 +1,6 @@
-"""Methods that choose levels by the answers, and the runner that presents them."""
+"""Adaptive methods that choose levels by the answers, and the experiment that presents them."""
+
+from collections.abc import Callable
 
 from haptix.stimuli.adaptive.constant import ConstantStimuli, fit
 from haptix.stimuli.adaptive.experiment import Experiment, Presentation, Touch, amplitude_in_db
@@ -8,7 +10,15 @@ from haptix.stimuli.adaptive.observer import Keys, Question, SimulatedObserver, 
 from haptix.stimuli.adaptive.quest import Quest
 from haptix.stimuli.adaptive.updown import UpDown, weighted_up_down
 
+METHODS: dict[str, Callable[..., Method]] = {
+    "up-down": UpDown,
+    "quest+": Quest,
+    "constant-stimuli": ConstantStimuli,
+}
+"""Every method by the name that recipes use."""
+
 __all__ = [
+    "METHODS",
     "ConstantStimuli",
     "Estimate",
     "Experiment",

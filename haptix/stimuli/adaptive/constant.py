@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from haptix.checks import row, whole
 from haptix.errors import InputError
 from haptix.stimuli.adaptive.method import Estimate
 from haptix.stimuli.adaptive.psychometric import function_named
@@ -16,7 +17,7 @@ Array = npt.NDArray[np.float64]
 
 
 class ConstantStimuli:
-    """Every level equally often, in an order that a seed decides.
+    """Every level equally often, in a random order.
 
     Parameters
     ----------
@@ -27,7 +28,7 @@ class ConstantStimuli:
     seed : int
         Of the order; every repetition has all levels once.
     function, guess, lapse
-        What is fitted, see `fit`.
+        Of the fitted function, see `fit`.
     """
 
     def __init__(
@@ -39,11 +40,8 @@ class ConstantStimuli:
         guess: float = 0.5,
         lapse: float = 0.02,
     ) -> None:
-        self.levels = [float(level) for level in levels]
-        if len(self.levels) < 2 or not np.isfinite(self.levels).all():
-            raise InputError("levels: expected two finite levels or more")
-        if type(repeats) is not int or repeats < 1:
-            raise InputError(f"repeats: expected a whole number of 1 or more, got {repeats!r}")
+        self.levels = row("levels", levels, 2).tolist()
+        whole("repeats", repeats, 1)
         function_named(function)
         self.repeats, self.seed = repeats, seed
         self.function, self.guess, self.lapse = function, float(guess), float(lapse)
@@ -60,7 +58,7 @@ class ConstantStimuli:
 
     @property
     def is_done(self) -> bool:
-        """Whether every level has had its turns."""
+        """Whether every level was presented `repeats` times."""
         return len(self.answers) >= len(self._order)
 
     def update(self, is_right: bool, level: float | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Runs trials: presents, asks, checks the touch, writes down, and tells the method."""
+"""Runs trials: presents, asks, checks the touch, logs, and updates the method."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _CLOSE = 1e-9
 
 @dataclass(frozen=True)
 class Touch:
-    """How the finger did in a trial: means over it."""
+    """Mean force and speed of the finger in a trial."""
 
     normal_force_n: float
     speed_mm_per_s: float
@@ -72,9 +72,9 @@ class Experiment:
 
     In "2ifc" target and reference come one after the other with a pause between; in "2afc" they
     are the left and the right half of one stroke, without one. Which is which is drawn from the
-    seed and the trial's number. A trial whose force or speed was off by more than 15 % is written
-    down as not accepted and presented again at the same level. The voltage never exceeds the
-    ceiling: a level above it is lowered to it, which the log and the method are told.
+    seed and the trial's number. A trial whose force or speed was off by more than 15 % is logged as
+    not accepted and presented again at the same level. The voltage never exceeds the ceiling: a
+    level above it is lowered, and the log and the method get the lowered level.
 
     Parameters
     ----------
@@ -87,26 +87,26 @@ class Experiment:
     answer : callable
         `Keys`, `SimulatedObserver` or any function of a `Question`.
     log_file : path
-        Where the trials go; an unfinished run is gone on with.
+        Table of the trials; an unfinished run continues from it.
     task : {"2ifc", "2afc"}
         How the two alternatives are presented.
     seed : int
         Of the order of the alternatives.
     ceiling_v : float, optional
-        Highest voltage; the device's without, and never above that.
+        Highest voltage; by default the device's, and never above that.
     pause_s : float
         Between the intervals of "2ifc".
     touch : callable, optional
-        Returns the `Touch` of the trial that has just been played, or None if there was none, which
-        is as bad as a wrong one.
+        Returns the `Touch` of the trial that was just played. None, for no touch, counts as a wrong
+        one.
     normal_force_n, speed_mm_per_s : float, optional
-        What `touch` is held against.
+        What `touch` must keep.
     tolerance : float
-        Share by which it may be off.
+        Relative tolerance of `touch`.
     most_attempts : int
-        Attempts at one trial before it is given up with an error.
+        Attempts at one trial before an error.
     clock, wait : callable
-        Time [s], for the log, and to let the pause pass [s].
+        Time [s] for the log, and a function that waits [s].
     """
 
     def __init__(
@@ -133,9 +133,7 @@ class Experiment:
         number("pause_s", pause_s, 0.0)
         positive("tolerance", tolerance)
         if touch is not None and normal_force_n is None and speed_mm_per_s is None:
-            raise InputError(
-                "touch: expected a normal_force_n or speed_mm_per_s to hold it against"
-            )
+            raise InputError("touch: expected a normal_force_n or speed_mm_per_s to check it by")
         if device.mode != "waveform":
             raise InputError(
                 f"device: expected one that takes samples of the wave, got one in {device.mode} "
@@ -194,7 +192,7 @@ class Experiment:
         if highest > self.ceiling_v * (1 + _CLOSE):
             raise LimitError(
                 f"the drive at level {level:g} reaches {highest:g} V, above the ceiling of "
-                f"{self.ceiling_v:g} V, though peak_v says otherwise; correct the presentation"
+                f"{self.ceiling_v:g} V, though peak_v gives less; correct the presentation"
             )
         parts = [self.presentation.reference, target] if right else [
             target, self.presentation.reference,
@@ -259,7 +257,7 @@ class Experiment:
         return low
 
     def _play(self, drive_v: Array) -> None:
-        """Play to the end; the device is at 0 V and disarmed then, whatever happens."""
+        """Play to the end; afterwards the device is at 0 V and disarmed, whatever happens."""
         with self.device as device:
             device.write(drive_v)
 
@@ -270,9 +268,7 @@ class Experiment:
         if felt is None:
             return "no touch"
         for name in ("normal_force_n", "speed_mm_per_s"):
-            wanted, was = getattr(self, name), getattr(felt, name)
-            if wanted is not None and not abs(was - wanted) <= self.tolerance * wanted * (
-                1 + _CLOSE
-            ):
-                return f"{name} was {was:g}, not {wanted:g} within {self.tolerance:.0%}"
+            asked, was = getattr(self, name), getattr(felt, name)
+            if asked is not None and not abs(was - asked) <= self.tolerance * asked * (1 + _CLOSE):
+                return f"{name} was {was:g}, not {asked:g} within {self.tolerance:.0%}"
         return ""

@@ -1,4 +1,4 @@
-"""Trials on disk, each as soon as it is over."""
+"""The log of trials: on the disk as soon as each is over."""
 
 from __future__ import annotations
 
@@ -29,17 +29,16 @@ COLUMNS = (
 
 
 class TrialLog:
-    """A tab-separated table that grows by one line a trial, on the disk before the next begins.
+    """A tab-separated table with a line per trial, on the disk before the next trial begins.
 
-    A log that exists is gone on with. A last line that was cut off in the middle of writing is
-    dropped, for its trial was not over.
+    An existing log is continued. A last line that was cut off while it was written is dropped.
 
     Parameters
     ----------
     path : Path
         The file.
     header : str
-        What the experiment is, in one line; a log of another experiment is refused.
+        Description of the experiment in one line; the log of another experiment is refused.
     """
 
     def __init__(self, path: str | Path, header: str) -> None:
@@ -54,7 +53,7 @@ class TrialLog:
             if lines[:2] != head.splitlines():
                 raise FileFormatError(
                     f"{self.path}: is the log of another experiment, or of other settings; name a "
-                    "new file, or go back to the settings in its first line"
+                    "new file, or restore the settings in its first line"
                 )
             self.rows = [self._read(line) for line in lines[2:]]
         except OSError as error:
@@ -70,7 +69,7 @@ class TrialLog:
         Raises
         ------
         InputError
-            If it cannot be written: the experiment must not go on then.
+            If it cannot be written; the experiment must stop then.
         """
         cells = [_cell(row[name]) for name in COLUMNS]
         try:
@@ -81,7 +80,7 @@ class TrialLog:
         except OSError as error:
             raise InputError(
                 f"cannot write trial {row['trial']} to {self.path}: {error.strerror}; make room, "
-                "and start again: it goes on from its log"
+                "and start again: the run continues from its log"
             ) from None
         self.rows.append(dict(zip(COLUMNS, cells, strict=True)))
 

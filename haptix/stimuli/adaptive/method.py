@@ -1,4 +1,4 @@
-"""What all methods have in common: they say a level, and take an answer."""
+"""The interface of adaptive methods: they choose a level and take an answer."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Any, Protocol
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a method has found."""
+    """The threshold that a method estimates."""
 
     threshold: float
     """In the units of its levels."""
     spread: float
-    """Standard deviation of it; NaN where the method cannot tell."""
+    """Standard deviation of the threshold; NaN if unknown."""
     others: dict[str, float]
-    """Slope and whatever else was estimated."""
+    """Slope and other estimated parameters."""
 
 
 class Method(Protocol):
-    """Chooses levels; one level at a time is asked for and answered."""
+    """Chooses levels one at a time by the answers so far."""
 
     @property
     def level(self) -> float:
@@ -27,13 +27,13 @@ class Method(Protocol):
 
     @property
     def is_done(self) -> bool:
-        """Whether it has asked enough."""
+        """Whether the method is finished."""
 
     def update(self, is_right: bool, level: float | None = None) -> None:
-        """Take an answer; `level` is what was presented, where it was not what was asked for."""
+        """Take an answer; `level` is the presented level, if it differs from the method's."""
 
     def estimate(self) -> Estimate:
-        """What is known so far."""
+        """Estimate from the answers so far."""
 
     def describe(self) -> dict[str, Any]:
         """Everything that determines what it does, as plain values."""

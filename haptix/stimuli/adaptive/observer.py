@@ -1,4 +1,4 @@
-"""Who answers: a person at the keys, a function, or a simulated observer."""
+"""Observers: a person at the keys, prepared answers, or a simulation."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from haptix.errors import InputError
 from haptix.stimuli.adaptive.psychometric import function_named
 
 AnswerTo = Callable[["Question"], str]
-"""Takes what was presented, returns one of `Question.choices`."""
+"""Takes a question, returns one of its choices."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """One trial, as whoever answers may know it, and what only a simulation may look at."""
+    """One trial: the choices, and for simulations the level and the right answer."""
 
     trial: int
     choices: tuple[str, ...]
@@ -31,7 +31,7 @@ class Question:
 
 @dataclass(frozen=True)
 class SimulatedObserver:
-    """Answers right as often as a psychometric function says.
+    """Answers right with the probability of a psychometric function.
 
     Parameters
     ----------
@@ -64,14 +64,14 @@ class SimulatedObserver:
 
 @dataclass(frozen=True)
 class Keys:
-    """Waits for one of the keys that the choices are.
+    """Waits for a key that is one of the choices.
 
     Parameters
     ----------
     prompt : str
         Shown before, with ``{choices}`` filled in.
     source, sink : text streams
-        Where keys come from and the prompt goes; the terminal without.
+        Where keys come from and where the prompt goes; by default the terminal.
     """
 
     prompt: str = "which one? {choices} "
@@ -87,9 +87,7 @@ class Keys:
         while True:
             key = _one_key(source)
             if not key:
-                raise InputError(
-                    "the keys ended before the experiment did; it goes on from its log"
-                )
+                raise InputError("the keys ended before the experiment; it continues from its log")
             if key in question.choices:
                 sink.write(key + "\n")
                 return key

@@ -1,4 +1,4 @@
-"""Psychometric functions: how often an answer is right, against the level."""
+"""Psychometric functions: the probability of a right answer against the level."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from haptix.errors import InputError
+from haptix.checks import choice
 
 Array = npt.NDArray[np.float64]
 Psychometric = Callable[..., Array]
@@ -35,9 +35,7 @@ def normal(level: Array, threshold: Array, slope: Array, guess: Array, lapse: Ar
 def symmetric_normal(
     level: Array, threshold: Array, slope: Array, guess: Array, lapse: Array
 ) -> Array:
-    """Cumulative normal between `lapse` and ``1 - lapse``, for two answers that are not right or
-    wrong; `guess` has no part in it.
-    """  # noqa: D205
+    """Cumulative normal between `lapse` and ``1 - lapse``, for two equal answers. No `guess`."""
     return normal(level, threshold, slope, lapse, lapse)
 
 
@@ -50,7 +48,5 @@ FUNCTIONS: dict[str, Psychometric] = {
 
 
 def function_named(name: str) -> Psychometric:
-    """Look a function up, or say which there are."""
-    if name not in FUNCTIONS:
-        raise InputError(f"function: expected one of {', '.join(FUNCTIONS)}, got {name!r}")
-    return FUNCTIONS[name]
+    """Look a function up by its name."""
+    return FUNCTIONS[choice("function", name, FUNCTIONS)]

@@ -6,12 +6,12 @@ Watson, J. Vision 17(3):10 (2017); Kontsevich & Tyler, Vision Res. 39, 2729 (199
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from haptix.checks import choice, increasing, whole
 from haptix.errors import InputError
 from haptix.stimuli.adaptive.method import Estimate
 from haptix.stimuli.adaptive.psychometric import function_named
@@ -22,22 +22,22 @@ _NAMES = ("threshold", "slope", "guess", "lapse")
 
 
 class Quest:
-    """Presents the level after which least is expected to be unknown of the parameters.
+    """Presents the level with the least expected entropy of the posterior.
 
     Parameters
     ----------
     levels : sequence of float
         Levels that can be presented, increasing.
     threshold, slope, guess, lapse : sequence of float or float
-        Values that each parameter may have; one number is known for certain.
+        Grid of each parameter; a single number is held fixed.
     function : str
         "weibull" (levels in dB), "normal" or "symmetric-normal".
     trials : int
-        After how many it is done.
+        Number of trials.
     prior : mapping of str to sequence of float, optional
-        Probabilities of a parameter's values, for some parameters; even without.
+        Prior probabilities on the grids of some parameters; uniform by default.
     estimate_by : {"mean", "mode"}
-        Which of the posterior is reported.
+        Which statistic of the posterior is reported.
     """
 
     def __init__(
@@ -52,15 +52,14 @@ class Quest:
         prior: dict[str, Sequence[float]] | None = None,
         estimate_by: Literal["mean", "mode"] = "mean",
     ) -> None:
-        self.levels = _increasing("levels", levels)
+        self.levels = increasing("levels", levels)
         given = (threshold, slope, guess, lapse)
         self.grids = {
-            name: _increasing(name, value) for name, value in zip(_NAMES, given, strict=True)
+            name: increasing(name, np.atleast_1d(value))
+            for name, value in zip(_NAMES, given, strict=True)
         }
-        if type(trials) is not int or trials < 1:
-            raise InputError(f"trials: expected a whole number of 1 or more, got {trials!r}")
-        if estimate_by not in ("mean", "mode"):
-            raise InputError(f'estimate_by: expected "mean" or "mode", got {estimate_by!r}')
+        whole("trials", trials, 1)
+        choice("estimate_by", estimate_by, ("mean", "mode"))
         self.function, self.trials, self.estimate_by = function, trials, estimate_by
         axes = np.meshgrid(*self.grids.values(), indexing="ij")
         shape = axes[0].shape
@@ -94,7 +93,7 @@ class Quest:
         return np.asarray(weight / weight.sum())
 
     def expected_entropy(self) -> Array:
-        """Entropy of the posterior that is to be expected after each level, shape (levels,)."""
+        """Expected entropy of the posterior after each level, shape (levels,)."""
         joint = self._likelihood * self.posterior
         answer = joint.sum(-1)
         share = joint / np.where(answer > 0, answer, 1.0)[..., None]
@@ -110,7 +109,7 @@ class Quest:
 
     @property
     def is_done(self) -> bool:
-        """Whether it has had its trials."""
+        """Whether all trials are done."""
         return self.asked >= self.trials
 
     def update(self, is_right: bool, level: float | None = None) -> None:
@@ -153,12 +152,3 @@ class Quest:
             "trials": self.trials,
             "estimate_by": self.estimate_by,
         }
-
-
-def _increasing(name: str, values: Sequence[float] | float) -> Array:
-    grid = np.atleast_1d(np.asarray(values, dtype=float))
-    if grid.ndim != 1 or not len(grid) or not np.isfinite(grid).all():
-        raise InputError(f"{name}: expected finite numbers in a row")
-    if any(b <= a for a, b in pairwise(grid)):
-        raise InputError(f"{name}: expected numbers that increase")
-    return grid

@@ -13,28 +13,28 @@ from haptix.stimuli.adaptive.method import Estimate
 
 
 class UpDown:
-    """Down after some right answers in a row, up after a wrong one, in steps that shrink.
+    """Down after several right answers in a row, up after a wrong one, in shrinking steps.
 
     Levitt, J. Acoust. Soc. Am. 49, 467 (1971); weights after Kaernbach, Percept. Psychophys. 49,
-    227 (1991). With steps of one size it settles where ``p^n = w / (1 + w)``: at 79.4 % right for
+    227 (1991). With steps of one size it converges where ``p^n = w / (1 + w)``: at 79.4 % right for
     the usual three down, one up.
 
     Parameters
     ----------
     start : float
-        First level, in dB or whatever the steps are in.
+        First level, in the unit of the steps, such as dB.
     steps : tuple of float
-        Sizes of the steps down, one after the other.
+        Sizes of the steps down, in their order.
     reversals_per_step : int
         Reversals after which the next size is used.
     stop_after : int
-        Reversals at the last size after which it is done.
+        Reversals at the last size until it is done.
     down_after : int
         Right answers in a row that lead down (n).
     up_weight : float
         Size of a step up over that of one down (w).
     lowest, highest : float
-        Levels that are never left.
+        Range of the levels.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class UpDown:
 
     @property
     def target(self) -> float:
-        """Share right at which it settles."""
+        """Share of right answers at which it converges."""
         return float((self.up_weight / (1 + self.up_weight)) ** (1 / self.down_after))
 
     @property
@@ -82,7 +82,7 @@ class UpDown:
 
     @property
     def is_done(self) -> bool:
-        """Whether it has had its reversals."""
+        """Whether all reversals are done."""
         before = self.reversals_per_step * (len(self.steps) - 1)
         return len(self.reversals) >= before + self.stop_after
 
@@ -132,7 +132,7 @@ class UpDown:
 
 
 def weighted_up_down(target: float, start: float, **others: Any) -> UpDown:
-    """One up, one down, with steps whose ratio settles at any share right (Kaernbach 1991)."""
+    """One up, one down, with steps that converge at any share of right answers (Kaernbach)."""
     if not 0 < target < 1:
         raise InputError(f"target: expected a share between 0 and 1, got {target!r}")
     return UpDown(start, down_after=1, up_weight=target / (1 - target), **others)

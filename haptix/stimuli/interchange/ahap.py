@@ -1,8 +1,8 @@
 """AHAP, the haptic patterns of Apple's Core Haptics: intensity against time.
 
-What is kept is the share of a friction range against time, as the intensity of one continuous
-event. Volts, force, carrier, absolute friction and everything in space are lost, and curves are
-kept at their corners only; sharpness has no counterpart in friction and is left at a constant.
+The file keeps the share of a friction range against time, as the intensity of one continuous
+event. Volts, force, carrier, absolute friction and everything in space are lost. Curves are kept at
+their corners only. Sharpness has no counterpart in friction and stays constant.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Friction over the screen as a 16-bit PNG with a sidecar that says what its greys mean."""
+"""Friction over the screen as a 16-bit PNG with a sidecar for the meaning of its greys."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class FrictionMap:
     width_mm : float
         Width on the screen; pixels are square.
     quantity : {"mu", "contrast"}
-        Friction coefficients, or friction over that without voltage, less 1.
+        Friction coefficients, or relative changes from the friction without voltage.
     """
 
     values: Array
@@ -50,7 +50,7 @@ class FrictionMap:
 
     @property
     def step(self) -> float:
-        """What rounding to 16 bits loses at most is half of this."""
+        """Step of the 16 bits; rounding loses half of it at most."""
         return float(np.ptp(self.values)) / _WHITE
 
     def save(self, path: str | Path) -> None:

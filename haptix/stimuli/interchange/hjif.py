@@ -26,7 +26,7 @@ UNIT_EXPONENT = -6
 """Micrometres: finer than any finger, and 2 km of them in the standard's integers."""
 
 _SPATIAL = ("Friction",)
-_UNSAID_EXPONENT = -3  # of a file that says none: the standard's default
+_DEFAULT_EXPONENT = -3  # of the standard, for files without one
 
 
 def write_hjif(
@@ -130,7 +130,7 @@ def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[AlongPath,
     path : path
         The file.
     speed : SpeedProfile or float
-        How the finger moves over it; the file does not say.
+        How the finger moves over it; the file does not tell.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[AlongPath,
         first = chosen[0]
         if len(perceptions) > 1:
             lost.append(f"{len(perceptions) - 1} other perceptions")
-        unit_mm = 1e3 * 10.0 ** int(first.get("unit_exponent", _UNSAID_EXPONENT))
+        unit_mm = 1e3 * 10.0 ** int(first.get("unit_exponent", _DEFAULT_EXPONENT))
         scale = 10.0 ** int(first.get("perception_unit_exponent", 0))
         channel = first["channels"][0]
         if len(first["channels"]) > 1:
