@@ -39,7 +39,7 @@ _UNITS = {
 _FEWEST_SAMPLES = 8
 
 
-class Column(Part):
+class CsvColumn(Part):
     """Where one signal comes from.
 
     Parameters
@@ -77,7 +77,7 @@ class ColumnMap(Document):
 
     Parameters
     ----------
-    columns : mapping of str to Column
+    columns : mapping of str to CsvColumn
         Keys of `calibration.recording.SIGNALS`, and any others to keep beside them.
     skip_rows : int
         Lines above the headings.
@@ -87,7 +87,7 @@ class ColumnMap(Document):
 
     skip_rows: Annotated[int, Field(ge=0)] = 0
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] = ","
-    columns: dict[str, Column]
+    columns: dict[str, CsvColumn]
 
     @model_validator(mode="after")
     def _units_are_known(self) -> Self:

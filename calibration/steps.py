@@ -38,7 +38,7 @@ REDUCED, FIT, NEEDS = "reduced.csv", "fit.json", "terms.json"
 SCREEN, FINGER, REPORT, ARCHIVE = "screen.toml", "finger.toml", "report.html", "archive.zip"
 
 
-class Plan(NamedTuple):
+class PlannedSession(NamedTuple):
     """A protocol, the spread that each parameter is expected to keep, and strokes that snap in."""
 
     protocol: Protocol
@@ -55,7 +55,7 @@ class Verified(NamedTuple):
 
 def plan_strokes(
     kind: str, finger: Finger, screen: Screen, minutes: float, max_voltage_v: float | None = None
-) -> Plan:
+) -> PlannedSession:
     """Plan a calibration of a finger on a screen.
 
     Parameters
@@ -91,7 +91,7 @@ def plan_strokes(
     strokes = StrokeConditions.of(one for one in protocol.strokes if not one.held_out)
     spread = expected_spread(predictor, parameters, strokes)
     _, is_light = expected_rows(predictor, parameters, strokes)
-    return Plan(protocol, spread, int((~is_light).sum()))
+    return PlannedSession(protocol, spread, int((~is_light).sum()))
 
 
 def reduce_folder(folder: str | Path) -> Reduced:

@@ -24,7 +24,7 @@ class Roughness(Part):
     """Self-affine roughness with a roll-off: the numbers of `RoughnessSpectrum.self_affine`.
 
     The default has the paper's h_rms 22 um and H = 0.86 and its rms slope of 0.91; the spectrum of
-    the paper's finger itself is only printed as a figure, so its band is a stand-in.
+    the paper's finger itself is only printed as a figure, so its band is a placeholder.
     """
 
     h_rms_m: Quantity = 22e-6

@@ -26,7 +26,7 @@ class CalibrationWarning(UserWarning):
 
 
 class Calibration(Part):
-    """Where a calibrated profile comes from.
+    """How a calibrated profile was measured.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Calibration(Part):
     rests_on : tuple of str
         What was assumed and not measured.
     content_hash : str
-        SHA-256 of the profile as it was written; another one means that somebody has edited it.
+        SHA-256 of the profile as it was written; an edited profile has another one.
     """
 
     date: date
@@ -96,14 +96,14 @@ class Screen(Document):
         Warns
         -----
         CalibrationWarning
-            For each of `doubts`; outputs name them as well.
+            For each of `warnings`; outputs name them as well.
         """
         screen = super().load(path)
-        for doubt in screen.doubts():
-            warnings.warn(f"{path}: {doubt}", CalibrationWarning, stacklevel=2)
+        for one in screen.warnings():
+            warnings.warn(f"{path}: {one}", CalibrationWarning, stacklevel=2)
         return screen
 
-    def doubts(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """Reasons not to trust the profile, as outputs quote them; none for presets."""
         found = []
         if self.is_placeholder:

@@ -193,7 +193,7 @@ class ContactModel:
         found = []
         if self.finger.roughness.is_placeholder:
             found.append("roughness spectrum of the finger")
-        return found + self.solver.terms.placeholders() + self.screen.doubts()
+        return found + self.solver.terms.placeholders() + self.screen.warnings()
 
     @one_thread()
     def solve(

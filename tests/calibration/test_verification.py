@@ -119,7 +119,9 @@ def signed(screen, **changes):
     ],
     ids=["old", "failed", "edited", "placeholder"],
 )
-def test_a_doubtful_profile_warns_and_stays_doubtful(tmp_path, calibrated, finger, spoil, said):
+def test_a_profile_that_is_not_to_be_trusted_warns_and_is_named(
+    tmp_path, calibrated, finger, spoil, said
+):
     path = tmp_path / "screen.toml"
     spoil(calibrated).save(path)
     with pytest.warns(CalibrationWarning, match=rf"screen\.toml: .*{said}"):
@@ -131,7 +133,7 @@ def test_a_doubtful_profile_warns_and_stays_doubtful(tmp_path, calibrated, finge
 
 
 def test_presets_are_not_in_doubt(screen):
-    assert screen.doubts() == []
+    assert screen.warnings() == []
 
 
 def test_the_finger_predicts_what_the_fit_does(predictor, finger, screen, fit):
