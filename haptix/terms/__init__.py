@@ -1,16 +1,5 @@
 """The terms of the contact model: effects that can be switched on and off by name, one a file."""
 
-from haptix.terms.active import ActiveTerms
-from haptix.terms.registry import TERMS, chosen_terms, possible_terms
-from haptix.terms.term import PNAS_2018, Properties, Stage, Term
+import lazy_loader
 
-__all__ = [
-    "PNAS_2018",
-    "TERMS",
-    "ActiveTerms",
-    "Properties",
-    "Stage",
-    "Term",
-    "chosen_terms",
-    "possible_terms",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -23,31 +23,6 @@ a profile from a file. `PennModel` reads textures of the Penn Haptic Texture Too
 puts `Sprite`s of any of these on the screen.
 """
 
-from haptix.texture.composition import Composition, Sprite
-from haptix.texture.field import FrictionField, TargetKind, as_mu
-from haptix.texture.grating import Grating
-from haptix.texture.headroom import Headroom, headroom
-from haptix.texture.heights import HeightRule
-from haptix.texture.noise import Noise, power_law
-from haptix.texture.penn import PennModel
-from haptix.texture.recorded import RecordedProfile
-from haptix.texture.sidecar import Sidecar
-from haptix.texture.texture import Texture
+import lazy_loader
 
-__all__ = [
-    "Composition",
-    "FrictionField",
-    "Grating",
-    "Headroom",
-    "HeightRule",
-    "Noise",
-    "PennModel",
-    "RecordedProfile",
-    "Sidecar",
-    "Sprite",
-    "TargetKind",
-    "Texture",
-    "as_mu",
-    "headroom",
-    "power_law",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

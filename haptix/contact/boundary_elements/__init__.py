@@ -1,19 +1,5 @@
 """Boundary elements: contact of rough surfaces solved point by point, with local attraction."""
 
-from haptix.contact.boundary_elements.bounded import BoundedSolution
-from haptix.contact.boundary_elements.coupled import LocalAttraction
-from haptix.contact.boundary_elements.memory import estimated_bytes
-from haptix.contact.boundary_elements.model import BoundaryElements
-from haptix.contact.boundary_elements.resolution import ResolutionWarning
-from haptix.contact.boundary_elements.results import ContactSolution
-from haptix.contact.boundary_elements.surfaces import Surfaces
+import lazy_loader
 
-__all__ = [
-    "BoundaryElements",
-    "BoundedSolution",
-    "ContactSolution",
-    "LocalAttraction",
-    "ResolutionWarning",
-    "Surfaces",
-    "estimated_bytes",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,15 @@
+from .core import RenderCore as RenderCore
+from .core import RenderedBlock as RenderedBlock
+from .core import RenderState as RenderState
+from .drive import DirectWave as DirectWave
+from .drive import Drive as Drive
+from .drive import SineCarrier as SineCarrier
+from .live import LiveRenderer as LiveRenderer
+from .live import PredictingRenderer as PredictingRenderer
+from .motion import Motion as Motion
+from .renderer import Renderer as Renderer
+from .settings import Combination as Combination
+from .settings import LiveSettings as LiveSettings
+from .settings import RenderSettings as RenderSettings
+from .settings import Sliding as Sliding
+from .stats import RenderStats as RenderStats
