@@ -23,7 +23,6 @@ from skimage.data import brick
 import haptix
 from firmware_io import Device, MockDriver, MockLink, open_device
 from haptix.motion import Trajectory
-from haptix.rehearsal import rehearse
 from haptix.render import (
     DirectWave,
     LiveSettings,
@@ -34,9 +33,11 @@ from haptix.render import (
 )
 from haptix.render.live_fingers import LiveFingers
 from haptix.render.target import Amplitudes, Target
+from haptix.simulation import FINGER_PATH, Setting, simulate
 from haptix.surface import Slice
 from haptix.texture import FrictionField
 from haptix.touch import TouchEvent, TouchSettings
+from haptix.virtual_finger import TouchPanel
 
 RATE, STEP, BLOCK = 48_000.0, 4, 48
 POINTS = BLOCK // STEP
@@ -157,21 +158,17 @@ def offline(surface: Any, texture: Any) -> None:
     )
 
 
-def verdicts(model: Any, texture: Any, path: Trajectory) -> None:
-    print("errors under the virtual finger: 95 % below, in difference thresholds")
-    force = (float(path.normal_force_n.min()), float(path.normal_force_n.max()))
-    for name, frequency, drive in (
-        ("carrier of 4 kHz", 4000.0, None),
-        ("direct sine of 125 Hz", 125.0, DirectWave(125.0)),
-        ("direct square of 125 Hz", 125.0, DirectWave(125.0, "square")),
+def errors(model: Any, texture: Any, path: Trajectory) -> None:
+    print("errors under the virtual finger: 95 % below, in JND")
+    for name, drive in (
+        ("carrier of 4 kHz", SineCarrier(4000.0)),
+        ("direct sine of 125 Hz", DirectWave(125.0)),
+        ("direct square of 125 Hz", DirectWave(125.0, "square")),
     ):
-        ranges = {"normal_force_n": force, "frequency_hz": frequency}
-        surface = haptix.FrictionSurface.build(model, ranges, tolerance=5e-4)
-        found = rehearse(model, surface, texture, path, drive=drive)
-        parts = "   ".join(
-            f"{part} {verdict.error_p95_thresholds:.2g}" for part, verdict in found.parts.items()
-        )
-        print(f"  {name:24} {parts}   all {found.verdict.error_p95_thresholds:.2g}")
+        setting = Setting(model, texture, path, drive)
+        found = simulate(setting, setting.surface()[0], TouchPanel())
+        parts = "   ".join(f"{key} {part.error_p95_jnd:.2g}" for key, part in found.parts.items())
+        print(f"  {name:24} {parts}   all {found.evaluation.error_p95_jnd:.2g}")
 
 
 class Stalling(FrictionField):
@@ -199,7 +196,7 @@ class Stalling(FrictionField):
 def direct(model: Any) -> None:
     """Friction over a period of a direct sine at full voltage, against what was asked for."""
     print("direct sine, 0.3 N, 200 V: friction over a period less that of the mean pull, and less")
-    print("what the renderer asks for, in difference thresholds")
+    print("what the renderer asks for, in JND")
     for frequency in (60.0, 125.0, 500.0):
         ranges = {"normal_force_n": (0.1, 1.0), "frequency_hz": frequency}
         surface = haptix.FrictionSurface.build(model, ranges, tolerance=1e-4)
@@ -260,10 +257,8 @@ def main() -> None:
     blocks(surface, texture)
     bare(surface, texture)
     offline(surface, texture)
-    from haptix.demo.job import FINGER_PATH
-
     direct(model)
-    verdicts(model, texture, Trajectory.from_csv(FINGER_PATH))
+    errors(model, texture, Trajectory.from_csv(FINGER_PATH))
     if arguments.stalls:
         stalls(surface, texture, arguments.stalls)
 

@@ -19,7 +19,7 @@ import haptix
 from haptix.render import LiveSettings, PredictingRenderer
 from haptix.texture import Composition, Grating, Sprite, as_mu
 from haptix.touch import events_of, paced
-from haptix.virtual_finger import VirtualFinger, judge
+from haptix.virtual_finger import VirtualFinger, evaluate
 
 SECONDS, RIGHT_MM, LEAD_S, LATENCY_S = 2.5, 60.0, 0.025, 0.02
 GRATING = Grating(period_mm=5.0, wave="square", low=0.15, high=0.85)  # shares of what is reachable
@@ -61,7 +61,7 @@ def main(
     share = np.where(on_sheet > 0, GRATING.friction(on_sheet, felt.y_mm), 0.0)
     reachable = renderer.reachable(felt.normal_force_n, felt.speed_mm_per_s)
     wanted = as_mu("share", share, *reachable)
-    verdict = judge(felt, wanted)
+    evaluation = evaluate(felt, wanted)
 
     figure = Figure(figsize=(10, 9), layout="constrained")
     place, friction, voltage = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1.2, 1))
@@ -78,7 +78,7 @@ def main(
     friction.set(
         ylabel="friction coefficient",
         title=f"2  Touches come {LATENCY_S * 1e3:g} ms late and samples play {LEAD_S * 1e3:g} ms "
-        f"later still; error {verdict.error_rms_thresholds:.1f} difference thresholds (rms)",
+        f"later still; error {evaluation.error_rms_jnd:.1f} JND (rms)",
     )
     friction.margins(y=0.3)
     friction.legend(loc="upper left", ncols=2)
@@ -88,7 +88,7 @@ def main(
     title = "3  Voltage: none beside the sheet, and for a moment none where the finger turns"
     voltage.set(xlabel="time (s)", ylabel="played (V)", xlim=(0, t[-1]), title=title)
     figure.savefig(out, dpi=110)
-    print(f"{out}: {verdict.error_rms_thresholds:.2f} difference thresholds rms")
+    print(f"{out}: {evaluation.error_rms_jnd:.2f} JND rms")
 
 
 if __name__ == "__main__":

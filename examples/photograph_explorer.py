@@ -19,11 +19,11 @@ from matplotlib.figure import Figure
 from skimage.data import brick
 
 import haptix
-from haptix.demo.job import FINGER_PATH
 from haptix.render import PredictingRenderer
+from haptix.simulation import FINGER_PATH
 from haptix.texture import as_mu
 from haptix.touch import TouchEvent, events_of, paced
-from haptix.virtual_finger import TouchPanel, VirtualFinger, judge
+from haptix.virtual_finger import TouchPanel, VirtualFinger, evaluate
 
 
 def main(
@@ -57,7 +57,7 @@ def main(
             for event in paced(events_of(finger), clock=renderer.now_s):
                 renderer.event(event)
         else:
-            seen = TouchPanel(rate_hz=100, latency_s=0.02).read(*true)
+            seen = TouchPanel(rate_hz=100, latency_s=0.02).read(finger)
             for t, arrival, x, y, n in zip(
                 seen.t_s, seen.arrival_s, seen.x_mm, seen.y_mm, seen.normal_force_n, strict=True
             ):
@@ -71,11 +71,8 @@ def main(
     felt = VirtualFinger(model).feel(played, rate_hz, *true, start_s=float(finger.t_s[0]))
     lowest, highest = renderer.reachable(felt.normal_force_n, felt.speed_mm_per_s)
     wanted = as_mu("share", texture.friction(felt.x_mm, felt.y_mm), lowest, highest)
-    verdict = judge(felt, wanted)
-    told = (
-        f"{verdict.error_rms_thresholds:.2f} difference thresholds rms, 95 % within "
-        f"{verdict.error_p95_thresholds:.2f}"
-    )
+    evaluation = evaluate(felt, wanted)
+    told = f"{evaluation.error_rms_jnd:.2f} JND rms, 95 % within {evaluation.error_p95_jnd:.2f}"
 
     figure = Figure(figsize=(12, 9), layout="constrained")
     grid = figure.add_gridspec(3, 2, height_ratios=(1.8, 1, 0.7))

@@ -2,13 +2,13 @@
 
     python examples/photograph_to_volts.py [photograph.png]
 
-`haptix demo` does the same and judges the result; this is the shortest complete program.
+`haptix demo` does the same and evaluates the result; this is the shortest complete program.
 """
 
 import sys
 
 import haptix
-from haptix.demo.job import FINGER_PATH
+from haptix.simulation import FINGER_PATH
 
 CARRIER_HZ = 4000.0
 

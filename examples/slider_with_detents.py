@@ -19,7 +19,7 @@ import haptix
 from haptix.render import PredictingRenderer
 from haptix.texture import RecordedProfile, as_mu
 from haptix.touch import events_of, paced
-from haptix.virtual_finger import VirtualFinger, judge
+from haptix.virtual_finger import VirtualFinger, evaluate
 
 LEFT_MM, LENGTH_MM, RIDGE_MM, SECONDS, LATENCY_S = 10.0, 60.0, 1.2, 3.0, 0.02
 
@@ -75,7 +75,7 @@ def main(
     felt = VirtualFinger(model).feel(played, renderer.sample_rate_hz, t, *path.at(t))
     reachable = renderer.reachable(felt.normal_force_n, felt.speed_mm_per_s)
     wanted = as_mu("share", slider.friction(felt.x_mm, felt.y_mm), *reachable)
-    verdict = judge(felt, wanted)
+    evaluation = evaluate(felt, wanted)
 
     figure = Figure(figsize=(10, 8.5), layout="constrained")
     place, value_at, along = figure.subplots(3, 1, height_ratios=(1.2, 0.7, 1.4))
@@ -98,12 +98,12 @@ def main(
         xlabel="x on the screen (mm)",
         ylabel="friction coefficient",
         title="3  Friction along the slider: the prediction errs where the finger starts and stops;"
-        f" {verdict.error_rms_thresholds:.1f} difference thresholds (rms)",
+        f" {evaluation.error_rms_jnd:.1f} JND (rms)",
     )
     along.margins(y=0.25)
     along.legend(loc="upper center", ncols=3)
     figure.savefig(out, dpi=110)
-    print(f"{out}: value {value}, {verdict.error_rms_thresholds:.2f} difference thresholds rms")
+    print(f"{out}: value {value}, {evaluation.error_rms_jnd:.2f} JND rms")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ import haptix
 from haptix.render import LiveSettings, PredictingRenderer
 from haptix.texture import Composition, Grating, Sprite, Texture, as_mu
 from haptix.touch import events_of, paced
-from haptix.virtual_finger import VirtualFinger, judge
+from haptix.virtual_finger import VirtualFinger, evaluate
 
 LATENCY_S = 0.02
 COLOURS = ("tab:red", "tab:blue")
@@ -79,10 +79,10 @@ def main(
         other = paths[2 - number]
         together = (felt.t_s >= other.t_s[0]) & (felt.t_s <= other.t_s[-1] + LATENCY_S)
         alone, both = (
-            judge(felt, np.where(mask, wanted, np.nan)).error_rms_thresholds
+            evaluate(felt, np.where(mask, wanted, np.nan)).error_rms_jnd
             for mask in (~together, together)
         )
-        print(f"finger {number}: {alone:.2f} thresholds rms alone, {both:.2f} with the other")
+        print(f"finger {number}: {alone:.2f} JND rms alone, {both:.2f} with the other")
         place.plot(path.x_mm, path.y_mm, color=colour, lw=2.5, label=f"finger {number}")
         axes = figure.add_subplot(grid[number], sharex=axes)
         axes.plot(felt.t_s, wanted, color="0.6", lw=3, label="wanted by its texture")
@@ -90,7 +90,7 @@ def main(
         axes.axvspan(1.0, 2.0, color="tab:orange", alpha=0.12, lw=0, label="both fingers down")
         axes.set(
             ylabel="friction coefficient",
-            title=f"{number + 1}  Finger {number}: {alone:.1f} difference thresholds of error alone"
+            title=f"{number + 1}  Finger {number}: {alone:.1f} JND of error alone"
             f" (rms), {both:.1f} with the other",
         )
         axes.margins(y=0.3)

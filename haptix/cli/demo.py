@@ -2,90 +2,99 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from haptix.cli.rendering import FingerName, FingerPath, Image, Range, ScreenName, setting_of
 from haptix.terminal import AsJson, progress_bar, show
-
-_STAGES = {
-    "surface": "solve the contact, build the surface",
-    "render": "slide the finger, render, stream",
-    "judge": "judge what was played",
-    "write": "write figure, wave and summary",
-}
 
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the outputs.")] = Path("haptix-demo"),
-    image: Annotated[
-        Path | None, typer.Option(help="Photograph. [default: a brick wall (CC0)]")
-    ] = None,
-    trajectory: Annotated[
-        Path | None,
-        typer.Option(help="CSV: t_s, x_mm, y_mm, normal_force_n. [default: one that ships]"),
-    ] = None,
+    image: Image = None,
+    trajectory: FingerPath = None,
     width_mm: Annotated[float, typer.Option(help="Width of the photograph on the screen.")] = 60.0,
     polarity: Annotated[
         str, typer.Option(help="bright-high or dark-high: which grey has high friction.")
     ] = "bright-high",
-    finger: Annotated[str, typer.Option(help="Finger preset: dry, semi-wet, wet.")] = "semi-wet",
-    screen: Annotated[str, typer.Option(help="Screen preset.")] = "3m-sct3250",
-    carrier_hz: Annotated[float, typer.Option(help="Frequency of the drive.")] = 4000.0,
-    mu_range: Annotated[
-        str | None,
-        typer.Option(help="LOW,HIGH friction coefficients. [default: the reachable range]"),
-    ] = None,
+    finger: FingerName = "semi-wet",
+    screen: ScreenName = "3m-sct3250",
+    carrier_hz: Annotated[float, typer.Option(help="Frequency of the carrier.")] = 4000.0,
+    mu_range: Range = None,
     as_json: AsJson = False,
 ) -> None:
-    """From a photograph to volts: the whole product once, without hardware.
+    """From a photograph to volts: everything once, without hardware.
 
-    Writes demo.png, drive.wav with drive.json, and summary.json.
+    Writes demo.png, drive.wav with drive.json, felt.csv and summary.json.
     """
-    with progress_bar(_STAGES) as update:
-        # torch and matplotlib load here: seconds that the bar should already cover.
+    stages = {
+        "surface": "solve the contact, build the surface",
+        "simulate": "slide the finger, render, play",
+        "write": "write the files",
+    }
+    with progress_bar(stages) as update:
+        # torch and matplotlib load here: the bar should already cover these seconds.
         update("surface", 0.0)
-        from haptix.cli.numbers import read_pair
-        from haptix.demo import DemoJob
+        from haptix.files import check_folder
+        from haptix.simulation import FILES, simulate, write
 
-        wanted = None if mu_range is None else read_pair("mu-range", mu_range)
-        job = DemoJob(
-            out, image, trajectory, width_mm, polarity, finger, screen, carrier_hz, wanted
+        check_folder(out, ("demo.png", *FILES))
+        setting, photograph = setting_of(
+            image, width_mm, mu_range, trajectory, finger, screen, carrier_hz, polarity=polarity
         )
-        result = job.run(update)
-    rows = [result.summary] if as_json else _rows(result.summary)
-    show(f"haptix demo: outputs in {result.folder}", rows, as_json)
+        began_s = time.perf_counter()
+        surface, was_cached = setting.surface(lambda share: update("surface", share))
+        built_s = time.perf_counter()
+        simulation = simulate(setting, surface, on_progress=lambda share: update("simulate", share))
+        about = {
+            "photograph": photograph,
+            "width_mm": width_mm,
+            "polarity": polarity,
+            "finger": finger,
+            "screen": screen,
+            "is_surface_cached": was_cached,
+            "seconds": {
+                "surface": round(built_s - began_s, 3),
+                "simulation": round(time.perf_counter() - built_s, 3),
+            },
+        }
+        update("write", 0.0)
+        summary = write(out, simulation, about, "demo.png")
+    show(f"haptix demo: outputs in {out}", [summary] if as_json else _rows(summary), as_json)
 
 
 def _rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
-    friction, range_, stream = summary["friction"], summary["out_of_range"], summary["stream"]
-    surface, seconds = summary["surface"], summary["seconds"]
-    origin = "from the cache" if surface["from_cache"] else "built"
+    shares, stream, surface = summary["out_of_range"], summary["stream"], summary["surface"]
+    origin = "from the cache" if summary["is_surface_cached"] else "built"
+    low, high = summary["target_mu"]
     lines = {
         "photograph": f"{summary['photograph']}, {summary['width_mm']:g} mm wide",
-        "contact": f"{summary['finger']} finger on {summary['screen']}; "
-        f"stand-ins for the {' and the '.join(summary['stand_ins'])}",
-        "surface": f"{origin} in {seconds['surface']:.2f} s, error in mu at most "
+        "contact": f"{summary['finger']} finger on {summary['screen']}; unmeasured: the "
+        f"{' and the '.join(summary['placeholders'])}",
+        "surface": f"{origin} in {summary['seconds']['surface']:.2f} s, error in mu at most "
         f"{surface['error_max_mu']:.1g}",
-        "wanted friction": f"{friction['target_mu_min']:.3f} to {friction['target_mu_max']:.3f}",
-        "reached - wanted": _error(friction),
-        "out of reach": f"{range_['share_below']:.1%} too low, {range_['share_above']:.1%} too "
-        f"high, {range_['share_outside_surface']:.1%} outside the surface",
-        "block times": f"median {stream['block_time_median_ms']:.2f} ms, 99 % below "
-        f"{stream['block_time_p99_ms']:.2f} ms, for {stream['block_length_ms']:.2f} ms of signal",
+        "target friction": f"{low:.3f} to {high:.3f}",
+        "error": _error(summary["evaluation"]),
+        "out of reach": f"{shares['share_below']:.1%} too low, {shares['share_above']:.1%} too "
+        f"high, {shares['share_outside_surface']:.1%} outside the surface",
+        "block times": f"median {stream['block_p50_ms']:.2f} ms, 99 % below "
+        f"{stream['block_p99_ms']:.2f} ms, for {stream['block_length_ms']:.2f} ms of signal",
         "stream": f"{stream['frames_sent']} frames, {stream['bytes_sent']} bytes, "
         f"{stream['underruns']} underruns, {stream['faults']} faults",
     }
     return [{"": name, "result": text} for name, text in lines.items()]
 
 
-def _error(friction: Mapping[str, Any]) -> str:
-    if friction["error_rms_mu"] is None:
-        return "nothing that was wanted can be reached"
+def _error(evaluation: Mapping[str, Any]) -> str:
+    if evaluation["error_rms_mu"] is None:
+        return "no target can be reached"
+    share = evaluation["evaluated"] / evaluation["samples"]
     return (
-        f"rms {friction['error_rms_mu']:.1e}, 95 % below {friction['error_p95_mu']:.1e} in mu "
-        f"({friction['error_p95_difference_thresholds']:.3f} of what can be felt), over the "
-        f"{friction['share_judged']:.0%} that can be reached"
+        f"rms {evaluation['error_rms_mu']:.1e}, 95 % below {evaluation['error_p95_mu']:.1e} in mu "
+        f"({evaluation['error_p95_jnd']:.3f} just-noticeable differences), over {share:.0%} of "
+        "the path"
     )

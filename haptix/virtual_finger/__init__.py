@@ -1,22 +1,22 @@
 """The virtual finger: what was played, felt through the contact model itself."""
 
 from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S
+from haptix.virtual_finger.evaluation import FELT_WITHIN_S, Evaluation, evaluate
 from haptix.virtual_finger.felt import Felt
 from haptix.virtual_finger.finger import VirtualFinger
 from haptix.virtual_finger.sensor import SensedForce, SensorModel
 from haptix.virtual_finger.touch_panel import SensedTouch, TouchPanel
-from haptix.virtual_finger.verdict import FELT_WITHIN_S, Verdict, judge
 
 __all__ = [
     "FELT_WITHIN_S",
     "LIFTED_BELOW_N",
     "STANDING_BELOW_MM_PER_S",
+    "Evaluation",
     "Felt",
     "SensedForce",
     "SensedTouch",
     "SensorModel",
     "TouchPanel",
-    "Verdict",
     "VirtualFinger",
-    "judge",
+    "evaluate",
 ]

@@ -57,22 +57,8 @@ class TouchPanel:
             if isinstance(value, str) or not (np.isfinite(value) and value >= 0):
                 raise InputError(f"{name}: expected a finite number of 0 or more, got {value!r}")
 
-    def read(
-        self,
-        t_s: npt.ArrayLike,
-        x_mm: npt.ArrayLike,
-        y_mm: npt.ArrayLike,
-        normal_force_n: npt.ArrayLike,
-        seed: int = 0,
-    ) -> SensedTouch:
-        """Report a true path, given as to `VirtualFinger.feel`; a seed gives the same noise.
-
-        Raises
-        ------
-        InputError
-            If the path is none, see `VirtualFinger.feel`.
-        """
-        path = Trajectory.of(t_s, x_mm, y_mm, normal_force_n)
+    def read(self, path: Trajectory, seed: int = 0) -> SensedTouch:
+        """Report a true path; the same seed gives the same noise."""
         time = (
             path.t_s[0] + np.arange(int(path.duration_s * self.rate_hz + 1e-6) + 1) / self.rate_hz
         )

@@ -53,14 +53,14 @@ def test_a_program_draws_its_picture(short, name, capsys, tmp_path):
     assert len(np.unique(picture[::7, ::7, :3].reshape(-1, 3), axis=0)) > 20
     assert [file.name for file in tmp_path.iterdir() if file.suffix == ".png"] == ["picture.png"]
     printed = capsys.readouterr().out
-    felt = [float(number) for number in re.findall(r"([\d.]+) (?:difference )?thresholds", printed)]
-    # A drive that is nowhere near the texture errs by the range: 0.06 of 0.27, some 2 thresholds.
+    felt = [float(number) for number in re.findall(r"([\d.]+) JND", printed)]
+    # A drive that is nowhere near the texture errs by the range: 0.06 of 0.27, some 2 JND.
     assert felt
     assert max(felt) < 1.5
     assert "0 underruns" in printed
 
 
-def test_real_time_is_played_and_not_judged(short, steady_mock, capsys, tmp_path):
+def test_real_time_is_played_and_not_evaluated(short, steady_mock, capsys, tmp_path):
     short("moving_edge")(device="mock:pace=real")
     printed = capsys.readouterr().out
     # 0.8 s at 48 kHz, and the lead; how many underruns there are is this machine's affair.

@@ -127,4 +127,4 @@ def test_the_command_and_the_data_files_ship():
     assert run_python(f"import {module} as m; print(callable(m.{function}))") == "True"
     for package in settings["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]:
         assert (ROOT / package / "py.typed").is_file()
-    assert (ROOT / "haptix" / "demo" / "finger_path.csv").is_file()
+    assert (ROOT / "haptix" / "simulation" / "finger_path.csv").is_file()

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from haptix import HaptixError, InputError, Trajectory
-from haptix.demo.job import FINGER_PATH
+from haptix.simulation import FINGER_PATH
 from haptix.touch import Touches, TouchEvent, events_of, paced, read_events
 
 

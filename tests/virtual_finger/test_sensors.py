@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from haptix import InputError
+from haptix import InputError, Trajectory
 from haptix.virtual_finger import Felt, SensorModel, TouchPanel, VirtualFinger
 
 N = 20_001
@@ -105,7 +105,7 @@ def test_a_sensor_that_cannot_be_is_refused(faults):
 
 def test_a_panel_reports_at_its_rate_and_late():
     panel = TouchPanel(rate_hz=100.0, latency_s=0.03)
-    seen = panel.read([1.0, 2.0], [0.0, 100.0], [5.0, 5.0], [0.5, 0.5])
+    seen = panel.read(Trajectory.of([1.0, 2.0], [0.0, 100.0], 5.0, 0.5))
     assert len(seen.t_s) == 101
     np.testing.assert_allclose(seen.t_s, 1.0 + np.arange(101) / 100)
     np.testing.assert_allclose(seen.arrival_s - seen.t_s, 0.03)
@@ -115,13 +115,13 @@ def test_a_panel_reports_at_its_rate_and_late():
 
 def test_a_panel_is_noisy_coarse_and_blind_to_a_lifted_finger():
     path = ([0.0, 10.0, 10.1, 20.0, 20.1, 100.0], 50.0, 20.0, [0.5, 0.5, 0.0, 0.0, 0.5, 0.5])
-    seen = TouchPanel(place_noise_mm=0.2, force_noise_n=0.02).read(*path, seed=2)
+    seen = TouchPanel(place_noise_mm=0.2, force_noise_n=0.02).read(Trajectory.of(*path), seed=2)
     # Some 9,000 reports: the deviation scatters by 0.75 %.
     assert (seen.x_mm - 50.0).std() == pytest.approx(0.2, rel=0.03)
     assert seen.normal_force_n[:900].std() == pytest.approx(0.02, rel=0.1)
     assert not ((seen.t_s > 10.1) & (seen.t_s < 20.0)).any()
     assert (seen.normal_force_n > 0).all()
-    coarse = TouchPanel(resolution_mm=0.25).read([0.0, 1.0], [0.0, 10.0], 0.1, 0.5)
+    coarse = TouchPanel(resolution_mm=0.25).read(Trajectory.of([0.0, 1.0], [0.0, 10.0], 0.1, 0.5))
     np.testing.assert_allclose(coarse.x_mm % 0.25, 0.0, atol=1e-9)
     assert (coarse.y_mm == 0.0).all()
     for bad in ({"rate_hz": 0.0}, {"latency_s": -1.0}, {"place_noise_mm": np.nan}):

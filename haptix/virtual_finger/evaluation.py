@@ -1,4 +1,4 @@
-"""How well felt friction follows what was wanted under the true finger."""
+"""How well felt friction follows its target under the true finger."""
 
 from __future__ import annotations
 
@@ -17,83 +17,83 @@ from haptix.virtual_finger.felt import Felt
 Array = npt.NDArray[np.float64]
 
 FELT_WITHIN_S = 1e-3
-"""Friction is averaged over this time: vibration is felt up to some 1 kHz (physics page, section
+"""Friction is averaged over this time: vibration is felt up to about 1 kHz (physics page, section
 7)."""
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """Error of felt friction against the wanted one; NaN where no sample could be judged.
+class Evaluation:
+    """Error of felt friction against its target; NaN where no sample could be evaluated.
 
-    Thresholds are differences over ``weber_fraction * wanted mu``: 1 is just felt by a finger.
+    A just-noticeable difference (JND) is ``weber_fraction * target mu``.
     """
 
     error_rms_mu: float
     error_p95_mu: float
     error_max_mu: float
     bias_mu: float
-    """Mean of felt less wanted."""
-    error_rms_thresholds: float
-    error_p95_thresholds: float
-    error_max_thresholds: float
+    """Mean of felt minus target."""
+    error_rms_jnd: float
+    error_p95_jnd: float
+    error_max_jnd: float
     samples: int
-    """All samples; those below need not add up to it, since the edges of each stretch are lost to
-    the averaging."""
-    judged: int
+    """All samples. The counts below need not add up to it, since averaging drops the edges of each
+    stretch."""
+    evaluated: int
     still: int
-    """Samples at which the finger stands or is lifted: not judged."""
+    """Samples at which the finger stands or is lifted; not evaluated."""
     unreachable: int
-    """Sliding samples whose wanted friction is none, or said to be out of reach: not judged."""
+    """Sliding samples without a target, or with one out of reach; not evaluated."""
     pull_in: int
-    """Sliding samples at which the contact snaps in: not judged, since no friction is known."""
+    """Sliding samples at which the contact snaps in; not evaluated, since no friction is known."""
     breakdown: int
-    """Sliding samples at which gap or insulator break down: judged, as if without sparks."""
+    """Sliding samples at which gap or insulator break down; evaluated as if they did not."""
     average_s: float
     weber_fraction: float
 
     @property
-    def share_judged(self) -> float:
-        """Judged samples over all."""
-        return self.judged / self.samples
+    def share_evaluated(self) -> float:
+        """Evaluated samples over all."""
+        return self.evaluated / self.samples
 
 
-def judge(
+def evaluate(
     felt: Felt,
-    wanted_mu_at_true_position: npt.ArrayLike,
+    target_mu: npt.ArrayLike,
     is_reachable: npt.ArrayLike | None = None,
     average_s: float = FELT_WITHIN_S,
     weber_fraction: float = WEBER_FRACTION,
-) -> Verdict:
-    """Compare what a finger felt with what was wanted at the place where it truly was.
+) -> Evaluation:
+    """Compare what a finger felt with the target at the place where it truly was.
 
-    Felt and wanted friction are averaged alike, over a moving window of `average_s`; a sample is
-    judged where the finger slides in light contact, within reach, over the whole window.
+    Felt friction and target are averaged alike, over a moving window of `average_s`. A sample is
+    evaluated if the finger slides in light contact, within reach, over the whole window.
 
     Parameters
     ----------
     felt : Felt
-        Felt under any drive: the whole renderer's, or one with a source of error switched off.
-    wanted_mu_at_true_position : array, shape (samples,)
-        Wanted friction coefficient at `felt.x_mm`, `felt.y_mm` and `felt.normal_force_n`; NaN where
-        none is wanted.
+        Felt under any drive: the renderer's, or one with a source of error switched off.
+    target_mu : array, shape (samples,)
+        Friction coefficient asked for at `felt.x_mm`, `felt.y_mm` and `felt.normal_force_n`; NaN
+        where there is none.
     is_reachable : array of bool, shape (samples,), optional
-        Where the screen can reach it; everywhere without.
+        Where the screen can reach the target; the default is everywhere.
     average_s : float
-        Width of the window [s], 0 for none. Half a period of a direct drive, or whole multiples of
-        it, takes its ripple out.
+        Width of the window [s], 0 for none. Half a period of a direct drive, or a whole multiple
+        of it, removes the ripple.
     weber_fraction : float
-        Smallest relative difference that is felt.
+        JND over friction.
 
     Raises
     ------
     InputError
-        If lengths differ, a wanted friction is not above 0, or a number is out of its range.
+        If lengths differ, a target is not above 0, or a number is out of its range.
     """
-    wanted = np.asarray(wanted_mu_at_true_position, dtype=np.float64)
+    target = np.asarray(target_mu, dtype=np.float64)
     reachable = np.ones(len(felt.t_s), dtype=bool)
     if is_reachable is not None:
         reachable = np.asarray(is_reachable)
-    for name, given in (("wanted_mu_at_true_position", wanted), ("is_reachable", reachable)):
+    for name, given in (("target_mu", target), ("is_reachable", reachable)):
         if given.shape != felt.t_s.shape:
             raise InputError(
                 f"{name}: expected one value for each of the {len(felt.t_s)} times of felt.t_s, "
@@ -101,9 +101,9 @@ def judge(
             )
     if reachable.dtype != np.bool_:
         raise InputError(f"is_reachable: expected bools, got {reachable.dtype}")
-    is_wanted = ~np.isnan(wanted)
-    if (wanted[is_wanted] <= 0).any() or np.isinf(wanted).any():
-        raise InputError("wanted_mu_at_true_position: expected finite values above 0, or NaN")
+    has_target = ~np.isnan(target)
+    if (target[has_target] <= 0).any() or np.isinf(target).any():
+        raise InputError("target_mu: expected finite values above 0, or NaN")
     (average,), (weber,) = (
         numbers("average_s", average_s),
         numbers("weber_fraction", weber_fraction),
@@ -115,20 +115,20 @@ def judge(
         )
     sliding = felt.is_sliding
     pull_in = sliding & (felt.status == Status.PULL_IN)
-    within = sliding & reachable & is_wanted
+    within = sliding & reachable & has_target
     usable = within & ~pull_in
     step_s = float(felt.t_s[-1] - felt.t_s[0]) / (len(felt.t_s) - 1)
     width = min(max(1, round(float(average) / step_s)), len(felt.t_s) + 1)
-    whole, (felt_mu, wanted_mu) = _averaged(usable, width, felt.mu, wanted)
-    error = (felt_mu - wanted_mu)[whole]
+    whole, (averaged_felt, averaged_target) = _averaged(usable, width, felt.mu, target)
+    error = (averaged_felt - averaged_target)[whole]
     in_mu = _figures(np.abs(error))
-    in_thresholds = _figures(np.abs(error) / (weber * wanted_mu[whole]))
-    return Verdict(
+    in_jnd = _figures(np.abs(error) / (weber * averaged_target[whole]))
+    return Evaluation(
         *in_mu,
         float(error.mean()) if len(error) else np.nan,
-        *in_thresholds,
+        *in_jnd,
         samples=len(felt.t_s),
-        judged=int(whole.sum()),
+        evaluated=int(whole.sum()),
         still=int((~sliding).sum()),
         unreachable=int((sliding & ~within).sum()),
         pull_in=int(pull_in.sum()),
@@ -149,8 +149,8 @@ def _figures(size: Array) -> tuple[float, float, float]:
 def _averaged(
     usable: npt.NDArray[np.bool_], width: int, *columns: Array
 ) -> tuple[npt.NDArray[np.bool_], list[Array]]:
-    """Where a whole window is usable, and the columns' means over the window of each sample."""
+    """Where a whole window is usable, and the mean of each column over each sample's window."""
     filled = (np.where(usable, column, 0.0) for column in columns)
     means = [uniform_filter1d(column, width, mode="constant") for column in filled]
-    lacking = uniform_filter1d((~usable).astype(float), width, mode="constant", cval=1.0)
-    return lacking < 0.5 / width, means
+    unusable = uniform_filter1d((~usable).astype(float), width, mode="constant", cval=1.0)
+    return unusable < 0.5 / width, means

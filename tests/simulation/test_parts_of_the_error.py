@@ -1,29 +1,29 @@
 """Where the error comes from: each part vanishes when its cause does, and they add up."""
 
-import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import haptix
-from haptix.rehearsal import PARTS, rehearse
 from haptix.render import DirectWave, LiveSettings
+from haptix.simulation import PARTS, Setting, simulate
 from haptix.virtual_finger import TouchPanel
 
 CARRIER_HZ = 4000.0
+PANEL = TouchPanel()
 
 
 @pytest.fixture(scope="module")
-def usual(model, surface, hills, path):
-    return rehearse(model, surface, hills, path)
+def usual(setting, surface):
+    return simulate(setting, surface, PANEL)
 
 
 def test_the_parts_are_the_whole(usual):
     assert set(usual.parts) == set(PARTS)
-    whole, parts = usual.verdict, usual.parts.values()
-    assert whole.judged > 0.9 * whole.samples
-    assert {part.judged for part in parts} == {whole.judged}
+    whole, parts = usual.evaluation, usual.parts.values()
+    assert whole.evaluated > 0.9 * whole.samples
+    assert {part.evaluated for part in parts} == {whole.evaluated}
     # Each part is felt less what was felt without it: the sum telescopes, sample by sample.
     assert sum(part.bias_mu for part in parts) == pytest.approx(whole.bias_mu, abs=1e-12)
     assert whole.error_rms_mu <= sum(part.error_rms_mu for part in parts) + 1e-12
@@ -33,13 +33,13 @@ def test_the_parts_are_the_whole(usual):
         assert part.error_rms_mu <= whole.error_rms_mu + others + 1e-12
 
 
-def test_felt_and_wanted_are_where_the_finger_truly_is(usual, path, hills, surface):
+def test_felt_and_target_are_where_the_finger_truly_is(usual, path, hills, surface):
     felt = usual.felt
     x, _, force = path.at(felt.t_s)
     np.testing.assert_allclose(felt.x_mm, x, atol=1e-9)
     low, high = (surface.mu(force, volts, CARRIER_HZ).numpy() for volts in (0.0, 200.0))
     share = 0.5 + 0.35 * np.sin(2 * np.pi * x / 6)
-    np.testing.assert_allclose(usual.wanted_mu, low + share * (high - low), rtol=1e-9)
+    np.testing.assert_allclose(usual.target_mu, low + share * (high - low), rtol=1e-9)
     assert usual.is_reachable.all()
 
 
@@ -49,28 +49,28 @@ def test_an_exact_surface_has_no_part_in_it(model, hills, path):
     scene = {"normal_force_n": 0.5, "frequency_hz": CARRIER_HZ}
     exact = haptix.FrictionSurface.build(closed, scene)
     level = haptix.Trajectory(path.t_s, path.x_mm, path.y_mm, np.full_like(path.t_s, 0.5))
-    found = rehearse(closed, exact, hills, level)
+    found = simulate(Setting(closed, hills, level), exact, PANEL)
     # The secant stops at a relative 1e-13 of 1/mu, over a slope of up to 1/200 per volt.
     assert found.parts["surface"].error_max_mu < 1e-8
     assert found.parts["prediction"].error_max_mu > 1e-4
 
 
-def test_the_surfaces_part_is_within_its_stated_error(model, hills, path, surface, usual):
+def test_the_surfaces_part_is_within_its_stated_error(model, setting, surface, usual):
     assert usual.parts["surface"].error_max_mu <= surface.info["error_max"]
     scene = {"normal_force_n": (0.3, 0.8), "frequency_hz": CARRIER_HZ}
     fine = haptix.FrictionSurface.build(model, scene, tolerance=1e-4)
-    finer = rehearse(model, fine, hills, path).parts["surface"]
+    finer = simulate(setting, fine, PANEL).parts["surface"]
     assert finer.error_max_mu <= fine.info["error_max"]
     assert finer.error_rms_mu < usual.parts["surface"].error_rms_mu
 
 
-def test_prediction_has_little_part_with_touches_like_the_truth(model, surface, hills, path, usual):
+def test_prediction_has_little_part_with_touches_like_the_truth(setting, surface, usual):
     quick = TouchPanel(rate_hz=1000.0, latency_s=0.0)
     fast = LiveSettings(lead_s=1e-3, block_s=1e-3)
-    found = rehearse(model, surface, hills, path, quick, settings=fast)
+    found = simulate(setting, surface, quick, fast)
     # The first touches say nothing of the speed yet; after that the finger is followed.
     assert found.parts["prediction"].error_rms_mu < usual.parts["prediction"].error_rms_mu
-    late = rehearse(model, surface, hills, path, TouchPanel(latency_s=0.06))
+    late = simulate(setting, surface, TouchPanel(latency_s=0.06))
     assert late.parts["prediction"].error_rms_mu > usual.parts["prediction"].error_rms_mu
     # What comes before the touches does not depend on them.
     for name in ("finger", "surface", "modulation", "quantisation"):
@@ -79,23 +79,23 @@ def test_prediction_has_little_part_with_touches_like_the_truth(model, surface, 
         )
 
 
-def test_quantisation_goes_with_the_step_of_the_device(model, surface, hills, path, usual):
-    coarse = rehearse(model, surface, hills, path, address="mock:full_scale_v=1000")
+def test_quantisation_goes_with_the_step_of_the_device(setting, surface, usual):
+    coarse = simulate(setting, surface, PANEL, address="mock:full_scale_v=1000")
     # Not the rms: where the path ends, the device's ramp is counted here, too.
     ratio = coarse.parts["quantisation"].error_p95_mu / usual.parts["quantisation"].error_p95_mu
     # Four times the step; the errors of the samples of a period partly cancel, by chance.
     assert 2 < ratio < 8
-    assert usual.parts["quantisation"].error_p95_thresholds < 0.01
+    assert usual.parts["quantisation"].error_p95_jnd < 0.01
 
 
 def test_a_finger_that_follows_at_once_has_no_part(model, surface, path):
     # Friction that is the same everywhere leaves nothing to smooth, once it has faded in.
     flat = haptix.Texture(np.full((2, 2), 0.5), width_mm=100.0, beyond="hold")
     level = haptix.Trajectory(path.t_s, path.x_mm, path.y_mm, np.full_like(path.t_s, 0.5))
-    found = rehearse(model, surface, flat, level)
+    found = simulate(Setting(model, flat, level), surface, PANEL)
     assert found.parts["finger"].error_p95_mu < 1e-6
     waves = haptix.texture.Grating(1.0, "square", low=0.15, high=0.85)
-    rough = rehearse(model, surface, waves, level)
+    rough = simulate(Setting(model, waves, level), surface, PANEL)
     assert rough.parts["finger"].error_p95_mu > 1e-4
 
 
@@ -103,24 +103,34 @@ def test_direct_drive_has_its_parts(model, path):
     scene = {"normal_force_n": (0.3, 0.8), "frequency_hz": 125.0}
     surface = haptix.FrictionSurface.build(model, scene, tolerance=2e-3)
     wide = haptix.texture.Grating(20.0, "sine", low=0.2, high=0.7)
-    found = rehearse(model, surface, wide, path, drive=DirectWave(125.0, "square"))
+    found = simulate(Setting(model, wide, path, DirectWave(125.0, "square")), surface, PANEL)
     assert set(found.parts) == {"modulation", "surface", "quantisation", "prediction"}
     total = sum(part.bias_mu for part in found.parts.values())
-    assert total == pytest.approx(found.verdict.bias_mu, abs=1e-12)
+    assert total == pytest.approx(found.evaluation.bias_mu, abs=1e-12)
 
 
-def test_only_a_mock_can_be_felt(model, surface, hills, path, monkeypatch):
+def test_only_a_mock_can_be_felt(setting, surface, monkeypatch):
     closed = []
     device = SimpleNamespace(mock=None, close=lambda: closed.append(True))
-    module = sys.modules["haptix.rehearsal.rehearse"]  # its function has the same name
-    monkeypatch.setattr(module, "open_device", lambda address: device)
+    monkeypatch.setattr("haptix.simulation.played.open_device", lambda address: device)
     with pytest.raises(haptix.InputError, match=r"mock device.*usb:"):
-        rehearse(model, surface, hills, path, address="usb:")
+        simulate(setting, surface, address="usb:")
     assert closed
 
 
-def test_progress_rises(model, surface, hills, path):
+@pytest.mark.parametrize("panel", [None, TouchPanel()])
+def test_progress_rises(setting, surface, panel):
     shares = []
-    rehearse(model, surface, hills, path, on_progress=shares.append)
+    simulate(setting, surface, panel, on_progress=shares.append)
     assert shares == sorted(shares)
     assert shares[-1] <= 1.0
+
+
+def test_without_a_panel_the_surface_and_16_bits_are_what_is_left(setting, surface, usual):
+    found = simulate(setting, surface)
+    assert found.parts == {}
+    # 5 ms fade in and 1 ms fades out, 60 samples of 10 kHz; and the edges of the window.
+    lost = found.evaluation.samples - found.evaluation.evaluated
+    assert 60 < lost < 80
+    expected = usual.parts["surface"].error_max_mu + usual.parts["modulation"].error_max_mu
+    assert found.evaluation.error_max_mu <= 1.1 * expected

@@ -1,0 +1,149 @@
+"""The files that a simulation writes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from io import BytesIO
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import soundfile
+
+from haptix.files import check_folder, csv_text, json_text, write_folder
+from haptix.render import SineCarrier
+from haptix.simulation.figure import draw
+from haptix.simulation.parts import PARTS
+from haptix.simulation.run import Simulation
+from haptix.version import __version__
+from haptix.virtual_finger import Evaluation
+
+FILES = ("felt.csv", "drive.wav", "drive.json", "summary.json")
+"""What `write` leaves, besides the picture."""
+
+
+def summary_of(simulation: Simulation) -> dict[str, Any]:
+    """Evaluation, parts of the error and counts, as plain values."""
+    played, info = simulation.played, simulation.surface.info
+    stats, device, driver = played.renderer.stats, played.device, played.driver
+    rendered_s = stats.samples / played.renderer.sample_rate_hz
+    target = simulation.target_mu
+    return {
+        "haptix": __version__,
+        "placeholders": simulation.setting.model.placeholders(),
+        "target_mu": [float(target.min()), float(target.max())],
+        "evaluation": _plain(simulation.evaluation),
+        "parts": {
+            name: {"what": PARTS[name], **_plain(part)} for name, part in simulation.parts.items()
+        },
+        "out_of_range": {
+            "share_below": stats.below / stats.samples,
+            "share_above": stats.above / stats.samples,
+            "share_outside_surface": stats.outside / stats.samples,
+        },
+        "surface": {
+            "grid": list(simulation.surface.mu_table.shape),
+            "error_max_mu": info.get("error_max"),
+            "error_p99_mu": info.get("error_p99"),
+            "key": info["key"],
+        },
+        "stream": {
+            "blocks": len(stats.block_s),
+            "block_length_ms": 1e3 * rendered_s / len(stats.block_s),
+            "block_p50_ms": stats.p50_block_s * 1e3,
+            "block_p99_ms": stats.p99_block_s * 1e3,
+            "block_max_ms": stats.max_block_s * 1e3,
+            "frames_sent": device.frames_sent,
+            "bytes_sent": device.bytes_sent,
+            "samples_played": driver.samples_played,
+            "underruns": driver.underruns,
+            "faults": driver.faults,
+        },
+    }
+
+
+def write(
+    folder: Path, simulation: Simulation, about: Mapping[str, Any], picture: str = "simulation.png"
+) -> dict[str, Any]:
+    """Write a picture and `FILES`: all of them, or none.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if needed.
+    simulation : Simulation
+        What to write.
+    about : mapping of str
+        What was simulated, in words; goes into the summary.
+    picture : str
+        Name of the picture.
+
+    Returns
+    -------
+    dict
+        What summary.json holds.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written.
+    """
+    summary = {**about, **summary_of(simulation)}
+    names = (picture, *FILES)
+    check_folder(folder, names)
+    felt_csv = csv_text(*_felt_table(simulation), digits=9)
+    wave, sidecar = _wave(simulation), json_text(_sidecar(simulation))
+
+    def drawing(file: Path) -> None:
+        draw(file, simulation)
+
+    contents = (drawing, felt_csv, wave, sidecar, json_text(summary))
+    write_folder(folder, dict(zip(names, contents, strict=True)))
+    return summary
+
+
+def _felt_table(simulation: Simulation) -> tuple[list[str], Iterable[Iterable[object]]]:
+    felt = simulation.felt
+    columns = {
+        "t_s": felt.t_s,
+        "x_mm": felt.x_mm,
+        "y_mm": felt.y_mm,
+        "normal_force_n": felt.normal_force_n,
+        "target_mu": simulation.target_mu,
+        "felt_mu": felt.mu,
+        "is_reachable": simulation.is_reachable.astype(int),
+    }
+    return list(columns), zip(*(column.tolist() for column in columns.values()), strict=True)
+
+
+def _wave(simulation: Simulation) -> bytes:
+    """Return the codes that went over the wire as a WAV file: it is what was played."""
+    played, file = simulation.played, BytesIO()
+    rate = round(played.renderer.sample_rate_hz)
+    soundfile.write(file, played.driver.played_codes, rate, "PCM_16", format="WAV")
+    return file.getvalue()
+
+
+def _sidecar(simulation: Simulation) -> dict[str, Any]:
+    played = simulation.played
+    drive = played.renderer.drive
+    frequency = "carrier_hz" if isinstance(drive, SineCarrier) else "direct_hz"
+    return {
+        "what": "drive signal as the mock driver played it",
+        "volts": "sample / 32767 * full_scale_v",
+        "full_scale_v": played.device.capabilities.full_scale_v,
+        "sample_rate_hz": played.renderer.sample_rate_hz,
+        "start_s": played.start_s,
+        frequency: drive.frequency_hz,
+        "voltage_limit_v": simulation.surface.voltage_limit_v,
+        "surface_key": simulation.surface.info["key"],
+        "model": simulation.setting.model.describe(),
+    }
+
+
+def _plain(evaluation: Evaluation) -> dict[str, Any]:
+    return {
+        name: None if isinstance(value, float) and not isfinite(value) else value
+        for name, value in asdict(evaluation).items()
+    }

@@ -1,0 +1,120 @@
+"""A path played on a mock device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_io import Device, MockDriver, open_device
+from haptix.errors import InputError
+from haptix.render import LiveSettings, PredictingRenderer, Renderer
+from haptix.render.session import VirtualTimeSession
+from haptix.simulation.setting import Setting
+from haptix.surface import FrictionSurface
+from haptix.touch import TouchEvent, events_of
+from haptix.virtual_finger import FELT_WITHIN_S, Felt, TouchPanel, VirtualFinger
+
+Array = npt.NDArray[np.float64]
+
+_FEWEST_SAMPLES = 4  # that the virtual finger feels
+
+
+@dataclass(frozen=True)
+class Played:
+    """What a renderer sent along a path, and what the mock device played.
+
+    Parameters
+    ----------
+    setting : Setting
+        What was to be felt.
+    renderer : VirtualTimeSession
+        The renderer, with its counts, times and blocks.
+    device : Device
+        The mock device, closed.
+    driver : MockDriver
+        The driver behind it.
+    start_s : float
+        Time of the first sample on the path's clock [s].
+    """
+
+    setting: Setting
+    renderer: VirtualTimeSession
+    device: Device
+    driver: MockDriver
+    start_s: float
+
+    def feel(self, finger: VirtualFinger, drive_v: Array | None = None) -> Felt:
+        """Return what a finger on the path felt of a drive, or of what the device played."""
+        drive_v = self.driver.played_v if drive_v is None else drive_v
+        lacking = max(0, _FEWEST_SAMPLES - len(drive_v))
+        drive_v = np.append(drive_v, np.zeros(lacking))
+        path = self.setting.path
+        along = (path.t_s, path.x_mm, path.y_mm, path.normal_force_n)
+        return finger.feel(drive_v, self.renderer.sample_rate_hz, *along, self.start_s)
+
+    def collected(self, name: str) -> Array:
+        """Return one array of all blocks, joined."""
+        return np.concatenate([getattr(block, name) for block in self.renderer.blocks])
+
+    def is_settled(self, t_s: Array) -> npt.NDArray[np.bool_]:
+        """Whether the finger gets its whole amplitude at times [s], and the end is not near.
+
+        The device ends with a ramp to 0 V; the virtual finger, which sees no more than 5 kHz, sees
+        the step to it a little before.
+        """
+        renderer = self.renderer
+        at_s = self.start_s + self.collected("sample") / renderer.sample_rate_hz
+        gain = np.concatenate(
+            [b.gain if b.fingers else np.zeros(len(b.amplitude_v)) for b in renderer.blocks]
+        )
+        has_faded_in = np.interp(t_s, at_s, gain, left=0.0) == 1.0
+        return np.asarray(has_faded_in & (t_s < at_s[-1] - FELT_WITHIN_S))
+
+
+def play_known(
+    setting: Setting,
+    surface: FrictionSurface,
+    settings: LiveSettings,
+    address: str,
+    on_progress: Callable[[float], None],
+) -> Played:
+    """Play the true path: no panel, latency or prediction."""
+    device, driver = _mock(address)
+    settings = replace(settings, keep_blocks=True)
+    path = setting.path
+    with Renderer(surface, setting.texture, device, setting.drive, settings) as renderer:
+        touches = events_of(path)[:-1]  # without the lift
+        for number, touch in enumerate(touches, 1):
+            renderer.event(touch)
+            on_progress(number / len(touches))
+    device.close()
+    return Played(setting, renderer, device, driver, float(path.t_s[0]))
+
+
+def play_live(
+    setting: Setting,
+    surface: FrictionSurface,
+    panel: TouchPanel,
+    settings: LiveSettings,
+    address: str,
+) -> Played:
+    """Play what a touch panel reports of the path."""
+    seen = panel.read(setting.path)
+    device, driver = _mock(address)
+    with PredictingRenderer(surface, setting.texture, device, setting.drive, settings) as renderer:
+        columns = (seen.t_s, seen.x_mm, seen.y_mm, seen.normal_force_n, seen.arrival_s)
+        for t, x, y, force, arrival in zip(*(c.tolist() for c in columns), strict=True):
+            renderer.event(TouchEvent(t, 0, x, y, "move", force), arrival)
+    device.close()
+    return Played(setting, renderer, device, driver, float(seen.t_s[0]))
+
+
+def _mock(address: str) -> tuple[Device, MockDriver]:
+    device = open_device(address)
+    if device.mock is None:
+        device.close()
+        raise InputError(f"device: expected a mock device, whose output can be felt, got {address}")
+    return device, device.mock

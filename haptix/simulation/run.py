@@ -1,0 +1,151 @@
+"""Play a texture to the virtual finger, without hardware."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.render import LiveSettings
+from haptix.simulation.parts import felt_in_steps
+from haptix.simulation.played import Played, play_known, play_live
+from haptix.simulation.setting import Setting
+from haptix.surface import FrictionSurface
+from haptix.texture import as_mu
+from haptix.virtual_finger import (
+    FELT_WITHIN_S,
+    Evaluation,
+    Felt,
+    TouchPanel,
+    VirtualFinger,
+    evaluate,
+)
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What was asked for, played and felt.
+
+    Parameters
+    ----------
+    surface : FrictionSurface
+        What the renderer knew of finger and screen.
+    played : Played
+        What was sent and played.
+    felt : Felt
+        What the virtual finger felt of it.
+    target_mu, lowest_mu, highest_mu : ndarray, shape (samples,)
+        Friction that the texture asks for under the true finger, and the reachable range, at the
+        times of `felt`.
+    is_reachable : ndarray of bool, shape (samples,)
+        Whether the target is in that range. Without a touch panel, fades are left out as well.
+    evaluation : Evaluation
+        All errors together.
+    parts : mapping of str to Evaluation
+        Each of `PARTS`: what switching this source off changes, when those after it are off
+        already. Empty without a touch panel.
+    """
+
+    surface: FrictionSurface
+    played: Played
+    felt: Felt
+    target_mu: Array
+    lowest_mu: Array
+    highest_mu: Array
+    is_reachable: npt.NDArray[np.bool_]
+    evaluation: Evaluation
+    parts: Mapping[str, Evaluation]
+
+    @property
+    def setting(self) -> Setting:
+        """What was simulated."""
+        return self.played.setting
+
+
+def simulate(
+    setting: Setting,
+    surface: FrictionSurface,
+    panel: TouchPanel | None = None,
+    settings: LiveSettings | None = None,
+    address: str = "mock:",
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> Simulation:
+    """Move the virtual finger along a path on a texture.
+
+    With a touch panel, the panel reports the path, late and sampled, and the renderer predicts. The
+    finger feels what the mock device plays, at the place where it truly is. Then each source of
+    error is switched off in turn.
+
+    Without one, the renderer knows the path, and friction follows the voltage at once. What is left
+    is the error of the surface, the modulation and the device's 16 bits.
+
+    Parameters
+    ----------
+    setting : Setting
+        Finger, screen, texture, path and drive.
+    surface : FrictionSurface
+        What the renderer knows of finger and screen.
+    panel : TouchPanel, optional
+        How the screen senses the finger.
+    settings : LiveSettings, optional
+        How the renderer works.
+    address : str
+        A mock device, with its options.
+    on_progress : callable
+        Called with the share that is done.
+
+    Raises
+    ------
+    InputError
+        If the address is not that of a mock device, or a setting cannot be used.
+    """
+    settings = LiveSettings() if settings is None else settings
+    played = known = play_known(
+        setting, surface, settings, address, lambda share: on_progress(share / 4)
+    )
+    h0_m = setting.model.screen.h0_m if settings.h0_m is None else settings.h0_m
+    finger = VirtualFinger(setting.model, h0_m=h0_m, has_response=panel is not None)
+    steps = {}
+    if panel is not None:
+        played = play_live(setting, surface, panel, settings, address)
+        on_progress(0.5)
+        steps = felt_in_steps(known, finger, h0_m)
+    felt = steps["prediction"] = played.feel(finger)
+    on_progress(0.9)
+    low, high, target, reachable = _target(played, felt)
+    if panel is None:
+        reachable &= known.is_settled(felt.t_s)
+    # A whole period of a slow drive, whose ripple is left out.
+    average_s = max(FELT_WITHIN_S, 1 / played.renderer.drive.frequency_hz)
+    parts: dict[str, Evaluation] = {}
+    before = target
+    for name, step in steps.items():
+        parts[name] = evaluate(step, before, reachable, average_s)
+        before = step.mu
+    return Simulation(
+        surface=surface,
+        played=played,
+        felt=felt,
+        target_mu=target,
+        lowest_mu=low,
+        highest_mu=high,
+        is_reachable=reachable,
+        evaluation=evaluate(felt, target, reachable, average_s),
+        parts={} if panel is None else parts,
+    )
+
+
+def _target(played: Played, felt: Felt) -> tuple[Array, Array, Array, npt.NDArray[np.bool_]]:
+    """Reachable range, friction asked for, and whether it is reachable, at the times of `felt`."""
+    axis = played.renderer.surface.normal_force_n
+    force = felt.normal_force_n.clip(axis.low, axis.high)
+    low, high = played.renderer.reachable(force, felt.speed_mm_per_s)
+    texture = played.setting.texture
+    target = np.asarray(as_mu(texture.target, texture.friction(felt.x_mm, felt.y_mm), low, high))
+    slack = 1e-9 * high
+    on_axis = force == felt.normal_force_n
+    return low, high, target, on_axis & (target >= low - slack) & (target <= high + slack)
