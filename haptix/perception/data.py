@@ -8,6 +8,7 @@ from math import inf, log
 from pathlib import Path
 from typing import Annotated, Self
 
+import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
 from haptix.documents import Document, Part
@@ -53,14 +54,9 @@ class Channel(Part):
 
     def threshold(self, felt_hz: float) -> float:
         """Threshold [dB re 1 V] at a felt frequency; infinite outside the channel's data."""
-        x, y = self.felt_hz, self.threshold_db
-        if not x[0] <= felt_hz <= x[-1]:
+        if not self.felt_hz[0] <= felt_hz <= self.felt_hz[-1]:
             return inf
-        for k in range(len(x) - 1):
-            if felt_hz <= x[k + 1]:
-                part = log(felt_hz / x[k]) / log(x[k + 1] / x[k])
-                return y[k] + part * (y[k + 1] - y[k])
-        return y[-1]
+        return float(np.interp(log(felt_hz), np.log(self.felt_hz), self.threshold_db))
 
 
 class Audibility(Part):

@@ -137,30 +137,7 @@ def measured_table(
     notes: Mapping[str, Any] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
 ) -> tuple[Interpolant, dict[str, Any]]:
-    """Build a table from boundary elements with the mean field between them; see `build_table`.
-
-    Parameters
-    ----------
-    job : MeasuringJob
-        Model, ranges and points.
-    tolerance, on_progress, largest_bytes, notes
-        As for `FrictionSurface.build`; the tolerance is that against the mean field, before the
-        correction.
-    checkpoint : path, optional
-        File (.npz) in which finished columns are kept: the same call resumes from it.
-
-    Returns
-    -------
-    Interpolant, dict
-        The table, and its description with points, ratios and scatter in "boundary_elements".
-
-    Raises
-    ------
-    InputError, ToleranceError
-        As `FrictionSurface.build` does.
-    FileFormatError
-        If the checkpoint is damaged or belongs to something else.
-    """
+    """Solve and describe a table; see `FrictionSurface.measured`."""
     report = on_progress or (lambda share: None)
     asked = Tolerance.read(tolerance)
     best: ToleranceError | None = None

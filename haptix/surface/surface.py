@@ -75,8 +75,7 @@ class FrictionSurface:
     ) -> FrictionSurface:
         """Solve the model on axes that are refined until held-out solver points agree.
 
-        A model of boundary elements is solved at few points only, see
-        `haptix.surface.measured_surface`.
+        A model of boundary elements is solved at few points only, see `measured`.
 
         Parameters
         ----------
@@ -107,15 +106,9 @@ class FrictionSurface:
             job = MeasuringJob(model, scene or {})
             return cls.measured(job, tolerance, on_progress, largest_bytes, notes)
         with _as_surface():
+            asked = Tolerance.read(tolerance)
             return cls(
-                *build_table(
-                    model,
-                    scene or {},
-                    Tolerance.read(tolerance),
-                    on_progress,
-                    largest_bytes,
-                    notes or {},
-                )
+                *build_table(model, scene or {}, asked, on_progress, largest_bytes, notes or {})
             )
 
     @classmethod
@@ -128,7 +121,9 @@ class FrictionSurface:
         notes: Mapping[str, Any] | None = None,
         checkpoint: str | Path | None = None,
     ) -> FrictionSurface:
-        """Build from boundary elements at few points, see `haptix.surface.boundary_elements`.
+        """Build from boundary elements at few points, with the mean field between them.
+
+        ``info["boundary_elements"]`` keeps points, ratios and scatter.
 
         Parameters
         ----------
