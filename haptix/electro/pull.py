@@ -11,8 +11,6 @@ from torch import Tensor
 
 from haptix.contact.gaps import bin_inverse_square
 from haptix.electro.dielectric import VACUUM_PERMITTIVITY
-from haptix.electro.waveform import pulls
-from haptix.waves import Waveform
 
 # In complete contact no gap is left to attract, and at no voltage nothing does; this share of what
 # a gap of zero would add keeps logarithms finite there.
@@ -69,20 +67,18 @@ class Pull:
         return cls(drive_strength(voltage_v), kernel, spot, column, None, thickness_m)
 
     @classmethod
-    def of_period(
-        cls,
-        gap_edges_m: Tensor,
-        waveform: Waveform,
-        voltage_v: float,
-        frequency_hz: float,
-        thickness_m: Callable[[Tensor], Tensor],
-        phase: Tensor,
-    ) -> Self:
-        """Attraction at each phase [rad] of a drive; see `haptix.electro.waveform.pulls`."""
-        drive = (voltage_v, frequency_hz, thickness_m, phase)
-        gaps, spot = pulls(waveform, gap_edges_m, *drive)
-        column = torch.arange(len(phase), device=phase.device)
-        return cls(torch.ones_like(phase), gaps[:, None], spot[:, None], column)
+    def of_field(cls, gap_edges_m: Tensor, field: Callable[[Tensor], Tensor]) -> Self:
+        """Attraction ``eps0 E^2 / 2`` at instants.
+
+        Parameters
+        ----------
+        field : callable
+            E [V/m] in gaps [m], shape (instants, gaps); 0 is a contact spot.
+        """
+        stress = VACUUM_PERMITTIVITY / 2 * field(representative_gaps(gap_edges_m)) ** 2
+        column = torch.arange(len(stress), device=stress.device)
+        kernel, spot = stress[:, None, :-1], stress[:, -1:]
+        return cls(torch.ones_like(spot[:, 0]), kernel, spot, column)
 
     @classmethod
     def of_ripple(
@@ -99,8 +95,7 @@ class Pull:
         swing : Tensor of complex, shape (sines, instants)
             ``exp(-2 i w t)``, times what a response leaves of it.
         """
-        gap = torch.cat([middle_gaps(gap_edges_m), gap_edges_m[:1]])
-        inverse = 1 / (gap + thickness_m[:, None])
+        inverse = 1 / (representative_gaps(gap_edges_m) + thickness_m[:, None])
         square = inverse**2
         kernel = torch.stack([inverse.real**2 + inverse.imag**2, square.real, square.imag], 1)
         weight = torch.stack([torch.ones_like(swing.real), swing.real, -swing.imag], -1)
@@ -118,8 +113,7 @@ class Pull:
         squares : Tensor, shape (states, points)
             ``(E (u + reference))^2`` [V^2] at the points.
         basis : Tensor, shape (points, bins + 1)
-            Weight of each point in the gap that stands for each bin (`middle_gaps`), then in a
-            contact spot.
+            Weight of each point in `representative_gaps`.
         reference_m : float
             The length that `squares` are referred to [m].
         """
@@ -167,6 +161,9 @@ def _weighted(each: Tensor, weight: Tensor) -> Tensor:
     return by_column.transpose(0, 1).reshape(len(each), -1)
 
 
-def middle_gaps(gap_edges_m: Tensor) -> Tensor:
-    """The gap [m] that stands for each bin: where gaps are wide, 1/u^2 has its mean there."""
-    return (gap_edges_m[:-1] * gap_edges_m[1:]).sqrt()
+def representative_gaps(gap_edges_m: Tensor) -> Tensor:
+    """A gap [m] for each bin, shape (bins + 1,), and 0 for a contact spot.
+
+    The geometric mean of a bin's edges: where gaps are wide, 1/u^2 has its mean there.
+    """
+    return torch.cat([(gap_edges_m[:-1] * gap_edges_m[1:]).sqrt(), gap_edges_m[:1]])

@@ -1,8 +1,8 @@
-"""Attraction within a drive period, for any periodic voltage.
+"""The field in gaps within a drive period, for any periodic voltage.
 
 The voltage divides over insulators and gap harmonic by harmonic, with the complex thickness
-``h0(n f)`` of each. The stress follows from the square of the field that they add up to. So a sine
-attracts at twice its frequency, with a full ripple; this is a result and not an assumption.
+``h0(n f)`` of each. The attraction follows from the square of the field that they add up to. So a
+sine attracts at twice its frequency, with a full ripple; this is a result and not an assumption.
 """
 
 from __future__ import annotations
@@ -12,13 +12,12 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from haptix.electro.dielectric import VACUUM_PERMITTIVITY
 from haptix.waves import Waveform
 
 _HARMONICS = 99  # of a wave with steps
 
 
-def fields(
+def field_in_time(
     waveform: Waveform,
     gap_m: Tensor,
     voltage_v: float,
@@ -50,32 +49,3 @@ def fields(
     turn = torch.exp(-1j * n * phase[:, None])
     voltage = voltage_v * coefficient[used].to(phase.device) * turn
     return (voltage @ (1 / (gap_m + thickness))).real
-
-
-def pulls(
-    waveform: Waveform,
-    gap_edges_m: Tensor,
-    voltage_v: float,
-    frequency_hz: float,
-    thickness_m: Callable[[Tensor], Tensor],
-    phase: Tensor,
-) -> tuple[Tensor, Tensor]:
-    """Stress ``eps0 E^2 / 2`` [Pa] on a gap in each bin, and on a contact spot, at each phase.
-
-    Parameters
-    ----------
-    gap_edges_m : Tensor, shape (bins + 1,)
-        Edges of the bins [m].
-    waveform, voltage_v, frequency_hz, thickness_m, phase
-        See `fields`.
-
-    Returns
-    -------
-    (Tensor, Tensor), of shapes (phases, bins) and (phases,)
-    """
-    # Where gaps are wide 1/u^2 averages to 1/(u_low u_high) over a bin; elsewhere h0 dominates.
-    centre = (gap_edges_m[:-1] * gap_edges_m[1:]).sqrt()
-    gap = torch.cat([centre, torch.zeros_like(centre[:1])])
-    field = fields(waveform, gap, voltage_v, frequency_hz, thickness_m, phase)
-    stress = VACUUM_PERMITTIVITY / 2 * field**2
-    return stress[:, :-1], stress[:, -1]

@@ -14,7 +14,7 @@ from haptix.contact import ContactSpots, GapDistribution, MeanField, named_theor
 from haptix.contact.meanfield import check_contact_spots
 from haptix.electro import Pull, drive_voltage
 from haptix.electro.breakdown import breakdown_voltage, peak_field
-from haptix.electro.waveform import fields as fields_in_time
+from haptix.electro.waveform import field_in_time
 from haptix.errors import InputError, LimitError
 from haptix.fidelity import (
     FIDELITIES,
@@ -376,17 +376,20 @@ class ContactModel:
         h0 = self._checked("h0_m", self.screen.h0_m if h0_m is None else h0_m, "above 0 m")
         turns = np.arange(samples) / samples
         phase = 2 * torch.pi * torch.from_numpy(turns).to(self.contact.device)
-        drive = (
-            max(float(voltage), _FAINT_V),
-            float(frequency),
-            lambda harmonic: self.solver.terms.thickness(h0, harmonic),
-            phase,
-        )
-        edges = self.contact.gap_edges_m
-        mu, found = self.solver.solve(force, Pull.of_period(edges, waveform, *drive))
+
+        def field(gap_m: Tensor) -> Tensor:
+            return field_in_time(
+                waveform,
+                gap_m,
+                max(float(voltage), _FAINT_V),
+                float(frequency),
+                lambda harmonic: self.solver.terms.thickness(h0, harmonic),
+                phase,
+            )
+
+        mu, found = self.solver.solve(force, Pull.of_field(self.contact.gap_edges_m, field))
         status = self.solver.terms.status(
-            found.is_stable,
-            lambda gap: fields_in_time(waveform, edges.new_tensor([gap]), *drive).abs()[:, 0],
+            found.is_stable, lambda gap_m: field(h0.new_tensor([gap_m])).abs()[:, 0]
         )
         return PeriodState(
             t_s=(phase / (2 * torch.pi * frequency)).to(self.dtype),

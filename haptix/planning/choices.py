@@ -44,11 +44,7 @@ class Choice:
     terms: frozenset[str]
     fidelity: FidelityName = FULL
     dtype: DtypeName = "float64"
-    held: tuple[tuple[AxisName, float], ...] = ()
-
-    def holding(self, axis: AxisName, value: float) -> Choice:
-        """Return the choice with an axis collapsed to a value."""
-        return replace(self, held=tuple(sorted({**dict(self.held), axis: value}.items())))
+    held: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -83,7 +79,18 @@ class Omission:
             return replace(choice, fidelity=COARSE, terms=choice.terms & self.possible)
         if self.kind == "dtype":
             return replace(choice, dtype="float32")
-        return choice.holding(self.name, self.value)
+        held = {**dict(choice.held), self.name: self.value}
+        return replace(choice, held=tuple(sorted(held.items())))
+
+    def into(self, choice: Choice) -> Choice:
+        """Return the choice with it."""
+        if self.kind == "term":
+            return replace(choice, terms=choice.terms | {self.name})
+        if self.kind == "fidelity":
+            return replace(choice, fidelity=FULL)
+        if self.kind == "dtype":
+            return replace(choice, dtype="float64")
+        return replace(choice, held=tuple(pair for pair in choice.held if pair[0] != self.name))
 
 
 def middle(low: float, high: float) -> float:

@@ -1,4 +1,4 @@
-"""What to leave out: the scene's own wishes first, then what its budget allows."""
+"""What to leave out: what the scene says first, then what its budget allows."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Decision:
 def with_overrides(
     scene: Scene, everything: list[Omission]
 ) -> tuple[Choice, dict[Omission, Decision]]:
-    """Return the model from which things are left out, and what is not up to planning."""
+    """Return the model from which things are left out, and what the scene has decided."""
     override = scene.override
     base = Choice(friction_terms(scene, override.fidelity or FULL))
     for name, is_on in override.terms.items():
@@ -45,11 +45,11 @@ def with_overrides(
             chosen_terms({name: True}, scene.finger, scene.screen, how)
     settled: dict[Omission, Decision] = {}
     for one in everything:
-        wanted = _overridden(scene, one)
-        if wanted is None:
+        is_kept = _overridden(scene, one)
+        if is_kept is None:
             continue
-        settled[one] = Decision(wanted, f"{'kept' if wanted else 'dropped'} by the scene")
-        if not wanted:
+        settled[one] = Decision(is_kept, f"{'kept' if is_kept else 'dropped'} by the scene")
+        if not is_kept:
             base = one.of(base)
     for one in everything:
         if one.kind == "term" and one.name not in base.terms and one not in settled:
@@ -64,16 +64,16 @@ def with_overrides(
 
 
 def _overridden(scene: Scene, one: Omission) -> bool | None:
-    """What the scene says of one thing: True to keep it, None if it says nothing."""
+    """Whether the scene keeps one thing; None if it says nothing."""
     override = scene.override
     if one.kind == "term":
         return override.terms.get(one.name)
     if one.kind == "axis":
-        wish = override.axes.get(one.name)
-        return None if wish is None else wish == "keep"
+        said = override.axes.get(one.name)
+        return None if said is None else said == "keep"
     if one.kind == "dtype":
         return None if override.dtype is None else override.dtype == one.name
-    # One that cannot be tabulated corrects a surface of the full one.
+    # A fidelity that cannot be tabulated corrects a surface of the full one.
     return None if override.fidelity is None else override.fidelity != COARSE
 
 
@@ -83,18 +83,9 @@ def effect_alone(scene: Scene, trials: Trials, base: Choice, one: Omission) -> E
     if without != base:
         return trials.effect(base, without)
     # It is off already, by an override: switch it on.
-    if one.kind == "term":
-        if one.name not in scene.possible_terms(base.fidelity):
-            return Effect()
-        truth = Choice(base.terms | {one.name}, base.fidelity, base.dtype, base.held)
-    elif one.kind == "axis":
-        held = tuple(pair for pair in base.held if pair[0] != one.name)
-        truth = Choice(base.terms, base.fidelity, base.dtype, held)
-    elif one.kind == "fidelity":
-        truth = Choice(base.terms, FULL, base.dtype, base.held)
-    else:
-        truth = Choice(base.terms, base.fidelity, "float64", base.held)
-    return trials.effect(truth, base)
+    if one.kind == "term" and one.name not in scene.possible_terms(base.fidelity):
+        return Effect()
+    return trials.effect(one.into(base), base)
 
 
 def spend(
@@ -131,12 +122,12 @@ def spend(
 
 
 def _price(one: Omission, alone: Effect) -> float:
-    """Modelling budget [thresholds] from which on it pays: what saves little may cost little."""
+    """Modelling budget [JND] from which it pays to drop it: what saves little may cost little."""
     return _cost(alone) / one.work
 
 
 def _cost(effect: Effect) -> float:
-    """Thresholds; without limit where voltages would go past breakdown."""
+    """Largest effect [JND]; without limit where voltages would go past breakdown."""
     return inf if effect.overreach > _OVERREACH else effect.thresholds_max
 
 
@@ -144,17 +135,17 @@ def _why_dropped(one: Omission, alone: Effect, together: Effect) -> str:
     held = f"held at {one.value:.4g}; " if one.kind == "axis" else ""
     if alone.thresholds_max == 0:
         return f"{held}changes nothing here"
-    return f"{held}all dropped so far cost {together.thresholds_max:.2g} thresholds"
+    return f"{held}all dropped so far cost {together.thresholds_max:.2g} JND"
 
 
 def _why_kept(one: Omission, alone: Effect, share: float) -> str:
     if alone.overreach > _OVERREACH:
         return f"without it the surface would end {alone.overreach:.0%} past breakdown"
     if alone.thresholds_max > share:
-        return f"matters: more than {share:.2g} thresholds"
+        return f"matters: more than {share:.2g} JND"
     if _price(one, alone) > share:
-        return f"saves too little to cost more than {share * one.work:.2g} thresholds"
-    return f"with what is dropped, more than {share:.2g} thresholds"
+        return f"saves too little to cost more than {share * one.work:.2g} JND"
+    return f"with what is dropped, more than {share:.2g} JND"
 
 
 def decide_report(scene: Scene, trials: Trials, chosen: Choice, term: Term) -> Decision:

@@ -35,7 +35,7 @@ class Effect:
     mu_max, mu_p99 : float
         Largest, and exceeded by 1 % of the points.
     thresholds_max, thresholds_p99 : float
-        The same in difference thresholds of the friction there, ``0.11 mu``.
+        The same in just-noticeable differences (JND) of the friction there, ``0.11 mu``.
     overreach : float
         Share by which voltages go past breakdown, in truth, before the other's surface ends.
     """
@@ -48,7 +48,7 @@ class Effect:
 
     @classmethod
     def between(cls, truth: Tensor, other: Tensor, overreach: float = 0.0) -> Self:
-        """Compare frictions of one shape."""
+        """Compare friction of one shape."""
         mu = (other - truth).abs().reshape(-1)
         felt = mu / (WEBER_FRACTION * truth.reshape(-1))
         return cls(

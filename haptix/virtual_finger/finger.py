@@ -7,7 +7,7 @@ import numpy.typing as npt
 import torch
 
 from haptix import checks
-from haptix.electro.pull import Pull, middle_gaps
+from haptix.electro.pull import Pull, representative_gaps
 from haptix.errors import InputError, LimitError
 from haptix.fidelity import Ability
 from haptix.finger_response import FingerResponse
@@ -254,10 +254,10 @@ class VirtualFinger:
         force, weight = (
             torch.from_numpy(a.copy()).to(edges.device) for a in (normal_force_n, squares.T)
         )
-        gaps = np.append(middle_gaps(edges).cpu().numpy(), 0.0)
-        basis = torch.from_numpy(field.basis_of_gaps(gaps)).to(edges.device)
+        basis = field.basis_of_gaps(representative_gaps(edges).cpu().numpy())
+        of_gap = torch.from_numpy(basis).to(edges.device)
         mu, found = self.model.solver.solve_in_blocks(
-            force, lambda at: Pull.of_squares(edges, weight[at], basis, field.reference_m)
+            force, lambda at: Pull.of_squares(edges, weight[at], of_gap, field.reference_m)
         )
         return mu.detach().cpu().numpy(), found.is_stable.cpu().numpy()
 

@@ -10,8 +10,8 @@ from torch import Tensor
 from haptix import ContactModel, Finger, Screen, Status
 from haptix.contact import HalfSpace, MeanField, RoughnessSpectrum
 from haptix.contact.gaps import GapHistogram
-from haptix.electro import SkinDielectric
-from haptix.electro.waveform import pulls
+from haptix.electro import Pull, SkinDielectric
+from haptix.electro.waveform import field_in_time
 from haptix.errors import InputError
 from haptix.terms import ActiveTerms, Properties
 from haptix.waves import Waveform
@@ -46,8 +46,11 @@ def lossy(frequency: Tensor) -> Tensor:
 
 
 def stress(wave: Waveform, gaps: GapHistogram, thickness: object) -> tuple[Tensor, Tensor]:
-    of_gap, of_spot = pulls(wave, gaps.edges_m, VOLTAGE, FREQUENCY, thickness, PHASE)
-    return gaps.mass @ of_gap.T, 0.01 * of_spot
+    pull = Pull.of_field(
+        gaps.edges_m,
+        lambda gap_m: field_in_time(wave, gap_m, VOLTAGE, FREQUENCY, thickness, PHASE),
+    )
+    return gaps.mass @ pull.kernel[:, 0].T, 0.01 * pull.spot[:, 0]
 
 
 @pytest.mark.parametrize("thickness", [lossless, lossy])
