@@ -1,7 +1,7 @@
 """What strokes should give: mean friction and its ripple at 2f, with their Jacobian.
 
-The mean over a drive period differs by some 10 % from the friction at the mean pull, so each stroke
-is solved at instants of the period, as `ContactModel.over_period` does, and averaged as the
+The mean over a drive period differs by some 10 % from the friction at the mean attraction. So each
+stroke is solved at instants of the period, as `ContactModel.over_period` does, and averaged as the
 reduction averages. The finger's first-order response smooths the attraction, as in
 `haptix.virtual_finger`.
 

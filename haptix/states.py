@@ -21,9 +21,9 @@ class ContactState:
     pressure_pa: Tensor
     """Effective pressure p that the contact carries."""
     gap_attraction_pa: Tensor
-    """Time-averaged pull of the open gaps."""
+    """Time-averaged attraction of the open gaps."""
     spot_attraction_pa: Tensor
-    """Time-averaged pull inside the contact spots."""
+    """Time-averaged attraction inside the contact spots."""
     mean_gap_m: Tensor
     """Mean separation of the surfaces."""
     pull_in_voltage_v: Tensor
@@ -37,7 +37,7 @@ class ContactState:
 
     @property
     def attraction_pa(self) -> Tensor:
-        """Total time-averaged pull, gaps and spots."""
+        """Total time-averaged attraction, gaps and spots."""
         return self.gap_attraction_pa + self.spot_attraction_pa
 
 
@@ -50,7 +50,7 @@ class PeriodState:
     drive_v: Tensor
     """Voltage of the drive."""
     attraction_pa: Tensor
-    """Pull of gaps and contact spots."""
+    """Attraction of gaps and contact spots."""
     pressure_pa: Tensor
     """Effective pressure p that the contact carries."""
     mu: Tensor

@@ -96,7 +96,7 @@ class AttractionTable:
 
 @dataclass(frozen=True)
 class Attraction:
-    """``I(p)`` of a batch of states, the pull per unit of drive strength that loads the contact.
+    """``I(p)`` of a batch of states: the attraction that loads the contact, per drive strength.
 
     Parameters
     ----------
@@ -105,9 +105,9 @@ class Attraction:
     column : Tensor of int, shape (states,)
         Which column each state has.
     spot_pull : Tensor, shape (columns,), optional
-        Pull of a contact spot, such as ``1/|h0|^2``.
+        Attraction of a contact spot, such as ``1/|h0|^2``.
     spots : callable, optional
-        A/A0 at pressures [Pa], where the pull inside the spots loads the contact.
+        A/A0 at pressures [Pa], where the attraction inside the spots loads the contact.
     floor : Tensor, shape (states,), optional
         ln p below which the gaps stay as they are there (finite size).
     """

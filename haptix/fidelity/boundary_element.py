@@ -184,11 +184,12 @@ class BoundaryElementBalance(Fidelity):
         """Solve one place along its rising strengths."""
         applied, thickness = place
         if strengths[-1] > 0 and self.boxed.gap_step_m > abs(thickness):
+            coarse = self.boxed.gap_step_m / abs(thickness)
             warnings.warn(
                 f"the gap changes by {self.boxed.gap_step_m:.2g} m from pixel to pixel, "
-                f"{self.boxed.gap_step_m / abs(thickness):.2g} times h0: the pull next to the "
-                "spots is not resolved. At 1.5, 3 and 6 times the pull of the gaps is some 10, 25 "
-                "and 40 % too weak, and the area that voltage adds up to 10, 10 and 65 % off; "
+                f"{coarse:.2g} times h0: the attraction next to the spots is not resolved. At 1.5, "
+                "3 and 6 times the attraction of the gaps is some 10, 25 and 40 % too weak, and "
+                "the area that voltage adds up to 10, 10 and 65 % off; "
                 f"these waves want {self._points_for(thickness)} points along a side: take more "
                 "points or a smaller box",
                 ResolutionWarning,

@@ -53,9 +53,9 @@ def area_against_pressure() -> FigureData:
             f"and h0 = {H0_M * 1e6:g} µm. Circles: boundary elements, the attraction acting on "
             "every point, mean and standard deviation over random surfaces "
             "(benchmarks/figure_2d.py). Dashed: the mean field as published, whose contact spots "
-            "pull too; solid: corrected (docs/mean-field.md). A line ends where its light contact "
-            f"does. Stand-in for a finger: half-space of 40 MPa, {SPECTRUM.statement()}, which is "
-            "what the grid can hold."
+            "attract too; solid: corrected (docs/mean-field.md). A line ends where its light "
+            "contact does. Placeholder of a finger: half-space of 40 MPa, "
+            f"{SPECTRUM.statement()}, which is what the grid can hold."
         ),
         columns=columns,
         panels=(

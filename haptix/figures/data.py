@@ -141,12 +141,12 @@ def sentence_list(words: list[str]) -> str:
     return " and ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))
 
 
-def stand_ins(model: ContactModel) -> str:
-    """Sentence for a caption: what stands in for measured data."""
+def placeholders(model: ContactModel) -> str:
+    """Sentence for a caption: the unmeasured values."""
     found = model.placeholders()
     if not found:
-        return "No stand-ins for measured data."
-    return f"Stand-ins for measured data: {sentence_list(found)}."
+        return "No placeholders: all values are measured."
+    return f"Placeholders, not measured: {sentence_list(found)}."
 
 
 def basis(model: ContactModel, also_on: str = "") -> str:
@@ -161,10 +161,10 @@ def basis(model: ContactModel, also_on: str = "") -> str:
     """
     on = ", ".join(filter(None, [*sorted(model.terms), also_on]))
     spots = {
-        "excluded": "Contact spots are excluded from the attraction: only open gaps pull",
+        "excluded": "Contact spots are excluded from the attraction: only open gaps attract",
         "included": "Contact spots are included in the attraction",
     }[model.contact_spots]
     return (
-        f"{stand_ins(model)} Terms on: {on}. {spots}; gap distribution "
+        f"{placeholders(model)} Terms on: {on}. {spots}; gap distribution "
         f"{model.contact.gap_distribution}, gamma {model.contact.gamma:g}."
     )

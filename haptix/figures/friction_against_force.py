@@ -25,7 +25,7 @@ from haptix.screen import Screen
 VOLTAGES_V = (0.0, 50.0, 100.0, 150.0, 200.0)
 H0_M = 0.2e-6
 _FORCES_N = np.linspace(0.1, 1.0, 361)
-_SAME = 1e-6  # relative difference in mu below which the finite size has no say
+_SAME = 1e-6  # relative difference in mu below which the finite size makes no difference
 
 
 def friction_against_force(

@@ -48,12 +48,12 @@ def friction_in_time(finger: Finger | None = None, screen: Screen | None = None)
     past = bool((period.status == int(Status.PULL_IN)).any())
     caption = (
         f"Friction force at a normal force of {FORCE_N:g} N, with {VOLTAGE_V:g} V at "
-        f"{FREQUENCY_HZ:g} Hz on the screen and with the voltage off. The pull goes with the "
+        f"{FREQUENCY_HZ:g} Hz on the screen and with the voltage off. The attraction goes with the "
         f"square of the voltage, so that friction ripples at {2 * FREQUENCY_HZ:g} Hz: from "
         f"{np.nanmin(with_voltage):.3f} to {np.nanmax(with_voltage):.3f} N, mean "
         f"{np.nanmean(with_voltage):.3f} N; without voltage {FORCE_N * float(off.mu):.3f} N. The "
-        "contact follows the pull without delay, and the skin's inertia and viscosity are left "
-        "out; in equilibrium with the time-averaged pull it is "
+        "contact follows the attraction without delay, and the skin's inertia and viscosity are "
+        "left out; in equilibrium with the time-averaged attraction it is "
         f"{FORCE_N * float(averaged.mu):.3f} N. "
         f"The field at the edges of contact spots peaks at {field:.0f} V/µm; narrow gaps bear some "
         f"{NARROW_GAP_FIELD_V_PER_M / 1e6:g} V/µm, and the curve holds without sparks. "

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from haptix.contact import GapDistribution
-from haptix.figures.data import COLD_TO_HOT, Curve, FigureData, Panel, numbers, stand_ins
+from haptix.figures.data import COLD_TO_HOT, Curve, FigureData, Panel, numbers, placeholders
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
@@ -57,7 +57,7 @@ def gap_distributions(finger: Finger | None = None) -> FigureData:
         "shorter waves (Almqvist et al. 2011); dashed: combined with the strip's own mean gap "
         f"(later papers). From 1 nm to 10 µm they differ by at most {apart:.0%}. Below 1e-5 per µm "
         "the far tail shows the single strips into which the contact is divided. "
-        f"{stand_ins(model)} Terms on: {', '.join(sorted(model.terms))}; gamma "
+        f"{placeholders(model)} Terms on: {', '.join(sorted(model.terms))}; gamma "
         f"{model.contact.gamma:g}."
     )
     return FigureData(

@@ -9,7 +9,7 @@ from haptix.contact import RoughnessSpectrum
 from haptix.figures.data import COLD_TO_HOT, Curve, FigureData, Panel, numbers
 from haptix.finger import Finger, Roughness
 
-STAND_INS = (
+PLACEHOLDERS = (
     Roughness(q1_per_m=1e8, q_rolloff_per_m=5981.5),
     Roughness(q1_per_m=1e7, q_rolloff_per_m=9142.0),
 )
@@ -19,7 +19,7 @@ _PER_DECADE = 60
 
 
 def roughness_spectra(finger: Finger | None = None) -> FigureData:
-    """C(q) and the rms slope of the waves up to q, for the finger and two other stand-ins.
+    """C(q) and the rms slope of the waves up to q, for the finger and two other placeholders.
 
     Parameters
     ----------
@@ -27,12 +27,12 @@ def roughness_spectra(finger: Finger | None = None) -> FigureData:
         Whose roughness to show first; the semi-wet finger without.
     """
     finger = finger or Finger.preset("semi-wet")
-    shown = (finger.roughness, *STAND_INS)
+    shown = (finger.roughness, *PLACEHOLDERS)
     spectra = [roughness.spectrum() for roughness in shown]
     wavenumber = _wavenumbers(spectra)
     columns = {"wavenumber_per_m": wavenumber}
     densities, slopes = [], []
-    names = ("finger", *(f"stand_in_q1_1e{np.log10(s.q1_per_m):.0f}" for s in STAND_INS))
+    names = ("finger", *(f"placeholder_q1_1e{np.log10(s.q1_per_m):.0f}" for s in PLACEHOLDERS))
     colors = ("black", COLD_TO_HOT[0], COLD_TO_HOT[4])
     for spectrum, name, color in zip(spectra, names, colors, strict=True):
         inside = (wavenumber >= spectrum.q0) & (wavenumber <= spectrum.q1)
@@ -58,21 +58,21 @@ def roughness_spectra(finger: Finger | None = None) -> FigureData:
         f"Left: roughness power spectrum of the {finger.name} finger (black) and of two others "
         f"that have the same root-mean-square height ({float(spectra[0].h_rms_m) * 1e6:.4g} µm), "
         f"slope ({float(spectra[0].slope_rms):.2f}) and Hurst exponent "
-        f"({STAND_INS[0].hurst:g}) within rounding, but end at "
+        f"({PLACEHOLDERS[0].hurst:g}) within rounding, but end at "
         "other wavenumbers q1. Right: root-mean-square slope of the waves longer than 2π/q. "
         "Convention: h_rms² = 2π ∫ q C dq. "
         + (
-            "Stand-ins for measured data: all three spectra; the measured one is printed as a "
+            "Placeholders, not measured: all three spectra; the measured one is printed as a "
             "figure only. "
             if first.is_placeholder
-            else "The two others are stand-ins, the finger's own is measured. "
+            else "The two others are placeholders, the finger's own is measured. "
         )
         + "No contact is solved here, so that neither its terms nor contact spots enter."
     )
     q_range = (wavenumber[0] / 2, wavenumber[-1] * 2)
     return FigureData(
         name="roughness",
-        title="Roughness of the finger and its stand-ins",
+        title="Roughness of the finger and of two placeholders",
         caption=caption,
         columns=columns,
         panels=(

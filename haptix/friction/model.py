@@ -63,22 +63,22 @@ class ContactModel:
     device : str
         Where the tables live.
     theory : {"open-gaps", "as-published", "corrected"}
-        Form of the mean field: the paper's, but for the pull inside the contact spots; the paper
-        as printed; or what agrees with boundary elements, see `haptix.contact.THEORIES`.
+        Form of the mean field: the paper's without the attraction inside the contact spots; the
+        paper as printed; or what agrees with boundary elements, see `haptix.contact.THEORIES`.
     contact_spots : {"excluded", "included"}, optional
-        Whether the pull inside the contact spots loads the contact; as the theory has it without.
+        Whether the attraction inside the contact spots loads the contact; the theory's own without.
     gap_distribution : {"plain", "combined"}, optional
-        See `haptix.contact.MeanField`; as the theory has it without.
+        See `haptix.contact.MeanField`; the theory's own without.
     gamma : float, optional
-        Factor of the elastic energy in the separation; as the theory has it without.
+        Factor of the elastic energy in the separation; the theory's own without.
     terms : set of str, or mapping of str to bool, optional
-        Names of all terms that are on, or single ones to switch; without it those that finger and
-        screen call for. `haptix.terms.TERMS` has them all.
+        Names of all terms that are on, or single ones to switch. Without it those are on that
+        finger and screen have values for. `haptix.terms.TERMS` lists them all.
     boundary_elements : BoundaryElementBox, optional
-        Surfaces of fidelity "boundary-element". The default holds but a part of a finger's
-        roughness, and warns of it; `contact` and `theory` are then the mean field of that part.
-        Pull-in is looked for up to the highest voltage asked for at a place; where it is not met
-        its voltage is infinite.
+        Surfaces of fidelity "boundary-element". The default holds only a part of a finger's
+        roughness, and warns of it. `contact` and `theory` are then the mean field of that part.
+        Pull-in is searched up to the highest voltage asked for at a place; it is infinite where
+        none is met.
     on_progress : callable, optional
         Called during a solve by boundary elements with the share that is done.
 
@@ -232,8 +232,8 @@ class ContactModel:
     ) -> ContactState:
         """Solve at shares of each contact's own pull-in: ``drive = (V0 / V_pull-in)^2``.
 
-        What a surface tabulates: its nodes reach beyond the screen's limit where that lies between
-        them, so it is not applied here. The rest is that of `solve`.
+        A surface tabulates this. The screen's limit does not apply, since it may lie between two
+        nodes. Other parameters, the result and the errors are those of `solve`.
 
         Parameters
         ----------
@@ -348,7 +348,7 @@ class ContactModel:
         h0_m: float | None = None,
         samples: int = 256,
     ) -> PeriodState:
-        """Solve one drive period in time, the contact following the pull without delay.
+        """Solve one drive period in time, with a contact that follows the attraction without delay.
 
         Parameters
         ----------

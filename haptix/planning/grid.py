@@ -52,7 +52,7 @@ def _needed(error: float, allowed: float) -> int:
 
 
 def _bend(trials: Trials, choice: Choice, name: str) -> float:
-    """Largest error of the trial grid along one axis, in thresholds."""
+    """Largest error of the trial grid along one axis, in just-noticeable differences."""
     bases = Points.of(trials.scene, _BASES, _SEED)
     count = len(bases.voltage_share)
     steps = torch.linspace(0, 1, 2 * _INTERVALS + 1, dtype=torch.float64)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import reduce
 
 import numpy as np
 import torch
@@ -36,31 +37,25 @@ class ActiveTerms:
     def solid(self) -> ElasticSolid:
         """The elastic solid, from a half-space of the stratum corneum."""
         finger = self.given.finger
-        solid: ElasticSolid = HalfSpace(finger.youngs_modulus_pa, finger.poisson_ratio)
-        for term in self.all:
-            solid = term.solid(solid, self.given)
-        return solid
+        base: ElasticSolid = HalfSpace(finger.youngs_modulus_pa, finger.poisson_ratio)
+        return reduce(lambda solid, term: term.solid(solid, self.given), self.all, base)
 
     def hardness_pa(self) -> float | Tensor | None:
         """Stress [Pa] at which the skin yields; None for elastic skin."""
-        hardness: float | Tensor | None = None
-        for term in self.all:
-            hardness = term.hardness(hardness, self.given)
-        return hardness
+        none: float | Tensor | None = None
+        return reduce(lambda hardness, term: term.hardness(hardness, self.given), self.all, none)
 
     def apparent_area_m2(self, normal_force_n: Tensor) -> Tensor:
         """A0 [m^2] at normal forces [N] of any shape, from that at 1 N."""
-        area = self.given.finger.apparent_area_m2(torch.ones_like(normal_force_n))
-        for term in self.all:
-            area = term.size(area, normal_force_n, self.given)
-        return area
+        at_1n = self.given.finger.apparent_area_m2(torch.ones_like(normal_force_n))
+        return reduce(
+            lambda area, term: term.size(area, normal_force_n, self.given), self.all, at_1n
+        )
 
     def widest_gap_m(self, area_m2: Tensor, spectrum: RoughnessSpectrum) -> Tensor | None:
         """Largest mean gap [m] at apparent areas [m^2]; None for no limit."""
-        widest: Tensor | None = None
-        for term in self.all:
-            widest = term.gaps(widest, area_m2, spectrum)
-        return widest
+        none: Tensor | None = None
+        return reduce(lambda widest, term: term.gaps(widest, area_m2, spectrum), self.all, none)
 
     def thickness(self, h0_m: Tensor, frequency_hz: Tensor | None) -> Tensor:
         """Effective thickness h0 [m] of everything that insulates.
@@ -99,10 +94,8 @@ class ActiveTerms:
 
     def status(self, is_stable: Tensor, field: FieldInGap) -> Tensor:
         """`haptix.Status` of states whose light contact holds or not, given their field."""
-        status = torch.where(is_stable, int(Status.OK), int(Status.PULL_IN))
-        for term in self.all:
-            status = term.status(status, field, self.given)
-        return status
+        light = torch.where(is_stable, int(Status.OK), int(Status.PULL_IN))
+        return reduce(lambda status, term: term.status(status, field, self.given), self.all, light)
 
     def bends(self) -> dict[str, tuple[float, ...]]:
         """Values of an input at which friction has a corner: where a surface needs a node."""

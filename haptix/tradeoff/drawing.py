@@ -53,7 +53,7 @@ def draw(tradeoff: Tradeoff) -> Figure:
             axis.set_minor_formatter(NullFormatter())
         axes.grid(which="major", color="0.9", lw=0.7)
         axes.set_axisbelow(True)
-    panels[0].set_ylabel("largest error [difference thresholds]")
+    panels[0].set_ylabel("largest error [JND]")
     figure.legend(
         handles=_legend(tradeoff), loc="outside right upper", frameon=False, alignment="left"
     )

@@ -1,4 +1,4 @@
-"""Build, ask and judge every setting of a scene."""
+"""Build every setting of a scene, evaluate it and time it."""
 
 from __future__ import annotations
 
@@ -173,9 +173,11 @@ def run_tradeoff(
     began = perf_counter()
     plan = plan_scene(scene, lambda share: on_progress("plan", share))
     plan_s = perf_counter() - began
-    judge = _Judge(scene, _QUICK_POINTS if quick else _POINTS, _QUICK_BATCH if quick else _BATCH)
+    compared = _Comparison(
+        scene, _QUICK_POINTS if quick else _POINTS, _QUICK_BATCH if quick else _BATCH
+    )
     on_progress("truth", 1.0)
-    runs = judge.ask_planned(plan)
+    runs = compared.planned(plan)
     tolerances = QUICK_TOLERANCES if quick else TOLERANCES
     builds = [(fidelity, f"{value:g} thresholds") for fidelity in TABULATED for value in tolerances]
     on_progress("run", 1 / (1 + len(builds)))
@@ -188,12 +190,13 @@ def run_tradeoff(
             surface, tolerance = error.best, f"{tolerance}, not met"
         build_s = perf_counter() - began
         runs += [
-            judge.ask(surface, Setting(fidelity, tolerance, *way), build_s) for way in ways_to_ask()
+            compared.run(surface, Setting(fidelity, tolerance, *way), build_s)
+            for way in ways_to_ask()
         ]
         on_progress("run", number / (1 + len(builds)))
     if boxed is not None:
-        runs += _measured(scene, boxed, judge, lambda share: on_progress("measure", share))
-    return Tradeoff(scene, _with_fronts(runs), plan, plan_s, judge.count, judge.batch)
+        runs += _measured(scene, boxed, compared, lambda share: on_progress("measure", share))
+    return Tradeoff(scene, _with_fronts(runs), plan, plan_s, compared.count, compared.batch)
 
 
 def _boxed(scene: Scene) -> ContactModel:
@@ -208,7 +211,7 @@ def _boxed(scene: Scene) -> ContactModel:
 
 
 def _measured(
-    scene: Scene, model: ContactModel, judge: _Judge, report: Callable[[float], None]
+    scene: Scene, model: ContactModel, compared: _Comparison, report: Callable[[float], None]
 ) -> list[Run]:
     """A surface that boundary elements correct, whole and as a slice."""
     began = perf_counter()
@@ -216,7 +219,7 @@ def _measured(
     surface = FrictionSurface.measured(MeasuringJob(model, scene, _MEASURED), tolerance, report)
     build_s = perf_counter() - began
     return [
-        judge.ask(surface, Setting("boundary-element", tolerance, *way), build_s)
+        compared.run(surface, Setting("boundary-element", tolerance, *way), build_s)
         for way in ways_to_ask()
         if way[0] == "float64" and way[2] == "cpu"
     ]
@@ -226,7 +229,7 @@ def _terms(scene: Scene, fidelity: FidelityName) -> frozenset[str]:
     return friction_terms(scene, fidelity) | kept_reports(scene)
 
 
-class _Judge:
+class _Comparison:
     """Points held out, the truth at them, and the queries that are timed."""
 
     def __init__(self, scene: Scene, count: int, batch: int) -> None:
@@ -246,8 +249,8 @@ class _Judge:
             voltage = points.voltage_share * trials.highest_voltage(everything, points)
             self.truths[form] = points, voltage, trials.friction(everything, points, voltage)
 
-    def ask_planned(self, plan: Plan) -> list[Run]:
-        """Build as planned, and ask it as a slice and as it is."""
+    def planned(self, plan: Plan) -> list[Run]:
+        """Build as planned; evaluate the surface and a slice of it."""
         began = perf_counter()
         # A model of its own: the plan's has the tables of its trials already.
         model = plan.scene.model(plan.model.fidelity, plan.dtype, terms=plan.model.terms)
@@ -255,23 +258,21 @@ class _Judge:
         build_s = perf_counter() - began
         dtype = plan.record()["dtype"]
         tolerance = f"{plan.tolerance.value:.3g} {plan.tolerance.unit}"
-        return [
-            self.ask(surface, Setting("planned", tolerance, *way), build_s)
-            for way in ways_to_ask()
-            if way[0] == dtype
-        ]
+        ways = (way for way in ways_to_ask() if way[0] == dtype)
+        return [self.run(surface, Setting("planned", tolerance, *way), build_s) for way in ways]
 
-    def ask(self, surface: FrictionSurface, setting: Setting, build_s: float) -> Run:
-        """Judge and time one surface in one way to ask it."""
+    def run(self, surface: FrictionSurface, setting: Setting, build_s: float) -> Run:
+        """Evaluate and time one surface, asked in one way."""
         dtype = getattr(torch, setting.dtype)
         points, voltage, truth = self.truths[setting.form]
+        # A collapsed axis stands for its whole range: nothing is given for it.
+        varying = [name for name in COLLAPSIBLE if surface.table.axes[name].varies]
         asked = surface
+        place: dict[str, Any] = {name: points.places[name] for name in varying}
         if setting.form == "slice":
-            asked = surface.at(
-                **{name: v for name, v in self.middles.items() if self._varies(surface, name)}
-            )
+            asked = surface.at(**{name: self.middles[name] for name in varying})
+            place = {}
         asked = asked.to(dtype, setting.device)
-        place = self._place(asked, points)
         sample = asked.evaluate(points.places["normal_force_n"], voltage, **place)
         error = Effect.between(truth, sample.mu.to("cpu", torch.float64))
         return Run(
@@ -282,14 +283,6 @@ class _Judge:
             *self._times(asked, points, voltage, place, dtype, setting.device),
             asked.nbytes,
         )
-
-    def _place(self, surface: FrictionSurface, points: Points) -> dict[str, Any]:
-        """Frequency and h0 where the surface wants them: a collapsed axis stands for its range."""
-        return {name: points.places[name] for name in COLLAPSIBLE if self._varies(surface, name)}
-
-    @staticmethod
-    def _varies(surface: FrictionSurface, name: str) -> bool:
-        return surface.table.axes[name].varies
 
     def _times(
         self,

@@ -15,7 +15,7 @@ from haptix.scene import DirectDrive, DtypeName, Scene
 from haptix.screen import Screen
 
 TOLERANCES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
-"""Of the surface against its own model, in difference thresholds."""
+"""Of the surface against its own model, in just-noticeable differences."""
 
 QUICK_TOLERANCES = (0.05, 0.5)
 

@@ -36,7 +36,7 @@ class VirtualFinger:
     """A finger that feels what a driver played, by the contact model and nothing else.
 
     At each instant the gaps' field follows from the voltage's whole spectrum (complex h0 per
-    frequency), its square is the pull, the finger's first-order response smooths the pull over a
+    frequency), its square is the attraction, the finger's first-order response smooths it over a
     slid distance, and the contact is in equilibrium with it. The derivation is in
     ``docs/virtual-finger.md``.
 
@@ -106,7 +106,7 @@ class VirtualFinger:
         start_s : float
             Time of the first sample of the drive, on the path's clock [s].
         output_rate_hz : float
-            Rate of the result [Hz]; the pull is followed up to a fifth of it.
+            Rate of the result [Hz]; the attraction is followed up to a fifth of it.
 
         Returns
         -------

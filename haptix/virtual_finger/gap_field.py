@@ -28,7 +28,7 @@ ComplexArray = npt.NDArray[np.complex128]
 Thickness = Callable[[Array], ComplexArray]
 """Complex h0 [m] at frequencies [Hz] from 0."""
 
-_TOLERANCE = 1e-4  # of the pull on any gap: about a thousandth of a difference threshold
+_TOLERANCE = 1e-4  # of the attraction on any gap: about a thousandth of a JND
 _COUNTS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128)
 _TESTED = 200  # gaps at which the polynomial is compared
 _BANDS_PER_OCTAVE = 8
@@ -59,7 +59,7 @@ class GapField:
     def for_drive(
         cls, drive_v: Array, sample_rate_hz: float, thickness_m: Thickness, widest_gap_m: float
     ) -> GapField:
-        """Choose what holds this drive's pull, see `for_bands`."""
+        """Choose the points for this drive's attraction, see `for_bands`."""
         length = min(_WELCH, len(drive_v))
         # With the silence around it: to be switched on and off is part of the drive.
         drive_v = np.pad(drive_v, length // 2)
@@ -75,14 +75,14 @@ class GapField:
 
     @classmethod
     def for_bands(cls, thickness_m: ComplexArray, pull: Array, widest_gap_m: float) -> GapField:
-        """Choose h and the fewest points that hold the pull on every gap within 1e-4.
+        """Choose h and the fewest points that hold the attraction on every gap within 1e-4.
 
         Parameters
         ----------
         thickness_m : ndarray of complex, shape (bands,)
             h0 [m] of each band of frequencies.
         pull : ndarray, shape (bands,)
-            What each pulls on a contact spot, in any unit.
+            Attraction of each in a contact spot, in any unit.
         widest_gap_m : float
             Gaps are no wider [m].
 
@@ -126,19 +126,19 @@ class GapField:
         )
 
     def _error(self, thickness_m: ComplexArray, pull: Array, widest_gap_m: float) -> float:
-        """Largest error of the pull on any gap, relative to the pull there."""
+        """Largest error of the attraction on any gap, relative to the attraction there."""
         finest = 1e-2 * float(np.abs(thickness_m).min())
         gap = np.append(0.0, np.geomspace(finest, widest_gap_m, _TESTED))
         excess = (thickness_m / self.reference_m - 1)[:, None]
         exact = 1 / (1 + excess * (self.reference_m / (gap + self.reference_m))) ** 2
         lack = np.abs((1 / (1 + excess * self.share) ** 2) @ self.basis_of_gaps(gap) / exact - 1)
         there = pull[:, None] * np.abs(thickness_m[:, None] / (gap + thickness_m[:, None])) ** 2
-        # A weak frequency pulls by its product with a strong one: its amplitude counts.
+        # A weak frequency attracts by its product with a strong one: its amplitude counts.
         return float((np.sqrt(there / there.sum(axis=0)) * lack).max())
 
 
 def _by_band(frequency: Array, pull: Array) -> tuple[npt.NDArray[np.int64], Array]:
-    """Index of the strongest frequency, and the sum of the pull, of each band that is not empty."""
+    """Index of the strongest frequency, and sum of the attraction, of each band not empty."""
     octave = np.log2(np.maximum(frequency, frequency[1] / 2) / frequency[1])
     band = np.floor(octave * _BANDS_PER_OCTAVE).astype(int)
     first = np.flatnonzero(np.diff(band, prepend=band[0] - 1))

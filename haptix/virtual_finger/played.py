@@ -1,10 +1,9 @@
-"""What was played, as samples or as an amplitude: the squared field that it makes in gaps."""
+"""The squared field that a played voltage makes in gaps."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import ceil
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -21,37 +20,10 @@ second: at 10 kHz the ripple of a direct drive of up to 1 kHz stays, that of a c
 and more goes."""
 
 MEMORY_S = 0.5
-"""How long insulators remember: the drive this long before and after an instant counts. Skin
-forgets in 10 ms, gaps that leak in ``eps0 rho_g (u + h0)/h0``."""
+"""The drive this long before and after an instant counts, since insulators relax: skin in 10 ms,
+gaps that leak in ``eps0 rho_g (u + h0)/h0``."""
 
 _FINEST_HZ = 96e3  # from this rate on straight lines between samples will do: 0.2 % off at 2 kHz
-
-
-class Excerpt(Protocol):
-    """The part of a drive that decides the field over some time."""
-
-    def squares(self, field: GapField, t_s: Array, output_rate_hz: float) -> Array:
-        """``(E (u + h))^2`` [V^2] at the points of `field` and at times [s], (points, times).
-
-        Band-limited for `output_rate_hz`, see `FLAT_SHARE`.
-        """
-        ...
-
-    def highest_field(self, gap_m: float, t_s: Array) -> Array:
-        """Largest magnitude of the field [V/m] in a gap, between times [s]: one fewer of them."""
-        ...
-
-
-class Drive(Protocol):
-    """What was played."""
-
-    def field(self, widest_gap_m: float) -> GapField:
-        """Return the points that hold this drive in gaps of up to `widest_gap_m`."""
-        ...
-
-    def excerpt(self, from_s: float, to_s: float) -> Excerpt:
-        """Return the part that decides the field between two times [s]."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -124,7 +96,10 @@ class Spectrum:
     thickness_m: ComplexArray
 
     def squares(self, field: GapField, t_s: Array, output_rate_hz: float) -> Array:
-        """As `Excerpt` has it."""
+        """``(E (u + h))^2`` [V^2] at the points of `field` and at times [s], (points, times).
+
+        Band-limited for `output_rate_hz`, see `FLAT_SHARE`.
+        """
         found = np.zeros((field.points, len(t_s)))
         if not self.spectrum.any():
             return found
@@ -140,7 +115,7 @@ class Spectrum:
         return found
 
     def highest_field(self, gap_m: float, t_s: Array) -> Array:
-        """As `Excerpt` has it."""
+        """Largest magnitude of the field [V/m] in a gap, between times [s]: one fewer of them."""
         size = np.abs(self._read(gap_m + self.thickness_m))
         at = np.rint((t_s - self.start_s) * self.rate_hz).astype(int).clip(0, self.samples - 1)
         # reduceat's last part runs on to the end, beyond the last time.
@@ -156,7 +131,7 @@ class Spectrum:
 
 @dataclass(frozen=True)
 class Amplitude:
-    """An ideal carrier of which only the amplitude is known: its pull has no ripple.
+    """An ideal carrier of which only the amplitude is known: its attraction has no ripple.
 
     Parameters
     ----------
@@ -182,12 +157,12 @@ class Amplitude:
         return self
 
     def squares(self, field: GapField, t_s: Array, output_rate_hz: float) -> Array:
-        """As `Excerpt` has it; an amplitude is taken to be slower than the output."""
+        """As `Spectrum.squares`; an amplitude is taken to be slower than the output."""
         divisor = np.abs(1 + (self.thickness_m / field.reference_m - 1) * field.share) ** 2
         return np.asarray(self._at(t_s) ** 2 / (2 * divisor[:, None]))
 
     def highest_field(self, gap_m: float, t_s: Array) -> Array:
-        """As `Excerpt` has it."""
+        """As `Spectrum.highest_field`."""
         ends = self._at(t_s)
         return np.asarray(np.maximum(ends[:-1], ends[1:]) / abs(gap_m + self.thickness_m))
 
@@ -195,3 +170,10 @@ class Amplitude:
         place = (t_s - self.start_s) * self.sample_rate_hz
         at = np.interp(place, np.arange(len(self.volts)), self.volts, left=0.0, right=0.0)
         return np.asarray(at)
+
+
+Drive = Samples | Amplitude
+"""What was played."""
+
+Excerpt = Spectrum | Amplitude
+"""The part of a drive that determines the field over some time."""

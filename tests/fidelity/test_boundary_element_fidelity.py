@@ -117,7 +117,7 @@ def test_the_band_is_said_and_what_is_missing_warned_of() -> None:
     # The mean field in the box has the roughness that the surfaces have.
     assert float(model.contact.spectrum.h_rms_m) == pytest.approx(22e-6 * said["h_rms_share"], 0.05)
     # An insulator thinner than what the gap does from pixel to pixel.
-    with pytest.warns(ResolutionWarning, match=r"pull next to the spots is not resolved"):
+    with pytest.warns(ResolutionWarning, match=r"attraction next to the spots is not resolved"):
         model.solve(0.1, 20.0)
 
 

@@ -17,7 +17,7 @@ from haptix.figures import FIGURES, draw, write_figures
 
 NAMES = ("fig2d", "fig3b", "fig3c", "fig3d", "fig4", "roughness", "gaps")
 BOTH = "roughness spectrum of the finger and dielectric of the skin."
-ROUGHNESS = "Stand-ins for measured data: roughness spectrum of the finger."
+ROUGHNESS = "Placeholders, not measured: roughness spectrum of the finger."
 
 
 @pytest.fixture
@@ -66,7 +66,7 @@ def test_the_captions_lie_beside_the_tables(drawn, figures):
 
 
 @pytest.mark.parametrize(
-    ("name", "stand_ins", "terms"),
+    ("name", "placeholders", "terms"),
     [
         ("fig3b", BOTH, {"skin-dielectric", "layered-skin", "apparent-area"}),
         ("fig3c", ROUGHNESS, {"finite-size", "layered-skin", "apparent-area", "breakdown"}),
@@ -75,17 +75,17 @@ def test_the_captions_lie_beside_the_tables(drawn, figures):
         ("gaps", ROUGHNESS, {"layered-skin"}),
     ],
 )
-def test_captions_say_what_the_numbers_rest_on(figures, name, stand_ins, terms):
+def test_captions_say_what_the_numbers_rest_on(figures, name, placeholders, terms):
     caption = figures[name].caption
-    assert stand_ins in caption
+    assert placeholders in caption
     on = caption.split("Terms on: ")[1]
     assert all(term in on for term in terms)
     assert "ontact spots" in caption and "excluded" in caption
     assert "nan" not in caption
 
 
-def test_the_caption_of_the_roughness_calls_its_spectra_stand_ins(figures):
-    assert "Stand-ins for measured data: all three spectra" in figures["roughness"].caption
+def test_the_caption_of_the_roughness_calls_its_spectra_placeholders(figures):
+    assert "Placeholders, not measured: all three spectra" in figures["roughness"].caption
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -172,7 +172,7 @@ def test_the_command_lists_what_it_wrote(tmp_path):
     (row,) = json.loads(result.stdout)
     assert row["figure"] == "gaps"
     assert row["png"] == str(tmp_path / "out" / "gaps.png")
-    assert "Stand-ins" in row["caption"]
+    assert "Placeholders" in row["caption"]
     plain = CliRunner().invoke(app, ["--out", str(tmp_path / "out")])
     assert plain.exit_code == 0
     assert "gaps" in plain.stdout

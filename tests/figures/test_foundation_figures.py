@@ -13,8 +13,8 @@ from haptix.figures.data import Curve
 # Last wave, roll-off and C0 of the three spectra, with h_rms 22 um, slope 0.91, H 0.86 for all.
 SPECTRA = {
     "finger": (1e9, 3992.9, 4.6013e-18),
-    "stand_in_q1_1e8": (1e8, 5981.5, 2.0170e-18),
-    "stand_in_q1_1e7": (1e7, 9142.0, 8.570e-19),
+    "placeholder_q1_1e8": (1e8, 5981.5, 2.0170e-18),
+    "placeholder_q1_1e7": (1e7, 9142.0, 8.570e-19),
 }
 
 
@@ -78,7 +78,7 @@ def test_captions_know_a_measured_finger():
     measured = finger.replace(
         roughness=finger.roughness.model_copy(update={"is_placeholder": False})
     )
-    assert "No stand-ins for measured data." in gap_distributions(measured).caption
+    assert "No placeholders: all values are measured." in gap_distributions(measured).caption
     assert "the finger's own is measured" in roughness_spectra(measured).caption
 
 
