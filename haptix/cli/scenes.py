@@ -116,7 +116,7 @@ def tradeoff(
         rows = [
             {
                 "model": run.setting.model,
-                "tolerance": run.setting.tolerance.removesuffix(" thresholds"),
+                "tolerance": run.setting.tolerance.removesuffix(" JND"),
                 "asked as": " ".join(run.setting.asked),
                 "error": f"{run.error.thresholds_max:.2g}",
                 "build": f"{run.build_s:.2g}",

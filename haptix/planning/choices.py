@@ -8,7 +8,7 @@ from math import sqrt
 from typing import Literal
 
 from haptix.fidelity import FIDELITIES, Ability, FidelityName
-from haptix.scene import AxisName, DtypeName, Scene
+from haptix.scene import DtypeName, Scene
 from haptix.surface.axes import AXES
 from haptix.terms import TERMS, Term
 

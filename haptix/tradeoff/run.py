@@ -179,7 +179,7 @@ def run_tradeoff(
     on_progress("truth", 1.0)
     runs = compared.planned(plan)
     tolerances = QUICK_TOLERANCES if quick else TOLERANCES
-    builds = [(fidelity, f"{value:g} thresholds") for fidelity in TABULATED for value in tolerances]
+    builds = [(fidelity, f"{value:g} JND") for fidelity in TABULATED for value in tolerances]
     on_progress("run", 1 / (1 + len(builds)))
     for number, (fidelity, tolerance) in enumerate(builds, start=2):
         began = perf_counter()
@@ -215,7 +215,7 @@ def _measured(
 ) -> list[Run]:
     """A surface that boundary elements correct, whole and as a slice."""
     began = perf_counter()
-    tolerance = f"{QUICK_TOLERANCES[0]:g} thresholds"
+    tolerance = f"{QUICK_TOLERANCES[0]:g} JND"
     surface = FrictionSurface.measured(MeasuringJob(model, scene, _MEASURED), tolerance, report)
     build_s = perf_counter() - began
     return [

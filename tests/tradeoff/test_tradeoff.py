@@ -25,7 +25,7 @@ def test_every_combination_is_tried(folder):
     assert tried == set(
         product(
             ("mean-field", "closed-form"),
-            ("0.05 thresholds", "0.5 thresholds"),
+            ("0.05 JND", "0.5 JND"),
             ("float64", "float32"),
             ("surface", "slice"),
             devices,
@@ -48,7 +48,7 @@ def test_errors_are_those_of_surface_and_fidelity(folder, scene):
     # The light-contact formula has an error of its own, which no tolerance removes.
     fine = {
         model: chosen(
-            folder.rows, model=model, tolerance="0.05 thresholds", dtype="float64", form="surface"
+            folder.rows, model=model, tolerance="0.05 JND", dtype="float64", form="surface"
         )[0]["error_max_thresholds"]
         for model in ("mean-field", "closed-form")
     }
@@ -60,7 +60,7 @@ def test_float32_halves_the_memory_and_a_slice_has_less(folder):
         (row,) = chosen(
             folder.rows,
             model="mean-field",
-            tolerance="0.05 thresholds",
+            tolerance="0.05 JND",
             dtype=dtype,
             form=form,
             device="cpu",
