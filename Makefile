@@ -23,7 +23,7 @@ lint: .venv/.ready ## rules and format (ruff), the order of rooms (import-linter
 	.venv/bin/ruff format --check .
 	.venv/bin/lint-imports --no-logo
 
-types: .venv/.ready ## mypy
+types: .venv/.ready ## mypy, tests included
 	.venv/bin/mypy
 
 setup: ## set up again, or mend, .venv (PYTHON=... picks the interpreter)

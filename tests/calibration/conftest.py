@@ -108,7 +108,7 @@ def synthetic(predictor, protocol, truth, rng, repeatability=0.01):
         tuple(
             Point(
                 one.number,
-                *(float(column[i]) for column in vars(made).values()),
+                **{name: float(column[i]) for name, column in vars(made).items()},
                 mu=float(mu[i]),
                 mu_sd=float(0.003 * mu[i]),
                 ripple=float(ripple[i]),

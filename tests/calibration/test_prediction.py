@@ -85,9 +85,8 @@ def test_past_the_light_contact_is_said(predictor, parameters):
 
 def test_the_finger_smooths_the_ripple(predictor, parameters):
     # First order on the pull: for a weak drive the ripple is its gain, the mean stays.
-    strokes = StrokeConditions(
-        *(np.array([v, v]) for v in (0.5, 10.0, 250.0)), np.array([20.0, 1e9])
-    )
+    force_n, voltage_v, frequency_hz = (np.array([v, v]) for v in (0.5, 10.0, 250.0))
+    strokes = StrokeConditions(force_n, voltage_v, frequency_hz, np.array([20.0, 1e9]))
     slow_and_fast = predictor(strokes, parameters.names, parameters.log_values)
     gain = 1 / np.hypot(1, 500 / (13.8 * 20))
     slow, fast = slow_and_fast.ripple

@@ -24,9 +24,8 @@ drive_v = { value = 0 }
 def test_round_trip(tmp_path, stroke, recorded):
     made = recorded(stroke)
     room = Conditions({"force sensor": "FT1"}, 22.5, 41.0, "me", "2026-01-02T03:04:05")
-    made = StrokeRecording(
-        stroke, *(getattr(made, n) for n in SIGNALS), room, ("force off: too much",)
-    )
+    signals = {name: getattr(made, name) for name in SIGNALS}
+    made = StrokeRecording(stroke, **signals, conditions=room, findings=("force off: too much",))
     made.save(tmp_path / "a" / "stroke.h5")
     found = StrokeRecording.load(tmp_path / "a" / "stroke.h5")
     assert (found.stroke, found.conditions) == (stroke, room)

@@ -120,7 +120,7 @@ def test_coarse_grids_and_small_boxes_are_said_or_refused() -> None:
 def test_impossible_surfaces(change: dict[str, object], message: str) -> None:
     arguments = {"points": 128, "side_m": 1.0} | change
     with pytest.raises(InputError, match=message):
-        Surfaces.random(spectrum(), **arguments)  # type: ignore[arg-type]
+        Surfaces.random(spectrum(), **arguments)
 
 
 @pytest.mark.parametrize(

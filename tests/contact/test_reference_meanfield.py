@@ -29,7 +29,7 @@ def solved(reference_cases: dict[str, dict[str, Any]]) -> Callable[[str], Solver
         if name not in made:
             case = reference_cases[name]
             rough, solid = case["roughness"], case["solid"]
-            skin = HalfSpace(solid["E"], solid["nu"])
+            skin: HalfSpace | Layered = HalfSpace(solid["E"], solid["nu"])
             if "d" in solid:
                 skin = Layered(
                     solid["E"], solid["nu"], solid["d"], solid["E_bulk"], solid["nu_bulk"]

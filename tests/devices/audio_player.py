@@ -5,6 +5,7 @@ import os
 import sys
 import time
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ with suppress(PermissionError):
 address, seconds, lead_s, path = sys.argv[1], float(sys.argv[2]), float(sys.argv[3]), sys.argv[4]
 
 times, frames = [], []
-fill = AudioLink._fill
+fill: Any = AudioLink._fill
 
 
 def timed(self, out, count, *rest):
@@ -27,7 +28,7 @@ def timed(self, out, count, *rest):
     fill(self, out, count, *rest)
 
 
-AudioLink._fill = timed
+AudioLink._fill = timed  # type: ignore[method-assign]
 sys.setswitchinterval(5e-4)
 device = open_device(address)
 rate_hz = device.capabilities.sample_rate_hz
@@ -44,7 +45,7 @@ with Playback(device, lead_s) as playback:
             raise TimeoutError
         playback.put(piece)
 stats = playback.stats
-link = device._stream.link
+link: Any = device._stream.link
 latency_s, underflows = device.latency_s, link.underflows
 device.close()
 np.save(path, volts)

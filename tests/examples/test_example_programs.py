@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -68,7 +69,7 @@ def test_real_time_is_played_and_not_evaluated(short, steady_mock, capsys, tmp_p
     assert not list(tmp_path.glob("*.png"))
 
 
-WRONG = {
+WRONG: dict[str, list[tuple[dict[str, Any], str]]] = {
     "photograph_explorer": [
         ({"photograph": Path("missing.png")}, r"missing\.png"),
         ({"width_mm": 3.0}, "beside it.*--width-mm or --path"),

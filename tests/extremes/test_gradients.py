@@ -63,7 +63,7 @@ def test_gradients_of_everything(model: str, direction: dict[str, float]) -> Non
     mu = solve({**AT, **leaves}, voltages, model).mu
     found = torch.stack(
         [
-            sum(
+            sum(  # type: ignore[misc]  # never empty, so never the 0 that it starts with
                 slope * AT[name] * part
                 for slope, (name, part) in zip(
                     torch.autograd.grad(one, list(leaves.values()), retain_graph=True),
@@ -126,7 +126,7 @@ def test_gradients_beside_and_past_the_end_are_finite() -> None:
     state = solve(leaves, torch.tensor(shares, dtype=torch.float64) * end, "plain")
     assert state.status.tolist() == [int(Status.OK)] * 3 + [int(Status.PULL_IN)] * 2
     for one in state.mu:
-        slopes = torch.autograd.grad(
+        slopes: tuple[torch.Tensor | None, ...] = torch.autograd.grad(
             one, list(leaves.values()), retain_graph=True, allow_unused=True
         )
         assert all(slope is None or bool(slope.isfinite()) for slope in slopes)

@@ -57,5 +57,5 @@ def test_common_factors(length: float, modulus: float, fidelity: str) -> None:
             getattr(one, name),
             rtol=tolerance,
             atol=0,
-            msg=lambda text, name=name: f"{name}: {text}",
+            msg=f"{name}: {{}}".format,
         )

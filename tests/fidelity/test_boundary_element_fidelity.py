@@ -181,7 +181,7 @@ def test_what_cannot_be_is_refused(model: ContactModel, monkeypatch: pytest.Monk
     with pytest.raises(InputError, match=r"points: expected 2 pixels or more"):
         exact(box=BoundaryElementBox(points=16, q_high_per_m=3.6e6, waves=4.0))
     with pytest.raises(InputError, match=r"points: expected a whole number"):
-        BoundaryElementBox(points=64.0)  # type: ignore[arg-type]
+        BoundaryElementBox(points=64.0)
     with pytest.raises(InputError, match=r"waves: expected a finite number above 0"):
         BoundaryElementBox(waves=math.nan)
     monkeypatch.setattr(memory, "free_bytes", lambda device: 10**6)

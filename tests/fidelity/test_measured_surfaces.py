@@ -110,7 +110,7 @@ def test_time_is_estimated_and_nonsense_refused(exact: ContactModel) -> None:
     with pytest.raises(InputError, match=r"drives: expected a whole number of 2 or more"):
         MeasuredPoints(drives=1)
     with pytest.raises(InputError, match=r"band: expected"):
-        MeasuredPoints(band="all")  # type: ignore[arg-type]
+        MeasuredPoints(band="all")
 
 
 def test_a_scene_may_ask_for_it() -> None:

@@ -4,6 +4,7 @@ import sys
 import threading
 import time
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,7 +75,7 @@ streams = []
 
 @pytest.fixture
 def portaudio(monkeypatch, no_thread_is_left):
-    module = ModuleType("sounddevice")
+    module: Any = ModuleType("sounddevice")
     devices = [
         {"name": "microphone", "max_output_channels": 0},
         {"name": "Scarlett 2i2: USB", "max_output_channels": 2},
@@ -151,8 +152,8 @@ def test_envelopes_and_slower_rates(portaudio):
     rates = dict(device.capabilities.rates)
     assert rates == {48_000: ("waveform", "envelope"), 16_000: ("envelope",)}
     device.close()
-    rates = AudioProfile(full_scale_v=100.0, sample_rate_hz=44_100.0).capabilities().rates
-    assert [rate.sample_rate_hz for rate in rates] == [44_100, 14_700]
+    offered = AudioProfile(full_scale_v=100.0, sample_rate_hz=44_100.0).capabilities().rates
+    assert [rate.sample_rate_hz for rate in offered] == [44_100, 14_700]
 
 
 def test_closing_ramps_down(portaudio):
@@ -169,7 +170,7 @@ def test_closing_ramps_down(portaudio):
 
 def test_an_interface_that_goes_away(portaudio):
     device = open_device("audio:full_scale_v=200,watchdog_s=1")
-    link = device._stream.link
+    link: Any = device._stream.link
     streams[0].is_late.set()
     wait_until(lambda: link.underflows)
     device.arm()

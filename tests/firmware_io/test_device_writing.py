@@ -341,7 +341,7 @@ class LooseLink(MockLink):
 
     def __init__(self):
         super().__init__(MockDriver())
-        self.failure = None
+        self.failure: BaseException | None = None
         self.fails_at = set(FrameKind)
         self.arrives = False
         self.fails_to_close = False
@@ -350,7 +350,7 @@ class LooseLink(MockLink):
         fails = self.failure is not None and kind_of(frame) in self.fails_at
         if not fails or self.arrives:
             super().send(frame)
-        if fails:
+        if fails and self.failure is not None:
             raise self.failure
 
     def close(self):

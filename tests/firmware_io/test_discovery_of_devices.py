@@ -5,6 +5,7 @@ import sys
 import threading
 import time
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -150,7 +151,7 @@ def test_a_missing_library_is_a_reason(monkeypatch, kind, module, package):
 
 
 def test_a_library_that_fails_is_a_reason(monkeypatch):
-    core = ModuleType("usb.core")
+    core: Any = ModuleType("usb.core")
 
     def find(find_all, backend):
         raise ValueError("No backend available")
@@ -164,14 +165,15 @@ def test_a_library_that_fails_is_a_reason(monkeypatch):
 @pytest.fixture
 def buses(monkeypatch):
     """A computer with a driver and something else on each bus."""
-    usb, core = ModuleType("usb"), ModuleType("usb.core")
+    usb: Any = ModuleType("usb")
+    core: Any = ModuleType("usb.core")
     usb.__version__ = "9.9"
     usb.devices = [
         SimpleNamespace(bus=1, address=4, idVendor=0x1D6B, idProduct=2),
         SimpleNamespace(bus=1, address=7, idVendor=0x1209, idProduct=1, serial_number="SN1"),
     ]
     core.find = lambda find_all, backend: iter(usb.devices)
-    hid = ModuleType("hid")
+    hid: Any = ModuleType("hid")
     hid.version_str = lambda: "8.8"
     hid.enumerate = lambda: [
         {"vendor_id": 1, "product_id": 0xABCD, "path": b"1-2", "product_string": ""},
@@ -183,7 +185,7 @@ def buses(monkeypatch):
             "serial_number": "SN1",
         },
     ]
-    audio = ModuleType("sounddevice")
+    audio: Any = ModuleType("sounddevice")
     audio.__version__ = "7.7"
     audio.get_portaudio_version = lambda: (1, "PortAudio V19")
     audio.query_devices = lambda: [
@@ -256,7 +258,7 @@ def test_this_computer_can_be_surveyed():
 
 
 def test_public_names_exist():
-    missing = [name for name in firmware_io.__all__ if not hasattr(firmware_io, name)]
+    missing = [name for name in vars(firmware_io)["__all__"] if not hasattr(firmware_io, name)]
     assert missing == []
 
 

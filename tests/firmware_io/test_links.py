@@ -1,12 +1,15 @@
 """Links: what their libraries do, and what becomes of it. Real stacks: tests/devices."""
 
+import binascii
 import errno
 import signal
 import socket
 import subprocess
 import sys
+import zlib
 from contextlib import suppress
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,6 +29,7 @@ from firmware_io import (
 from firmware_io.links import usb as usb_link
 from firmware_io.links.claim import Claim
 from firmware_io.links.tcp import TcpLink
+from firmware_io.protocol import FrameKind
 from firmware_io.serve import DriverServer
 
 
@@ -168,8 +172,13 @@ def test_another_device_with_the_same_numbers(usb):
         open_device("usb:")
     # Or one that has such an interface, but echoes.
     usb[:] = [UsbDevice()]
-    echo = []
-    usb[0].write = lambda endpoint, data, ms: echo.append(bytes(data)) or len(data)
+    echo: list[bytes] = []
+
+    def write(endpoint, data, ms):
+        echo.append(bytes(data))
+        return len(data)
+
+    usb[0].write = write
     usb[0].driver.transmit = lambda: echo.pop(0) if echo else b""
     with pytest.raises(ProtocolError, match="only hosts send"):
         open_device("usb:")
@@ -180,20 +189,17 @@ def test_another_device_with_the_same_numbers(usb):
 
 
 def test_a_device_that_never_stops_talking(usb, monkeypatch):
-    monkeypatch.setattr("firmware_io.protocol_client.ANSWER_S", 0.02)
+    monkeypatch.setattr("firmware_io.protocol_client.ANSWER_S", 2.0)
     usb[0].read = lambda endpoint, size, ms: np.zeros(64, np.uint8)
     with pytest.raises(ProtocolError, match="not as a haptix driver does"):
         open_device("usb:")
 
 
 def test_a_version_from_the_future(usb):
-    from firmware_io.protocol import FrameKind
-    from firmware_io.protocol.frames import crc32, crc_hqx
-
     header = b"HX" + bytes([3, FrameKind.CAPABILITIES]) + bytes([0, 0, 4, 0, 0, 0])
-    header += crc_hqx(header, 0xFFFF).to_bytes(2, "little")
+    header += binascii.crc_hqx(header, 0xFFFF).to_bytes(2, "little")
     frame = header + b"news"
-    frame += crc32(frame).to_bytes(4, "little")
+    frame += zlib.crc32(frame).to_bytes(4, "little")
     usb[0].driver.transmit = iter([b"", frame] + 10_000 * [b""]).__next__
     with pytest.raises(ProtocolError, match=r"version 2, but version 3 came.*same version"):
         open_device("usb:")
@@ -280,7 +286,7 @@ def hid(monkeypatch, tmp_path):
         is_connected=True,
     )
     for name in ("hidraw", "hid"):
-        module = ModuleType(name)
+        module: Any = ModuleType(name)
         entry = {"path": bus.path, "serial_number": "SN1", "vendor_id": 0x1209, "product_id": 1}
         module.enumerate = lambda *numbers, entry=entry: [entry] if bus.is_connected else []
         module.device = lambda: HidDevice(bus)

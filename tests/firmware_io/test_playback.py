@@ -136,8 +136,8 @@ def test_a_signal_that_has_come_to_rest_does_not_starve(clock):
     tail = volts_to_codes(sine(0.1), 250.0)[1:]
     played = device.mock.output[0]
     began = np.flatnonzero(played[:-1] == 0)
-    began = next(i for i in began if i > 0.2 * RATE and played[i + 1])  # after the pause
-    np.testing.assert_array_equal(played[began + 1 :][: tail.size], tail)
+    start = next(i for i in began if i > 0.2 * RATE and played[i + 1])  # after the pause
+    np.testing.assert_array_equal(played[start + 1 :][: tail.size], tail)
 
 
 def test_a_stall_shorter_than_the_lead_is_not_felt(clock):

@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -67,7 +68,8 @@ def test_unplugging_is_raised_while_waiting():
     device = open_device("mock:pace=real")
     playback = Playback(device)
     playback.start()
-    device._stream.link.inject("disconnect", after=10)
+    link: Any = device._stream.link
+    link.inject("disconnect", after=10)
     with pytest.raises(DeviceDisconnectedError), playback:
         play(playback, sine(5.0))
 
@@ -89,7 +91,7 @@ def test_a_link_that_hangs_is_told(monkeypatch):
 def test_a_forgotten_playback_ends():
     device = open_device("mock:pace=real")
     playback = Playback(device)
-    playback.itself = playback  # found by the garbage collector only
+    vars(playback)["itself"] = playback  # found by the garbage collector only
     playback.start()
     play(playback, sine(0.05))
     del playback

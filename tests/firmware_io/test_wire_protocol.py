@@ -6,6 +6,7 @@ import re
 import struct
 import zlib
 from binascii import crc_hqx
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 
@@ -223,6 +224,10 @@ def test_a_stream_without_samples_is_refused():
         decode(bytes(body) + struct.pack("<I", zlib.crc32(body)))
 
 
+RATE = Rate(48000, frozenset(StreamMode))
+capabilities: Callable[..., CapabilitiesReport] = CapabilitiesReport
+
+
 @pytest.mark.parametrize(
     "make",
     [
@@ -235,17 +240,14 @@ def test_a_stream_without_samples_is_refused():
         lambda: encode(Frame(Arm(), 2**16)),
         lambda: encode(Frame(Ping(-1), 0)),
         lambda: encode(Frame(Hello(2, 256), 0)),
-        lambda: encode(Frame(CapabilitiesReport(*[2] * 10, "x" * 17, "", "", False, (RATE,)), 0)),
-        lambda: encode(Frame(CapabilitiesReport(*[2] * 10, "ü", "", "", False, (RATE,)), 0)),
-        lambda: encode(Frame(CapabilitiesReport(*[2] * 10, "", "", "", False, ()), 0)),
+        lambda: encode(Frame(capabilities(*[2] * 10, "x" * 17, "", "", False, (RATE,)), 0)),
+        lambda: encode(Frame(capabilities(*[2] * 10, "ü", "", "", False, (RATE,)), 0)),
+        lambda: encode(Frame(capabilities(*[2] * 10, "", "", "", False, ()), 0)),
     ],
 )
 def test_what_does_not_fit_the_wire_is_refused(make):
     with pytest.raises(ProtocolError):
         make()
-
-
-RATE = Rate(48000, frozenset(StreamMode))
 
 
 def test_the_longest_stream_fits():

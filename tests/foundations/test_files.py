@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -72,10 +73,10 @@ write_whole(pathlib.Path(sys.argv[1]), slowly)
 
 def test_content_and_name_reach_the_disk_in_this_order(tmp_path, monkeypatch):
     done = []
-    fsync, replace = os.fsync, files.Path.replace
+    fsync, replace = os.fsync, Path.replace
     monkeypatch.setattr(os, "fsync", lambda fd: (done.append("sync"), fsync(fd))[1])
     monkeypatch.setattr(
-        files.Path, "replace", lambda self, to: (done.append(to.name), replace(self, to))[1]
+        Path, "replace", lambda self, to: (done.append(to.name), replace(self, to))[1]
     )
     files.write_folder(tmp_path, {"a": b"1", "b": b"2", "manifest": b"3"})
     # Contents, names, folder; the manifest after all that it lists, and its folder again.
@@ -90,7 +91,7 @@ def test_an_old_manifest_never_lists_new_files(tmp_path, monkeypatch):
         raise OSError(5, "Input/output error")
 
     with monkeypatch.context() as patch:
-        patch.setattr(files.Path, "replace", fail)
+        patch.setattr(Path, "replace", fail)
         with pytest.raises(InputError, match=r"cannot write to .*Input/output"):
             files.write_folder(tmp_path, {"a": "new", "manifest": "new"})
     assert names(tmp_path) == ["a"]

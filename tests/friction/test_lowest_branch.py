@@ -146,7 +146,7 @@ def test_the_derivative_of_the_fold() -> None:
         ours = torch.autograd.grad(
             getattr(found, name).sum(), list(inputs.values()), retain_graph=True
         )
-        right = torch.autograd.grad(
+        right: tuple[torch.Tensor | None, ...] = torch.autograd.grad(
             value.sum(), list(inputs.values()), retain_graph=True, allow_unused=True
         )
         for one, other in zip(ours, right, strict=True):

@@ -162,4 +162,4 @@ def test_replacing_validates_and_leaves_the_original() -> None:
 
 def test_profiles_are_frozen() -> None:
     with pytest.raises(ValueError, match="frozen"):
-        Screen().max_voltage_v = 300.0
+        Screen().max_voltage_v = 300.0  # type: ignore[misc]

@@ -16,6 +16,7 @@ from haptix.stimuli.interchange import (
     write_ahap,
     write_hjif,
 )
+from haptix.texture import RecordedProfile
 
 RATE = 48_000.0
 
@@ -150,6 +151,7 @@ def test_hjif_there_and_back(tmp_path):
     lost = write_hjif(tmp_path / "a.hjif", x, mu, date="2026-01-01")
     relief, said = read_hjif(tmp_path / "a.hjif", 50.0)
     assert isinstance(relief, AlongPath)
+    assert isinstance(relief.field, RecordedProfile)
     assert relief.field.position_mm == pytest.approx(x, abs=lost["largest_shift_mm"] + 1e-12)
     assert lost["largest_shift_mm"] <= 0.5e-3
     assert relief.field.value == tuple(mu) and said == []
@@ -197,6 +199,7 @@ def test_a_foreign_hjif(tmp_path):
     table["perceptions"].insert(0, {"perception_modality": "Vibrotactile"})
     (tmp_path / "b.hjif").write_text(json.dumps(table))
     relief, lost = read_hjif(tmp_path / "b.hjif", 50.0)
+    assert isinstance(relief.field, RecordedProfile)
     assert relief.field.position_mm == pytest.approx((0.0, 7.0))
     assert relief.field.value == pytest.approx((0.1, 0.15))
     assert lost == ["1 other perceptions"]

@@ -14,6 +14,7 @@ from haptix.errors import FileFormatError, HaptixError, InputError, RangeError
 from haptix.finger import MeasuredRoughness
 from haptix.stimuli import (
     Constant,
+    Excerpt,
     Population,
     Recorded,
     Sine,
@@ -364,6 +365,7 @@ def test_a_grating_carries_its_speed_into_the_sidecar(finger, screen, tmp_path):
             "signal": {"kind": "grating", "amplitude": 0.02, "offset": 0.05, "period_mm": 2},
         },
     )
+    assert isinstance(one.signal, Excerpt)
     assert one.signal.of == grating(0.02, 2, 50, offset=0.05)
     table = StimulusSet("x", (one,), finger, (screen,)).make(tmp_path).sidecars[0]
     assert table["speed"] == {"kind": "steady-speed", "speed_mm_per_s": 50.0}

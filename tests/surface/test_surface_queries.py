@@ -222,7 +222,7 @@ def test_the_gradient_at_the_lowest_friction_is_finite(plain: FrictionSurface) -
 
 def test_what_is_no_place_to_slice_at(full: FrictionSurface) -> None:
     with pytest.raises(InputError, match="frequency_hz: expected one number"):
-        full.at((60.0, 500.0), None)  # type: ignore[arg-type]
+        full.at((60.0, 500.0), None)
     with pytest.raises(InputError, match=r"dtype: expected torch\.float32 or torch\.float64"):
         full.to(torch.float16)
     with pytest.raises(InputError, match="normal_force_n: expected real numbers"):

@@ -11,7 +11,16 @@ import numpy as np
 import pytest
 from skimage.data import brick, gravel
 
-from haptix.texture import Composition, Grating, Noise, RecordedProfile, Sprite, Texture, power_law
+from haptix.texture import (
+    Composition,
+    FrictionField,
+    Grating,
+    Noise,
+    RecordedProfile,
+    Sprite,
+    Texture,
+    power_law,
+)
 
 DENSE = 32
 PIXELS = 256
@@ -123,7 +132,7 @@ def test_waves_eight_footprints_long_stay(kind, footprint_mm):
     # The price of the limit: what an ideal low-pass would keep in full, and this still has most of.
     period = max(8 * footprint_mm, 1.0)
     if kind == "grating":
-        field = Grating(period)
+        field: FrictionField = Grating(period)
     else:
         x = (np.arange(PIXELS) + 0.5) * PIXEL_MM
         field = Texture(np.tile(0.5 + 0.5 * np.sin(2 * np.pi * x / period), (PIXELS, 1)), SIZE_MM)

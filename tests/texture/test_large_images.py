@@ -29,7 +29,7 @@ def png(path, width, height):
     return path
 
 
-def tiff(path, width, height, sample_format=1, bits=8):
+def tiff(path, width, height, *, sample_format=1, bits=8):
     """One directory of a TIFF with a strip that is not there."""
     entries = [
         (256, 4, width), (257, 4, height), (258, 3, bits), (259, 3, 1), (262, 3, 1),

@@ -42,8 +42,8 @@ def test_no_place_has_the_friction_of_the_outside(name, footprint):
         for x, y in ((where, 3.0), (3.0, where), (where, where), (where, -where)):
             assert field.friction(x, y, footprint) == field.outside
     # And it does not spoil its neighbours in a block.
-    x = np.array([2.0, *NOWHERE, 3.0])
-    block = field.friction(x, np.full(len(x), 2.5), footprint)
+    along = np.array([2.0, *NOWHERE, 3.0])
+    block = field.friction(along, np.full(len(along), 2.5), footprint)
     alone = field.friction(np.array([2.0, 3.0]), np.array([2.5, 2.5]), footprint)
     np.testing.assert_allclose(block[[0, -1]], alone, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(block[1:-1], field.outside)
@@ -101,7 +101,7 @@ WRONG = {
     "seed": lambda: Noise(power_law(1, 1, 8), seed=0.5),
     "position_mm": lambda: RecordedProfile(["left", "right"], [1, 2]),
     "sprites": lambda: Composition(Sprite(Texture(LEVEL, 10.0))),
-    "sprite 0": lambda: Composition([Texture(LEVEL, 10.0)]),
+    "sprite 0": lambda: Composition([Texture(LEVEL, 10.0)]),  # type: ignore[list-item]
     "background": lambda: Composition([], "low"),
     "field": lambda: Sprite(LEVEL),
     "mask": lambda: Sprite(Texture(LEVEL, 10.0), mask=LEVEL),

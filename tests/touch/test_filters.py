@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from scipy.linalg import expm, solve_discrete_are
 from haptix import InputError
 from haptix.touch import ConstantVelocityKalman, OneEuroFilter, SingerKalman
 
-FILTERS = {
+FILTERS: dict[str, Any] = {
     "Kalman": ConstantVelocityKalman(),
     "One-Euro": OneEuroFilter(),
     "Singer": SingerKalman(),

@@ -103,7 +103,8 @@ def test_insulators_of_no_common_scale_are_refused():
 def test_the_square_of_a_high_tone_does_not_fold_back(rate):
     """A tone near half the sample rate: its square has a mean and, past the band, nothing."""
     time = np.arange(int(rate)) / rate
-    played = Samples(np.sin(2 * np.pi * 0.46 * rate * time), rate, 0.0, lambda f: 2e-7 + 0j * f)
+    sine = np.sin(2 * np.pi * 0.46 * rate * time)
+    played = Samples(sine, rate, 0.0, lambda f: np.full(f.shape, 2e-7 + 0j))
     t = np.linspace(0.45, 0.55, 101)
     squares = played.excerpt(0.45, 0.55).squares(played.field(1e-3), t, 2500.0)
     # The tone ends at once, 0.45 s away: k samples from there 1/(pi k) of it are left, and a square

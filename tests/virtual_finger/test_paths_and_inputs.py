@@ -35,7 +35,7 @@ def test_the_result_has_the_path_at_the_output_rate(model):
     assert felt.speed_mm_per_s[2000] == pytest.approx(100.0)
     assert isinstance(felt, Felt)
     with pytest.raises(AttributeError):
-        felt.mu = felt.mu
+        felt.mu = felt.mu  # type: ignore[misc]
 
 
 def test_a_standing_finger_has_no_friction_coefficient_and_needs_no_friction(model):

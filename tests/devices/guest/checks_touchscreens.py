@@ -22,7 +22,7 @@ def _touchscreen(resolution: int = 20, slots: int = 3) -> Iterator[tuple[Any, st
     def axis(low: int, high: int, res: int = 0) -> AbsInfo:
         return AbsInfo(low if low > 0 else 0, low, high, 0, 0, res)
 
-    absolute = [
+    absolute: list[Any] = [
         (e.ABS_MT_POSITION_X, axis(100, 3300, resolution)),
         (e.ABS_MT_POSITION_Y, axis(0, 2250, resolution)),
         (e.ABS_MT_TRACKING_ID, axis(0, 65535)),
@@ -32,7 +32,7 @@ def _touchscreen(resolution: int = 20, slots: int = 3) -> Iterator[tuple[Any, st
     if slots:
         absolute.append((e.ABS_MT_SLOT, axis(0, slots - 1)))
     with UInput({e.EV_ABS: absolute, e.EV_KEY: [e.BTN_TOUCH]}, name=_NAME) as side:
-        yield side, side.device.path
+        yield side, str(side.device.path)
 
 
 def _write(side: Any, *values: tuple[int, int]) -> None:

@@ -70,8 +70,8 @@ def _newest(package):
 def _fetch(packages, folder):
     folder.parent.mkdir(parents=True, exist_ok=True)
     # Beside its final place, to be renamed whole: half of it is never found there.
-    with tempfile.TemporaryDirectory(dir=folder.parent, prefix="fetching-") as work:
-        work = Path(work)
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix="fetching-") as name:
+        work = Path(name)
         _run("apt-get", "download", "-q", *packages, cwd=work)
         unpacked = work / "unpacked"
         for archive in work.glob("*.deb"):

@@ -16,7 +16,7 @@ import tests.devices.guest.checks_opening
 import tests.devices.guest.checks_touchscreens  # noqa: F401
 from firmware_io.links.identity import udev_rule
 from tests.devices.guest.plugged import wait_for
-from tests.devices.guest.ways import CHECKS
+from tests.devices.guest.ways import CHECKS as CHECKS
 
 _LIMIT_S = float(os.environ.get("CHECK_LIMIT_S", "60"))
 _RESULTS = Path("/dev/ttyS1")
