@@ -201,7 +201,7 @@ def direct(model: Any) -> None:
         ranges = {"normal_force_n": (0.1, 1.0), "frequency_hz": frequency}
         surface = haptix.FrictionSurface.build(model, ranges, tolerance=1e-4)
         wave = DirectWave(frequency)
-        asked = Slice.of(surface.table).averaged(wave.pulls).column(0.3).highest_mu
+        asked = Slice.of(surface.table).averaged(wave.attraction).column(0.3).highest_mu
         felt = float(model.over_period(0.3, 200.0, frequency).mu.mean())
         naive = float(surface.mu(0.3, 200.0))
         parts = [(felt - one) / (0.11 * felt) for one in (naive, asked)]

@@ -60,8 +60,8 @@ def main(
     on_sheet = felt.x_mm - edge_mm(felt.t_s)
     share = np.where(on_sheet > 0, GRATING.friction(on_sheet, felt.y_mm), 0.0)
     reachable = renderer.reachable(felt.normal_force_n, felt.speed_mm_per_s)
-    wanted = as_mu("share", share, *reachable)
-    evaluation = evaluate(felt, wanted)
+    target = as_mu("share", share, *reachable)
+    evaluation = evaluate(felt, target)
 
     figure = Figure(figsize=(10, 9), layout="constrained")
     place, friction, voltage = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1.2, 1))
@@ -73,7 +73,7 @@ def main(
     place.plot(t, x, color="tab:red", lw=2, label="finger")
     place.set(ylabel="x on the screen (mm)", title="1  A grating slides in under a moving finger")
     place.legend(loc=(0.2, 0.81))
-    friction.plot(felt.t_s, wanted, color="tab:orange", lw=2.5, label="wanted under the finger")
+    friction.plot(felt.t_s, target, color="tab:orange", lw=2.5, label="target under the finger")
     friction.plot(felt.t_s, felt.mu, color="tab:blue", lw=1, label="felt by the virtual finger")
     friction.set(
         ylabel="friction coefficient",

@@ -70,8 +70,8 @@ def main(
     played, rate_hz = opened.mock.played_v, renderer.sample_rate_hz
     felt = VirtualFinger(model).feel(played, rate_hz, *true, start_s=float(finger.t_s[0]))
     lowest, highest = renderer.reachable(felt.normal_force_n, felt.speed_mm_per_s)
-    wanted = as_mu("share", texture.friction(felt.x_mm, felt.y_mm), lowest, highest)
-    evaluation = evaluate(felt, wanted)
+    target = as_mu("share", texture.friction(felt.x_mm, felt.y_mm), lowest, highest)
+    evaluation = evaluate(felt, target)
     told = f"{evaluation.error_rms_jnd:.2f} JND rms, 95 % within {evaluation.error_p95_jnd:.2f}"
 
     figure = Figure(figsize=(12, 9), layout="constrained")
@@ -90,7 +90,7 @@ def main(
     figure.colorbar(dots, ax=map_, label="friction above that without voltage (%)")
     friction = figure.add_subplot(grid[1, :])
     friction.fill_between(felt.t_s, lowest, highest, color="0.92", label="reachable at this force")
-    friction.plot(felt.t_s, wanted, color="tab:orange", lw=2.5, label="wanted under the finger")
+    friction.plot(felt.t_s, target, color="tab:orange", lw=2.5, label="target under the finger")
     friction.plot(felt.t_s, felt.mu, color="tab:blue", lw=0.8, label="felt")
     friction.set(ylabel="friction coefficient", title=f"3  Friction: an error of {told}")
     friction.margins(x=0, y=0.25)

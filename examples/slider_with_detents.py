@@ -74,8 +74,8 @@ def main(
     played = opened.mock.played_v
     felt = VirtualFinger(model).feel(played, renderer.sample_rate_hz, t, *path.at(t))
     reachable = renderer.reachable(felt.normal_force_n, felt.speed_mm_per_s)
-    wanted = as_mu("share", slider.friction(felt.x_mm, felt.y_mm), *reachable)
-    evaluation = evaluate(felt, wanted)
+    target = as_mu("share", slider.friction(felt.x_mm, felt.y_mm), *reachable)
+    evaluation = evaluate(felt, target)
 
     figure = Figure(figsize=(10, 8.5), layout="constrained")
     place, value_at, along = figure.subplots(3, 1, height_ratios=(1.2, 0.7, 1.4))
@@ -93,7 +93,7 @@ def main(
         mine = np.sign(np.gradient(felt.x_mm, felt.t_s).round(1)) == goes
         along.plot(felt.x_mm, np.where(mine, felt.mu, np.nan), color=colour, lw=1, label=name)
     order = np.argsort(felt.x_mm)
-    along.plot(felt.x_mm[order], wanted[order], color="tab:orange", lw=3, zorder=0, label="wanted")
+    along.plot(felt.x_mm[order], target[order], color="tab:orange", lw=3, zorder=0, label="target")
     along.set(
         xlabel="x on the screen (mm)",
         ylabel="friction coefficient",

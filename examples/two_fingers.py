@@ -75,17 +75,17 @@ def main(
         true = (path.t_s, path.x_mm, path.y_mm, path.normal_force_n)
         felt = VirtualFinger(model).feel(played, rate_hz, *true)
         reachable = renderer.reachable(felt.normal_force_n, felt.speed_mm_per_s)
-        wanted = as_mu("share", SCREEN.friction(felt.x_mm, felt.y_mm), *reachable)
+        target = as_mu("share", SCREEN.friction(felt.x_mm, felt.y_mm), *reachable)
         other = paths[2 - number]
         together = (felt.t_s >= other.t_s[0]) & (felt.t_s <= other.t_s[-1] + LATENCY_S)
         alone, both = (
-            evaluate(felt, np.where(mask, wanted, np.nan)).error_rms_jnd
+            evaluate(felt, np.where(mask, target, np.nan)).error_rms_jnd
             for mask in (~together, together)
         )
         print(f"finger {number}: {alone:.2f} JND rms alone, {both:.2f} with the other")
         place.plot(path.x_mm, path.y_mm, color=colour, lw=2.5, label=f"finger {number}")
         axes = figure.add_subplot(grid[number], sharex=axes)
-        axes.plot(felt.t_s, wanted, color="0.6", lw=3, label="wanted by its texture")
+        axes.plot(felt.t_s, target, color="0.6", lw=3, label="target of its texture")
         axes.plot(felt.t_s, felt.mu, color=colour, lw=0.9, label="felt")
         axes.axvspan(1.0, 2.0, color="tab:orange", alpha=0.12, lw=0, label="both fingers down")
         axes.set(

@@ -125,7 +125,7 @@ class RenderCore:
         peak = drive.peak_per_sine
         slice_ = Slice.of(surface.table).limited(surface.voltage_limit_v / max(peak, 1.0))
         self._slice = slice_
-        self._averaged = None if drive.pulls is None else slice_.averaged(drive.pulls)
+        self._averaged = None if drive.attraction is None else slice_.averaged(drive.attraction)
         self._response = FingerResponse(surface.response_hz_per_mm_per_s)
         # The drive stays below the limit, rounding included.
         self._most_v = surface.voltage_limit_v / (1.0 if peak <= 1 else peak * (1 + 1e-12))

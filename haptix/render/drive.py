@@ -52,7 +52,7 @@ class Drive(ABC):
         return 1.0
 
     @property
-    def pulls(self) -> Array | None:
+    def attraction(self) -> Array | None:
         """Attraction at even times of a period over its mean; None if the contact follows the mean.
 
         The contact is too slow for a carrier, and a constant attraction has no ripple.
@@ -142,12 +142,12 @@ class DirectWave(Drive):
         return self._scale
 
     @property
-    def pulls(self) -> Array | None:
+    def attraction(self) -> Array | None:
         """Attraction at even times of a period over its mean; None if it is constant."""
         # The mean of a period converges fast. No time lies at an edge.
-        pulls = np.square(self._waveform.at((np.arange(64) + 0.37) / 64))
-        pulls /= pulls.mean()
-        return None if np.ptp(pulls) < 0.1 else pulls
+        attraction = np.square(self._waveform.at((np.arange(64) + 0.37) / 64))
+        attraction /= attraction.mean()
+        return None if np.ptp(attraction) < 0.1 else attraction
 
     def _wave(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
         phase = turns(first_sample, count, self.frequency_hz, sample_rate_hz)

@@ -163,6 +163,12 @@ def test_a_bad_touch_does_not_end_the_session(surface, link):
     assert_at_rest(device, link)
 
 
+def test_a_renderer_that_was_not_entered_takes_no_touch(surface, link):
+    renderer = LiveRenderer(surface, FULL, opened(link))
+    with pytest.raises(InputError, match="touch: expected a renderer that was entered"):
+        renderer.touch(renderer.now_s(), 20.0, 5.0, 0.5)
+
+
 def test_touches_from_several_threads_at_once(surface, link):
     device = opened(link)
     with LiveRenderer(surface, FULL, device, settings=LiveSettings(strict=False)) as renderer:

@@ -92,7 +92,7 @@ def test_friction_is_averaged_over_the_period_of_a_direct_drive(model, force, fr
     scene = {"normal_force_n": (0.2, 1.0), "frequency_hz": frequency_hz}
     surface = haptix.FrictionSurface.build(model, scene, tolerance=2e-4)
     drive = DirectWave(frequency_hz)
-    column = Slice.of(surface.table).averaged(drive.pulls).column(force)
+    column = Slice.of(surface.table).averaged(drive.attraction).column(force)
     naive = Slice.of(surface.table).column(force)
     for share in (0.25, 0.5, 0.75):
         target = column.lowest_mu + share * (column.highest_mu - column.lowest_mu)
@@ -107,7 +107,7 @@ def test_friction_is_averaged_over_the_period_of_a_direct_drive(model, force, fr
 
 
 def test_a_square_wave_has_no_ripple():
-    assert DirectWave(125.0, "square").pulls is None
-    pulls = DirectWave(125.0).pulls
+    assert DirectWave(125.0, "square").attraction is None
+    pulls = DirectWave(125.0).attraction
     assert pulls.mean() == pytest.approx(1.0, rel=1e-12)
     assert pulls.max() == pytest.approx(2.0, rel=2e-3)  # of 64 places none is just at the peak
