@@ -61,7 +61,7 @@ class Effect:
 
 
 @dataclass(frozen=True)
-class Points:
+class SampledPlaces:
     """States of a scene, every tensor of shape (points,)."""
 
     places: Mapping[str, Tensor]
@@ -90,10 +90,10 @@ class Points:
         drive[: count // 3] = 1.0
         return cls(places, torch.cat([corners[-1], drive]))
 
-    def at(self, rows: Tensor) -> Points:
+    def at(self, rows: Tensor) -> SampledPlaces:
         """Some of the points."""
         places = {name: values[rows] for name, values in self.places.items()}
-        return Points(places, self.voltage_share[rows])
+        return SampledPlaces(places, self.voltage_share[rows])
 
 
 class Trials:
@@ -114,7 +114,7 @@ class Trials:
         self.scene = scene
         kept = kept_reports(scene)
         self._ending = [term for term in reporting_terms(scene) if term.name in kept]
-        self.points = Points.of(scene, count, seed)
+        self.points = SampledPlaces.of(scene, count, seed)
         self._models: dict[tuple[frozenset[str], str], ContactModel] = {}
         self._prepared_s: dict[tuple[frozenset[str], str], float] = {}
         self._state_s: dict[tuple[frozenset[str], str], float] = {}
@@ -128,7 +128,7 @@ class Trials:
             self._at_rest[choice] = self._solve(choice, self.points, none)
         return self._at_rest[choice]
 
-    def highest_voltage(self, choice: Choice, points: Points) -> Tensor:
+    def highest_voltage(self, choice: Choice, points: SampledPlaces) -> Tensor:
         """Amplitude [V] at which a surface of this choice ends."""
         if points is self.points:
             state = self.at_rest(choice)
@@ -139,7 +139,7 @@ class Trials:
             end = torch.minimum(end, term.voltage_limit(state))
         return end
 
-    def friction(self, choice: Choice, points: Points, voltage_v: Tensor) -> Tensor:
+    def friction(self, choice: Choice, points: SampledPlaces, voltage_v: Tensor) -> Tensor:
         """Friction coefficient at points and voltages [V], float64; past pull-in that of its end.
 
         In the precision of the choice, and with the values that it holds.
@@ -205,7 +205,7 @@ class Trials:
         self._share(model, choice)
         return model
 
-    def _solve(self, choice: Choice, points: Points, voltage_v: Tensor) -> ContactState:
+    def _solve(self, choice: Choice, points: SampledPlaces, voltage_v: Tensor) -> ContactState:
         places = {**points.places, **dict(choice.held)}
         return self._model(choice).solve(voltage_v=voltage_v, **places)
 

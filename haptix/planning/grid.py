@@ -11,7 +11,7 @@ from torch import Tensor
 
 from haptix.perception import WEBER_FRACTION
 from haptix.planning.choices import Choice
-from haptix.planning.effects import Points, Trials
+from haptix.planning.effects import SampledPlaces, Trials
 from haptix.surface.axes import AXIS_NAMES
 
 _BASES = 12  # states from which each axis is followed
@@ -53,7 +53,7 @@ def _needed(error: float, allowed: float) -> int:
 
 def _bend(trials: Trials, choice: Choice, name: str) -> float:
     """Largest error of the trial grid along one axis, in just-noticeable differences."""
-    bases = Points.of(trials.scene, _BASES, _SEED)
+    bases = SampledPlaces.of(trials.scene, _BASES, _SEED)
     count = len(bases.voltage_share)
     steps = torch.linspace(0, 1, 2 * _INTERVALS + 1, dtype=torch.float64)
     rows = torch.arange(count).repeat_interleave(len(steps))

@@ -16,7 +16,7 @@ from haptix.fidelity import BoundaryElementBox, FidelityName
 from haptix.friction import ContactModel
 from haptix.planning import Effect, Plan, plan_scene
 from haptix.planning.choices import COLLAPSIBLE, Choice, friction_terms, kept_reports, middle
-from haptix.planning.effects import Points, Trials
+from haptix.planning.effects import SampledPlaces, Trials
 from haptix.scene import Scene
 from haptix.status import Status
 from haptix.surface import FrictionSurface, MeasuredPoints, MeasuringJob
@@ -230,7 +230,7 @@ def _terms(scene: Scene, fidelity: FidelityName) -> frozenset[str]:
 
 
 class _Comparison:
-    """Points held out, the truth at them, and the queries that are timed."""
+    """SampledPlaces held out, the truth at them, and the queries that are timed."""
 
     def __init__(self, scene: Scene, count: int, batch: int) -> None:
         everything = Choice(friction_terms(scene))
@@ -238,7 +238,7 @@ class _Comparison:
         self.middles = {axis: middle(*scene.ranges()[axis]) for axis in COLLAPSIBLE}
         trials = Trials(scene, everything, count, _SEED)
         self.count = len(trials.voltage_v)
-        self.truths: dict[str, tuple[Points, Tensor, Tensor]] = {}
+        self.truths: dict[str, tuple[SampledPlaces, Tensor, Tensor]] = {}
         held = {
             name: torch.full_like(trials.voltage_v, value) for name, value in self.middles.items()
         }
@@ -287,7 +287,7 @@ class _Comparison:
     def _times(
         self,
         surface: FrictionSurface,
-        points: Points,
+        points: SampledPlaces,
         voltage_v: Tensor,
         place: Mapping[str, Tensor],
         dtype: torch.dtype,
