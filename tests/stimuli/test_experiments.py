@@ -22,7 +22,6 @@ from haptix.stimuli.adaptive import (
     Touch,
     UpDown,
     amplitude_in_db,
-    scripted,
 )
 from haptix.stimuli.experiment_recipe import presentation_of
 
@@ -284,7 +283,7 @@ def test_keys_answer(device, tmp_path, monkeypatch):
         assert Keys(source=terminal, sink=sink)(question) == "1"
     os.close(leader)
     with pytest.raises(InputError, match="'3'"):
-        experiment(device, tmp_path / "log.tsv", answer=scripted(["3"])).run()
+        experiment(device, tmp_path / "log.tsv", answer=lambda question: "3").run()
 
 
 def test_observers_answer_by_their_trial_alone():

@@ -1,20 +1,14 @@
 """Adaptive methods that choose levels by the answers, and the experiment that presents them."""
 
-from collections.abc import Callable
-
 from haptix.stimuli.adaptive.constant import ConstantStimuli, fit
 from haptix.stimuli.adaptive.experiment import Experiment, Presentation, Touch, amplitude_in_db
 from haptix.stimuli.adaptive.log import TrialLog
 from haptix.stimuli.adaptive.method import Estimate, Method
-from haptix.stimuli.adaptive.observer import Keys, Question, SimulatedObserver, scripted
+from haptix.stimuli.adaptive.observer import Keys, Question, SimulatedObserver
 from haptix.stimuli.adaptive.quest import Quest
 from haptix.stimuli.adaptive.updown import UpDown, weighted_up_down
 
-METHODS: dict[str, Callable[..., Method]] = {
-    "up-down": UpDown,
-    "quest+": Quest,
-    "constant-stimuli": ConstantStimuli,
-}
+METHODS: dict[str, type[Method]] = {one.kind: one for one in (UpDown, Quest, ConstantStimuli)}
 """Every method by the name that recipes use."""
 
 __all__ = [
@@ -33,6 +27,5 @@ __all__ = [
     "UpDown",
     "amplitude_in_db",
     "fit",
-    "scripted",
     "weighted_up_down",
 ]

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from haptix.checks import row, whole
 from haptix.errors import InputError
-from haptix.stimuli.adaptive.method import Estimate
+from haptix.stimuli.adaptive.method import Estimate, Method
 from haptix.stimuli.adaptive.psychometric import function_named
 
 Array = npt.NDArray[np.float64]
 
 
-class ConstantStimuli:
+@dataclass(eq=False)
+class ConstantStimuli(Method):
     """Every level equally often, in a random order.
 
     Parameters
@@ -31,56 +32,39 @@ class ConstantStimuli:
         Of the fitted function, see `fit`.
     """
 
-    def __init__(
-        self,
-        levels: Sequence[float],
-        repeats: int = 20,
-        seed: int = 0,
-        function: str = "weibull",
-        guess: float = 0.5,
-        lapse: float = 0.02,
-    ) -> None:
-        self.levels = row("levels", levels, 2).tolist()
-        whole("repeats", repeats, 1)
-        function_named(function)
-        self.repeats, self.seed = repeats, seed
-        self.function, self.guess, self.lapse = function, float(guess), float(lapse)
-        draw = np.random.default_rng(seed)
-        self._order = [
-            self.levels[i] for _ in range(repeats) for i in draw.permutation(len(self.levels))
-        ]
+    levels: Sequence[float]
+    repeats: int = 20
+    seed: int = 0
+    function: str = "weibull"
+    guess: float = 0.5
+    lapse: float = 0.02
+
+    kind = "constant-stimuli"
+
+    def __post_init__(self) -> None:
+        self.levels = row("levels", self.levels, 2).tolist()
+        whole("repeats", self.repeats, 1)
+        function_named(self.function)
+        draw = np.random.default_rng(self.seed)
+        self._order = np.concatenate(
+            [draw.permutation(self.levels) for _ in range(self.repeats)]
+        ).tolist()
         self.answers: list[tuple[float, bool]] = []
 
     @property
     def level(self) -> float:
-        """The level to be presented next; the last one when done."""
         return float(self._order[min(len(self.answers), len(self._order) - 1)])
 
     @property
     def is_done(self) -> bool:
-        """Whether every level was presented `repeats` times."""
         return len(self.answers) >= len(self._order)
 
     def update(self, is_right: bool, level: float | None = None) -> None:
-        """Take an answer."""
         self.answers.append((self.level if level is None else float(level), bool(is_right)))
 
     def estimate(self) -> Estimate:
-        """Fit the function to the answers."""
         levels, answers = zip(*self.answers, strict=True) if self.answers else ((), ())
         return fit(levels, answers, self.function, self.guess, self.lapse)
-
-    def describe(self) -> dict[str, Any]:
-        """Everything that determines what it does."""
-        return {
-            "method": "constant-stimuli",
-            "levels": self.levels,
-            "repeats": self.repeats,
-            "seed": self.seed,
-            "function": self.function,
-            "guess": self.guess,
-            "lapse": self.lapse,
-        }
 
 
 def fit(
@@ -90,7 +74,7 @@ def fit(
     guess: float = 0.5,
     lapse: float = 0.02,
 ) -> Estimate:
-    """Most likely threshold and slope.
+    """Most likely threshold and slope; the spread is from the curvature of the likelihood.
 
     Parameters
     ----------
@@ -100,11 +84,6 @@ def fit(
         A name of `FUNCTIONS`.
     guess, lapse : float
         Held fixed.
-
-    Returns
-    -------
-    Estimate
-        Its spread is from the curvature of the likelihood.
     """
     from scipy.optimize import minimize
 
@@ -114,25 +93,20 @@ def fit(
         raise InputError("fit: expected answers at two levels or more")
     shape = function_named(function)
 
-    def cost(threshold: float, log_slope: float) -> float:
-        p = shape(x, threshold, np.exp(log_slope), guess, lapse)
-        p = np.clip(p, 1e-12, 1 - 1e-12)
+    def cost(at: Array) -> float:
+        """Minus the log-likelihood of threshold and ln slope."""
+        p = shape(x, at[0], np.exp(at[1]), guess, lapse).clip(1e-12, 1 - 1e-12)
         return float(-np.log(np.where(right, p, 1 - p)).sum())
 
     width = float(np.ptp(x))
-    log_slope = np.log(3.5) if function == "weibull" else np.log(width / 4)
-    best = min(
-        (
-            minimize(lambda v: cost(v[0], v[1]), (start, log_slope), method="Nelder-Mead",
-                     options={"xatol": 1e-6, "fatol": 1e-9, "maxiter": 2000})
-            for start in np.quantile(x, (0.25, 0.5, 0.75))
-        ),
-        key=lambda found: float(found.fun),
-    )  # fmt: skip
-    threshold, log_slope = float(best.x[0]), float(best.x[1])
-    step = 1e-3 * width
-    bend = (
-        cost(threshold + step, log_slope) - 2 * float(best.fun) + cost(threshold - step, log_slope)
-    ) / step**2
+    log_slope = np.log(3.5 if function == "weibull" else width / 4)
+    options = {"xatol": 1e-6, "fatol": 1e-9, "maxiter": 2000}
+    found = [
+        minimize(cost, (start, log_slope), method="Nelder-Mead", options=options)
+        for start in np.quantile(x, (0.25, 0.5, 0.75))
+    ]
+    best = min(found, key=lambda one: float(one.fun))
+    step = np.array([1e-3 * width, 0.0])
+    bend = (cost(best.x + step) - 2 * float(best.fun) + cost(best.x - step)) / step[0] ** 2
     spread = float(1 / np.sqrt(bend)) if bend > 0 else float("nan")
-    return Estimate(threshold, spread, {"slope": float(np.exp(log_slope))})
+    return Estimate(float(best.x[0]), spread, {"slope": float(np.exp(best.x[1]))})

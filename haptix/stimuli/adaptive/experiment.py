@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from firmware_io import Device
-from haptix.checks import number, positive
+from haptix import checks
 from haptix.errors import InputError, LimitError
 from haptix.stimuli.adaptive.log import TrialLog
 from haptix.stimuli.adaptive.method import Method
@@ -26,6 +25,7 @@ CHOICES: dict[str, tuple[str, str]] = {"2ifc": ("1", "2"), "2afc": ("l", "r")}
 """Keys of the answers: first or second interval, left or right side."""
 
 _CLOSE = 1e-9
+_MOST_ATTEMPTS = 20  # at one trial
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Presentation:
 def amplitude_in_db(wave: Array, reference_v: float = 1.0) -> Presentation:
     """A wave of peak 1 whose level is its amplitude in dB re `reference_v`, against 0 V."""
     peak = float(np.abs(wave).max()) if len(wave) else 0.0
-    positive("wave", peak)
+    checks.positive("wave", peak)
     unit = np.asarray(wave, dtype=float) / peak
 
     def volts(level: float) -> float:
@@ -103,8 +103,6 @@ class Experiment:
         What `touch` must keep.
     tolerance : float
         Relative tolerance of `touch`.
-    most_attempts : int
-        Attempts at one trial before an error.
     clock, wait : callable
         Time [s] for the log, and a function that waits [s].
     """
@@ -124,14 +122,12 @@ class Experiment:
         normal_force_n: float | None = None,
         speed_mm_per_s: float | None = None,
         tolerance: float = 0.15,
-        most_attempts: int = 20,
         clock: Callable[[], float] = time.monotonic,
         wait: Callable[[float], None] = time.sleep,
     ) -> None:
-        if task not in get_args(Task):
-            raise InputError(f'task: expected "2ifc" or "2afc", got {task!r}')
-        number("pause_s", pause_s, 0.0)
-        positive("tolerance", tolerance)
+        checks.choice("task", task, CHOICES)
+        checks.number("pause_s", pause_s, 0.0)
+        checks.positive("tolerance", tolerance)
         if touch is not None and normal_force_n is None and speed_mm_per_s is None:
             raise InputError("touch: expected a normal_force_n or speed_mm_per_s to check it by")
         if device.mode != "waveform":
@@ -150,26 +146,24 @@ class Experiment:
             method, presentation, device, answer,
         )  # fmt: skip
         self.task, self.seed, self.pause_s = task, seed, pause_s
-        self.touch, self.tolerance, self.most_attempts = touch, tolerance, most_attempts
+        self.touch, self.tolerance = touch, tolerance
         self.normal_force_n, self.speed_mm_per_s = normal_force_n, speed_mm_per_s
         self._clock, self._wait = clock, wait
         self._start = clock()
-        header = json.dumps(
-            {
-                "method": method.describe(), "task": task, "seed": seed,
-                "ceiling_v": self.ceiling_v, "normal_force_n": normal_force_n,
-                "speed_mm_per_s": speed_mm_per_s, "tolerance": tolerance,
-            }
-        )  # fmt: skip
-        self.log = TrialLog(log_file, header)
+        settings = {
+            "method": method.describe(), "task": task, "seed": seed,
+            "ceiling_v": self.ceiling_v, "normal_force_n": normal_force_n,
+            "speed_mm_per_s": speed_mm_per_s, "tolerance": tolerance,
+        }  # fmt: skip
+        self.log = TrialLog(log_file, settings)
         self.trials = 0
         """Accepted trials, those of an earlier run included."""
         self._attempt = 0
         for row in self.log.rows:
-            self._attempt += 1
             if row["accepted"] == "true":
-                method.update(row["is_right"] == "true", float(row["level"]))
-                self.trials, self._attempt = self.trials + 1, 0
+                self._accept(row["is_right"] == "true", float(row["level"]))
+            else:
+                self._attempt += 1
 
     def run(self) -> None:
         """Present trials until the method is done."""
@@ -194,9 +188,9 @@ class Experiment:
                 f"the drive at level {level:g} reaches {highest:g} V, above the ceiling of "
                 f"{self.ceiling_v:g} V, though peak_v gives less; correct the presentation"
             )
-        parts = [self.presentation.reference, target] if right else [
-            target, self.presentation.reference,
-        ]  # fmt: skip
+        parts = [target, self.presentation.reference]
+        if right:
+            parts.reverse()
         if self.task == "2afc":
             self._play(np.concatenate(parts))
         else:
@@ -206,9 +200,7 @@ class Experiment:
         felt = None if self.touch is None else self.touch()
         why = self._objection(felt)
         given = self.answer(Question(self.trials, choices, level, choices[right]))
-        if given not in choices:
-            raise InputError(f"answer: expected one of {', '.join(choices)}, got {given!r}")
-        is_right = given == choices[right]
+        is_right = checks.choice("answer", given, choices) == choices[right]
         self.log.append(
             {
                 "trial": self.trials,
@@ -228,15 +220,18 @@ class Experiment:
         )
         if why:
             self._attempt += 1
-            if self._attempt >= self.most_attempts:
+            if self._attempt >= _MOST_ATTEMPTS:
                 raise InputError(
                     f"trial {self.trials}: {self._attempt} attempts were off, the last since "
                     f"{why}; practise the stroke, or correct the sensor"
                 )
         else:
-            self.method.update(is_right, level)
-            self.trials, self._attempt = self.trials + 1, 0
+            self._accept(is_right, level)
         return self.log.rows[-1]
+
+    def _accept(self, is_right: bool, level: float) -> None:
+        self.method.update(is_right, level)
+        self.trials, self._attempt = self.trials + 1, 0
 
     def allowed(self, level: float) -> float:
         """Return the level, lowered to the highest whose voltage is within the ceiling."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,20 +12,9 @@ from haptix.errors import FileFormatError, InputError
 from haptix.files import write_whole
 
 COLUMNS = (
-    "trial",
-    "attempt",
-    "time_s",
-    "level_asked",
-    "level",
-    "lowered_to_ceiling",
-    "right",
-    "answer",
-    "is_right",
-    "normal_force_n",
-    "speed_mm_per_s",
-    "accepted",
-    "why",
-)
+    "trial", "attempt", "time_s", "level_asked", "level", "lowered_to_ceiling", "right", "answer",
+    "is_right", "normal_force_n", "speed_mm_per_s", "accepted", "why",
+)  # fmt: skip
 """Columns of the table, in their order."""
 
 
@@ -37,20 +27,21 @@ class TrialLog:
     ----------
     path : Path
         The file.
-    header : str
-        Description of the experiment in one line; the log of another experiment is refused.
+    experiment : mapping
+        Description of the experiment; the log of another one is refused.
     """
 
-    def __init__(self, path: str | Path, header: str) -> None:
+    def __init__(self, path: str | Path, experiment: Mapping[str, Any]) -> None:
         self.path = Path(path)
-        head = f"# {header}\n" + "\t".join(COLUMNS) + "\n"
+        first = json.dumps(experiment)
+        head = f"# {first}\n" + "\t".join(COLUMNS) + "\n"
         try:
             known = self.path.read_bytes() if self.path.exists() else b""
             whole = known[: known.rfind(b"\n") + 1]
             lines = whole.decode().splitlines()
             if len(lines) < 2:
                 whole, lines = head.encode(), head.splitlines()
-            if lines[:2] != head.splitlines():
+            if lines[1].split("\t") != list(COLUMNS) or _settings(lines[0]) != json.loads(first):
                 raise FileFormatError(
                     f"{self.path}: is the log of another experiment, or of other settings; name a "
                     "new file, or restore the settings in its first line"
@@ -93,11 +84,15 @@ class TrialLog:
         return dict(zip(COLUMNS, cells, strict=True))
 
 
+def _settings(line: str) -> object:
+    """Settings in the first line of a log; None where it has none. Their order may differ."""
+    try:
+        return json.loads(line.removeprefix("# "))
+    except ValueError:
+        return None
+
+
 def _cell(value: Any) -> str:
     if value is None or value == "":
         return "n/a"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return (
-        " ".join(repr(value).split()) if isinstance(value, float) else " ".join(str(value).split())
-    )
+    return str(value).lower() if isinstance(value, bool) else " ".join(str(value).split())

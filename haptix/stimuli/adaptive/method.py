@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, fields
+from math import isinf
+from typing import Any, ClassVar
 
 
 @dataclass(frozen=True)
@@ -18,22 +19,35 @@ class Estimate:
     """Slope and other estimated parameters."""
 
 
-class Method(Protocol):
-    """Chooses levels one at a time by the answers so far."""
+@dataclass(eq=False)
+class Method:
+    """Chooses levels one at a time by the answers so far. A subclass has its settings as fields."""
+
+    kind: ClassVar[str]
+    """Name in recipes."""
 
     @property
     def level(self) -> float:
         """The level to be presented next."""
+        raise NotImplementedError
 
     @property
     def is_done(self) -> bool:
         """Whether the method is finished."""
+        raise NotImplementedError
 
     def update(self, is_right: bool, level: float | None = None) -> None:
         """Take an answer; `level` is the presented level, if it differs from the method's."""
+        raise NotImplementedError
 
     def estimate(self) -> Estimate:
         """Estimate from the answers so far."""
+        raise NotImplementedError
 
     def describe(self) -> dict[str, Any]:
-        """Everything that determines what it does, as plain values."""
+        """Everything that determines what it does, as plain values; no limit is None."""
+        given = {one.name: getattr(self, one.name) for one in fields(self) if one.init}
+        return {"method": self.kind} | {
+            name: None if isinstance(value, float) and isinf(value) else value
+            for name, value in given.items()
+        }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TextIO
 
@@ -48,15 +48,12 @@ class SimulatedObserver:
     function: str = "weibull"
     seed: int = 0
 
-    def share_right(self, level: float) -> float:
-        """Probability of a right answer."""
-        shape = function_named(self.function)
-        return float(shape(np.array(level), self.threshold, self.slope, self.guess, self.lapse))
-
     def __call__(self, question: Question) -> str:
         """Answer."""
         draw = np.random.default_rng([self.seed, question.trial])
-        if draw.random() < self.share_right(question.level):
+        shape = function_named(self.function)
+        level = np.array(question.level)
+        if draw.random() < shape(level, self.threshold, self.slope, self.guess, self.lapse):
             return question.right
         wrong = [choice for choice in question.choices if choice != question.right]
         return wrong[int(draw.integers(len(wrong)))]
@@ -108,16 +105,3 @@ def _one_key(source: TextIO) -> str:
         return os.read(descriptor, 1).decode(errors="replace")
     finally:
         termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
-
-
-def scripted(answers: Sequence[str]) -> AnswerTo:
-    """Give prepared answers, one after the other."""
-    left = iter(answers)
-
-    def answer(question: Question) -> str:
-        try:
-            return next(left)
-        except StopIteration:
-            raise InputError("no prepared answer is left") from None
-
-    return answer

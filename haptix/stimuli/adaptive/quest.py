@@ -5,7 +5,8 @@ Watson, J. Vision 17(3):10 (2017); Kontsevich & Tyler, Vision Res. 39, 2729 (199
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy.typing as npt
 
 from haptix.checks import choice, increasing, whole
 from haptix.errors import InputError
-from haptix.stimuli.adaptive.method import Estimate
+from haptix.stimuli.adaptive.method import Estimate, Method
 from haptix.stimuli.adaptive.psychometric import function_named
 
 Array = npt.NDArray[np.float64]
@@ -21,7 +22,8 @@ Array = npt.NDArray[np.float64]
 _NAMES = ("threshold", "slope", "guess", "lapse")
 
 
-class Quest:
+@dataclass(eq=False)
+class Quest(Method):
     """Presents the level with the least expected entropy of the posterior.
 
     Parameters
@@ -40,47 +42,41 @@ class Quest:
         Which statistic of the posterior is reported.
     """
 
-    def __init__(
-        self,
-        levels: Sequence[float],
-        threshold: Sequence[float] | float,
-        slope: Sequence[float] | float = 3.5,
-        guess: Sequence[float] | float = 0.5,
-        lapse: Sequence[float] | float = 0.02,
-        function: str = "weibull",
-        trials: int = 40,
-        prior: dict[str, Sequence[float]] | None = None,
-        estimate_by: Literal["mean", "mode"] = "mean",
-    ) -> None:
-        self.levels = increasing("levels", levels)
-        given = (threshold, slope, guess, lapse)
-        self.grids = {
-            name: increasing(name, np.atleast_1d(value))
-            for name, value in zip(_NAMES, given, strict=True)
-        }
-        whole("trials", trials, 1)
-        choice("estimate_by", estimate_by, ("mean", "mode"))
-        self.function, self.trials, self.estimate_by = function, trials, estimate_by
+    levels: Sequence[float]
+    threshold: Sequence[float] | float
+    slope: Sequence[float] | float = 3.5
+    guess: Sequence[float] | float = 0.5
+    lapse: Sequence[float] | float = 0.02
+    function: str = "weibull"
+    trials: int = 40
+    prior: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    estimate_by: Literal["mean", "mode"] = "mean"
+
+    kind = "quest+"
+
+    def __post_init__(self) -> None:
+        self._levels = increasing("levels", self.levels)
+        self.grids = {name: increasing(name, np.atleast_1d(getattr(self, name))) for name in _NAMES}
+        whole("trials", self.trials, 1)
+        choice("estimate_by", self.estimate_by, ("mean", "mode"))
         axes = np.meshgrid(*self.grids.values(), indexing="ij")
-        shape = axes[0].shape
+        self._shape = axes[0].shape
         flat = [axis.reshape(-1) for axis in axes]
         guesses, lapses = self.grids["guess"], self.grids["lapse"]
         if min(guesses[0], lapses[0]) < 0 or guesses[-1] + lapses[-1] >= 1:
             raise InputError("guess and lapse: expected shares of 0 or more, together below 1")
-        right = function_named(function)(self.levels[:, None], *flat)
+        right = function_named(self.function)(self._levels[:, None], *flat)
         if not np.isfinite(right).all():
             raise InputError("threshold and slope: expected values that give finite probabilities")
         # Shape (answers, levels, parameters): wrong, right.
         self._likelihood = np.stack([1 - right, right])
-        self.posterior = self._prior(prior or {}, shape).reshape(-1)
-        self._prior_given = {name: [float(v) for v in row] for name, row in (prior or {}).items()}
-        self._shape = shape
+        self.posterior = self._prior_weights().reshape(-1)
         self.asked = 0
         self._next: int | None = None
 
-    def _prior(self, given: dict[str, Sequence[float]], shape: tuple[int, ...]) -> Array:
-        weight = np.ones(shape)
-        for name, row in given.items():
+    def _prior_weights(self) -> Array:
+        weight = np.ones(self._shape)
+        for name, row in self.prior.items():
             if name not in self.grids:
                 raise InputError(f"prior.{name}: expected some of {', '.join(_NAMES)}")
             p = np.asarray(row, dtype=float)
@@ -102,20 +98,18 @@ class Quest:
 
     @property
     def level(self) -> float:
-        """The level to be presented next."""
         if self._next is None:
             self._next = int(np.argmin(self.expected_entropy()))
-        return float(self.levels[self._next])
+        return float(self._levels[self._next])
 
     @property
     def is_done(self) -> bool:
-        """Whether all trials are done."""
         return self.asked >= self.trials
 
     def update(self, is_right: bool, level: float | None = None) -> None:
         """Take an answer; a level between two of the grid counts as the nearest."""
         at = self.level if level is None else float(level)
-        index = int(np.argmin(np.abs(self.levels - at)))
+        index = int(np.argmin(np.abs(self._levels - at)))
         posterior = self._likelihood[int(bool(is_right)), index] * self.posterior
         total = posterior.sum()
         if not total > 0:
@@ -142,13 +136,7 @@ class Quest:
         return Estimate(found.pop("threshold"), spread, found)
 
     def describe(self) -> dict[str, Any]:
-        """Everything that determines what it does."""
-        return {
-            "method": "quest+",
-            "function": self.function,
-            "levels": self.levels.tolist(),
-            **{name: grid.tolist() for name, grid in self.grids.items()},
-            "prior": self._prior_given,
-            "trials": self.trials,
-            "estimate_by": self.estimate_by,
-        }
+        grids = {"levels": self._levels, **self.grids}
+        prior = {name: [float(weight) for weight in row] for name, row in self.prior.items()}
+        plain = {name: grid.tolist() for name, grid in grids.items()}
+        return super().describe() | plain | {"prior": prior}

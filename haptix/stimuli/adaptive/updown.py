@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from math import nan, sqrt
+from dataclasses import dataclass
+from math import inf, nan, sqrt
 from typing import Any
 
 import numpy as np
 
 from haptix.checks import number, positive, whole
 from haptix.errors import InputError
-from haptix.stimuli.adaptive.method import Estimate
+from haptix.stimuli.adaptive.method import Estimate, Method
 
 
-class UpDown:
+@dataclass(eq=False)
+class UpDown(Method):
     """Down after several right answers in a row, up after a wrong one, in shrinking steps.
 
     Levitt, J. Acoust. Soc. Am. 49, 467 (1971); weights after Kaernbach, Percept. Psychophys. 49,
@@ -37,36 +39,31 @@ class UpDown:
         Range of the levels.
     """
 
-    def __init__(
-        self,
-        start: float,
-        steps: tuple[float, ...] = (4.0, 2.0, 1.0),
-        reversals_per_step: int = 2,
-        stop_after: int = 8,
-        down_after: int = 3,
-        up_weight: float = 1.0,
-        lowest: float = -np.inf,
-        highest: float = np.inf,
-    ) -> None:
-        number("start", start)
-        if not steps:
+    start: float
+    steps: tuple[float, ...] = (4.0, 2.0, 1.0)
+    reversals_per_step: int = 2
+    stop_after: int = 8
+    down_after: int = 3
+    up_weight: float = 1.0
+    lowest: float = -inf
+    highest: float = inf
+
+    kind = "up-down"
+
+    def __post_init__(self) -> None:
+        number("start", self.start)
+        if not self.steps:
             raise InputError("steps: expected one size or more")
-        for size in (*steps, up_weight):
+        for size in (*self.steps, self.up_weight):
             positive("steps and up_weight", size)
-        for name, count in (
-            ("reversals_per_step", reversals_per_step), ("stop_after", stop_after),
-            ("down_after", down_after),
-        ):  # fmt: skip
-            whole(name, count, 1)
-        if not lowest <= start <= highest:
-            raise InputError(f"start: expected {lowest:g} to {highest:g}, got {start:g}")
-        self.start, self.steps = float(start), tuple(float(size) for size in steps)
-        self.reversals_per_step, self.stop_after = reversals_per_step, stop_after
-        self.down_after, self.up_weight = down_after, float(up_weight)
-        self.lowest, self.highest = float(lowest), float(highest)
-        self._level = self.start
-        self._in_a_row = 0
-        self._direction = 0
+        for name in ("reversals_per_step", "stop_after", "down_after"):
+            whole(name, getattr(self, name), 1)
+        if not self.lowest <= self.start <= self.highest:
+            raise InputError(
+                f"start: expected {self.lowest:g} to {self.highest:g}, got {self.start:g}"
+            )
+        self._level = float(self.start)
+        self._in_a_row = self._direction = 0
         self.reversals: list[float] = []
         """Levels at which the direction changed."""
 
@@ -77,21 +74,22 @@ class UpDown:
 
     @property
     def level(self) -> float:
-        """The level to be presented next."""
         return self._level
 
     @property
     def is_done(self) -> bool:
-        """Whether all reversals are done."""
-        before = self.reversals_per_step * (len(self.steps) - 1)
-        return len(self.reversals) >= before + self.stop_after
+        return len(self.reversals) >= self._before_last_size + self.stop_after
+
+    @property
+    def _before_last_size(self) -> int:
+        """Number of reversals before the last size of step."""
+        return self.reversals_per_step * (len(self.steps) - 1)
 
     @property
     def _step(self) -> float:
         return self.steps[min(len(self.reversals) // self.reversals_per_step, len(self.steps) - 1)]
 
     def update(self, is_right: bool, level: float | None = None) -> None:
-        """Take an answer."""
         at = self._level if level is None else float(level)
         if is_right:
             self._in_a_row += 1
@@ -107,8 +105,7 @@ class UpDown:
 
     def estimate(self) -> Estimate:
         """Mean of the reversals at the last size of step, an even number of them."""
-        before = self.reversals_per_step * (len(self.steps) - 1)
-        used = self.reversals[before:]
+        used = self.reversals[self._before_last_size :]
         used = used[len(used) % 2 :]
         if not used:
             return Estimate(self._level, nan, {})
@@ -116,19 +113,7 @@ class UpDown:
         return Estimate(float(np.mean(used)), spread, {"share_right": self.target})
 
     def describe(self) -> dict[str, Any]:
-        """Everything that determines what it does."""
-        return {
-            "method": "up-down",
-            "start": self.start,
-            "steps": list(self.steps),
-            "reversals_per_step": self.reversals_per_step,
-            "stop_after": self.stop_after,
-            "down_after": self.down_after,
-            "up_weight": self.up_weight,
-            "lowest": None if self.lowest == -np.inf else self.lowest,
-            "highest": None if self.highest == np.inf else self.highest,
-            "target": self.target,
-        }
+        return super().describe() | {"target": self.target}
 
 
 def weighted_up_down(target: float, start: float, **others: Any) -> UpDown:
