@@ -97,7 +97,7 @@ FILES: dict[str, tuple[bytes, type[Exception], str]] = {
     "zero": (b"max_voltage_v = 0\n", InputError, "max_voltage_v.*got 0"),
     "negative": (b"insulator_thickness_m = -1e-6\n", InputError, "insulator_thickness_m"),
     "not TOML": (b"max_voltage_v: 200\n", FileFormatError, "expected a TOML file"),
-    "binary": (b"\xff\xfe\x00", FileFormatError, "expected a TOML file"),
+    "binary": (b"\xff\xfe\x00", FileFormatError, "expected a text file"),
     "future": (b"schema_version = 2\n", FileFormatError, "schema_version 1, got 2; update"),
     "version as text": (b'schema_version = "1"\n', FileFormatError, "schema_version"),
 }
