@@ -96,7 +96,7 @@ class RenderCore:
     drive : Drive, optional
         The default is a sine carrier at the surface's own frequency, or where the surface spans
         several or leaves frequency out, at the one nearest to `DEFAULT_CARRIER_HZ`.
-    settings : RenderSettings
+    settings : RenderSettings, optional
         How friction becomes an amplitude.
 
     Raises
@@ -110,17 +110,16 @@ class RenderCore:
         surface: FrictionSurface,
         texture: FrictionField,
         device: Device,
-        drive: Drive | None,
-        settings: RenderSettings,
+        drive: Drive | None = None,
+        settings: RenderSettings | None = None,
     ) -> None:
+        self.settings = settings = RenderSettings() if settings is None else settings
         rate = device.capabilities.sample_rate_hz
         self.drive = drive = _on_device(drive or SineCarrier(_carrier_hz(surface)), device)
         self.surface = surface = surface.driven_at(drive.frequency_hz, settings.h0_m)
         self.sample_rate_hz = rate
         self.step = max(1, int(rate / CONTROL_HZ))
         self.points = max(1, round(settings.block_s * rate / self.step))
-        self._compress = settings.compress
-        self._combination = settings.combination
         self.texture = texture
         peak = drive.peak_per_sine
         slice_ = Slice.of(surface.table).limited(surface.voltage_limit_v / max(peak, 1.0))
@@ -140,7 +139,7 @@ class RenderCore:
     @texture.setter
     def texture(self, texture: FrictionField) -> None:
         # One tuple, so that a thread that renders sees the old pair or the new one.
-        self._texture_and_target = (texture, Target(texture.target, self._compress))
+        self._texture_and_target = (texture, Target(texture.target, self.settings.compress))
 
     @property
     def step_s(self) -> float:
@@ -155,10 +154,8 @@ class RenderCore:
         line[0] = state.amplitude_v
         if motion.fingers:
             found = self._amplitudes(motion)
-            amplitude = found.voltage_v * motion.gain
-            if motion.fingers > 1:
-                amplitude = self._combined(amplitude.reshape(motion.fingers, motion.points))
-            np.minimum(amplitude, self._most_v, out=line[1:])
+            each = (found.voltage_v * motion.gain).reshape(motion.fingers, motion.points)
+            np.minimum(self._combined(each), self._most_v, out=line[1:])
             target, status = found.target_mu, found.status
         else:
             line[1:] = 0.0
@@ -168,16 +165,8 @@ class RenderCore:
             change = self._slewed(line)
         amplitude = (line[:-1, None] + change[:, None] * self._share).ravel()
         drive_v = self.drive.modulate(amplitude, first_sample, self.sample_rate_hz)
-        block = RenderedBlock(
-            first_sample,
-            self.step,
-            motion.fingers,
-            target,
-            status,
-            motion.gain,
-            line[1:],
-            drive_v,
-        )
+        counts = (first_sample, self.step, motion.fingers)
+        block = RenderedBlock(*counts, target, status, motion.gain, line[1:], drive_v)
         return block, RenderState(float(line[-1]))
 
     def reachable(self, normal_force_n: Array, speed_mm_per_s: Array) -> tuple[Array, Array]:
@@ -211,11 +200,10 @@ class RenderCore:
         return np.square(gain.real) + np.square(gain.imag)
 
     def _combined(self, each: Array) -> Array:
-        if self._combination == "first":
+        if len(each) == 1 or self.settings.combination == "first":
             return np.asarray(each[0])
-        if self._combination == "mean":
-            return np.asarray(each.mean(axis=0))
-        return np.asarray(each.max(axis=0))
+        is_mean = self.settings.combination == "mean"
+        return np.asarray(each.mean(axis=0) if is_mean else each.max(axis=0))
 
     def _slewed(self, line: Array) -> Array:
         """Limit the slope of `line` in place, and return its steps."""
@@ -231,18 +219,11 @@ class RenderCore:
 def _inverted(slice_: Slice, motion: Motion, target: Target, value: Array) -> Amplitudes:
     if motion.finger_force_n is None:
         return Amplitudes.of(slice_.columns_at(motion.normal_force_n), target, value)
-    count = motion.points
     each = [
-        Amplitudes.of(slice_.column(force), target, value[i * count : (i + 1) * count])
-        for i, force in enumerate(motion.finger_force_n)
+        Amplitudes.of(slice_.column(force), target, row)
+        for force, row in zip(motion.finger_force_n, value.reshape(-1, motion.points), strict=True)
     ]
-    if len(each) == 1:
-        return each[0]
-    return Amplitudes(
-        np.concatenate([one.voltage_v for one in each]),
-        np.concatenate([one.target_mu for one in each]),
-        np.concatenate([one.status for one in each]),
-    )
+    return each[0] if len(each) == 1 else Amplitudes(*map(np.concatenate, zip(*each, strict=True)))
 
 
 def _carrier_hz(surface: FrictionSurface) -> float:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from math import sqrt
 from typing import Literal
 
@@ -124,24 +125,23 @@ class DirectWave(Drive):
     """
 
     waveform: Literal["sine", "square"] | npt.ArrayLike = "sine"
-    _waveform: Waveform = field(init=False, repr=False, compare=False)
-    _scale: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        waveform = _waveform_of(self.waveform)
-        if abs(waveform.mean) > _LEAST_DC_FREE:
+        mean = self._waveform.mean
+        if abs(mean) > _LEAST_DC_FREE:
             raise InputError(
-                f"waveform: expected a mean of 0, got {waveform.mean:.3g} of its peak; subtract "
-                "the mean"
+                f"waveform: expected a mean of 0, got {mean:.3g} of its peak; subtract the mean"
             )
-        object.__setattr__(self, "_waveform", waveform)
-        object.__setattr__(self, "_scale", sqrt(0.5 / waveform.mean_square))
 
-    @property
+    @cached_property
+    def _waveform(self) -> Waveform:
+        return _waveform_of(self.waveform)
+
+    @cached_property
     def peak_per_sine(self) -> float:
         """Peak of the drive over the amplitude of the sine with the same mean attraction."""
-        return self._scale
+        return sqrt(0.5 / self._waveform.mean_square)
 
     @property
     def attraction(self) -> Array | None:
@@ -153,7 +153,7 @@ class DirectWave(Drive):
 
     def _wave(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
         phase = turns(first_sample, count, self.frequency_hz, sample_rate_hz)
-        return self._scale * self._waveform.at(phase)
+        return self.peak_per_sine * self._waveform.at(phase)
 
 
 def _waveform_of(waveform: Literal["sine", "square"] | npt.ArrayLike) -> Waveform:

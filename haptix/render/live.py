@@ -21,15 +21,9 @@ from haptix.touch import TouchCounts, TouchEvent
 
 
 class _LiveSession(RenderSession):
-    """A session in which each block knows only the touches that have arrived, and predicts.
+    """A session in which each block knows only the touches that have arrived, and predicts."""
 
-    Parameters
-    ----------
-    surface, texture, device, drive
-        As of `RenderSession`.
-    settings : LiveSettings, optional
-        How friction becomes an amplitude, and how touches are followed.
-    """
+    settings: LiveSettings
 
     def __init__(
         self,
@@ -39,12 +33,11 @@ class _LiveSession(RenderSession):
         drive: Drive | None = None,
         settings: LiveSettings | None = None,
     ) -> None:
-        self._settings = LiveSettings() if settings is None else settings
-        super().__init__(surface, texture, device, drive, self._settings)
+        super().__init__(surface, texture, device, drive, settings or LiveSettings())
 
     def _reset(self) -> None:
         super()._reset()
-        self._fingers = LiveFingers(self._settings)
+        self._fingers = LiveFingers(self.settings)
 
     @property
     def touch_counts(self) -> TouchCounts:
@@ -62,13 +55,13 @@ class PredictingRenderer(_LiveSession, VirtualTimeSession):
     def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
         """Take a touch event and render up to a lead after its arrival; see `touch`."""
         arrival_s = event.t_s if arrival_s is None else arrival_s
-        if self._settings.strict:
+        if self.settings.strict:
             self._check_gap(arrival_s)
         elif self._gap_s(arrival_s) > LONGEST_GAP_S:
             self.touch_counts.invalid += 1
             return
         # What plays within the lead was computed before the event arrived.
-        self._render_until(arrival_s + self._settings.lead_s)
+        self._render_until(arrival_s + self.settings.lead_s)
         self._fingers.take(event)
         if self._start_s is None:
             self._start_s = self._fingers.newest_s
@@ -88,10 +81,9 @@ class PredictingRenderer(_LiveSession, VirtualTimeSession):
     def _render_until(self, t_s: float | None) -> None:
         if self._start_s is None or t_s is None or not t_s < inf:
             return
-        core = self._core
-        while (t0_s := self._start_s + self._next_sample / core.sample_rate_hz) <= t_s:
+        while (t0_s := self._start_s + self._next_sample / self.sample_rate_hz) <= t_s:
             began = time.perf_counter()
-            self._send(self._fingers.motion(t0_s, core.step_s, core.points), began)
+            self._send(self._fingers.motion(t0_s, self.step_s, self.points), began)
 
 
 class LiveRenderer(_LiveSession):
@@ -100,28 +92,17 @@ class LiveRenderer(_LiveSession):
     One thread renders, another owns the device (`firmware_io.Playback`), and touches are given as
     they come, stamped by `now_s`.
 
-    Parameters
-    ----------
-    surface : FrictionSurface
-        Must hold the drive's frequency and the thickness; kept as a slice at these.
-    texture : FrictionField
-        What to feel.
-    device : Device
-        Where the samples go. Its voltage ceiling is lowered to the surface's voltage limit, and
-        must not be below it.
-    drive : Drive, optional
-        A sine carrier by default, see `RenderCore`.
-    settings : LiveSettings, optional
-        How friction becomes an amplitude, and how touches are followed.
+    Parameters are those of `RenderCore`, with `LiveSettings`. The device's voltage ceiling is
+    lowered to the surface's voltage limit, and must not be below it.
     """
 
     _producer: Producer | None = None
 
     def __enter__(self) -> Self:
         self._prepare()
-        self.stats.lead_s = self._settings.lead_s
-        samples = self._core.points * self._core.step
-        producer = Producer(self.device, self._take_block, samples, self._settings.lead_s)
+        self.stats.lead_s = self.settings.lead_s
+        samples = self.points * self.step
+        producer = Producer(self.device, self._take_block, samples, self.settings.lead_s)
         producer.start()
         self._producer = producer
         return self
@@ -155,8 +136,7 @@ class LiveRenderer(_LiveSession):
     def _take_block(self, t0_s: float) -> Array:
         """Render the samples that play from `t0_s` on."""
         began = time.perf_counter()
-        core = self._core
-        block = self._render(self._fingers.motion(t0_s, core.step_s, core.points))
+        block = self._render(self._fingers.motion(t0_s, self.step_s, self.points))
         self._count(block, time.perf_counter() - began)
         newest = self._fingers.newest_s
         if newest is not None:

@@ -38,8 +38,8 @@ class LiveFingers:
         for tracker in down:
             gains.setdefault(tracker, 0.0)
         most = step_s * points / self._sliding.fade_s
-        starts: list[tuple[float, float, float, float]] = []
-        slopes: list[tuple[float, float, float, float]] = []
+        starts: list[tuple[float, ...]] = []
+        slopes: list[tuple[float, ...]] = []
         forces: list[float] = []
         fastest = 0.0
         for tracker, gain in list(gains.items()):
@@ -54,14 +54,8 @@ class LiveFingers:
             if gain == end == 0.0:
                 continue
             starts.append((part.x_mm, part.y_mm, part.normal_force_n, gain))
-            slopes.append(
-                (
-                    part.x_slope_mm_s,
-                    part.y_slope_mm_s,
-                    part.force_slope_n_s,
-                    (end - gain) / (step_s * points),
-                )
-            )
+            gain_slope = (end - gain) / (step_s * points)
+            slopes.append((part.x_slope_mm_s, part.y_slope_mm_s, part.force_slope_n_s, gain_slope))
             forces.append(part.normal_force_n + part.force_slope_n_s * step_s * points / 2)
             fastest = max(fastest, part.speed_mm_s)
         if not starts:

@@ -6,18 +6,14 @@ import time
 
 import numpy as np
 
-from firmware_io import Device
 from haptix.errors import InputError
 from haptix.motion import Trajectory
-from haptix.render.drive import Drive
 from haptix.render.recorded_fingers import RecordedFingers
 from haptix.render.session import VirtualTimeSession
-from haptix.render.settings import RenderSettings
-from haptix.surface import FrictionSurface
-from haptix.texture import FrictionField
 from haptix.touch import ForceModel, TouchEvent, events_of
 from haptix.touch.events import problem_of
 
+_FORCE = ForceModel()
 _LONG_S = 0.25  # a block of `play`: far longer than what numpy costs per call
 
 
@@ -28,37 +24,22 @@ class Renderer(VirtualTimeSession):
 
     Parameters
     ----------
-    surface, texture, device, drive
-        As of `RenderSession`.
-    settings : RenderSettings, optional
-        How friction becomes an amplitude.
+    surface, texture, device, drive, settings
+        As of `RenderCore`.
     """
-
-    def __init__(
-        self,
-        surface: FrictionSurface,
-        texture: FrictionField,
-        device: Device,
-        drive: Drive | None = None,
-        settings: RenderSettings | None = None,
-    ) -> None:
-        settings = RenderSettings() if settings is None else settings
-        self._sliding = settings.sliding
-        self._force = ForceModel()
-        super().__init__(surface, texture, device, drive, settings)
 
     def _reset(self) -> None:
         super()._reset()
-        self._fingers = RecordedFingers(self._sliding)
+        self._fingers = RecordedFingers(self.settings.sliding)
 
     def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
         """Take a touch event and render up to it; see `touch`."""
         self._take(event)
-        self._render_known(self._core.points)
+        self._render_known(self.points)
 
     def play(self, path: Trajectory, touch_id: int = 0) -> None:
         """Render one finger's whole recorded path, in long blocks: the fastest way."""
-        long = max(self._core.points, round(_LONG_S / self._core.step_s))
+        long = max(self.points, round(_LONG_S / self.step_s))
         for event in events_of(path, touch_id)[:-1]:  # without the lift: another path may follow
             self._take(event)
             self._render_known(long, least=long)
@@ -72,8 +53,8 @@ class Renderer(VirtualTimeSession):
         if event.kind == "up":
             self._fingers.lift(event.touch_id, event.t_s)
             return
-        found = self._force.estimate(event.normal_force_n, event.contact_area_m2)
-        force = self._force.assumed if found is None else found
+        found = _FORCE.estimate(event.normal_force_n, event.contact_area_m2)
+        force = _FORCE.assumed if found is None else found
         self._fingers.touch(event.touch_id, event.t_s, event.x_mm, event.y_mm, force.normal_force_n)
         if self._start_s is None:
             self._start_s = event.t_s
@@ -82,11 +63,11 @@ class Renderer(VirtualTimeSession):
         """Render as far as all fingers' paths are known, in blocks of `least` to `most` points."""
         if self._start_s is None:
             return
-        rate, step = self.sample_rate_hz, self._core.step
+        rate, step = self.sample_rate_hz, self.step
         # Clocks that count from 1970 resolve a few 1e-7 s: that must not cost a sample.
         end = int((self._fingers.known_until_s - self._start_s) * rate + 0.02)
         while (left := (end - self._next_sample) // step) >= least:
             began = time.perf_counter()
             ends = self._next_sample + step * np.arange(1, min(most, left) + 1)
             times = self._start_s + ends / rate
-            self._send(self._fingers.motion(times, self._core.step_s), began)
+            self._send(self._fingers.motion(times, self.step_s), began)

@@ -11,7 +11,7 @@ from firmware_io import Device
 from haptix.errors import InputError, LimitError
 from haptix.render.core import RenderCore, RenderedBlock, RenderState
 from haptix.render.drive import Drive, DriverCarrier
-from haptix.render.motion import Array, Motion
+from haptix.render.motion import Motion
 from haptix.render.settings import RenderSettings
 from haptix.render.stats import RenderStats
 from haptix.surface import FrictionSurface
@@ -22,7 +22,7 @@ LONGEST_GAP_S = 60.0
 """Longest pause between touches that is rendered, in virtual time."""
 
 
-class RenderSession(ABC):
+class RenderSession(RenderCore, ABC):
     """A context in which touches become samples on a device.
 
     Leaving the context ends at 0 V. So does a failing device: the next call raises its error once,
@@ -30,17 +30,9 @@ class RenderSession(ABC):
 
     Parameters
     ----------
-    surface : FrictionSurface
-        Must hold the drive's frequency and the thickness; kept as a slice at these.
-    texture : FrictionField
-        What to feel.
-    device : Device
-        Where the samples go. Its voltage ceiling is lowered to the surface's voltage limit, and
-        must not be below it.
-    drive : Drive, optional
-        A sine carrier by default, see `RenderCore`.
-    settings : RenderSettings
-        How friction becomes an amplitude.
+    surface, texture, device, drive, settings
+        As of `RenderCore`. The device's voltage ceiling is lowered to the surface's voltage limit,
+        and must not be below it.
 
     Raises
     ------
@@ -55,11 +47,10 @@ class RenderSession(ABC):
         surface: FrictionSurface,
         texture: FrictionField,
         device: Device,
-        drive: Drive | None,
-        settings: RenderSettings,
+        drive: Drive | None = None,
+        settings: RenderSettings | None = None,
     ) -> None:
-        self._core = RenderCore(surface, texture, device, drive, settings)
-        self._keep_blocks = settings.keep_blocks
+        super().__init__(surface, texture, device, drive, settings)
         self.device = device
         self._reset()
 
@@ -69,34 +60,6 @@ class RenderSession(ABC):
         self.blocks: list[RenderedBlock] = []
         self._state = RenderState()
         self._next_sample = 0
-
-    @property
-    def surface(self) -> FrictionSurface:
-        """Slice of the surface at the drive's frequency and the screen's thickness."""
-        return self._core.surface
-
-    @property
-    def drive(self) -> Drive:
-        """What the amplitude modulates."""
-        return self._core.drive
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """Sample rate of the device."""
-        return self._core.sample_rate_hz
-
-    @property
-    def texture(self) -> FrictionField:
-        """What to feel. Another one may be given at any time, and counts from the next block."""
-        return self._core.texture
-
-    @texture.setter
-    def texture(self, texture: FrictionField) -> None:
-        self._core.texture = texture
-
-    def reachable(self, normal_force_n: Array, speed_mm_per_s: Array) -> tuple[Array, Array]:
-        """Lowest and highest friction coefficient at forces and speeds, shape (points,)."""
-        return self._core.reachable(normal_force_n, speed_mm_per_s)
 
     def touch(
         self,
@@ -161,13 +124,13 @@ class RenderSession(ABC):
 
     def _render(self, motion: Motion) -> RenderedBlock:
         """Render the next block."""
-        block, self._state = self._core.block(motion, self._next_sample, self._state)
+        block, self._state = self.block(motion, self._next_sample, self._state)
         self._next_sample += len(block.drive_v)
         return block
 
     def _count(self, block: RenderedBlock, seconds: float) -> None:
         self.stats.add(block, seconds)
-        if self._keep_blocks:
+        if self.settings.keep_blocks:
             self.blocks.append(block)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -48,8 +49,7 @@ class Target:
         return compressed
 
 
-@dataclass(frozen=True, slots=True)
-class Amplitudes:
+class Amplitudes(NamedTuple):
     """Answers of a surface to a batch of targets; arrays of their shape."""
 
     voltage_v: Array
