@@ -52,7 +52,7 @@ def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
 
 def placeholder_note(placeholders: Sequence[str]) -> str:
     """Return what a title says about inputs that were not measured."""
-    return f", with stand-ins for {' and '.join(placeholders)}" if placeholders else ""
+    return f", with placeholders for {' and '.join(placeholders)}" if placeholders else ""
 
 
 def _text(value: Any) -> str:
@@ -73,10 +73,9 @@ def progress_bar(stages: Mapping[str, str]) -> Iterator[Callable[[str, float], N
         tasks: dict[str, Any] = {}
 
         def update(stage: str, share: float) -> None:
-            for earlier in tasks.values():
-                if stage not in tasks:
-                    progress.update(earlier, completed=1.0)
             if stage not in tasks:
+                for earlier in tasks.values():
+                    progress.update(earlier, completed=1.0)
                 tasks[stage] = progress.add_task(stages[stage], total=1.0)
             progress.update(tasks[stage], completed=share)
 

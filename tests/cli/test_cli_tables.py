@@ -317,7 +317,7 @@ def test_demo_prints_its_summary(haptix_cli, things):
     table = haptix_cli(*arguments, "--carrier-hz", 3000).out
     assert max(map(len, table.splitlines())) <= 80
     assert "photo.png" in table
-    assert "stand-ins" in table
+    assert "placeholders" in table
 
 
 def test_no_json_of_nan(haptix_cli):

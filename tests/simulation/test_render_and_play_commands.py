@@ -37,7 +37,7 @@ def test_render_in_words(haptix_cli, own_folder):
         "quantisation",
         "prediction",
         "all",
-        "stand-ins",
+        "placeholders",
     ):
         assert word in done.out
     assert max(map(len, done.out.splitlines())) <= 80
