@@ -17,14 +17,8 @@ _ZOOM_S = 0.006
 _ZOOM_PERIODS = 10
 
 
-def draw(file: Path, simulation: Simulation) -> None:
-    """Draw path and texture, friction, voltage, and the wave or the parts of the error.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
+def draw(simulation: Simulation, file: Path) -> None:
+    """Draw path and texture, friction, voltage, and the waveform or the parts of the error."""
     figure = Figure(figsize=(13, 8.5), layout="constrained")
     grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.5), height_ratios=(1.15, 1, 1))
     _texture(figure.add_subplot(grid[:2, 0]), simulation)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
 from io import BytesIO
 from math import isfinite
 from pathlib import Path
@@ -92,18 +93,18 @@ def write(
     summary = {**about, **summary_of(simulation)}
     names = (picture, *FILES)
     check_folder(folder, names)
-    felt_csv = csv_text(*_felt_table(simulation), digits=9)
-    wave, sidecar = _wave(simulation), json_text(_sidecar(simulation))
-
-    def drawing(file: Path) -> None:
-        draw(file, simulation)
-
-    contents = (drawing, felt_csv, wave, sidecar, json_text(summary))
+    contents = (
+        partial(draw, simulation),
+        _felt_table(simulation),
+        _wave(simulation),
+        json_text(_sidecar(simulation)),
+        json_text(summary),
+    )
     write_folder(folder, dict(zip(names, contents, strict=True)))
     return summary
 
 
-def _felt_table(simulation: Simulation) -> tuple[list[str], Iterable[Iterable[object]]]:
+def _felt_table(simulation: Simulation) -> str:
     felt = simulation.felt
     columns = {
         "t_s": felt.t_s,
@@ -114,7 +115,7 @@ def _felt_table(simulation: Simulation) -> tuple[list[str], Iterable[Iterable[ob
         "felt_mu": felt.mu,
         "is_reachable": simulation.is_reachable.astype(int),
     }
-    return list(columns), zip(*(column.tolist() for column in columns.values()), strict=True)
+    return csv_text(columns, zip(*(c.tolist() for c in columns.values()), strict=True), digits=9)
 
 
 def _wave(simulation: Simulation) -> bytes:

@@ -32,35 +32,23 @@ _ITERATIONS = 5
 
 
 def felt_in_steps(known: Played, finger: VirtualFinger, h0_m: float) -> dict[str, Felt]:
-    """Return what the finger feels with one source of error after the other, in their order.
+    """Return what the finger feels with one source of error of `PARTS` after the other.
 
-    Parameters
-    ----------
-    known : Played
-        The true path, with its blocks kept.
-    finger : VirtualFinger
-        Feels each drive.
-    h0_m : float
-        Effective thickness of the screen's insulator [m].
-
-    Returns
-    -------
-    dict of str to Felt
-        By name of `PARTS`, except "prediction".
+    `known` has played the true path and kept its blocks: "prediction" is not among the sources.
     """
     renderer, path = known.renderer, known.setting.path
     rate, drive = renderer.sample_rate_hz, renderer.drive
     step = renderer.blocks[0].step
     sent = known.collected("amplitude_v")
     exact = _without_surface(known, sent, h0_m)
-    felt = {"quantisation": known.feel(finger)}
     with_surface = known.feel(finger, known.collected("drive_v"))
+    quantised = known.feel(finger)
     if isinstance(drive, DirectWave):
         points = np.arange(len(exact) + 1) * step
         line = np.interp(np.arange(points[-1]), points, np.append(0.0, exact))
         limit = known.setting.model.screen.max_voltage_v
         ideal = known.feel(finger, drive.modulate(line, 0, rate).clip(-limit, limit))
-        return {"modulation": ideal, "surface": with_surface, **felt}
+        return {"modulation": ideal, "surface": with_surface, "quantisation": quantised}
 
     def feel_ideal(amplitude_v: Array) -> Felt:
         along = (path.t_s, path.x_mm, path.y_mm, path.normal_force_n)
@@ -71,7 +59,7 @@ def felt_in_steps(known: Played, finger: VirtualFinger, h0_m: float) -> dict[str
         "finger": feel_ideal(exact),
         "surface": feel_ideal(sent),
         "modulation": with_surface,
-        **felt,
+        "quantisation": quantised,
     }
 
 
@@ -104,19 +92,9 @@ def exact_amplitude(
     h0_m: float,
     near_v: Array,
 ) -> Array:
-    """Invert the contact model itself, from amplitudes near the solution, by the secant method.
+    """Amplitudes [V] by which the contact model gives `mu`, which is above that without voltage.
 
-    Parameters
-    ----------
-    mu, normal_force_n, near_v : ndarray, shape (points,)
-        Friction, above that without voltage; normal force [N]; the surface's amplitude [V].
-    frequency_hz, h0_m : float
-        Frequency of the drive, and thickness of the screen's insulator.
-
-    Returns
-    -------
-    ndarray, shape (points,)
-        Amplitudes [V].
+    By the secant method from amplitudes `near_v`; arrays have the shape (points,).
     """
     force, goal = torch.from_numpy(normal_force_n), torch.from_numpy(1 / mu)
     most = model.screen.max_voltage_v**2

@@ -114,7 +114,7 @@ def simulate(
         played = play_live(setting, surface, panel, settings, address)
         on_progress(0.5)
         steps = felt_in_steps(known, finger, h0_m)
-    felt = steps["prediction"] = played.feel(finger)
+    felt = played.feel(finger)
     on_progress(0.9)
     low, high, target, reachable = _target(played, felt)
     if panel is None:
@@ -122,21 +122,13 @@ def simulate(
     # A whole period of a slow drive, whose ripple is left out.
     average_s = max(FELT_WITHIN_S, 1 / played.renderer.drive.frequency_hz)
     parts: dict[str, Evaluation] = {}
-    before = target
-    for name, step in steps.items():
-        parts[name] = evaluate(step, before, reachable, average_s)
-        before = step.mu
-    return Simulation(
-        surface=surface,
-        played=played,
-        felt=felt,
-        target_mu=target,
-        lowest_mu=low,
-        highest_mu=high,
-        is_reachable=reachable,
-        evaluation=evaluate(felt, target, reachable, average_s),
-        parts={} if panel is None else parts,
-    )
+    if steps:
+        before = target
+        for name, step in {**steps, "prediction": felt}.items():
+            parts[name] = evaluate(step, before, reachable, average_s)
+            before = step.mu
+    evaluation = evaluate(felt, target, reachable, average_s)
+    return Simulation(surface, played, felt, target, low, high, reachable, evaluation, parts)
 
 
 def _target(played: Played, felt: Felt) -> tuple[Array, Array, Array, npt.NDArray[np.bool_]]:
