@@ -9,18 +9,17 @@ from __future__ import annotations
 
 import ctypes
 import sys
+from contextlib import suppress
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # from glibc's malloc.h
 _MMAP_ABOVE = 32 << 20  # the largest value that glibc takes
 _TRIM_ABOVE = 256 << 20
 
 
-def keep_freed_memory() -> bool:
-    """Raise the thresholds if the C library is glibc, and return whether it is."""
-    if not sys.platform.startswith("linux"):
-        return False
-    try:
-        mallopt = ctypes.CDLL(None).mallopt
-    except AttributeError:
-        return False
-    return bool(mallopt(_M_MMAP_THRESHOLD, _MMAP_ABOVE) and mallopt(_M_TRIM_THRESHOLD, _TRIM_ABOVE))
+def keep_freed_memory() -> None:
+    """Raise the thresholds if the C library is glibc."""
+    if sys.platform.startswith("linux"):
+        with suppress(AttributeError):  # another C library
+            mallopt = ctypes.CDLL(None).mallopt
+            mallopt(_M_MMAP_THRESHOLD, _MMAP_ABOVE)
+            mallopt(_M_TRIM_THRESHOLD, _TRIM_ABOVE)

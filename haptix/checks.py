@@ -38,7 +38,7 @@ def number(
     InputError
         If it is none, or out of that range.
     """
-    found = _plain(value)
+    found = plain(value)
     good = found is not None and found >= least and (found > above or above == -inf)
     if found is None or not good or isnan(found) or not (open_end or isfinite(found)):
         bound = f" above {above:g}" if above > -inf else f" of at least {least:g}"
@@ -50,7 +50,7 @@ def number(
     return found
 
 
-def _plain(value: Any) -> float | None:
+def plain(value: Any) -> float | None:
     """Return a real number as a float, and None for anything else."""
     with suppress(AttributeError, ValueError, RuntimeError):  # not an array or tensor of one
         value = value.item()

@@ -10,28 +10,22 @@ import tomlkit
 from pydantic import BaseModel, ConfigDict, PlainSerializer, PlainValidator, ValidationError
 from torch import Tensor
 
+from haptix.checks import plain
 from haptix.errors import FileFormatError, InputError
 from haptix.files import json_text, read_json, read_toml, write_whole
 from haptix.units import with_numbers
 
 
-def _number(value: float | Tensor) -> float:
-    return float(value.detach() if isinstance(value, Tensor) else value)
-
-
 def _positive(value: Any) -> float | Tensor:
-    if isinstance(value, str | bool):
+    number = plain(value)
+    if number is None:
         raise ValueError("expected a number")
-    try:
-        number = _number(value)
-    except (TypeError, ValueError, RuntimeError):
-        raise ValueError("expected a number") from None
     if not 0 < number < float("inf"):
         raise ValueError("expected a finite number above 0")
     return value if isinstance(value, Tensor) else number
 
 
-Quantity = Annotated[float | Tensor, PlainValidator(_positive), PlainSerializer(_number)]
+Quantity = Annotated[float | Tensor, PlainValidator(_positive), PlainSerializer(plain)]
 """A positive number, or a tensor of one for gradients."""
 
 

@@ -12,12 +12,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from secrets import token_hex
-from typing import Any
+from typing import Any, TypeVar
 
 import platformdirs
 
 from haptix.errors import FileFormatError, InputError
 
+Number = TypeVar("Number", int, float)
 Content = bytes | memoryview | str | Callable[[Path], object]
 """What a file holds: bytes, text, or a function that writes it to the path that it is given."""
 
@@ -59,25 +60,20 @@ def write_folder(folder: Path, files: Mapping[str, Content]) -> list[Path]:
 
 
 def _write(files: Mapping[Path, Content]) -> None:
-    drafts = {path: path.with_name(f".{path.name}.{token_hex(8)}.part") for path in files}
+    drafts = {path.with_name(f".{path.name}.{token_hex(8)}.part"): path for path in files}
     try:
-        for path, draft in drafts.items():
+        for draft, path in drafts.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            _fill(draft, files[path])
-        publish({draft: path for path, draft in drafts.items()})
+            content = files[path]
+            if callable(content):
+                content(draft)
+            else:
+                draft.write_bytes(content.encode() if isinstance(content, str) else content)
+        publish(drafts)
     finally:
-        for draft in drafts.values():
+        for draft in drafts:
             with suppress(OSError):
                 draft.unlink(missing_ok=True)
-
-
-def _fill(draft: Path, content: Content) -> None:
-    if callable(content):
-        content(draft)
-    elif isinstance(content, str):
-        draft.write_text(content, encoding="utf-8", newline="")
-    else:
-        draft.write_bytes(content)
 
 
 def publish(drafts: Mapping[Path, Path]) -> None:
@@ -198,30 +194,25 @@ class CsvRow:
 
     def number(self, name: str) -> float:
         """Return the number in a cell, or raise `FileFormatError`."""
-        try:
-            return float(self.cells[name])
-        except ValueError:
-            raise self._wrong(name, "a number") from None
+        return self._parsed(name, float, "a number")
 
     def whole(self, name: str) -> int:
         """Return the integer in a cell, or raise `FileFormatError`."""
-        try:
-            return int(self.cells[name])
-        except ValueError:
-            raise self._wrong(name, "an integer") from None
+        return self._parsed(name, int, "an integer")
 
-    def _wrong(self, name: str, expected: str) -> FileFormatError:
-        return FileFormatError(
-            f"{self.place}: {name}: expected {expected}, got {self.cells[name]!r:.60}"
-        )
+    def _parsed(self, name: str, parse: Callable[[str], Number], expected: str) -> Number:
+        cell = self.cells[name]
+        try:
+            return parse(cell)
+        except ValueError:
+            message = f"{self.place}: {name}: expected {expected}, got {cell!r:.60}"
+            raise FileFormatError(message) from None
 
 
 def read_csv(
     path: str | Path,
     required: Sequence[str] = (),
     optional: Sequence[str] = (),
-    delimiter: str = ",",
-    skip_rows: int = 0,
 ) -> Iterator[CsvRow]:
     """Yield the rows of a CSV file with a line of column names; empty rows are skipped.
 
@@ -231,10 +222,6 @@ def read_csv(
         In UTF-8, with or without a byte-order mark.
     required, optional : sequence of str
         Columns that must or may be there, in any order. Others may be there too.
-    delimiter : str
-        One character.
-    skip_rows : int
-        Lines above the column names.
 
     Raises
     ------
@@ -242,10 +229,7 @@ def read_csv(
         If the file cannot be read, a column is missing or named twice, or a row is too short or
         too long.
     """
-    lines = io.StringIO(read_text(path), newline="")
-    for _ in range(skip_rows):
-        lines.readline()
-    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+    reader = csv.reader(io.StringIO(read_text(path), newline=""), skipinitialspace=True)
     try:
         names = [name.strip() for name in next(reader, [])]
         wrong = [name for name in required if names.count(name) != 1]
@@ -256,15 +240,13 @@ def read_csv(
                 f"each once; missing or repeated: {', '.join(wrong)}; found: {', '.join(names)}"
             )
         for row in reader:
-            place = f"{path}, line {skip_rows + reader.line_num}"
+            place = f"{path}, line {reader.line_num}"
             if not any(cell.strip() for cell in row):
                 continue
             if len(row) != len(names):
-                why = (
-                    f"{names[len(row)]} is missing"
-                    if len(row) < len(names)
-                    else "decimals need a point, not a comma"
-                )
+                why = "decimals need a point, not a comma"
+                if len(row) < len(names):
+                    why = f"{names[len(row)]} is missing"
                 raise FileFormatError(
                     f"{place}: expected {len(names)} values, got {len(row)}; {why}"
                 )
@@ -292,7 +274,6 @@ def csv_text(
 
 def cache_folder() -> Path:
     """Return ``$HAPTIX_CACHE``, or ``haptix`` in the user's cache folder."""
-    chosen = os.environ.get("HAPTIX_CACHE")
-    if chosen:
+    if chosen := os.environ.get("HAPTIX_CACHE"):
         return Path(chosen).expanduser()
     return platformdirs.user_cache_path("haptix", appauthor=False)

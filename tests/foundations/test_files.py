@@ -178,11 +178,11 @@ def test_csv_goes_there_and_back(tmp_path):
     text = files.csv_text(("n", "x", "note"), rows)
     assert text == 'n,x,note\n1,0.1,\n2,0.3333333333333333,"a, b"\n'
     assert files.csv_text(("x",), [(1 / 3,)], digits=3) == "x\n0.333\n"
-    (tmp_path / "a.csv").write_text("above\n" + text.replace("2,", "\n2,") + "\n\n")
-    one, two = files.read_csv(tmp_path / "a.csv", ["x", "n"], ["note"], skip_rows=1)
+    (tmp_path / "a.csv").write_text(text.replace("2,", "\n2,") + "\n\n")
+    one, two = files.read_csv(tmp_path / "a.csv", ["x", "n"], ["note"])
     assert (one.whole("n"), one.number("x"), one.cells["note"]) == (1, 0.1, "")
     assert (two.whole("n"), two.number("x"), two.cells["note"]) == (2, 1 / 3, "a, b")
-    assert two.place.endswith("a.csv, line 5")
+    assert two.place.endswith("a.csv, line 4")
 
 
 @pytest.mark.parametrize(
