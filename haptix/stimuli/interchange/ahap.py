@@ -29,25 +29,14 @@ def write_ahap(
 ) -> dict[str, Any]:
     """Write a finite signal; `low` becomes intensity 0 and `high` becomes 1.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    signal : Signal
-        In any quantity.
-    low, high : float
-        Its range; values outside are an error.
-    rate_hz : float
-        Corners per second.
+    Values outside are an error. There are `rate_hz` corners per second.
 
     Returns
     -------
     dict
         What is lost: ``lost`` in words, ``rms`` and ``largest`` of what the corners miss.
     """
-    number("low", low)
-    number("high", high)
-    if high <= low:
+    if number("high", high) <= number("low", low):
         raise InputError(f"low and high: expected low < high, got {low:g} and {high:g}")
     length = signal.length
     if not 0 < length <= _LONGEST_EVENT_S:
@@ -64,35 +53,28 @@ def write_ahap(
     t = np.arange(count) / fine_hz
     at = np.unique(np.append(np.arange(0, length, 1 / rate_hz), (count - 1) / fine_hz))
     corner = np.clip((np.interp(at, t, values) - low) / (high - low), 0, 1)
-    pattern: list[dict[str, Any]] = [
-        {
-            "Event": {
-                "Time": 0.0,
-                "EventType": "HapticContinuous",
-                "EventDuration": length,
-                "EventParameters": [
-                    {"ParameterID": "HapticIntensity", "ParameterValue": 1.0},
-                    {"ParameterID": "HapticSharpness", "ParameterValue": _SHARPNESS},
-                ],
-            }
-        }
+    full = [
+        {"ParameterID": "HapticIntensity", "ParameterValue": 1.0},
+        {"ParameterID": "HapticSharpness", "ParameterValue": _SHARPNESS},
     ]
+    event = {
+        "Time": 0.0, "EventType": "HapticContinuous", "EventDuration": length,
+        "EventParameters": full,
+    }  # fmt: skip
+    pattern: list[dict[str, Any]] = [{"Event": event}]
     # Curves share their ends, so that no straight line is lost between two of them.
     for first in range(0, max(1, len(at) - 1), _CORNERS_PER_CURVE - 1):
         part = slice(first, first + _CORNERS_PER_CURVE)
         begin = float(at[first])
-        pattern.append(
-            {
-                "ParameterCurve": {
-                    "ParameterID": "HapticIntensityControl",
-                    "Time": begin,
-                    "ParameterCurveControlPoints": [
-                        {"Time": float(x) - begin, "ParameterValue": float(y)}
-                        for x, y in zip(at[part], corner[part], strict=True)
-                    ],
-                }
-            }
-        )
+        points = [
+            {"Time": float(x) - begin, "ParameterValue": float(y)}
+            for x, y in zip(at[part], corner[part], strict=True)
+        ]
+        curve = {
+            "ParameterID": "HapticIntensityControl", "Time": begin,
+            "ParameterCurveControlPoints": points,
+        }  # fmt: skip
+        pattern.append({"ParameterCurve": curve})
     missed = low + np.interp(t, at, corner) * (high - low) - values
     lost = {
         "lost": (
@@ -102,14 +84,9 @@ def write_ahap(
         "rms": float(np.sqrt(np.mean(missed**2))),
         "largest": float(np.abs(missed).max()),
     }
-    table = {
-        "Version": 1.0,
-        "Metadata": {
-            "Project": "haptix",
-            "Description": f"intensity 0 to 1 is {low:g} to {high:g}; {lost['lost']}",
-        },
-        "Pattern": pattern,
-    }
+    description = f"intensity 0 to 1 is {low:g} to {high:g}; {lost['lost']}"
+    metadata = {"Project": "haptix", "Description": description}
+    table = {"Version": 1.0, "Metadata": metadata, "Pattern": pattern}
     write_whole(path, json_text(table))
     return lost
 
@@ -177,20 +154,16 @@ def _drawn(
 ) -> Signal:
     """Lines between the corners of the events and curves; before a curve its factor is 1."""
     tiny = 1e-6  # an edge takes this long [s]
-    x = [t for t, _ in corners]
-    y = [value for _, value in corners]
-    end = max(span[1] for span in spans)
-    edges = {0.0, end, *(t for t in x if 0 <= t <= end)}
+    end = max(stop for _, stop, _ in spans)
+    edges = {0.0, end, *(t for t, _ in corners if 0 <= t <= end)}
     for begin, stop, _ in spans:
         edges |= {begin, max(0.0, begin - tiny), stop, max(0.0, stop - tiny)}
-    times = sorted(edges)
-
-    def at(t: float) -> float:
-        loudest = max(
-            (level for begin, stop, level in spans if begin <= t < stop or t == stop == end),
-            default=0.0,
-        )
-        factor = 1.0 if not x or t < x[0] else float(np.interp(t, x, y))
-        return low + (high - low) * min(max(loudest * factor, 0.0), 1.0)
-
-    return Points(tuple(times), tuple(at(t) for t in times))
+    t = np.array(sorted(edges))
+    loudest = np.zeros(len(t))
+    for begin, stop, level in spans:
+        inside = (t >= begin) & ((t < stop) | (t == end) & (stop == end))
+        loudest[inside] = np.maximum(loudest[inside], level)
+    if corners:
+        loudest *= np.interp(t, [x for x, _ in corners], [y for _, y in corners], left=1.0)
+    values = low + (high - low) * np.clip(loudest, 0.0, 1.0)
+    return Points(tuple(t.tolist()), tuple(values.tolist()))

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,6 @@ from haptix.stimuli.speed import SpeedProfile
 UNIT_EXPONENT = -6
 """Micrometres: finer than any finger, and 2 km of them in the standard's integers."""
 
-_SPATIAL = ("Friction",)
 _DEFAULT_EXPONENT = -3  # of the standard, for files without one
 
 
@@ -64,57 +62,37 @@ def write_hjif(
         )
     unit_mm = 10.0 ** (UNIT_EXPONENT + 3)
     whole = [round(x / unit_mm) for x in places]
-    if any(b <= a for a, b in pairwise(whole)):
+    if len(set(whole)) < len(whole):
         raise InputError(f"x_mm: corners less than {unit_mm:g} mm apart fall together")
     keyframes = [
         {"relative_position": at - whole[0], "amplitude_modulation": value}
         for at, value in zip(whole, values, strict=True)
     ]
+    effect = {
+        "effect_type": "Basis", "position": whole[0], "phase": 0.0, "base_signal": "Sine",
+        "keyframes": keyframes,
+    }  # fmt: skip
     band = {
-        "band_type": "Curve",
-        "curve_type": "Linear",
-        "lower_frequency_limit": 0,
-        "upper_frequency_limit": 1000,
-        "effects": [
-            {
-                "effect_type": "Basis",
-                "position": whole[0],
-                "phase": 0.0,
-                "base_signal": "Sine",
-                "keyframes": keyframes,
-            }
-        ],
-    }
+        "band_type": "Curve", "curve_type": "Linear", "lower_frequency_limit": 0,
+        "upper_frequency_limit": 1000, "effects": [effect],
+    }  # fmt: skip
     channel = {
-        "id": 0,
-        "description": "along the line",
-        "gain": 1.0,
-        "mixing_coefficient": 1.0,
-        "body_part_mask": 0,
-        "bands": [band],
-    }
+        "id": 0, "description": "along the line", "gain": 1.0, "mixing_coefficient": 1.0,
+        "body_part_mask": 0, "bands": [band],
+    }  # fmt: skip
     perception = {
-        "id": 0,
-        "avatar_id": 0,
-        "description": description,
-        "perception_modality": "Friction",
-        "unit_exponent": UNIT_EXPONENT,
-        "perception_unit_exponent": 0,
-        "reference_devices": [],
-        "effect_library": [],
-        "channels": [channel],
-    }
+        "id": 0, "avatar_id": 0, "description": description, "perception_modality": "Friction",
+        "unit_exponent": UNIT_EXPONENT, "perception_unit_exponent": 0, "reference_devices": [],
+        "effect_library": [], "channels": [channel],
+    }  # fmt: skip
     table = {
         "version": "2025",  # year of the standard
-        "profile": "Main",
-        "level": 2,
+        "profile": "Main", "level": 2,
         "date": datetime.now(UTC).date().isoformat() if date is None else date,
-        "description": f"{description}; amplitude is the friction coefficient",
-        "timescale": 1000,
+        "description": f"{description}; amplitude is the friction coefficient", "timescale": 1000,
         "avatars": [],  # a perception of avatar 0 is that of none in particular
-        "perceptions": [perception],
-        "syncs": [],
-    }
+        "perceptions": [perception], "syncs": [],
+    }  # fmt: skip
     write_whole(path, json_text(table))
     return {
         "lost": "volts, force, speed and carrier; friction is straight between corners",
@@ -149,29 +127,28 @@ def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[AlongPath,
     lost: list[str] = []
     try:
         perceptions = table["perceptions"]
-        chosen = [one for one in perceptions if one["perception_modality"] in _SPATIAL]
-        if not chosen:
+        friction = [one for one in perceptions if one["perception_modality"] == "Friction"]
+        if not friction:
             kinds = sorted({one["perception_modality"] for one in perceptions})
             raise FileFormatError(
                 f"{path}: expected a perception of the modality Friction, got "
                 f"{', '.join(kinds) or 'none'}"
             )
-        first = chosen[0]
-        if len(perceptions) > 1:
-            lost.append(f"{len(perceptions) - 1} other perceptions")
-        unit_mm = 1e3 * 10.0 ** int(first.get("unit_exponent", _DEFAULT_EXPONENT))
-        scale = 10.0 ** int(first.get("perception_unit_exponent", 0))
+        first = friction[0]
         channel = first["channels"][0]
-        if len(first["channels"]) > 1:
-            lost.append(f"{len(first['channels']) - 1} other channels")
         bands = [band for band in channel["bands"] if band["band_type"] == "Curve"]
         if not bands:
             raise FileFormatError(f"{path}: expected a band of curves, which is what is read")
-        others = len(channel["bands"]) - 1
-        if others:
-            lost.append(f"{others} other bands")
+        for what, there in (
+            ("perceptions", perceptions), ("channels", first["channels"]),
+            ("bands", channel["bands"]),
+        ):  # fmt: skip
+            if len(there) > 1:
+                lost.append(f"{len(there) - 1} other {what}")
         if bands[0].get("curve_type", "Linear") != "Linear":
             lost.append(f"the shape of curve {bands[0]['curve_type']!r}: read as straight lines")
+        unit_mm = 1e3 * 10.0 ** int(first.get("unit_exponent", _DEFAULT_EXPONENT))
+        scale = 10.0 ** int(first.get("perception_unit_exponent", 0))
         gain = float(channel.get("gain", 1.0)) * scale
         corners: dict[float, float] = {}
         for effect in bands[0]["effects"]:
@@ -182,9 +159,9 @@ def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[AlongPath,
                 at = (int(effect["position"]) + int(frame["relative_position"])) * unit_mm
                 if "amplitude_modulation" in frame:
                     corners[at] = float(frame["amplitude_modulation"]) * gain
+    except FileFormatError:
+        raise
     except (KeyError, TypeError, ValueError, IndexError) as error:
-        if isinstance(error, FileFormatError):
-            raise
         raise FileFormatError(f"{path}: expected HJIF, wrong or missing: {error}") from None
     x = sorted(corners)
     if len(x) < 2:
