@@ -14,9 +14,8 @@ from haptix.files import json_text
 from haptix.terminal import AsJson, run, show
 
 if TYPE_CHECKING:
+    from calibration.session import SessionInfo
     from calibration.sources import ForceSource
-    from haptix.finger import Finger
-    from haptix.screen import Screen
 
 app = typer.Typer(
     name="calibrate",
@@ -56,19 +55,15 @@ def plan(
     own_finger, own_screen = Finger.named(finger), Screen.named(screen)
     found = plan_strokes(protocol, own_finger, own_screen, minutes, max_voltage_v)
     found.protocol.save(out)
-    show(
+    title = (
         f"{out}: {found.protocol.name}, {len(found.protocol.strokes)} strokes, some "
-        f"{found.protocol.duration_s / 60:.1f} minutes; expected errors",
-        [
-            {
-                "parameter": name,
-                "expected error": f"{one:.1%}",
-                "reported": "yes" if one <= 0.1 else "no",
-            }
-            for name, one in found.expected_spread.items()
-        ],
-        as_json,
+        f"{found.protocol.duration_s / 60:.1f} minutes; expected errors"
     )
+    rows = [
+        {"parameter": name, "expected error": f"{sd:.1%}", "reported": "no" if sd > 0.1 else "yes"}
+        for name, sd in found.expected_spread.items()
+    ]
+    show(title, rows, as_json)
     if found.past_light_contact:
         sys.stderr.write(
             f"{found.past_light_contact} strokes are past the light contact of "
@@ -83,9 +78,7 @@ def measure(
     protocol: Annotated[
         Path | None, typer.Option("--plan", help="Protocol. [default: that of a resumed session]")
     ] = None,
-    source: Annotated[
-        str, typer.Option(help="Where force comes from: virtual, csv or inputs.")
-    ] = "inputs",
+    source: Annotated[str, typer.Option(help="Of force: virtual, csv or inputs.")] = "inputs",
     device: Annotated[
         str | None, typer.Option(help="Driver, such as usb: or mock:; without, nothing is played.")
     ] = None,
@@ -93,15 +86,9 @@ def measure(
     name: Annotated[str | None, typer.Option(help="Name of this screen alone.")] = None,
     finger: FingerOption = "semi-wet",
     operator: Annotated[str, typer.Option(help="Who measures.")] = "",
-    csv: Annotated[
-        Path | None, typer.Option(help="For csv: folder of stroke-001.csv and so on.")
-    ] = None,
-    columns: Annotated[
-        Path | None, typer.Option(help="For csv: column map (TOML) of signals and units.")
-    ] = None,
-    inputs: Annotated[
-        Path | None, typer.Option(help="For inputs: TOML file of the analog channels.")
-    ] = None,
+    csv: Annotated[Path | None, typer.Option(help="For csv: folder of stroke-001.csv ...")] = None,
+    columns: Annotated[Path | None, typer.Option(help="For csv: column map, as TOML.")] = None,
+    inputs: Annotated[Path | None, typer.Option(help="For inputs: its channels, TOML.")] = None,
     crosstalk: Annotated[
         float, typer.Option(help="Share of the normal force on the tangential axis.")
     ] = 0.0,
@@ -141,7 +128,7 @@ def measure(
     else:
         raise InputError("--plan: expected a protocol; write one with `haptix calibrate plan`")
     count = len(session.protocol.strokes)
-    chosen = _source(source, session.info.finger, session.info.screen, csv, columns, inputs, seed)
+    chosen = _source(source, session.info, csv, columns, inputs, seed)
     with ExitStack() as stack:
         watcher = stack.enter_context(terminal_watcher(count, not yes and source == "inputs"))
         done = measure_session(
@@ -223,31 +210,25 @@ def fit(
         for name, (value, spread) in _numbers("--prior", prior, "NAME=VALUE,SPREAD")
     }
     found, needs = fit_folder(folder, fixed, priors, finger, leaky_gap, terms or None, compare)
-    rows = [
-        {
-            "parameter": one.name,
-            "value": "not determined" if one.value is None else one.value,
-            "low": one.low,
-            "high": one.high if one.high < float("inf") else None,
-            "spread": f"{one.spread:.1%}",
-            "verdict": one.verdict,
-        }
-        for one in found.estimates
-    ]
     advice = [one.refusal() for one in found.undetermined]
-    spread = found.repeatability
     if as_json:
         document = {
-            "estimates": rows,
+            "estimates": [
+                one.model_dump(mode="json", exclude={"advice"}) for one in found.estimates
+            ],
             "advice": advice,
             "left_out": found.left_out,
-            "scatter": vars(spread),
+            "repeatability": vars(found.repeatability),
             "terms": [vars(one) for one in needs],
         }
         sys.stdout.write(json_text(document))
         return
-    count = len(found.strokes)
-    show(f"{folder / FIT}: {count} strokes, which repeat within {spread.log_mu:.1%}", rows, False)
+    show(
+        f"{folder / FIT}: {len(found.strokes)} strokes, which repeat within "
+        f"{found.repeatability.log_mu:.1%}",
+        [one.row() for one in found.estimates],
+        False,
+    )
     left_out = sorted(found.left_out.items())
     _write_lines([*advice, *(f"stroke {number} was not used: {why}" for number, why in left_out)])
     if needs:
@@ -268,30 +249,22 @@ def verify_(
     """
     from calibration.steps import REPORT, SCREEN, verify_folder
 
-    verification, screen = verify_folder(folder, tolerance_thresholds)
-    rows = [
-        {
-            "stroke": one.number,
-            "mu": _rounded(one.mu),
-            "predicted": _rounded(one.predicted_mu),
-            "thresholds": _rounded(one.residual_thresholds),
-            "of the ripple": _rounded(one.ripple_residual_thresholds),
-        }
-        for one in verification.rows
-    ]
+    found, screen = verify_folder(folder, tolerance_thresholds)
     if as_json:
+        rows = [{key: _rounded(value) for key, value in vars(one).items()} for one in found.rows]
         document = {
-            "verdict": verification.verdict,
-            "failures": verification.failures,
-            "worst_thresholds": _rounded(verification.worst_thresholds),
+            "verdict": found.verdict,
+            "failures": found.failures,
+            "worst_thresholds": _rounded(found.worst_thresholds),
             "strokes": rows,
         }
         sys.stdout.write(json_text(document))
     else:
         written = "no profile" if screen is None else folder / SCREEN
-        show(f"{verification.verdict}: {written}, {folder / REPORT}", rows, False)
-        _write_lines(verification.failures)
-    if not verification.passed:
+        rows_of_text = [one.row() for one in found.rows]
+        show(f"{found.verdict}: {written}, {folder / REPORT}", rows_of_text, False)
+        _write_lines(found.failures)
+    if not found.passed:
         raise typer.Exit(1)
 
 
@@ -302,8 +275,7 @@ def main() -> None:
 
 def _source(
     kind: str,
-    finger: Finger,
-    screen: Screen,
+    info: SessionInfo,
     csv: Path | None,
     columns: Path | None,
     inputs: Path | None,
@@ -313,7 +285,7 @@ def _source(
         from calibration.virtual import VirtualFingerSource
         from haptix.friction import ContactModel
 
-        return VirtualFingerSource(ContactModel(finger, screen), seed=seed)
+        return VirtualFingerSource(ContactModel(info.finger, info.screen), seed=seed)
     if kind == "csv":
         from calibration.column_map import ColumnMap
         from calibration.sources import CsvSource

@@ -56,6 +56,18 @@ class ParameterEstimate(Part):
     verdict: Verdict
     advice: str = ""
 
+    def row(self) -> dict[str, str]:
+        """Return a row of a table for people."""
+        is_fixed = self.verdict == "fixed"
+        high = "∞" if self.high == inf else f"{self.high:.3g}"
+        return {
+            "parameter": self.name,
+            "value": "not determined" if self.value is None else f"{self.value:.4g}",
+            "90 % interval": "" if is_fixed else f"{self.low:.3g} to {high}",
+            "spread": "" if is_fixed else f"{self.spread:.1%}",
+            "verdict": self.verdict,
+        }
+
     def refusal(self) -> str:
         """Return one sentence: why there is no number, and what would give one."""
         if self.low > 0 and self.high < inf:

@@ -6,7 +6,7 @@ import base64
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from math import inf
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +14,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.comparison import TermNeed
-from calibration.fit import Fit, ParameterEstimate
+from calibration.fit import Fit
 from calibration.parameters import Array
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.protocol import FORCES_N
 from calibration.reduction import Point, Reduced
-from calibration.verification import HeldOutStroke, Verification
+from calibration.verification import Verification
 from haptix.files import write_whole
 from haptix.perception import WEBER_FRACTION
 from haptix.screen import Screen
@@ -77,9 +77,9 @@ def write_report(
         "" if profile_is_written else "<p class=failed>No profile was written.</p>",
         _list("Why it failed", verification.failures),
         f'<img alt="friction and residuals" src="{picture}">',
-        _table("Results", [_estimate_row(one) for one in fit.estimates]),
+        _table("Results", [one.row() for one in fit.estimates]),
         _list("Not determined", [one.refusal() for one in fit.undetermined]),
-        _table("Strokes kept out of the fit", [_held_out_row(row) for row in verification.rows]),
+        _table("Strokes kept out of the fit", [one.row() for one in verification.rows]),
         f"<p>Residuals in just-noticeable differences (JND, {WEBER_FRACTION:.0%} of mu); "
         f"{verification.tolerance_thresholds:g} are allowed.</p>",
         _table("Which terms the strokes need", [one.row() for one in needs]),
@@ -95,32 +95,6 @@ def write_report(
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Calibration of '
         f"{escape(screen.name)}</title><style>{_STYLE}</style></head><body>{body}</body></html>\n",
     )
-
-
-def _estimate_row(one: ParameterEstimate) -> dict[str, str]:
-    is_fixed = one.verdict == "fixed"
-    high = "∞" if one.high == inf else f"{one.high:.3g}"
-    return {
-        "parameter": one.name,
-        "value": "not determined" if one.value is None else f"{one.value:.4g}",
-        "90 % interval": "" if is_fixed else f"{one.low:.3g} to {high}",
-        "spread": "" if is_fixed else f"{one.spread:.1%}",
-        "": one.verdict,
-    }
-
-
-def _held_out_row(row: HeldOutStroke) -> dict[str, str]:
-    ripple = row.ripple_residual_thresholds
-    return {
-        "stroke": str(row.number),
-        "F_N [N]": f"{row.normal_force_n:.3g}",
-        "V0 [V]": f"{row.voltage_v:.3g}",
-        "f [Hz]": f"{row.frequency_hz:.3g}",
-        "mu": f"{row.mu:.3g}",
-        "predicted": f"{row.predicted_mu:.3g}",
-        "residual [JND]": f"{row.residual_thresholds:+.2f}",
-        "ripple [JND]": f"{ripple:+.2f}" if np.isfinite(ripple) else "-",
-    }
 
 
 def _crosstalk(reduced: Reduced) -> str:
@@ -153,8 +127,36 @@ def _picture(
     figure = Figure(figsize=(12.5, 3.6), layout="constrained")
     by_force, by_frequency, rest = figure.subplots(1, 3)
     good = [point for point in reduced.points if not point.outlier]
-    _friction_by_force(by_force, fit, good, predictor)
-    _friction_by_frequency(by_frequency, fit, good, predictor)
+
+    def friction(force: Array | float, volts: float, hertz: Array | float) -> Array:
+        """Friction at 50 mm/s, NaN where the contact snaps in."""
+        columns = np.broadcast_arrays(force, volts, hertz, 50.0)
+        strokes = StrokeConditions(*(column.astype(float) for column in columns))
+        found = predictor(strokes, fit.names, fit.log_values, jacobian=False)
+        return np.where(found.is_light, np.exp(found.log_mu), np.nan)
+
+    values, counts = np.unique([point.frequency_hz for point in good], return_counts=True)
+    usual = float(values[counts.argmax()]) if len(values) else 125.0
+    by_volts: dict[float, list[Point]] = {}
+    for point in good:
+        if point.frequency_hz == usual:
+            by_volts.setdefault(round(point.voltage_v / 10) * 10, []).append(point)
+    forces = np.geomspace(0.08, 1.0, 40)
+    curves = {volts: friction(forces, volts, usual) for volts in by_volts}
+    _curves(by_force, "normal_force_n", forces, curves, by_volts, "V")
+    by_force.set(xlabel="normal force [N]", ylabel="friction coefficient", title=f"at {usual:g} Hz")
+
+    highest = max((point.voltage_v for point in good), default=0.0)
+    by_newtons: dict[float, list[Point]] = {}
+    for point in good:
+        if point.voltage_v > 0.95 * highest > 0:
+            planned = min(FORCES_N, key=lambda force: abs(force - point.normal_force_n))
+            by_newtons.setdefault(planned, []).append(point)
+    hertz = np.geomspace(15.0, 8000.0, 60)
+    curves = {force: friction(force, highest, hertz) for force in by_newtons}
+    _curves(by_frequency, "frequency_hz", hertz, curves, by_newtons, "N")
+    by_frequency.set(xlabel="drive frequency [Hz]", title=f"at {highest:.3g} V", xscale="log")
+
     _residuals(rest, fit, good, verification, predictor)
     for axes in (by_force, by_frequency, rest):
         axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
@@ -163,50 +165,21 @@ def _picture(
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
-def _curve(
-    fit: Fit,
-    predictor: StrokePredictor,
-    normal_force_n: Array | float,
-    voltage_v: float,
-    frequency_hz: Array | float,
-) -> Array:
-    """Friction at 50 mm/s, NaN where the contact snaps in."""
-    columns = np.broadcast_arrays(normal_force_n, voltage_v, frequency_hz, 50.0)
-    strokes = StrokeConditions(*(column.astype(float) for column in columns))
-    found = predictor(strokes, fit.names, fit.log_values, jacobian=False)
-    return np.where(found.is_light, np.exp(found.log_mu), np.nan)
-
-
-def _friction_by_force(axes: Axes, fit: Fit, good: list[Point], predictor: StrokePredictor) -> None:
-    values, counts = np.unique([point.frequency_hz for point in good], return_counts=True)
-    hertz = float(values[counts.argmax()]) if len(values) else 125.0
-    forces = np.geomspace(0.08, 1.0, 40)
-    groups: dict[int, list[Point]] = {}
-    for point in good:
-        if point.frequency_hz == hertz:
-            groups.setdefault(round(point.voltage_v / 10) * 10, []).append(point)
-    for index, (volts, points) in enumerate(sorted(groups.items())):
-        colour = _COLOURS[index % len(_COLOURS)]
-        axes.plot(forces, _curve(fit, predictor, forces, volts, hertz), color=colour, lw=1)
-        _dots(axes, [point.normal_force_n for point in points], points, colour, f"{volts:g} V")
-    axes.set(xlabel="normal force [N]", ylabel="friction coefficient", title=f"at {hertz:g} Hz")
-
-
-def _friction_by_frequency(
-    axes: Axes, fit: Fit, good: list[Point], predictor: StrokePredictor
+def _curves(
+    axes: Axes,
+    name: str,
+    x: Array,
+    curves: Mapping[float, Array],
+    groups: Mapping[float, list[Point]],
+    unit: str,
 ) -> None:
-    highest = max((point.voltage_v for point in good), default=0.0)
-    hertz = np.geomspace(15.0, 8000.0, 60)
-    groups: dict[float, list[Point]] = {}
-    for point in good:
-        if point.voltage_v > 0.95 * highest > 0:
-            planned = min(FORCES_N, key=lambda force: abs(force - point.normal_force_n))
-            groups.setdefault(planned, []).append(point)
-    for index, (force, points) in enumerate(sorted(groups.items())):
-        colour = _COLOURS[index % len(_COLOURS)]
-        axes.semilogx(hertz, _curve(fit, predictor, force, highest, hertz), color=colour, lw=1)
-        _dots(axes, [point.frequency_hz for point in points], points, colour, f"{force:g} N")
-    axes.set(xlabel="drive frequency [Hz]", title=f"at {highest:.3g} V")
+    """Draw a predicted curve and the measured points of each group; held-out ones are hollow."""
+    for (key, points), colour in zip(sorted(groups.items()), cycle(_COLOURS), strict=False):
+        axes.plot(x, curves[key], color=colour, lw=1)
+        at, mu = [getattr(one, name) for one in points], [one.mu for one in points]
+        axes.errorbar(at, mu, [one.mu_sd for one in points], fmt="none", ecolor=colour, lw=0.8)
+        fill = ["white" if one.held_out else colour for one in points]
+        axes.scatter(at, mu, s=14, color=fill, edgecolors=colour, label=f"{key:g} {unit}")
 
 
 def _residuals(
@@ -224,10 +197,3 @@ def _residuals(
         axes.axhline(side * verification.tolerance_thresholds, color="#b40426", lw=0.8, ls="--")
     axes.axhline(0, color="#222", lw=0.6)
     axes.set(xlabel="stroke", ylabel="residual [JND]", title="residuals")
-
-
-def _dots(axes: Axes, x: list[float], points: list[Point], colour: str, label: str) -> None:
-    mu = [point.mu for point in points]
-    fill = ["white" if point.held_out else colour for point in points]
-    axes.errorbar(x, mu, [point.mu_sd for point in points], fmt="none", ecolor=colour, lw=0.8)
-    axes.scatter(x, mu, s=14, color=fill, edgecolors=colour, label=label)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
@@ -43,6 +44,20 @@ class HeldOutStroke:
     predicted_mu: float
     residual_thresholds: float
     ripple_residual_thresholds: float
+
+    def row(self) -> dict[str, str]:
+        """Return a row of a table for people."""
+        ripple = self.ripple_residual_thresholds
+        return {
+            "stroke": str(self.number),
+            "F_N [N]": f"{self.normal_force_n:.3g}",
+            "V0 [V]": f"{self.voltage_v:.3g}",
+            "f [Hz]": f"{self.frequency_hz:.3g}",
+            "mu": f"{self.mu:.3g}",
+            "predicted": f"{self.predicted_mu:.3g}",
+            "residual [JND]": f"{self.residual_thresholds:+.2f}",
+            "ripple [JND]": f"{ripple:+.2f}" if isfinite(ripple) else "-",
+        }
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ def test_all_the_way_to_a_surface(folder):
     knowledge += ["--prior", "apparent_area_at_1n_m2=45.65e-6,0.05", "--no-compare"]
     made = run.invoke(app, ["fit", session, *knowledge, "--json"])
     assert made.exit_code == 0, made.exception
-    found = {one["parameter"]: one for one in json.loads(made.stdout)["estimates"]}
+    found = {one["name"]: one for one in json.loads(made.stdout)["estimates"]}
     assert found["h0_m"]["value"] == pytest.approx(1.25e-7, rel=0.1)
     done = run.invoke(app, ["verify", session, "--json"])
     assert json.loads(done.stdout)["verdict"] == "passed", done.output
