@@ -9,7 +9,6 @@ from .parameters import Parameters as Parameters
 from .predict import StrokePredictor as StrokePredictor
 from .profile import calibrated_finger as calibrated_finger
 from .profile import calibrated_screen as calibrated_screen
-from .profile import write_screen_profile as write_screen_profile
 from .protocol import Protocol as Protocol
 from .protocol import Stroke as Stroke
 from .protocol import full_protocol as full_protocol

@@ -11,13 +11,7 @@ import numpy as np
 
 from calibration.fit import Fit
 from calibration.fitting import solve
-from calibration.parameters import (
-    OPTIONAL,
-    Array,
-    Parameters,
-    fitted_terms,
-    optional_parameters,
-)
+from calibration.parameters import OPTIONAL, Array, Parameters, fitted_terms, optional_parameters
 from calibration.predict import StrokePredictor
 from calibration.reduction import Reduced
 from calibration.residuals import Residuals
@@ -144,4 +138,4 @@ def _switched(
     model = predictor.model
     terms = {name: name in model.terms for name in comparable_terms()} | {term: on}
     changed = ContactModel(model.finger, model.screen, theory=model.theory, terms=terms)
-    return predictor.with_model(changed), parameters
+    return StrokePredictor(changed, predictor), parameters

@@ -48,9 +48,8 @@ def expected_spread(
 ) -> dict[str, float]:
     """Standard deviation of each parameter's logarithm that is expected after the strokes."""
     rows, is_light = expected_rows(predictor, parameters, strokes)
-    information = parameters.prior_information() + np.einsum(
-        "skp,skq->pq", rows[is_light], rows[is_light]
-    )
+    light = rows[is_light]
+    information = parameters.prior_information() + (light.mT @ light).sum(0)
     spread = np.sqrt(np.diag(np.linalg.inv(information)))
     return dict(zip(parameters.free, spread.tolist(), strict=True))
 
@@ -70,14 +69,10 @@ def short_protocol(
 
     Parameters
     ----------
-    predictor : StrokePredictor
-        The model.
-    parameters : Parameters
-        Their start and priors.
-    minutes : float
-        Time at the screen.
-    max_voltage_v : float
-        Highest amplitude [V].
+    predictor, parameters
+        The model, and starts and priors.
+    minutes, max_voltage_v : float
+        Time at the screen [min] and highest amplitude [V].
     held_out : int
         Number of the strokes that are kept for verification.
 
@@ -106,7 +101,7 @@ def short_protocol(
     prior = parameters.prior_information() + 1e-6 * np.eye(len(parameters.free))
     information = np.stack([prior] * len(cases))
     # What each candidate adds in each case, shape (cases, candidates, free, free).
-    added = np.stack([light[:, None, None] * _squared(rows) for rows, light in cases])
+    added = np.stack([light[:, None, None] * (rows.mT @ rows) for rows, light in cases])
     # Two without voltage come first: all others are compared with them.
     at_rest = (places[:, 1] == 0) & np.isin(places[:, 0], (FORCES_N[0], FORCES_N[-1]))
     chosen = np.flatnonzero(at_rest).tolist()
@@ -124,10 +119,6 @@ def short_protocol(
         places[chosen].tolist(),
         [(force, share * max_voltage_v, FREQUENCY_HZ) for force, share in _HELD_OUT[:held_out]],
     )
-
-
-def _squared(rows: Array) -> Array:
-    return np.asarray(np.einsum("skp,skq->spq", rows, rows))
 
 
 def _strokes_within(minutes: float, held_out: int) -> int:

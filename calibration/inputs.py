@@ -32,7 +32,7 @@ from pydantic import Field, PositiveFloat
 
 from calibration.parameters import Array
 from calibration.protocol import Stroke
-from calibration.sources import Live, Played
+from calibration.sources import ForceSource, Live, Played
 from haptix.documents import Document, Part
 from haptix.errors import DeviceError, InputError
 
@@ -99,19 +99,16 @@ class SampleReader(Protocol):
 
     def start(self) -> None:
         """Begin to sample."""
-        ...
 
     def read(self) -> Array:
         """Return the samples since the last call, shape (samples, channels), in volts."""
-        ...
 
     def stop(self) -> None:
         """End."""
-        ...
 
 
-class AnalogSource:
-    """A force sensor, and a position sensor, on analog inputs.
+class AnalogSource(ForceSource):
+    """A force sensor and a position sensor on analog inputs.
 
     Without a channel for the drive, the drive that was played takes its place.
 
@@ -129,7 +126,7 @@ class AnalogSource:
 
     def __init__(self, reader: SampleReader, channels: Sequence[InputChannel], sensor: str) -> None:
         needed = {"normal_force_n", "tangential_force_n", "x_mm"}
-        missing = needed - {channel.signal for channel in channels}
+        missing = needed.difference(channel.signal for channel in channels)
         if missing:
             raise InputError(f"channels: expected {', '.join(sorted(missing))} as well")
         self._reader, self._channels, self._sensor = reader, tuple(channels), sensor
@@ -138,21 +135,17 @@ class AnalogSource:
 
     @property
     def instruments(self) -> Mapping[str, str]:
-        """Sensor and inputs."""
         return {"force sensor": self._sensor, "inputs": self._reader.serial}
 
     def start(self, stroke: Stroke, played: Played) -> None:
-        """Begin to sample."""
         self._blocks, self._played = [], played
         self._reader.start()
 
     def live(self, t_s: float) -> Live | None:
-        """Force and speed of the newest samples."""
         signals = self._signals()
         return None if signals is None else Live.at(signals, float(signals["t_s"][-1]))
 
     def finish(self) -> dict[str, Array]:
-        """Stop, and return the signals in their units."""
         signals = self._signals()
         self._reader.stop()
         if signals is None:
@@ -180,21 +173,7 @@ class AnalogSource:
 class AudioReader:
     """Inputs of an audio-class device, direct coupled, through sounddevice.
 
-    Parameters
-    ----------
-    device : str or int
-        As sounddevice names it.
-    channels : int
-        Number of inputs.
-    full_scale_v : float
-        Voltage of a full-scale sample [V].
-    sample_rate_hz : float
-        Samples per second.
-
-    Raises
-    ------
-    DeviceError
-        If sounddevice or the device is missing.
+    `full_scale_v` is the voltage of a full-scale sample.
     """
 
     def __init__(
@@ -222,27 +201,13 @@ class AudioReader:
             self._blocks.append(np.array(block, dtype=float) * self._full_scale_v)
 
     def read(self) -> Array:
-        """Return the samples since the last call."""
         with self._lock:
             blocks, self._blocks = self._blocks, []
         return np.concatenate(blocks) if blocks else np.empty((0, int(self._stream.channels)))
 
 
 class NationalInstrumentsReader:
-    """Inputs of a National Instruments device, through nidaqmx (extra "daq").
-
-    Parameters
-    ----------
-    channels : sequence of str
-        Physical channels, such as "Dev1/ai0".
-    sample_rate_hz : float
-        Samples per second and channel.
-
-    Raises
-    ------
-    DeviceError
-        If nidaqmx, its driver or the device is missing.
-    """
+    """Inputs of a National Instruments device, such as "Dev1/ai0", through nidaqmx."""
 
     def __init__(self, channels: Sequence[str], sample_rate_hz: float) -> None:
         daq = _module("nidaqmx", "pip install nidaqmx, and NI's driver")
@@ -263,7 +228,6 @@ class NationalInstrumentsReader:
         self.serial = ", ".join(channels)
 
     def read(self) -> Array:
-        """Return the samples since the last call."""
         # -1 reads all there are, channel by channel; a single channel comes without its axis.
         values = np.asarray(self._task.read(number_of_samples_per_channel=-1), dtype=float)
         return np.asarray(values.reshape(self._count, -1).T)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from calibration.recording_checks import Finding, check_recording
 from calibration.session import Session
 from calibration.sources import ForceSource, Live, Played
 from firmware_io import Device
+from haptix.checks import whole
 from haptix.errors import HaptixError, InputError
 
 _SLACK_S = 1.2  # to press, turn and lift
@@ -44,23 +46,12 @@ class Watcher:
     done: Callable[[Stroke, list[Finding]], None] = lambda stroke, findings: None
 
 
-@dataclass(frozen=True)
-class SessionOutcome:
-    """How much of a protocol was measured.
-
-    Parameters
-    ----------
-    accepted : int
-        Strokes on disk.
-    rejected : int
-        Attempts of this run that were not accepted.
-    still_open : tuple of Stroke
-        Strokes without an accepted recording.
-    """
+class SessionOutcome(NamedTuple):
+    """Strokes on disk, attempts of this run that were rejected, and strokes that are still open."""
 
     accepted: int
     rejected: int
-    still_open: tuple[Stroke, ...] = field(default=())
+    still_open: tuple[Stroke, ...]
 
 
 def drive_for(stroke: Stroke, protocol: Protocol, sample_rate_hz: float) -> Played:
@@ -121,8 +112,7 @@ def measure(
     LimitError, DeviceError
         If a stroke is not allowed or the driver fails; what was measured stays on disk.
     """
-    if most_tries < 1:
-        raise InputError(f"most_tries: expected 1 or more, got {most_tries}")
+    whole("most_tries", most_tries, 1)
     _check_voltages(session, device)
     watcher = watcher or Watcher()
     recorder = _Recorder(source, device, watcher, clock, sleep)

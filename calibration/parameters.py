@@ -270,24 +270,21 @@ class Parameters:
 
         The matrix has a column for each of `free`.
         """
-        free = self.free
-        rows: list[Array] = []
-        target: list[float] = []
-        prior = self.finger_prior
-        joint = () if prior is None else tuple(name for name in prior.names if name in free)
-        for index, name in enumerate(free):
-            spread = self[name].prior
-            if spread is not None and name not in joint:
-                row = np.zeros(len(free))
-                row[index] = 1 / spread
-                rows.append(row)
-                target.append(log(self[name].value) / spread)
+        free, prior = self.free, self.finger_prior
+        joint = [] if prior is None else [name for name in prior.names if name in free]
+        alone = [
+            (name, spread)
+            for name in free
+            if (spread := self[name].prior) is not None and name not in joint
+        ]
+        matrix = np.zeros((len(alone) + len(joint), len(free)))
+        target = np.zeros(len(matrix))
+        for row, (name, spread) in enumerate(alone):
+            matrix[row, free.index(name)] = 1 / spread
+            target[row] = log(self[name].value) / spread
         if prior is not None and joint:
             at = [prior.names.index(name) for name in joint]
             whitening = np.linalg.inv(np.linalg.cholesky(prior.covariance[np.ix_(at, at)]))
-            for weights in whitening:
-                row = np.zeros(len(free))
-                row[[free.index(name) for name in joint]] = weights
-                rows.append(row)
-                target.append(float(weights @ prior.log_value[at]))
-        return np.array(rows).reshape(-1, len(free)), np.array(target)
+            matrix[len(alone) :, [free.index(name) for name in joint]] = whitening
+            target[len(alone) :] = whitening @ prior.log_value[at]
+        return matrix, target

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -25,10 +25,13 @@ from calibration.parameters import REQUIRED, Array, Mask, fitted_terms
 from haptix.electro import Pull
 from haptix.errors import InputError
 from haptix.fidelity import Ability
+from haptix.finger import Finger
 from haptix.friction import ContactModel, FrictionSolver
+from haptix.screen import Screen
 from haptix.terms import ActiveTerms, Properties
 from haptix.threads import one_thread
 
+_Profile = TypeVar("_Profile", Finger, Screen)
 _INSTANTS = 24  # in half a drive period, after which the attraction repeats: means within 1e-5
 _RANGE = 20.0  # of e s, either way, that the table covers
 _FORCES_N = (0.02, 3.0)  # that the table covers
@@ -85,7 +88,7 @@ class StrokePredictor:
     model : ContactModel
         Terms, theory and everything that is not fitted; elastic, with a table that scales.
     tables : StrokePredictor, optional
-        Another one, whose table is used where the contact is the same.
+        Another one, whose table is shared where the contact is the same.
 
     Raises
     ------
@@ -109,8 +112,7 @@ class StrokePredictor:
         self.model = model
         self._modulus_pa = float(model.finger.youngs_modulus_pa)
         self._h_rms_m = float(model.contact.spectrum.h_rms_m)
-        half = torch.arange(_INSTANTS, dtype=torch.float64)
-        self._phase = torch.pi * half / _INSTANTS
+        self._phase = torch.pi * torch.arange(_INSTANTS, dtype=torch.float64) / _INSTANTS
         if tables is not None:
             model.solver.fidelity.borrow(tables.model.solver.fidelity)
         # Heavy loads on soft skin and light ones on stiff skin, once for all fits.
@@ -119,10 +121,6 @@ class StrokePredictor:
         solver = FrictionSolver(ActiveTerms(given, model.terms), model.solver.fidelity)
         with torch.no_grad():
             solver.prepare(torch.tensor(_FORCES_N, dtype=torch.float64))
-
-    def with_model(self, model: ContactModel) -> StrokePredictor:
-        """Return a predictor of a model with other terms; the table is shared where it can be."""
-        return StrokePredictor(model, self)
 
     @one_thread()
     def __call__(
@@ -180,12 +178,7 @@ class StrokePredictor:
 
         force, voltage, frequency, speed = (
             torch.as_tensor(np.asarray(column, dtype=np.float64))
-            for column in (
-                strokes.normal_force_n,
-                strokes.voltage_v,
-                strokes.frequency_hz,
-                strokes.speed_mm_per_s,
-            )
+            for column in vars(strokes).values()
         )
         higher = values["h_rms_m"] / self._h_rms_m
         thickness = self._terms(values).thickness(values["h0_m"], frequency)
@@ -212,17 +205,14 @@ class StrokePredictor:
     def _terms(self, values: Mapping[str, Tensor]) -> ActiveTerms:
         """The terms that are on, with fitted values in place of the profiles' own."""
         finger, screen = self.model.finger, self.model.screen
-        fitted: dict[str, Any] = {
-            name: value for name, value in values.items() if name in type(finger).model_fields
-        }
-        fitted["dielectric"] = finger.dielectric.model_copy(
-            update={"scale": values["skin_dielectric_scale"]}
-        )
-        on_screen = {
-            name: value for name, value in values.items() if name in type(screen).model_fields
-        }
+        scale = {"scale": values["skin_dielectric_scale"]}
+        changed = {**values, "dielectric": finger.dielectric.model_copy(update=scale)}
         unit = values["youngs_modulus_pa"] / self._modulus_pa * values["h_rms_m"] / self._h_rms_m
-        given = Properties(
-            finger.model_copy(update=fitted), screen.model_copy(update=on_screen), unit
-        )
+        given = Properties(_updated(finger, changed), _updated(screen, changed), unit)
         return ActiveTerms(given, fitted_terms(self.model.terms, values))
+
+
+def _updated(profile: _Profile, values: Mapping[str, Any]) -> _Profile:
+    """Copy a profile with those of the values that are its fields."""
+    own = type(profile).model_fields
+    return profile.model_copy(update={key: one for key, one in values.items() if key in own})

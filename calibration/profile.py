@@ -17,30 +17,6 @@ from haptix.finger import Finger, Roughness
 from haptix.screen import Calibration, Screen
 
 
-def write_screen_profile(screen: Screen, path: str | Path, overwrite: bool = False) -> None:
-    """Write a calibrated screen as TOML.
-
-    Parameters
-    ----------
-    screen : Screen
-        The calibrated screen, under a name of its own.
-    path : path-like
-        File to write.
-    overwrite : bool
-        Whether an existing profile may be replaced.
-
-    Raises
-    ------
-    InputError
-        If the file exists and may not be replaced, or the screen has no name of its own.
-    """
-    check_name(screen)
-    path = Path(path)
-    if path.exists() and not overwrite:
-        raise InputError(f"{path} exists: pass overwrite=True to replace that calibration")
-    screen.save(path)
-
-
 def check_name(screen: Screen) -> None:
     """Raise `InputError` unless the screen has a name of its own."""
     if screen.name.strip() in ("", "custom"):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import product
+from itertools import chain, product
 from typing import Annotated, Self
 
 import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
+from haptix.checks import positive
 from haptix.documents import Document, Part
-from haptix.errors import InputError
 
 FORCES_N = (0.1, 0.3, 0.5, 0.7, 0.9)
 VOLTAGES_V = (0.0, 50.0, 100.0, 150.0, 200.0)
@@ -112,15 +112,7 @@ class Protocol(Document):
     ) -> Self:
         """Number strokes in random order, so that a finger that dries does not look like a force.
 
-        Parameters
-        ----------
-        name : str
-            Of the protocol.
-        fitted, held_out : iterable of sequence of float
-            Normal force [N], amplitude [V] and frequency [Hz] of the strokes for fit and
-            verification.
-        there_and_back : bool
-            For all strokes.
+        `fitted` and `held_out` have normal force [N], amplitude [V] and frequency [Hz] of each.
         """
         rows = [(row, False) for row in fitted] + [(row, True) for row in held_out]
         order = np.random.default_rng(_SHUFFLE_SEED).permutation(len(rows)).tolist()
@@ -133,9 +125,8 @@ class Protocol(Document):
                 there_and_back=there_and_back,
                 held_out=is_held_out,
             )
-            for number, ((force, volts, hertz), is_held_out) in enumerate(
-                (rows[index] for index in order), start=1
-            )
+            for number, index in enumerate(order, start=1)
+            for (force, volts, hertz), is_held_out in [rows[index]]
         ]
         return cls(name=name, strokes=tuple(strokes))
 
@@ -147,32 +138,21 @@ class Protocol(Document):
 
 def paper_protocol(max_voltage_v: float = 200.0) -> Protocol:
     """Return the paper's 25 strokes, one way each, and 3 more that are held out."""
-    share = _share(max_voltage_v)
-    return Protocol.shuffled(
-        "paper", _scaled(_paper_grid(), share), _scaled(_HELD_OUT, share), there_and_back=False
-    )
+    grid = product(FORCES_N, VOLTAGES_V, [FREQUENCY_HZ])
+    rows = _scaled(grid, max_voltage_v), _scaled(_HELD_OUT, max_voltage_v)
+    return Protocol.shuffled("paper", *rows, there_and_back=False)
 
 
 def full_protocol(max_voltage_v: float = 200.0) -> Protocol:
     """Return the paper's strokes and a frequency sweep at the highest voltage, there and back."""
-    share = _share(max_voltage_v)
+    grid = product(FORCES_N, VOLTAGES_V, [FREQUENCY_HZ])
     sweep = product(FORCES_N, VOLTAGES_V[-1:], SWEEP_HZ)
     held_out = (*_HELD_OUT, (0.6, 175.0, 60.0), (0.4, 175.0, 500.0))
-    return Protocol.shuffled(
-        "full", _scaled([*_paper_grid(), *sweep], share), _scaled(held_out, share)
-    )
+    rows = _scaled(chain(grid, sweep), max_voltage_v), _scaled(held_out, max_voltage_v)
+    return Protocol.shuffled("full", *rows)
 
 
-def _paper_grid() -> Iterable[Sequence[float]]:
-    return product(FORCES_N, VOLTAGES_V, [FREQUENCY_HZ])
-
-
-def _share(max_voltage_v: float) -> float:
-    """Factor on the paper's voltages for a screen that bears less."""
-    if not max_voltage_v > 0:
-        raise InputError(f"max_voltage_v: expected a voltage above 0 V, got {max_voltage_v:g} V")
-    return min(max_voltage_v / VOLTAGES_V[-1], 1.0)
-
-
-def _scaled(rows: Iterable[Sequence[float]], share: float) -> list[Sequence[float]]:
+def _scaled(rows: Iterable[Sequence[float]], max_voltage_v: float) -> list[Sequence[float]]:
+    """Lower the paper's voltages in proportion for a screen that bears less."""
+    share = min(positive("max_voltage_v", max_voltage_v) / VOLTAGES_V[-1], 1.0)
     return [(force, share * volts, hertz) for force, volts, hertz in rows]

@@ -19,6 +19,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -120,9 +121,6 @@ class StrokeRecording:
         FileFormatError
             If the file cannot be written.
         """
-        write_whole(path, self._write)
-
-    def _write(self, path: Path) -> None:
         room = self.conditions
         attributes = {
             "format": _FORMAT,
@@ -136,15 +134,19 @@ class StrokeRecording:
             "is_accepted": not self.findings,
             "findings": json.dumps(self.findings),
         }
-        with h5py.File(path, "w") as file:
-            file.attrs.update({key: one for key, one in attributes.items() if one is not None})
-            signals = file.create_group("signals")
-            for name, unit in SIGNALS.items():
-                values = np.asarray(getattr(self, name), dtype=np.float64)
-                data = signals.create_dataset(
-                    name, data=values, compression="gzip", compression_opts=1, shuffle=True
-                )
-                data.attrs["unit"] = unit
+
+        def write(draft: Path) -> None:
+            with h5py.File(draft, "w") as file:
+                file.attrs.update({key: one for key, one in attributes.items() if one is not None})
+                signals = file.create_group("signals")
+                for name, unit in SIGNALS.items():
+                    values = np.asarray(getattr(self, name), dtype=np.float64)
+                    data = signals.create_dataset(
+                        name, data=values, compression="gzip", compression_opts=1, shuffle=True
+                    )
+                    data.attrs["unit"] = unit
+
+        write_whole(path, write)
 
     @classmethod
     def load(cls, path: str | Path) -> StrokeRecording:
@@ -179,14 +181,14 @@ class StrokeRecording:
         missing = [name for name in SIGNALS if signals is None or name not in signals]
         if missing:
             raise FileFormatError(f"{path}: expected signals {', '.join(missing)} as well")
-        room = {name: found.get(name) for name in ("temperature_c", "humidity_percent")}
         try:
             stroke = Stroke.model_validate_json(found["stroke"])
             conditions = Conditions(
                 json.loads(found["instruments"]),
-                **{name: None if value is None else float(value) for name, value in room.items()},
-                operator=str(found["operator"]),
-                started=str(found["started"]),
+                _number(found, "temperature_c"),
+                _number(found, "humidity_percent"),
+                str(found["operator"]),
+                str(found["started"]),
             )
             findings = json.loads(found["findings" if "findings" in found else "complaints"])
         except ValidationError as error:
@@ -195,3 +197,7 @@ class StrokeRecording:
             raise FileFormatError(f"{path}: expected attributes of a stroke, got {error}") from None
         values = {name: np.asarray(signals[name][()], dtype=float) for name in SIGNALS}
         return replace(cls.of(stroke, values, conditions), findings=tuple(findings))
+
+
+def _number(attributes: Mapping[str, Any], name: str) -> float | None:
+    return float(attributes[name]) if name in attributes else None

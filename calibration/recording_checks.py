@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.parameters import Array
 from calibration.recording import SIGNALS, StrokeRecording
 from calibration.segmentation import Segment, full_slip, sliding_speed
 
@@ -60,8 +61,13 @@ def check_recording(
     tolerance : float
         Largest relative error of force and speed.
     """
-    if numbers := list(_numbers(recording)):
-        return numbers
+    bad = {name: int((~np.isfinite(getattr(recording, name))).sum()) for name in SIGNALS}
+    if any(bad.values()):
+        return [
+            Finding("no numbers", f"{count} samples of {name} are not finite; check the export")
+            for name, count in bad.items()
+            if count
+        ]
     found = list(_times(recording))
     if any(one.kind != "dropped samples" for one in found):
         return found
@@ -106,16 +112,8 @@ def drive_amplitude(recording: StrokeRecording, segments: list[Segment]) -> floa
         t, drive = recording.t_s[segment.samples], recording.drive_v[segment.samples]
         phase = 2 * np.pi * recording.stroke.frequency_hz * (t - t[0])
         basis = np.stack([np.cos(phase), np.sin(phase), np.ones_like(phase)], axis=-1)
-        weights = np.linalg.lstsq(basis, drive, rcond=None)[0]
-        found.append(float(np.hypot(weights[0], weights[1])))
+        found.append(np.hypot(*np.linalg.lstsq(basis, drive, rcond=None)[0][:2]))
     return float(np.mean(found))
-
-
-def _numbers(recording: StrokeRecording) -> Iterator[Finding]:
-    for name in SIGNALS:
-        bad = int((~np.isfinite(getattr(recording, name))).sum())
-        if bad:
-            yield Finding("no numbers", f"{bad} samples of {name} are not finite; check the export")
 
 
 def _times(recording: StrokeRecording) -> Iterator[Finding]:
@@ -131,11 +129,7 @@ def _times(recording: StrokeRecording) -> Iterator[Finding]:
     planned = recording.stroke.sliding_s
     lasted = float(recording.t_s[-1] - recording.t_s[0])
     if lasted > 300 * planned:
-        yield Finding(
-            "wrong units",
-            f"expected a recording of some {planned + 1:.1f} s, got {lasted:g} s: are the times "
-            'in milliseconds? Say unit = "ms" in the column map',
-        )
+        yield _wrong_unit(f"a recording of some {planned + 1:.1f} s", lasted, "ms")
     gaps = step > 1.5 * usual
     if gaps.any():
         lost = float((step[gaps] - usual).sum())
@@ -171,13 +165,12 @@ def _sliding(recording: StrokeRecording) -> Iterator[Finding]:
     length = float(np.ptp(recording.x_mm))
     is_long = length >= _FULL_LENGTH * planned
     bounds = (0.7, 1.4) if is_long else (0.85, 1.2)
+    # In a stroke the position moves; in place it trembles.
+    distance = float(np.abs(np.diff(recording.x_mm)).sum())
+    is_smooth = distance < 1.5 * recording.stroke.slides * length
     unit = _unit(length / planned, _LENGTH_UNITS, *bounds)
-    if unit and (is_long or _is_smooth(recording)):
-        yield Finding(
-            "wrong units",
-            f"expected a stroke of {planned:g} mm, got {length:g}: is x in {unit}? Say so in the "
-            "column map",
-        )
+    if unit and (is_long or is_smooth):
+        yield _wrong_unit(f"a stroke of {planned:g} mm", length, unit)
     elif is_long:
         return
     elif _still_sliding(recording):
@@ -188,6 +181,13 @@ def _sliding(recording: StrokeRecording) -> Iterator[Finding]:
         )
     else:
         yield _too_short(recording, length)
+
+
+def _wrong_unit(expected: str, got: float, unit: str) -> Finding:
+    return Finding(
+        "wrong units",
+        f"expected {expected}, got {got:.3g}: is it in {unit}? Say so in the column map",
+    )
 
 
 def _too_short(recording: StrokeRecording, length_mm: float) -> Finding:
@@ -203,12 +203,6 @@ def _unit(
 ) -> str | None:
     """Unit in which a value reads `ratio` times as much as in the planned one."""
     return next((unit for unit, factor in units.items() if low < ratio / factor < high), None)
-
-
-def _is_smooth(recording: StrokeRecording) -> bool:
-    """Whether the position moves as in a stroke, rather than trembling in place."""
-    distance = float(np.abs(np.diff(recording.x_mm)).sum())
-    return distance < 1.5 * recording.stroke.slides * float(np.ptp(recording.x_mm))
 
 
 def _still_sliding(recording: StrokeRecording) -> bool:
@@ -227,10 +221,12 @@ class _SlidingChecks:
     def level(self, name: str, direction: int | None = None) -> float:
         """Mean of a signal in full slip, above its median before the touch."""
         values = getattr(self.recording, name)
-        inside = [
-            values[one.samples] for one in self.segments if direction in (None, one.direction)
-        ]
-        return float(np.concatenate(inside).mean()) - float(np.median(values[self.before]))
+        return self.mean(values, direction) - float(np.median(values[self.before]))
+
+    def mean(self, values: Array, direction: int | None = None) -> float:
+        """Mean in full slip, of one direction or of all."""
+        chosen = [one for one in self.segments if direction in (None, one.direction)]
+        return float(np.concatenate([values[one.samples] for one in chosen]).mean())
 
     def end(self) -> Iterator[Finding]:
         if len({segment.direction for segment in self.segments}) < self.stroke.slides:
@@ -241,7 +237,7 @@ class _SlidingChecks:
             return
         force = self.recording.normal_force_n
         zero = float(force[self.before].mean())
-        pressed = np.concatenate([force[one.samples] for one in self.segments]).mean() - zero
+        pressed = self.mean(force) - zero
         if abs(force[self.after].mean() - zero) > 0.5 * abs(pressed):
             yield Finding(
                 "stopped half-way",
@@ -292,11 +288,7 @@ class _SlidingChecks:
                 "scale = -1",
             )
         elif unit := _unit(normal / planned, _FORCE_UNITS):
-            yield Finding(
-                "wrong units",
-                f"expected a normal force of {planned:g} N, got {normal:.3g}: is it in {unit}? Say "
-                "so in the column map",
-            )
+            yield _wrong_unit(f"a normal force of {planned:g} N", normal, unit)
         elif normal <= 0.3 * planned:
             return
         elif (mu := drag / normal) < 0:
@@ -306,11 +298,7 @@ class _SlidingChecks:
                 "= -1, or turn x around",
             )
         elif mu > _HIGHEST_MU:
-            yield Finding(
-                "wrong units",
-                f"expected mu below {_HIGHEST_MU:g}, got {mu:.3g}: is the tangential force in mN? "
-                "Say so in the column map",
-            )
+            yield _wrong_unit(f"mu below {_HIGHEST_MU:g}, with a tangential force in N", mu, "mN")
 
     def zero(self) -> Iterator[Finding]:
         for name in _FORCES:
@@ -324,8 +312,7 @@ class _SlidingChecks:
                 )
 
     def off_target(self, tolerance: float) -> Iterator[Finding]:
-        speed = np.abs(sliding_speed(self.recording.t_s, self.recording.x_mm))
-        mean_speed = float(np.concatenate([speed[one.samples] for one in self.segments]).mean())
+        mean_speed = self.mean(np.abs(sliding_speed(self.recording.t_s, self.recording.x_mm)))
         stroke = self.stroke
         for what, unit, planned, found, too_much, too_little in (
             ("force", "N", stroke.normal_force_n, self.level("normal_force_n"),

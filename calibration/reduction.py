@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from math import hypot, nan, sqrt
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from calibration.parameters import Array
 from calibration.recording import StrokeRecording
 from calibration.recording_checks import check_recording, drive_amplitude, idle_parts
 from calibration.segmentation import Segment, full_slip, sliding_speed
+from haptix.documents import first_error
 from haptix.errors import FileFormatError, InputError
 from haptix.files import csv_text, read_csv, write_whole
 
@@ -107,24 +108,21 @@ class Reduced:
         """
         try:
             return cls(tuple(_point(row.cells) for row in read_csv(path, _COLUMNS)))
+        except ValidationError as error:
+            why = first_error("stroke", error)
         except ValueError as error:
-            raise FileFormatError(
-                f"{path}: expected a table of reduced strokes, got {error}; make it with "
-                "`haptix calibrate reduce`"
-            ) from None
+            why = str(error)
+        raise FileFormatError(
+            f"{path}: expected a table of reduced strokes, got {why}; make it with "
+            "`haptix calibrate reduce`"
+        )
 
 
 _COLUMNS = [field.name for field in fields(Point)]
 
 
 def _point(cells: Mapping[str, str]) -> Point:
-    read: dict[str, Callable[[str], Any]] = {
-        "number": int,
-        "held_out": lambda text: text == "True",
-        "outlier": str,
-        "notes": lambda text: tuple(json.loads(text)),
-    }
-    return Point(**{name: read.get(name, float)(cells[name]) for name in _COLUMNS})
+    return TypeAdapter(Point).validate_python({**cells, "notes": json.loads(cells["notes"])})
 
 
 def reduce_session(

@@ -62,27 +62,21 @@ class ForceSource(Protocol):
     @property
     def instruments(self) -> Mapping[str, str]:
         """Names and serial numbers."""
-        ...
 
-    @property
-    def is_live(self) -> bool:
-        """Whether it records in real time, so that playing must keep to the clock."""
-        ...
+    is_live: bool
+    """Whether it records in real time, so that playing must keep to the clock."""
 
     def start(self, stroke: Stroke, played: Played) -> None:
         """Begin to record one stroke."""
-        ...
 
     def live(self, t_s: float) -> Live | None:
         """Force and speed at a time since the start, if known already."""
-        ...
 
     def finish(self) -> dict[str, Array]:
         """End the recording and return its signals, by the names of `SIGNALS`."""
-        ...
 
 
-class CsvSource:
+class CsvSource(ForceSource):
     """Replays recordings that another program has exported, one CSV file per stroke.
 
     Parameters
@@ -103,18 +97,15 @@ class CsvSource:
 
     @property
     def instruments(self) -> Mapping[str, str]:
-        """The folder that was read."""
         return {"CSV files": self._folder.name}
 
     def start(self, stroke: Stroke, played: Played) -> None:
-        """Choose the file of a stroke."""
         self._number = stroke.number
 
     def live(self, t_s: float) -> None:
-        """Return nothing: the stroke is past."""
+        return None  # the stroke is past
 
     def finish(self) -> dict[str, Array]:
-        """Read the file."""
         number = self._number
         names = (f"stroke-{number:03d}.csv", f"stroke-{number}.csv", f"{number}.csv")
         for name in names:

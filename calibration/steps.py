@@ -64,10 +64,8 @@ def plan_strokes(
         Protocol.
     finger, screen : Finger, Screen
         As they are believed to be.
-    minutes : float
-        Time for a short protocol.
-    max_voltage_v : float, optional
-        Highest amplitude [V]; the screen's limit without.
+    minutes, max_voltage_v : float
+        Time for a short protocol; highest amplitude [V], the screen's limit by default.
 
     Raises
     ------
@@ -110,7 +108,6 @@ def fit_folder(
     leaky_gap: bool = False,
     terms: Mapping[str, bool] | None = None,
     compare: bool = True,
-    seed: int = 0,
 ) -> tuple[Fit, list[TermNeed]]:
     """Fit ``reduced.csv`` and write ``fit.json`` and ``terms.json``.
 
@@ -118,10 +115,8 @@ def fit_folder(
     ----------
     folder : path-like
         Session.
-    fixed : mapping of str to float, optional
-        Parameters held at values.
-    priors : mapping of str to (float or None, float), optional
-        Values (None keeps the start) and standard deviations of logarithms.
+    fixed, priors : mapping, optional
+        See `Parameters.fixed` and `Parameters.known`.
     finger_fit : path-like, optional
         An earlier ``fit.json`` of the same finger.
     leaky_gap : bool
@@ -130,8 +125,6 @@ def fit_folder(
         Terms to switch.
     compare : bool
         Whether to find which terms the strokes need.
-    seed : int
-        Of the bootstrap.
     """
     session = Session.open(folder)
     reduced = Reduced.load(session.folder / REDUCED)
@@ -140,7 +133,7 @@ def fit_folder(
     if finger_fit is not None:
         parameters = parameters.with_finger(Fit.load(finger_fit).finger_prior())
     parameters = parameters.known(**priors or {}).fixed(**fixed or {})
-    fit = fit_strokes(reduced, predictor, parameters, seed)
+    fit = fit_strokes(reduced, predictor, parameters)
     fit.save(session.folder / FIT)
     needs = compare_terms(fit, reduced, predictor, parameters) if compare else []
     write_whole(session.folder / NEEDS, json_text([asdict(one) for one in needs]))
@@ -164,30 +157,18 @@ def verify_folder(
     if fit["h0_m"].value is not None:
         recordings = session.recordings
         started = min((one.conditions.started[:10] for one in recordings), default="")
-        screen = calibrated_screen(
-            session.info.screen,
-            fit,
-            found,
-            predictor,
-            session.info.operator,
-            instruments_of(recordings),
-            _date(started),
-        )
+        by_whom = session.info.operator, instruments_of(recordings), _date(started)
+        screen = calibrated_screen(session.info.screen, fit, found, predictor, *by_whom)
         screen.save(session.folder / SCREEN)
         calibrated_finger(session.info.finger, fit).save(session.folder / FINGER)
     else:
         # Profiles of an earlier fit would be taken for this one's.
         for name in (SCREEN, FINGER):
             (session.folder / name).unlink(missing_ok=True)
+    needs = _needs(session.folder / NEEDS)
+    shown = screen or session.info.screen
     write_report(
-        session.folder / REPORT,
-        screen or session.info.screen,
-        fit,
-        reduced,
-        found,
-        predictor,
-        _needs(session.folder / NEEDS),
-        profile_is_written=screen is not None,
+        session.folder / REPORT, shown, fit, reduced, found, predictor, needs, screen is not None
     )
     write_archive(session.folder, session.folder / ARCHIVE)
     return Verified(found, screen)

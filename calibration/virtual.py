@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from calibration.parameters import Array
 from calibration.protocol import Stroke
-from calibration.sources import Live, Played
+from calibration.sources import ForceSource, Live, Played
 from haptix.friction import ContactModel
 from haptix.virtual_finger import SensorModel, VirtualFinger
 
@@ -46,7 +46,7 @@ class Person:
     repeatability: float = 0.01
 
 
-class VirtualFingerSource:
+class VirtualFingerSource(ForceSource):
     """Computes the friction of what is played by the contact model, with an imperfect sensor.
 
     Parameters
@@ -77,15 +77,13 @@ class VirtualFingerSource:
         self._sensor, self._rate_hz = sensor, output_rate_hz
         self._person = Person() if person is None else person
         self._rng = np.random.default_rng(seed)
-        self._signals: dict[str, Array] | None = None
+        self._signals: dict[str, Array] = {}
 
     @property
     def instruments(self) -> Mapping[str, str]:
-        """Say that there is no instrument."""
         return {"force sensor": "virtual finger (no instrument)"}
 
     def start(self, stroke: Stroke, played: Played) -> None:
-        """Compute the whole stroke."""
         t, x, force = self._path(stroke, played.duration_s)
         felt = self._finger.feel(
             played.volts, played.sample_rate_hz, t, x, 0.0, force, output_rate_hz=self._rate_hz
@@ -102,12 +100,9 @@ class VirtualFingerSource:
         }
 
     def live(self, t_s: float) -> Live | None:
-        """Force and speed up to a time."""
         return Live.at(self.finish(), t_s)
 
     def finish(self) -> dict[str, Array]:
-        """Return the signals."""
-        assert self._signals is not None, "start comes first"
         return self._signals
 
     def _path(self, stroke: Stroke, duration_s: float) -> tuple[Array, Array, Array]:

@@ -57,7 +57,7 @@ def test_another_finger_is_the_same_table_scaled(predictor, parameters):
 @pytest.mark.parametrize("terms", [{}, {"finite-size": True}])
 def test_the_jacobian_is_the_derivative(predictor, parameters, finger, screen, terms):
     if terms:
-        predictor = predictor.with_model(haptix.ContactModel(finger, screen, terms=terms))
+        predictor = StrokePredictor(haptix.ContactModel(finger, screen, terms=terms), predictor)
     known = parameters.known(gap_resistivity_ohm_m=(1e8, 1.0))
     at = known.log_values
     found = predictor(STROKES, known.names, at)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration import write_screen_profile
+from calibration.profile import check_name
 from haptix import HaptixError, InputError, Screen
 
 SCREEN = Screen(
@@ -28,18 +28,8 @@ def test_round_trip(tmp_path_factory, name, thickness, permittivity, voltage):
         max_voltage_v=voltage,
     )
     path = tmp_path_factory.mktemp("profile") / "screen.toml"
-    write_screen_profile(screen, path)
+    screen.save(path)
     assert Screen.load(path) == screen
-
-
-def test_an_existing_profile_is_kept(tmp_path):
-    path = tmp_path / "screen.toml"
-    path.write_text("# measured with great care\n")
-    with pytest.raises(InputError, match=r"screen\.toml exists: pass overwrite=True"):
-        write_screen_profile(SCREEN, path)
-    assert path.read_text() == "# measured with great care\n"
-    write_screen_profile(SCREEN, str(path), overwrite=True)
-    assert Screen.load(path) == SCREEN
 
 
 @pytest.mark.parametrize(
@@ -50,13 +40,11 @@ def test_an_existing_profile_is_kept(tmp_path):
         "  ",
     ],
 )
-def test_a_screen_needs_a_name(tmp_path, name):
-    path = tmp_path / "screen.toml"
+def test_a_screen_needs_a_name(name):
     with pytest.raises(InputError, match=r'name.*screen\.replace\(name="\.\.\."\)'):
-        write_screen_profile(SCREEN.replace(name=name), path)
-    assert not path.exists()
+        check_name(SCREEN.replace(name=name))
 
 
 def test_a_folder_that_cannot_be_made():
     with pytest.raises(HaptixError, match="nowhere"):
-        write_screen_profile(SCREEN, "/dev/null/nowhere/screen.toml")
+        SCREEN.save("/dev/null/nowhere/screen.toml")

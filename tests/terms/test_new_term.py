@@ -100,7 +100,7 @@ def test_calibration_predicts_and_compares_it() -> None:
     parameters = Parameters.of(FINGER, SCREEN)
     halved = parameters.started_at(h0_m=SCREEN.h0_m / 2)
     predictor = StrokePredictor(plain)
-    with_it = predictor.with_model(new)(strokes, parameters.names, parameters.log_values)
+    with_it = StrokePredictor(new, predictor)(strokes, parameters.names, parameters.log_values)
     thinner = predictor(strokes, halved.names, halved.log_values)
     without = predictor(strokes, parameters.names, parameters.log_values)
     np.testing.assert_allclose(with_it.log_mu, thinner.log_mu, atol=1e-12)
