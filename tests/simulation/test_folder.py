@@ -58,11 +58,11 @@ def test_a_path_that_cannot_be_evaluated_is_told_without_nan(setting, surface, t
 
 
 def test_a_folder_is_whole_or_as_it_was(simulation, tmp_path, monkeypatch):
-    monkeypatch.setattr("haptix.simulation.folder.draw", lambda file, _: file.write_bytes(b"first"))
+    monkeypatch.setattr("haptix.simulation.folder.draw", lambda _, file: file.write_bytes(b"first"))
     write(tmp_path, simulation, {"run": 1})
     before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
 
-    def full(file, _):
+    def full(_, file):
         file.write_bytes(b"sec")
         raise OSError("No space left on device")
 
