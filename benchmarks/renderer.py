@@ -28,7 +28,6 @@ from haptix.render import (
     LiveSettings,
     RenderCore,
     RenderSettings,
-    RenderState,
     SineCarrier,
 )
 from haptix.render.live_fingers import LiveFingers
@@ -69,13 +68,13 @@ def blocks(surface: Any, texture: Any) -> None:
                 touches.take(TouchEvent(0.01 * i, finger, x, y, "move", force))
         drive, settings = SineCarrier(4000.0), RenderSettings(block_s=1e-3)
         core = RenderCore(surface, texture, open_device("mock:"), drive, settings)
-        clock = {"sample": 0, "state": RenderState()}
+        clock = {"sample": 0, "amplitude_v": 0.0}
 
         def one(touches: Any = touches, core: Any = core, clock: Any = clock) -> None:
             first = clock["sample"]
             motion = touches.motion(0.3 + 1e-6 * first, STEP / RATE, POINTS)
-            _, clock["state"] = core.block(motion, first, clock["state"])
-            clock["sample"] = first + BLOCK
+            block = core.block(motion, first, clock["amplitude_v"])
+            clock["sample"], clock["amplitude_v"] = first + BLOCK, float(block.amplitude_v[-1])
 
         report(f"{fingers} finger{'s' * (fingers > 1)}, everything on", times_us(one))
 

@@ -1,6 +1,5 @@
 from .core import RenderCore as RenderCore
 from .core import RenderedBlock as RenderedBlock
-from .core import RenderState as RenderState
 from .drive import DirectWave as DirectWave
 from .drive import Drive as Drive
 from .drive import SineCarrier as SineCarrier

@@ -27,19 +27,6 @@ DEFAULT_CARRIER_HZ = 4000.0
 
 
 @dataclass(frozen=True, slots=True)
-class RenderState:
-    """What a block takes over from the one before it.
-
-    Parameters
-    ----------
-    amplitude_v : float
-        Amplitude at the end of the block before [V].
-    """
-
-    amplitude_v: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
 class RenderedBlock:
     """Target and drive at control points, which end equal steps of samples.
 
@@ -146,12 +133,10 @@ class RenderCore:
         """Time from one control point to the next."""
         return self.step / self.sample_rate_hz
 
-    def block(
-        self, motion: Motion, first_sample: int, state: RenderState
-    ) -> tuple[RenderedBlock, RenderState]:
-        """Render the steps that end at the points of a motion, from the state before them."""
+    def block(self, motion: Motion, first_sample: int, amplitude_v: float = 0.0) -> RenderedBlock:
+        """Render the steps that end at a motion's points, from the amplitude before them."""
         line = np.empty(motion.points + 1)
-        line[0] = state.amplitude_v
+        line[0] = amplitude_v
         if motion.fingers:
             found = self._amplitudes(motion)
             each = (found.voltage_v * motion.gain).reshape(motion.fingers, motion.points)
@@ -166,8 +151,7 @@ class RenderCore:
         amplitude = (line[:-1, None] + change[:, None] * self._share).ravel()
         drive_v = self.drive.modulate(amplitude, first_sample, self.sample_rate_hz)
         counts = (first_sample, self.step, motion.fingers)
-        block = RenderedBlock(*counts, target, status, motion.gain, line[1:], drive_v)
-        return block, RenderState(float(line[-1]))
+        return RenderedBlock(*counts, target, status, motion.gain, line[1:], drive_v)
 
     def reachable(self, normal_force_n: Array, speed_mm_per_s: Array) -> tuple[Array, Array]:
         """Lowest and highest friction coefficient at forces and speeds, shape (points,)."""

@@ -9,7 +9,7 @@ from typing import Self
 
 from firmware_io import Device
 from haptix.errors import InputError, LimitError
-from haptix.render.core import RenderCore, RenderedBlock, RenderState
+from haptix.render.core import RenderCore, RenderedBlock
 from haptix.render.drive import Drive, DriverCarrier
 from haptix.render.motion import Motion
 from haptix.render.settings import RenderSettings
@@ -58,7 +58,7 @@ class RenderSession(RenderCore, ABC):
         """Start anew: from rest, at sample 0, with empty counts."""
         self.stats = RenderStats()
         self.blocks: list[RenderedBlock] = []
-        self._state = RenderState()
+        self._amplitude_v = 0.0
         self._next_sample = 0
 
     def touch(
@@ -124,7 +124,8 @@ class RenderSession(RenderCore, ABC):
 
     def _render(self, motion: Motion) -> RenderedBlock:
         """Render the next block."""
-        block, self._state = self.block(motion, self._next_sample, self._state)
+        block = self.block(motion, self._next_sample, self._amplitude_v)
+        self._amplitude_v = float(block.amplitude_v[-1])
         self._next_sample += len(block.drive_v)
         return block
 
