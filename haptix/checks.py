@@ -20,23 +20,9 @@ Choice = TypeVar("Choice")
 def number(
     name: str, value: Any, least: float = -inf, *, above: float = -inf, open_end: bool = False
 ) -> float:
-    """Check a number, which may be an array or a tensor of one.
+    """Check a number of at least `least` and above `above`; with `open_end` it may be infinite.
 
-    Parameters
-    ----------
-    name : str
-        What it is called.
-    value : float
-        A truth value is no number.
-    least, above : float
-        Smallest value, or the value that it must exceed.
-    open_end : bool
-        Whether it may be infinite.
-
-    Raises
-    ------
-    InputError
-        If it is none, or out of that range.
+    An array or a tensor of one value is a number, a bool is not.
     """
     found = plain(value)
     good = found is not None and found >= least and (found > above or above == -inf)

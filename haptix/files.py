@@ -24,14 +24,10 @@ Content = bytes | memoryview | str | Callable[[Path], object]
 
 
 def write_whole(path: str | Path, content: Content) -> None:
-    """Write a file, or leave what was there before. Missing folders are made.
+    """Write a file, or leave what was there before and raise `FileFormatError`.
 
-    The content goes to a temporary name beside `path`, onto the disk, and only then gets its name.
-
-    Raises
-    ------
-    FileFormatError
-        If it cannot be written.
+    Missing folders are made. The content goes to a temporary name beside `path`, onto the disk,
+    and only then gets its name.
     """
     path = Path(path)
     try:
@@ -41,15 +37,11 @@ def write_whole(path: str | Path, content: Content) -> None:
 
 
 def write_folder(folder: Path, files: Mapping[str, Content]) -> list[Path]:
-    """Write a set of files into a folder, which is made if needed, and return their paths.
+    """Write a set of files into a folder and return their paths, or raise `InputError`.
 
-    All of them are on the disk before the first gets its name. The last one is the manifest: where
-    it exists, all others are of the same set. Other files in the folder stay as they are.
-
-    Raises
-    ------
-    InputError
-        If they cannot be written.
+    The folder is made if needed. All files are on the disk before the first gets its name. The last
+    one is the manifest: where it exists, all others are of the same set. Other files in the folder
+    stay as they are.
     """
     targets = {folder / name: content for name, content in files.items()}
     try:
@@ -77,13 +69,7 @@ def _write(files: Mapping[Path, Content]) -> None:
 
 
 def publish(drafts: Mapping[Path, Path]) -> None:
-    """Give finished drafts their final names; the last one is the manifest of the others.
-
-    Raises
-    ------
-    OSError
-        If a file cannot be synced or renamed.
-    """
+    """Give finished drafts their final names; the last one is the manifest of the others."""
     for draft in drafts:
         _sync(draft)
     *others, (draft, manifest) = drafts.items()
@@ -112,13 +98,7 @@ def _sync_folders(files: Iterable[Path]) -> None:
 
 
 def check_folder(folder: Path, names: Iterable[str]) -> None:
-    """Refuse, before the work, a folder into which `names` cannot be written.
-
-    Raises
-    ------
-    InputError
-        If the folder is a file, or one of the files is a folder.
-    """
+    """Raise `InputError`, before the work, if `names` cannot be written into a folder."""
     there = next(above for above in (folder, *folder.parents) if above.exists())
     if not there.is_dir():
         raise InputError(f"--out: {there} is a file; name a folder")
@@ -133,13 +113,7 @@ def json_text(value: object) -> str:
 
 
 def read_text(path: str | Path) -> str:
-    """Read a text file in UTF-8, with or without a byte-order mark.
-
-    Raises
-    ------
-    FileFormatError
-        If it cannot be read or is no such text.
-    """
+    """Read a text file in UTF-8, with or without a byte-order mark, or raise `FileFormatError`."""
     try:
         # newline="" keeps line breaks within the cells of a table.
         with Path(path).open(encoding="utf-8-sig", newline="") as file:
@@ -151,13 +125,7 @@ def read_text(path: str | Path) -> str:
 
 
 def read_json(path: str | Path) -> dict[str, Any]:
-    """Read a JSON file that holds one object.
-
-    Raises
-    ------
-    FileFormatError
-        If the file is missing or holds no JSON object.
-    """
+    """Read a JSON file that holds one object, or raise `FileFormatError`."""
     try:
         value = json.loads(read_text(path), parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:
@@ -172,13 +140,7 @@ def _refuse_constant(name: str) -> float:
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises
-    ------
-    FileFormatError
-        If the file is missing or is not TOML.
-    """
+    """Read a TOML file, or raise `FileFormatError`."""
     try:
         return tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
