@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
+from dataclasses import fields
+from functools import partial
 from math import inf, isfinite, isnan
 from numbers import Real
 from typing import Any, TypeVar
@@ -15,6 +17,13 @@ from haptix.errors import InputError
 
 Array = npt.NDArray[np.float64]
 Choice = TypeVar("Choice")
+
+Positive = float
+"""A field that must be above 0, see `check_fields`."""
+NotNegative = float
+"""A field that must be 0 or more."""
+Length = float
+"""A field that must be above 0 and may be infinite."""
 
 
 def number(
@@ -46,6 +55,25 @@ def plain(value: Any) -> float | None:
 def positive(name: str, value: Any, *, open_end: bool = False) -> float:
     """Check a number above 0; see `number`."""
     return number(name, value, above=0.0, open_end=open_end)
+
+
+_BY_ANNOTATION: dict[str, Callable[[str, Any], float]] = {
+    "float": number,
+    "Positive": positive,
+    "NotNegative": partial(number, least=0.0),
+    "Length": partial(positive, open_end=True),
+}
+
+
+def check_fields(owner: Any) -> None:
+    """Check the numbers of a dataclass by their annotations; a float is any finite number.
+
+    Its module must have ``from __future__ import annotations``. Optional numbers may be None.
+    """
+    for field in fields(owner):
+        check = _BY_ANNOTATION.get(str(field.type).removesuffix(" | None"))
+        if check is not None and (value := getattr(owner, field.name)) is not None:
+            check(field.name, value)
 
 
 def whole(name: str, value: Any, least: int = 0) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from haptix.checks import choice, increasing, number, positive, row
+from haptix.checks import Length, choice, increasing, number, row
 from haptix.errors import InputError
 from haptix.stimuli.described import KINDS
 from haptix.stimuli.signal import Array, Signal
@@ -40,9 +40,10 @@ class AlongPath(Signal):
     kind = "along-path"
     field: FrictionField
     speed: SpeedProfile | float | None = None
-    length_s: float = inf
+    length_s: Length = inf
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if isinstance(self.field, Mapping):
             object.__setattr__(self, "field", _field_from(self.field))
         if not isinstance(self.field, FrictionField):
@@ -53,7 +54,6 @@ class AlongPath(Signal):
                 "give mm/s or a speed profile"
             )
         object.__setattr__(self, "speed", speed_from(self.speed))
-        positive("length_s", self.length_s, open_end=True)
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         assert isinstance(self.speed, SpeedProfile)  # made so in __post_init__

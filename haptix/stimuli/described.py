@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from haptix.checks import increasing, row
+from haptix.checks import check_fields, increasing, row
 from haptix.errors import InputError
 
 KINDS: dict[str, Callable[..., Described]] = {}
@@ -34,12 +34,14 @@ class Described(ABC):
         if "kind" in cls.__dict__:
             KINDS[cls.kind] = cls
 
+    def __post_init__(self) -> None:
+        check_fields(self)
+
     def describe(self) -> dict[str, Any]:
         """Return a plain table that `read` turns into an equal value."""
-        table: dict[str, Any] = {"kind": self.kind}
-        for field in fields(self):  # type: ignore[arg-type]  # every subclass is a dataclass
-            table[field.name] = plain(getattr(self, field.name))
-        return table
+        # Every subclass is a dataclass.
+        names = [field.name for field in fields(self)]  # type: ignore[arg-type]
+        return {"kind": self.kind} | {name: plain(getattr(self, name)) for name in names}
 
     def walk(self) -> Iterator[Described]:
         """Yield this value and all described values within."""
@@ -68,15 +70,13 @@ def read(table: Any, place: str) -> Described:
         )
     make = KINDS[kind]
     known = inspect.signature(make).parameters
-    given: dict[str, Any] = {}
-    for name, value in table.items():
-        if name == "kind":
-            continue
-        if name not in known:
-            raise InputError(
-                f"{place}.{name}: {kind} has no such field; expected some of {', '.join(known)}"
-            )
-        given[name] = _read_field(value, f"{place}.{name}")
+    given = {name: value for name, value in table.items() if name != "kind"}
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        raise InputError(
+            f"{place}.{unknown[0]}: {kind} has no such field; expected some of {', '.join(known)}"
+        )
+    given = {name: _read_field(value, f"{place}.{name}") for name, value in given.items()}
     try:
         return make(**given)
     except InputError as error:

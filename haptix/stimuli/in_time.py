@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from haptix.checks import choice, number, positive
+from haptix.checks import Length, NotNegative, Positive, choice
 from haptix.errors import FileFormatError, InputError
 from haptix.stimuli.described import set_corners
 from haptix.stimuli.signal import Array, Signal
@@ -24,14 +24,8 @@ class Step(Signal):
     kind = "step"
     before: float
     after: float
-    at_s: float
-    length_s: float = inf
-
-    def __post_init__(self) -> None:
-        number("before", self.before)
-        number("after", self.after)
-        number("at_s", self.at_s, 0.0)
-        positive("length_s", self.length_s, open_end=True)
+    at_s: NotNegative
+    length_s: Length = inf
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         n = np.arange(first, first + count)
@@ -45,12 +39,7 @@ class Ramp(Signal):
     kind = "ramp"
     start: float
     end: float
-    length_s: float
-
-    def __post_init__(self) -> None:
-        number("start", self.start)
-        number("end", self.end)
-        positive("length_s", self.length_s)
+    length_s: Positive
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         t = np.arange(first, first + count) / sample_rate_hz
@@ -63,17 +52,10 @@ class Pulse(Signal):
 
     kind = "pulse"
     height: float
-    width_s: float
-    at_s: float = 0.0
+    width_s: Positive
+    at_s: NotNegative = 0.0
     rest: float = 0.0
-    length_s: float = inf
-
-    def __post_init__(self) -> None:
-        number("height", self.height)
-        number("rest", self.rest)
-        positive("width_s", self.width_s)
-        number("at_s", self.at_s, 0.0)
-        positive("length_s", self.length_s, open_end=True)
+    length_s: Length = inf
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         begin = round(self.at_s * sample_rate_hz)
@@ -88,16 +70,10 @@ class Sine(Signal):
 
     kind = "sine"
     amplitude: float
-    frequency_hz: float
+    frequency_hz: Positive
     phase_rad: float = 0.0
     offset: float = 0.0
-    length_s: float = inf
-
-    def __post_init__(self) -> None:
-        for name in ("amplitude", "phase_rad", "offset"):
-            number(name, getattr(self, name))
-        positive("frequency_hz", self.frequency_hz)
-        positive("length_s", self.length_s, open_end=True)
+    length_s: Length = inf
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         below_nyquist(self.frequency_hz, sample_rate_hz)
@@ -111,17 +87,14 @@ class Square(Signal):
 
     kind = "square"
     amplitude: float
-    frequency_hz: float
+    frequency_hz: Positive
     duty: float = 0.5
     offset: float = 0.0
-    length_s: float = inf
+    length_s: Length = inf
 
     def __post_init__(self) -> None:
-        number("amplitude", self.amplitude)
-        number("offset", self.offset)
-        positive("frequency_hz", self.frequency_hz)
-        positive("length_s", self.length_s, open_end=True)
-        Waveform("square", number("duty", self.duty))
+        super().__post_init__()
+        Waveform("square", self.duty)  # checks the duty
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         below_nyquist(self.frequency_hz, sample_rate_hz)
@@ -137,18 +110,15 @@ class Chirp(Signal):
 
     kind = "chirp"
     amplitude: float
-    start_hz: float
-    end_hz: float
-    length_s: float
+    start_hz: Positive
+    end_hz: Positive
+    length_s: Positive
     law: str = "linear"
     phase_rad: float = 0.0
     offset: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("amplitude", "phase_rad", "offset"):
-            number(name, getattr(self, name))
-        for name in ("start_hz", "end_hz", "length_s"):
-            positive(name, getattr(self, name))
+        super().__post_init__()
         choice("law", self.law, ("linear", "logarithmic"))
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
@@ -176,11 +146,7 @@ class Points(Signal):
         set_corners(self, "t_s", "values_at")
         if self.t_s[0] != 0:
             raise InputError(f"t_s: expected the first corner at 0 s, got {self.t_s[0]:g} s")
-
-    @property
-    def length(self) -> float:
-        """Length [s]."""
-        return self.t_s[-1]
+        object.__setattr__(self, "length_s", self.t_s[-1])
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         t = np.arange(first, first + count) / sample_rate_hz
@@ -208,8 +174,7 @@ class Recorded(Signal):
     sha256: str = ""
 
     def __post_init__(self) -> None:
-        number("gain", self.gain)
-        number("offset", self.offset)
+        super().__post_init__()
         try:
             data, rate = soundfile.read(self.file, always_2d=True)
             digest = hashlib.sha256(Path(self.file).read_bytes()).hexdigest()
@@ -224,13 +189,9 @@ class Recorded(Signal):
             raise FileFormatError(f"file: {self.file} is not the recording with that sha256")
         for name, value in (
             ("_data", data[:, 0]), ("_rate", rate), ("sha256", digest), ("_resampled", {}),
+            ("length_s", len(data) / rate),
         ):  # fmt: skip
             object.__setattr__(self, name, value)
-
-    @property
-    def length(self) -> float:
-        """Length [s]."""
-        return float(len(self._data) / self._rate)  # type: ignore[attr-defined]
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         at_rate = self._resampled  # type: ignore[attr-defined]

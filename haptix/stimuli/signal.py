@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import choice, number, positive
+from haptix.checks import Length, NotNegative, Positive, choice, number
 from haptix.errors import InputError
 from haptix.stimuli.described import Described, read
 
@@ -25,13 +25,19 @@ Array = npt.NDArray[np.float64]
 
 
 class Signal(Described):
-    """Base of all signals; ``+``, ``-`` and ``*`` take signals and numbers."""
+    """Base of all signals; ``+``, ``-`` and ``*`` take signals and numbers.
+
+    Attributes
+    ----------
+    length_s : float
+        Length; `math.inf` for a signal without end.
+    """
 
     length_s: float
 
     @property
     def length(self) -> float:
-        """Length [s]; `math.inf` for a signal without end."""
+        """The same as `length_s`."""
         return self.length_s
 
     def samples(self, sample_rate_hz: float) -> int | None:
@@ -148,39 +154,40 @@ class Constant(Signal):
 
     kind = "constant"
     value: float
-    length_s: float = inf
-
-    def __post_init__(self) -> None:
-        number("value", self.value)
-        positive("length_s", self.length_s, open_end=True)
+    length_s: Length = inf
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         return np.full(count, float(self.value))
 
 
-def _read_parts(signal: Sum | Product | Concatenation) -> None:
-    """Make constants of numbers, and refuse what is neither."""
-    parts: Any = signal.parts
-    if not isinstance(parts, tuple | list) or not parts:
-        raise InputError(f"parts: expected one signal or more, got {parts!r}")
-    object.__setattr__(signal, "parts", tuple(as_signal(part) for part in parts))
-
-
 @dataclass(frozen=True)
-class Sum(Signal):
-    """Signals added; as long as the longest. A signal that has ended adds 0."""
+class _OfParts(Signal):
+    """A signal of several, or of numbers, which are constants."""
 
-    kind = "sum"
     parts: tuple[Signal, ...]
 
     def __post_init__(self) -> None:
-        _read_parts(self)
+        parts: Any = self.parts
+        if not isinstance(parts, tuple | list) or not parts:
+            raise InputError(f"parts: expected one signal or more, got {parts!r}")
+        object.__setattr__(self, "parts", tuple(as_signal(part) for part in parts))
+        object.__setattr__(self, "length_s", self._length([part.length_s for part in self.parts]))
 
-    @property
-    def length(self) -> float:
-        """Length [s] of the longest; a constant without end takes that of the others."""
-        bounded = [part.length for part in self.parts if not _is_level(part)]
-        return max(bounded) if bounded else inf
+    def _length(self, lengths_s: list[float]) -> float:
+        return sum(lengths_s)
+
+
+class Sum(_OfParts):
+    """Signals added; as long as the longest. A signal that has ended adds 0.
+
+    A constant without end takes the length of the others.
+    """
+
+    kind = "sum"
+
+    def _length(self, lengths_s: list[float]) -> float:
+        bounded = [part.length_s for part in self.parts if not _is_level(part)]
+        return max(bounded, default=inf)
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         total = np.zeros(count)
@@ -189,20 +196,13 @@ class Sum(Signal):
         return total
 
 
-@dataclass(frozen=True)
-class Product(Signal):
+class Product(_OfParts):
     """Signals multiplied; as long as the shortest."""
 
     kind = "product"
-    parts: tuple[Signal, ...]
 
-    def __post_init__(self) -> None:
-        _read_parts(self)
-
-    @property
-    def length(self) -> float:
-        """Length [s] of the shortest."""
-        return min(part.length for part in self.parts)
+    def _length(self, lengths_s: list[float]) -> float:
+        return min(lengths_s)
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         total = np.ones(count)
@@ -211,25 +211,18 @@ class Product(Signal):
         return total
 
 
-@dataclass(frozen=True)
-class Concatenation(Signal):
+class Concatenation(_OfParts):
     """Signals one after the other."""
 
     kind = "concatenation"
-    parts: tuple[Signal, ...]
 
     def __post_init__(self) -> None:
-        _read_parts(self)
-        endless = [i for i, part in enumerate(self.parts[:-1]) if part.length == inf]
+        super().__post_init__()
+        endless = [i for i, part in enumerate(self.parts[:-1]) if part.length_s == inf]
         if endless:
             raise InputError(
                 f"parts[{endless[0]}] has no end, so that nothing can follow it; give it a length"
             )
-
-    @property
-    def length(self) -> float:
-        """Length [s] of all."""
-        return sum(part.length for part in self.parts)
 
     def samples(self, sample_rate_hz: float) -> int | None:
         """Length in samples: each part is rounded to whole ones."""
@@ -261,16 +254,12 @@ class Repetition(Signal):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "of", as_signal(self.of))
-        if self.of.length == inf:
+        if self.of.length_s == inf:
             raise InputError("of: has no end, so that it cannot repeat; give it a length")
         number("times", self.times, 1, open_end=True)
         if self.times != inf and self.times != int(self.times):
             raise InputError(f"times: expected a whole number, got {self.times!r}")
-
-    @property
-    def length(self) -> float:
-        """Length [s] of all repetitions."""
-        return self.of.length * self.times
+        object.__setattr__(self, "length_s", self.of.length_s * self.times)
 
     def samples(self, sample_rate_hz: float) -> int | None:
         """Length in samples: whole ones of each repetition."""
@@ -300,11 +289,11 @@ class Excerpt(Signal):
 
     kind = "excerpt"
     of: Signal
-    length_s: float
+    length_s: Positive
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         object.__setattr__(self, "of", as_signal(self.of))
-        positive("length_s", self.length_s)
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         return self.of.values(first, count, sample_rate_hz)
@@ -316,29 +305,24 @@ class Window(Signal):
 
     kind = "window"
     of: Signal
-    rise_s: float
-    fall_s: float
+    rise_s: NotNegative
+    fall_s: NotNegative
     shape: str = "raised-cosine"
     rest: float = 0.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         object.__setattr__(self, "of", as_signal(self.of))
-        number("rise_s", self.rise_s, 0.0)
-        number("fall_s", self.fall_s, 0.0)
-        number("rest", self.rest)
         choice("shape", self.shape, ("raised-cosine", "linear"))
-        if self.of.length == inf:
+        length = self.of.length_s
+        if length == inf:
             raise InputError("of: has no end, so that it cannot fade out; give it a length")
-        if self.rise_s + self.fall_s > self.of.length * (1 + 1e-9):
+        if self.rise_s + self.fall_s > length * (1 + 1e-9):
             raise InputError(
-                f"rise_s and fall_s: expected at most the signal's {self.of.length:g} s together, "
+                f"rise_s and fall_s: expected at most the signal's {length:g} s together, "
                 f"got {self.rise_s:g} s and {self.fall_s:g} s"
             )
-
-    @property
-    def length(self) -> float:
-        """Length [s], as without the window."""
-        return self.of.length
+        object.__setattr__(self, "length_s", length)
 
     def samples(self, sample_rate_hz: float) -> int | None:
         """Length in samples, as without the window."""

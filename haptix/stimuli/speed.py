@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import positive
+from haptix.checks import Positive, positive
 from haptix.errors import InputError
 from haptix.stimuli.described import Described, read, set_corners
 
@@ -29,10 +29,7 @@ class SteadySpeed(SpeedProfile):
     """One speed."""
 
     kind = "steady-speed"
-    speed_mm_per_s: float
-
-    def __post_init__(self) -> None:
-        positive("speed_mm_per_s", self.speed_mm_per_s)
+    speed_mm_per_s: Positive
 
     def position_mm(self, t_s: Array) -> Array:
         """Place [mm]."""
@@ -44,12 +41,8 @@ class Strokes(SpeedProfile):
     """To and fro over `stroke_mm`, each stroke in `stroke_s`, with the speed of a half sine."""
 
     kind = "strokes"
-    stroke_mm: float
-    stroke_s: float
-
-    def __post_init__(self) -> None:
-        positive("stroke_mm", self.stroke_mm)
-        positive("stroke_s", self.stroke_s)
+    stroke_mm: Positive
+    stroke_s: Positive
 
     def position_mm(self, t_s: Array) -> Array:
         """Place [mm]."""

@@ -8,7 +8,7 @@ from math import inf
 
 import numpy as np
 
-from haptix.checks import number, positive, whole
+from haptix.checks import Length, NotNegative, whole
 from haptix.errors import InputError
 from haptix.stimuli.described import KINDS, set_corners
 from haptix.stimuli.in_time import below_nyquist
@@ -44,17 +44,15 @@ class TimeNoise(Signal):
     """
 
     kind = "time-noise"
-    deviation: float
+    deviation: NotNegative
     frequency_hz: tuple[float, ...]
     seed: int
     density: tuple[float, ...] = ()
     mean: float = 0.0
-    length_s: float = inf
+    length_s: Length = inf
 
     def __post_init__(self) -> None:
-        number("deviation", self.deviation, 0.0)
-        number("mean", self.mean)
-        positive("length_s", self.length_s, open_end=True)
+        super().__post_init__()
         whole("seed", self.seed)
         if not len(self.density):
             object.__setattr__(self, "density", (1.0,) * len(self.frequency_hz))

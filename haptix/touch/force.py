@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import number, positive, row
+from haptix.checks import NotNegative, Positive, check_fields, positive, row
 from haptix.errors import InputError
 
 ForceSource = Literal["axis", "area", "assumed"]
@@ -42,14 +42,13 @@ class AreaProxy:
         Range of plausible forces; an area that gives a force outside it is not used.
     """
 
-    area_at_1n_m2: float
-    exponent: float
+    area_at_1n_m2: Positive
+    exponent: Positive
     log_sigma: float
     force_range_n: tuple[float, float] = (0.02, 10.0)
 
     def __post_init__(self) -> None:
-        for name in ("area_at_1n_m2", "exponent"):
-            positive(name, getattr(self, name))
+        check_fields(self)
         low, high = self.force_range_n
         if not 0 < low < high < inf:
             raise InputError(
@@ -130,16 +129,14 @@ class ForceModel:
         Calibrated law; without it areas are not used.
     """
 
-    assumed_n: float = 0.5
-    assumed_sigma_n: float = 0.25
-    axis_sigma: float = 0.05
+    assumed_n: Positive = 0.5
+    assumed_sigma_n: NotNegative = 0.25
+    axis_sigma: NotNegative = 0.05
     area_proxy: AreaProxy | None = None
     assumed: ForceEstimate = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        positive("assumed_n", self.assumed_n)
-        for name in ("assumed_sigma_n", "axis_sigma"):
-            number(name, getattr(self, name), 0.0)
+        check_fields(self)
         made = ForceEstimate(self.assumed_n, self.assumed_sigma_n, "assumed")
         object.__setattr__(self, "assumed", made)
 

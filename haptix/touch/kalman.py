@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from haptix.checks import positive
+from haptix.checks import Positive, check_fields
 
 KalmanState = tuple[float, float, float, float, float, float, float, float]
 """t [s], x, y [mm], vx, vy [mm/s], and the covariance of each axis: place, both, velocity."""
@@ -30,13 +30,12 @@ class ConstantVelocityKalman:
         Standard deviation of the velocity, along each axis, of a finger that has just come down.
     """
 
-    acceleration_psd: float = 2e4
-    position_noise_mm: float = 0.1
-    first_speed_mm_s: float = 60.0
+    acceleration_psd: Positive = 2e4
+    position_noise_mm: Positive = 0.1
+    first_speed_mm_s: Positive = 60.0
 
     def __post_init__(self) -> None:
-        for name in ("acceleration_psd", "position_noise_mm", "first_speed_mm_s"):
-            positive(name, getattr(self, name))
+        check_fields(self)
 
     def start(self, t_s: float, x_mm: float, y_mm: float) -> KalmanState:
         """State after the first report."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import hypot, tau
 
-from haptix.checks import number, positive
+from haptix.checks import NotNegative, Positive, check_fields
 
 OneEuroState = tuple[float, float, float, float, float, float, float]
 """t [s], filtered x, y [mm], vx, vy [mm/s], and the smoothed derivatives along x and y [mm/s]."""
@@ -31,14 +31,12 @@ class OneEuroFilter:
         Cut-off for dx.
     """
 
-    min_cutoff_hz: float = 5.0
-    beta_per_mm: float = 1.0
-    derivative_cutoff_hz: float = 36.0
+    min_cutoff_hz: Positive = 5.0
+    beta_per_mm: NotNegative = 1.0
+    derivative_cutoff_hz: Positive = 36.0
 
     def __post_init__(self) -> None:
-        positive("min_cutoff_hz", self.min_cutoff_hz)
-        positive("derivative_cutoff_hz", self.derivative_cutoff_hz)
-        number("beta_per_mm", self.beta_per_mm, 0.0)
+        check_fields(self)
 
     def start(self, t_s: float, x_mm: float, y_mm: float) -> OneEuroState:
         """State after the first report."""

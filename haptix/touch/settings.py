@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import inf
 from typing import Any, Protocol
 
-from haptix.checks import number, positive
+from haptix.checks import NotNegative, Positive, check_fields
 from haptix.errors import InputError
 from haptix.touch.force import ForceModel
 from haptix.touch.singer import SingerKalman
@@ -58,27 +57,24 @@ class TouchSettings:
     """
 
     filter: PlaceFilter = field(default_factory=SingerKalman)
-    latency_s: float = 0.0
-    lost_after_s: float = 0.08
-    blend_s: float = 0.003
+    latency_s: NotNegative = 0.0
+    lost_after_s: Positive = 0.08
+    blend_s: Positive = 0.003
     slide_above_mm_s: float = 8.0
-    rest_below_mm_s: float = 4.0
-    slide_smoothing_s: float = 0.05
-    reorder_s: float = 0.02
-    least_interval_s: float = 0.001
+    rest_below_mm_s: NotNegative = 4.0
+    slide_smoothing_s: Positive = 0.05
+    reorder_s: NotNegative = 0.02
+    least_interval_s: Positive = 0.001
     force: ForceModel = field(default_factory=ForceModel)
 
     def __post_init__(self) -> None:
-        for name in ("lost_after_s", "blend_s", "slide_smoothing_s", "least_interval_s"):
-            positive(name, getattr(self, name))
-        for name in ("latency_s", "rest_below_mm_s", "reorder_s"):
-            number(name, getattr(self, name), 0.0)
+        check_fields(self)
         if self.latency_s > 0.5:
             raise InputError(
                 f"latency_s: expected 0.5 s at most, got {self.latency_s:g}; is it in ms? No "
                 "finger can be predicted over more"
             )
-        if not self.rest_below_mm_s <= self.slide_above_mm_s < inf:
+        if self.rest_below_mm_s > self.slide_above_mm_s:
             raise InputError(
                 "expected rest_below_mm_s <= slide_above_mm_s, got "
                 f"{self.rest_below_mm_s:g} and {self.slide_above_mm_s:g}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import exp, expm1, hypot
 
-from haptix.checks import number, positive
+from haptix.checks import NotNegative, Positive, check_fields
 
 SingerState = tuple[
     float, float, float, float, float, float, float, float, float, float, float, float, float
@@ -39,18 +39,14 @@ class SingerKalman:
         Standard deviation of the velocity, along each axis, of a finger that has just come down.
     """
 
-    acceleration_mm_s2: float = 200.0
-    acceleration_per_speed_hz: float = 3.0
-    correlation_s: float = 0.3
-    position_noise_mm: float = 0.1
-    first_speed_mm_s: float = 60.0
+    acceleration_mm_s2: Positive = 200.0
+    acceleration_per_speed_hz: NotNegative = 3.0
+    correlation_s: Positive = 0.3
+    position_noise_mm: Positive = 0.1
+    first_speed_mm_s: Positive = 60.0
 
     def __post_init__(self) -> None:
-        for name in (
-            "acceleration_mm_s2", "correlation_s", "position_noise_mm", "first_speed_mm_s",
-        ):  # fmt: skip
-            positive(name, getattr(self, name))
-        number("acceleration_per_speed_hz", self.acceleration_per_speed_hz, 0.0)
+        check_fields(self)
 
     def start(self, t_s: float, x_mm: float, y_mm: float) -> SingerState:
         """State after the first report."""

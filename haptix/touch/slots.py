@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import inf, pi
 
-from haptix import checks
+from haptix.checks import Positive, check_fields
 from haptix.errors import InputError
 from haptix.touch.events import TouchEvent
 
@@ -71,14 +71,11 @@ class ScreenAxes:
 
     x: AxisRange
     y: AxisRange
-    force_n_per_unit: float | None = None
-    area_units_per_mm: float | None = None
+    force_n_per_unit: Positive | None = None
+    area_units_per_mm: Positive | None = None
 
     def __post_init__(self) -> None:
-        for name in ("force_n_per_unit", "area_units_per_mm"):
-            value = getattr(self, name)
-            if value is not None:
-                checks.positive(name, value)
+        check_fields(self)
 
 
 @dataclass
