@@ -71,8 +71,11 @@ def check_fields(owner: Any) -> None:
     Its module must have ``from __future__ import annotations``. Optional numbers may be None.
     """
     for field in fields(owner):
-        check = _BY_ANNOTATION.get(str(field.type).removesuffix(" | None"))
-        if check is not None and (value := getattr(owner, field.name)) is not None:
+        kind, value = str(field.type), getattr(owner, field.name)
+        if value is None and kind.endswith(" | None"):
+            continue
+        check = _BY_ANNOTATION.get(kind.removesuffix(" | None"))
+        if check is not None:
             check(field.name, value)
 
 
@@ -117,6 +120,7 @@ def increasing(name: str, values: Any, least_count: int = 1) -> Array:
     if late.any():
         at = int(late.argmax())
         raise InputError(
-            f"{name}: expected increasing numbers, but {found[at + 1]:g} follows {found[at]:g}"
+            f"{name}: expected increasing numbers, but number {at + 2} is {found[at + 1]:g} after "
+            f"{found[at]:g}"
         )
     return found

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from haptix.checks import increasing, row
 from haptix.errors import InputError
 from haptix.files import read_csv
 
@@ -53,24 +55,18 @@ class Trajectory:
     normal_force_n: Array
 
     def __post_init__(self) -> None:
-        for name in _COLUMNS:
-            object.__setattr__(self, name, numbers(name, getattr(self, name)))
+        try:
+            object.__setattr__(self, "t_s", increasing("t_s", self.t_s, 2))
+        except InputError as error:
+            raise InputError(f"{error}; sort the path by time") from None
         count = len(self.t_s)
-        if count < 2:
-            raise InputError(f"t_s: expected 2 or more times, got {count}")
         for name in _COLUMNS[1:]:
-            if len(getattr(self, name)) != count:
+            found = row(name, getattr(self, name))
+            if len(found) != count:
                 raise InputError(
-                    f"{name}: expected one value for each of the {count} times, got "
-                    f"{len(getattr(self, name))}"
+                    f"{name}: expected one value for each of the {count} times, got {len(found)}"
                 )
-        late = np.diff(self.t_s) <= 0
-        if late.any():
-            i = int(late.argmax())
-            raise InputError(
-                f"t_s: expected times that increase, but sample {i + 2} at {self.t_s[i + 1]:g} s "
-                f"follows {self.t_s[i]:g} s; sort the path by time"
-            )
+            object.__setattr__(self, name, found)
         for name in ("x_mm", "y_mm"):
             farthest = float(np.abs(getattr(self, name)).max())
             if farthest > FARTHEST_MM:
@@ -90,16 +86,9 @@ class Trajectory:
         normal_force_n: npt.ArrayLike,
     ) -> Self:
         """Make a path of sequences; x, y and force may be one number for all times."""
-        time = numbers("t_s", t_s)
-        columns = {"x_mm": x_mm, "y_mm": y_mm, "normal_force_n": normal_force_n}
-        rows = {name: numbers(name, column) for name, column in columns.items()}
-        return cls(
-            time,
-            **{
-                name: np.broadcast_to(row, time.shape) if len(row) == 1 else row
-                for name, row in rows.items()
-            },
-        )
+        time = row("t_s", t_s)
+        columns: tuple[Any, ...] = (x_mm, y_mm, normal_force_n)
+        return cls(time, *(np.full(len(time), c) if isinstance(c, Real) else c for c in columns))
 
     @classmethod
     def from_csv(cls, path: str | Path) -> Self:
@@ -112,7 +101,7 @@ class Trajectory:
         InputError
             If its numbers are not a path, or a normal force is not above 0 N.
         """
-        table = [[row.number(name) for name in _COLUMNS] for row in read_csv(path, _COLUMNS)]
+        table = [[line.number(name) for name in _COLUMNS] for line in read_csv(path, _COLUMNS)]
         try:
             read = cls(*np.array(table, dtype=float).reshape(-1, len(_COLUMNS)).T)
             force = read.normal_force_n
@@ -153,18 +142,3 @@ class Trajectory:
 def _bad_force(expected: str, force_n: Array, bad: npt.NDArray[np.bool_]) -> InputError:
     i = int(bad.argmax())
     return InputError(f"normal_force_n: expected {expected}, got {force_n[i]:g} in sample {i + 1}")
-
-
-def numbers(name: str, value: npt.ArrayLike) -> Array:
-    """Return finite numbers of shape (samples,), or raise `InputError` that names them."""
-    try:
-        array = np.atleast_1d(np.asarray(value, dtype=np.float64))
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: expected numbers, got {value!r:.80}") from None
-    if array.ndim != 1:
-        raise InputError(f"{name}: expected an array of one axis, got shape {array.shape}")
-    bad = ~np.isfinite(array)
-    if bad.any():
-        i = int(bad.argmax())
-        raise InputError(f"{name}: expected finite numbers, got {array[i]:g} in sample {i + 1}")
-    return array

@@ -8,21 +8,19 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from haptix.checks import choice, number, positive
+from haptix.checks import Positive, check_fields, choice, number
 from haptix.errors import InputError
 from haptix.texture.field import (
     Array,
     FrictionField,
     TargetKind,
-    are_near,
-    check_numbers,
     check_target,
-    without_far_places,
 )
 from haptix.texture.recorded import RecordedProfile
 from haptix.texture.texture import Texture
 
 Blend = Literal["over", "add", "multiply", "max", "min"]
+_RULES = {"add": np.add, "multiply": np.multiply, "max": np.maximum, "min": np.minimum}
 
 
 @dataclass(frozen=True)
@@ -57,8 +55,8 @@ class Sprite:
     field: FrictionField
     x_mm: float = 0.0
     y_mm: float = 0.0
-    width_mm: float | None = None
-    height_mm: float | None = None
+    width_mm: Positive | None = None
+    height_mm: Positive | None = None
     z: float = 0.0
     blend: Blend = "over"
     opacity: float = 1.0
@@ -71,13 +69,12 @@ class Sprite:
                 "field: expected a texture or another field of friction, got a "
                 f"{type(self.field).__name__}"
             )
-        check_numbers(self, "x_mm", "y_mm", "z", "opacity")
         for name in ("width_mm", "height_mm"):
             if getattr(self, name) is None:
                 if not isinstance(self.field, Texture):
                     raise InputError(f"{name}: expected a size, since the field has none")
                 object.__setattr__(self, name, getattr(self.field, name))
-            positive(name, getattr(self, name))
+        check_fields(self)
         choice("blend", self.blend, get_args(Blend))
         choice("shape", self.shape, ("rectangle", "ellipse"))
         if not 0 <= self.opacity <= 1:
@@ -193,8 +190,7 @@ class Composition(FrictionField):
             sprites = tuple(self.sprites)
         except TypeError:
             raise InputError("sprites: expected a list of them") from None
-        object.__setattr__(self, "sprites", sprites)
-        for i, sprite in enumerate(self.sprites):
+        for i, sprite in enumerate(sprites):
             if not isinstance(sprite, Sprite):
                 raise InputError(f"sprite {i}: expected a Sprite, got a {type(sprite).__name__}")
             if sprite.blend != "multiply" and sprite.field.target != self.target:
@@ -202,8 +198,7 @@ class Composition(FrictionField):
                     f"sprite {i}: expected a target of {self.target}, the composition's, got "
                     f"{sprite.field.target}"
                 )
-        ordered = sorted(self.sprites, key=lambda sprite: sprite.z)
-        object.__setattr__(self, "sprites", tuple(ordered))
+        object.__setattr__(self, "sprites", tuple(sorted(sprites, key=lambda sprite: sprite.z)))
 
     @property
     def outside(self) -> float:
@@ -212,8 +207,6 @@ class Composition(FrictionField):
         return below.outside if isinstance(below, FrictionField) else float(below)
 
     def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
-        if not are_near(x_mm, y_mm):
-            return without_far_places(self, x_mm, y_mm, footprint_mm)
         if any(sprite.blend == "multiply" for sprite in self.sprites):
             footprint_mm = 2 * footprint_mm
         box = _Box.around(x_mm, y_mm, footprint_mm)
@@ -228,12 +221,11 @@ class Composition(FrictionField):
                 hidden = True  # and so is all below it
                 break
         value: float | Array = 0.0
-        if not hidden:
-            below = self.background
-            if isinstance(below, FrictionField):
-                value = below._sample(x_mm, y_mm, footprint_mm)
-            else:
-                value = np.full(x_mm.shape, float(below))
+        below = self.background
+        if not hidden and isinstance(below, FrictionField):
+            value = below._sample(x_mm, y_mm, footprint_mm)
+        elif not isinstance(below, FrictionField):
+            value = np.full(x_mm.shape, float(below))
         for sprite, cover in reversed(layers):
             x, y = x_mm - np.array(sprite.x_mm), y_mm - np.array(sprite.y_mm)
             felt = sprite.field._sample(x, y, footprint_mm)
@@ -245,15 +237,8 @@ class Composition(FrictionField):
 
 
 def _blended(blend: Blend, below: float | Array, felt: Array) -> Array:
-    if blend == "add":
-        return below + felt
-    if blend == "multiply":
-        return below * felt
-    if blend == "max":
-        return np.maximum(below, felt)
-    if blend == "min":
-        return np.minimum(below, felt)
-    return felt
+    rule = _RULES.get(blend)
+    return felt if rule is None else np.asarray(rule(below, felt))
 
 
 def _step(depth_mm: Array, ramp_mm: Array) -> Array:

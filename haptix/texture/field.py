@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import choice, number
+from haptix.checks import choice
 from haptix.errors import InputError
 from haptix.motion import FARTHEST_MM
 
@@ -24,12 +24,6 @@ TargetKind = Literal["mu", "contrast", "share", "plain"]
 def check_target(target: str) -> None:
     """Raise `InputError` unless `target` is one."""
     choice("target", target, get_args(TargetKind))
-
-
-def check_numbers(owner: object, *names: str) -> None:
-    """Raise `InputError` for the first of these fields that is not a finite number."""
-    for name in names:
-        number(name, getattr(owner, name))
 
 
 def check_range(name: str, target: TargetKind, low: float, high: float) -> None:
@@ -89,7 +83,21 @@ class FrictionField(ABC):
 
     @abstractmethod
     def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
-        """`friction` for one or more places, shape (places,); footprints of 0 or more, no NaN."""
+        """`friction` at places within `FARTHEST_MM`, shape (places,); footprints of 0 or more."""
+
+    def _anywhere(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
+        """`_sample`, and `outside` at places that are NaN or farther than `FARTHEST_MM`."""
+        # argmin and argmax find NaN, and take a fraction of the time of min and max.
+        if (
+            x_mm[x_mm.argmin()] >= -FARTHEST_MM
+            and x_mm[x_mm.argmax()] <= FARTHEST_MM
+            and y_mm[y_mm.argmin()] >= -FARTHEST_MM
+            and y_mm[y_mm.argmax()] <= FARTHEST_MM
+        ):
+            return self._sample(x_mm, y_mm, footprint_mm)
+        near = (np.abs(x_mm) <= FARTHEST_MM) & (np.abs(y_mm) <= FARTHEST_MM)
+        value = self._sample(np.where(near, x_mm, 0.0), np.where(near, y_mm, 0.0), footprint_mm)
+        return np.where(near, value, self.outside)
 
     def friction(
         self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, footprint_mm: npt.ArrayLike = 0.0
@@ -125,7 +133,7 @@ class FrictionField(ABC):
         if isinstance(footprint_mm, float | int):
             footprint = footprint_mm if footprint_mm > 0 else 0.0
             if x.ndim == 1 and x.shape == y.shape and x.size:
-                return self._sample(x, y, footprint)
+                return self._anywhere(x, y, footprint)
         try:
             widths = np.fmax(np.asarray(footprint_mm, dtype=np.float64), 0.0)
         except (TypeError, ValueError):
@@ -141,32 +149,7 @@ class FrictionField(ABC):
             return np.empty(x.shape)
         flat = widths.ravel()
         footprint = float(flat[0]) if (flat == flat[0]).all() else flat
-        return self._sample(x.ravel(), y.ravel(), footprint).reshape(x.shape)
-
-
-def are_near(x_mm: Array, y_mm: Array) -> bool:
-    """Whether all places are numbers within `FARTHEST_MM`; NaN is not."""
-    # argmin and argmax find NaN, and take a fraction of the time of min and max.
-    return bool(
-        x_mm[x_mm.argmin()] >= -FARTHEST_MM
-        and x_mm[x_mm.argmax()] <= FARTHEST_MM
-        and y_mm[y_mm.argmin()] >= -FARTHEST_MM
-        and y_mm[y_mm.argmax()] <= FARTHEST_MM
-    )
-
-
-def far_places(x_mm: Array, y_mm: Array) -> npt.NDArray[np.bool_]:
-    """Mask of the places that are not near."""
-    return ~((np.abs(x_mm) <= FARTHEST_MM) & (np.abs(y_mm) <= FARTHEST_MM))
-
-
-def without_far_places(
-    field: FrictionField, x_mm: Array, y_mm: Array, footprint_mm: float | Array
-) -> Array:
-    """Values of a field, and its `outside` at places that are not near."""
-    far = far_places(x_mm, y_mm)
-    x_mm, y_mm = np.where(far, 0.0, x_mm), np.where(far, 0.0, y_mm)
-    return np.where(far, field.outside, field._sample(x_mm, y_mm, footprint_mm))
+        return self._anywhere(x.ravel(), y.ravel(), footprint).reshape(x.shape)
 
 
 def turned(x_mm: Array, y_mm: Array, angle_deg: float) -> tuple[Array, Array]:

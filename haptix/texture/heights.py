@@ -8,6 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from haptix.checks import choice
 from haptix.errors import InputError
 
 HeightRule = Literal["height", "slope-magnitude", "slope-along"]
@@ -32,8 +33,7 @@ def levels_by_rule(
     InputError
         If the rule is unknown, or the map is flat by it.
     """
-    if rule not in get_args(HeightRule):
-        raise InputError(f"rule: expected one of {', '.join(get_args(HeightRule))}, got {rule!r}")
+    choice("rule", rule, get_args(HeightRule))
     if rule == "height":
         return stretched(heights)
     if min(heights.shape) < 2:

@@ -8,19 +8,16 @@ from typing import Literal
 
 import numpy as np
 
-from haptix.checks import choice, number, positive, whole
+from haptix.checks import Positive, check_fields, choice, number, positive, whole
 from haptix.errors import InputError
 from haptix.texture.field import (
     Array,
     FrictionField,
     TargetKind,
-    are_near,
-    check_numbers,
     check_target,
     turned,
-    without_far_places,
 )
-from haptix.texture.pyramid import Pyramid
+from haptix.texture.pyramid import Beyond, Pyramid
 
 Spectrum = Callable[[Array], Array]
 """Power density against wavenumber [1/mm], 0 or more, on any scale."""
@@ -88,10 +85,10 @@ class Noise(FrictionField):
 
     spectrum: Spectrum
     mean: float = 0.5
-    deviation: float = 0.2
+    deviation: Positive = 0.2
     target: TargetKind = "share"
     seed: int = 0
-    tile_mm: float = 64.0
+    tile_mm: Positive = 64.0
     pixels: int = 1024
     grain: Literal["isotropic", "ribbed"] = "isotropic"
     orientation_deg: float = 0.0
@@ -99,7 +96,7 @@ class Noise(FrictionField):
 
     def __post_init__(self) -> None:
         check_target(self.target)
-        check_numbers(self, "mean", "orientation_deg")
+        check_fields(self)
         if not callable(self.spectrum):
             raise InputError(
                 "spectrum: expected a function of the wavenumber such as power_law(...), got "
@@ -107,8 +104,6 @@ class Noise(FrictionField):
             )
         whole("seed", self.seed)
         whole("pixels", self.pixels, 4)
-        positive("deviation", self.deviation)
-        positive("tile_mm", self.tile_mm)
         choice("grain", self.grain, ("isotropic", "ribbed"))
         rows = self.pixels if self.grain == "isotropic" else 1
         two = self.pixels & (self.pixels - 1) == 0
@@ -118,13 +113,8 @@ class Noise(FrictionField):
                 f"all, got {rows} x {self.pixels}"
             )
         tile = self.mean + self.deviation * self._tile(rows)
-        pyramid = Pyramid(
-            tile,
-            self.tile_mm / self.pixels,
-            self.mean,
-            "repeat",
-            "repeat" if self.grain == "isotropic" else "hold",
-        )
+        beyond_y: Beyond = "repeat" if self.grain == "isotropic" else "hold"
+        pyramid = Pyramid(tile, self.tile_mm / self.pixels, self.mean, "repeat", beyond_y)
         object.__setattr__(self, "_pyramid", pyramid)
 
     def _tile(self, rows: int) -> Array:
@@ -149,7 +139,5 @@ class Noise(FrictionField):
         return self.mean
 
     def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
-        if self.orientation_deg == 0 or are_near(x_mm, y_mm):
-            x_mm, y_mm = turned(x_mm, y_mm, self.orientation_deg)
-            return self._pyramid.sample(x_mm, y_mm, footprint_mm)
-        return without_far_places(self, x_mm, y_mm, footprint_mm)
+        x_mm, y_mm = turned(x_mm, y_mm, self.orientation_deg)
+        return self._pyramid.sample(x_mm, y_mm, footprint_mm)

@@ -26,6 +26,7 @@ from typing import Self
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import nnls
 from scipy.signal import freqz
 
 from haptix.checks import positive
@@ -40,6 +41,7 @@ TOOL_MASS_KG = 0.05
 hand-held tool with the fingers on it, an assumption and no measurement."""
 
 _PIXELS = 16384
+_HEAVY = 1e6
 
 
 @dataclass(frozen=True)
@@ -94,8 +96,7 @@ class PennModel:
         FileFormatError
             If the file is missing, is no such XML, contradicts itself or has an unstable model.
         """
-        path = Path(path)
-        root = root_of(path)
+        root = root_of(Path(path))
         try:
             return cls(contents_of(root))
         except ValueError as error:
@@ -128,13 +129,8 @@ class PennModel:
         points = np.column_stack([self.contents.speed_mm_per_s, self.contents.normal_force_n])
         scale = np.ptp(points, axis=0)  # nearness must not depend on the units
         points, place = points / scale, place / scale
-        best, found = np.inf, (self.contents.triangles[0], np.array([1.0, 0.0, 0.0]))
-        for triangle in self.contents.triangles:
-            weights = _closest_weights(points[triangle], place)
-            distance = float(np.linalg.norm(weights @ points[triangle] - place))
-            if distance < best:
-                best, found = distance, (triangle, weights)
-        return found
+        found = [(one, _closest_weights(points[one], place)) for one in self.contents.triangles]
+        return min(found, key=lambda one: float(np.linalg.norm(one[1] @ points[one[0]] - place)))
 
     def texture(
         self,
@@ -194,19 +190,6 @@ class PennModel:
 
 def _closest_weights(corners: Array, place: Array) -> Array:
     """Barycentric weights of the point of a triangle, shape (3, 2), that is nearest to a place."""
-    edges = (corners[1:] - corners[0]).T
-    if abs(np.linalg.det(edges)) > 1e-12:
-        inner = np.linalg.solve(edges, place - corners[0])
-        weights = np.array([1 - inner.sum(), *inner])
-        if weights.min() >= 0:
-            return weights
-    best, found = np.inf, np.array([1.0, 0.0, 0.0])
-    for a, b in ((0, 1), (1, 2), (2, 0)):
-        edge = corners[b] - corners[a]
-        length = float(edge @ edge)
-        part = float(np.clip((place - corners[a]) @ edge / length, 0, 1)) if length > 0 else 0.0
-        distance = float(np.linalg.norm(corners[a] + part * edge - place))
-        if distance < best:
-            best, found = distance, np.zeros(3)
-            found[a], found[b] = 1 - part, part
-    return found
+    # Least squares with weights of 0 or more; the heavy row makes their sum 1.
+    weights, _ = nnls(np.vstack([corners.T, np.full(3, _HEAVY)]), np.append(place, _HEAVY))
+    return np.asarray(weights / weights.sum())

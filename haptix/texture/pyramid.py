@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import correlate1d
 
-from haptix.texture.field import Array, are_near, far_places
+from haptix.texture.field import Array
 
 Beyond = Literal["outside", "hold", "repeat"]
 """Beyond the edges of a map: the outside value, the edge's value, or the map again."""
@@ -73,16 +73,15 @@ class _Level:
         )
 
     def at(self, x_mm: Array, y_mm: Array) -> Array:
-        """Bilinear values; those of the rim for places beyond and for NaN."""
+        """Bilinear values; those of the rim for places beyond."""
         if not (
             x_mm[x_mm.argmin()] >= self.low_x
             and x_mm[x_mm.argmax()] <= self.high_x
             and y_mm[y_mm.argmin()] >= self.low_y
             and y_mm[y_mm.argmax()] <= self.high_y
         ):
-            # Unlike clip, fmax and fmin drop a NaN.
-            x_mm = np.fmin(np.fmax(x_mm, self.low_x), self.high_x)
-            y_mm = np.fmin(np.fmax(y_mm, self.low_y), self.high_y)
+            x_mm = x_mm.clip(self.low_x, self.high_x)
+            y_mm = y_mm.clip(self.low_y, self.high_y)
         across = x_mm * self.per_mm
         across += self.column
         down = y_mm * self.per_mm
@@ -120,8 +119,8 @@ class Pyramid:
     pixel_mm : float
         Side of a pixel.
     outside : float
-        Value far beyond the edges, and at places that are not finite. With `beyond` of "outside"
-        the edge is a ramp as wide as a pixel, since a step would alias at any footprint.
+        Value beyond the edges where `beyond` is "outside". The edge is then a ramp as wide as a
+        pixel, since a step would alias at any footprint.
     beyond_x, beyond_y : {"outside", "hold", "repeat"}
         Values beyond left and right, and above and below. A map that repeats needs a power of two
         of pixels in that direction.
@@ -189,35 +188,20 @@ class Pyramid:
     def _level(self, values: Array, origin: _Origin, step: int) -> _Level:
         # Two pixels: between them, where places beyond are held, there is no trace of the map.
         values, origin = self._padded(values, origin, 2)
-        first = list(origin)
-        for axis, mode in enumerate(self._modes):
-            if mode == "repeat":
-                width = [(0, 0), (0, 0)]
-                width[axis] = (1, 1)
-                values = np.pad(values, width, mode="wrap")
-                first[axis] -= 1
+        around = [int(mode == "repeat") for mode in self._modes]
+        values = np.pad(values, [(one, one) for one in around], mode="wrap")
         # The centre of the map's first pixel is half a pixel from its corner.
-        row, column = (-0.5 / step - start for start in first)
+        row, column = (
+            -0.5 / step - start + more for start, more in zip(origin, around, strict=True)
+        )
         return _Level.of(values, self.pixel_mm * step, column, row)
 
     def sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
-        """Values at places, shape (places,); see `FrictionField.friction`."""
-        if self._modes == ("outside", "outside") or are_near(x_mm, y_mm):
-            return self._repeated(x_mm, y_mm, footprint_mm)
-        far = far_places(x_mm, y_mm)
-        x_mm, y_mm = np.where(far, 0.0, x_mm), np.where(far, 0.0, y_mm)
-        value = self._repeated(x_mm, y_mm, footprint_mm)
-        value[far] = self.outside
-        return value
-
-    def _repeated(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
+        """Values at finite places, shape (places,); see `FrictionField.friction`."""
         if self._period_x is not None:
             x_mm = _into(x_mm, self._period_x)
         if self._period_y is not None:
             y_mm = _into(y_mm, self._period_y)
-        return self._sample(x_mm, y_mm, footprint_mm)
-
-    def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
         if isinstance(footprint_mm, np.ndarray):
             return self._varied(x_mm, y_mm, footprint_mm)
         level, part = self._choice(footprint_mm)
@@ -251,11 +235,6 @@ class Pyramid:
         return blend_levels(
             depth, self._last, lambda level, mine: self._levels[level].at(x_mm[mine], y_mm[mine])
         )
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of all levels."""
-        return sum(level.corners[0].nbytes for level in self._levels)
 
 
 def blend_levels(

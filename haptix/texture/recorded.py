@@ -10,17 +10,15 @@ from typing import Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import choice, increasing, number, positive, row
+from haptix.checks import Positive, check_fields, choice, increasing, row
 from haptix.errors import FileFormatError, InputError
 from haptix.files import read_csv
 from haptix.texture.field import (
     Array,
     FrictionField,
     TargetKind,
-    are_near,
     check_target,
     turned,
-    without_far_places,
 )
 from haptix.texture.pyramid import Pyramid
 
@@ -61,14 +59,14 @@ class RecordedProfile(FrictionField):
     target: TargetKind = "mu"
     orientation_deg: float = 0.0
     beyond: Literal["outside", "hold"] = "outside"
-    step_mm: float | None = None
+    step_mm: Positive | None = None
     _corners: tuple[Array, Array] = field(init=False, repr=False, compare=False)
     _pyramid: Pyramid = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_target(self.target)
         choice("beyond", self.beyond, ("outside", "hold"))
-        number("orientation_deg", self.orientation_deg)
+        check_fields(self)
         try:
             position = increasing("position_mm", self.position_mm, 2)
         except InputError as error:
@@ -78,9 +76,7 @@ class RecordedProfile(FrictionField):
             raise InputError(
                 f"value: expected one for each of the {len(position)} positions, got {len(value)}"
             )
-        step = float(np.diff(position).min())
-        if self.step_mm is not None:
-            step = positive("step_mm", self.step_mm)
+        step = float(np.diff(position).min()) if self.step_mm is None else self.step_mm
         length = float(position[-1] - position[0])
         count = ceil(length / step * (1 - 1e-9)) + 1
         if count > _MOST_SAMPLES:
@@ -90,8 +86,7 @@ class RecordedProfile(FrictionField):
             )
         step = length / (count - 1)
         even = np.interp(position[0] + step * np.arange(count), position, value)
-        beyond_x: Literal["outside", "hold"] = self.beyond
-        pyramid = Pyramid(even[None, :], step, float(value.min()), beyond_x, "hold")
+        pyramid = Pyramid(even[None, :], step, float(value.min()), self.beyond, "hold")
         object.__setattr__(self, "_corners", (position, value))
         object.__setattr__(self, "_pyramid", pyramid)
 
@@ -156,8 +151,6 @@ class RecordedProfile(FrictionField):
         return float(self._corners[1].min())
 
     def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
-        if not are_near(x_mm, y_mm):
-            return without_far_places(self, x_mm, y_mm, footprint_mm)
         along, across = turned(x_mm, y_mm, self.orientation_deg)
         position, value = self._corners
         if not isinstance(footprint_mm, np.ndarray) and footprint_mm == 0:

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, Self, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from haptix.checks import choice, number, positive
 from haptix.errors import InputError
-from haptix.texture.field import (
-    Array,
-    FrictionField,
-    TargetKind,
-    check_range,
-)
+from haptix.texture.field import Array, FrictionField, TargetKind, check_range
 from haptix.texture.heights import HeightRule, levels_by_rule, stretched
 from haptix.texture.photograph import LARGEST_BYTES, read_grey
 from haptix.texture.pyramid import Pyramid
@@ -111,12 +106,10 @@ class Texture(FrictionField):
         ----------
         image : path or array_like
             A file, or grey (rows, columns) or colour (rows, columns, 3 or 4) pixels.
-        width_mm : float
-            Width on the screen.
         polarity : {"bright-high", "dark-high"}
             Which end of the grey scale has the higher friction.
-        mu_range, contrast_range, share_range : (float, float), optional
-            What the ends of the grey scale are, see the class.
+        width_mm, mu_range, contrast_range, share_range
+            See the class.
         largest_bytes : int
             Memory that the texture may take while it is made.
 
@@ -141,15 +134,9 @@ class Texture(FrictionField):
             If one of the two files is missing, or is not what it should be.
         """
         beside = Sidecar.load(Sidecar.path_for(image))
-        ends: dict[str, Range] = {beside.target: (beside.low, beside.high)}
+        ends: dict[str, Any] = {f"{beside.target}_range": (beside.low, beside.high)}
         return cls.from_image(
-            image,
-            beside.width_mm,
-            beside.polarity,
-            ends.get("mu"),
-            ends.get("contrast"),
-            ends.get("share"),
-            largest_bytes,
+            image, beside.width_mm, beside.polarity, largest_bytes=largest_bytes, **ends
         )
 
     @classmethod
@@ -170,16 +157,12 @@ class Texture(FrictionField):
         ----------
         heights : path or array_like
             An image file, or heights of shape (rows, columns) in any unit.
-        width_mm : float
-            Width on the screen.
         rule : {"height", "slope-magnitude", "slope-along"}
             What makes friction, see `haptix.texture.HeightRule`.
         direction_deg : float
             Direction of the stroke for "slope-along": 0 to the right, 90 down.
-        mu_range, contrast_range, share_range : (float, float), optional
-            What levels 0 and 1 are, see the class.
-        largest_bytes : int
-            Memory that the texture may take while it is made.
+        width_mm, mu_range, contrast_range, share_range, largest_bytes
+            See the class and `from_image`.
 
         Raises
         ------
@@ -226,8 +209,7 @@ class Texture(FrictionField):
         # At a point, a step is a step: the rim that the pyramid makes a ramp is held level.
         half, width, height = self.pixel_mm / 2, self.width_mm, self.height_mm
         inside = (x_mm >= 0) & (x_mm <= width) & (y_mm >= 0) & (y_mm <= height)
-        x_mm = np.fmin(np.fmax(x_mm, half), width - half)
-        y_mm = np.fmin(np.fmax(y_mm, half), height - half)
+        x_mm, y_mm = x_mm.clip(half, width - half), y_mm.clip(half, height - half)
         return np.where(inside, self._pyramid.sample(x_mm, y_mm, 0.0), self.outside)
 
 

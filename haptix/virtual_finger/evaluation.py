@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
+from haptix.checks import number, positive
 from haptix.errors import InputError
-from haptix.motion import numbers
 from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
 from haptix.virtual_finger.felt import Felt
@@ -104,15 +104,8 @@ def evaluate(
     has_target = ~np.isnan(target)
     if (target[has_target] <= 0).any() or np.isinf(target).any():
         raise InputError("target_mu: expected finite values above 0, or NaN")
-    (average,), (weber,) = (
-        numbers("average_s", average_s),
-        numbers("weber_fraction", weber_fraction),
-    )
-    if average < 0 or weber <= 0:
-        raise InputError(
-            "expected average_s of 0 or more and weber_fraction above 0, got "
-            f"{average:g} s and {weber:g}"
-        )
+    average = number("average_s", average_s, 0.0)
+    weber = positive("weber_fraction", weber_fraction)
     sliding = felt.is_sliding
     pull_in = sliding & (felt.status == Status.PULL_IN)
     within = sliding & reachable & has_target

@@ -12,7 +12,7 @@ from haptix.errors import InputError, LimitError
 from haptix.fidelity import Ability
 from haptix.finger_response import FingerResponse
 from haptix.friction import HIGHEST_FORCE_N, ContactModel
-from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory, numbers
+from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory
 from haptix.status import Status
 from haptix.threads import one_thread
 from haptix.virtual_finger.felt import Felt
@@ -125,7 +125,7 @@ class VirtualFinger:
             raise InputError(
                 f"sample_rate_hz: expected {low:g} to {high:g} Hz, got {sample_rate_hz:g} Hz"
             )
-        volts, start = self._volts("drive_v", drive_v), _number("start_s", start_s)
+        volts, start = self._volts("drive_v", drive_v), checks.number("start_s", start_s)
         drive = Samples(volts, float(sample_rate_hz), start, self._thickness_m)
         path = Trajectory.of(t_s, x_mm, y_mm, normal_force_n)
         return self._feel(drive, path, output_rate_hz)
@@ -155,7 +155,7 @@ class VirtualFinger:
         """
         checks.positive("sample_rate_hz", sample_rate_hz)
         checks.positive("frequency_hz", frequency_hz)
-        volts, start = self._volts("amplitude_v", amplitude_v), _number("start_s", start_s)
+        volts, start = self._volts("amplitude_v", amplitude_v), checks.number("start_s", start_s)
         if volts.min() < 0:
             raise InputError(f"amplitude_v: expected 0 V or more, got {volts.min():g} V")
         (thickness,) = self._thickness_m(np.array([float(frequency_hz)]))
@@ -204,11 +204,7 @@ class VirtualFinger:
         )
 
     def _volts(self, name: str, value: npt.ArrayLike) -> Array:
-        volts = numbers(name, value)
-        if len(volts) < _FEWEST_SAMPLES:
-            raise InputError(
-                f"{name}: expected {_FEWEST_SAMPLES} or more samples, got {len(volts)}"
-            )
+        volts = checks.row(name, value, _FEWEST_SAMPLES)
         limit = self.model.screen.max_voltage_v
         highest = float(np.abs(volts).max())
         if highest > limit * (1 + _ROUNDING):
@@ -268,8 +264,3 @@ class VirtualFinger:
             light, lambda gap_m: torch.from_numpy(excerpt.highest_field(gap_m, t_s))
         )
         return status.numpy()
-
-
-def _number(name: str, value: float) -> float:
-    (number,) = numbers(name, value)
-    return float(number)

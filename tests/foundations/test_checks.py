@@ -1,6 +1,10 @@
 """Checks of arguments: what passes, and what the refusal says."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
 from fractions import Fraction
+from math import inf
 
 import numpy as np
 import pytest
@@ -65,5 +69,27 @@ def test_rows():
 
 def test_increasing_rows():
     assert checks.increasing("t", [0, 1, 3]).tolist() == [0.0, 1.0, 3.0]
-    with pytest.raises(InputError, match=r"^t: expected increasing numbers, but 1 follows 1$"):
+    with pytest.raises(
+        InputError, match=r"^t: expected increasing numbers, but number 3 is 1 after 1$"
+    ):
         checks.increasing("t", [0, 1, 1])
+
+
+@dataclass
+class Sample:
+    place: float = 0.0
+    size: checks.Positive = 1.0
+    time: checks.NotNegative = 0.0
+    end: checks.Length = inf
+    mass: checks.Positive | None = None
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("place", inf), ("place", None), ("size", 0), ("time", -1e-9), ("end", 0), ("mass", 0)],
+)
+def test_fields_by_their_annotation(name, value):
+    checks.check_fields(Sample())
+    checks.check_fields(Sample(-1.0, 2, 3, 4, 5))
+    with pytest.raises(InputError, match=f"^{name}: expected a (finite )?number"):
+        checks.check_fields(Sample(**{name: value}))

@@ -47,7 +47,7 @@ def test_no_place_has_the_friction_of_the_outside(name, footprint):
     alone = field.friction(np.array([2.0, 3.0]), np.array([2.5, 2.5]), footprint)
     np.testing.assert_allclose(block[[0, -1]], alone, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(block[1:-1], field.outside)
-    assert np.isfinite(field.friction(x, 2.5, np.linspace(0, 2, len(x)))).all()
+    assert np.isfinite(field.friction(along, 2.5, np.linspace(0, 2, len(along)))).all()
 
 
 @pytest.mark.parametrize("name", FIELDS)
