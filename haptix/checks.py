@@ -71,6 +71,8 @@ def check_fields(owner: Any) -> None:
     Its module must have ``from __future__ import annotations``. Optional numbers may be None.
     """
     for field in fields(owner):
+        if not field.init:
+            continue
         kind, value = str(field.type), getattr(owner, field.name)
         if value is None and kind.endswith(" | None"):
             continue

@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from haptix import checks
+from haptix.checks import Length, NotNegative, Positive
 from haptix.errors import InputError
 
 NUMBERS = [2, 2.0, np.float32(2), np.array([2]), Fraction(2), torch.tensor(2.0)]
@@ -78,10 +79,10 @@ def test_increasing_rows():
 @dataclass
 class Sample:
     place: float = 0.0
-    size: checks.Positive = 1.0
-    time: checks.NotNegative = 0.0
-    end: checks.Length = inf
-    mass: checks.Positive | None = None
+    size: Positive = 1.0
+    time: NotNegative = 0.0
+    end: Length = inf
+    mass: Positive | None = None
 
 
 @pytest.mark.parametrize(
