@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -33,25 +33,22 @@ def figures(
         from haptix.figures import write_figures
 
         written = write_figures(out, update, names or ())
+    rows: list[dict[str, Any]]
     if as_json:
         rows = [
             {
-                "figure": one.data.name,
-                "title": one.data.title,
-                "png": str(one.png),
-                "csv": str(one.csv),
-                "rows": len(next(iter(one.data.columns.values()))),
-                "caption": one.data.caption,
+                "figure": data.name,
+                "title": data.title,
+                "png": str(out / f"{data.name}.png"),
+                "csv": str(out / f"{data.name}.csv"),
+                "rows": len(next(iter(data.columns.values()))),
+                "caption": data.caption,
             }
-            for one in written
+            for data in written
         ]
     else:
         rows = [
-            {
-                "figure": one.data.name,
-                "shows": one.data.title,
-                "files": f"{one.data.name}.png, .csv",
-            }
-            for one in written
+            {"figure": data.name, "shows": data.title, "files": f"{data.name}.png, .csv"}
+            for data in written
         ]
     show(f"haptix figures: in {out}", rows, as_json)

@@ -1,12 +1,9 @@
 from .area_against_frequency import area_against_frequency as area_against_frequency
+from .area_against_pressure import area_against_pressure as area_against_pressure
 from .area_against_voltage import area_against_voltage as area_against_voltage
-from .data import Curve as Curve
 from .data import FigureData as FigureData
-from .data import Mark as Mark
-from .data import Panel as Panel
 from .drawing import draw as draw
 from .folder import FIGURES as FIGURES
-from .folder import Written as Written
 from .folder import write_figures as write_figures
 from .friction_against_force import friction_against_force as friction_against_force
 from .friction_in_time import friction_in_time as friction_in_time

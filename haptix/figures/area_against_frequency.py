@@ -2,63 +2,70 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import torch
+from matplotlib.axes import Axes
 
-from haptix.electro.breakdown import NARROW_GAP_FIELD_V_PER_M
 from haptix.figures.data import (
     COLD_TO_HOT,
-    Array,
-    Curve,
+    NARROW_GAPS_BEAR,
     FigureData,
-    Mark,
-    Panel,
     basis,
     light_contact,
     numbers,
     sentence_list,
 )
+from haptix.figures.drawing import mark
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
 from haptix.status import Status
 
 FORCE_N, VOLTAGE_V = 0.5, 100.0
-RESISTIVITIES_OHM_M = (None, 1e7, 1e6, 1e5)
+_GAPS = {"dry_gap": None} | {f"leaky_gap_1e{n}_ohm_m": 10.0**n for n in (7, 6, 5)}
 _COLORS = (COLD_TO_HOT[0], COLD_TO_HOT[2], COLD_TO_HOT[3], COLD_TO_HOT[4])
 _FREQUENCY_HZ = np.geomspace(1.0, 1e6, 361)
 
 
-def area_against_frequency(finger: Finger | None = None) -> FigureData:
-    """A_on/A_off against f from 1 Hz to 1 MHz at 0.5 N and 100 V, d1 = 1 um, eps1 = 8.
-
-    Parameters
-    ----------
-    finger : Finger, optional
-        What touches; the semi-wet finger without.
-    """
-    finger = finger or Finger.preset("semi-wet")
+def area_against_frequency() -> FigureData:
+    """A_on/A_off against f from 1 Hz to 1 MHz at 0.5 N and 100 V, d1 = 1 um, eps1 = 8."""
+    finger = Finger.preset("semi-wet")
     frequency = torch.from_numpy(_FREQUENCY_HZ)
     columns = {"frequency_hz": _FREQUENCY_HZ}
-    curves, marks, highest = [], [], []
-    for resistivity, color in zip(RESISTIVITIES_OHM_M, _COLORS, strict=True):
-        model = _model(finger, resistivity)
+    models, ratios, tops = {}, {}, {}
+    for name, resistivity in _GAPS.items():
+        screen = Screen(
+            name="Fig. 4",
+            insulator_thickness_m=1e-6,
+            insulator_permittivity=8.0,
+            gap_resistivity_ohm_m=resistivity,
+        )
+        model = models[name] = ContactModel(finger, screen, terms={"breakdown": True})
         on = model.solve(FORCE_N, VOLTAGE_V, frequency)
         off = model.solve(FORCE_N, 0.0, frequency)
-        ratio = light_contact(on.area_fraction / off.area_fraction, on.status)
-        name, label = "dry_gap", "no leakage"
-        if resistivity is not None:
-            power = f"{np.log10(resistivity):.0f}"
-            name, label = f"leaky_gap_1e{power}_ohm_m", rf"$\mathrm{{10}}^{power}$ Ωm"
-            top = int(np.nanargmax(ratio))
-            marks.append(Mark(_FREQUENCY_HZ[top], ratio[top], "o", "maximum", color))
-            highest.append(f"{ratio[top]:.3f} at {_with_unit(_FREQUENCY_HZ[top])}")
-        columns[f"area_on_over_off_{name}"] = ratio
+        ratios[name] = light_contact(on.area_fraction / off.area_fraction, on.status)
+        columns[f"area_on_over_off_{name}"] = ratios[name]
         columns[f"status_{name}"] = numbers(on.status)
-        curves.append(Curve("frequency_hz", f"area_on_over_off_{name}", label, color))
-    dry = columns["area_on_over_off_dry_gap"]
+        if resistivity is not None:
+            tops[name] = int(np.nanargmax(ratios[name]))
+
+    def plot(axes: Axes) -> None:
+        for (name, resistivity), color in zip(_GAPS.items(), _COLORS, strict=True):
+            label = "no leakage"
+            if resistivity is not None:
+                label = rf"$\mathrm{{10}}^{np.log10(resistivity):.0f}$ Ωm"
+            axes.plot(_FREQUENCY_HZ, ratios[name], color=color, label=label)
+        for (name, top), color in zip(tops.items(), _COLORS[1:], strict=True):
+            mark(axes, _FREQUENCY_HZ[top], ratios[name][top], "o", "maximum", color)
+        axes.set(xlabel="frequency $f$ (Hz)", xscale="log", xlim=_FREQUENCY_HZ[[0, -1]])
+        axes.set(ylabel=r"$A_\mathrm{on}/A_\mathrm{off}$")
+
+    dry = ratios["dry_gap"]
+    highest = [
+        f"{ratios[n][top]:.3f} at {_with_unit(_FREQUENCY_HZ[top])}" for n, top in tops.items()
+    ]
+    broken = _FREQUENCY_HZ[columns["status_dry_gap"] == Status.BREAKDOWN]
+    table = finger.dielectric.frequency_hz
     caption = (
         "Real contact area with voltage over that without, against the frequency of the drive, at "
         f"F_N = {FORCE_N:g} N and V0 = {VOLTAGE_V:g} V; d1 = 1 µm, eps1 = 8, "
@@ -66,58 +73,19 @@ def area_against_frequency(finger: Finger | None = None) -> FigureData:
         f"at low frequencies, {dry[0]:.3f} at {_FREQUENCY_HZ[0]:g} Hz, where the skin conducts. A "
         "gap of finite resistivity lets the charge across at low frequencies, and a maximum "
         f"appears: {sentence_list(highest)} for 1e7, 1e6 and 1e5 Ohm m. "
-        f"{_sparks(columns)}{_table_ends(finger)}"
-        f"{basis(_model(finger, None), also_on='leaky-gap for the gaps that leak')}"
+        f"Up to {_with_unit(broken[-1])} the field in the dry gap passes {NARROW_GAPS_BEAR}, and "
+        "its curve holds without sparks. The table of the skin's dielectric reaches from "
+        f"{_with_unit(table[0])} to {_with_unit(table[-1])} and is held at its last values beyond; "
+        "its nodes are the bends of the upper curve. "
+        f"{basis(models['dry_gap'], also_on='leaky-gap for the gaps that leak')}"
     )
     return FigureData(
         name="fig4",
         title="Contact area against frequency",
         caption=caption,
         columns=columns,
-        panels=(
-            Panel(
-                "frequency $f$ (Hz)",
-                r"$A_\mathrm{on}/A_\mathrm{off}$",
-                tuple(curves),
-                tuple(marks),
-                x_scale="log",
-                x_range=(_FREQUENCY_HZ[0], _FREQUENCY_HZ[-1]),
-                legend_title="resistivity of the gap",
-            ),
-        ),
-    )
-
-
-def _model(finger: Finger, gap_resistivity_ohm_m: float | None) -> ContactModel:
-    screen = Screen(
-        name="Fig. 4",
-        insulator_thickness_m=1e-6,
-        insulator_permittivity=8.0,
-        gap_resistivity_ohm_m=gap_resistivity_ohm_m,
-    )
-    return ContactModel(finger, screen, terms={"breakdown": True})
-
-
-def _sparks(columns: Mapping[str, Array]) -> str:
-    """Say where the dry gap's field is beyond what it bears."""
-    broken = np.flatnonzero(columns["status_dry_gap"] == Status.BREAKDOWN)
-    if not len(broken):
-        return ""
-    return (
-        f"Up to {_with_unit(_FREQUENCY_HZ[broken[-1]])} the field in the dry gap passes the "
-        f"{NARROW_GAP_FIELD_V_PER_M / 1e6:g} V/µm that narrow gaps bear, and its curve holds "
-        "without sparks. "
-    )
-
-
-def _table_ends(finger: Finger) -> str:
-    """Say so where the skin's dielectric is drawn beyond its table."""
-    low, high = finger.dielectric.frequency_hz[0], finger.dielectric.frequency_hz[-1]
-    if low <= _FREQUENCY_HZ[0] and high >= _FREQUENCY_HZ[-1]:
-        return ""
-    return (
-        f"The table of the skin's dielectric reaches from {_with_unit(low)} to {_with_unit(high)} "
-        "and is held at its last values beyond; its nodes are the bends of the upper curve. "
+        plot=plot,
+        legend_title="resistivity of the gap",
     )
 
 

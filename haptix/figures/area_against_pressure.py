@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import csv
-from functools import partial
 from importlib import resources
 
 import numpy as np
 import torch
+from matplotlib.axes import Axes
 
 from haptix.contact import THEORIES, HalfSpace, MeanField, RoughnessSpectrum, Theory
 from haptix.electro import Pull
 from haptix.fidelity import Contact, Load, MeanFieldBalance
-from haptix.figures.data import COLD_TO_HOT, Array, Curve, FigureData, Panel
+from haptix.figures.data import COLD_TO_HOT, Array, FigureData
 
 # What 512 x 512 points can hold with eight of them in the shortest wave: 1 um of roughness on skin
 # of 40 MPa, not a whole finger.
@@ -27,24 +27,35 @@ _PRESSURE_PA = np.geomspace(2e3, 1.5e6, 121)
 
 
 def area_against_pressure() -> FigureData:
-    """A/A0 against p0 from 2 kPa to 1.5 MPa at 0 to 200 V, by two theories and solved."""
+    """A/A0 against p0 from 2 kPa to 1.5 MPa at 0 to 200 V: two theories, boundary elements."""
     solved = _boundary_elements()
-    pressure = np.concatenate([_PRESSURE_PA, np.array(PRESSURES_PA)])
-    columns: dict[str, Array] = {"pressure_pa": pressure}
-    blank = np.full(len(PRESSURES_PA), np.nan)
-    curves = []
-    for voltage, color in zip(VOLTAGES_V, COLD_TO_HOT, strict=False):
-        for name, style in _LINES.items():
-            column = f"area_fraction_{name}_{voltage:g}v"
-            columns[column] = np.concatenate([_area(THEORIES[name], voltage), blank])
-            label = f"{voltage:g} V" if name == "corrected" else ""
-            curves.append(Curve("pressure_pa", column, label, color, style))
-        marks = [solved.get((p, voltage), (np.nan, np.nan)) for p in PRESSURES_PA]
+    columns: dict[str, Array] = {"pressure_pa": np.concatenate([_PRESSURE_PA, PRESSURES_PA])}
+    no_line = np.full_like(_PRESSURE_PA, np.nan)
+    no_points = np.full(len(PRESSURES_PA), np.nan)
+    for voltage in VOLTAGES_V:
+        for name in _LINES:
+            area = _area(THEORIES[name], voltage)
+            columns[f"area_fraction_{name}_{voltage:g}v"] = np.concatenate([area, no_points])
+        points = np.array([solved.get((p, voltage), (np.nan, np.nan)) for p in PRESSURES_PA])
         column = f"area_fraction_boundary_elements_{voltage:g}v"
-        for end, k in (("", 0), ("_scatter", 1)):
-            values = np.array([mark[k] for mark in marks])
-            columns[column + end] = np.concatenate([np.full_like(_PRESSURE_PA, np.nan), values])
-        curves.append(Curve("pressure_pa", column, "", color, "o", error=f"{column}_scatter"))
+        columns[column] = np.concatenate([no_line, points[:, 0]])
+        columns[f"{column}_scatter"] = np.concatenate([no_line, points[:, 1]])
+
+    def plot(axes: Axes) -> None:
+        pressure = columns["pressure_pa"]
+        for voltage, color in zip(VOLTAGES_V, COLD_TO_HOT, strict=False):
+            for name, style in _LINES.items():
+                area = columns[f"area_fraction_{name}_{voltage:g}v"]
+                label = f"{voltage:g} V" if name == "corrected" else None
+                axes.plot(pressure, area, style, color=color, label=label)
+            column = f"area_fraction_boundary_elements_{voltage:g}v"
+            axes.errorbar(
+                pressure, columns[column], columns[f"{column}_scatter"], fmt="o", color=color,
+                ms=4, elinewidth=1.5, capsize=2, zorder=4,
+            )  # fmt: skip
+        axes.set(xlabel="applied pressure $p_\\mathrm{0}$ (Pa)", ylabel="$A/A_\\mathrm{0}$")
+        axes.set(xscale="log", yscale="log", xlim=(2e3, 1.5e6))
+
     return FigureData(
         name="fig2d",
         title="Contact area against pressure, by theory and by boundary elements",
@@ -54,20 +65,11 @@ def area_against_pressure() -> FigureData:
             "every point, mean and standard deviation over random surfaces "
             "(benchmarks/figure_2d.py). Dashed: the mean field as published, whose contact spots "
             "attract too; solid: corrected (docs/mean-field.md). A line ends where its light "
-            "contact does. Placeholder of a finger: half-space of 40 MPa, "
-            f"{SPECTRUM.statement()}, which is what the grid can hold."
+            f"contact does. Placeholder of a finger: half-space of 40 MPa, {SPECTRUM.statement()},"
+            " which is what the grid can hold."
         ),
         columns=columns,
-        panels=(
-            Panel(
-                "applied pressure $p_\\mathrm{0}$ (Pa)",
-                "$A/A_\\mathrm{0}$",
-                tuple(curves),
-                x_scale="log",
-                y_scale="log",
-                x_range=(2e3, 1.5e6),
-            ),
-        ),
+        plot=plot,
     )
 
 
@@ -88,10 +90,8 @@ def _area(theory: Theory, voltage_v: float) -> Array:
 def _boundary_elements() -> dict[tuple[float, float], tuple[float, float]]:
     """A/A0 and its scatter by pressure and voltage, solved beforehand."""
     text = resources.files("haptix.figures").joinpath("fig2d_boundary_elements.csv").read_text()
-    number = partial(map, float)
+    _, *rows = csv.reader(text.splitlines())
     return {
-        (pressure, voltage): (area, scatter)
-        for pressure, voltage, _, area, scatter in map(
-            number, list(csv.reader(text.splitlines()))[1:]
-        )
+        (float(pressure), float(voltage)): (float(area), float(scatter))
+        for pressure, voltage, _, area, scatter in rows
     }

@@ -2,84 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 from torch import Tensor
 
-from haptix.errors import InputError
+from haptix.electro.breakdown import NARROW_GAP_FIELD_V_PER_M
 from haptix.friction import ContactModel
 from haptix.status import Status
 
 Array = npt.NDArray[np.float64]
-Scale = Literal["linear", "log"]
 
 COLD_TO_HOT = ("#4477aa", "#66a9c9", "#228833", "#ccaa22", "#ee6677", "#882255")
 """Colours of a family of curves, told apart by the colour-blind too (after P. Tol)."""
 
-
-@dataclass(frozen=True)
-class Curve:
-    """One line: a column against another; cells without a number leave a gap.
-
-    With `error`, a column of standard deviations, they are points with error bars.
-    """
-
-    x: str
-    y: str
-    label: str = ""
-    color: str = "black"
-    style: str = "-"
-    width: float = 1.8
-    error: str = ""
-
-
-@dataclass(frozen=True)
-class Mark:
-    """One point of note; marks with one label share their line in the legend."""
-
-    x: float
-    y: float
-    shape: str
-    label: str
-    color: str = "black"
-
-
-@dataclass(frozen=True)
-class Panel:
-    """Axes with their curves and marks.
-
-    Parameters
-    ----------
-    x_label, y_label : str
-        What the axes show, with unit.
-    curves : tuple of Curve
-        Lines.
-    marks : tuple of Mark
-        Points on top of them.
-    x_scale, y_scale : {"linear", "log"}
-        Scales of the axes.
-    x_range, y_range : (float, float), optional
-        Ends of the axes; without, those of the data.
-    has_legend : bool
-        Whether the curves' labels stand beside the axes.
-    legend_title : str
-        What the labels are values of.
-    """
-
-    x_label: str
-    y_label: str
-    curves: tuple[Curve, ...]
-    marks: tuple[Mark, ...] = ()
-    x_scale: Scale = "linear"
-    y_scale: Scale = "linear"
-    x_range: tuple[float, float] | None = None
-    y_range: tuple[float, float] | None = None
-    has_legend: bool = True
-    legend_title: str = ""
+NARROW_GAPS_BEAR = f"the {NARROW_GAP_FIELD_V_PER_M / 1e6:g} V/µm that narrow gaps bear"
+"""For captions: the field above which sparks are expected."""
 
 
 @dataclass(frozen=True)
@@ -97,33 +37,21 @@ class FigureData:
     columns : mapping of str to array, shape (rows,)
         Numbers by name with unit. A state past the light contact has NaN, and says so in a column
         of `haptix.Status`.
-    panels : tuple of Panel
-        How to draw them, side by side.
-    stacked : bool
-        Draw the panels one above the other, with a common x axis.
-
-    Raises
-    ------
-    InputError
-        If columns differ in length, or a curve names one that does not exist.
+    plot : callable
+        Draws on the matplotlib axes of the panels, which are its arguments.
+    grid : (int, int)
+        Rows and columns of panels. Rows share their x axis.
+    legend_title : str
+        Title of the legend, which stands beside the last panel.
     """
 
     name: str
     title: str
     caption: str
     columns: Mapping[str, Array]
-    panels: tuple[Panel, ...]
-    stacked: bool = False
-
-    def __post_init__(self) -> None:
-        shapes = {column.shape for column in self.columns.values()}
-        if len(shapes) != 1 or any(len(shape) != 1 for shape in shapes):
-            raise InputError(f"{self.name}: expected columns of one length, got shapes {shapes}")
-        named = {
-            name for panel in self.panels for c in panel.curves for name in (c.x, c.y, c.error)
-        } - {""}
-        if missing := named - set(self.columns):
-            raise InputError(f"{self.name}: no column {', '.join(sorted(missing))}")
+    plot: Callable[..., None]
+    grid: tuple[int, int] = (1, 1)
+    legend_title: str = ""
 
 
 def numbers(values: Tensor) -> Array:
@@ -152,19 +80,11 @@ def placeholders(model: ContactModel) -> str:
 def basis(model: ContactModel, also_on: str = "") -> str:
     """Sentences for a caption: what a model's numbers rest on.
 
-    Parameters
-    ----------
-    model : ContactModel
-        The model.
-    also_on : str
-        Terms that are on for some of the curves only, and for which.
+    `also_on` names terms that are on for some of the curves only, and for which.
     """
     on = ", ".join(filter(None, [*sorted(model.terms), also_on]))
-    spots = {
-        "excluded": "Contact spots are excluded from the attraction: only open gaps attract",
-        "included": "Contact spots are included in the attraction",
-    }[model.contact_spots]
     return (
-        f"{placeholders(model)} Terms on: {on}. {spots}; gap distribution "
-        f"{model.contact.gap_distribution}, gamma {model.contact.gamma:g}."
+        f"{placeholders(model)} Terms on: {on}. Contact spots in the attraction: "
+        f"{model.contact_spots}; gap distribution {model.contact.gap_distribution}, gamma "
+        f"{model.contact.gamma:g}."
     )

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
-from typing import Any
 
 from haptix.errors import InputError
 from haptix.figures.area_against_frequency import area_against_frequency
@@ -37,24 +35,15 @@ FIGURES: Mapping[str, Callable[[], FigureData]] = {
 CAPTIONS = "captions.json"
 
 
-@dataclass(frozen=True)
-class Written:
-    """One figure and its files."""
-
-    data: FigureData
-    png: Path
-    csv: Path
-
-
 def write_figures(
     folder: Path,
     on_progress: Progress = lambda stage, share: None,
     names: Sequence[str] = (),
-) -> tuple[Written, ...]:
-    """Draw figures into a folder, which is made if needed.
+) -> tuple[FigureData, ...]:
+    """Draw figures into a folder, which is made if needed, and return their data.
 
-    Files of the same names are replaced, others are left alone. All is computed and drawn before
-    the first file is written.
+    A figure's files are NAME.png and NAME.csv. Files of the same names are replaced, others are
+    left alone. All is computed and drawn before the first file is written.
 
     Parameters
     ----------
@@ -82,39 +71,30 @@ def write_figures(
         files[f"{data.name}.png"] = png(data)
         files[f"{data.name}.csv"] = table(data)
         on_progress("draw", number / len(figures))
-    files[CAPTIONS] = json_text(_captions(figures))
+    captions = {
+        data.name: {
+            "title": data.title,
+            "caption": data.caption,
+            "png": f"{data.name}.png",
+            "csv": f"{data.name}.csv",
+            "columns": list(data.columns),
+        }
+        for data in figures
+    }
+    files[CAPTIONS] = json_text({"haptix": __version__, "figures": captions})
     write_folder(folder, files)
     on_progress("write", 1.0)
-    return tuple(
-        Written(data, folder / f"{data.name}.png", folder / f"{data.name}.csv") for data in figures
-    )
+    return tuple(figures)
 
 
 def table(data: FigureData) -> str:
-    """CSV of a figure: a line of names with units, then numbers; an empty cell is none.
+    """CSV of a figure: a line of names with units, then numbers; NaN is an empty cell.
 
     It carries no comment lines, which spreadsheets would take for data.
     """
     rows = zip(*data.columns.values(), strict=True)
-    return csv_text(
-        data.columns, ((None if isnan(value) else value for value in row) for row in rows), 10
-    )
-
-
-def _captions(figures: list[FigureData]) -> dict[str, Any]:
-    return {
-        "haptix": __version__,
-        "figures": {
-            data.name: {
-                "title": data.title,
-                "caption": data.caption,
-                "png": f"{data.name}.png",
-                "csv": f"{data.name}.csv",
-                "columns": list(data.columns),
-            }
-            for data in figures
-        },
-    }
+    cells = ((None if isnan(value) else value for value in row) for row in rows)
+    return csv_text(data.columns, cells, 10)
 
 
 def _chosen(names: Sequence[str]) -> list[str]:

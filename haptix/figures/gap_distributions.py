@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from matplotlib.axes import Axes
 
 from haptix.contact import GapDistribution
-from haptix.figures.data import COLD_TO_HOT, Curve, FigureData, Panel, numbers, placeholders
+from haptix.figures.data import COLD_TO_HOT, FigureData, numbers, placeholders
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
@@ -15,38 +16,36 @@ PRESSURES_PA = (3e3, 20e3, 200e3)
 """The paper's range of nominal pressure, and what an attraction near pull-in makes of it."""
 
 _FORMS: dict[GapDistribution, str] = {"plain": "-", "combined": "--"}
+_COLORS = (COLD_TO_HOT[0], COLD_TO_HOT[2], COLD_TO_HOT[4])
 _GAP_M = np.geomspace(1e-10, 3e-4, 400)
 
 
 def gap_distributions(finger: Finger | None = None) -> FigureData:
     """P(u) of the open gaps, "plain" and "combined", at a few effective pressures.
 
-    Parameters
-    ----------
-    finger : Finger, optional
-        What touches; the semi-wet finger without.
+    The finger is the semi-wet one unless another is given.
     """
     finger = finger or Finger.preset("semi-wet")
     screen = Screen.preset("3m-sct3250")
     terms = {"skin-dielectric": False, "apparent-area": False}  # pressure is given, not force
     pressure = torch.tensor(PRESSURES_PA, dtype=torch.float64)[:, None]
     columns = {"gap_um": _GAP_M * 1e6}
-    curves = []
     densities = []
-    for form, style in _FORMS.items():
+    for form in _FORMS:
         model = ContactModel(finger, screen, gap_distribution=form, terms=terms)
-        density = model.contact.gap_density(pressure, torch.from_numpy(_GAP_M))
-        densities.append(numbers(density))
-        for row, pressure_pa, color in zip(
-            densities[-1],
-            PRESSURES_PA,
-            (COLD_TO_HOT[0], COLD_TO_HOT[2], COLD_TO_HOT[4]),
-            strict=True,
-        ):
-            name = f"density_{form}_{pressure_pa / 1e3:g}kpa_per_um"
-            columns[name] = row * 1e-6
-            label = f"{pressure_pa / 1e3:g} kPa, {form}"
-            curves.append(Curve("gap_um", name, label, color, style))
+        density = numbers(model.contact.gap_density(pressure, torch.from_numpy(_GAP_M))) * 1e-6
+        densities.append(density)
+        for row, pressure_pa in zip(density, PRESSURES_PA, strict=True):
+            columns[f"density_{form}_{pressure_pa / 1e3:g}kpa_per_um"] = row
+
+    def plot(axes: Axes) -> None:
+        for (form, style), density in zip(_FORMS.items(), densities, strict=True):
+            for row, pressure_pa, color in zip(density, PRESSURES_PA, _COLORS, strict=True):
+                label = f"{pressure_pa / 1e3:g} kPa, {form}"
+                axes.plot(columns["gap_um"], row, style, color=color, label=label)
+        axes.set(xlabel="gap $u$ (µm)", xscale="log", xlim=(1e-4, 300))
+        axes.set(ylabel="$P(u)$ (1/µm)", yscale="log", ylim=(1e-5, 10))
+
     between = (_GAP_M >= 1e-9) & (_GAP_M <= 1e-5)
     plain, combined = (density[:, between] for density in densities)
     apart = float(np.abs(combined / plain - 1).max())
@@ -65,16 +64,6 @@ def gap_distributions(finger: Finger | None = None) -> FigureData:
         title="Distribution of the gap between finger and screen",
         caption=caption,
         columns=columns,
-        panels=(
-            Panel(
-                "gap $u$ (µm)",
-                "$P(u)$ (1/µm)",
-                tuple(curves),
-                x_scale="log",
-                y_scale="log",
-                x_range=(1e-4, 300),
-                y_range=(1e-5, 10),
-                legend_title="pressure, form",
-            ),
-        ),
+        plot=plot,
+        legend_title="pressure, form",
     )

@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, Screen
-from haptix.figures import FigureData, Panel, gap_distributions, roughness_spectra
-from haptix.figures.data import Curve
+from haptix.figures import gap_distributions, roughness_spectra
 
 # Last wave, roll-off and C0 of the three spectra, with h_rms 22 um, slope 0.91, H 0.86 for all.
 SPECTRA = {
@@ -80,12 +79,3 @@ def test_captions_know_a_measured_finger():
     )
     assert "No placeholders: all values are measured." in gap_distributions(measured).caption
     assert "the finger's own is measured" in roughness_spectra(measured).caption
-
-
-def test_a_figure_refuses_columns_that_do_not_fit():
-    one = np.arange(3.0)
-    panel = Panel("x", "y", (Curve("x", "y"),))
-    with pytest.raises(ValueError, match="columns of one length"):
-        FigureData("f", "t", "c", {"x": one, "y": one[:2]}, (panel,))
-    with pytest.raises(ValueError, match="f: no column y"):
-        FigureData("f", "t", "c", {"x": one}, (panel,))
