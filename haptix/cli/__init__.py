@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
+from calibration.app import app as calibrate
 from haptix.cli import (
     archive,
-    calibrate,
     demo,
     figures,
     hardware,
@@ -39,7 +39,7 @@ app.command("play")(rendering.play)
 app.command("plan")(scenes.plan)
 app.command("tradeoff")(scenes.tradeoff)
 app.add_typer(stimuli.app, name="stimuli")
-app.add_typer(calibrate.app, name="calibrate")
+app.add_typer(calibrate, name="calibrate")
 app.command("figures")(figures.figures)
 app.command("devices")(hardware.devices)
 app.command("doctor")(hardware.doctor)

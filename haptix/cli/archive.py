@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from haptix.cli.surfaces import check_writable
 from haptix.terminal import AsJson, show
 
 
@@ -17,11 +18,9 @@ def export(
     as_json: AsJson = False,
 ) -> None:
     """Write a surface's numbers as NetCDF, for other programs; needs xarray and h5netcdf."""
-    from haptix.errors import InputError
     from haptix.surface import FrictionSurface
 
-    if out.exists() and not overwrite:
-        raise InputError(f"{out} exists: name another file, or pass --overwrite to replace it")
+    check_writable(out, overwrite)
     table = FrictionSurface.load(surface)
     table.to_netcdf(out)
     rows = [{"file": str(out), "values": table.mu_table.numel(), "bytes": out.stat().st_size}]

@@ -73,8 +73,8 @@ def _rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
     low, high = summary["target_mu"]
     lines = {
         "photograph": f"{summary['photograph']}, {summary['width_mm']:g} mm wide",
-        "contact": f"{summary['finger']} finger on {summary['screen']}; unmeasured: the "
-        f"{' and the '.join(summary['placeholders'])}",
+        "contact": f"{summary['finger']} finger on {summary['screen']}; placeholders: "
+        f"{' and '.join(summary['placeholders'])}",
         "surface": f"{origin} in {summary['seconds']['surface']:.2f} s, error in mu at most "
         f"{surface['error_max_mu']:.1g}",
         "target friction": f"{low:.3f} to {high:.3f}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 from dataclasses import asdict
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from haptix.terminal import AsJson, show
+from haptix.version import __version__
 
 
 def devices(as_json: AsJson = False) -> None:
@@ -37,17 +39,23 @@ def doctor(
 
     Exit code 1 if something that every use needs is broken.
     """
-    from firmware_io import survey_buses
+    from firmware_io import MockDriver, survey_buses
 
     if install_udev:
         _install_udev(root, yes)
         return
-    checks = [_check_python(), _check_torch(), _check_cache(), _check_solver()]
-    needed = len(checks)
-    checks += [_row(report.kind, report.available, report.detail) for report in survey_buses()]
-    checks += [_check_udev(root), _check_firmware()]
-    show("doctor", checks, as_json)
-    if any(row["ok"] == "no" for row in checks[:needed]):
+    needed = [
+        _row("haptix", True, f"{__version__} on Python {platform.python_version()}"),
+        _check_torch(),
+        _check_cache(),
+        _check_solver(),
+    ]
+    buses = [_row(report.kind, report.available, report.detail) for report in survey_buses()]
+    core = MockDriver().core
+    which = {"c": "compiled from C", "python": "the reference in Python (no C compiler was found)"}
+    firmware = _row("mock driver", True, f"the reference firmware, {which[core]}")
+    show("doctor", [*needed, *buses, _check_udev(root), firmware], as_json)
+    if any(row["ok"] == "no" for row in needed):
         raise typer.Exit(1)
 
 
@@ -78,30 +86,16 @@ def _row(what: str, good: bool, detail: str) -> dict[str, Any]:
     return {"check": what, "ok": "yes" if good else "no", "detail": detail}
 
 
-def _check_python() -> dict[str, Any]:
-    from haptix.version import __version__
-
-    return _row("haptix", True, f"{__version__} on Python {platform.python_version()}")
-
-
 def _check_udev(root: Path) -> dict[str, Any]:
     from firmware_io.links.identity import RULE_FILE, udev_rule_is_installed
 
-    if udev_rule_is_installed(root):
-        return _row("udev rule", True, f"{root / RULE_FILE}")
-    return _row(
-        "udev rule",
-        False,
-        f"{root / RULE_FILE} is not there; only root can open USB and HID drivers without it: "
-        "sudo haptix doctor --install-udev",
-    )
-
-
-def _check_firmware() -> dict[str, Any]:
-    from firmware_io import MockDriver
-
-    which = {"c": "compiled from C", "python": "the reference in Python (no C compiler was found)"}
-    return _row("mock driver", True, f"the reference firmware, {which[MockDriver().core]}")
+    good, detail = udev_rule_is_installed(root), f"{root / RULE_FILE}"
+    if not good:
+        detail += (
+            " is not there; only root can open USB and HID drivers without it: "
+            "sudo haptix doctor --install-udev"
+        )
+    return _row("udev rule", good, detail)
 
 
 def _check_torch() -> dict[str, Any]:
@@ -112,14 +106,10 @@ def _check_torch() -> dict[str, Any]:
 
 
 def _check_cache() -> dict[str, Any]:
-    import os
-
     from haptix.files import cache_folder
 
     folder = cache_folder()
-    there = folder
-    while not there.exists():
-        there = there.parent
+    there = next(above for above in (folder, *folder.parents) if above.exists())
     good = there.is_dir() and os.access(there, os.W_OK)
     return _row("cache", good, f"{folder}" if good else f"{folder} cannot be written")
 

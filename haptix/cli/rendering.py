@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from haptix.cli.numbers import read_pair
+from haptix.errors import InputError
 from haptix.terminal import AsJson, placeholder_note, progress_bar, show
 
 if TYPE_CHECKING:
-    from haptix.render import LiveSettings
     from haptix.simulation import Setting
     from haptix.surface import FrictionSurface
     from haptix.texture import FrictionField
@@ -64,6 +65,7 @@ def render(
     with progress_bar({"surface": "build the surface", "render": "play and feel"}) as update:
         update("surface", 0.0)
         from haptix.files import check_folder
+        from haptix.render import LiveSettings
         from haptix.simulation import FILES, simulate, write
         from haptix.virtual_finger import TouchPanel
 
@@ -76,7 +78,7 @@ def render(
             setting,
             found,
             TouchPanel(touch_hz, touch_latency_ms / 1e3),
-            _settings(lead_ms),
+            LiveSettings(lead_s=lead_ms / 1e3),
             device,
             lambda share: update("render", share),
         )
@@ -117,7 +119,7 @@ def play(
         import time
 
         from firmware_io import open_device
-        from haptix.render import LiveRenderer
+        from haptix.render import LiveRenderer, LiveSettings
         from haptix.touch import events_of, paced
 
         setting, _ = setting_of(
@@ -128,7 +130,7 @@ def play(
         opened = open_device(device)
         try:
             renderer = LiveRenderer(
-                found, setting.texture, opened, setting.drive, _settings(lead_ms)
+                found, setting.texture, opened, setting.drive, LiveSettings(lead_s=lead_ms / 1e3)
             )
             with renderer:
                 for number, event in enumerate(paced(events, clock=renderer.now_s), 1):
@@ -164,8 +166,6 @@ def setting_of(
     polarity: str = "bright-high",
 ) -> tuple[Setting, str]:
     """Return what the options describe, and a name for the photograph."""
-    from haptix.cli.numbers import read_pair
-    from haptix.errors import InputError
     from haptix.finger import Finger
     from haptix.friction import ContactModel
     from haptix.motion import Trajectory
@@ -193,19 +193,12 @@ def _surface(setting: Setting, file: Path | None, on_progress: Any) -> FrictionS
     return setting.surface(on_progress)[0]
 
 
-def _settings(lead_ms: float) -> LiveSettings:
-    from haptix.render import LiveSettings
-
-    return LiveSettings(lead_s=lead_ms / 1e3)
-
-
 def _texture(
     image: Path | None,
     width_mm: float | None,
     mu_range: tuple[float, float] | None,
     polarity: Any,
 ) -> FrictionField:
-    from haptix.errors import InputError
     from haptix.texture import Sidecar, Texture
 
     if image is None:
@@ -236,9 +229,8 @@ def _rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _counts(evaluation: Mapping[str, Any]) -> str:
-    names = {"evaluated": "evaluated over {} of the path", "still": "still {}"}
-    names["unreachable"] = "out of reach {}"
-    return ", ".join(
-        text.format(f"{evaluation[name] / evaluation['samples']:.0%}")
-        for name, text in names.items()
+    evaluated, still, unreachable = (
+        f"{evaluation[name] / evaluation['samples']:.0%}"
+        for name in ("evaluated", "still", "unreachable")
     )
+    return f"evaluated over {evaluated} of the path, still {still}, out of reach {unreachable}"

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from haptix.errors import InputError
 from haptix.terminal import AsJson, progress_bar, show
 
 app = typer.Typer(
@@ -56,7 +57,6 @@ def look(
     as_json: AsJson = False,
 ) -> None:
     """Draw a stimulus (waveform, spectrum, friction, thresholds, audibility), or check a set."""
-    from haptix.errors import InputError
     from haptix.files import read_json, write_whole
 
     if what.is_dir():

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from haptix.cli.numbers import read_numbers, read_pair
+from haptix.errors import InputError, LimitError, ToleranceError
 from haptix.terminal import AsJson, placeholder_note, progress_bar, show
 
 if TYPE_CHECKING:
@@ -16,25 +18,19 @@ if TYPE_CHECKING:
     from haptix.surface import FrictionSurface
 
     Update = Callable[[str, float], None]
-    Work = Callable[[Update, int], FrictionSurface]
 
-_DEFAULTS = {
-    "finger": "semi-wet",
-    "screen": "3m-sct3250",
-    "fidelity": "mean-field",
-    "theory": "open-gaps",
-}
-
-_FINGER_HELP = "Finger: a preset (dry, semi-wet, wet) or a TOML file."
-_SCREEN_HELP = "Screen: a preset (3m-sct3250) or a TOML file."
-_FIDELITY_HELP = (
-    "mean-field; closed-form: faster and coarser; boundary-element: the reference, slow."
-)
-Finger = Annotated[str, typer.Option(help=_FINGER_HELP)]
-Screen = Annotated[str, typer.Option(help=_SCREEN_HELP)]
-Fidelity = Annotated[str, typer.Option(help=_FIDELITY_HELP)]
-_THEORY_HELP = "Mean field: open-gaps, as-published, or corrected by boundary elements."
-Theory = Annotated[str, typer.Option(help=_THEORY_HELP)]
+Finger = Annotated[str, typer.Option(help="Finger: a preset (dry, semi-wet, wet) or a TOML file.")]
+Screen = Annotated[str, typer.Option(help="Screen: a preset (3m-sct3250) or a TOML file.")]
+Fidelity = Annotated[
+    str,
+    typer.Option(
+        help="mean-field; closed-form: faster and coarser; boundary-element: the reference, slow."
+    ),
+]
+Theory = Annotated[
+    str,
+    typer.Option(help="Mean field: open-gaps, as-published, or corrected by boundary elements."),
+]
 With = Annotated[
     list[str] | None,
     typer.Option("--with", help="Switch a term on, such as finite-size; may be repeated."),
@@ -53,7 +49,15 @@ Thickness = Annotated[
 ]
 
 
+# Options of `build` that a scene sets itself.
+_IN_A_SCENE = (
+    "finger", "screen", "fidelity", "theory", "normal_force_n", "voltage_v", "frequency_hz", "h0_m",
+    "with_terms", "without_terms",
+)  # fmt: skip
+
+
 def build(
+    context: typer.Context,
     what: Annotated[
         Path,
         typer.Argument(
@@ -64,10 +68,8 @@ def build(
     out: Annotated[
         Path | None, typer.Option(help="File to write for a scene. [default: SCENE.surface]")
     ] = None,
-    finger: Annotated[str | None, typer.Option(help=f"{_FINGER_HELP} [default: semi-wet]")] = None,
-    screen: Annotated[
-        str | None, typer.Option(help=f"{_SCREEN_HELP} [default: 3m-sct3250]")
-    ] = None,
+    finger: Finger = "semi-wet",
+    screen: Screen = "3m-sct3250",
     normal_force_n: Annotated[
         str | None,
         typer.Option(help="Range of normal force [N]: LOW,HIGH or one value. [default: 0.1,1]"),
@@ -94,10 +96,8 @@ def build(
         bool, typer.Option(help="Write the best of that size, where the tolerance cannot be met.")
     ] = False,
     overwrite: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
-    fidelity: Annotated[
-        str | None, typer.Option(help=f"{_FIDELITY_HELP} [default: mean-field]")
-    ] = None,
-    theory: Annotated[str | None, typer.Option(help=f"{_THEORY_HELP} [default: open-gaps]")] = None,
+    fidelity: Fidelity = "mean-field",
+    theory: Theory = "open-gaps",
     with_terms: With = None,
     without_terms: Without = None,
     as_json: AsJson = False,
@@ -107,34 +107,31 @@ def build(
     Exit code 3: the tolerance cannot be met within the size, and nothing is written unless
     --accept-best.
     """
-    from haptix.errors import InputError, ToleranceError
-
     scene = what if what.suffix == ".toml" else None
     if scene is None and out is not None:
         raise InputError(f"--out goes with a scene; {what} is the file to write")
+    if scene is not None:
+        _refuse_beside_a_scene(context)
     target = what if scene is None else out or what.with_suffix(".surface")
-    _check_writable(target, overwrite)
+    check_writable(target, overwrite)
     if not largest_mb > 0:
         raise InputError(f"--largest-mb: expected a size above 0, got {largest_mb:g}")
-    size = int(min(largest_mb, 1e6) * 1e6)
+    largest_bytes = int(min(largest_mb, 1e6) * 1e6)
+    texts = {"normal_force_n": normal_force_n, "frequency_hz": frequency_hz, "h0_m": h0_m}
     ranges = {
-        "normal-force-n": normal_force_n,
-        "voltage-v": None if voltage_v is None else f"0,{voltage_v!r}",
-        "frequency-hz": frequency_hz,
-        "h0-m": h0_m,
+        name: read_pair(name.replace("_", "-"), text)
+        for name, text in texts.items()
+        if text is not None
     }
-    named = {"finger": finger, "screen": screen, "fidelity": fidelity, "theory": theory}
-    if scene is not None:
-        _refuse_beside_a_scene({**named, **ranges, "with": with_terms, "without": without_terms})
-        work = _planned(scene, tolerance)
-    else:
-        given = {name: value for name, value in named.items() if value is not None}
-        model = _model(**_DEFAULTS | given, with_terms=with_terms, without_terms=without_terms)
-        work = _unplanned(model, _ranges(ranges), tolerance or "0.002", target)
-    stages = {"plan": "plan the scene", "build": "build the surface"}
+    if voltage_v is not None:
+        ranges["voltage_v"] = (0.0, voltage_v)
     try:
-        with progress_bar(stages) as update:
-            surface = work(update, size)
+        with progress_bar({"plan": "plan the scene", "build": "build the surface"}) as update:
+            if scene is not None:
+                surface = _planned(scene, tolerance, largest_bytes, update)
+            else:
+                model = _model(finger, screen, fidelity, theory, with_terms, without_terms)
+                surface = _built(model, ranges, tolerance or "0.002", target, largest_bytes, update)
     except ToleranceError as error:
         if not accept_best or error.best is None:
             sys.stderr.write(f"haptix: {error}; or pass --accept-best\n")
@@ -153,16 +150,15 @@ def query(
     surface: Annotated[
         Path | None, typer.Option(help="Read this surface instead of solving the model.")
     ] = None,
-    finger: Finger = _DEFAULTS["finger"],
-    screen: Screen = _DEFAULTS["screen"],
-    fidelity: Fidelity = _DEFAULTS["fidelity"],
-    theory: Theory = _DEFAULTS["theory"],
+    finger: Finger = "semi-wet",
+    screen: Screen = "3m-sct3250",
+    fidelity: Fidelity = "mean-field",
+    theory: Theory = "open-gaps",
     with_terms: With = None,
     without_terms: Without = None,
     as_json: AsJson = False,
 ) -> None:
     """Friction for a force and a voltage, from the model or from a surface."""
-    from haptix.errors import LimitError
     from haptix.surface import FrictionSurface
 
     inputs = _product(
@@ -210,55 +206,55 @@ def invert(
     show(title, _rows(inputs, {"voltage_v": found.voltage_v}, found.status), as_json)
 
 
-def _check_writable(path: Path, overwrite: bool) -> None:
-    from haptix.errors import InputError
-
+def check_writable(path: Path, overwrite: bool) -> None:
+    """Refuse, before the work, a file that exists or that cannot be made."""
     if path.exists() and not overwrite:
         raise InputError(f"{path} exists: name another file, or pass --overwrite to replace it")
-    if path.is_dir() or not _makeable(path.absolute().parent):
+    there = next(above for above in path.absolute().parents if above.exists())
+    if path.is_dir() or not there.is_dir():
         raise InputError(f"{path}: expected a file in a folder that can be made")
 
 
-def _refuse_beside_a_scene(options: dict[str, Any]) -> None:
-    from haptix.errors import InputError
-
-    given = [f"--{name}" for name, value in options.items() if value is not None]
+def _refuse_beside_a_scene(context: typer.Context) -> None:
+    flags = {option.name: option.opts[0] for option in context.command.params}
+    given = [
+        flags[name]
+        for name in _IN_A_SCENE
+        if (source := context.get_parameter_source(name)) and source.name != "DEFAULT"
+    ]
     if given:
         raise InputError(
             f"{', '.join(given)}: a scene says this itself; change it there, or in its [override]"
         )
 
 
-def _planned(scene: Path, tolerance: str | None) -> Work:
-    def work(update: Update, largest_bytes: int) -> FrictionSurface:
-        from haptix.planning import plan_scene
-        from haptix.scene import Scene
+def _planned(
+    scene: Path, tolerance: str | None, largest_bytes: int, update: Update
+) -> FrictionSurface:
+    from haptix.planning import plan_scene
+    from haptix.scene import Scene
 
-        plan = plan_scene(Scene.load(scene), lambda share: update("plan", share))
-        asked = plan.tolerance if tolerance is None else tolerance
-        return plan.build(lambda share: update("build", share), asked, largest_bytes)
-
-    return work
-
-
-def _unplanned(model: ContactModel, ranges: dict[str, Any], tolerance: str, target: Path) -> Work:
-    from haptix.surface import FrictionSurface
-
-    if model.boxed is not None:
-        return _measured(model, ranges, tolerance, target)
-
-    def work(update: Update, largest_bytes: int) -> FrictionSurface:
-        return FrictionSurface.build(
-            model, ranges, tolerance, lambda share: update("build", share), largest_bytes
-        )
-
-    return work
+    plan = plan_scene(Scene.load(scene), lambda share: update("plan", share))
+    asked = plan.tolerance if tolerance is None else tolerance
+    return plan.build(lambda share: update("build", share), asked, largest_bytes)
 
 
-def _measured(model: ContactModel, ranges: dict[str, Any], tolerance: str, target: Path) -> Work:
-    """Correct the mean field by boundary elements; an interrupted build resumes."""
+def _built(
+    model: ContactModel,
+    ranges: dict[str, Any],
+    tolerance: str,
+    target: Path,
+    largest_bytes: int,
+    update: Update,
+) -> FrictionSurface:
+    """Tabulate a model; boundary elements correct the mean field, and resume if interrupted."""
     from haptix.surface import FrictionSurface, MeasuringJob
 
+    def on_progress(share: float) -> None:
+        update("build", share)
+
+    if model.boxed is None:
+        return FrictionSurface.build(model, ranges, tolerance, on_progress, largest_bytes)
     job = MeasuringJob(model, ranges)
     kept = target.with_name(target.name + ".partial.npz")
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -266,25 +262,9 @@ def _measured(model: ContactModel, ranges: dict[str, Any], tolerance: str, targe
         f"haptix: {job.states} states of boundary elements, some {job.estimated_seconds():.2g} s; "
         f"an interrupted build resumes from {kept}\n"
     )
-
-    def work(update: Update, largest_bytes: int) -> FrictionSurface:
-        surface = FrictionSurface.measured(
-            job, tolerance, lambda share: update("build", share), largest_bytes, checkpoint=kept
-        )
-        kept.unlink(missing_ok=True)
-        return surface
-
-    return work
-
-
-def _ranges(options: dict[str, str | None]) -> dict[str, Any]:
-    from haptix.cli.numbers import read_pair
-
-    return {
-        option.replace("-", "_"): read_pair(option, text)
-        for option, text in options.items()
-        if text is not None
-    }
+    surface = FrictionSurface.measured(job, tolerance, on_progress, largest_bytes, checkpoint=kept)
+    kept.unlink(missing_ok=True)
+    return surface
 
 
 def _summary(path: Path, surface: FrictionSurface) -> dict[str, Any]:
@@ -301,12 +281,6 @@ def _summary(path: Path, surface: FrictionSurface) -> dict[str, Any]:
         "unit": info["tolerance"]["unit"],
         "met": info["tolerance_met"],
     }
-
-
-def _makeable(folder: Path) -> bool:
-    while not folder.exists():
-        folder = folder.parent
-    return folder.is_dir()
 
 
 def _model(
@@ -333,8 +307,6 @@ def _model(
 def _product(**options: str | None) -> dict[str, Any]:
     """Every combination of the options' numbers, one row each; an option left out stays None."""
     import torch
-
-    from haptix.cli.numbers import read_numbers
 
     given = {
         name: torch.tensor(read_numbers(name.replace("_", "-"), text), dtype=torch.float64)
