@@ -13,6 +13,8 @@ from torch import Tensor
 from haptix import checks
 from haptix.errors import InputError
 
+_RINGS_PER_DECADE = 10  # over which a measured map's spectrum is averaged
+
 
 @dataclass(frozen=True)
 class RoughnessSpectrum:
@@ -96,9 +98,7 @@ class RoughnessSpectrum:
         return cls(wavenumber, density)
 
     @classmethod
-    def from_topography(
-        cls, height_m: Any, pixel_m: float | None = None, bins_per_decade: int = 10
-    ) -> RoughnessSpectrum:
+    def from_topography(cls, height_m: Any, pixel_m: float | None = None) -> RoughnessSpectrum:
         """Radially averaged spectrum of a measured height map, mean plane removed.
 
         A Hann window suppresses the jump at the borders of a map that is not periodic. The band is
@@ -110,8 +110,6 @@ class RoughnessSpectrum:
             Heights [m]; a topography brings its own unit and pixels.
         pixel_m : float
             Distance between pixels [m]; left out for a topography.
-        bins_per_decade : int
-            Width of the averaging rings.
 
         Raises
         ------
@@ -140,16 +138,11 @@ class RoughnessSpectrum:
         waves = np.fft.fft2((height.ravel() - plane @ tilt).reshape(height.shape) * window)
         side_y, side_x = rows * pixel_m, columns * pixel_m
         density = np.abs(waves) ** 2 / height.size**2 * side_x * side_y / (2 * pi) ** 2
-        q = (
-            2
-            * pi
-            * np.hypot(
-                np.fft.fftfreq(rows, pixel_m)[:, None], np.fft.fftfreq(columns, pixel_m)[None]
-            )
-        )
+        down, across = np.fft.fftfreq(rows, pixel_m), np.fft.fftfreq(columns, pixel_m)
+        q = 2 * pi * np.hypot(down[:, None], across)
         # A hair wider than the band, so that waves on its very ends count whatever the rounding.
         low, high = 2 * pi / min(side_x, side_y) * (1 - 1e-9), pi / pixel_m * (1 + 1e-9)
-        edges = np.geomspace(low, high, max(3, round(bins_per_decade * np.log10(high / low))) + 1)
+        edges = np.geomspace(low, high, max(3, round(_RINGS_PER_DECADE * np.log10(high / low))) + 1)
         ring = np.digitize(q, edges)
         rings = [r for r in range(1, len(edges)) if (ring == r).any()]
         centre = [float(np.exp(np.log(q[ring == r]).mean())) for r in rings]

@@ -1,16 +1,16 @@
 """The lowest branch of a contact under attraction, followed by its pull instead of its strength.
 
 Where the attraction grows faster than the contact resists, no state follows from the strength (the
-squared voltage). Every pull has one: so the path is walked by the mean attraction p_a, the strength
-that keeps it up is measured at each step, and the wanted strengths are found on the way. Where the
-strength stops rising with the pull the contact snaps in.
+squared voltage). Every pull has one. So the path is walked by the mean attraction p_a, the strength
+that keeps it up is measured at each step, and the strengths asked for are found on the way. Where
+the strength stops rising with the pull the contact snaps in.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from dataclasses import dataclass
+from collections.abc import Callable
 from math import exp, log
+from typing import NamedTuple
 
 _LARGEST_STEP = 0.5
 # Relative; the area of a contact near its end answers four times as strongly.
@@ -19,15 +19,7 @@ _SNAP_TOLERANCE = 0.02  # of the strength: half of it of the voltage
 _MOST_STEPS = 30
 
 
-@dataclass(frozen=True)
-class Reached:
-    """The state last asked for is that of strength number `index`."""
-
-    index: int
-
-
-@dataclass(frozen=True)
-class SnapIn:
+class SnapIn(NamedTuple):
     """The lowest branch ends between these strengths; later ones are not reached."""
 
     low: float
@@ -35,39 +27,47 @@ class SnapIn:
 
 
 Point = tuple[float, float]  # logarithms of a pull and of its strength
-Path = Generator[float | Reached, float, SnapIn | None]
+Measure = Callable[[float], Point]  # solves at the logarithm of a pull
 
 
-def lowest_branch(strengths: list[float], low_pull: float) -> Path:
-    """Walk up the branch: yields pulls [Pa] to be solved, takes the strength measured at each.
-
-    After a `Reached` the answer is not used. Returns where the contact snaps in, if it does before
-    the last strength.
+def lowest_branch(
+    strengths: list[float],
+    low_pull: float,
+    strength_at: Callable[[float], float],
+    reached: Callable[[float], None],
+) -> SnapIn | None:
+    """Walk up the branch, and return where the contact snaps in before the last strength, if so.
 
     Parameters
     ----------
     strengths : list of float
-        Wanted strengths, above 0 and rising.
+        Strengths to find, above 0 and rising.
     low_pull : float
         Pull to start with [Pa], on the branch: that of the first strength if the gaps did not
         close is a lower bound, but may lie beyond the end.
+    strength_at : callable
+        Solves at a pull [Pa], and returns the strength that keeps it up.
+    reached : callable
+        Called with each strength in turn, when the state last solved is that of this strength.
     """
-    at = log(low_pull)
-    last = (at, log((yield exp(at))))
+
+    def measure(at: float) -> Point:
+        return at, log(strength_at(exp(at)))
+
+    last = measure(log(low_pull))
     before: Point | None = None
     top, left, right = last, before, last  # the highest strength so far, and its neighbours
-    for index, strength in enumerate(strengths):
+    for strength in strengths:
         wanted = log(strength)
         while last[1] < wanted - _STRENGTH_TOLERANCE:
-            at = last[0] + _step(before, last, wanted)
-            new = (at, log((yield exp(at))))
+            new = measure(last[0] + _step(before, last, wanted))
             if new[1] < top[1] - _SNAP_TOLERANCE:
-                found = yield from _summit(left, top, right if top != last else new, wanted)
+                found = _summit(left, top, right if top != last else new, wanted, measure)
                 if isinstance(found, SnapIn):
                     return found
                 new = found
             if new[1] >= wanted:
-                last, before = yield from _between(top, new, wanted)
+                last, before = _between(top, new, wanted, measure)
             else:
                 last, before = new, last
             # A shallow dip is a row of pixels that close one by one: walk on over it.
@@ -75,7 +75,7 @@ def lowest_branch(strengths: list[float], low_pull: float) -> Path:
                 top, left = last, before
             elif top == before:
                 right = last
-        yield Reached(index)
+        reached(strength)
     return None
 
 
@@ -87,9 +87,7 @@ def _step(before: Point | None, last: Point, wanted: float) -> float:
     return min(1.02 * (wanted - last[1]) / slope, _LARGEST_STEP * max(slope, 0.2))
 
 
-def _between(
-    low: Point, high: Point, wanted: float
-) -> Generator[float, float, tuple[Point, Point]]:
+def _between(low: Point, high: Point, wanted: float, measure: Measure) -> tuple[Point, Point]:
     """Regula falsi (Illinois) between a point below and one not below what is wanted.
 
     Returns the point found and one on its left.
@@ -101,7 +99,7 @@ def _between(
     found = high
     for _ in range(_MOST_STEPS):
         at = (left * above - right * below) / (above - below)
-        found = (at, log((yield exp(at))))
+        found = measure(at)
         miss = found[1] - wanted
         if abs(miss) <= _STRENGTH_TOLERANCE:
             break
@@ -113,8 +111,8 @@ def _between(
 
 
 def _summit(
-    before: Point | None, top: Point, after: Point, wanted: float
-) -> Generator[float, float, Point | SnapIn]:
+    before: Point | None, top: Point, after: Point, wanted: float, measure: Measure
+) -> Point | SnapIn:
     """Narrow the highest strength between three points down, or find one that is high enough.
 
     A strength rises no steeper than its pull: between two points it is at most that much higher.
@@ -127,7 +125,7 @@ def _summit(
         if bound - top[1] <= _SNAP_TOLERANCE:
             break
         at = top[0] + (right[0] - left[0]) * _lean(left, top, right)
-        new = (at, log((yield exp(at))))
+        new = measure(at)
         if new[1] >= wanted:
             return new
         if new[1] > top[1]:
@@ -136,7 +134,7 @@ def _summit(
             right = new
         else:
             left = new
-    yield exp(top[0])
+    measure(top[0])  # the state left is the last of the branch
     return SnapIn(exp(top[1]), exp(bound))
 
 

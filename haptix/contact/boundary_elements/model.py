@@ -14,14 +14,14 @@ from torch import Tensor
 
 from haptix import checks
 from haptix.contact.boundary_elements.bounded import BoundedProblem, BoundedSolution
-from haptix.contact.boundary_elements.branch import Reached, lowest_branch
+from haptix.contact.boundary_elements.branch import lowest_branch
 from haptix.contact.boundary_elements.coupled import LocalAttraction, PulledContact
 from haptix.contact.boundary_elements.ensemble import Progress, Row, run_ensemble
 from haptix.contact.boundary_elements.memory import check_memory, surfaces_that_fit
 from haptix.contact.boundary_elements.results import (
+    GAP_LEVELS,
     ContactSolution,
     corrected_area,
-    default_levels,
     open_quantiles,
 )
 from haptix.contact.boundary_elements.surfaces import Surfaces
@@ -77,8 +77,8 @@ class BoundaryElements:
             checks.positive("hardness_pa", self.hardness_pa)
         if not 1e-12 <= self.tolerance <= 1e-2:
             raise InputError(f"tolerance: expected 1e-12 to 1e-2, got {self.tolerance!r}")
-        if self.at_a_time is not None and not self.at_a_time >= 1:
-            raise InputError(f"at_a_time: expected 1 or more surfaces, got {self.at_a_time!r}")
+        if self.at_a_time is not None:
+            checks.whole("at_a_time", self.at_a_time, 1)
 
     def full_contact_pressure(self) -> Tensor:
         """Pressure [Pa] that closes every gap of an elastic solid, shape (surfaces,).
@@ -139,7 +139,7 @@ class BoundaryElements:
         return ContactSolution(
             pressure_pa=pressure[:, None].expand(shape),
             strength=torch.zeros(shape, dtype=torch.float64),
-            gap_levels=default_levels(),
+            gap_levels=GAP_LEVELS,
             status=torch.full(shape, int(Status.OK)),
             snap_in_strength=torch.full((*shape, 2), nan, dtype=torch.float64),
             **found,
@@ -214,7 +214,7 @@ class BoundaryElements:
         return ContactSolution(
             pressure_pa=pressure[:, None, None].expand(shape),
             strength=strengths[:, None].expand(shape),
-            gap_levels=default_levels(),
+            gap_levels=GAP_LEVELS,
             **found,
         )
 
@@ -281,14 +281,13 @@ class BoundaryElements:
         plastic = zero
         if self.hardness_pa is not None:
             plastic = (solved.pressure_pa >= self.hardness_pa).to(gap.dtype).mean((-2, -1))
-        levels = default_levels()
         return {
             "area_fraction_raw": contact.to(gap.dtype).mean((-2, -1)),
             "area_fraction": corrected_area(contact),
             "plastic_fraction": plastic,
             "mean_gap_m": gap.mean((-2, -1)),
             "gap_quantiles_m": torch.stack(
-                [open_quantiles(g, c, levels) for g, c in zip(gap, contact, strict=True)]
+                [open_quantiles(g, c) for g, c in zip(gap, contact, strict=True)]
             ),
             "attraction_gaps_pa": zero,
             "attraction_spots_pa": zero,
@@ -309,33 +308,25 @@ class BoundaryElements:
         contact = PulledContact(self._problem, height, pressure, attraction, self.tolerance)
         reached: list[Row] = []
 
-        def record(strength: float, status: Status) -> None:
+        def record(strength: float, status: Status = Status.OK) -> None:
             reached.append(self._measure_pulled(contact, strength, status))
 
         unloaded = int((strengths == 0).sum())
         if unloaded:
-            record(0.0, Status.OK)
+            record(0.0)
         wanted = strengths.tolist()[unloaded:]
-        bracket = (nan, nan)
+        bracket: tuple[float, float] = (nan, nan)
         if wanted:
             # What the first strength pulls if nothing gives way may lie beyond the branch's end.
             first = min(wanted[0] * float(contact.traction.mean()), _FIRST_PULL * pressure)
             if self.hardness_pa is not None:
                 first = min(first, _FIRST_PULL * (self.hardness_pa - pressure))
-            path = lowest_branch(wanted, first)
-            try:
-                step = next(path)
-                while True:
-                    if isinstance(step, Reached):
-                        record(wanted[step.index], Status.OK)
-                        step = path.send(nan)
-                    else:
-                        step = path.send(
-                            contact.strength(step) * _beyond_light(contact, pressure, light_limit)
-                        )
-            except StopIteration as end:
-                if end.value is not None:
-                    bracket = (end.value.low, end.value.high)
+
+            def strength_at(pull_pa: float) -> float:
+                found = contact.strength(pull_pa)
+                return found * _beyond_light(contact, pressure, light_limit)
+
+            bracket = lowest_branch(wanted, first, strength_at, record) or bracket
         while len(reached) < len(strengths):
             record(bracket[0], Status.PULL_IN)
         rows = {key: torch.stack([row[key] for row in reached]) for key in reached[0]}
@@ -375,14 +366,10 @@ def _beyond_light(contact: PulledContact, pressure: float, light_limit: float) -
 
 
 def _checked_strength(strength: Any) -> Tensor:
-    checked = torch.as_tensor(strength, dtype=torch.float64).detach().cpu().reshape(-1)
-    rising = bool((checked.diff() > 0).all())
-    if len(checked) == 0 or not rising or not bool(((checked >= 0) & checked.isfinite()).all()):
-        raise InputError(
-            "strength: expected finite factors of 0 or more in rising order, "
-            f"got {checked.tolist()}"
-        )
-    return checked
+    given = torch.as_tensor(strength, dtype=torch.float64).detach().cpu().reshape(-1)
+    rising = checks.increasing("strength", given)
+    checks.number("strength", rising[0], 0)
+    return torch.from_numpy(rising)
 
 
 def _check_attraction(attraction: LocalAttraction, h_rms: float) -> None:

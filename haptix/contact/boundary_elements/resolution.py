@@ -1,4 +1,4 @@
-"""What a grid or a box too coarse does to the results: said as a warning, or refused."""
+"""Warnings of a grid or a box that is too coarse, with the bias that it causes."""
 
 from __future__ import annotations
 
@@ -29,26 +29,23 @@ def check_resolution(pixels: float, waves: float, border_jump: float = 0.0) -> N
             "side_m: expected a box of at least one wave of the roll-off, got one of "
             f"{waves:.3g}; take a larger side_m"
         )
+    biases = []
     if pixels < _FINE_PIXELS * rounding:
-        warnings.warn(
+        biases.append(
             f"{pixels:.3g} pixels in the shortest wave, 8 or more are advised: the raw area is "
             "some 5-15 % too large at 8, 10-20 % at 4 and 20-40 % at 2; the corrected area is off "
-            "by up to 1, 4 and 7 %, the mean gap by up to 0.3 %",
-            ResolutionWarning,
-            stacklevel=3,
+            "by up to 1, 4 and 7 %, the mean gap by up to 0.3 %"
         )
     if waves < _MANY_WAVES * rounding:
-        warnings.warn(
+        biases.append(
             f"{waves:.3g} waves of the roll-off in the box, 4 or more are advised: from surface "
             "to surface area and gap scatter by 3-20 % with 2 and 5-25 % with 1, and their means "
-            "are off at light load (x = 1e-3), the area by +12 and +25 %, the gap by -5 and -14 %",
-            ResolutionWarning,
-            stacklevel=3,
+            "are off at light load (x = 1e-3), the area by +12 and +25 %, the gap by -5 and -14 %"
         )
     if border_jump:
-        warnings.warn(
+        biases.append(
             f"opposite borders of the map differ by {border_jump:.3g} times the step between "
-            "neighbours: the periodic solution sees a cliff there; use mirrored=True",
-            ResolutionWarning,
-            stacklevel=3,
+            "neighbours: the periodic solution sees a cliff there; use mirrored=True"
         )
+    for bias in biases:
+        warnings.warn(bias, ResolutionWarning, stacklevel=3)

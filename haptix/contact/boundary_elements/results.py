@@ -12,6 +12,9 @@ from torch import Tensor
 # directions of its border (Yastrebov, Anciaux, Molinari, J. Mech. Phys. Solids 107 (2017), eq. 20).
 _PERIMETER_SHARE = (pi - 1 + log(2)) / 24
 
+GAP_LEVELS = (torch.arange(32, dtype=torch.float64) + 0.5) / 32
+"""Shares at which the gap's distribution is given: the middles of 32 equal classes."""
+
 
 @dataclass(frozen=True)
 class ContactSolution:
@@ -71,11 +74,6 @@ class ContactSolution:
         return self.attraction_gaps_pa + self.attraction_spots_pa
 
 
-def default_levels() -> Tensor:
-    """32 shares in the middle of as many equal classes."""
-    return (torch.arange(32, dtype=torch.float64) + 0.5) / 32
-
-
 def corrected_area(contact: Tensor) -> Tensor:
     """Contact share of periodic masks, shape (..., n, n), corrected for its pixels.
 
@@ -91,10 +89,10 @@ def corrected_area(contact: Tensor) -> Tensor:
     return (raw - _PERIMETER_SHARE * perimeter).clamp(min=0.0)
 
 
-def open_quantiles(gap_m: Tensor, contact: Tensor, levels: Tensor) -> Tensor:
+def open_quantiles(gap_m: Tensor, contact: Tensor) -> Tensor:
     """Quantiles of the open gaps of one surface, linear between neighbours; NaN without any."""
     rising = gap_m[~contact].sort().values
-    levels = levels.to(rising.device)
+    levels = GAP_LEVELS.to(rising.device)
     if len(rising) == 0:
         return torch.full_like(levels, float("nan"))
     at = levels * (len(rising) - 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import ceil, isfinite, pi
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import torch
@@ -96,8 +96,7 @@ class Surfaces:
         ResolutionWarning
             If the grid or the box is coarse enough to bias area or gap, with that bias.
         """
-        if amplitudes not in ("fixed", "gaussian"):
-            raise InputError(f"amplitudes: expected 'fixed' or 'gaussian', got {amplitudes!r}")
+        checks.choice("amplitudes", amplitudes, get_args(Amplitudes))
         checks.whole("points", points, _LEAST_POINTS)
         checks.whole("surfaces", surfaces, 1)
         checks.whole("seed", seed, 0)
@@ -219,16 +218,6 @@ class Surfaces:
         """Root-mean-square slope achieved, shape (surfaces,): that of the waves, not of pixels."""
         q = wavenumbers(self.points, self.side_m)
         return torch.stack([(q**2 * _power(h)).sum().sqrt() for h in self.height_m])
-
-    def statement(self) -> str:
-        """One line on the band, the sampling and the roughness achieved."""
-        return (
-            f"{len(self)} surface(s) of {self.points} x {self.points} pixels, side "
-            f"{self.side_m:.4g} m, waves {self.q_low:.4g} to {self.q_high:.4g} /m, "
-            f"{self.pixels_per_shortest_wave:.3g} pixels in the shortest wave, "
-            f"{self.waves_in_box:.3g} waves of the roll-off in the box, "
-            f"h_rms {float(self.h_rms_m.mean()):.4g} m, slope {float(self.slope_rms.mean()):.4g}"
-        )
 
 
 def _on_grid(waves: Tensor, points: int) -> Tensor:
