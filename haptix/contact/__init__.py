@@ -5,7 +5,7 @@ from haptix.contact.area import AreaLaw
 from haptix.contact.elasticity import ElasticSolid, HalfSpace, Layered
 from haptix.contact.meanfield import ContactSpots, GapDistribution, MeanField
 from haptix.contact.roughness import RoughnessSpectrum
-from haptix.contact.theory import THEORIES, Theory, named_theory
+from haptix.contact.theory import THEORIES, Theory
 
 __all__ = [
     "THEORIES",
@@ -18,7 +18,6 @@ __all__ = [
     "MeanField",
     "RoughnessSpectrum",
     "Theory",
-    "named_theory",
 ]
 
 keep_freed_memory()

@@ -1,4 +1,4 @@
-"""Contacts with exact solutions, to measure numerical ones by: Hertz, Westergaard, parallel plates.
+"""Contacts with exact solutions, to measure numerical ones by: Hertz and Westergaard.
 
 All of them are of an elastic half-space ``E* = E/(1 - nu^2)`` against a rigid surface without
 adhesion or friction. Numbers and arrays go in and come out alike.
@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from haptix import checks
 from haptix.errors import InputError
-
-VACUUM_PERMITTIVITY = 8.8541878128e-12  # [F/m], CODATA 2018
 
 Array = NDArray[np.float64]
 
@@ -121,73 +119,10 @@ def crossed_waves_full_contact_pressure(
     ``p* = sqrt(2) pi E* amplitude / lambda``: the wave's wavenumber is ``sqrt(2) 2 pi / lambda``,
     and its pressure ``q E*/2`` times the height reaches from -p* to p* (Johnson, Greenwood,
     Higginson, Int. J. Mech. Sci. 27, 383 (1985)).
-
-    Parameters
-    ----------
-    amplitude_m, wavelength_m : float
-        The wave [m].
-    modulus_pa : float
-        E* [Pa].
+    The parameters are those of `WavySurface`.
     """
-    for name, value in (
-        ("amplitude_m", amplitude_m),
-        ("wavelength_m", wavelength_m),
-        ("modulus_pa", modulus_pa),
-    ):
-        checks.positive(name, value)
-    return 2**0.5 * pi * modulus_pa * amplitude_m / wavelength_m
-
-
-@dataclass(frozen=True)
-class PlateOnSpring:
-    """A plate on a spring over a fixed one under a constant voltage: the textbook of pull-in.
-
-    Source: Senturia, Microsystem Design (2001), section 6.4. Between the plates lies the air gap,
-    `gap_m` wide without voltage, and an insulator worth `insulator_m` of air (thickness over
-    permittivity); a stiffness and a force per area make it the contact's own problem.
-
-    Parameters
-    ----------
-    stiffness_pa_per_m : float
-        Spring constant per area k [Pa/m].
-    gap_m : float
-        Air gap g without voltage [m].
-    insulator_m : float
-        h0 [m], 0 or more.
-    """
-
-    stiffness_pa_per_m: float
-    gap_m: float
-    insulator_m: float = 0.0
-
-    def __post_init__(self) -> None:
-        checks.positive("stiffness_pa_per_m", self.stiffness_pa_per_m)
-        checks.positive("gap_m", self.gap_m)
-        _not_negative("insulator_m", self.insulator_m)
-
-    @property
-    def pull_in_gap_m(self) -> float:
-        """Air gap left where the plate snaps, ``(2 g - h0)/3``, or 0 where it never does [m]."""
-        return max(0.0, (2 * self.gap_m - self.insulator_m) / 3)
-
-    @property
-    def pull_in_voltage_v(self) -> float:
-        """Constant voltage at which it snaps, ``sqrt(8 k (g + h0)^3 / 27 eps0)`` [V].
-
-        With an insulator of more than 2 g the plate closes without a snap, at the voltage given.
-        """
-        return float(self.voltage_v(self.pull_in_gap_m))
-
-    def voltage_v(self, air_gap_m: ArrayLike) -> Array:
-        """Constant voltage [V] that holds the plate at an air gap [m], stable or not.
-
-        ``k (g - u) = eps0 V^2 / 2 (u + h0)^2``.
-        """
-        left = np.asarray(air_gap_m, dtype=float)
-        if not bool(((left >= 0) & (left <= self.gap_m)).all()):
-            raise InputError(f"air_gap_m: expected 0 to {self.gap_m:g} m, got {air_gap_m!r}")
-        pull = self.stiffness_pa_per_m * (self.gap_m - left)
-        return (left + self.insulator_m) * np.sqrt(2 * pull / VACUUM_PERMITTIVITY)
+    wave = WavySurface(amplitude_m, wavelength_m, modulus_pa)
+    return 2**0.5 * wave.full_contact_pressure_pa
 
 
 def _not_negative(name: str, value: ArrayLike) -> Array:

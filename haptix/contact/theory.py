@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from haptix import checks
 from haptix.contact.area import AreaLaw
 from haptix.contact.meanfield import ContactSpots, GapDistribution
 
@@ -59,8 +58,3 @@ THEORIES: Mapping[str, Theory] = {
     ),
 }
 """Forms of the mean field by name."""
-
-
-def named_theory(name: str) -> Theory:
-    """Look a theory up, or say which exist."""
-    return THEORIES[checks.choice("theory", name, THEORIES)]

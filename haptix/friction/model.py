@@ -10,7 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from haptix.contact import ContactSpots, GapDistribution, MeanField, named_theory
+from haptix import checks
+from haptix.contact import THEORIES, ContactSpots, GapDistribution, MeanField
 from haptix.contact.meanfield import check_contact_spots
 from haptix.electro import Pull, drive_voltage
 from haptix.electro.breakdown import breakdown_voltage, peak_field
@@ -106,7 +107,7 @@ class ContactModel:
         if fidelity not in FIDELITIES:
             names = ", ".join(f'"{name}"' for name in FIDELITIES)
             raise InputError(f"fidelity: expected one of {names}, got {fidelity!r}")
-        chosen = named_theory(theory)
+        chosen = THEORIES[checks.choice("theory", theory, THEORIES)]
         how = FIDELITIES[fidelity]
         self.theory = theory
         self.contact_spots: ContactSpots = contact_spots or chosen.contact_spots

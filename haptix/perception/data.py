@@ -142,14 +142,6 @@ class Perception(Document):
             )
         return best
 
-    def threshold_db(self, felt_hz: float) -> float:
-        """Detection threshold [dB re 1 V] of a sine drive that is felt at this frequency."""
-        return self.channel_at(felt_hz).threshold(felt_hz)
-
-    def threshold_v(self, felt_hz: float) -> float:
-        """Detection threshold as an amplitude [V] of a sine drive."""
-        return float(10 ** (self.threshold_db(felt_hz) / 20))
-
     def difference_mu(self, mu: float) -> float:
         """Just-noticeable difference of friction at a friction coefficient."""
         return self.weber_fraction * mu

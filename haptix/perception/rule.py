@@ -80,23 +80,15 @@ def detection(components: Sequence[Component], perception: Perception | None = N
         If no component lies where a channel has data.
     """
     known = Perception.default() if perception is None else perception
-    best: Detection | None = None
-    for channel in known.channels:
-        # The energy of an attraction goes with the fourth power of the drive.
-        energy = sum(
-            (component.drive_v / 10 ** (threshold / 20)) ** 4
-            for component in components
-            if component.drive_v > 0
-            and (threshold := channel.threshold(component.felt_hz)) < float("inf")
-        )
-        if energy <= 0:
-            continue
-        found = Detection(channel.name, 5 * log10(energy), channel.is_placeholder)
-        if best is None or found.sensation_db > best.sensation_db:
-            best = found
-    if best is None:
+    # The energy of an attraction goes with the fourth power of the drive.
+    energies = [
+        sum((c.drive_v / 10 ** (channel.threshold(c.felt_hz) / 20)) ** 4 for c in components)
+        for channel in known.channels
+    ]
+    energy, channel = max(zip(energies, known.channels, strict=True), key=lambda pair: pair[0])
+    if energy == 0:
         raise InputError(
             "no component of the attraction lies where a threshold is known; "
             "load thresholds that cover it"
         )
-    return best
+    return Detection(channel.name, 5 * log10(energy), channel.is_placeholder)

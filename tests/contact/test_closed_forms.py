@@ -5,12 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
-from scipy.optimize import minimize_scalar
 
 from haptix.contact.closed_forms import (
-    VACUUM_PERMITTIVITY,
     HertzSphere,
-    PlateOnSpring,
     WavySurface,
     crossed_waves_full_contact_pressure,
 )
@@ -70,31 +67,6 @@ def test_full_contact_of_a_single_wave() -> None:
     assert crossed == pytest.approx(2**0.5 * wave.full_contact_pressure_pa, rel=EXACT)
 
 
-@given(st.floats(6, 14).map(lambda e: 10**e), lengths, st.floats(0, 5))
-def test_pull_in_is_the_highest_voltage_of_the_branch(
-    stiffness: float, gap: float, share: float
-) -> None:
-    plate = PlateOnSpring(stiffness, gap, share * gap)
-    found = minimize_scalar(
-        lambda t: -float(plate.voltage_v(t * gap)) / plate.pull_in_voltage_v,
-        bounds=(0, 1),
-        method="bounded",
-        options={"xatol": 1e-10},
-    )
-    # Where it closes without a snap the highest voltage is at the end of the range searched.
-    assert -found.fun == pytest.approx(1.0, rel=1e-8)
-    assert found.x * gap == pytest.approx(plate.pull_in_gap_m, abs=1e-4 * gap)
-
-
-def test_pull_in_without_insulator() -> None:
-    # Senturia (2001), eq. 6.37: V = sqrt(8 k g^3 / 27 eps0 A), at a third of the gap.
-    plate = PlateOnSpring(1e9, 1e-6)
-    assert plate.pull_in_voltage_v == pytest.approx(
-        np.sqrt(8 * 1e9 * 1e-18 / (27 * VACUUM_PERMITTIVITY)), rel=EXACT
-    )
-    assert plate.pull_in_gap_m == pytest.approx(2e-6 / 3, rel=EXACT)
-
-
 def test_impossible_numbers_are_refused() -> None:
     with pytest.raises(InputError, match="radius_m"):
         HertzSphere(0.0, 1.0)
@@ -106,7 +78,3 @@ def test_impossible_numbers_are_refused() -> None:
         WavySurface(1.0, 1.0, 1.0).mean_pressure_pa(1.5)
     with pytest.raises(InputError, match="modulus_pa"):
         crossed_waves_full_contact_pressure(1.0, 1.0, -1.0)
-    with pytest.raises(InputError, match="insulator_m"):
-        PlateOnSpring(1.0, 1.0, -1.0)
-    with pytest.raises(InputError, match="air_gap_m"):
-        PlateOnSpring(1.0, 1.0).voltage_v(2.0)

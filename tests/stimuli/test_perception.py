@@ -37,9 +37,9 @@ def test_the_most_sensitive_channel_decides():
     assert known.channel_at(300).name == "pacinian"
     assert known.channel_at(30).name == "non-pacinian"
     assert known.channel_at(30).is_placeholder
-    assert known.threshold_v(360) == pytest.approx(10 ** (18.8 / 20))
+    assert known.channel_at(360).threshold(360) == pytest.approx(18.8)
     with pytest.raises(InputError, match=r"5000 Hz.*160 to 800"):
-        known.threshold_db(5000)
+        known.channel_at(5000)
 
 
 def test_a_sine_drive_is_its_own_measure():
