@@ -8,17 +8,14 @@
 #include <string.h>
 
 enum { OK, PULL_IN, BELOW, ABOVE, OUT_OF_RANGE, BREAKDOWN, INVALID = -1 };
-enum { DRIVE = 3, COLUMNS, TENSORS };
-static const char *NAMES[] = {"normal_force_n", "frequency_hz", "h0_m", "drive", "columns"};
-
-typedef struct {
-    const void *data[TENSORS]; /* columns: -1/mu at each drive, ln(pull-in, breakdown / unit_v) */
-    size_t count[TENSORS];
-    int is_single, ends_at_breakdown;
-    double unit_v, limit_v, slack; /* slack: relative, for rounding */
+enum { DRIVE, COLUMNS, F_N, MOST = F_N + 8 }; /* tensors; the normal force F_N is the first axis */
+static const double LAST = 0.81; /* (V0 / pull-in voltage)^2 at which a surface ends */
+typedef struct { /* columns: -1/mu at each drive, ln(pull-in, breakdown / unit_v) */
+    const void *data[MOST]; size_t count[MOST];
+    int tensors, is_single, ends_at_breakdown;
+    double unit_v, limit_v, slack, numbers; /* slack: relative, for rounding; numbers in columns */
 } Surface;
-typedef struct { size_t cell[3]; double part[3], pull_in, breakdown, top; int status; } Place;
-
+typedef struct { size_t cell[MOST]; double part[MOST], pull_in, breakdown, top; int status; } Place;
 static void need(int good, const char *otherwise) {
     if (!good) fprintf(stderr, "read_surface: %s\n", otherwise), exit(1);
 }
@@ -60,22 +57,25 @@ static Surface load(const char *path) {
     while (*from && *++from && *from != '"') *to++ = *(from += *from == '\\');
     need(!strncmp(member(own, "format"), "\"haptix-friction-surface\"", 25), "no friction surface");
     need(!strncmp(member(own, "version"), "\"2.", 3), "expected version 2: build the file again");
-    Surface s = {.unit_v = strtod(member(own, "unit_v"), NULL),
+    Surface s = {.numbers = 1, .unit_v = strtod(member(own, "unit_v"), NULL),
                  .limit_v = strtod(member(own, "voltage_limit_v"), NULL),
                  .ends_at_breakdown = *member(own, "ends_at_breakdown") == 't',
                  .is_single = !strncmp(member(member(header, "drive"), "dtype"), "\"F32\"", 5)};
     s.slack = s.is_single ? 0x1p-20 : 1e-9;
-    for (int i = 0; i < TENSORS; i++) {
-        const char *spec = member(header, NAMES[i]), *crc = member(member(own, "crc32"), NAMES[i]);
+    const char *crcs = member(own, "crc32"), *name = "drive"; /* which also ends the list of axes */
+    for (int i = 0; i < F_N || (i < MOST && name && strcmp(name, "drive")); s.tensors = ++i) {
+        const char *spec = member(header, name), *crc = member(crcs, name);
         size_t width = s.is_single ? 4 : 8, begin = 0, end = 0;
         sscanf(member(spec, "data_offsets"), "[%zu ,%zu", &begin, &end);
         need(!strncmp(member(spec, "dtype"), s.is_single ? "\"F32\"" : "\"F64\"", 5) &&
              begin < end && end <= room - length && (length | begin | end) % width == 0 &&
              crc32(data + begin, end - begin) == strtoul(crc, NULL, 10), "the file is damaged");
         s.data[i] = data + begin, s.count[i] = (end - begin) / width;
+        if (i != COLUMNS) s.numbers *= s.count[i] + 2.0 * (i == DRIVE);
+        name = !i ? "columns" : strtok(i == COLUMNS ? (char *)member(own, "axes") : NULL, "[\", ");
     }
-    need(s.unit_v > 0 && s.limit_v > 0 && s.count[DRIVE] > 1 && s.count[COLUMNS] ==
-         1.0 * s.count[0] * s.count[1] * s.count[2] * (s.count[DRIVE] + 2), "the file is damaged");
+    need(s.unit_v > 0 && s.limit_v > 0 && s.count[DRIVE] > 1 && s.tensors > F_N &&
+         s.count[COLUMNS] == s.numbers, "the file is damaged");
     return fclose(file), free(header), s;
 }
 
@@ -85,15 +85,15 @@ static double at(const Surface *s, int t, size_t i) {
 
 /* Entry i of the column at a place: a blend along one axis of blends along the next. */
 static double entry(const Surface *s, const Place *p, size_t i, int axis, size_t row) {
-    if (axis == DRIVE) return at(s, COLUMNS, row * (s->count[DRIVE] + 2) + i);
+    if (axis == s->tensors) return at(s, COLUMNS, row * (s->count[DRIVE] + 2) + i);
     row = row * s->count[axis] + p->cell[axis];
     double low = entry(s, p, i, axis + 1, row), part = p->part[axis];
     return part > 0 ? low + part * (entry(s, p, i, axis + 1, row + 1) - low) : low;
 }
 
-static Place find(const Surface *s, const double x[3]) {
+static Place find(const Surface *s, const double *x) {
     Place p = {.status = OK, .breakdown = INFINITY};
-    for (int i = 0; i < 3; i++) {
+    for (int i = F_N; i < s->tensors; i++) {
         double low = at(s, i, 0), high = at(s, i, s->count[i] - 1), v = fmin(fmax(x[i], low), high);
         if (isnan(x[i]) && s->count[i] == 1) continue;
         if (!(x[i] > 0 && x[i] < INFINITY && low > 0)) return (Place){.status = INVALID};
@@ -103,10 +103,9 @@ static Place find(const Surface *s, const double x[3]) {
         if (low < high) p.part[i] = log(v / low) / log(at(s, i, p.cell[i] + 1) / low);
     }
     size_t n = s->count[DRIVE];
-    p.pull_in = s->unit_v * exp(entry(s, &p, n, 0, 0));
-    if (s->ends_at_breakdown) p.breakdown = s->unit_v * exp(entry(s, &p, n + 1, 0, 0));
-    p.top = fmin(pow(fmin(p.breakdown, s->limit_v) / p.pull_in, 2), at(s, DRIVE, n - 1));
-    return p;
+    p.pull_in = s->unit_v * exp(entry(s, &p, n, F_N, 0));
+    if (s->ends_at_breakdown) p.breakdown = s->unit_v * exp(entry(s, &p, n + 1, F_N, 0));
+    return p.top = fmin(pow(fmin(p.breakdown, s->limit_v) / p.pull_in, 2), at(s, DRIVE, n - 1)), p;
 }
 
 static double mu(const Surface *s, const Place *p, double voltage, int *status) {
@@ -114,34 +113,35 @@ static double mu(const Surface *s, const Place *p, double voltage, int *status) 
     double drive = pow(voltage / p->pull_in, 2), end = fmin(drive, p->top), more = 1 + s->slack;
     while (i + 2 < s->count[DRIVE] && at(s, DRIVE, i + 1) <= end) i++;
     double part = (end - at(s, DRIVE, i)) / (at(s, DRIVE, i + 1) - at(s, DRIVE, i));
-    double low = entry(s, p, i, 0, 0), high = entry(s, p, i + 1, 0, 0);
+    double low = entry(s, p, i, F_N, 0), high = entry(s, p, i + 1, F_N, 0);
     *status = p->status || voltage > s->limit_v * more ? OUT_OF_RANGE
-            : drive > 0.81 * more ? PULL_IN : voltage > p->breakdown * more ? BREAKDOWN : OK;
+            : drive > LAST * more ? PULL_IN : voltage > p->breakdown * more ? BREAKDOWN : OK;
     return -1 / (low + part * (high - low));
 }
 
 static double voltage(const Surface *s, const Place *p, double mu, int *status) {
     size_t i = 0;
     double target = -1 / fmax(mu, 1e-19), rounding = -s->slack * target;
-    while (i + 2 < s->count[DRIVE] && entry(s, p, i + 1, 0, 0) <= target) i++;
-    double start = at(s, DRIVE, i), width = at(s, DRIVE, i + 1) - start, low = entry(s, p, i, 0, 0);
-    double rise = fmax(entry(s, p, i + 1, 0, 0) - low, 1e-300), end = p->pull_in * sqrt(p->top);
-    double drive = start + (target - low) * (width / rise);
+    while (i + 2 < s->count[DRIVE] && entry(s, p, i + 1, F_N, 0) <= target) i++;
+    double from = at(s, DRIVE, i), width = at(s, DRIVE, i + 1) - from, low = entry(s, p, i, F_N, 0);
+    double rise = fmax(entry(s, p, i + 1, F_N, 0) - low, 1e-300), end = p->pull_in * sqrt(p->top);
+    double drive = from + (target - low) * (width / rise);
     int past = (drive - p->top) * rise > rounding * width;
     int broken = p->breakdown < s->limit_v && p->breakdown <= end * (1 + 1e-6);
-    *status = p->status ? p->status : target < entry(s, p, 0, 0, 0) - rounding ? BELOW : !past ? OK
-            : broken ? BREAKDOWN : p->top >= 0.81 * (1 - 1e-6) ? PULL_IN : ABOVE;
+    *status = p->status ? p->status : target < entry(s, p, 0, F_N, 0) - rounding ? BELOW
+            : !past ? OK : broken ? BREAKDOWN : p->top >= LAST * (1 - 1e-6) ? PULL_IN : ABOVE;
     return fmin(drive < p->top ? p->pull_in * sqrt(fmax(drive, 0)) : end, s->limit_v);
 }
 
 int main(int argc, char **argv) {
     Surface s = load(argc == 2 ? argv[1] : "");
-    double x, force, frequency, h0;
-    for (char line[256]; fgets(line, sizeof line, stdin);) {
-        int inverse = sscanf(line, "voltage %lf %lf %lf %lf", &x, &force, &frequency, &h0) == 4;
-        int forward = sscanf(line, "mu %lf %lf %lf %lf", &force, &x, &frequency, &h0) == 4;
-        need(inverse || forward, "expected mu F_N V0 f h0, or voltage mu F_N f h0");
-        Place p = find(&s, (double[]){force, frequency, h0});
+    for (char line[1024]; fgets(line, sizeof line, stdin);) {
+        double x, place[MOST], *f_n = &place[F_N];
+        int n, i = F_N + 1, end = 0, inverse = sscanf(line, "voltage %lf%lf%n", &x, f_n, &end) == 2;
+        int forward = sscanf(line, "mu %lf%lf%n", f_n, &x, &end) == 2;
+        for (; i < s.tensors && sscanf(line + end, "%lf%n", &place[i], &n) == 1; i++) end += n;
+        need(inverse + forward && i == s.tensors, "expected mu F_N V0 f h0 or voltage mu F_N f h0");
+        Place p = find(&s, place);
         int status = INVALID, valid = p.status != INVALID && isfinite(x) && (inverse || x >= 0);
         double value = valid ? (inverse ? voltage : mu)(&s, &p, x, &status) : NAN;
         printf("%.17g %d\n", value, status);
