@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from math import isfinite
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -24,19 +24,10 @@ from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
 from haptix.surface.axes import AXES
+from haptix.surface.ranges import low_and_high
 from haptix.terms import TERMS, possible_terms
 
 DtypeName = Literal["float32", "float64"]
-
-
-def _low_and_high(value: Any) -> tuple[float, float]:
-    pair = value if isinstance(value, list | tuple) else (value, value)
-    if len(pair) != 2 or any(isinstance(v, bool) or not isinstance(v, int | float) for v in pair):
-        raise ValueError("expected one number, or [low, high]")
-    low, high = float(pair[0]), float(pair[1])
-    if not (isfinite(low) and isfinite(high) and 0 < low <= high):
-        raise ValueError("expected finite 0 < low <= high")
-    return low, high
 
 
 def _collapsible(name: str) -> str:
@@ -49,7 +40,7 @@ def _collapsible(name: str) -> str:
 AxisName = Annotated[str, AfterValidator(_collapsible)]
 """Name of an axis that a surface can do without."""
 
-Range = Annotated[tuple[float, float], BeforeValidator(_low_and_high)]
+Range = Annotated[tuple[float, float], BeforeValidator(low_and_high)]
 """(low, high), both above 0; one number stands for both."""
 
 
@@ -63,18 +54,13 @@ class DirectDrive(Part):
     waveform : {"sine", "square"}
         Shape of the drive.
     max_voltage_v : float, optional
-        Highest amplitude; the screen's limit without.
+        Highest amplitude; by default the screen's limit.
     """
 
     scheme: Literal["direct"]
     frequency_hz: Range
     waveform: Literal["sine", "square"] = "sine"
     max_voltage_v: PositiveFloat | None = None
-
-    @property
-    def drive_hz(self) -> tuple[float, float]:
-        """Range of the frequencies at which the insulators are driven."""
-        return self.frequency_hz
 
 
 class CarrierDrive(Part):
@@ -87,7 +73,7 @@ class CarrierDrive(Part):
     envelope_hz : float, optional
         Highest frequency of the envelope.
     max_voltage_v : float, optional
-        Highest amplitude; the screen's limit without.
+        Highest amplitude; by default the screen's limit.
     """
 
     scheme: Literal["carrier"]
@@ -95,14 +81,9 @@ class CarrierDrive(Part):
     envelope_hz: PositiveFloat | None = None
     max_voltage_v: PositiveFloat | None = None
 
-    @property
-    def drive_hz(self) -> tuple[float, float]:
-        """Range of the frequencies at which the insulators are driven."""
-        return self.carrier_hz
-
     @model_validator(mode="after")
     def _envelope_is_slower(self) -> Self:
-        # Above half of the carrier the side bands overlap, and there is no envelope.
+        # Above half of the carrier the side bands overlap.
         if self.envelope_hz is not None and self.envelope_hz > self.carrier_hz[0] / 2:
             raise ValueError("expected envelope_hz of at most half of carrier_hz")
         return self
@@ -127,7 +108,7 @@ class SceneTexture(Part):
 
 
 class Override(Part):
-    """Decisions taken out of planning's hands, by name.
+    """Decisions that planning must keep, by name.
 
     Parameters
     ----------
@@ -171,12 +152,11 @@ class Scene(Document):
     drive : DirectDrive or CarrierDrive
         How the screen is driven; the key `scheme` selects one.
     speed_mm_per_s : (float, float), optional
-        Range of the finger's speed. It does not change friction in the model, but what is felt of
-        a texture.
+        Range of the finger's speed. It changes how a texture feels, not friction in the model.
     h0_m : (float, float), optional
-        Range of the screens' d1/eps1 [m]; the screen's own without.
+        Range of the screens' d1/eps1 [m]; by default the screen's own.
     textures : tuple of SceneTexture
-        Textures to be felt.
+        Textures of the scene.
     budget_thresholds : float
         Largest error of friction in just-noticeable differences (JND) of ``0.11 mu``.
     override : Override
@@ -204,16 +184,18 @@ class Scene(Document):
 
     @model_validator(mode="before")
     @classmethod
-    def _look_profiles_up(cls, fields: Any) -> Any:
+    def _look_names_up(cls, fields: Any) -> Any:
         if not isinstance(fields, dict):
             return fields
-        folder = Path(fields.get("folder", "."))
-        kinds: tuple[tuple[str, type[Finger] | type[Screen]], ...] = (
-            ("finger", Finger),
-            ("screen", Screen),
-        )
-        found = {key: _profile(kind, fields[key], folder) for key, kind in kinds if key in fields}
-        return {**fields, **found}
+        found = dict(fields)
+        kinds: Mapping[str, type[Finger | Screen]] = {"finger": Finger, "screen": Screen}
+        for key, kind in kinds.items():
+            match fields.get(key):
+                case dict() as table:
+                    found[key] = kind(**table)
+                case str() as name:
+                    found[key] = kind.named(name, Path(fields.get("folder", ".")))
+        return found
 
     @model_validator(mode="after")
     def _within_the_limit(self) -> Self:
@@ -268,16 +250,18 @@ class Scene(Document):
         InputError
             If the drive is no sine: a friction surface holds the attraction of a sine only.
         """
-        if isinstance(self.drive, DirectDrive) and self.drive.waveform != "sine":
+        drive = self.drive
+        if isinstance(drive, DirectDrive) and drive.waveform != "sine":
             raise InputError(
                 'drive.waveform: a friction surface holds the attraction of a sine, got "square"; '
                 'use "sine" here, and ContactModel.over_period for other shapes'
             )
+        frequency_hz = drive.frequency_hz if isinstance(drive, DirectDrive) else drive.carrier_hz
         h0 = self.screen.h0_m
         return {
             "normal_force_n": self.normal_force_n,
             "voltage_v": (0.0, self.max_voltage_v),
-            "frequency_hz": self.drive.drive_hz,
+            "frequency_hz": frequency_hz,
             "h0_m": (h0, h0) if self.h0_m is None else self.h0_m,
         }
 
@@ -297,12 +281,3 @@ class Scene(Document):
         return ContactModel(
             self.finger, self.screen, fidelity=fidelity, dtype=dtype, device=device, terms=on
         )
-
-
-def _profile(kind: type[Finger] | type[Screen], value: Any, folder: Path) -> Any:
-    """Look up a preset or a file, or read a table; a profile passes."""
-    if isinstance(value, dict):
-        return kind(**value)
-    if not isinstance(value, str):
-        return value
-    return kind.named(value, folder)

@@ -35,8 +35,8 @@ def export_netcdf(table: Interpolant, info: Mapping[str, Any], path: Path) -> No
     ----------
     table : Interpolant
         Becomes ``mu(normal_force_n, frequency_hz, h0_m, drive)``, with ``pull_in_voltage_v`` and
-        ``breakdown_voltage_v`` over the first three. A quantity that it was built without is a
-        dimension with the single value NaN.
+        ``breakdown_voltage_v`` over all axes but the drive. An axis that the surface was built
+        without has the single value NaN.
     info : mapping
         Plain values; becomes the attribute ``haptix_info``, as JSON.
     path : Path
@@ -75,16 +75,16 @@ def _dataset(table: Interpolant, info: Mapping[str, Any]) -> xarray.Dataset:
     return xarray.Dataset(
         {
             "mu": variable("mu", (*AXIS_NAMES, "drive"), table.mu),
-            "pull_in_voltage_v": variable("pull_in_voltage_v", AXIS_NAMES, table.pull_in_voltage_v),
-            "breakdown_voltage_v": variable(
-                "breakdown_voltage_v", AXIS_NAMES, table.breakdown_voltage_v
-            ),
+            **{
+                name: variable(name, AXIS_NAMES, getattr(table, name))
+                for name in ("pull_in_voltage_v", "breakdown_voltage_v")
+            },
         },
         {name: variable(name, (name,), nodes) for name, nodes in axes.items()},
         {
             "title": "haptix friction surface",
             "interpolation": "1/mu is linear in drive, and columns of it, as ln of the voltages, "
-            "linear in the logarithms of normal_force_n, frequency_hz and h0_m",
+            f"linear in the logarithms of {', '.join(AXIS_NAMES[:-1])} and {AXIS_NAMES[-1]}",
             "voltage_limit_v": table.voltage_limit_v,
             "ends_at_breakdown": int(table.ends_at_breakdown),  # NetCDF has no truth values
             "haptix_info": json.dumps(dict(info), sort_keys=True),

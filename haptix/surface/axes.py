@@ -1,9 +1,9 @@
-"""Axes of the friction surface: their names, their nodes, and queries between the nodes."""
+"""Axes of the friction surface: names, nodes, and interpolation between the nodes."""
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, log
@@ -14,22 +14,25 @@ import torch
 from torch import Tensor
 
 from haptix.errors import InputError, RangeError
+from haptix.screen import Screen
 from haptix.surface.cells import Cells
 
 _COMPLEX = (torch.complex64, torch.complex128, np.complex64, np.complex128)
-SLACK = 1e-6  # relative; a float32 copy of a node is still on the axis
+SLACK = 1e-6  # relative; a node rounded to float32 is still on the axis
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """What an axis stands for.
+    """Quantity of an axis.
 
     Parameters
     ----------
     name : str
         Name in queries, files and tables, with the unit.
     unit, text : str
-        Unit of SI, and a description for readers.
+        SI unit, and a description for readers.
+    default : callable
+        Range, value or None (left out) for a `Screen`, if a surface's ranges do not name it.
     is_collapsible : bool
         Whether planning may hold it at one value.
     """
@@ -37,17 +40,23 @@ class Quantity:
     name: str
     unit: str
     text: str
+    default: Callable[[Screen], Any]
     is_collapsible: bool = True
 
 
 AXES = (
-    Quantity("normal_force_n", "N", "normal force", is_collapsible=False),
-    Quantity("frequency_hz", "Hz", "drive frequency"),
-    Quantity("h0_m", "m", "effective thickness d1/eps1 of the insulator"),
+    Quantity("normal_force_n", "N", "normal force", lambda _: (0.1, 1.0), is_collapsible=False),
+    Quantity("frequency_hz", "Hz", "drive frequency", lambda _: None),
+    Quantity("h0_m", "m", "effective thickness d1/eps1 of the insulator", lambda s: s.h0_m),
 )
 """Axes of every surface besides the voltage, in the order of its table."""
 
 AXIS_NAMES = tuple(quantity.name for quantity in AXES)
+
+
+def between(low: float, high: float, share: Tensor) -> Tensor:
+    """Values at shares (0 to 1) of a range, linear in the logarithm."""
+    return torch.exp(log(low) + share * (log(high) - log(low))).clamp(low, high)
 
 
 def numbers(name: str, value: Any, like: Tensor) -> Tensor:

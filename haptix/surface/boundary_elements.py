@@ -19,8 +19,9 @@ from typing import Any, Literal, get_args
 import torch
 from torch import Tensor
 
+from haptix.checks import choice, whole
 from haptix.contact.boundary_elements.ensemble import Row, run_ensemble
-from haptix.errors import InputError, ToleranceError
+from haptix.errors import InputError
 from haptix.fidelity import Ability, BoundaryElementBalance
 from haptix.friction import ContactModel
 from haptix.status import Status
@@ -29,7 +30,7 @@ from haptix.surface.build import build_table
 from haptix.surface.identity import model_hash, surface_key
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.ranges import read_ranges
-from haptix.surface.tolerance import LARGEST_BYTES, Tolerance
+from haptix.surface.tolerance import Tolerance
 
 Band = Literal["finger", "box"]
 Progress = Callable[[float], None]
@@ -59,11 +60,8 @@ class MeasuredPoints:
 
     def __post_init__(self) -> None:
         for name, least in (("forces", 1), ("drives", 2), ("axis_values", 1)):
-            value = getattr(self, name)
-            if type(value) is not int or value < least:
-                raise InputError(f"{name}: expected a whole number of {least} or more, got {value}")
-        if self.band not in get_args(Band):
-            raise InputError(f'band: expected "finger" or "box", got {self.band!r}')
+            whole(name, getattr(self, name), least)
+        choice("band", self.band, get_args(Band))
 
 
 @dataclass(frozen=True)
@@ -131,34 +129,24 @@ class MeasuringJob:
 
 def measured_table(
     job: MeasuringJob,
-    tolerance: Tolerance | float | str = 2e-3,
-    on_progress: Progress | None = None,
-    largest_bytes: int = LARGEST_BYTES,
-    notes: Mapping[str, Any] | None = None,
+    asked: Tolerance,
+    on_progress: Progress | None,
+    largest_bytes: int,
+    notes: Mapping[str, Any],
     checkpoint: str | os.PathLike[str] | None = None,
 ) -> tuple[Interpolant, dict[str, Any]]:
     """Solve and describe a table; see `FrictionSurface.measured`."""
     report = on_progress or (lambda share: None)
-    asked = Tolerance.read(tolerance)
-    best: ToleranceError | None = None
-    try:
-        prior, info = build_table(
-            job.mean_field(job.points.band),
-            job.scene,
-            asked,
-            lambda share: report(0.1 * share),
-            largest_bytes,
-            notes or {},
-        )
-    except ToleranceError as error:
-        if error.best is None:
-            raise
-        (prior, info), best = error.best, error
+    prior, info = build_table(
+        job.mean_field(job.points.band),
+        job.scene,
+        asked,
+        lambda share: report(0.1 * share),
+        largest_bytes,
+        notes,
+    )
     measured = _measure(job, prior, checkpoint, lambda share: report(0.1 + 0.9 * share))
-    found = _corrected(job, prior, info, measured, surface_key(job.model, job.scene, asked))
-    if best is not None:
-        raise ToleranceError(str(best), found)
-    return found
+    return _corrected(job, prior, info, measured, surface_key(job.model, job.scene, asked))
 
 
 def _nodes(span: tuple[float, float] | None, count: int) -> list[float | None]:
@@ -227,12 +215,8 @@ def _corrected(
         )
     table = _refined(prior, job)
     shape = tuple(len(nodes) for nodes in job.nodes)
-    grid = log_ratio.reshape(*shape, -1)
-    for dim, axis in enumerate(table.axes):
-        grid = _along(grid, dim, job.nodes[dim], axis.nodes.to("cpu", torch.float64))
-    ends = measured["voltage_v"][:, -1].square().reshape(*shape, 1)
-    for dim, axis in enumerate(table.axes):
-        ends = _along(ends, dim, job.nodes[dim], axis.nodes.to("cpu", torch.float64))
+    ratio, ends = log_ratio.reshape(*shape, -1), measured["voltage_v"][:, -1].square()
+    grid, ends = (_on_axes(values, job, table) for values in (ratio, ends.reshape(*shape, 1)))
     pull_in = table.pull_in_voltage_v.to("cpu", torch.float64)
     drive = table.drive.to("cpu", torch.float64) * pull_in[..., None].square() / ends
     at = (drive.clamp(max=1.0) * (grid.shape[-1] - 1)).contiguous()
@@ -284,6 +268,13 @@ def _refined(table: Interpolant, job: MeasuringJob) -> Interpolant:
         drive=finer,
         columns=torch.cat([inverse, columns[..., len(drive) :]], -1),
     )
+
+
+def _on_axes(grid: Tensor, job: MeasuringJob, table: Interpolant) -> Tensor:
+    """Interpolate values at the solved places onto all axes of the table."""
+    for dim, (known, axis) in enumerate(zip(job.nodes, table.axes, strict=True)):
+        grid = _along(grid, dim, known, axis.nodes.to("cpu", torch.float64))
+    return grid
 
 
 def _along(grid: Tensor, dim: int, known: Sequence[float | None], wanted: Tensor) -> Tensor:

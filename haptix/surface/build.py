@@ -20,7 +20,7 @@ from haptix.surface.identity import model_hash, surface_key
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.placement import fewest_nodes
 from haptix.surface.ranges import Ranges, read_ranges
-from haptix.surface.sampling import AxisPilot, DrivePilot, HeldOutPoints, Sampler, solve_columns
+from haptix.surface.sampling import HeldOutPoints, Pilot, Sampler
 from haptix.surface.tolerance import Tolerance
 from haptix.version import __version__
 
@@ -32,7 +32,6 @@ _COARSER = 8.0  # factor on a share whose table is too large
 _BOUNDARY = 0.01  # largest relative error of the breakdown voltage, where that ends the surface
 _CLOSE = 1.2  # stop when the largest share that fits is this near the smallest that does not
 _LN2 = log(2)
-_ONE = (None,)  # the node of an axis that does not vary
 # The errors of the axes peak at different places, so their sum may exceed the tolerance.
 _FIRST_SHARE = 1.8
 
@@ -49,10 +48,7 @@ def build_table(
 ) -> tuple[Interpolant, dict[str, Any]]:
     """Solve a table and describe it; see `FrictionSurface.build`.
 
-    Raises
-    ------
-    ToleranceError
-        With the best table and its description.
+    Where the tolerance cannot be met, this is the best table, and its description says so.
     """
     ranges = read_ranges(model, scene)
     try:
@@ -80,14 +76,6 @@ def build_table(
         "held_out_points": found.error.numel(),
         "monotone_corrections": found.corrections,
     }
-    if not found.is_met:
-        size = found.table.nbytes
-        raise ToleranceError(
-            f"tolerance {tolerance} cannot be met within {largest_bytes:,} bytes: reached "
-            f"{found.worst:.3g} {tolerance.unit} with {size:,} bytes; ask for less, for "
-            "a narrower range, or, if that is near the size, allow more bytes",
-            (found.table, info),
-        )
     return found.table, info
 
 
@@ -113,7 +101,7 @@ class _Build:
         self.largest_bytes = largest_bytes
         self.axes = self.sampler.varying()
         self.points = dict.fromkeys([*self.axes, "drive"], _PILOT_POINTS)
-        self.pilots: dict[str, AxisPilot | DrivePilot] = {}
+        self.pilots: dict[str, Pilot] = {}
 
     def run(self, report: Progress) -> _Attempt:
         held_out = self.sampler.held_out(seed=1)
@@ -191,7 +179,7 @@ class _Build:
             nodes[name] = pilot.at[chosen]
         return nodes
 
-    def _pilot(self, name: str) -> AxisPilot | DrivePilot:
+    def _pilot(self, name: str) -> Pilot:
         if name not in self.pilots:
             points = self.points[name]
             self.pilots[name] = (
@@ -209,7 +197,7 @@ class _Build:
         places = {
             axis.name: None if axis.is_absent else at for axis, at in zip(axes, grid, strict=True)
         }
-        columns = solve_columns(self.sampler.model, places, nodes["drive"])
+        columns = self.sampler.columns(places, nodes["drive"])
         # Solved friction rises with voltage; this holds for the last bit as well.
         inverse = columns.inverse.cummax(-1).values
         corrections = int((inverse != columns.inverse).sum())
@@ -237,9 +225,9 @@ class _Build:
         return Axis(name, values)
 
     def _size(self, nodes: Mapping[str, Tensor]) -> int:
-        columns = prod(len(nodes.get(name, _ONE)) for name in AXIS_NAMES)
-        axes = sum(len(nodes.get(name, _ONE)) for name in (*AXIS_NAMES, "drive"))
-        return 8 * (columns * (len(nodes["drive"]) + 2) + axes)
+        shape = [len(nodes[name]) if name in nodes else 1 for name in AXIS_NAMES]
+        drives = len(nodes["drive"])
+        return 8 * (prod(shape) * (drives + 2) + sum(shape) + drives)
 
     def _unit(self, mu: Tensor) -> Tensor:
         unit = self.tolerance.unit_in_mu(mu, self.low, self.high)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import isfinite
+from math import inf
 from typing import Any
 
 from haptix.errors import InputError, LimitError
 from haptix.friction import ContactModel
-from haptix.surface.axes import AXIS_NAMES
+from haptix.surface.axes import AXES, AXIS_NAMES
 
 Ranges = Mapping[str, tuple[float, float] | None]
 
@@ -16,7 +16,7 @@ _NAMES = (*AXIS_NAMES, "voltage_v")
 
 
 def read_ranges(model: ContactModel, scene: Any) -> dict[str, tuple[float, float] | None]:
-    """Complete and check ranges: ``(low, high)`` per axis, None where absent.
+    """Complete and check ranges: ``(low, high)`` by name, None for an axis that is left out.
 
     Parameters
     ----------
@@ -33,23 +33,19 @@ def read_ranges(model: ContactModel, scene: Any) -> dict[str, tuple[float, float
         raise InputError(
             f"unknown range {', '.join(sorted(unknown))}: expected some of {', '.join(_NAMES)}"
         )
-    ranges = {
-        **dict.fromkeys(AXIS_NAMES),
-        "normal_force_n": (0.1, 1.0),
-        "h0_m": model.screen.h0_m,
-        "voltage_v": (0.0, model.screen.max_voltage_v),
-        **given,
-    }
-    checked = {name: _read_range(name, value) for name, value in ranges.items()}
+    screen = model.screen
+    ranges: dict[str, Any] = {"voltage_v": (0.0, screen.max_voltage_v), **given}
+    for axis in AXES:
+        if axis.name not in ranges or (axis.is_collapsible and ranges[axis.name] is None):
+            ranges[axis.name] = axis.default(screen)
+    checked = {name: _read_range(name, ranges[name]) for name in _NAMES}
     force, voltage = checked["normal_force_n"], checked["voltage_v"]
     if force is None or voltage is None:
         raise InputError("normal_force_n and voltage_v: expected a range, got None")
-    if checked["h0_m"] is None:
-        checked["h0_m"] = (model.screen.h0_m, model.screen.h0_m)
-    if voltage[1] > model.screen.max_voltage_v:
+    if voltage[1] > screen.max_voltage_v:
         raise LimitError(
             f"voltage_v: {voltage[1]:g} V is above the limit of "
-            f"{model.screen.max_voltage_v:g} V of screen {model.screen.name!r}; lower the range"
+            f"{screen.max_voltage_v:g} V of screen {screen.name!r}; lower the range"
         )
     if voltage[1] <= 0:
         raise InputError("voltage_v: expected a range that reaches above 0 V")
@@ -57,21 +53,29 @@ def read_ranges(model: ContactModel, scene: Any) -> dict[str, tuple[float, float
 
 
 def _read_range(name: str, value: Any) -> tuple[float, float] | None:
-    if value is None:
-        return None
+    try:
+        return None if value is None else low_and_high(value, zero=name == "voltage_v")
+    except ValueError as error:
+        raise InputError(f"{name}: {error}, got {value!r}") from None
+
+
+def low_and_high(value: Any, zero: bool = False) -> tuple[float, float]:
+    """Return a finite range above 0, or with `zero` from 0; one number stands for both ends.
+
+    Raises
+    ------
+    ValueError
+        If it is none; the message does not name it.
+    """
     if hasattr(value, "tolist"):
         value = value.tolist()
+    ends = value if isinstance(value, tuple | list) else (value, value)
     try:
-        ends = value if isinstance(value, tuple | list) else (value, value)
         if any(isinstance(end, str | bool) for end in ends):
             raise TypeError
         low, high = map(float, ends)
     except (TypeError, ValueError):
-        raise InputError(f"{name}: expected (low, high) or one value, got {value!r}") from None
-    least = 0.0 if name == "voltage_v" else 1e-300
-    if not (isfinite(low) and isfinite(high) and least <= low <= high):
-        raise InputError(
-            f"{name}: expected finite low <= high, {'0 or more' if least == 0 else 'above 0'}, "
-            f"got ({low:g}, {high:g})"
-        )
+        raise ValueError("expected one number, or [low, high]") from None
+    if not ((low >= 0 if zero else low > 0) and low <= high < inf):
+        raise ValueError(f"expected finite 0 {'<=' if zero else '<'} low <= high")
     return low, high

@@ -12,17 +12,17 @@ from torch import Tensor
 
 from haptix.friction import ContactModel
 from haptix.status import Status
-from haptix.surface.axes import AXES, AXIS_NAMES
+from haptix.surface.axes import AXIS_NAMES, between
 from haptix.surface.column import PULL_IN_DRIVE
 from haptix.surface.interpolant import Interpolant
-from haptix.surface.placement import chord_error
+from haptix.surface.placement import CellError, chord_error
 from haptix.surface.ranges import Ranges
 
-_NARROWEST = 1e-5  # relative width of an axis, which single precision still divides into cells
+_NARROWEST = 1e-5  # relative width of an axis that single precision still divides into cells
 _LINES = 6  # along an axis at random, besides those at all corners of the others
 _LEVELS = 5  # of drive on each line
 _INSULATORS = 512  # pairs of f and h0 held out; each has its own table of attraction
-_HELD_OUT = 8192  # points of an error estimate: the 99th percentile rests on 80 of them
+_HELD_OUT = 8192  # points of an error estimate; 80 of them lie above the 99th percentile
 
 UnitInMu = Callable[[Tensor], Tensor]
 """Size of the tolerance's unit in mu, at frictions of any shape."""
@@ -38,13 +38,6 @@ class Columns:
     """ln of the pull-in voltage [V]."""
     log_breakdown: Tensor
     """ln of the breakdown voltage [V]."""
-
-    def top(self, limit_v: float, ends_at_breakdown: bool) -> Tensor:
-        """Drive at which each column ends."""
-        end = torch.full_like(self.log_pull_in, log(limit_v))
-        if ends_at_breakdown:
-            end = torch.minimum(end, self.log_breakdown)
-        return torch.exp(2 * (end - self.log_pull_in)).clamp(max=PULL_IN_DRIVE)
 
 
 @dataclass(frozen=True)
@@ -72,102 +65,26 @@ class HeldOutPoints:
 
     def error(self, table: Interpolant) -> Tensor:
         """Absolute error of mu at every point."""
-        # Within rounding of a column's end, the value of the end is compared.
+        # A point that rounding puts past a column's end is compared with the end.
         mu, _ = table.evaluate(self.voltage_v, self.places)
         return (mu - self.mu).abs()
 
     def boundary_error(self, table: Interpolant) -> Tensor:
-        """Absolute error of ln V_breakdown at every point; 0 where breakdown ends nothing."""
+        """Absolute error of ln V_breakdown at every point; 0 if breakdown ends no column."""
         if self.log_breakdown is None:
             return torch.zeros(1, dtype=torch.float64)
         found = torch.log(table.breakdown(self.places))
         return (found - self.log_breakdown).abs()
 
 
-def solve_columns(
-    model: ContactModel, places: Mapping[str, Tensor | None], drive: Tensor
-) -> Columns:
-    """Solve at places that broadcast, for every drive, shape (drives,)."""
-    each = {name: None if at is None else at[..., None] for name, at in places.items()}
-    state = model.at_drive(drive=drive, **each)
-    return Columns(
-        -1 / state.mu.to("cpu", torch.float64),
-        torch.log(state.pull_in_voltage_v[..., 0].to("cpu", torch.float64)),
-        torch.log(state.breakdown_voltage_v[..., 0].to("cpu", torch.float64)),
-    )
-
-
 @dataclass(frozen=True)
-class AxisPilot:
-    """Columns on a few lines along one axis.
-
-    Parameters
-    ----------
-    at : Tensor, shape (points,)
-        ln of the axis.
-    inverse, slope : Tensor, shape (points, lines, levels)
-        -1/mu, and its derivative with respect to the drive.
-    log_pull_in : Tensor, shape (points, lines)
-        ln of the pull-in voltage [V].
-    drive : Tensor, shape (points, lines, levels)
-        Drive of the level, at most that of the column's end.
-    unit : Tensor, shape of `inverse`
-        The tolerance's unit in mu.
-    boundary : Tensor or None, shape (points, lines)
-        ln of the breakdown voltage over its allowed error, in units of the tolerance, where
-        breakdown ends columns.
-    """
+class Pilot:
+    """Points along one axis or the drive, solved on a few lines."""
 
     at: Tensor
-    inverse: Tensor
-    slope: Tensor
-    log_pull_in: Tensor
-    drive: Tensor
-    unit: Tensor
-    boundary: Tensor | None
-
-    def error(self, start: int, end: int) -> float:
-        """Largest error of mu between two nodes, in units of the tolerance."""
-        if end - start < 2:
-            return 0.0
-        inner = slice(start + 1, end)
-        wrong = chord_error(self.inverse, self.at, start, end)
-        # An error of the pull-in voltage is an error of the drive.
-        shift = chord_error(self.log_pull_in, self.at, start, end)[..., None]
-        wrong = wrong - 2 * shift * self.drive[inner] * self.slope[inner]
-        worst = float((wrong.abs() / self.inverse[inner] ** 2 / self.unit[inner]).max())
-        if self.boundary is None:
-            return worst
-        return max(worst, float(chord_error(self.boundary, self.at, start, end).abs().max()))
-
-
-@dataclass(frozen=True)
-class DrivePilot:
-    """A few columns, solved finely along the drive.
-
-    Parameters
-    ----------
-    at : Tensor, shape (points,)
-        Drive.
-    inverse, unit : Tensor, shape (points, columns)
-        -1/mu, and the tolerance's unit in mu.
-    top : Tensor, shape (columns,)
-        Drive at which each column ends; errors beyond it do not count.
-    """
-
-    at: Tensor
-    inverse: Tensor
-    unit: Tensor
-    top: Tensor
-
-    def error(self, start: int, end: int) -> float:
-        """Largest error of mu between two nodes, in units of the tolerance."""
-        if end - start < 2:
-            return 0.0
-        inner = slice(start + 1, end)
-        wrong = chord_error(self.inverse, self.at, start, end).abs()
-        wrong = wrong / self.inverse[inner] ** 2 / self.unit[inner]
-        return float(torch.where(self.at[inner, None] <= self.top, wrong, 0.0).max())
+    """ln of the axis, or the drive, shape (points,)."""
+    error: CellError
+    """Largest error of mu between two points that become nodes, in units of the tolerance."""
 
 
 @dataclass(frozen=True)
@@ -187,13 +104,30 @@ class Sampler:
 
     @property
     def limit_v(self) -> float:
-        """Highest amplitude asked for [V]."""
+        """Highest amplitude of the surface [V]."""
         return self.span("voltage_v")[1]
 
     @property
     def ends_at_breakdown(self) -> bool:
         """Whether breakdown ends a column."""
         return self.model.reports(Status.BREAKDOWN)
+
+    def columns(self, places: Mapping[str, Tensor | None], drive: Tensor) -> Columns:
+        """Solve at places that broadcast, for every drive, shape (drives,)."""
+        each = {name: None if at is None else at[..., None] for name, at in places.items()}
+        state = self.model.at_drive(drive=drive, **each)
+        return Columns(
+            -1 / state.mu.to("cpu", torch.float64),
+            torch.log(state.pull_in_voltage_v[..., 0].to("cpu", torch.float64)),
+            torch.log(state.breakdown_voltage_v[..., 0].to("cpu", torch.float64)),
+        )
+
+    def top(self, columns: Columns) -> Tensor:
+        """Drive at which each column ends."""
+        end = torch.full_like(columns.log_pull_in, log(self.limit_v))
+        if self.ends_at_breakdown:
+            end = torch.minimum(end, columns.log_breakdown)
+        return torch.exp(2 * (end - columns.log_pull_in)).clamp(max=PULL_IN_DRIVE)
 
     def span(self, name: str) -> tuple[float, float]:
         """``(low, high)`` of a range that is not absent."""
@@ -221,31 +155,46 @@ class Sampler:
 
     def along(
         self, name: str, points: int, last_drive: float, unit: UnitInMu, boundary_error: float
-    ) -> AxisPilot:
+    ) -> Pilot:
         """Solve lines along one axis; `boundary_error` is the error of ln V_breakdown per unit."""
         values = self.positions(name, points)
         places = self._lines(without=name)
         places[name] = values[:, None]
         drive = torch.linspace(0, last_drive, _LEVELS, dtype=torch.float64)
-        columns = solve_columns(self.model, places, drive)
-        top = columns.top(self.limit_v, self.ends_at_breakdown)
-        return AxisPilot(
-            torch.log(values),
-            columns.inverse,
-            torch.gradient(columns.inverse, spacing=(drive,), dim=-1)[0],
-            columns.log_pull_in,
-            torch.minimum(drive, top[..., None]),
-            unit(-1 / columns.inverse),
-            columns.log_breakdown / boundary_error if self.ends_at_breakdown else None,
-        )
+        columns = self.columns(places, drive)
+        at, inverse = torch.log(values), columns.inverse
+        slope = torch.gradient(inverse, spacing=(drive,), dim=-1)[0]
+        level = torch.minimum(drive, self.top(columns)[..., None])
+        in_mu = unit(-1 / inverse)
+        boundary = columns.log_breakdown / boundary_error
 
-    def along_drive(self, points: int, last_drive: float, unit: UnitInMu) -> DrivePilot:
-        """Solve columns finely along the drive."""
+        def error(start: int, end: int) -> float:
+            inner = slice(start + 1, end)
+            wrong = chord_error(inverse, at, start, end)
+            # An error of the pull-in voltage is an error of the drive.
+            shift = chord_error(columns.log_pull_in, at, start, end)[..., None]
+            wrong = wrong - 2 * shift * level[inner] * slope[inner]
+            worst = float((wrong.abs() / inverse[inner] ** 2 / in_mu[inner]).max())
+            if not self.ends_at_breakdown:
+                return worst
+            return max(worst, float(chord_error(boundary, at, start, end).abs().max()))
+
+        return Pilot(at, error)
+
+    def along_drive(self, points: int, last_drive: float, unit: UnitInMu) -> Pilot:
+        """Solve columns finely along the drive; errors beyond their ends do not count."""
         drive = torch.linspace(0, last_drive, points, dtype=torch.float64)
-        columns = solve_columns(self.model, self._lines(), drive)
-        top = columns.top(self.limit_v, self.ends_at_breakdown)
-        inverse = columns.inverse.T
-        return DrivePilot(drive, inverse, unit(-1 / inverse), top)
+        columns = self.columns(self._lines(), drive)
+        top, inverse = self.top(columns), columns.inverse.T
+        in_mu = unit(-1 / inverse)
+
+        def error(start: int, end: int) -> float:
+            inner = slice(start + 1, end)
+            wrong = chord_error(inverse, drive, start, end).abs()
+            wrong = wrong / inverse[inner] ** 2 / in_mu[inner]
+            return float(torch.where(drive[inner, None] <= top, wrong, 0.0).max())
+
+        return Pilot(drive, error)
 
     def held_out(self, seed: int) -> HeldOutPoints:
         """Draw points within the ranges, some at their ends, and solve them."""
@@ -258,11 +207,10 @@ class Sampler:
         insulators = _INSULATORS if set(self.varying()) - {"normal_force_n"} else 1
         each = {"normal_force_n": _HELD_OUT // insulators}  # forces for each pair of f and h0
         places = {
-            axis.name: self._place(axis.name, draw(insulators, each.get(axis.name, 1)))
-            for axis in AXES
+            name: self._place(name, draw(insulators, each.get(name, 1))) for name in AXIS_NAMES
         }
-        at_rest = solve_columns(self.model, places, torch.zeros(1, dtype=torch.float64))
-        top = at_rest.top(self.limit_v, self.ends_at_breakdown)
+        at_rest = self.columns(places, torch.zeros(1, dtype=torch.float64))
+        top = self.top(at_rest)
         drive = top * draw(*top.shape)
         mu = self.model.at_drive(drive=drive, **places).mu.to("cpu", torch.float64)
         pull_in = torch.exp(at_rest.log_pull_in)
@@ -286,6 +234,4 @@ class Sampler:
     def _place(self, name: str, share: Tensor) -> Tensor | None:
         if self.ranges[name] is None:
             return None
-        low, high = self.span(name)
-        place = torch.exp(log(low) + share.to(torch.float64) * (log(high) - log(low)))
-        return place.clamp(low, high)
+        return between(*self.span(name), share.to(torch.float64))

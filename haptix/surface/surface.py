@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
@@ -105,11 +104,9 @@ class FrictionSurface:
         if model.boxed is not None:
             job = MeasuringJob(model, scene or {})
             return cls.measured(job, tolerance, on_progress, largest_bytes, notes)
-        with _as_surface():
-            asked = Tolerance.read(tolerance)
-            return cls(
-                *build_table(model, scene or {}, asked, on_progress, largest_bytes, notes or {})
-            )
+        asked = Tolerance.read(tolerance)
+        found = build_table(model, scene or {}, asked, on_progress, largest_bytes, notes or {})
+        return cls(*found)._within(asked, largest_bytes)
 
     @classmethod
     def measured(
@@ -141,10 +138,20 @@ class FrictionSurface:
         FileFormatError
             If the checkpoint is damaged or belongs to something else.
         """
-        with _as_surface():
-            return cls(
-                *measured_table(job, tolerance, on_progress, largest_bytes, notes, checkpoint)
+        asked = Tolerance.read(tolerance)
+        found = measured_table(job, asked, on_progress, largest_bytes, notes or {}, checkpoint)
+        return cls(*found)._within(asked, largest_bytes)
+
+    def _within(self, tolerance: Tolerance, largest_bytes: int) -> FrictionSurface:
+        if not self.info["tolerance_met"]:
+            raise ToleranceError(
+                f"tolerance {tolerance} cannot be met within {largest_bytes:,} bytes: reached "
+                f"{self.info['error_max_in_units']:.3g} {tolerance.unit} with {self.nbytes:,} "
+                "bytes; ask for less, for a narrower range, or, if that is near the size, allow "
+                "more bytes",
+                self,
             )
+        return self
 
     def save(self, path: str | Path) -> None:
         """Write the surface to one file, whole or not at all."""
@@ -315,11 +322,8 @@ class FrictionSurface:
         if self.h0_m.varies and h0_m is None:
             h0_m = self.info.get("screen_h0_m")
         for axis, value in ((self.frequency_hz, frequency_hz), (self.h0_m, h0_m)):
-            if axis.varies and value is None:
-                raise InputError(
-                    f"{axis.name}: expected a value, since the surface spans {axis.low:g} to "
-                    f"{axis.high:g}"
-                )
+            if value is None:
+                axis.read(None)  # raises where the axis varies
         return self.at(None if self.frequency_hz.is_absent else frequency_hz, h0_m)
 
     def column(
@@ -367,14 +371,3 @@ class FrictionSurface:
 def _places(*values: Any) -> Query:
     """Values by name of the axis, given in the order of `AXES`."""
     return dict(zip(AXIS_NAMES, values, strict=True))
-
-
-@contextmanager
-def _as_surface() -> Iterator[None]:
-    """Turn the best table of a `ToleranceError` into a surface."""
-    try:
-        yield
-    except ToleranceError as error:
-        if error.best is not None:
-            error.best = FrictionSurface(*error.best)
-        raise
