@@ -38,7 +38,7 @@ class Choice:
     fidelity, dtype : str
         How the contact is solved, and in what precision its friction is kept.
     held : tuple of (axis, value)
-        Axes that are collapsed, and the value that stands for them.
+        Collapsed axes, each with the value that it is held at.
     """
 
     terms: frozenset[str]
@@ -56,9 +56,9 @@ class Omission:
     kind, name : str
         Such as "term" and "finite-size", "axis" and "h0_m", "fidelity" and "mean-field".
     value : float
-        Of an axis: what stands for it.
+        Value at which an axis would be held.
     possible : frozenset of str
-        Of the fidelity: the terms that the coarser one can have.
+        Terms that the coarser fidelity can have.
     """
 
     kind: Kind
@@ -79,8 +79,9 @@ class Omission:
             return replace(choice, fidelity=COARSE, terms=choice.terms & self.possible)
         if self.kind == "dtype":
             return replace(choice, dtype="float32")
-        held = {**dict(choice.held), self.name: self.value}
-        return replace(choice, held=tuple(sorted(held.items())))
+        return replace(
+            choice, held=tuple(sorted({**dict(choice.held), self.name: self.value}.items()))
+        )
 
     def into(self, choice: Choice) -> Choice:
         """Return the choice with it."""

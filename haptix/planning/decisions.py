@@ -1,4 +1,4 @@
-"""What to leave out: what the scene says first, then what its budget allows."""
+"""What to leave out: first what the scene overrides, then what its budget allows."""
 
 from __future__ import annotations
 
@@ -7,14 +7,7 @@ from dataclasses import dataclass
 from math import inf
 
 from haptix.fidelity import FIDELITIES
-from haptix.planning.choices import (
-    COARSE,
-    FULL,
-    Choice,
-    Omission,
-    friction_terms,
-    kept_reports,
-)
+from haptix.planning.choices import COARSE, FULL, Choice, Omission, friction_terms, kept_reports
 from haptix.planning.effects import Effect, Trials
 from haptix.scene import Scene
 from haptix.terms import Term, chosen_terms
@@ -36,7 +29,7 @@ class Decision:
 def with_overrides(
     scene: Scene, everything: list[Omission]
 ) -> tuple[Choice, dict[Omission, Decision]]:
-    """Return the model from which things are left out, and what the scene has decided."""
+    """Return the model before planning, and the decisions that the scene takes itself."""
     override = scene.override
     base = Choice(friction_terms(scene, override.fidelity or FULL))
     for name, is_on in override.terms.items():
@@ -45,18 +38,16 @@ def with_overrides(
             chosen_terms({name: True}, scene.finger, scene.screen, how)
     settled: dict[Omission, Decision] = {}
     for one in everything:
-        is_kept = _overridden(scene, one)
-        if is_kept is None:
-            continue
-        settled[one] = Decision(is_kept, f"{'kept' if is_kept else 'dropped'} by the scene")
-        if not is_kept:
-            base = one.of(base)
+        kept = _overridden(scene, one)
+        if kept is not None:
+            settled[one] = Decision(kept, f"{'kept' if kept else 'dropped'} by the scene")
+            base = base if kept else one.of(base)
     for one in everything:
         if one.kind == "term" and one.name not in base.terms and one not in settled:
             settled[one] = Decision(False, "contradicts the scene's fidelity")
         if one.kind == "fidelity" and one not in settled:
-            kept = {name for name, is_on in override.terms.items() if is_on}
-            needed = (kept & friction_terms(scene)) - one.possible
+            on = {name for name, is_on in override.terms.items() if is_on}
+            needed = (on & friction_terms(scene)) - one.possible
             if needed:
                 names = ", ".join(sorted(needed))
                 settled[one] = Decision(True, f"needed by {names}, kept by the scene")
@@ -64,13 +55,13 @@ def with_overrides(
 
 
 def _overridden(scene: Scene, one: Omission) -> bool | None:
-    """Whether the scene keeps one thing; None if it says nothing."""
+    """What the scene says of one thing: True to keep it, None if it says nothing."""
     override = scene.override
     if one.kind == "term":
         return override.terms.get(one.name)
     if one.kind == "axis":
-        said = override.axes.get(one.name)
-        return None if said is None else said == "keep"
+        asked = override.axes.get(one.name)
+        return None if asked is None else asked == "keep"
     if one.kind == "dtype":
         return None if override.dtype is None else override.dtype == one.name
     # A fidelity that cannot be tabulated corrects a surface of the full one.
@@ -78,11 +69,11 @@ def _overridden(scene: Scene, one: Omission) -> bool | None:
 
 
 def effect_alone(scene: Scene, trials: Trials, base: Choice, one: Omission) -> Effect:
-    """What leaving out one thing does, all else being as in `base`."""
+    """Effect of leaving out one thing, all else being as in `base`."""
     without = one.of(base)
     if without != base:
         return trials.effect(base, without)
-    # It is off already, by an override: switch it on.
+    # An override has left it out already.
     if one.kind == "term" and one.name not in scene.possible_terms(base.fidelity):
         return Effect()
     return trials.effect(one.into(base), base)
@@ -95,9 +86,9 @@ def spend(
     free: list[Omission],
     effects: Mapping[Omission, Effect],
 ) -> tuple[Choice, Effect, dict[Omission, Decision]]:
-    """Drop things while the budget lasts, as if it grew from nothing to what it is.
+    """Drop things while the budget lasts, as if the budget grew from 0.
 
-    What a small budget drops a larger one therefore drops as well.
+    A larger budget therefore drops everything that a smaller one drops.
     """
     share = MODELLING_SHARE * scene.budget_thresholds
     chosen, joint = base, Effect()
@@ -122,12 +113,12 @@ def spend(
 
 
 def _price(one: Omission, alone: Effect) -> float:
-    """Modelling budget [JND] from which it pays to drop it: what saves little may cost little."""
+    """Least modelling budget [JND] at which it is dropped: what saves little may cost little."""
     return _cost(alone) / one.work
 
 
 def _cost(effect: Effect) -> float:
-    """Largest effect [JND]; without limit where voltages would go past breakdown."""
+    """Largest effect [JND]; infinite where voltages would go past breakdown."""
     return inf if effect.overreach > _OVERREACH else effect.thresholds_max
 
 
@@ -151,8 +142,8 @@ def _why_kept(one: Omission, alone: Effect, share: float) -> str:
 def decide_report(scene: Scene, trials: Trials, chosen: Choice, term: Term) -> Decision:
     """Decide on a term that reports a status and changes no friction.
 
-    The surface ends where the term reports, if the scene says so; else the reason says how near the
-    voltages come.
+    The surface ends where the term reports only if the scene asks for it. The reason says how near
+    the voltages come.
     """
     is_kept = term.name in kept_reports(scene)
     share = trials.share_of_limit(chosen, term)

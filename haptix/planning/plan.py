@@ -1,4 +1,4 @@
-"""What a scene requires: measured, decided, and kept with the surface."""
+"""Plan of a scene's surface: measured, decided, and kept with the surface."""
 
 from __future__ import annotations
 
@@ -20,13 +20,7 @@ from haptix.planning.choices import (
     omissions,
     reporting_terms,
 )
-from haptix.planning.decisions import (
-    Decision,
-    decide_report,
-    effect_alone,
-    spend,
-    with_overrides,
-)
+from haptix.planning.decisions import Decision, decide_report, effect_alone, spend, with_overrides
 from haptix.planning.effects import Effect, Trials
 from haptix.planning.grid import estimated_nodes, values
 from haptix.scene import Scene
@@ -35,7 +29,7 @@ from haptix.surface.axes import AXIS_NAMES
 from haptix.surface.tolerance import Tolerance
 from haptix.terms import TERMS
 
-_UNSEEN = 1.25  # between the points measured, what is left out may do this much more
+_UNSEEN = 1.25  # between the points measured, effects may be larger by this factor
 
 
 @dataclass(frozen=True)
@@ -45,18 +39,17 @@ class Row:
     Parameters
     ----------
     kind, name : str
-        "term", "axis", "fidelity" or "dtype"; the name is that of what would be lost.
+        "term", "axis", "fidelity" or "dtype", and the name of what would be left out.
     kept : bool
         Whether the plan has it.
     why : str
         The reason, in words.
     effect : Effect
-        What friction would lose without it, all else being there.
+        Effect on friction of leaving out this alone.
     time_saved_s, memory_saved_bytes : float, int
-        What the plan's surface gains by not having it; 0 where it is kept.
+        Savings of the plan's surface; 0 where it is kept.
     savings : {"measured", "estimated", "none"}
-        Whether the time saved was timed on the scene's points, or follows from the nodes that the
-        axes are estimated to need.
+        Whether the savings were timed on the scene's points or estimated from the axes' nodes.
     """
 
     kind: Kind
@@ -86,19 +79,19 @@ class Plan:
     Parameters
     ----------
     scene : Scene
-        For this.
+        The planned scene.
     rows : tuple of Row
         Terms, axes, fidelity and dtype.
     model : ContactModel
-        To build from.
+        The planned model.
     ranges : mapping
-        For `FrictionSurface.build`; a collapsed axis has its middle twice.
+        For `FrictionSurface.build`; both ends of a collapsed axis are its middle.
     tolerance : Tolerance
-        Of the surface against `model`.
+        Largest error of the surface against `model`.
     dtype : torch.dtype
-        In which the surface is to be kept.
+        Precision of the surface.
     effect : Effect
-        Of everything that is left out together.
+        Joint effect of everything that is left out.
     points : int
         States at which effects were measured.
     nodes : mapping of str to int
@@ -116,9 +109,9 @@ class Plan:
     nodes: Mapping[str, int]
 
     def record(self) -> dict[str, Any]:
-        """Return the decision as plain values, to be stored in the surface.
+        """Return the decisions as plain values, to be stored in the surface.
 
-        Without times: the same scene has the same record, and its surface the same bytes.
+        They hold no times: the same scene has the same record, and its surface the same bytes.
         """
         return {
             "scene": self.scene.name,
@@ -147,7 +140,7 @@ class Plan:
         tolerance: Tolerance | float | str | None = None,
         largest_bytes: int = LARGEST_BYTES,
     ) -> FrictionSurface:
-        """Build just that, with the decision in ``info["notes"]["plan"]``.
+        """Build the planned surface, with the decisions in ``info["notes"]["plan"]``.
 
         Parameters
         ----------
@@ -156,7 +149,7 @@ class Plan:
         tolerance : Tolerance, float or str, optional
             Instead of the planned one.
         largest_bytes : int
-            Size that the surface may have.
+            Largest size of the surface.
 
         Raises
         ------
@@ -184,12 +177,11 @@ def plan_scene(
 ) -> Plan:
     """Decide what a scene's surface needs.
 
-    Each thing that can be left out is switched off, at the same seeded points of the scene, and
-    what that does to friction is measured. Then things are dropped, those first that cost little
-    for the work they save, and for each the effect of all that is dropped is measured again: it
+    Each thing that can be left out is switched off alone, at the same seeded points of the scene,
+    and its effect on friction is measured. Then things are dropped one by one. Those that cost
+    little for the work they save come first. After each, the joint effect of all that is dropped
     must stay within the share of the budget given to modelling. A larger budget never keeps more.
-    What the scene overrides is decided and takes nothing of the budget: the rest is measured with
-    it in force.
+    Overrides of the scene are applied first and cost no budget.
 
     Parameters
     ----------
@@ -205,8 +197,8 @@ def plan_scene(
     InputError
         If an override contradicts the scene, or the drive is no sine.
     """
-    asked = scene.override.tolerance
-    given = None if asked is None else Tolerance.read(asked)
+    given = scene.override.tolerance
+    asked = None if given is None else Tolerance.read(given)
     everything = omissions(scene)
     base, settled = with_overrides(scene, everything)
     trials = Trials(scene, base, points)
@@ -220,8 +212,8 @@ def plan_scene(
     on_progress(0.8)
     decisions = {**settled, **decisions}
     rest = scene.budget_thresholds - _UNSEEN * joint.thresholds_max
-    tolerance = given or Tolerance(rest, "JND")
-    nodes = estimated_nodes(trials, chosen, _in_thresholds(tolerance, trials, chosen))
+    tolerance = asked or Tolerance(rest, "JND")
+    nodes = estimated_nodes(trials, chosen, _in_jnd(tolerance, trials, chosen))
     on_progress(0.9)
     rows = [_row(one, decisions[one], effects[one], trials, chosen, nodes) for one in everything]
     for term in reporting_terms(scene):
@@ -246,14 +238,14 @@ def plan_scene(
 
 
 def _model(scene: Scene, planned: ContactModel) -> ContactModel:
-    """The planned model, or one of its terms by a fidelity that cannot be tabulated."""
+    """The planned model, or its terms in a fidelity that cannot be tabulated."""
     asked = scene.override.fidelity
     if asked is None or Ability.TABULATE in FIDELITIES[asked].can:
         return planned
     return scene.model(asked, planned.dtype, terms=planned.terms)
 
 
-def _in_thresholds(tolerance: Tolerance, trials: Trials, chosen: Choice) -> float:
+def _in_jnd(tolerance: Tolerance, trials: Trials, chosen: Choice) -> float:
     if tolerance.unit == "JND":
         return tolerance.value
     mu = trials.friction(chosen, trials.points, trials.voltage_v)
@@ -269,37 +261,36 @@ def _row(
     chosen: Choice,
     nodes: Mapping[str, int],
 ) -> Row:
-    saved = (0.0, 0, "none") if decision.kept else _saved(one, trials, chosen, nodes)
+    saved = () if decision.kept else _saved(one, trials, chosen, nodes)
     return Row(one.kind, one.name, decision.kept, decision.why, effect, *saved)
 
 
 def _saved(
     one: Omission, trials: Trials, chosen: Choice, nodes: Mapping[str, int]
 ) -> tuple[float, int, str]:
-    """Time [s] and bytes that a surface saves without one thing, and how they are known."""
+    """Time [s], memory [bytes] and kind of the savings of something left out, see `Row`."""
     count = values(nodes)
-    if one.kind == "dtype":
-        return 0.0, 4 * count, "estimated"
     each = trials.seconds_per_state(chosen)
     if one.kind == "axis":
-        # With the nodes that it would have needed, at the tolerance that the others have.
+        # At the tolerance that the other axes have.
         budget = trials.scene.budget_thresholds
         needed = estimated_nodes(trials, one.into(chosen), budget)[one.name]
         more = values({**nodes, one.name: needed}) - count
         return more * each, more * (4 if chosen.dtype == "float32" else 8), "estimated"
+    if one.kind == "dtype":
+        return 0.0, 4 * count, "estimated"
     if one.kind == "fidelity":
         full = Choice(friction_terms(trials.scene))
-        prepared = trials.seconds_to_prepare(full) - trials.seconds_to_prepare(chosen)
+        tables_s = trials.seconds_to_prepare(full) - trials.seconds_to_prepare(chosen)
     elif one.name in trials.scene.possible_terms(chosen.fidelity):
-        full, prepared = Choice(chosen.terms | {one.name}, chosen.fidelity), 0.0
+        full, tables_s = one.into(chosen), 0.0
     else:
         return 0.0, 0, "none"
-    saved = prepared + count * (trials.seconds_per_state(full) - each)
-    return max(0.0, saved), 0, "measured"
+    return max(0.0, tables_s + count * (trials.seconds_per_state(full) - each)), 0, "measured"
 
 
 def _fixed_rows(scene: Scene) -> list[Row]:
-    """Rows of what the scene itself decides: single values, and what is not given."""
+    """Rows that the scene itself decides: single values, and terms whose fields are missing."""
     rows = []
     ranges = scene.ranges()
     for name in AXIS_NAMES:
