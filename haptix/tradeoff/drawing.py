@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
 from textwrap import wrap
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
-from haptix.tradeoff.run import Run, Tradeoff, machine
+from haptix.tradeoff.run import COSTS, Tradeoff, machine
 
 _COLORS = {
     "mean-field": "tab:blue",
@@ -23,33 +22,33 @@ _COLORS = {
 _SHAPES = {"surface": "o", "slice": "s"}
 _DPI = 150
 
-_PANELS: tuple[tuple[str, str, Callable[[Run], float]], ...] = (
-    ("build", "build time [s]", lambda run: run.build_s),
-    ("query", "query time [s per million]", lambda run: run.query_s_per_million),
-    ("memory", "memory [bytes]", lambda run: float(run.memory_bytes)),
-)
+_LABELS = {
+    "build": "build time [s]",
+    "query": "query time [s per million]",
+    "memory": "memory [bytes]",
+}
 
 
 def png(tradeoff: Tradeoff) -> bytes:
-    """PNG of the three panels."""
+    """Return the drawing as PNG."""
     file = io.BytesIO()
     draw(tradeoff).savefig(file, format="png", dpi=_DPI)
     return file.getvalue()
 
 
 def draw(tradeoff: Tradeoff) -> Figure:
-    """Return the drawing: every run, the fronts, and the scene's budget as a line."""
+    """Draw error against build time, query time and memory, with fronts and the scene's budget."""
     layout = ConstrainedLayoutEngine(rect=(0, 0.08, 1, 0.92))
     figure = Figure(figsize=(13, 5.2), layout=layout)
-    panels = figure.subplots(1, len(_PANELS), sharey=True)
-    for axes, (name, label, cost) in zip(panels, _PANELS, strict=True):
-        _panel(axes, tradeoff, name, cost)
-        axes.set(xlabel=label, xscale="log", yscale="log")
+    panels = figure.subplots(1, len(COSTS), sharey=True)
+    for axes, name in zip(panels, COSTS, strict=True):
+        _panel(axes, tradeoff, name)
+        axes.set(xlabel=_LABELS[name], xscale="log", yscale="log")
         for axis in (axes.xaxis, axes.yaxis):
             low, high = axis.get_view_interval()
             # Times often span less than a decade: powers of ten alone would leave them unlabelled.
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100 * low else (1.0,)))
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(NullFormatter())
         axes.grid(which="major", color="0.9", lw=0.7)
         axes.set_axisbelow(True)
@@ -61,7 +60,8 @@ def draw(tradeoff: Tradeoff) -> Figure:
     return figure
 
 
-def _panel(axes: Axes, tradeoff: Tradeoff, name: str, cost: Callable[[Run], float]) -> None:
+def _panel(axes: Axes, tradeoff: Tradeoff, name: str) -> None:
+    cost = COSTS[name]
     for run in tradeoff.runs:
         color = _COLORS[run.setting.model]
         is_planned = run.setting.model == "planned"
@@ -78,9 +78,7 @@ def _panel(axes: Axes, tradeoff: Tradeoff, name: str, cost: Callable[[Run], floa
     front = sorted(
         (cost(run), run.error.thresholds_max) for run in tradeoff.runs if name in run.fronts
     )
-    axes.step(
-        [x for x, _ in front], [y for _, y in front], where="post", color="0.4", lw=1.2, zorder=2
-    )
+    axes.step(*zip(*front, strict=True), where="post", color="0.4", lw=1.2, zorder=2)
     axes.axhline(tradeoff.scene.budget_thresholds, color="tab:green", ls="--", lw=1.2, zorder=1)
 
 
@@ -118,7 +116,7 @@ def _caption(tradeoff: Tradeoff) -> str:
     what = machine()
     text = (
         f"{tradeoff.scene.name}. Errors against the mean field with every term, at "
-        f"{tradeoff.points} points held out, those of a slice at its own frequency and h0; times "
+        f"{tradeoff.points} held-out points, for a slice at its own frequency and h0; times "
         f"in batches of {tradeoff.batch:,} on "
         f"{what['threads']} thread(s) of {what['processor']}"
         + (f" and {what['gpu']}" if what["gpu"] else "")

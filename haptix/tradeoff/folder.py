@@ -1,4 +1,4 @@
-"""The trade as files: CSV, JSON and the plot."""
+"""Files of a tradeoff: CSV, JSON and the plot."""
 
 from __future__ import annotations
 
@@ -20,17 +20,7 @@ def write_tradeoff(
     on_progress: Progress = lambda stage, share: None,
     boundary_elements: bool = False,
 ) -> Tradeoff:
-    """Measure a scene into a folder, which is made if needed.
-
-    Files of the same names are replaced, others are left alone; all is measured and drawn before
-    the first is written.
-
-    Parameters
-    ----------
-    scene, quick, on_progress, boundary_elements
-        As for `run_tradeoff`; progress has the stage "write" as well.
-    folder : Path
-        Where the files go.
+    """Write `run_tradeoff` into a folder, which is made if needed; its last stage is "write".
 
     Raises
     ------
@@ -40,13 +30,9 @@ def write_tradeoff(
     check_folder(folder, _FILES)
     tradeoff = run_tradeoff(scene, quick, on_progress, boundary_elements)
     record = {"haptix": __version__, **tradeoff.record()}
-    contents = (table(tradeoff), png(tradeoff), json_text(record))
+    rows = record["runs"]
+    table = csv_text(rows[0], (row.values() for row in rows), 6)  # names with units, then the runs
+    contents = (table, png(tradeoff), json_text(record))
     write_folder(folder, dict(zip(_FILES, contents, strict=True)))
     on_progress("write", 1.0)
     return tradeoff
-
-
-def table(tradeoff: Tradeoff) -> str:
-    """CSV: a line of names with units, then one run a line."""
-    rows = [run.row() for run in tradeoff.runs]
-    return csv_text(rows[0], (row.values() for row in rows), 6)

@@ -1,11 +1,12 @@
-"""Build every setting of a scene, evaluate it and time it."""
+"""Build every setting of a scene, and measure its error, time and memory."""
 
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from time import perf_counter
+from timeit import repeat
 from typing import Any
 
 import torch
@@ -20,7 +21,6 @@ from haptix.planning.effects import SampledPlaces, Trials
 from haptix.scene import Scene
 from haptix.status import Status
 from haptix.surface import FrictionSurface, MeasuredPoints, MeasuringJob
-from haptix.tradeoff.pareto import pareto_front
 from haptix.tradeoff.settings import (
     QUICK_TOLERANCES,
     TABULATED,
@@ -31,7 +31,7 @@ from haptix.tradeoff.settings import (
 
 Progress = Callable[[str, float], None]
 
-_SEED = 20180518  # of the held-out points; neither planning nor a build has it
+_SEED = 20180518  # of the held-out points; planning and building use others
 _POINTS = 2000
 _QUICK_POINTS = 500
 _BATCH = 1_000_000
@@ -48,17 +48,18 @@ class Run:
     Parameters
     ----------
     setting : Setting
-        What was measured.
+        The setting.
     error : Effect
-        Against the mean field with every term, at points held out.
+        Error against the mean field with every term, at held-out points.
     outside : float
-        Share of those points that the surface says it does not reach.
+        Share of those points outside the surface.
     build_s, query_s_per_million, invert_s_per_million : float
         Times.
     memory_bytes : int
-        Of the surface or slice that is asked.
+        Memory of the surface or slice.
     fronts : tuple of str
-        Of "build", "query" and "memory": where nothing has both less error and less of it.
+        Pareto fronts that it is on, of "build", "query" and "memory": no other run is better in
+        both error and this cost.
     """
 
     setting: Setting
@@ -73,11 +74,7 @@ class Run:
     def row(self) -> dict[str, Any]:
         """Everything as plain values, for files and tables."""
         return {
-            "model": self.setting.model,
-            "tolerance": self.setting.tolerance,
-            "dtype": self.setting.dtype,
-            "form": self.setting.form,
-            "device": self.setting.device,
+            **asdict(self.setting),
             "error_max_thresholds": self.error.thresholds_max,
             "error_p99_thresholds": self.error.thresholds_p99,
             "error_max_mu": self.error.mu_max,
@@ -91,6 +88,14 @@ class Run:
         }
 
 
+COSTS: Mapping[str, Callable[[Run], float]] = {
+    "build": lambda run: run.build_s,
+    "query": lambda run: run.query_s_per_million,
+    "memory": lambda run: float(run.memory_bytes),
+}
+"""What is traded against the error, by the name of its front."""
+
+
 @dataclass(frozen=True)
 class Tradeoff:
     """All settings of a scene.
@@ -100,13 +105,13 @@ class Tradeoff:
     scene : Scene
         The scene.
     runs : tuple of Run
-        The plan's first.
+        The planned setting's first.
     plan : Plan
-        What planning decides.
+        The plan of the scene.
     plan_s : float
-        Time that it took, which the build time of the planned run does not hold.
+        Time of planning; build times exclude it.
     points, batch : int
-        States held out, and queries timed together.
+        Held-out states, and queries timed together.
     """
 
     scene: Scene
@@ -131,7 +136,7 @@ class Tradeoff:
 
 
 def machine() -> dict[str, Any]:
-    """What the times were measured on."""
+    """Describe the machine that the times were measured on."""
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
     return {
         "processor": platform.processor() or platform.machine(),
@@ -155,12 +160,12 @@ def run_tradeoff(
     scene : Scene
         The scene.
     quick : bool
-        Two tolerances and small batches, whose times say little.
+        Two tolerances and small batches; their times are rough.
     on_progress : callable
-        Called with "plan", "truth" or "run" and the share of it that is done; with "measure" where
-        there are boundary elements.
+        Called with the stage ("plan", "truth", "run", or "measure" for boundary elements) and its
+        finished share.
     boundary_elements : bool
-        Whether a surface corrected by them is measured too, from a small box and four states, which
+        Also measure a surface that boundary elements correct, from a small box and four states;
         takes minutes.
 
     Raises
@@ -168,16 +173,26 @@ def run_tradeoff(
     InputError
         If the scene contradicts itself.
     """
-    # First, since it says at once what the box may not be, or may not hold.
-    boxed = _boxed(scene) if boundary_elements else None
+    # First: an unsuitable box is refused before any work.
+    boxed = (
+        ContactModel(
+            scene.finger,
+            scene.screen,
+            "boundary-element",
+            terms=_terms(scene, "boundary-element"),
+            boundary_elements=_BOX,
+        )
+        if boundary_elements
+        else None
+    )
     began = perf_counter()
     plan = plan_scene(scene, lambda share: on_progress("plan", share))
     plan_s = perf_counter() - began
-    compared = _Comparison(
+    bench = _Comparison(
         scene, _QUICK_POINTS if quick else _POINTS, _QUICK_BATCH if quick else _BATCH
     )
     on_progress("truth", 1.0)
-    runs = compared.planned(plan)
+    runs = bench.measure_planned(plan)
     tolerances = QUICK_TOLERANCES if quick else TOLERANCES
     builds = [(fidelity, f"{value:g} JND") for fidelity in TABULATED for value in tolerances]
     on_progress("run", 1 / (1 + len(builds)))
@@ -186,43 +201,21 @@ def run_tradeoff(
         model = scene.model(fidelity, terms=_terms(scene, fidelity))
         try:
             surface = FrictionSurface.build(model, scene.ranges(), tolerance)
-        except ToleranceError as error:  # a row too: what the memory allows
+        except ToleranceError as error:  # keep the best that fits into the size
             surface, tolerance = error.best, f"{tolerance}, not met"
         build_s = perf_counter() - began
-        runs += [
-            compared.run(surface, Setting(fidelity, tolerance, *way), build_s)
-            for way in ways_to_ask()
-        ]
+        runs += bench.measure(surface, fidelity, tolerance, build_s)
         on_progress("run", number / (1 + len(builds)))
     if boxed is not None:
-        runs += _measured(scene, boxed, compared, lambda share: on_progress("measure", share))
-    return Tradeoff(scene, _with_fronts(runs), plan, plan_s, compared.count, compared.batch)
-
-
-def _boxed(scene: Scene) -> ContactModel:
-    """The scene solved by boundary elements in a small box."""
-    return ContactModel(
-        scene.finger,
-        scene.screen,
-        "boundary-element",
-        terms=_terms(scene, "boundary-element"),
-        boundary_elements=_BOX,
-    )
-
-
-def _measured(
-    scene: Scene, model: ContactModel, compared: _Comparison, report: Callable[[float], None]
-) -> list[Run]:
-    """A surface that boundary elements correct, whole and as a slice."""
-    began = perf_counter()
-    tolerance = f"{QUICK_TOLERANCES[0]:g} JND"
-    surface = FrictionSurface.measured(MeasuringJob(model, scene, _MEASURED), tolerance, report)
-    build_s = perf_counter() - began
-    return [
-        compared.run(surface, Setting("boundary-element", tolerance, *way), build_s)
-        for way in ways_to_ask()
-        if way[0] == "float64" and way[2] == "cpu"
-    ]
+        began = perf_counter()
+        tolerance = f"{QUICK_TOLERANCES[0]:g} JND"
+        job = MeasuringJob(boxed, scene, _MEASURED)
+        surface = FrictionSurface.measured(
+            job, tolerance, lambda share: on_progress("measure", share)
+        )
+        build_s = perf_counter() - began
+        runs += bench.measure(surface, "boundary-element", tolerance, build_s, "float64", "cpu")
+    return Tradeoff(scene, _with_fronts(runs), plan, plan_s, bench.count, bench.batch)
 
 
 def _terms(scene: Scene, fidelity: FidelityName) -> frozenset[str]:
@@ -230,7 +223,7 @@ def _terms(scene: Scene, fidelity: FidelityName) -> frozenset[str]:
 
 
 class _Comparison:
-    """SampledPlaces held out, the truth at them, and the queries that are timed."""
+    """Held-out points, the truth at them, and the queries that are timed."""
 
     def __init__(self, scene: Scene, count: int, batch: int) -> None:
         everything = Choice(friction_terms(scene))
@@ -249,86 +242,93 @@ class _Comparison:
             voltage = points.voltage_share * trials.highest_voltage(everything, points)
             self.truths[form] = points, voltage, trials.friction(everything, points, voltage)
 
-    def planned(self, plan: Plan) -> list[Run]:
-        """Build as planned; evaluate the surface and a slice of it."""
+    def measure_planned(self, plan: Plan) -> list[Run]:
+        """Build as planned, and measure the surface in the planned precision."""
         began = perf_counter()
-        # A model of its own: the plan's has the tables of its trials already.
+        # A new model: the plan's has the tables of its trials already.
         model = plan.scene.model(plan.model.fidelity, plan.dtype, terms=plan.model.terms)
         surface = replace(plan, model=model).build()
         build_s = perf_counter() - began
-        dtype = plan.record()["dtype"]
         tolerance = f"{plan.tolerance.value:.3g} {plan.tolerance.unit}"
-        ways = (way for way in ways_to_ask() if way[0] == dtype)
-        return [self.run(surface, Setting("planned", tolerance, *way), build_s) for way in ways]
+        return self.measure(surface, "planned", tolerance, build_s, plan.record()["dtype"])
 
-    def run(self, surface: FrictionSurface, setting: Setting, build_s: float) -> Run:
-        """Evaluate and time one surface, asked in one way."""
-        dtype = getattr(torch, setting.dtype)
-        points, voltage, truth = self.truths[setting.form]
-        # A collapsed axis stands for its whole range: nothing is given for it.
-        varying = [name for name in COLLAPSIBLE if surface.table.axes[name].varies]
-        asked = surface
-        place: dict[str, Any] = {name: points.places[name] for name in varying}
-        if setting.form == "slice":
-            asked = surface.at(**{name: self.middles[name] for name in varying})
-            place = {}
-        asked = asked.to(dtype, setting.device)
-        sample = asked.evaluate(points.places["normal_force_n"], voltage, **place)
-        error = Effect.between(truth, sample.mu.to("cpu", torch.float64))
-        return Run(
-            setting,
-            error,
-            float((sample.status != int(Status.OK)).double().mean()),
-            build_s,
-            *self._times(asked, points, voltage, place, dtype, setting.device),
-            asked.nbytes,
-        )
-
-    def _times(
+    def measure(
         self,
         surface: FrictionSurface,
-        points: SampledPlaces,
-        voltage_v: Tensor,
-        place: Mapping[str, Tensor],
-        dtype: torch.dtype,
-        device: str,
-    ) -> tuple[float, float]:
-        """Seconds per million of evaluations and of inversions, in one large batch."""
+        model: str,
+        tolerance: str,
+        build_s: float,
+        *only: str,
+    ) -> list[Run]:
+        """Measure a surface in every way to ask it that has the dtype and device in `only`."""
+        settings = [Setting(model, tolerance, *way) for way in ways_to_ask()]
+        return [
+            self._run(surface, setting, build_s)
+            for setting in settings
+            if {*only} <= {setting.dtype, setting.device}
+        ]
+
+    def _run(self, surface: FrictionSurface, setting: Setting, build_s: float) -> Run:
+        dtype, device = getattr(torch, setting.dtype), setting.device
+        points, voltage, truth = self.truths[setting.form]
+        # A collapsed axis stands for its whole range: it takes no values.
+        varying = [name for name in COLLAPSIBLE if surface.table.axes[name].varies]
+        if setting.form == "slice":
+            surface = surface.at(**{name: self.middles[name] for name in varying})
+            varying = []
+        surface = surface.to(dtype, device)
+        places: dict[str, Any] = {
+            name: points.places[name] for name in ("normal_force_n", *varying)
+        }
+        sample = surface.evaluate(voltage_v=voltage, **places)
+        # Many random points of these, in one batch, are timed.
         generator = torch.Generator().manual_seed(_SEED)
-        rows = torch.randint(len(voltage_v), (self.batch,), generator=generator)
-
-        def many(column: Tensor) -> Tensor:
-            return column[rows].to(device, dtype)
-
-        force, voltage = many(points.places["normal_force_n"]), many(voltage_v)
-        at: dict[str, Any] = {name: many(column) for name, column in place.items()}
-        mu = surface.evaluate(force, voltage, **at).mu
-        return (
-            self._seconds(lambda: surface.evaluate(force, voltage, **at), device),
-            self._seconds(lambda: surface.voltage(mu, force, **at), device),
+        rows = torch.randint(len(voltage), (self.batch,), generator=generator)
+        at: dict[str, Any] = {name: x[rows].to(device, dtype) for name, x in places.items()}
+        volts = voltage[rows].to(device, dtype)
+        mu = surface.evaluate(voltage_v=volts, **at).mu
+        return Run(
+            setting,
+            Effect.between(truth, sample.mu.to("cpu", torch.float64)),
+            float((sample.status != int(Status.OK)).double().mean()),
+            build_s,
+            self._seconds(lambda: surface.evaluate(voltage_v=volts, **at), device),
+            self._seconds(lambda: surface.voltage(mu, **at), device),
+            surface.nbytes,
         )
 
-    def _seconds(self, work: Callable[[], object], device: str) -> float:
-        times = []
-        for _ in range(_REPEATS):
-            began = perf_counter()
-            work()
+    def _seconds(self, ask: Callable[[], object], device: str) -> float:
+        """Seconds per million queries."""
+
+        def work() -> None:
+            ask()
             if device != "cpu":
                 torch.cuda.synchronize()
-            times.append(perf_counter() - began)
-        return min(times) * 1e6 / self.batch
+
+        return min(repeat(work, number=1, repeat=_REPEATS)) * 1e6 / self.batch
 
 
 def _with_fronts(runs: list[Run]) -> tuple[Run, ...]:
-    costs: Mapping[str, list[float]] = {
-        "build": [run.build_s for run in runs],
-        "query": [run.query_s_per_million for run in runs],
-        "memory": [float(run.memory_bytes) for run in runs],
-    }
-    # To three digits: what float64 gains in the seventh is no reason to take it.
+    costs = {name: [cost(run) for run in runs] for name, cost in COSTS.items()}
+    # Errors are compared to three digits: the seventh is no reason to take float64.
     errors = [float(f"{run.error.thresholds_max:.3g}") for run in runs]
     on = {name: pareto_front(list(zip(cost, errors, strict=True))) for name, cost in costs.items()}
     return tuple(
         replace(run, fronts=tuple(name for name in costs if on[name][number]))
         for number, run in enumerate(runs)
     )
+
+
+def pareto_front(costs: Sequence[tuple[float, ...]]) -> list[bool]:
+    """Return which are on the front: no other is as low in every cost and lower in one.
+
+    Parameters
+    ----------
+    costs : sequence of tuples of one length
+        Lower is better. Equal ones are on the front together.
+    """
+
+    def beats(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+        return one != other and all(a <= b for a, b in zip(one, other, strict=True))
+
+    return [not any(beats(other, one) for other in costs) for one in costs]

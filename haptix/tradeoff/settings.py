@@ -1,4 +1,4 @@
-"""What is tried for a scene: every combination of fidelity, tolerance, dtype, slice and device."""
+"""Settings of a tradeoff: every combination of fidelity, tolerance, dtype, slice and device."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from haptix.scene import DirectDrive, DtypeName, Scene
 from haptix.screen import Screen
 
 TOLERANCES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
-"""Of the surface against its own model, in just-noticeable differences."""
+"""Tolerances of the surface against its own model [JND]."""
 
 QUICK_TOLERANCES = (0.05, 0.5)
 
@@ -25,20 +25,20 @@ DTYPES: tuple[DtypeName, ...] = ("float64", "float32")
 
 @dataclass(frozen=True)
 class Setting:
-    """One way to build a surface and to ask it.
+    """One way to build and query a surface.
 
     Parameters
     ----------
     model : {"mean-field", "closed-form", "boundary-element", "planned"}
-        A fidelity with every term that it can have, or what `plan_scene` decides.
+        A fidelity with every possible term, or the choice of `plan_scene`.
     tolerance : str
-        Of the surface against that model.
+        Tolerance of the surface against that model.
     dtype : {"float32", "float64"}
-        Of the surface that is asked.
+        Precision of the surface.
     form : {"surface", "slice"}
-        Whether force, frequency and h0 are given with every query, or the last two once.
+        Whether every query gives frequency and h0, or the surface is sliced at them once.
     device : str
-        Where it is asked.
+        Device of the queries.
     """
 
     model: str
@@ -49,25 +49,21 @@ class Setting:
 
     @property
     def asked(self) -> tuple[str, ...]:
-        """How the surface is asked: dtype, form, and the device where it is not the CPU."""
+        """How the surface is queried: dtype, form, and the device if it is not the CPU."""
         return (self.dtype, self.form, *([] if self.device == "cpu" else [self.device]))
 
 
-def devices() -> tuple[str, ...]:
-    """Return the processors that this machine has: "cpu", and "cuda" where there is one."""
-    return ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",)
-
-
 def ways_to_ask() -> list[tuple[DtypeName, Literal["surface", "slice"], str]]:
-    """Dtype, form and device: what can be changed of a surface that is built."""
+    """Dtypes, forms and devices in which a surface can be queried."""
     forms: tuple[Literal["surface", "slice"], ...] = ("surface", "slice")
-    return list(product(DTYPES, forms, devices()))
+    devices = ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",)
+    return list(product(DTYPES, forms, devices))
 
 
 def default_scene() -> Scene:
-    """Return a scene in which every axis varies: the paper's finger, screens of several insulators.
+    """Return a scene in which every axis varies: the paper's finger on several insulators.
 
-    Driven directly, at the frequencies of the physics page, section 7.
+    The drive is direct, at the frequencies of the physics page, section 7.
     """
     return Scene(
         name="semi-wet finger, 80 to 400 Hz, several screens",
