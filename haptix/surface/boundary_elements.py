@@ -27,7 +27,7 @@ from haptix.friction import ContactModel
 from haptix.status import Status
 from haptix.surface.axes import AXIS_NAMES, Axes, Axis
 from haptix.surface.build import build_table
-from haptix.surface.identity import model_hash, surface_key
+from haptix.surface.identity import digest, surface_key
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.ranges import read_ranges
 from haptix.surface.tolerance import Tolerance
@@ -230,7 +230,7 @@ def _corrected(
         **info,
         "key": key,
         "model": job.model.describe(),
-        "model_hash": model_hash(job.model.describe()),
+        "model_hash": digest(job.model.describe()),
         "boundary_elements": {
             **asdict(job.points),
             "theory": job.model.theory,

@@ -16,7 +16,7 @@ from haptix.errors import InputError, ToleranceError
 from haptix.friction import ContactModel
 from haptix.surface.axes import AXIS_NAMES, Axes, Axis
 from haptix.surface.column import PULL_IN_DRIVE
-from haptix.surface.identity import model_hash, surface_key
+from haptix.surface.identity import digest, surface_key
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.placement import fewest_nodes
 from haptix.surface.ranges import Ranges, read_ranges
@@ -61,7 +61,7 @@ def build_table(
         "haptix": __version__,
         "key": surface_key(model, scene, tolerance, largest_bytes),
         "model": model.describe(),
-        "model_hash": model_hash(model.describe()),
+        "model_hash": digest(model.describe()),
         "ranges": ranges,
         "screen_h0_m": model.screen.h0_m,
         "response_hz_per_mm_per_s": model.finger.response_hz_per_mm_per_s,

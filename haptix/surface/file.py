@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import zlib
@@ -20,7 +19,7 @@ from haptix.errors import FileFormatError
 from haptix.files import write_whole
 from haptix.friction import ContactModel
 from haptix.surface.axes import AXES, AXIS_NAMES, Axes
-from haptix.surface.identity import model_hash
+from haptix.surface.identity import digest
 from haptix.surface.interpolant import Interpolant
 
 FORMAT = "haptix-friction-surface"
@@ -63,7 +62,7 @@ def save_table(table: Interpolant, info: Info, path: Path) -> None:
         "info": dict(info),
         "crc32": {name: _checksum(tensor) for name, tensor in tensors.items()},
     }
-    header["sha256"] = _digest(header)
+    header["sha256"] = digest(header)
     data = to_bytes(tensors, metadata={"haptix": json.dumps(header, sort_keys=True)})
     write_whole(path, data)
 
@@ -89,7 +88,7 @@ def load_table(path: Path, model: ContactModel | None = None) -> tuple[Interpola
             "update haptix, or build the surface again"
         )
     stored = header.pop("sha256", "")
-    if stored != _digest(header):
+    if stored != digest(header):
         raise FileFormatError(f"{path} is damaged: its description does not match its checksum")
     if {name: _checksum(tensor) for name, tensor in tensors.items()} != header.get("crc32"):
         raise FileFormatError(f"{path} is damaged: its numbers do not match their checksum")
@@ -157,17 +156,13 @@ def _assemble(path: Path, header: Info, tensors: dict[str, Tensor]) -> tuple[Int
 
 def _check_model(path: Path, info: Info, model: ContactModel | None) -> None:
     stored = info.get("model_hash")
-    if stored != model_hash(info.get("model", {})):
+    if stored != digest(info.get("model", {})):
         raise FileFormatError(f"{path} is damaged: its model does not match its hash")
-    if model is not None and stored != model_hash(model.describe()):
+    if model is not None and stored != digest(model.describe()):
         raise FileFormatError(
             f"{path} was built from another model than the one given; build it again, or load it "
             "without naming a model"
         )
-
-
-def _digest(header: Info) -> str:
-    return hashlib.sha256(json.dumps(header, sort_keys=True).encode()).hexdigest()
 
 
 def _checksum(tensor: Tensor) -> int:

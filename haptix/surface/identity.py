@@ -15,9 +15,9 @@ from haptix.surface.tolerance import LARGEST_BYTES, Tolerance
 from haptix.version import __version__
 
 
-def model_hash(description: Mapping[str, Any]) -> str:
-    """Hash of a description by `ContactModel.describe`."""
-    return _hash(description)
+def digest(plain: Mapping[str, Any]) -> str:
+    """SHA-256 of plain values, such as the description of a model or of a file."""
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
 def surface_key(
@@ -27,7 +27,7 @@ def surface_key(
     largest_bytes: int = LARGEST_BYTES,
 ) -> str:
     """Hash of everything that decides a surface's numbers; the name of its cache entry."""
-    return _hash(
+    return digest(
         {
             "haptix": __version__,
             "code": _code_digest(),
@@ -40,19 +40,15 @@ def surface_key(
     )
 
 
-def _hash(plain: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
-
-
 @cache
 def _code_digest() -> str:
     """Hash of the source code: a surface of an earlier solver is never found in the cache."""
-    digest = hashlib.sha256()
+    code = hashlib.sha256()
     package = Path(__file__).parent.parent
     rooms = [
         package / room
         for room in ("contact", "electro", "terms", "fidelity", "friction", "surface")
     ]
     for file in sorted([*package.glob("*.py"), *(f for room in rooms for f in room.rglob("*.py"))]):
-        digest.update(file.read_bytes())
-    return digest.hexdigest()
+        code.update(file.read_bytes())
+    return code.hexdigest()

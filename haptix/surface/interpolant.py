@@ -32,10 +32,10 @@ class Interpolant:
     """mu(F_N, V0, f, h0) on a grid.
 
     Each column, at one force, frequency and thickness, holds 1/mu at nodes of the drive
-    ``s = (V0 / V_pull-in)^2`` and its own pull-in voltage. The closed form ``mu = mu_0 / (1 - s)``
-    makes 1/mu nearly linear in s in every column. Columns are blended linearly in the logarithms of
-    their axes. 1/mu falls along every column, and so along every blend of columns. The inverse is
-    therefore unique, and exact on the interpolant.
+    ``s = (V0 / V_pull-in)^2`` and its own pull-in voltage. By the closed form
+    ``mu = mu_0 / (1 - s)``, 1/mu is nearly linear in s. Columns are blended linearly in the
+    logarithms of their axes. 1/mu falls along every column, and so along every blend of columns.
+    The inverse is therefore unique, and exact on the interpolant.
 
     Parameters
     ----------
@@ -94,13 +94,11 @@ class Interpolant:
 
     def end(self, places: Query) -> Tensor:
         """Amplitude [V] at which the columns end: by limit, pull-in or breakdown."""
-        (end,) = self._ask(self._end_of_block, torch.zeros_like(self.drive[0]), places)
-        return end
+        return self._ask(self._limits, torch.zeros_like(self.drive[0]), places)[0]
 
     def breakdown(self, places: Query) -> Tensor:
         """Amplitude [V] from which the gap or the insulator breaks down."""
-        (found,) = self._ask(self._breakdown_of_block, torch.zeros_like(self.drive[0]), places)
-        return found
+        return self._ask(self._limits, torch.zeros_like(self.drive[0]), places)[1]
 
     def at(self, places: Query) -> Interpolant:
         """Slice axes away at one value each; None leaves an axis as it is."""
@@ -177,14 +175,11 @@ class Interpolant:
             limited += _small(by_breakdown) * (_BREAKDOWN - limited)
         return limited
 
-    def _end_of_block(self, like: Tensor, *places: Tensor | None) -> tuple[Tensor]:
+    def _limits(self, like: Tensor, *places: Tensor | None) -> tuple[Tensor, Tensor]:
         column, _ = self.axes.blend(places, self.columns, like)
         pull_in, _, top = self._ends(column)
-        return ((pull_in * top.sqrt()).clamp(max=self.voltage_limit_v),)
-
-    def _breakdown_of_block(self, like: Tensor, *places: Tensor | None) -> tuple[Tensor]:
-        column, _ = self.axes.blend(places, self.columns, like)
-        return (self.unit_v * torch.exp(column[:, -1]),)
+        breakdown = self.unit_v * torch.exp(column[:, -1].contiguous())
+        return (pull_in * top.sqrt()).clamp(max=self.voltage_limit_v), breakdown
 
     def _ends(self, column: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Pull-in and breakdown voltage, and the drive at which the surface ends."""

@@ -53,10 +53,14 @@ def read_ranges(model: ContactModel, scene: Any) -> dict[str, tuple[float, float
 
 
 def _read_range(name: str, value: Any) -> tuple[float, float] | None:
+    zero = name == "voltage_v"
     try:
-        return None if value is None else low_and_high(value, zero=name == "voltage_v")
-    except ValueError as error:
-        raise InputError(f"{name}: {error}, got {value!r}") from None
+        return None if value is None else low_and_high(value, zero)
+    except ValueError:
+        raise InputError(
+            f"{name}: expected (low, high) or one value, with finite low <= high, "
+            f"{'0 or more' if zero else 'above 0'}, got {value!r}"
+        ) from None
 
 
 def low_and_high(value: Any, zero: bool = False) -> tuple[float, float]:
@@ -65,7 +69,7 @@ def low_and_high(value: Any, zero: bool = False) -> tuple[float, float]:
     Raises
     ------
     ValueError
-        If it is none; the message does not name it.
+        If the value is no such range.
     """
     if hasattr(value, "tolist"):
         value = value.tolist()

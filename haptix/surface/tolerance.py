@@ -67,16 +67,14 @@ class Tolerance:
         if isinstance(value, bool):
             raise InputError(f"tolerance: expected a number in mu, got {value}")
         match = re.fullmatch(r"\s*([-+.\deE]+|nan|inf)\s*([A-Za-z% ]*?)\s*", str(value))
+        number, unit = match.groups() if match else ("", "")
         try:
-            if match is None:
-                raise ValueError
-            return cls(float(match[1]), _SPELLINGS[match[2]])
-        except (KeyError, ValueError) as error:
-            if isinstance(error, InputError):
-                raise
+            read = float(number), _SPELLINGS[unit]
+        except (KeyError, ValueError):
             raise InputError(
                 f'tolerance: expected a number in mu, "0.05 JND" or "0.2 %", got {value!r}'
             ) from None
+        return cls(*read)
 
     def __str__(self) -> str:
         return f"{self.value:g} {self.unit}"

@@ -1,7 +1,7 @@
 from .folder import write_tradeoff as write_tradeoff
-from .run import Run as Run
 from .run import Tradeoff as Tradeoff
-from .run import pareto_front as pareto_front
 from .run import run_tradeoff as run_tradeoff
+from .settings import Run as Run
 from .settings import Setting as Setting
 from .settings import default_scene as default_scene
+from .settings import pareto_front as pareto_front

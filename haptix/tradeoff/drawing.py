@@ -11,7 +11,8 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from haptix.tradeoff.run import COSTS, Tradeoff, machine
+from haptix.tradeoff.run import Tradeoff, machine
+from haptix.tradeoff.settings import COSTS
 
 _COLORS = {
     "mean-field": "tab:blue",

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from time import perf_counter
 from timeit import repeat
 from typing import Any
@@ -25,8 +25,10 @@ from haptix.tradeoff.settings import (
     QUICK_TOLERANCES,
     TABULATED,
     TOLERANCES,
+    Run,
     Setting,
     ways_to_ask,
+    with_fronts,
 )
 
 Progress = Callable[[str, float], None]
@@ -39,61 +41,6 @@ _QUICK_BATCH = 50_000
 _BOX = BoundaryElementBox(points=64, surfaces=2)
 _MEASURED = MeasuredPoints(forces=2, drives=2, axis_values=1)
 _REPEATS = 3  # of which the fastest counts
-
-
-@dataclass(frozen=True)
-class Run:
-    """One setting, measured.
-
-    Parameters
-    ----------
-    setting : Setting
-        The setting.
-    error : Effect
-        Error against the mean field with every term, at held-out points.
-    outside : float
-        Share of those points outside the surface.
-    build_s, query_s_per_million, invert_s_per_million : float
-        Times.
-    memory_bytes : int
-        Memory of the surface or slice.
-    fronts : tuple of str
-        Pareto fronts that it is on, of "build", "query" and "memory": no other run is better in
-        both error and this cost.
-    """
-
-    setting: Setting
-    error: Effect
-    outside: float
-    build_s: float
-    query_s_per_million: float
-    invert_s_per_million: float
-    memory_bytes: int
-    fronts: tuple[str, ...] = ()
-
-    def row(self) -> dict[str, Any]:
-        """Everything as plain values, for files and tables."""
-        return {
-            **asdict(self.setting),
-            "error_max_thresholds": self.error.thresholds_max,
-            "error_p99_thresholds": self.error.thresholds_p99,
-            "error_max_mu": self.error.mu_max,
-            "error_p99_mu": self.error.mu_p99,
-            "outside_share": self.outside,
-            "build_s": self.build_s,
-            "query_s_per_million": self.query_s_per_million,
-            "invert_s_per_million": self.invert_s_per_million,
-            "memory_bytes": self.memory_bytes,
-            "fronts": " ".join(self.fronts),
-        }
-
-
-COSTS: Mapping[str, Callable[[Run], float]] = {
-    "build": lambda run: run.build_s,
-    "query": lambda run: run.query_s_per_million,
-    "memory": lambda run: float(run.memory_bytes),
-}
-"""What is traded against the error, by the name of its front."""
 
 
 @dataclass(frozen=True)
@@ -215,7 +162,7 @@ def run_tradeoff(
         )
         build_s = perf_counter() - began
         runs += bench.measure(surface, "boundary-element", tolerance, build_s, "float64", "cpu")
-    return Tradeoff(scene, _with_fronts(runs), plan, plan_s, bench.count, bench.batch)
+    return Tradeoff(scene, with_fronts(runs), plan, plan_s, bench.count, bench.batch)
 
 
 def _terms(scene: Scene, fidelity: FidelityName) -> frozenset[str]:
@@ -306,29 +253,3 @@ class _Comparison:
                 torch.cuda.synchronize()
 
         return min(repeat(work, number=1, repeat=_REPEATS)) * 1e6 / self.batch
-
-
-def _with_fronts(runs: list[Run]) -> tuple[Run, ...]:
-    costs = {name: [cost(run) for run in runs] for name, cost in COSTS.items()}
-    # Errors are compared to three digits: the seventh is no reason to take float64.
-    errors = [float(f"{run.error.thresholds_max:.3g}") for run in runs]
-    on = {name: pareto_front(list(zip(cost, errors, strict=True))) for name, cost in costs.items()}
-    return tuple(
-        replace(run, fronts=tuple(name for name in costs if on[name][number]))
-        for number, run in enumerate(runs)
-    )
-
-
-def pareto_front(costs: Sequence[tuple[float, ...]]) -> list[bool]:
-    """Return which are on the front: no other is as low in every cost and lower in one.
-
-    Parameters
-    ----------
-    costs : sequence of tuples of one length
-        Lower is better. Equal ones are on the front together.
-    """
-
-    def beats(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
-        return one != other and all(a <= b for a, b in zip(one, other, strict=True))
-
-    return [not any(beats(other, one) for other in costs) for one in costs]

@@ -1,15 +1,17 @@
-"""Settings of a tradeoff: every combination of fidelity, tolerance, dtype, slice and device."""
+"""Settings of a tradeoff, and the runs that measure them with their Pareto fronts."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from itertools import product
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 
 from haptix.fidelity import FidelityName
 from haptix.finger import Finger
+from haptix.planning import Effect
 from haptix.planning.choices import COARSE, FULL
 from haptix.scene import DirectDrive, DtypeName, Scene
 from haptix.screen import Screen
@@ -58,6 +60,88 @@ def ways_to_ask() -> list[tuple[DtypeName, Literal["surface", "slice"], str]]:
     forms: tuple[Literal["surface", "slice"], ...] = ("surface", "slice")
     devices = ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",)
     return list(product(DTYPES, forms, devices))
+
+
+@dataclass(frozen=True)
+class Run:
+    """One setting, measured.
+
+    Parameters
+    ----------
+    setting : Setting
+        The setting.
+    error : Effect
+        Error against the mean field with every term, at held-out points.
+    outside : float
+        Share of those points outside the surface.
+    build_s, query_s_per_million, invert_s_per_million : float
+        Times.
+    memory_bytes : int
+        Memory of the surface or slice.
+    fronts : tuple of str
+        Pareto fronts that it is on, of "build", "query" and "memory": no other run is better in
+        both error and this cost.
+    """
+
+    setting: Setting
+    error: Effect
+    outside: float
+    build_s: float
+    query_s_per_million: float
+    invert_s_per_million: float
+    memory_bytes: int
+    fronts: tuple[str, ...] = ()
+
+    def row(self) -> dict[str, Any]:
+        """Everything as plain values, for files and tables."""
+        return {
+            **asdict(self.setting),
+            "error_max_thresholds": self.error.thresholds_max,
+            "error_p99_thresholds": self.error.thresholds_p99,
+            "error_max_mu": self.error.mu_max,
+            "error_p99_mu": self.error.mu_p99,
+            "outside_share": self.outside,
+            "build_s": self.build_s,
+            "query_s_per_million": self.query_s_per_million,
+            "invert_s_per_million": self.invert_s_per_million,
+            "memory_bytes": self.memory_bytes,
+            "fronts": " ".join(self.fronts),
+        }
+
+
+COSTS: Mapping[str, Callable[[Run], float]] = {
+    "build": lambda run: run.build_s,
+    "query": lambda run: run.query_s_per_million,
+    "memory": lambda run: float(run.memory_bytes),
+}
+"""What is traded against the error, by the name of its front."""
+
+
+def with_fronts(runs: list[Run]) -> tuple[Run, ...]:
+    """Return the runs with the fronts that each is on."""
+    costs = {name: [cost(run) for run in runs] for name, cost in COSTS.items()}
+    # Errors are compared to three digits: the seventh is no reason to take float64.
+    errors = [float(f"{run.error.thresholds_max:.3g}") for run in runs]
+    on = {name: pareto_front(list(zip(cost, errors, strict=True))) for name, cost in costs.items()}
+    return tuple(
+        replace(run, fronts=tuple(name for name in costs if on[name][number]))
+        for number, run in enumerate(runs)
+    )
+
+
+def pareto_front(costs: Sequence[tuple[float, ...]]) -> list[bool]:
+    """Return which are on the front: no other is as low in every cost and lower in one.
+
+    Parameters
+    ----------
+    costs : sequence of tuples of one length
+        Lower is better. Equal ones are on the front together.
+    """
+
+    def beats(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+        return one != other and all(a <= b for a, b in zip(one, other, strict=True))
+
+    return [not any(beats(other, one) for other in costs) for one in costs]
 
 
 def default_scene() -> Scene:
