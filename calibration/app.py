@@ -88,7 +88,7 @@ def measure(
     operator: Annotated[str, typer.Option(help="Who measures.")] = "",
     csv: Annotated[Path | None, typer.Option(help="For csv: folder of stroke-001.csv ...")] = None,
     columns: Annotated[Path | None, typer.Option(help="For csv: column map, as TOML.")] = None,
-    inputs: Annotated[Path | None, typer.Option(help="For inputs: its channels, TOML.")] = None,
+    inputs: Annotated[Path | None, typer.Option(help="For inputs: channels, as TOML.")] = None,
     crosstalk: Annotated[
         float, typer.Option(help="Share of the normal force on the tangential axis.")
     ] = 0.0,
@@ -251,7 +251,16 @@ def verify_(
 
     found, screen = verify_folder(folder, tolerance_thresholds)
     if as_json:
-        rows = [{key: _rounded(value) for key, value in vars(one).items()} for one in found.rows]
+        rows = [
+            {
+                "number": one.point.number,
+                "mu": _rounded(one.point.mu),
+                "predicted_mu": _rounded(one.predicted_mu),
+                "residual_thresholds": _rounded(one.residual_thresholds),
+                "ripple_residual_thresholds": _rounded(one.ripple_residual_thresholds),
+            }
+            for one in found.rows
+        ]
         document = {
             "verdict": found.verdict,
             "failures": found.failures,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import exp, inf, log, sqrt
 
 import numpy as np
@@ -138,17 +139,17 @@ def _fitted(
 
 def _best_start(residuals: Residuals) -> Array:
     """Fit from several insulators: past pull-in, no slope leads back to light contact."""
-    found = []
     free = residuals.parameters.free
+    best = residuals.start, inf
     for factor in (1.0, 0.4, 2.5) if "h0_m" in free else (1.0,):
         start = residuals.start.copy()
         if "h0_m" in free:
             start[free.index("h0_m")] += log(factor)
         solution = solve(residuals, start, 25)
-        found.append((residuals.cost(solution), solution))
-        if found[-1][0] < _GOOD_START * residuals.data_rows:
+        best = min(best, (solution, residuals.cost(solution)), key=lambda pair: pair[1])
+        if best[1] < _GOOD_START * residuals.data_rows:
             break
-    return min(found, key=lambda pair: pair[0])[1]
+    return best[0]
 
 
 def _bootstrap(residuals: Residuals, free: Array, seed: int, count: int) -> Array:
@@ -189,11 +190,9 @@ def _estimate(
     residuals: Residuals, free: Array, covariance: Array, one: Parameter
 ) -> ParameterEstimate:
     parameters = residuals.parameters
+    estimate = partial(ParameterEstimate, name=one.name)
     if one.is_fixed:
-        return ParameterEstimate(
-            name=one.name, value=one.value, low=one.value, high=one.value, spread=0.0,
-            verdict="fixed",
-        )  # fmt: skip
+        return estimate(value=one.value, low=one.value, high=one.value, spread=0.0, verdict="fixed")
     # The repeatability was itself estimated: Student's t.
     spare = max(len(residuals.points) - len(parameters.free), 3)
     quantile = float(student.ppf(0.5 + _LEVEL / 2, spare))
@@ -203,16 +202,13 @@ def _estimate(
     before = parameters.prior_spread(one.name)
     is_measured = before is None or spread < _PRIOR_SHARE * before
     if is_measured and spread <= REPORTED_WITHIN:
-        return ParameterEstimate(
-            name=one.name, value=exp(middle), low=low, high=high, spread=spread,
-            verdict="determined",
-        )  # fmt: skip
+        return estimate(value=exp(middle), low=low, high=high, spread=spread, verdict="determined")
     if is_measured:
         low, high = profile(residuals, free, one.name, spread)
-    return ParameterEstimate(
-        name=one.name, low=low, high=high, spread=spread,
-        verdict="undetermined" if is_measured else "prior", advice=EXPERIMENTS[one.name],
-    )  # fmt: skip
+    verdict = "undetermined" if is_measured else "prior"
+    return estimate(
+        low=low, high=high, spread=spread, verdict=verdict, advice=EXPERIMENTS[one.name]
+    )
 
 
 def profile(
@@ -234,22 +230,19 @@ def profile(
     along = covariance[:, index] / covariance[index, index]
     bounds = []
     for side in (-1.0, 1.0):
-        at, last, rise_last = free.copy(), 0.0, 0.0
+        at, last, rise_last, bound = free.copy(), 0.0, 0.0, side * inf
         step = min(1.7 * spread, 1.0)
-        bound = side * inf
-        while True:
+        while last < _PROFILE_LIMIT:
             distance = last + step
             at = at + along * (free[index] + side * distance - at[index])
             at = solve(residuals, at, most_steps=8, held=index)
             rise = residuals.cost(at) - best
             if rise >= _PROFILE_COST:
                 # The root of the rise is nearly straight.
-                low, high = sqrt(max(rise_last, 0.0)), sqrt(rise)
-                share = (sqrt(_PROFILE_COST) - low) / max(high - low, 1e-12)
-                bound = float(free[index]) + side * (last + share * step)
-                break
-            if distance >= _PROFILE_LIMIT:
+                roots = np.sqrt([max(rise_last, 0.0), rise])
+                reached = np.interp(sqrt(_PROFILE_COST), roots, [last, distance])
+                bound = float(free[index] + side * reached)
                 break
             last, rise_last, step = distance, rise, min(1.6 * step, 1.5)
-        bounds.append(bound)
-    return exp(bounds[0]), exp(bounds[1])
+        bounds.append(exp(bound))
+    return bounds[0], bounds[1]

@@ -115,7 +115,6 @@ def measure(
     whole("most_tries", most_tries, 1)
     _check_voltages(session, device)
     watcher = watcher or Watcher()
-    recorder = _Recorder(source, device, watcher, clock, sleep)
     protocol, room = session.protocol, conditions or Conditions()
     rejected = 0
     for stroke in session.open_strokes:
@@ -127,7 +126,8 @@ def measure(
                 operator=room.operator or session.info.operator,
                 started=datetime.now(UTC).isoformat(timespec="seconds"),
             )
-            recording = StrokeRecording.of(stroke, recorder.record(stroke, protocol), began)
+            signals = _record(stroke, protocol, source, device, watcher.live, clock, sleep)
+            recording = StrokeRecording.of(stroke, signals, began)
             findings = check_recording(recording, protocol.idle_s, protocol.tolerance)
             fatal = tuple(str(one) for one in findings if one.is_fatal)
             session.keep(replace(recording, findings=fatal))
@@ -152,44 +152,40 @@ def _check_voltages(session: Session, device: Device | None) -> None:
                 )
 
 
-@dataclass(frozen=True)
-class _Recorder:
-    source: ForceSource
-    device: Device | None
-    watcher: Watcher
-    clock: Callable[[], float]
-    sleep: Callable[[float], None]
+def _record(
+    stroke: Stroke,
+    protocol: Protocol,
+    source: ForceSource,
+    device: Device | None,
+    live: Callable[[Stroke, float, Live], None],
+    clock: Callable[[], float],
+    sleep: Callable[[float], None],
+) -> dict[str, np.ndarray]:
+    """Play and record one stroke, and return its signals."""
+    rate = _WITHOUT_DEVICE_HZ if device is None else device.capabilities.sample_rate_hz
+    lead_s = 0.0 if device is None else _LEAD_S
+    played = drive_for(stroke, protocol, rate)
+    block = max(1, round(_BLOCK_S * rate))
 
-    def record(self, stroke: Stroke, protocol: Protocol) -> dict[str, np.ndarray]:
-        """Play and record one stroke, and return its signals."""
-        device = self.device
-        rate = _WITHOUT_DEVICE_HZ if device is None else device.capabilities.sample_rate_hz
-        played = drive_for(stroke, protocol, rate)
-        self.source.start(stroke, played)
-        try:
-            with nullcontext() if device is None else device:
-                self._play(stroke, played)
-        except BaseException:
-            # Release the instruments; the first failure is the one that is raised.
-            with suppress(HaptixError):
-                self.source.finish()
-            raise
-        return self.source.finish()
+    def wait_until(time_s: float) -> None:
+        if source.is_live:
+            sleep(max(time_s - clock(), 0.0))
 
-    def _play(self, stroke: Stroke, played: Played) -> None:
-        lead_s = 0.0 if self.device is None else _LEAD_S
-        block = max(1, round(_BLOCK_S * played.sample_rate_hz))
-        begun = self.clock()
-        for first in range(0, len(played.volts), block):
-            if self.device is not None:
-                self.device.write(played.volts[first : first + block])
-            self._wait_until(begun + first / played.sample_rate_hz - lead_s)
-            t_s = (first + block) / played.sample_rate_hz
-            now = self.source.live(t_s)
-            if now is not None:
-                self.watcher.live(stroke, t_s, now)
-        self._wait_until(begun + played.duration_s)
-
-    def _wait_until(self, time_s: float) -> None:
-        if self.source.is_live:
-            self.sleep(max(time_s - self.clock(), 0.0))
+    source.start(stroke, played)
+    try:
+        with nullcontext() if device is None else device:
+            begun = clock()
+            for first in range(0, len(played.volts), block):
+                if device is not None:
+                    device.write(played.volts[first : first + block])
+                wait_until(begun + first / rate - lead_s)
+                t_s = (first + block) / rate
+                if (now := source.live(t_s)) is not None:
+                    live(stroke, t_s, now)
+            wait_until(begun + played.duration_s)
+    except BaseException:
+        # Release the instruments; the first failure is the one that is raised.
+        with suppress(HaptixError):
+            source.finish()
+        raise
+    return source.finish()

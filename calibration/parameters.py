@@ -12,6 +12,7 @@ from math import isfinite, log, sqrt
 import numpy as np
 import numpy.typing as npt
 
+from haptix.checks import positive
 from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.screen import Screen
@@ -120,8 +121,7 @@ class Parameter:
     def __post_init__(self) -> None:
         if self.name not in NAMES:
             raise InputError(f"parameter {self.name!r}: expected one of {', '.join(NAMES)}")
-        if not (isfinite(self.value) and self.value > 0):
-            raise InputError(f"{self.name}: expected a finite number above 0, got {self.value:g}")
+        positive(self.name, self.value)
         if self.prior is not None and not (isfinite(self.prior) and self.prior > 0):
             raise InputError(
                 f"{self.name}: expected a prior above 0 (0.1 for within 10 %), got {self.prior:g}"

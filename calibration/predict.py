@@ -115,7 +115,7 @@ class StrokePredictor:
         self._phase = torch.pi * torch.arange(_INSTANTS, dtype=torch.float64) / _INSTANTS
         if tables is not None:
             model.solver.fidelity.borrow(tables.model.solver.fidelity)
-        # Heavy loads on soft skin and light ones on stiff skin, once for all fits.
+        # High forces on soft skin and low ones on stiff skin, once for all fits.
         unit = torch.tensor([_RANGE, 1 / _RANGE], dtype=torch.float64)
         given = Properties(model.finger, model.screen, unit)
         solver = FrictionSolver(ActiveTerms(given, model.terms), model.solver.fidelity)

@@ -17,13 +17,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from calibration.parameters import Array
 from calibration.protocol import Stroke
@@ -126,11 +125,8 @@ class StrokeRecording:
             "format": _FORMAT,
             "schema_version": 1,
             "stroke": self.stroke.model_dump_json(),
+            **vars(room),
             "instruments": json.dumps(dict(room.instruments)),
-            "temperature_c": room.temperature_c,
-            "humidity_percent": room.humidity_percent,
-            "operator": room.operator,
-            "started": room.started,
             "is_accepted": not self.findings,
             "findings": json.dumps(self.findings),
         }
@@ -183,13 +179,9 @@ class StrokeRecording:
             raise FileFormatError(f"{path}: expected signals {', '.join(missing)} as well")
         try:
             stroke = Stroke.model_validate_json(found["stroke"])
-            conditions = Conditions(
-                json.loads(found["instruments"]),
-                _number(found, "temperature_c"),
-                _number(found, "humidity_percent"),
-                str(found["operator"]),
-                str(found["started"]),
-            )
+            room = {one.name: found[one.name] for one in fields(Conditions) if one.name in found}
+            room["instruments"] = json.loads(found["instruments"])
+            conditions = TypeAdapter(Conditions).validate_python(room)
             findings = json.loads(found["findings" if "findings" in found else "complaints"])
         except ValidationError as error:
             raise FileFormatError(f"{path}: {first_error('stroke', error)}") from None
@@ -197,7 +189,3 @@ class StrokeRecording:
             raise FileFormatError(f"{path}: expected attributes of a stroke, got {error}") from None
         values = {name: np.asarray(signals[name][()], dtype=float) for name in SIGNALS}
         return replace(cls.of(stroke, values, conditions), findings=tuple(findings))
-
-
-def _number(attributes: Mapping[str, Any], name: str) -> float | None:
-    return float(attributes[name]) if name in attributes else None

@@ -36,19 +36,8 @@ class Repeatability:
 class Residuals:
     """Residuals of ln mu, of the ripple and of the priors, by the free parameters.
 
-    Rows are those of ln mu, one for each stroke, then of the ripple where there is one, then of
-    the priors.
-
-    Parameters
-    ----------
-    predictor : StrokePredictor
-        The model.
-    parameters : Parameters
-        What is free, fixed and known.
-    points : tuple of Point
-        Strokes that are used.
-    repeatability : Repeatability
-        Added to the strokes' own errors.
+    Rows are those of ln mu, one for each of the `points`, then of the ripple where there is one,
+    then of the priors. The repeatability is added to the strokes' own errors.
     """
 
     def __init__(

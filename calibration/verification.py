@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.fit import Fit
 from calibration.predict import StrokeConditions, StrokePredictor
-from calibration.reduction import Reduced
+from calibration.reduction import Point, Reduced
 from haptix.perception import WEBER_FRACTION
 
 TOLERANCE_THRESHOLDS = 0.5
@@ -20,40 +20,40 @@ FEWEST_HELD_OUT = 2
 
 @dataclass(frozen=True)
 class HeldOutStroke:
-    """One held-out stroke: measured against predicted.
+    """A stroke kept out of the fit, and what the fit predicts for it.
 
     Parameters
     ----------
-    number : int
-        Of the stroke.
-    normal_force_n, voltage_v, frequency_hz : float
-        Conditions.
-    mu, predicted_mu : float
-        Friction.
-    residual_thresholds : float
-        Measured minus predicted, in just-noticeable differences (11 % of mu).
-    ripple_residual_thresholds : float
-        The same of the ripple's amplitude in mu; NaN where no ripple is seen.
+    point : Point
+        As measured.
+    predicted_mu, predicted_ripple : float
+        Friction, and the amplitude of its ripple at 2f over it.
     """
 
-    number: int
-    normal_force_n: float
-    voltage_v: float
-    frequency_hz: float
-    mu: float
+    point: Point
     predicted_mu: float
-    residual_thresholds: float
-    ripple_residual_thresholds: float
+    predicted_ripple: float
+
+    @property
+    def residual_thresholds(self) -> float:
+        """Measured minus predicted friction, in just-noticeable differences (11 % of mu)."""
+        return (self.point.mu / self.predicted_mu - 1) / WEBER_FRACTION
+
+    @property
+    def ripple_residual_thresholds(self) -> float:
+        """The same of the ripple's amplitude in mu; NaN where no ripple is seen."""
+        measured = self.point.ripple * self.point.mu
+        return (measured / self.predicted_mu - self.predicted_ripple) / WEBER_FRACTION
 
     def row(self) -> dict[str, str]:
         """Return a row of a table for people."""
         ripple = self.ripple_residual_thresholds
         return {
-            "stroke": str(self.number),
-            "F_N [N]": f"{self.normal_force_n:.3g}",
-            "V0 [V]": f"{self.voltage_v:.3g}",
-            "f [Hz]": f"{self.frequency_hz:.3g}",
-            "mu": f"{self.mu:.3g}",
+            "stroke": str(self.point.number),
+            "F_N [N]": f"{self.point.normal_force_n:.3g}",
+            "V0 [V]": f"{self.point.voltage_v:.3g}",
+            "f [Hz]": f"{self.point.frequency_hz:.3g}",
+            "mu": f"{self.point.mu:.3g}",
             "predicted": f"{self.predicted_mu:.3g}",
             "residual [JND]": f"{self.residual_thresholds:+.2f}",
             "ripple [JND]": f"{ripple:+.2f}" if isfinite(ripple) else "-",
@@ -96,7 +96,7 @@ class Verification:
     @property
     def rms_mu(self) -> float:
         """Root-mean-square residual of mu; NaN without strokes."""
-        residuals = [row.mu - row.predicted_mu for row in self.rows]
+        residuals = [row.point.mu - row.predicted_mu for row in self.rows]
         return float(np.sqrt(np.mean(np.square(residuals)))) if residuals else float("nan")
 
 
@@ -124,7 +124,7 @@ def verify(
         ):
             if abs(value) > tolerance_thresholds:
                 failures.append(
-                    f"stroke {row.number}: {what} is {value:+.2g} JND from the prediction, "
+                    f"stroke {row.point.number}: {what} is {value:+.2g} JND from the prediction, "
                     f"{tolerance_thresholds:g} are allowed"
                 )
     if fit["h0_m"].value is None:
@@ -137,19 +137,5 @@ def _compared(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> tuple[H
     if not points:
         return ()
     found = predictor(StrokeConditions.of(points), fit.names, fit.log_values, jacobian=False)
-    rows = []
-    for point, mu, ripple in zip(points, np.exp(found.log_mu), found.ripple, strict=True):
-        jnd = WEBER_FRACTION * mu
-        rows.append(
-            HeldOutStroke(
-                point.number,
-                point.normal_force_n,
-                point.voltage_v,
-                point.frequency_hz,
-                mu=point.mu,
-                predicted_mu=float(mu),
-                residual_thresholds=float((point.mu - mu) / jnd),
-                ripple_residual_thresholds=float((point.ripple * point.mu - ripple * mu) / jnd),
-            )
-        )
-    return tuple(rows)
+    predicted = zip(points, np.exp(found.log_mu), found.ripple, strict=True)
+    return tuple(HeldOutStroke(point, float(mu), float(ripple)) for point, mu, ripple in predicted)

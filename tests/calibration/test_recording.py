@@ -119,8 +119,10 @@ def test_units_signs_and_constants(tmp_path, stroke):
 
 def test_a_known_speed_makes_a_position(tmp_path):
     text = '[columns]\nt_s = {column="time", unit="s"}\nx_mm = {speed_mm_per_s = 20}\n'
+    names = ("normal_force_n", "tangential_force_n", "drive_v")
+    text += "".join(f"{name} = {{value = 0}}\n" for name in names)
     columns, path = csv_of(tmp_path, "time\n" + "\n".join(map(str, range(5, 15))), text)
-    np.testing.assert_allclose(columns.read(path)["x_mm"], 20.0 * np.arange(10))
+    np.testing.assert_allclose(columns.signals(path)["x_mm"], 20.0 * np.arange(10))
 
 
 def test_a_last_line_cut_short_is_left_out(tmp_path, stroke):

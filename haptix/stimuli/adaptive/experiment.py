@@ -67,6 +67,7 @@ def amplitude_in_db(wave: Array, reference_v: float = 1.0) -> Presentation:
     return Presentation(lambda level: volts(level) * unit, np.zeros(len(unit)), volts)
 
 
+@dataclass(eq=False)
 class Experiment:
     """A run of one method, on a device.
 
@@ -107,55 +108,47 @@ class Experiment:
         Time [s] for the log, and a function that waits [s].
     """
 
-    def __init__(
-        self,
-        method: Method,
-        presentation: Presentation,
-        device: Device,
-        answer: AnswerTo,
-        log_file: str | Path,
-        task: Task = "2ifc",
-        seed: int = 0,
-        ceiling_v: float | None = None,
-        pause_s: float = 0.5,
-        touch: Callable[[], Touch | None] | None = None,
-        normal_force_n: float | None = None,
-        speed_mm_per_s: float | None = None,
-        tolerance: float = 0.15,
-        clock: Callable[[], float] = time.monotonic,
-        wait: Callable[[float], None] = time.sleep,
-    ) -> None:
-        checks.choice("task", task, CHOICES)
-        checks.number("pause_s", pause_s, 0.0)
-        checks.positive("tolerance", tolerance)
-        if touch is not None and normal_force_n is None and speed_mm_per_s is None:
+    method: Method
+    presentation: Presentation
+    device: Device
+    answer: AnswerTo
+    log_file: str | Path
+    task: Task = "2ifc"
+    seed: int = 0
+    ceiling_v: float | None = None
+    pause_s: float = 0.5
+    touch: Callable[[], Touch | None] | None = None
+    normal_force_n: float | None = None
+    speed_mm_per_s: float | None = None
+    tolerance: float = 0.15
+    clock: Callable[[], float] = time.monotonic
+    wait: Callable[[float], None] = time.sleep
+
+    def __post_init__(self) -> None:
+        checks.choice("task", self.task, CHOICES)
+        checks.number("pause_s", self.pause_s, 0.0)
+        checks.positive("tolerance", self.tolerance)
+        is_checked = self.normal_force_n is not None or self.speed_mm_per_s is not None
+        if self.touch is not None and not is_checked:
             raise InputError("touch: expected a normal_force_n or speed_mm_per_s to check it by")
-        if device.mode != "waveform":
+        if self.device.mode != "waveform":
             raise InputError(
-                f"device: expected one that takes samples of the wave, got one in {device.mode} "
-                "mode; open it in waveform mode"
+                "device: expected one that takes samples of the wave, got one in "
+                f"{self.device.mode} mode; open it in waveform mode"
             )
-        allowed = device.limits.ceiling_v
-        self.ceiling_v = allowed if ceiling_v is None else float(ceiling_v)
-        if not 0 < self.ceiling_v <= allowed:
+        allowed = self.device.limits.ceiling_v
+        self._ceiling_v = allowed if self.ceiling_v is None else float(self.ceiling_v)
+        if not 0 < self._ceiling_v <= allowed:
             raise LimitError(
                 f"ceiling_v: expected above 0 and at most the device's {allowed:g} V, got "
-                f"{self.ceiling_v:g} V"
+                f"{self._ceiling_v:g} V"
             )
-        self.method, self.presentation, self.device, self.answer = (
-            method, presentation, device, answer,
-        )  # fmt: skip
-        self.task, self.seed, self.pause_s = task, seed, pause_s
-        self.touch, self.tolerance = touch, tolerance
-        self.normal_force_n, self.speed_mm_per_s = normal_force_n, speed_mm_per_s
-        self._clock, self._wait = clock, wait
-        self._start = clock()
-        settings = {
-            "method": method.describe(), "task": task, "seed": seed,
-            "ceiling_v": self.ceiling_v, "normal_force_n": normal_force_n,
-            "speed_mm_per_s": speed_mm_per_s, "tolerance": tolerance,
-        }  # fmt: skip
-        self.log = TrialLog(log_file, settings)
+        self._start = self.clock()
+        settings = {"method": self.method.describe(), "ceiling_v": self._ceiling_v} | {
+            name: getattr(self, name)
+            for name in ("task", "seed", "normal_force_n", "speed_mm_per_s", "tolerance")
+        }
+        self.log = TrialLog(self.log_file, settings)
         self.trials = 0
         """Accepted trials, those of an earlier run included."""
         self._attempt = 0
@@ -183,10 +176,10 @@ class Experiment:
         right = int(draw.integers(2))
         target = np.asarray(self.presentation.target(level), dtype=float)
         highest = max(float(np.abs(one).max()) for one in (target, self.presentation.reference))
-        if highest > self.ceiling_v * (1 + _CLOSE):
+        if highest > self._ceiling_v * (1 + _CLOSE):
             raise LimitError(
                 f"the drive at level {level:g} reaches {highest:g} V, above the ceiling of "
-                f"{self.ceiling_v:g} V, though peak_v gives less; correct the presentation"
+                f"{self._ceiling_v:g} V, though peak_v gives less; correct the presentation"
             )
         parts = [target, self.presentation.reference]
         if right:
@@ -195,7 +188,7 @@ class Experiment:
             self._play(np.concatenate(parts))
         else:
             self._play(parts[0])
-            self._wait(self.pause_s)
+            self.wait(self.pause_s)
             self._play(parts[1])
         felt = None if self.touch is None else self.touch()
         why = self._objection(felt)
@@ -205,7 +198,7 @@ class Experiment:
             {
                 "trial": self.trials,
                 "attempt": self._attempt,
-                "time_s": round(self._clock() - self._start, 3),
+                "time_s": round(self.clock() - self._start, 3),
                 "level_asked": asked,
                 "level": level,
                 "lowered_to_ceiling": level < asked,
@@ -236,11 +229,11 @@ class Experiment:
     def allowed(self, level: float) -> float:
         """Return the level, lowered to the highest whose voltage is within the ceiling."""
         peak = self.presentation.peak_v
-        if peak(level) <= self.ceiling_v:
+        if peak(level) <= self._ceiling_v:
             return level
         low, high = level, level
         span = 1.0
-        while peak(low) > self.ceiling_v:
+        while peak(low) > self._ceiling_v:
             low, span = low - span, 2 * span
             if span > 1e6:
                 raise LimitError("no level keeps the target within the ceiling")
@@ -248,7 +241,7 @@ class Experiment:
             middle = 0.5 * (low + high)
             if middle in (low, high):
                 break
-            low, high = (middle, high) if peak(middle) <= self.ceiling_v else (low, middle)
+            low, high = (middle, high) if peak(middle) <= self._ceiling_v else (low, middle)
         return low
 
     def _play(self, drive_v: Array) -> None:
