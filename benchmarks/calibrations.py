@@ -107,7 +107,7 @@ def run(number: int, seed: int) -> list[Trial]:
         )
     )
     places = StrokeConditions(force, level, hertz, np.full(len(force), 50.0))
-    wanted = predictor(places, truth.names, truth.log_values, jacobian=False)
+    expected = predictor(places, truth.names, truth.log_values, jacobian=False)
     found = []
     for protocol in (full_protocol(volts), short_protocol(predictor, start, 3.0, volts)):
         source = VirtualFingerSource(model, seed=1000 * number + len(protocol.strokes))
@@ -117,7 +117,7 @@ def run(number: int, seed: int) -> list[Trial]:
         fit = fit_strokes(reduced, predictor, start)
         fitted = time.perf_counter()
         mu = predictor(places, fit.names, fit.log_values, jacobian=False)
-        off = np.abs(np.expm1(mu.log_mu - wanted.log_mu))[wanted.is_light]
+        off = np.abs(np.expm1(mu.log_mu - expected.log_mu))[expected.is_light]
         found.append(
             Trial(
                 number,

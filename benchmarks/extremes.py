@@ -26,7 +26,7 @@ from scipy.special import erfinv
 from haptix import ContactModel, Finger, Screen, Status
 from haptix.contact import RoughnessSpectrum
 from haptix.finger import Roughness
-from haptix.friction import ContactState
+from haptix.states import ContactState
 
 REPORT = Path(__file__).parent.parent / "docs" / "extremes.md"
 CONTACTS, QUICK = 8, 2  # per region
@@ -160,7 +160,7 @@ class Tally:
     status_wrong: int = 0
     worst: Case | None = None
     apart: dict[str, list[float]] = field(default_factory=dict)
-    """Closed form from mean field, by load; and 1 where just one of them is pulled in."""
+    """Closed form from mean field, by load; and 1 where exactly one of them is past pull-in."""
 
 
 class Draw:
@@ -184,7 +184,7 @@ def finger_and_screen(draw: Draw, on: Sequence[str]) -> tuple[Finger, Screen]:
         10 ** draw.random.random(),
         draw("decades"),
     )
-    # A spectrum of h_rms 1 m from 1 /m on: its slope says where the wanted slope needs q0.
+    # A spectrum of h_rms 1 m from 1 /m on: its slope gives the q0 of the slope asked for.
     unit = RoughnessSpectrum.self_affine(1.0, hurst, 1.0, rolloff, 10**decades)
     h_rms = draw("h_rms_m")
     q0 = draw("slope") / h_rms / float(unit.slope_rms)
@@ -256,7 +256,7 @@ def run(job: tuple[int, int]) -> tuple[int, Tally]:
 def apart(
     closed: ContactState, full: ContactState, applied: torch.Tensor
 ) -> dict[str, list[float]]:
-    """Relative difference of mu, closed form from mean field, by how much the pull adds to p0."""
+    """Relative difference of mu, closed form from mean field, by the ratio of attraction to p0."""
     snapped, ends = (found.status == int(Status.PULL_IN) for found in (closed, full))
     difference = (closed.mu / full.mu - 1).abs()
     light = ~snapped & ~ends
@@ -388,7 +388,7 @@ def compare(tally: Tally, model: ContactModel, at: tuple[Any, ...], state: Conta
         if error > tally.mu:
             tally.mu, tally.worst = error, None if is_closed_form else Case(told, case, root)
         tally.area = max(tally.area, abs(found["area_fraction"] / area_there - 1))
-        # In complete contact nothing is left that pulls.
+        # In complete contact no gap is left to attract.
         if pull > 1e-9 * case.applied:
             tally.pull = max(tally.pull, abs(found["gap_attraction_pa"] / pull - 1))
 
@@ -481,14 +481,14 @@ def apart_row(name: str, tally: Tally) -> str:
 
 
 STATUS = {
-    "region": "which numbers are drawn from elsewhere, which terms are on",
-    "states": "how many were solved",
+    "region": "which numbers have another range, which terms are on",
+    "states": "number of solved states",
     "OK": "share of the states with that status, per cent",
     "broken": "share past breakdown of gap or insulator, per cent",
     "pulled in": "share past the end of the light contact, per cent",
     "not finite": "values, in any field of any state, that are NaN or infinite",
     "single": "largest relative difference of mu between float32 and float64 results",
-    "outside": "most by which A/A0 leaves 0 to 1",
+    "outside": "largest distance of A/A0 from the range 0 to 1",
     "falls": "largest relative fall of mu as the voltage rises, on the light branch",
     "rises": "largest relative rise of mu as h0 grows, on the light branch",
 }
@@ -496,29 +496,29 @@ REFERENCE = {
     "region": "as above",
     "solved": "states, up to 0.97 of pull-in, that the slow solver solved too",
     "mu": "largest relative difference of mu, and so of A/A0, in equilibrium",
-    "own": "by how much the slow solver's own mu moves, in that state, at twice its resolution",
+    "own": "change of the slow solver's own mu, in that state, at twice its resolution",
     "A/A0": "largest relative difference of A/A0 at one pressure",
-    "pull": "the same of the open gaps' pull",
+    "pull": "the same of the attraction in open gaps",
     "gap": "the same of the mean gap",
-    "status": "states whose status the slow solver calls otherwise, of those it was asked about: "
-    "breakdown, a balance at less pressure, or a balance where there should be none",
+    "status": "states of another status by the slow solver, of those compared: "
+    "breakdown, an equilibrium at less pressure, or one where there should be none",
 }
 APART = {
     "region": "as above, without the closed form's own",
-    "to 1.1": "where the pull adds up to a tenth to the pressure: median and largest of the "
-    "relative differences of mu",
-    "to 2": "the same where it adds up to as much again",
-    "above": "the same beyond, where both find light contact",
-    "early": "share of the states that only the closed form calls pulled in, per cent",
-    "late": "share of the states that only the mean field calls pulled in, per cent",
+    "to 1.1": "where the attraction is up to a tenth of the applied pressure: median and largest "
+    "of the relative differences of mu",
+    "to 2": "the same where it is up to the applied pressure",
+    "above": "the same above, where both find light contact",
+    "early": "share of the states past pull-in by the closed form alone, per cent",
+    "late": "share of the states past pull-in by the mean field alone, per cent",
 }
 
 TEXT = """\
 # The contact model at its extremes
 
-Random contacts, {contacts} to a region, every number drawn log-uniformly from the region's ranges;
-what a region does not name stays in the finger's own surroundings. "Everything at once" draws all
-of them at their widest:
+Each region has {contacts} random contacts. Every number is drawn log-uniformly from the region's
+ranges; a number that the region does not name is drawn from the usual range of a finger.
+"Everything at once" draws all numbers from their widest ranges:
 {widest}.
 Each contact is solved at 4 forces, 4 insulators h0 and one frequency, at voltages drawn from the
 region and at 0.3 to 0.999 of each pull-in voltage up to 5 kV, in double and in single precision.
@@ -534,21 +534,22 @@ leaky gap, the skin's dielectric, both gap distributions, spots, and the critica
 
 {reference}
 
-mu is off by more than the pull that it comes from: the pull loads the contact that makes it, up to
-thirtyfold near the end of the light contact. Where "own" is far below "mu", the difference is the
-package's: its grids are made for speed.
+The error of mu is larger than that of the attraction. The attraction presses on the contact that
+causes it, which amplifies an error up to thirtyfold near the end of light contact. Where "own" is
+far below "mu", the error is the package's, whose grids are made for speed.
 
 With combined gaps both solvers drop the strips that are closed to double precision (p/tau beyond
-5.6), as they have no width. Counted as gaps of zero they would add {light} to the pull of the
-paper's finger at 20 kPa and h0 = 0.2 um, but multiply it by {full} where A/A0 is 0.9995: in nearly
-complete contact the combined distribution's pull hangs on where that line is drawn.
+5.6), since these have no width. Counted as gaps of zero, they would add {light} to the attraction
+of the paper's finger at 20 kPa and h0 = 0.2 um. Where A/A0 is 0.9995 they would multiply it by
+{full}. In nearly complete contact the attraction of combined gaps depends on this choice.
 
 ## The closed form against the mean field
 
-The closed form takes I/p at {at_n} N and has neither finite size nor plasticity; where a region has
-them on, what they do is part of the difference. I grows a little slower than p, so that the closed
-form, in which it grows as p does, ends the light contact too early; too late where the force is far
-below {at_n} N. It serves mild voltages and forces near that one, and no estimate of pull-in.
+The closed form takes I/p at {at_n} N. It has neither finite size nor plasticity; in regions with
+these terms the difference contains their effect. The closed form lets I grow in proportion to p.
+In fact I grows a little slower, so the closed form ends light contact too early, or too late at
+forces far below {at_n} N. Use it for mild voltages and forces near {at_n} N, and not to estimate
+pull-in.
 
 {apart}
 
@@ -563,7 +564,7 @@ def table(columns: Mapping[str, str], rows: Sequence[str]) -> str:
 
 
 def closed_strips(pressure: float | None = None) -> float:
-    """What counting the combined distribution's closed strips does to the pull, as a factor."""
+    """Attraction of combined gaps with the closed strips counted, over that without them."""
     rough, solid = SelfAffine(22e-6, 0.86, 1e3, 3992.9, 1e9), Solid(40e6, 0.5, 200e-6, 10e3)
     dropped, kept = (
         Oracle(rough, solid, 0.45, fineness=2, combined=True, keep_closed=keep)

@@ -35,7 +35,7 @@ LEAST_X = 2e-4
 PUBLISHED, CORRECTED = THEORIES["open-gaps"], THEORIES["corrected"]
 STEPS = {
     "as published": THEORIES["as-published"],
-    "without the spots' pull": PUBLISHED,
+    "spots excluded": PUBLISHED,
     "and the area corrected": Theory(CORRECTED.area, 0.45, "plain", "excluded", ""),
     "and gamma": Theory(CORRECTED.area, CORRECTED.gamma, "plain", "excluded", ""),
     "and combined gaps: `corrected`": CORRECTED,
@@ -105,7 +105,7 @@ def pure_contact(theory: Theory) -> dict[str, np.ndarray]:
 
 
 def coupled_contact(theory: Theory) -> dict[str, np.ndarray]:
-    """A/A0, pull of the gaps, mean gap and mu_on/mu_off over those of the reference."""
+    """A/A0, attraction of the gaps, mean gap and mu_on/mu_off over those of the reference."""
     found: dict[str, list[float]] = {"voltage": [], "area": [], "pull": [], "gap": [], "ratio": []}
     pure = rows("pure_contact")
     for row in rows("coupled"):
@@ -141,7 +141,7 @@ def _error(ratios: np.ndarray) -> str:
 def table() -> str:
     """Errors of every step, median / largest, in per cent."""
     lines = [
-        "| theory | A/A0 | mean gap | A/A0 under voltage | pull of the gaps | mean gap under "
+        "| theory | A/A0 | mean gap | A/A0 under voltage | attraction of the gaps | mean gap under "
         "voltage | mu_on/mu_off |",
         "|---|---|---|---|---|---|---|",
     ]
@@ -202,7 +202,7 @@ class Ending:
     ratio: float
     """Voltage at which the light contact ends over theirs."""
     pulled: tuple[float, ...]
-    """Pull of the gaps over p0, by boundary elements, at each voltage."""
+    """Attraction of the gaps over p0, by boundary elements, at each voltage."""
     area: tuple[float, ...]
     gap: tuple[float, ...]
 
@@ -237,8 +237,8 @@ def endings(theory: str, most_cases: int | None = None) -> list[Ending]:
 def by_voltage() -> str:
     """Where the light contact ends, and what is between, case by case."""
     lines = [
-        "| case | p0 [kPa] | h0 [um] | ends at [V] | as published | without the spots' pull | "
-        "corrected | gaps' pull / p0 | A/A0 | mean gap |",
+        "| case | p0 [kPa] | h0 [um] | ends at [V] | as published | spots excluded | "
+        "corrected | gaps' attraction / p0 | A/A0 | mean gap |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     of_theory = [endings(name) for name in ("as-published", "open-gaps", "corrected")]

@@ -84,7 +84,7 @@ class SelfAffine:
 
 @dataclass(frozen=True)
 class State:
-    """Pressure p0 [Pa], amplitude [V], complex h0 [m], and how gaps and spots pull.
+    """Pressure p0 [Pa], amplitude [V], complex h0 [m], and the strength of the attraction.
 
     `touching` [Pa] is the pressure below which the gaps stay as they are there (finite size).
     """
@@ -167,7 +167,7 @@ def separation_integral(gamma: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Oracle:
-    """Area, separation, pull and equilibrium of one contact.
+    """Area, separation, attraction and equilibrium of one contact.
 
     `fineness` multiplies the number of strips, depths and gaps; what a change of it moves is the
     oracle's own error. `combined` gives every strip the width ``1/s^2 = 1/h_rms^2(q) + 1/u1^2``;
@@ -316,7 +316,7 @@ class Oracle:
             )
             density += (peaks * opened[some] / (sqrt(2 * pi) * s[some])).sum(1)
         kernel = 1 / ((u + h0.real) ** 2 + h0.imag**2)
-        # What lies below the first node pulls as a gap of zero does, to 1e-6.
+        # Gaps below the first node attract as a gap of zero does, to 1e-6.
         width = sqrt(2) * s
         below = special.erf((u[0] - u1) / width) + special.erf((u[0] + u1) / width)
         closed = float((opened * below).sum()) / 2 * kernel[0]
@@ -346,7 +346,7 @@ class Oracle:
         return now
 
     def nothing_below(self, state: State, root: float, shares: tuple[float, ...]) -> bool:
-        """Whether the pull exceeds what the contact bears at these shares of the way to a root."""
+        """Whether attraction exceeds the contact's pressure at these shares of a root."""
         between = state.applied * (root / state.applied) ** np.array(shares)
         return all(state.strength * self.pull(p, state) >= p - state.applied for p in between)
 
@@ -355,7 +355,7 @@ class Oracle:
         proportion = self.gap_pull(reference, h0) / reference
         if spots:
             proportion += 2 / sqrt(pi) / self.tau / abs(h0) ** 2
-        return 2 / sqrt(EPS0 * max(proportion, 1e-300))  # complete contact: nothing pulls
+        return 2 / sqrt(EPS0 * max(proportion, 1e-300))  # complete contact: no attraction
 
     def closed_form_area(self, applied: float, voltage: float, critical: float) -> float:
         """A/A0 of light contact: in proportion to ``p0 / (1 - (V/Vc)^2)``."""

@@ -194,7 +194,7 @@ class Stalling(FrictionField):
 
 def direct(model: Any) -> None:
     """Friction over a period of a direct sine at full voltage, against what was asked for."""
-    print("direct sine, 0.3 N, 200 V: friction over a period less that of the mean pull, and less")
+    print("direct sine, 0.3 N, 200 V: mean friction less that of the mean attraction, and less")
     print("what the renderer asks for, in JND")
     for frequency in (60.0, 125.0, 500.0):
         ranges = {"normal_force_n": (0.1, 1.0), "frequency_hz": frequency}

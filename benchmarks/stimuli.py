@@ -1,4 +1,4 @@
-"""Offline stimuli: an hour of drive signal, its memory, its peak, and the virtual finger's verdict.
+"""Offline stimuli: an hour of drive, its memory, its peak, and its error by the virtual finger.
 
     python benchmarks/stimuli.py [minutes]
 
@@ -81,7 +81,7 @@ def in_a_process(*arguments: object) -> dict[str, float]:
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def judged() -> None:
+def evaluate_set() -> None:
     """Friction under the virtual finger, which solves the contact and knows no surface."""
     length, force, speed = 4.0, 0.5, 80.0
     model = ContactModel(FINGER, SCREEN)
@@ -96,12 +96,12 @@ def judged() -> None:
         )
         values = stimulus.signal.values(0, rendering.samples, RATE)
         at = np.rint(felt.t_s * RATE).astype(int).clip(0, rendering.samples - 1)
-        wanted = (1 + values[at]) * response.lowest_mu
+        target = (1 + values[at]) * response.lowest_mu
         inside = (felt.t_s > 0.05) & (felt.t_s < length - 0.02)
-        error = np.abs(felt.mu - wanted)[inside] / (WEBER_FRACTION * wanted[inside])
+        error = np.abs(felt.mu - target)[inside] / (WEBER_FRACTION * target[inside])
         print(
             f"{name}: under the virtual finger off by {np.percentile(error, 95):.3f} difference "
-            f"thresholds (95 %), {error.max():.3f} at most"
+            f"JND (95 %), {error.max():.3f} at most"
         )
 
 
@@ -126,7 +126,7 @@ def main() -> None:
             f"{found['megabytes']:.0f} MB; peak in the file off by "
             f"{found['peak_error_steps']:.2f} steps"
         )
-    judged()
+    evaluate_set()
 
 
 if __name__ == "__main__":

@@ -91,23 +91,23 @@ def lost(driver, device, volts) -> int:
     streamed = codes[what == Output.STREAM]
     first = int(np.flatnonzero(streamed)[0])
     if device.mode == "waveform":
-        wanted = volts_to_codes(volts, device.capabilities.full_scale_v)
-        return differing(streamed[first - int(np.flatnonzero(wanted)[0]) :], wanted)
+        expected = volts_to_codes(volts, device.capabilities.full_scale_v)
+        return differing(streamed[first - int(np.flatnonzero(expected)[0]) :], expected)
     # The driver plays each amplitude as three samples of its carrier, twelve to a period: which of
     # them the envelope begins on depends on the silence before, so there are four references.
     ticks = round(driver.about.output_rate_hz / device.capabilities.sample_rate_hz)
     best = volts.size
     for begins in range(first // ticks - 3, first // ticks + 2):
-        wanted = played_at_once(np.r_[np.zeros(begins % 4), volts])[begins % 4 * ticks :]
+        expected = played_at_once(np.r_[np.zeros(begins % 4), volts])[begins % 4 * ticks :]
         # One code is what the phase, a binary fraction of a turn, leaves open after a long silence.
-        found = differing(streamed[begins * ticks :], wanted[: volts.size * ticks], 1)
+        found = differing(streamed[begins * ticks :], expected[: volts.size * ticks], 1)
         best = min(best, -(-found // ticks))
     return best
 
 
-def differing(played, wanted, codes: int = 0) -> int:
-    there = played[: wanted.size].astype(int)
-    return int((np.abs(there - wanted[: there.size]) > codes).sum()) + wanted.size - there.size
+def differing(played, expected, codes: int = 0) -> int:
+    there = played[: expected.size].astype(int)
+    return int((np.abs(there - expected[: there.size]) > codes).sum()) + expected.size - there.size
 
 
 def played_at_once(volts):

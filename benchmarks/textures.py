@@ -19,7 +19,7 @@ from haptix.texture import (
     FrictionField,
     Grating,
     Noise,
-    Recording,
+    RecordedProfile,
     Sprite,
     Texture,
     power_law,
@@ -38,7 +38,7 @@ def fields() -> dict[str, FrictionField]:
         "grating, square": Grating(2.0, "square", 30.0),
         "noise, 1024 x 1024": Noise(power_law(2, 0.3, 10)),
         "noise, ribbed": Noise(power_law(2, 0.3, 10), grain="ribbed", orientation_deg=20),
-        "recording, 600 steps": Recording(np.arange(600) / 10, rng.uniform(0.2, 0.4, 600)),
+        "recording, 600 steps": RecordedProfile(np.arange(600) / 10, rng.uniform(0.2, 0.4, 600)),
         "photograph on noise": Composition(
             [Sprite(photograph, 2.0, 2.0)], Noise(power_law(2, 0.3, 10))
         ),

@@ -2,7 +2,7 @@
 
     .venv/bin/python benchmarks/virtual_finger.py
 
-Differences are in difference thresholds, 0.11 of the friction. One thread; times are the median of
+Differences are in JND, 0.11 of the friction. One thread; times are the median of
 three runs in one process.
 """
 
@@ -34,35 +34,37 @@ def modulated(phase):
 
 
 def periods(model: ContactModel) -> None:
-    print("largest difference from ContactModel.over_period, without the response, thresholds")
+    print("largest difference from ContactModel.over_period, without the response, JND")
     finger = VirtualFinger(model, has_response=False)
     for shape, frequency in ((sine, 120.0), (sine, 1000.0), (square, 120.0), (modulated, 100.0)):
         samples = round(RATE / frequency)
         waveform = Waveform.of_samples(shape(np.arange(samples) / samples))
         phase = torch.arange(samples, dtype=torch.float64) * (2 * math.pi / samples)
         drive = np.tile(VOLTAGE * waveform.at(phase).numpy(), math.ceil(1.1 * frequency))
-        wanted = model.over_period(FORCE, VOLTAGE, frequency, waveform, samples=samples).mu.numpy()
+        expected = model.over_period(
+            FORCE, VOLTAGE, frequency, waveform, samples=samples
+        ).mu.numpy()
         at_s = round(0.5 * frequency) / frequency
         span = [at_s, at_s + 1 / frequency]
         felt = finger.feel(drive, RATE, span, [0, 1], 0, FORCE, output_rate_hz=4 * RATE)
-        lack = np.abs(felt.mu[::4][:samples] / wanted - 1).max() / WEBER_FRACTION
+        lack = np.abs(felt.mu[::4][:samples] / expected - 1).max() / WEBER_FRACTION
         print(f"  {shape.__name__:10} {frequency:5.0f} Hz   {lack:.1e}")
 
 
 def carriers(model: ContactModel) -> None:
-    print("largest difference from ContactModel.solve, steady amplitude, thresholds")
+    print("largest difference from ContactModel.solve, steady amplitude, JND")
     t = np.arange(RATE) / RATE
     for frequency in (3000.0, 4000.0, 12_000.0):
-        wanted = float(model.solve(FORCE, VOLTAGE, frequency).mu)
+        expected = float(model.solve(FORCE, VOLTAGE, frequency).mu)
         for speed in (10.0, 100.0, 300.0):
             drive = VOLTAGE * np.sin(2 * np.pi * frequency * t)
             felt = VirtualFinger(model).feel(drive, RATE, [0.1, 0.9], [0, 0.8 * speed], 0, FORCE)
-            lack = np.abs(felt.mu / wanted - 1).max() / WEBER_FRACTION
+            lack = np.abs(felt.mu / expected - 1).max() / WEBER_FRACTION
             print(f"  {frequency:5.0f} Hz, {speed:3.0f} mm/s   {lack:.1e}")
 
 
 def direct_drive(model: ContactModel) -> None:
-    print("direct drive: mean friction above that of the averaged pull, and its ripple, thresholds")
+    print("direct drive: mean friction above that of the averaged attraction, and its ripple, JND")
     t = np.arange(RATE) / RATE
     for frequency in (80.0, 400.0):
         for voltage in (100.0, 200.0):

@@ -6,7 +6,7 @@
 FOLDER is a set made by ``haptix stimuli make``. The trial table says what comes when; every
 stimulus is played within ``with device``, which ends at 0 V whatever happens in the script, and
 every answer is on the disk before the next trial. Without PsychoPy, `run` can be called with
-stand-ins for its window and keyboard, as the tests do.
+substitutes for its window and keyboard, as the tests do.
 """
 
 from __future__ import annotations

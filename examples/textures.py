@@ -1,9 +1,9 @@
-"""Textures of every kind on one screen, and how much of it a finger could feel.
+"""Textures of every kind on one screen, and how much of them the surface can render.
 
     python examples/textures.py [folder]
 
-writes textures.png, the wanted friction at two speeds of the finger, and headroom.png, what of it
-the surface can give at half a newton.
+writes textures.png, the target friction at two speeds of the finger, and headroom.png, the part
+of it in the reachable range at 0.5 N.
 """
 
 import sys
@@ -26,7 +26,7 @@ from haptix.texture import (
 )
 
 WIDTH_MM, HEIGHT_MM = 120.0, 70.0
-ENVELOPE_RATE_HZ = 200.0  # direct drive at 100 Hz, which pulls twice in each period
+ENVELOPE_RATE_HZ = 200.0  # direct drive at 100 Hz, which attracts twice in each period
 
 
 def screen() -> Composition:

@@ -191,7 +191,7 @@ def test_long_paths_are_felt_in_parts_without_seams(model, stroke, monkeypatch):
     monkeypatch.setattr(haptix.virtual_finger.finger, "_PART_S", 0.3)
     parts = VirtualFinger(model).feel(drive, RATE, **stroke(1.0, speed_mm_per_s=5.0))
     # Each part has half a second of the drive on both sides, faded out: what lies beyond, and the
-    # slowest part of it, are forgotten. A ten-thousandth of what a finger can tell.
+    # slowest part of it, are forgotten. A ten-thousandth of a JND.
     np.testing.assert_allclose(parts.mu, whole.mu, rtol=2e-4 * WEBER_FRACTION)
 
 
