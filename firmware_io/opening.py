@@ -1,4 +1,4 @@
-"""From an address to a device."""
+"""Open a device by its address."""
 
 from __future__ import annotations
 

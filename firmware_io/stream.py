@@ -220,7 +220,7 @@ class Stream:
         self.is_armed = False
         unplayed = 0
         try:
-            # In doubt about the voltage on the output, only the driver knows where to ramp from.
+            # If the voltage on the output is unknown, only the driver can ramp from it.
             if play_out and not self._is_in_doubt:
                 unplayed = self._play_out()
         finally:

@@ -22,7 +22,7 @@ class Theory:
     gap_distribution : {"plain", "combined"}
         Variance of the gaps.
     contact_spots : {"excluded", "included"}
-        Whether the pull inside the contact spots loads the contact.
+        Whether the attraction inside the contact spots presses on the contact.
     source : str
         Where the choices come from.
     """

@@ -2,8 +2,8 @@
 
 Skin feels the attraction, not the drive. A sine of amplitude V at f attracts with ``V^2 / 4`` at
 ``2 f`` (in units of ``eps0 I``). Each component of the attraction is measured by the sine drive
-that would make it alone, and compared with the threshold of that drive. Energies add within a
-channel, and not between channels. The channel that is furthest above its threshold mediates
+that would make it alone, and compared with the detection threshold of that drive. Energies add
+within a channel, and not between channels. The channel furthest above its threshold mediates
 detection. Two stimuli have equal intensity when their sensation levels there are equal (Vardar,
 Guclu, Basdogan, IEEE Trans. Haptics 10, 488 (2017)). For the independence of the channels see
 Bolanowski et al., J. Acoust. Soc. Am. 84, 1680 (1988).

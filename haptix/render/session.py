@@ -1,4 +1,4 @@
-"""What all renderers share: a device made ready, blocks counted, an end at 0 V."""
+"""The parts of all renderers: arm the device, count blocks, end at 0 V."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A simulation's picture: what was asked for, played and felt."""
+"""Figure of a simulation: target, drive voltage and felt friction."""
 
 from __future__ import annotations
 

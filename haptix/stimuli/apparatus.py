@@ -20,7 +20,7 @@ from haptix.stimuli.stimulus import Stimulus
 from haptix.surface import Column, FrictionSurface, cached_surface
 
 TOLERANCE = "0.02 thresholds"
-"""Of the surfaces: their share of the quarter of a threshold that a stimulus may be off."""
+"""Tolerance of the surfaces; a stimulus may be off by a quarter of a JND in all."""
 
 
 @dataclass(frozen=True, eq=False)

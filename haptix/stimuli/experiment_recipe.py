@@ -33,7 +33,7 @@ class ExperimentRecipe(Document):
     stimulus : table
         A stimulus; the level multiplies its signal by ``10^(level / 20)``.
     pedestal : table, optional
-        A signal in the same quantity, in both target and reference, for difference thresholds.
+        A signal in the same quantity, in both target and reference, to measure a JND.
         Without it the reference is 0 V.
     method : table
         ``kind`` is "up-down", "quest+" or "constant-stimuli"; the rest are its parameters.

@@ -43,7 +43,7 @@ class FactorialDesign(Part):
 
 
 class ConstantStimuliDesign(Part):
-    """Levels in dB relative to a threshold, put at one dotted place."""
+    """Stimuli of one design whose levels are in dB relative to a detection threshold."""
 
     kind: Literal["constant-stimuli"]
     name: str

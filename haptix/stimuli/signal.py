@@ -262,7 +262,7 @@ class Repetition(Signal):
         object.__setattr__(self, "length_s", self.of.length_s * self.times)
 
     def samples(self, sample_rate_hz: float) -> int | None:
-        """Length in samples: whole ones of each repetition."""
+        """Length in samples, a whole number for each repetition."""
         return None if self.times == inf else self._size(sample_rate_hz) * int(self.times)
 
     def _size(self, sample_rate_hz: float) -> int:

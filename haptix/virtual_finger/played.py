@@ -50,7 +50,7 @@ class Samples:
         return GapField.for_drive(self.volts, self.sample_rate_hz, self.thickness_m, widest_gap_m)
 
     def excerpt(self, from_s: float, to_s: float) -> Spectrum:
-        """Return the part that decides the field between two times [s]."""
+        """Return the part of the drive on which the field between two times [s] depends."""
         rate = self.sample_rate_hz
         first = int(np.floor((from_s - MEMORY_S - self.start_s) * rate))
         last = int(np.ceil((to_s + MEMORY_S - self.start_s) * rate)) + 1

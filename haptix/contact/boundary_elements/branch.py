@@ -1,9 +1,9 @@
-"""The lowest branch of a contact under attraction, followed by its pull instead of its strength.
+"""The lowest branch of a contact under attraction, followed by its mean value.
 
-Where the attraction grows faster than the contact resists, no state follows from the strength (the
-squared voltage). Every pull has one. So the path is walked by the mean attraction p_a, the strength
-that keeps it up is measured at each step, and the strengths asked for are found on the way. Where
-the strength stops rising with the pull the contact snaps in.
+Where the attraction grows faster than the contact resists, the strength (the squared voltage) does
+not determine a state, but the mean attraction p_a does. So the branch is followed along p_a. Each
+step computes the strength that keeps p_a up, and the strengths asked for are found on the way. The
+contact snaps in where the strength stops rising with p_a.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Contact and an attraction that depends on the gap, solved together at a given mean pull.
+"""Contact and an attraction that depends on the gap, solved together at a given mean.
 
 The attraction is ``p_a phi(x)``, with ``phi`` of mean 1 the shape ``f(g)/<f(g)>`` of the traction
 f. It presses on the solid like an outer load, so that the contact is one of the heights
@@ -25,9 +25,10 @@ _HISTORY = 3
 # Mean change of the shape from round to round: the strength then moves by less than half of it.
 _SETTLED = 3e-4
 _FIRST_TOLERANCE = 1e-3
-# What a contact's residual does to the pull is measured by the gap that halves it: contacts are
-# solved sharper where that gap is below a twelfth of h_rms, else the rounds of a skin of 22 um on
-# an insulator of 0.1 um end in the noise of its own contacts. No sharper than rounding allows.
+# The effect of a contact's residual on the attraction depends on the gap that halves it: contacts
+# are solved to a smaller residual where that gap is below a twelfth of h_rms. Otherwise the rounds
+# of a skin of 22 um on an insulator of 0.1 um do not converge below the error of their contacts.
+# The residual is never smaller than rounding allows.
 _HALVINGS = 12.0
 _SHARPEST = 1e-5
 
@@ -77,7 +78,7 @@ class PulledContact:
     def strength(self, pull_pa: float) -> float:
         """Solve at the mean attraction `pull_pa` [Pa]; the strength that keeps it up.
 
-        A pull under which all of the solid yields is kept up by nothing more: the answer is half of
+        Where all of the solid yields, no strength keeps the attraction up: the result is half of
         the strength of full contact, and the state stays that of the solve before.
         """
         if self._hardness is not None and self._pressure + pull_pa >= self._hardness:
@@ -114,7 +115,7 @@ class PulledContact:
         height = self._height
         start = None
         if shape is not None:
-            # The displacement under the pull, taken off the heights instead of put on the solid.
+            # The displacement by the attraction, subtracted from the heights.
             height = height + pull * self._problem.levels[0].displacement(shape)
             start = self.contact.pressure_pa
         mean = torch.full_like(self._scale, self._pressure + pull)

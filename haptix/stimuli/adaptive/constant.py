@@ -25,9 +25,9 @@ class ConstantStimuli(Method):
     levels : sequence of float
         Levels.
     repeats : int
-        How often each.
+        Presentations of each level.
     seed : int
-        Of the order; every repetition has all levels once.
+        Seed of the order; every repetition has all levels once.
     function, guess, lapse
         Of the fitted function, see `fit`.
     """
