@@ -47,25 +47,28 @@ class UniformCubic:
         Distance between nodes.
     values, slopes : Tensor, shape (nodes,) or (nodes, columns)
         Node values and derivatives; each column is a function of its own.
+    stencil : Tensor, shape (nodes, nodes), optional
+        Matrix from values to slopes. Gradients then pass through the values around a point and not
+        through `slopes`: a table has far more numbers than are looked up.
     """
 
     start: float | Tensor
     step: float
     values: Tensor
     slopes: Tensor
+    stencil: Tensor | None = None
 
     @classmethod
     def through(cls, start: float | Tensor, step: float, values: Tensor) -> UniformCubic:
         """Estimate the slopes by fourth-order differences (second order at the two ends)."""
-        if values.shape[0] < 5:
-            raise ValueError(f"expected at least 5 nodes, got {values.shape[0]}")
-        inner = (values[:-4] - 8 * values[1:-3] + 8 * values[3:-1] - values[4:]) / 12
-        second = ((values[2] - values[0]) / 2)[None]
-        second_last = ((values[-1] - values[-3]) / 2)[None]
-        first = (-1.5 * values[0] + 2 * values[1] - 0.5 * values[2])[None]
-        last = (1.5 * values[-1] - 2 * values[-2] + 0.5 * values[-3])[None]
-        slopes = torch.cat([first, second, inner, second_last, last]) / step
-        return cls(start, step, values, slopes)
+        count = values.shape[0]
+        if count < 5:
+            raise ValueError(f"expected at least 5 nodes, got {count}")
+        slopes = _differences(values.detach()) / step
+        if not values.requires_grad:
+            return cls(start, step, values, slopes)
+        stencil = _differences(torch.eye(count, dtype=values.dtype, device=values.device)) / step
+        return cls(start, step, values, slopes, stencil)
 
     def _cell(self, x: Tensor) -> tuple[Tensor, Tensor]:
         position = (x - self.start) / self.step
@@ -74,14 +77,21 @@ class UniformCubic:
 
     def _corners(self, cell: Tensor, column: Tensor | None) -> tuple[Tensor, ...]:
         columns = 1 if self.values.ndim == 1 else self.values.shape[1]
-        low = cell if column is None else cell * columns + column
-        shape, low = low.shape, low.reshape(-1)
-        table, slopes = self.values.reshape(-1), self.slopes.reshape(-1)
-        return tuple(
-            numbers.index_select(0, at).reshape(shape)
-            for numbers in (table, slopes)
-            for at in (low, low + columns)
-        )
+        shape, cell = cell.shape, cell.reshape(-1)
+        of_column = 0 if column is None else column.reshape(-1)
+        values, slopes = self.values.reshape(-1), self.slopes.reshape(-1)
+        if self.stencil is None or not torch.is_grad_enabled():
+            low = cell * columns + of_column
+            found = [t.index_select(0, at) for t in (values, slopes) for at in (low, low + columns)]
+            return tuple(corner.reshape(shape) for corner in found)
+        # Both stencils lie within six nodes, which are gathered at once.
+        count = self.values.shape[0]
+        first = (cell - 2).clamp(0, max(count - 6, 0))
+        near = first + torch.arange(min(count, 6), device=cell.device)[:, None]
+        around = values.index_select(0, (near * columns + of_column).reshape(-1)).view(near.shape)
+        low, high = (around.gather(0, (cell - first + k)[None])[0] for k in (0, 1))
+        slope = [(self.stencil[cell + k, near] * around).sum(0) for k in (0, 1)]
+        return tuple(corner.reshape(shape) for corner in (low, high, *slope))
 
     def __call__(self, x: Tensor, column: Tensor | None = None) -> Tensor:
         """Value at `x` (any shape; `column` of the same shape picks each point's function)."""
@@ -96,3 +106,14 @@ class UniformCubic:
         value = low + t * (rise + (1 - t) * (a * (1 - t) + b * t))
         slope = (rise + (1 - 2 * t) * (a * (1 - t) + b * t) + t * (1 - t) * (b - a)) / self.step
         return value, slope
+
+
+def _differences(values: Tensor) -> Tensor:
+    """Rise per step at each node."""
+    inner = (values[:-4] - 8 * values[1:-3] + 8 * values[3:-1] - values[4:]) / 12
+    second = (values[2] - values[0]) / 2
+    second_last = (values[-1] - values[-3]) / 2
+    first = -1.5 * values[0] + 2 * values[1] - 0.5 * values[2]
+    last = 1.5 * values[-1] - 2 * values[-2] + 0.5 * values[-3]
+    ends = [end[None] for end in (first, second, second_last, last)]
+    return torch.cat([*ends[:2], inner, *ends[2:]])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import torch
@@ -96,7 +96,7 @@ class Pull:
             ``exp(-2 i w t)``, times what a response leaves of it.
         """
         inverse = 1 / (representative_gaps(gap_edges_m) + thickness_m[:, None])
-        square = inverse**2
+        square = inverse * inverse
         kernel = torch.stack([inverse.real**2 + inverse.imag**2, square.real, square.imag], 1)
         weight = torch.stack([torch.ones_like(swing.real), swing.real, -swing.imag], -1)
         strength = drive_strength(voltage_v)[:, None].expand(swing.shape).reshape(-1)
@@ -122,10 +122,6 @@ class Pull:
         kernel, spot = stress[..., :-1] * gaps, stress[..., -1] / reference_m**2
         return cls(squares.new_ones(len(squares)), kernel, spot, weight=squares[None])
 
-    def scaled(self, factor: float | Tensor) -> Self:
-        """The same attraction times a factor."""
-        return replace(self, strength=self.strength * factor)
-
     def on_gaps(self, mass: Tensor) -> Tensor:
         """Attraction per strength, shape (distributions, own columns), for masses of gap bins.
 
@@ -138,7 +134,7 @@ class Pull:
         if self.weight is None:
             return each[..., 0] + _LEAST_SHARE * self.kernel[:, 0].amax(-1)
         # Rounding leaves a little below zero where the field passes through it.
-        least = _LEAST_SHARE * self.kernel.abs().amax()
+        least = _LEAST_SHARE * self.kernel.detach().abs().amax()
         return _weighted(each, self.weight).clamp(min=0.0) + least
 
     def on_spots(self) -> Tensor:
