@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from firmware_io.errors import DeviceError, HaptixError, LimitError
@@ -15,7 +14,6 @@ __all__ = [
     "LimitError",
     "RangeError",
     "ToleranceError",
-    "check_positive",
 ]
 
 
@@ -45,10 +43,3 @@ class ToleranceError(HaptixError):
 
 class FileFormatError(HaptixError):
     """A file that cannot be read or written, or is foreign, damaged or of a later version."""
-
-
-def check_positive(name: str, value: Any) -> None:
-    """Raise `InputError` unless the scalar `value` is finite and above zero."""
-    number = float(value.detach() if hasattr(value, "detach") else value)
-    if not (math.isfinite(number) and number > 0):
-        raise InputError(f"{name}: expected a finite number above 0, got {number:g}")

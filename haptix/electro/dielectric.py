@@ -9,6 +9,7 @@ from pydantic import Field, PositiveFloat, model_validator
 from torch import Tensor
 
 from haptix.documents import Part
+from haptix.interpolation import PiecewiseLinear
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12
 """eps0 [F/m], CODATA 2018."""
@@ -59,11 +60,7 @@ class SkinDielectric(Part):
         return torch.complex(permittivity, loss) / self.scale
 
     def _interpolate(self, log_f: Tensor, column: tuple[float, ...]) -> Tensor:
-        nodes = torch.log(torch.tensor(self.frequency_hz, dtype=log_f.dtype, device=log_f.device))
-        values = torch.log(torch.tensor(column, dtype=log_f.dtype, device=log_f.device))
+        nodes, values = torch.log(log_f.new_tensor([self.frequency_hz, column]))
         if len(nodes) == 1:
             return values[0].expand_as(log_f)
-        inside = log_f.clamp(nodes[0], nodes[-1])
-        cell = torch.searchsorted(nodes[1:-1], inside.detach().contiguous(), right=True)
-        part = (inside - nodes[cell]) / (nodes[cell + 1] - nodes[cell])
-        return values[cell] + part * (values[cell + 1] - values[cell])
+        return PiecewiseLinear.through(nodes, values)(log_f.clamp(nodes[0], nodes[-1]))

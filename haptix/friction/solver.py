@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -30,15 +31,7 @@ class FrictionSolver:
         self.fidelity = fidelity
 
     def solve(self, normal_force_n: Tensor, pull: Pull) -> tuple[Tensor, Balance]:
-        """Return the friction coefficient and the equilibrium of each state.
-
-        Parameters
-        ----------
-        normal_force_n : Tensor, shape (states,)
-            Normal forces [N].
-        pull : Pull
-            Their attraction against the gap.
-        """
+        """Return mu and the equilibrium of each state, for normal forces [N] and attractions."""
         given, load = self.terms.given, self.load(normal_force_n, pull)
         found = self.fidelity.solve(load)
         shear = given.finger.frictional_shear_stress_pa
@@ -47,7 +40,8 @@ class FrictionSolver:
     def load(self, normal_force_n: Tensor, pull: Pull) -> Load:
         """Return what the fidelity is given for these states."""
         applied, widest = self._at_rest(normal_force_n)
-        return Load(applied, pull.scaled(1 / self.terms.given.unit_pa), widest)
+        strength = pull.strength / self.terms.given.unit_pa
+        return Load(applied, replace(pull, strength=strength), widest)
 
     def solve_in_blocks(
         self, normal_force_n: Tensor, pull_of: Callable[[slice], Pull]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from haptix.errors import InputError, check_positive
+from haptix import checks
 from haptix.motion import LIFTED_BELOW_N, Trajectory
 
 Array = npt.NDArray[np.float64]
@@ -51,11 +51,9 @@ class TouchPanel:
     resolution_mm: float = 0.0
 
     def __post_init__(self) -> None:
-        check_positive("rate_hz", self.rate_hz)
+        checks.positive("rate_hz", self.rate_hz)
         for name in ("latency_s", "place_noise_mm", "force_noise_n", "resolution_mm"):
-            value = getattr(self, name)
-            if isinstance(value, str) or not (np.isfinite(value) and value >= 0):
-                raise InputError(f"{name}: expected a finite number of 0 or more, got {value!r}")
+            checks.number(name, getattr(self, name), 0.0)
 
     def read(self, path: Trajectory, seed: int = 0) -> SensedTouch:
         """Report a true path; the same seed gives the same noise."""

@@ -97,9 +97,9 @@ def test_nothing_to_evaluate_is_nan_and_says_so():
         ({"target_mu": np.full(N, np.inf)}, "finite values above 0, or NaN"),
         ({"is_reachable": np.ones(N)}, "expected bools"),
         ({"is_reachable": np.ones(3, dtype=bool)}, "is_reachable: expected one value"),
-        ({"average_s": -1.0}, "average_s of 0 or more"),
-        ({"average_s": np.nan}, "average_s: expected finite"),
-        ({"weber_fraction": 0.0}, "weber_fraction above 0"),
+        ({"average_s": -1.0}, "average_s: expected a finite number of at least 0"),
+        ({"average_s": np.nan}, "average_s: expected a finite"),
+        ({"weber_fraction": 0.0}, "weber_fraction: expected a finite number above 0"),
     ],
 )
 def test_what_cannot_be_evaluated_is_refused(settings, message):
