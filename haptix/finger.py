@@ -4,13 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import (
-    Discriminator,
-    Field,
-    PositiveFloat,
-    Tag,
-    model_validator,
-)
+from pydantic import Discriminator, Field, PositiveFloat, Tag, model_validator
 from torch import Tensor
 
 from haptix.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum

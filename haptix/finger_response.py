@@ -18,7 +18,6 @@ from haptix import checks
 Array = npt.NDArray[np.float64]
 
 _STANDING_MM_PER_S = 1e-3  # gains of slower fingers are those at this speed
-_BLOCK = 128  # steps of the recurrence that are made for all blocks at once
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class FingerResponse:
         drive : ndarray, shape (rows, samples)
             What is followed.
         distance_mm : ndarray, shape (samples,)
-            Slid distance, not decreasing.
+            Slid distance of two samples or more, not decreasing.
         before : ndarray, shape (rows,), optional
             y at the first sample; that of the drive without.
 
@@ -61,6 +60,8 @@ class FingerResponse:
         -------
         ndarray, shape (rows, samples)
         """
+        from scipy.linalg import solve_banded  # slow to import; rendering uses `gain` alone
+
         if before is None:
             before = drive[:, 0]
         step = 2 * np.pi * self.response_hz_per_mm_per_s * np.diff(distance_mm)
@@ -69,28 +70,7 @@ class FingerResponse:
         moving = np.where(step > 1e-9, step, 1.0)
         share = np.where(step > 1e-9, -np.expm1(-step) / moving, 1 - step / 2)
         gain = (share - decay) * drive[:, :-1] + (1 - share) * drive[:, 1:]
-        return np.concatenate([before[:, None], _recurrence(decay, gain, before)], axis=1)
-
-
-def _recurrence(decay: Array, gain: Array, before: Array) -> Array:
-    """``y_k = decay_k y_(k-1) + gain_k`` from y_(-1) = `before`, shape of `gain`.
-
-    All blocks are run at once as if each began at 0. What a block then lacks is its predecessor's
-    end times the decay so far; the ends obey a recurrence of their own, a block's length shorter.
-    """
-    rows, count = gain.shape
-    blocks = -(-count // _BLOCK)
-    spare = blocks * _BLOCK - count
-    # Steps first, so that each of them works on contiguous memory.
-    factor = np.pad(decay, (0, spare), constant_values=1.0).reshape(blocks, _BLOCK).T.copy()
-    y = np.pad(gain, ((0, 0), (0, spare))).reshape(rows, blocks, _BLOCK).transpose(2, 0, 1).copy()
-    for k in range(1, _BLOCK):
-        y[k] += factor[k] * y[k - 1]
-        factor[k] *= factor[k - 1]
-    if blocks == 1:
-        carried = before[:, None]
-    else:
-        ends = _recurrence(factor[-1, :-1], y[-1, :, :-1], before)
-        carried = np.concatenate([before[:, None], ends], axis=1)
-    y += factor[:, None, :] * carried
-    return y.transpose(1, 2, 0).reshape(rows, -1)[:, :count]
+        # y_k = decay_k y_(k-1) + gain_k from y_0 = before: a matrix of two bands.
+        bands = np.stack([np.ones(len(step) + 1), np.append(-decay, 0.0)])
+        right = np.concatenate([before[:, None], gain], axis=1)
+        return np.asarray(solve_banded((1, 0), bands, right.T, check_finite=False).T)

@@ -105,22 +105,17 @@ class Screen(Document):
 
     def warnings(self) -> list[str]:
         """Reasons not to trust the profile, as outputs quote them; none for presets."""
-        found = []
-        if self.is_placeholder:
-            found.append(f"screen {self.name!r} (a placeholder, not calibrated)")
-        if self.calibration is None:
-            return found
-        if self.calibration.verdict == "failed":
-            found.append(f"screen {self.name!r} (its calibration failed verification)")
-        age = (datetime.now(UTC).date() - self.calibration.date).days
-        if age > CALIBRATION_VALID_DAYS:
-            found.append(
-                f"screen {self.name!r} (its calibration of {self.calibration.date} is more than "
-                f"{CALIBRATION_VALID_DAYS} days old)"
-            )
-        if self.calibration.content_hash != self.content_hash():
-            found.append(f"screen {self.name!r} (its profile was changed after the calibration)")
-        return found
+        found = ["a placeholder, not calibrated"] if self.is_placeholder else []
+        if (made := self.calibration) is not None:
+            if made.verdict == "failed":
+                found.append("its calibration failed verification")
+            if (datetime.now(UTC).date() - made.date).days > CALIBRATION_VALID_DAYS:
+                found.append(
+                    f"its calibration of {made.date} is more than {CALIBRATION_VALID_DAYS} days old"
+                )
+            if made.content_hash != self.content_hash():
+                found.append("its profile was changed after the calibration")
+        return [f"screen {self.name!r} ({reason})" for reason in found]
 
     def content_hash(self) -> str:
         """SHA-256 of everything in the profile but the hash itself."""

@@ -60,7 +60,7 @@ class SkinDielectric(Part):
         return torch.complex(permittivity, loss) / self.scale
 
     def _interpolate(self, log_f: Tensor, column: tuple[float, ...]) -> Tensor:
-        nodes, values = torch.log(log_f.new_tensor([self.frequency_hz, column]))
+        nodes, values = log_f.new_tensor([self.frequency_hz, column]).log().unbind()
         if len(nodes) == 1:
             return values[0].expand_as(log_f)
         return PiecewiseLinear.through(nodes, values)(log_f.clamp(nodes[0], nodes[-1]))

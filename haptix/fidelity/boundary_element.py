@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import ceil, inf
 from time import perf_counter
 
@@ -97,7 +97,6 @@ class BoundaryElementBalance(Fidelity):
     def solve(self, load: Load) -> Balance:
         """Return the mean equilibrium of every state on the lowest branch."""
         found = self.scatter(load)
-        stable = found.is_stable.to(torch.float64).mean(-1) > 0.5
         gaps = found.gap_attraction_pa.mean(-1)
         return Balance(
             pressure_pa=load.applied_pa + gaps,
@@ -106,20 +105,16 @@ class BoundaryElementBalance(Fidelity):
             spot_attraction_pa=found.spot_attraction_pa.mean(-1),
             mean_gap_m=found.mean_gap_m.mean(-1),
             strength_at_end=found.strength_at_end.median(-1).values,
-            is_stable=stable,
+            is_stable=found.is_stable.to(torch.float64).mean(-1) > 0.5,
         )
 
     def scatter(self, load: Load) -> Scatter:
         """Return every state of every surface; what was solved before is not solved again."""
         thickness = self._thickness(load)
+        columns = (load.applied_pa, load.pull.own_column, load.pull.strength)
         states = [
-            ((applied, complex(thickness[column])), strength)
-            for applied, column, strength in zip(
-                load.applied_pa.tolist(),
-                load.pull.own_column.tolist(),
-                load.pull.strength.tolist(),
-                strict=True,
-            )
+            ((applied, thickness[column]), strength)
+            for applied, column, strength in zip(*(t.tolist() for t in columns), strict=True)
         ]
         missing: dict[Place, set[float]] = {}
         for place, strength in states:
@@ -133,8 +128,8 @@ class BoundaryElementBalance(Fidelity):
         rows = [self._known[place][strength] for place, strength in states]
         return Scatter(
             *(
-                torch.stack([getattr(row, name) for row in rows]).to(self.device)
-                for name in Scatter.__dataclass_fields__
+                torch.stack([getattr(row, one.name) for row in rows]).to(self.device)
+                for one in fields(Scatter)
             )
         )
 
@@ -152,8 +147,7 @@ class BoundaryElementBalance(Fidelity):
         if self.device.type == "cuda":
             torch.cuda.synchronize(self.device)
         each = (perf_counter() - began) / 3
-        rounds = -(-box.surfaces // min(given_threads(), box.surfaces))
-        return _TRANSFORMS * each * rounds
+        return _TRANSFORMS * each * ceil(box.surfaces / min(given_threads(), box.surfaces))
 
     def _check_amount(self, states: int) -> None:
         most = self.boxed.box.most_states
@@ -163,10 +157,6 @@ class BoundaryElementBalance(Fidelity):
                 f"call, got {states}, about {states * self.seconds_per_state() / 60:.2g} min; ask "
                 "for fewer, build a FrictionSurface, or raise BoundaryElementBox.most_states"
             )
-
-    def _points_for(self, thickness: complex) -> int:
-        """Pixels along a side at which the gap changes by h0 from one to the next."""
-        return ceil(self.boxed.box.points * self.boxed.gap_step_m / abs(thickness))
 
     @staticmethod
     def _thickness(load: Load) -> list[complex]:
@@ -184,14 +174,14 @@ class BoundaryElementBalance(Fidelity):
         """Solve one place along its rising strengths."""
         applied, thickness = place
         if strengths[-1] > 0 and self.boxed.gap_step_m > abs(thickness):
-            coarse = self.boxed.gap_step_m / abs(thickness)
+            coarse = self.boxed.gap_step_m / abs(thickness)  # of the pixels at which it is h0
             warnings.warn(
                 f"the gap changes by {self.boxed.gap_step_m:.2g} m from pixel to pixel, "
                 f"{coarse:.2g} times h0: the attraction next to the spots is not resolved. At 1.5, "
                 "3 and 6 times the attraction of the gaps is some 10, 25 and 40 % too weak, and "
                 "the area that voltage adds up to 10, 10 and 65 % off; "
-                f"these waves want {self._points_for(thickness)} points along a side: take more "
-                "points or a smaller box",
+                f"these waves want {ceil(self.boxed.box.points * coarse)} points along a side: "
+                "take more points or a smaller box",
                 ResolutionWarning,
                 stacklevel=2,
             )

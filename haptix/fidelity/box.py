@@ -59,9 +59,7 @@ class BoundaryElementBox:
             if getattr(self, name) is not None:
                 checks.positive(name, getattr(self, name))
         for name in ("points", "surfaces", "most_states"):
-            value = getattr(self, name)
-            if type(value) is not int or value < 1:
-                raise InputError(f"{name}: expected a whole number of 1 or more, got {value!r}")
+            checks.whole(name, getattr(self, name), 1)
 
 
 @dataclass(frozen=True)

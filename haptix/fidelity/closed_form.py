@@ -10,7 +10,6 @@ from __future__ import annotations
 from math import pi, sqrt
 
 import torch
-from torch import Tensor
 
 from haptix.equilibrium import LIGHT_CONTACT_LIMIT
 from haptix.fidelity.balance import Ability, Balance, Contact, Fidelity, Load
@@ -47,17 +46,14 @@ class ClosedForm(Fidelity):
         share = strength * loading
         pressure = load.applied_pa / (1 - share.clamp(max=end))
         attraction = torch.minimum(strength, end / loading) * pressure
+        # Logarithmic in p, as light contact has it.
+        fall = self._gap_fall_m * torch.log(pressure / self.contact.reference_pa)
         return Balance(
             pressure_pa=pressure,
             area_fraction=(self._area_per_pa * pressure).clamp(max=1.0),
             gap_attraction_pa=attraction * gap_pull[column],
             spot_attraction_pa=attraction * spot_pull[column],
-            mean_gap_m=self._mean_gap(pressure),
+            mean_gap_m=(self._gap_m - fall).clamp(min=0.0),
             strength_at_end=end / loading,
             is_stable=share <= end,
         )
-
-    def _mean_gap(self, pressure: Tensor) -> Tensor:
-        """Logarithmic in p, as light contact has it."""
-        fall = self._gap_fall_m * torch.log(pressure / self.contact.reference_pa)
-        return (self._gap_m - fall).clamp(min=0.0)

@@ -79,12 +79,11 @@ class ActiveTerms:
             If a term that is on needs a frequency, and there is none.
         """
         if frequency_hz is None:
-            for term in self.all:
-                if term.needs_frequency:
-                    raise InputError(
-                        f'frequency_hz: expected one, since the term "{term.name}" depends on it; '
-                        "give one or switch the term off"
-                    )
+            if needing := [term.name for term in self.all if term.needs_frequency]:
+                raise InputError(
+                    f'frequency_hz: expected one, since the term "{needing[0]}" depends on it; '
+                    "give one or switch the term off"
+                )
             return h0_m
         frequency = frequency_hz.clamp(min=_STEADY_HZ)
         thickness = torch.complex(h0_m, torch.zeros_like(h0_m))

@@ -68,8 +68,7 @@ class VirtualFinger:
         has_response: bool = True,
     ) -> None:
         model.require(Ability.INSTANTS, "model")
-        h0_m = model.screen.h0_m if h0_m is None else h0_m
-        checks.positive("h0_m", h0_m)
+        h0_m = checks.positive("h0_m", model.screen.h0_m if h0_m is None else h0_m)
         self.model = model
         self.sensor = SensorModel() if sensor is None else sensor
         self.seed = seed
