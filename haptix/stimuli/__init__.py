@@ -3,7 +3,7 @@
 from haptix.stimuli.along_path import AlongPath, grating, relief
 from haptix.stimuli.apparatus import Apparatus
 from haptix.stimuli.in_time import Chirp, Points, Pulse, Ramp, Recorded, Sine, Square, Step
-from haptix.stimuli.making import SetResult, check_manifest
+from haptix.stimuli.making import SetResult, StimulusSet, check_manifest
 from haptix.stimuli.population import Population
 from haptix.stimuli.rendering import Rendering
 from haptix.stimuli.signal import (
@@ -19,7 +19,6 @@ from haptix.stimuli.signal import (
 )
 from haptix.stimuli.speed import Path, SpeedProfile, SteadySpeed, Strokes
 from haptix.stimuli.stimulus import Stimulus
-from haptix.stimuli.stimulus_set import StimulusSet
 from haptix.stimuli.time_noise import TimeNoise
 from haptix.stimuli.trials import TrialPlan
 

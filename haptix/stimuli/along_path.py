@@ -74,12 +74,11 @@ class AlongPath(Signal):
                 f"field: a {type(self.field).__name__} cannot be written to a sidecar; expected a "
                 "Grating or a RecordedProfile"
             )
-        texture: dict[str, Any] = {"kind": named[0]}
-        for one in fields(self.field):  # type: ignore[arg-type]  # both are dataclasses
-            if one.init:
-                value = getattr(self.field, one.name)
-                texture[one.name] = list(value) if isinstance(value, tuple) else value
-        return {**super().describe(), "field": texture}
+        # Both are dataclasses.
+        names = [one.name for one in fields(self.field) if one.init]  # type: ignore[arg-type]
+        texture = {name: getattr(self.field, name) for name in names}
+        listed = {name: list(v) if isinstance(v, tuple) else v for name, v in texture.items()}
+        return {**super().describe(), "field": {"kind": named[0], **listed}}
 
 
 def _field_from(table: Mapping[str, Any]) -> FrictionField:

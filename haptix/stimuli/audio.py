@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import soundfile
 
+from haptix.checks import choice
 from haptix.errors import FileFormatError, InputError
 
 Array = npt.NDArray[np.float64]
@@ -22,10 +23,8 @@ _LARGEST_WAV = 4_000_000_000  # bytes: sizes in its header have 32 bits
 
 def check_format(container: str, encoding: str) -> None:
     """Refuse what cannot be written."""
-    if container not in get_args(Container):
-        raise InputError(f'format: expected "wav" or "flac", got {container!r}')
-    if encoding not in get_args(Encoding):
-        raise InputError(f'encoding: expected "float32" or "24-bit", got {encoding!r}')
+    choice("format", container, get_args(Container))
+    choice("encoding", encoding, get_args(Encoding))
     if (container, encoding) == ("flac", "float32"):
         raise InputError('encoding: FLAC holds integers; choose "24-bit", or format "wav"')
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from itertools import product
 from math import pi, sqrt
 from typing import Any, Literal
 
-from haptix.checks import number, positive
+from haptix.checks import choice, number, positive
 from haptix.errors import InputError
 from haptix.perception import Perception
 from haptix.screen import Screen
@@ -107,8 +108,7 @@ def matched_intensity(
     """
     known = Perception.default() if perception is None else perception
     number("sensation_db", sensation_db)
-    if drive not in ("direct", "carrier"):
-        raise InputError(f'drive: expected "direct" or "carrier", got {drive!r}')
+    choice("drive", drive, ("direct", "carrier"))
     found = []
     for felt in felt_hz:
         positive("felt_hz", felt)
@@ -161,7 +161,7 @@ def stimulus_maker(base: Mapping[str, Any], place: str) -> Callable[..., Stimulu
     """Return ``make(name, **values)``, which puts values at dotted places of a table."""
 
     def make(name: str, **values: Any) -> Stimulus:
-        table: Any = _copy(base)
+        table: Any = deepcopy(base)
         for dotted, value in values.items():
             _put(table, dotted, value, place)
         return stimulus_from(name, table)
@@ -184,12 +184,6 @@ def _put(table: Any, dotted: str, value: Any, place: str) -> None:
             f"{place}.{dotted}: there is no such place in the base; write it as in "
             '"signal.frequency_hz" or "signal.parts.0.amplitude"'
         ) from None
-
-
-def _copy(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _copy(inner) for key, inner in value.items()}
-    return [_copy(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
 def _with_conditions(stimulus: Stimulus, more: Mapping[str, Any]) -> Stimulus:

@@ -6,7 +6,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,7 @@ class SetResult:
 
 
 class Job:
-    """One run of `StimulusSet.make`."""
+    """One run of `StimulusSet.make`: it makes, checks and publishes."""
 
     def __init__(self, parts: SetPlan, folder: Path, threads: int, on_progress: Progress) -> None:
         self.parts, self.folder, self.threads = parts, folder, threads
@@ -53,7 +53,7 @@ class Job:
         self.unreachable: list[str] = []
 
     def run(self) -> SetResult:
-        """Make, check and publish; see `StimulusSet.make`."""
+        """See `StimulusSet.make`."""
         parts = self.parts
         if self.folder.exists() and not self.folder.is_dir():
             raise InputError(f"{self.folder} is a file; name a folder")
@@ -192,11 +192,7 @@ class Job:
             "haptix": __version__,
             "set": parts.name,
             "is_placeholder": any(table["is_placeholder"] for table in found),
-            "trials": {
-                "repeats": parts.trials.repeats,
-                "gap_s": parts.trials.gap_s,
-                "seed": parts.trials.seed,
-            },
+            "trials": asdict(parts.trials),
             "files": {
                 name: {"sha256": file_hash(places[name]), "bytes": places[name].stat().st_size}
                 for name in sorted(places)
@@ -214,6 +210,40 @@ class Job:
         shutil.rmtree(self.drafts, ignore_errors=True)
         self.on_progress("write", 1.0)
         return SetResult(self.folder, tuple(found), manifest, self.reused)
+
+
+class StimulusSet(SetPlan):
+    """Stimuli that belong together; the parameters are those of `SetPlan`."""
+
+    def make(
+        self,
+        folder: str | Path,
+        threads: int = 2,
+        on_progress: Progress = lambda stage, share: None,
+    ) -> SetResult:
+        """Render all stimuli, check the whole set, and publish it in a folder.
+
+        Finished files wait in ``.drafts`` within the folder. If the disk fills up or the run is
+        stopped, the same call continues from there.
+
+        Raises
+        ------
+        LimitError
+            If any stimulus breaks a limit; nothing is published then.
+        RangeError
+            If any asks for friction outside the reachable range, unless `unreachable` is "nearest";
+            the message has a line for each, with the nearest reachable friction.
+        InputError
+            If the folder cannot be written.
+        """
+        job = Job(self, Path(folder), threads, on_progress)
+        try:
+            return job.run()
+        except OSError as error:
+            raise InputError(
+                f"cannot write to {folder}: {error.strerror or error}; no unfinished file has its "
+                "final name, and the same command continues where this one stopped"
+            ) from None
 
 
 def check_manifest(folder: str | Path) -> list[str]:

@@ -20,26 +20,33 @@ from haptix.stimuli.designs import (
     matched_intensity,
     stimulus_maker,
 )
+from haptix.stimuli.making import StimulusSet
 from haptix.stimuli.population import Population
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
-from haptix.stimuli.stimulus_set import StimulusSet
 from haptix.stimuli.trials import TrialPlan
 
 Table = dict[str, Any]
 
 
-class FactorialDesign(Part):
+class _Factors(Part):
     """Every combination of values put at dotted places of a base stimulus."""
 
-    kind: Literal["factorial"]
     name: str
     base: Table
     factors: dict[str, list[Any]]
 
     def stimuli(self, known: Perception) -> list[Stimulus]:
-        """Make them."""
+        """Make them; without factors the base alone, by the design's name."""
+        if not self.factors:
+            return [stimulus_from(self.name, self.base)]
         make = stimulus_maker(self.base, f"{self.name}.factors")
         return full_factorial(self.name, make, **self.factors)
+
+
+class FactorialDesign(_Factors):
+    """Every combination of values put at dotted places of a base stimulus."""
+
+    kind: Literal["factorial"]
 
 
 class ConstantStimuliDesign(Part):
@@ -79,20 +86,11 @@ class MatchedIntensityDesign(Part):
         return matched_intensity(**fields, perception=known)
 
 
-class EqualFrictionDesign(Part):
+class EqualFrictionDesign(_Factors):
     """Stimuli in mu, rendered for each of several screens."""
 
     kind: Literal["equal-friction"]
-    name: str
-    base: Table
     factors: dict[str, list[Any]] = Field(default={})
-
-    def stimuli(self, known: Perception) -> list[Stimulus]:
-        """Make them."""
-        if not self.factors:
-            return [stimulus_from(self.name, self.base)]
-        make = stimulus_maker(self.base, f"{self.name}.factors")
-        return full_factorial(self.name, make, **self.factors)
 
 
 Design = Annotated[
@@ -196,9 +194,7 @@ class Recipe(Document):
         one = Finger.named(self.finger, self.folder)
         finger: Finger | Population = one
         if self.population is not None:
-            finger = Population.around(
-                one, self.population.size, self.population.spread, self.population.seed
-            )
+            finger = Population.around(one, **self.population.model_dump())
         order = None if self.trials.in_order else self.trials.seed
         return StimulusSet(
             self.name, tuple(found), finger, screens, self.sample_rate_hz, self.format,

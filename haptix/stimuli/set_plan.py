@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from firmware_io.limits import DriveLimits
-from haptix.checks import choice, positive
+from haptix.checks import Positive, check_fields, choice
 from haptix.errors import InputError, LimitError
 from haptix.finger import Finger
 from haptix.perception import Perception
@@ -54,10 +54,10 @@ class SetPlan:
     stimuli: tuple[Stimulus, ...]
     finger: Finger | Population
     screens: tuple[Screen, ...]
-    sample_rate_hz: float = 48_000.0
+    sample_rate_hz: Positive = 48_000.0
     container: Container = "wav"
     encoding: Encoding = "float32"
-    full_scale_v: float = 250.0
+    full_scale_v: Positive = 250.0
     ceiling_v: float | None = None
     trigger: bool = True
     unreachable: str = "reject"
@@ -66,7 +66,7 @@ class SetPlan:
 
     def __post_init__(self) -> None:
         check_format(self.container, self.encoding)
-        positive("sample_rate_hz", self.sample_rate_hz)
+        check_fields(self)
         if self.sample_rate_hz != round(self.sample_rate_hz):
             raise InputError(
                 f"sample_rate_hz: audio files need a whole number, got {self.sample_rate_hz:g}"
@@ -84,7 +84,6 @@ class SetPlan:
         screens = [screen.name for screen in self.screens]
         if len(set(screens)) < len(screens):
             raise InputError("screens: two have one name; names tell their files apart")
-        positive("full_scale_v", self.full_scale_v)
         if self.full_scale_v <= self.limits.ceiling_v:
             raise InputError(
                 f"full_scale_v: expected more than the ceiling of {self.limits.ceiling_v:g} V, "

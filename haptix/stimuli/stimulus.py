@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from math import inf
+from re import ASCII, fullmatch
 from typing import Any, Literal, get_args
 
-from haptix.checks import choice, positive
+from haptix.checks import Positive, check_fields, choice
 from haptix.errors import InputError
+from haptix.stimuli.described import plain
 from haptix.stimuli.signal import Signal, signal_from
 from haptix.stimuli.speed import SpeedProfile, speed_from
 
@@ -49,22 +51,18 @@ class Stimulus:
     name: str
     signal: Signal
     quantity: Quantity = "contrast"
-    normal_force_n: float = 0.5
-    carrier_hz: float | None = DEFAULT_CARRIER_HZ
-    drive_hz: float | None = None
+    normal_force_n: Positive = 0.5
+    carrier_hz: Positive | None = DEFAULT_CARRIER_HZ
+    drive_hz: Positive | None = None
     speed: SpeedProfile | None = None
-    h0_m: float | None = None
+    h0_m: Positive | None = None
     conditions: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        allowed = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.")
-        if not self.name or set(self.name) - allowed or self.name.startswith("."):
+        if not fullmatch(r"[\w-][\w.-]*", self.name, ASCII):
             raise InputError(f"name: expected letters, digits, '-', '_' and '.', got {self.name!r}")
         choice("quantity", self.quantity, get_args(Quantity))
-        positive("normal_force_n", self.normal_force_n)
-        for name in ("carrier_hz", "drive_hz", "h0_m"):
-            if getattr(self, name) is not None:
-                positive(name, getattr(self, name))
+        check_fields(self)
         if self.quantity != "volts" and self.carrier_hz is None:
             raise InputError(
                 "carrier_hz: friction needs a carrier whose amplitude follows it; give one, or "
@@ -97,17 +95,8 @@ class Stimulus:
 
     def describe(self) -> dict[str, Any]:
         """Everything that determines it, as plain values."""
-        return {
-            "name": self.name,
-            "signal": self.signal.describe(),
-            "quantity": self.quantity,
-            "normal_force_n": self.normal_force_n,
-            "carrier_hz": self.carrier_hz,
-            "drive_hz": self.drive_hz,
-            "speed": None if self.speed is None else self.speed.describe(),
-            "h0_m": self.h0_m,
-            "conditions": dict(self.conditions),
-        }
+        table = {one.name: plain(getattr(self, one.name)) for one in fields(self)}
+        return table | {"conditions": dict(self.conditions)}
 
 
 _IN_SPACE = ("along-path", "grating", "relief")

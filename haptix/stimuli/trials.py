@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from haptix.checks import number, whole
+from haptix.checks import NotNegative, check_fields, whole
 from haptix.stimuli.stimulus import Stimulus
 
 
@@ -27,12 +27,12 @@ class TrialPlan:
     """
 
     repeats: int = 1
-    gap_s: float = 1.0
+    gap_s: NotNegative = 1.0
     seed: int | None = 0
 
     def __post_init__(self) -> None:
         whole("repeats", self.repeats, 1)
-        number("gap_s", self.gap_s, 0.0)
+        check_fields(self)
 
     def order(self, count: int) -> list[int]:
         """Indices of the stimuli, trial by trial."""

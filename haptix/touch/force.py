@@ -84,15 +84,13 @@ class AreaProxy:
             for i, value in enumerate(values.tolist(), 1):
                 positive(f"area proxy: {name} of pair {i}", value)
         ln_area, ln_force = np.log(area), np.log(force)
-        spread = ln_area - ln_area.mean()
-        square = float(spread @ spread)
-        slope = float(spread @ ln_force) / square if square > 0 else 0.0
+        varies = float(np.ptp(ln_area)) > 0
+        slope, offset = np.polyfit(ln_area, ln_force, 1).tolist() if varies else (0.0, 0.0)
         if slope <= 0:
             raise InputError(
                 "area proxy: expected areas that grow with force; press with several forces, from "
                 "light to firm"
             )
-        offset = float(ln_force.mean() - slope * ln_area.mean())
         residual = ln_force - slope * ln_area - offset
         return cls(
             area_at_1n_m2=exp(-offset / slope),
