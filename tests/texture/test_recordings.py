@@ -71,7 +71,7 @@ def test_from_csv(tmp_path):
         ("position_mm,mu\n1,0.3\n2\n", "line 3"),
         ("position_mm,mu\n1,0.3\n", "at least 2"),
         ("position_mm,mu\n1,0.3\n1,0.4\n", "increasing"),
-        ("position_mm,mu\n1,0.3\n3,0.4\n2,0.4\n", "2 follows 3"),
+        ("position_mm,mu\n1,0.3\n3,0.4\n2,0.4\n", "number 3 is 2 after 3"),
         ("position_mm,mu\n1,nan\n2,0.4\n", "finite"),
         ("position_mm,tangential_force_n\n1,0.3\n2,0.4\n", "normal_force_n"),
         ("position_mm,tangential_force_n,normal_force_n\n1,0.3,1\n2,0.4,0\n", "above 0 N"),
