@@ -32,7 +32,7 @@ from pydantic import Field, PositiveFloat
 
 from calibration.parameters import Array
 from calibration.protocol import Stroke
-from calibration.sources import ForceSource, Live, Played
+from calibration.sources import ForceSource, Live, StrokeDrive
 from haptix.documents import Document, Part
 from haptix.errors import DeviceError, InputError
 
@@ -131,13 +131,13 @@ class AnalogSource(ForceSource):
             raise InputError(f"channels: expected {', '.join(sorted(missing))} as well")
         self._reader, self._channels, self._sensor = reader, tuple(channels), sensor
         self._blocks: list[Array] = []
-        self._played: Played | None = None
+        self._played: StrokeDrive | None = None
 
     @property
     def instruments(self) -> Mapping[str, str]:
         return {"force sensor": self._sensor, "inputs": self._reader.serial}
 
-    def start(self, stroke: Stroke, played: Played) -> None:
+    def start(self, stroke: Stroke, played: StrokeDrive) -> None:
         self._blocks, self._played = [], played
         self._reader.start()
 

@@ -15,7 +15,7 @@ from calibration.protocol import Protocol, Stroke
 from calibration.recording import Conditions, StrokeRecording
 from calibration.recording_checks import Finding, check_recording
 from calibration.session import Session
-from calibration.sources import ForceSource, Live, Played
+from calibration.sources import ForceSource, Live, StrokeDrive
 from firmware_io import Device
 from haptix.checks import whole
 from haptix.errors import HaptixError, InputError
@@ -54,7 +54,7 @@ class SessionOutcome(NamedTuple):
     still_open: tuple[Stroke, ...]
 
 
-def drive_for(stroke: Stroke, protocol: Protocol, sample_rate_hz: float) -> Played:
+def drive_for(stroke: Stroke, protocol: Protocol, sample_rate_hz: float) -> StrokeDrive:
     """Return the voltage of one recording: a sine from before the touch until after the lift.
 
     Raises
@@ -72,7 +72,7 @@ def drive_for(stroke: Stroke, protocol: Protocol, sample_rate_hz: float) -> Play
     end = float(t[-1])
     envelope = np.interp(t, [0.0, _RAMP_S, end - _RAMP_S, end], [0.0, 1.0, 1.0, 0.0])
     volts = stroke.voltage_v * envelope * np.sin(2 * np.pi * stroke.frequency_hz * t)
-    return Played(volts, sample_rate_hz)
+    return StrokeDrive(volts, sample_rate_hz)
 
 
 def measure(

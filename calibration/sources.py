@@ -20,7 +20,7 @@ _LIVE_S = 0.05  # over which force and speed are shown
 
 
 @dataclass(frozen=True)
-class Played:
+class StrokeDrive:
     """What is played during one recording: volts from its first instant on."""
 
     volts: Array
@@ -66,7 +66,7 @@ class ForceSource(Protocol):
     is_live: bool
     """Whether it records in real time, so that playing must keep to the clock."""
 
-    def start(self, stroke: Stroke, played: Played) -> None:
+    def start(self, stroke: Stroke, played: StrokeDrive) -> None:
         """Begin to record one stroke."""
 
     def live(self, t_s: float) -> Live | None:
@@ -99,7 +99,7 @@ class CsvSource(ForceSource):
     def instruments(self) -> Mapping[str, str]:
         return {"CSV files": self._folder.name}
 
-    def start(self, stroke: Stroke, played: Played) -> None:
+    def start(self, stroke: Stroke, played: StrokeDrive) -> None:
         self._number = stroke.number
 
     def live(self, t_s: float) -> None:

@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from calibration.parameters import Array
 from calibration.protocol import Stroke
-from calibration.sources import ForceSource, Live, Played
+from calibration.sources import ForceSource, Live, StrokeDrive
 from haptix.friction import ContactModel
 from haptix.virtual_finger import SensorModel, VirtualFinger
 
@@ -83,7 +83,7 @@ class VirtualFingerSource(ForceSource):
     def instruments(self) -> Mapping[str, str]:
         return {"force sensor": "virtual finger (no instrument)"}
 
-    def start(self, stroke: Stroke, played: Played) -> None:
+    def start(self, stroke: Stroke, played: StrokeDrive) -> None:
         t, x, force = self._path(stroke, played.duration_s)
         felt = self._finger.feel(
             played.volts, played.sample_rate_hz, t, x, 0.0, force, output_rate_hz=self._rate_hz

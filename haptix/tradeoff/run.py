@@ -26,7 +26,7 @@ from haptix.tradeoff.settings import (
     TABULATED,
     TOLERANCES,
     Run,
-    Setting,
+    SurfaceSetting,
     ways_to_ask,
     with_fronts,
 )
@@ -208,14 +208,14 @@ class _Comparison:
         *only: str,
     ) -> list[Run]:
         """Measure a surface in every way to ask it that has the dtype and device in `only`."""
-        settings = [Setting(model, tolerance, *way) for way in ways_to_ask()]
+        settings = [SurfaceSetting(model, tolerance, *way) for way in ways_to_ask()]
         return [
             self._run(surface, setting, build_s)
             for setting in settings
             if {*only} <= {setting.dtype, setting.device}
         ]
 
-    def _run(self, surface: FrictionSurface, setting: Setting, build_s: float) -> Run:
+    def _run(self, surface: FrictionSurface, setting: SurfaceSetting, build_s: float) -> Run:
         dtype, device = getattr(torch, setting.dtype), setting.device
         points, voltage, truth = self.truths[setting.form]
         # A collapsed axis stands for its whole range: it takes no values.

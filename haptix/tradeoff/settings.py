@@ -26,7 +26,7 @@ DTYPES: tuple[DtypeName, ...] = ("float64", "float32")
 
 
 @dataclass(frozen=True)
-class Setting:
+class SurfaceSetting:
     """One way to build and query a surface.
 
     Parameters
@@ -68,7 +68,7 @@ class Run:
 
     Parameters
     ----------
-    setting : Setting
+    setting : SurfaceSetting
         The setting.
     error : Effect
         Error against the mean field with every term, at held-out points.
@@ -83,7 +83,7 @@ class Run:
         both error and this cost.
     """
 
-    setting: Setting
+    setting: SurfaceSetting
     error: Effect
     outside: float
     build_s: float

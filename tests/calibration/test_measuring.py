@@ -19,7 +19,7 @@ from calibration import (
 from calibration.inputs import InputChannel, open_inputs
 from calibration.measuring import Watcher, drive_for
 from calibration.recording import SIGNALS
-from calibration.sources import Live, Played
+from calibration.sources import Live, StrokeDrive
 
 
 def protocol(count=3, volts=100.0):
@@ -271,7 +271,7 @@ def test_wrong_descriptions_of_inputs(tmp_path, text, said):
 
 def test_the_monitor_sees_what_was_played():
     t = np.arange(4800) / 48_000
-    played = Played(200 * np.sin(2 * np.pi * 4000 * t), 48_000.0)
+    played = StrokeDrive(200 * np.sin(2 * np.pi * 4000 * t), 48_000.0)
     at = np.arange(0.01, 0.09, 1e-4)
     # Twelve samples in a wave, by cubics.
     np.testing.assert_allclose(played.at(at), 200 * np.sin(2 * np.pi * 4000 * at), atol=0.2)
