@@ -18,7 +18,7 @@ test-slow: .venv/.ready ## the tests that take minutes each
 test-devices: .venv/.ready ## the tests through real USB, HID, touchscreen and audio stacks (first: bash scripts/setup-devices.sh)
 	.venv/bin/python -m pytest -m devices tests/devices $(ARGS)
 
-lint: .venv/.ready ## rules and format (ruff), the order of rooms (import-linter); nothing is changed
+lint: .venv/.ready ## rules and format (ruff), the import contract (import-linter); nothing is changed
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/lint-imports --no-logo

@@ -1,4 +1,4 @@
-"""The one error hierarchy of the distribution, in its lowest room so that every room can use it."""
+"""The one error hierarchy of the distribution, in its lowest package, so that all can use it."""
 
 
 class HaptixError(Exception):

@@ -45,10 +45,12 @@ def _code_digest() -> str:
     """Hash of the source code: a surface of an earlier solver is never found in the cache."""
     code = hashlib.sha256()
     package = Path(__file__).parent.parent
-    rooms = [
-        package / room
-        for room in ("contact", "electro", "terms", "fidelity", "friction", "surface")
+    folders = [
+        package / folder
+        for folder in ("contact", "electro", "terms", "fidelity", "friction", "surface")
     ]
-    for file in sorted([*package.glob("*.py"), *(f for room in rooms for f in room.rglob("*.py"))]):
+    for file in sorted(
+        [*package.glob("*.py"), *(f for folder in folders for f in folder.rglob("*.py"))]
+    ):
         code.update(file.read_bytes())
     return code.hexdigest()
