@@ -102,24 +102,32 @@ class ColumnMap(Document):
         return self
 
     def signals(self, path: str | Path) -> dict[str, Array]:
+        """Read a CSV file as the signals of a recording.
+
+        Raises
+        ------
+        FileFormatError, InputError
+            As `read`; or if the map lacks a signal.
+        """
+        missing = [name for name in SIGNALS if name not in self.columns]
+        if missing:
+            raise InputError(
+                f"column map: expected {', '.join(missing)} as well; where the instrument kept no "
+                "position give speed_mm_per_s, where it kept no drive give value = 0"
+            )
+        return self.read(path)
+
+    def read(self, path: str | Path) -> dict[str, Array]:
         """Read every mapped signal of a CSV file, in SI units and mm.
 
         The last line may be cut short, where a recording broke off.
 
         Raises
         ------
-        InputError
-            If the map lacks a signal.
         FileFormatError
             If the file cannot be read, a column is missing or a cell is no number; the message
             names column and line.
         """
-        absent = [name for name in SIGNALS if name not in self.columns]
-        if absent:
-            raise InputError(
-                f"column map: expected {', '.join(absent)} as well; where the instrument kept no "
-                "position give speed_mm_per_s, where it kept no drive give value = 0"
-            )
         header, rows = self._rows(path)
         used = [one.column.strip() for one in self.columns.values() if one.column is not None]
         missing = [name for name in used if name not in header]

@@ -79,7 +79,7 @@ BOTH = {
     "no photograph": ((*SMALL, "--image", "missing.png", "--width-mm", "60"), r"missing\.png"),
     "no width": ((*SMALL, "--image", "photo.png", "--width-mm", "0"), "width_mm.*above 0"),
     "no path": (("--trajectory", "missing.csv"), r"missing\.csv"),
-    "a path backwards": (("--trajectory", "backwards.csv"), "t_s.*increase"),
+    "a path backwards": (("--trajectory", "backwards.csv"), "t_s.*increasing"),
     "no surface": (("--trajectory", "path.csv", "--surface", "missing.surface"), r"missing\.surf"),
     "text as a surface": (("--trajectory", "path.csv", "--surface", "text.surface"), "text"),
     "three ends of a range": ((*SMALL, "--mu-range", "0.2,0.3,0.4"), "LOW,HIGH.*0.2,0.3,0.4"),
