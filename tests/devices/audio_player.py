@@ -62,6 +62,7 @@ sys.stdout.write(
             "callbacks": len(times),
             "late_p99_s": float(np.percentile(late_s, 99)),
             "late_max_s": float(late_s.max()),
+            "slip_s": float(np.ptp(late_s)),
         }
     )
 )
