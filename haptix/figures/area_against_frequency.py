@@ -5,17 +5,9 @@ from __future__ import annotations
 import numpy as np
 import torch
 from matplotlib.axes import Axes
+from matplotlib.ticker import EngFormatter
 
-from haptix.figures.data import (
-    COLD_TO_HOT,
-    NARROW_GAPS_BEAR,
-    FigureData,
-    basis,
-    light_contact,
-    numbers,
-    sentence_list,
-)
-from haptix.figures.drawing import mark
+from haptix.figures import data, drawing
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
@@ -23,11 +15,11 @@ from haptix.status import Status
 
 FORCE_N, VOLTAGE_V = 0.5, 100.0
 _GAPS = {"dry_gap": None} | {f"leaky_gap_1e{n}_ohm_m": 10.0**n for n in (7, 6, 5)}
-_COLORS = (COLD_TO_HOT[0], COLD_TO_HOT[2], COLD_TO_HOT[3], COLD_TO_HOT[4])
+_COLORS = (data.COLD_TO_HOT[0], data.COLD_TO_HOT[2], data.COLD_TO_HOT[3], data.COLD_TO_HOT[4])
 _FREQUENCY_HZ = np.geomspace(1.0, 1e6, 361)
 
 
-def area_against_frequency() -> FigureData:
+def area_against_frequency() -> data.FigureData:
     """A_on/A_off against f from 1 Hz to 1 MHz at 0.5 N and 100 V, d1 = 1 um, eps1 = 8."""
     finger = Finger.preset("semi-wet")
     frequency = torch.from_numpy(_FREQUENCY_HZ)
@@ -43,9 +35,9 @@ def area_against_frequency() -> FigureData:
         model = models[name] = ContactModel(finger, screen, terms={"breakdown": True})
         on = model.solve(FORCE_N, VOLTAGE_V, frequency)
         off = model.solve(FORCE_N, 0.0, frequency)
-        ratios[name] = light_contact(on.area_fraction / off.area_fraction, on.status)
+        ratios[name] = data.light_contact(on.area_fraction / off.area_fraction, on.status)
         columns[f"area_on_over_off_{name}"] = ratios[name]
-        columns[f"status_{name}"] = numbers(on.status)
+        columns[f"status_{name}"] = data.numbers(on.status)
         if resistivity is not None:
             tops[name] = int(np.nanargmax(ratios[name]))
 
@@ -56,7 +48,7 @@ def area_against_frequency() -> FigureData:
                 label = rf"$\mathrm{{10}}^{np.log10(resistivity):.0f}$ Ωm"
             axes.plot(_FREQUENCY_HZ, ratios[name], color=color, label=label)
         for (name, top), color in zip(tops.items(), _COLORS[1:], strict=True):
-            mark(axes, _FREQUENCY_HZ[top], ratios[name][top], "o", "maximum", color)
+            drawing.mark(axes, _FREQUENCY_HZ[top], ratios[name][top], "o", "maximum", color)
         axes.set(xlabel="frequency $f$ (Hz)", xscale="log", xlim=_FREQUENCY_HZ[[0, -1]])
         axes.set(ylabel=r"$A_\mathrm{on}/A_\mathrm{off}$")
 
@@ -72,25 +64,16 @@ def area_against_frequency() -> FigureData:
         f"d2 = {float(finger.layer_thickness_m) * 1e6:g} µm. Without leakage the ratio is largest "
         f"at low frequencies, {dry[0]:.3f} at {_FREQUENCY_HZ[0]:g} Hz, where the skin conducts. A "
         "gap of finite resistivity lets the charge across at low frequencies, and a maximum "
-        f"appears: {sentence_list(highest)} for 1e7, 1e6 and 1e5 Ohm m. "
-        f"Up to {_with_unit(broken[-1])} the field in the dry gap passes {NARROW_GAPS_BEAR}, and "
-        "its curve holds without sparks. The table of the skin's dielectric reaches from "
+        f"appears: {data.sentence_list(highest)} for 1e7, 1e6 and 1e5 Ohm m. "
+        f"Up to {_with_unit(broken[-1])} the field in the dry gap passes {data.NARROW_GAPS_BEAR}, "
+        "and its curve holds without sparks. The table of the skin's dielectric reaches from "
         f"{_with_unit(table[0])} to {_with_unit(table[-1])} and is held at its last values beyond; "
         "its nodes are the bends of the upper curve. "
-        f"{basis(models['dry_gap'], also_on='leaky-gap for the gaps that leak')}"
+        f"{data.basis(models['dry_gap'], also_on='leaky-gap for the gaps that leak')}"
     )
-    return FigureData(
-        name="fig4",
-        title="Contact area against frequency",
-        caption=caption,
-        columns=columns,
-        plot=plot,
-        legend_title="resistivity of the gap",
-    )
+    title, legend = "Contact area against frequency", "resistivity of the gap"
+    return data.FigureData("fig4", title, caption, columns, plot, legend_title=legend)
 
 
 def _with_unit(frequency_hz: float) -> str:
-    for size, unit in ((1e6, "MHz"), (1e3, "kHz")):
-        if frequency_hz >= size:
-            return f"{float(f'{frequency_hz / size:.2g}'):g} {unit}"
-    return f"{float(f'{frequency_hz:.2g}'):g} Hz"
+    return EngFormatter("Hz")(float(f"{frequency_hz:.2g}"))

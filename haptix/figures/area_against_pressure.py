@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -22,13 +21,15 @@ H0_M = 0.2e-6
 PRESSURES_PA = (3e3, 1e4, 3e4, 1e5, 3e5, 1e6)
 VOLTAGES_V = (0.0, 50.0, 100.0, 150.0, 200.0)
 
+_BOUNDARY_ELEMENTS = Path(__file__).with_name("fig2d_boundary_elements.csv")
 _LINES = {"as-published": "--", "corrected": "-"}
 _PRESSURE_PA = np.geomspace(2e3, 1.5e6, 121)
 
 
 def area_against_pressure() -> FigureData:
     """A/A0 against p0 from 2 kPa to 1.5 MPa at 0 to 200 V: two theories, boundary elements."""
-    solved = _boundary_elements()
+    table = np.loadtxt(_BOUNDARY_ELEMENTS, delimiter=",", skiprows=1)
+    solved = {(p, voltage): (area, scatter) for p, voltage, _, area, scatter in table}
     columns: dict[str, Array] = {"pressure_pa": np.concatenate([_PRESSURE_PA, PRESSURES_PA])}
     no_line = np.full_like(_PRESSURE_PA, np.nan)
     no_points = np.full(len(PRESSURES_PA), np.nan)
@@ -85,13 +86,3 @@ def _area(theory: Theory, voltage_v: float) -> Array:
     )
     found = solver.solve(Load(applied, pull))
     return np.where(found.is_stable.numpy(), found.area_fraction.numpy(), np.nan)
-
-
-def _boundary_elements() -> dict[tuple[float, float], tuple[float, float]]:
-    """A/A0 and its scatter by pressure and voltage, solved beforehand."""
-    text = resources.files("haptix.figures").joinpath("fig2d_boundary_elements.csv").read_text()
-    _, *rows = csv.reader(text.splitlines())
-    return {
-        (float(pressure), float(voltage)): (float(area), float(scatter))
-        for pressure, voltage, _, area, scatter in rows
-    }

@@ -6,16 +6,7 @@ import numpy as np
 import torch
 from matplotlib.axes import Axes
 
-from haptix.figures.data import (
-    COLD_TO_HOT,
-    NARROW_GAPS_BEAR,
-    FigureData,
-    basis,
-    light_contact,
-    numbers,
-    sentence_list,
-)
-from haptix.figures.drawing import mark
+from haptix.figures import data, drawing
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
@@ -27,7 +18,7 @@ _VOLTAGE_V = np.linspace(0.0, 200.0, 401)
 _BEFORE = 1 - 1e-6  # just before pull-in the contact is still light: the curve's last point
 
 
-def area_against_voltage() -> FigureData:
+def area_against_voltage() -> data.FigureData:
     """A/A0 against V0 from 0 to 200 V at p0 = 10 kPa and E = 100 MPa."""
     finger = Finger.preset("semi-wet").replace(
         youngs_modulus_pa=MODULUS_PA,
@@ -37,7 +28,7 @@ def area_against_voltage() -> FigureData:
     terms = {"skin-dielectric": False, "breakdown": True}
     model = ContactModel(finger, Screen.preset("3m-sct3250"), terms=terms)
     h0 = torch.tensor(H0_UM, dtype=torch.float64) * 1e-6
-    pull_in = numbers(model.solve(1.0, 0.0, h0_m=h0).pull_in_voltage_v)
+    pull_in = data.numbers(model.solve(1.0, 0.0, h0_m=h0).pull_in_voltage_v)
     reached = pull_in < _VOLTAGE_V[-1]
     voltage = np.unique(np.concatenate([_VOLTAGE_V, _BEFORE * pull_in[reached]]))
     states = model.solve(1.0, torch.from_numpy(voltage)[:, None], h0_m=h0)
@@ -45,11 +36,11 @@ def area_against_voltage() -> FigureData:
     marks: list[tuple[int, int, str, str]] = []  # insulator, row, shape, label
     for k, thickness in enumerate(H0_UM):
         name = f"h0_{thickness:g}um"
-        area = light_contact(states.area_fraction[:, k], states.status[:, k])
+        area = data.light_contact(states.area_fraction[:, k], states.status[:, k])
         increase = 100 * (area / area[0] - 1)
         columns[f"area_fraction_{name}"] = area
         columns[f"increase_percent_{name}"] = np.where(voltage > 0, increase, np.nan)
-        status = columns[f"status_{name}"] = numbers(states.status[:, k])
+        status = columns[f"status_{name}"] = data.numbers(states.status[:, k])
         if (broken := np.flatnonzero(status == Status.BREAKDOWN)).size:
             marks.append((k, int(broken[0]), "o", "gap field passes\n350 V/µm"))
         if reached[k]:
@@ -58,10 +49,12 @@ def area_against_voltage() -> FigureData:
     def plot(left: Axes, right: Axes) -> None:
         for axes, quantity in ((left, "area_fraction"), (right, "increase_percent")):
             drawn = [columns[f"{quantity}_h0_{thickness:g}um"] for thickness in H0_UM]
-            for y, thickness, color in zip(drawn, H0_UM, reversed(COLD_TO_HOT), strict=True):
+            for y, thickness, color in zip(drawn, H0_UM, reversed(data.COLD_TO_HOT), strict=True):
                 axes.plot(voltage, y, color=color, label=f"{thickness:g} µm")
             for k, row, shape, label in marks:
-                mark(axes, voltage[row], drawn[k][row], shape, label, COLD_TO_HOT[-1 - k])
+                drawing.mark(
+                    axes, voltage[row], drawn[k][row], shape, label, data.COLD_TO_HOT[-1 - k]
+                )
             axes.set(xlabel="voltage amplitude $V_\\mathrm{0}$ (V)", xlim=(0, 200), yscale="log")
         areas = np.stack([columns[f"area_fraction_h0_{thickness:g}um"] for thickness in H0_UM])
         lowest = 10 ** np.floor(np.log10(np.nanmin(areas)))
@@ -73,16 +66,9 @@ def area_against_voltage() -> FigureData:
         "Left: real over apparent contact area against voltage amplitude for several effective "
         f"thicknesses h0 of the insulator, at p0 = {PRESSURE_PA / 1e3:g} kPa and "
         f"E = {MODULUS_PA / 1e6:g} MPa. Right: its increase over the area without voltage. "
-        f"Crosses: the light contact snaps in at {sentence_list(snapped)}; nothing is drawn "
+        f"Crosses: the light contact snaps in at {data.sentence_list(snapped)}; nothing is drawn "
         "beyond. Circles: from here on the field V0/h0 at the edges of contact spots is above "
-        f"{NARROW_GAPS_BEAR}, and the curve holds without sparks only. {basis(model)}"
+        f"{data.NARROW_GAPS_BEAR}, and the curve holds without sparks only. {data.basis(model)}"
     )
-    return FigureData(
-        name="fig3d",
-        title="Contact area against voltage and insulator thickness",
-        caption=caption,
-        columns=columns,
-        plot=plot,
-        grid=(1, 2),
-        legend_title=r"$h_\mathrm{0}$",
-    )
+    title = "Contact area against voltage and insulator thickness"
+    return data.FigureData("fig3d", title, caption, columns, plot, (1, 2), r"$h_\mathrm{0}$")

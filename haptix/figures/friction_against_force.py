@@ -7,16 +7,7 @@ import torch
 from matplotlib.axes import Axes
 
 from haptix.electro.breakdown import NARROW_GAP_FIELD_V_PER_M
-from haptix.figures.data import (
-    COLD_TO_HOT,
-    NARROW_GAPS_BEAR,
-    FigureData,
-    basis,
-    light_contact,
-    numbers,
-    sentence_list,
-)
-from haptix.figures.drawing import mark
+from haptix.figures import data, drawing
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
@@ -27,7 +18,7 @@ _FORCES_N = np.linspace(0.1, 1.0, 361)
 _SAME = 1e-6  # relative difference in mu below which the finite size has no effect
 
 
-def friction_against_force() -> FigureData:
+def friction_against_force() -> data.FigureData:
     """Friction coefficient against F_N from 0.1 to 1 N, V0 from 0 to 200 V, at h0 = 0.2 um."""
     finger, screen = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
     # Without a frequency h0 is that of the paper, skin included.
@@ -37,8 +28,8 @@ def friction_against_force() -> FigureData:
     force, voltage = torch.from_numpy(_FORCES_N)[:, None], torch.tensor(VOLTAGES_V)
     states = model.solve(force, voltage, h0_m=H0_M)
     bounds = infinite.solve(force, voltage, h0_m=H0_M)
-    solid, dashed = (light_contact(found.mu, found.status) for found in (states, bounds))
-    status = numbers(states.status)
+    solid, dashed = (data.light_contact(found.mu, found.status) for found in (states, bounds))
+    status = data.numbers(states.status)
     columns = {"normal_force_n": _FORCES_N}
     columns |= {f"mu_{v:g}v": mu for v, mu in zip(VOLTAGES_V, solid.T, strict=True)}
     columns |= {
@@ -53,7 +44,7 @@ def friction_against_force() -> FigureData:
     }
 
     def plot(axes: Axes) -> None:
-        for k, (v, color) in enumerate(zip(VOLTAGES_V, COLD_TO_HOT, strict=False)):
+        for k, (v, color) in enumerate(zip(VOLTAGES_V, data.COLD_TO_HOT, strict=False)):
             axes.plot(_FORCES_N, solid[:, k], color=color, label=f"{v:g} V")
             if v > 0:
                 axes.plot(_FORCES_N, dashed[:, k], "--", color=color, lw=0.9, zorder=1.9)
@@ -62,8 +53,8 @@ def friction_against_force() -> FigureData:
             _FORCES_N, dashed[:, 0], "--", color="0.35", lw=0.9, zorder=1.9, label="infinite size"
         )
         for k, row in kinks.items():
-            mark(axes, _FORCES_N[row], solid[row, k], "o", "kink: finite size sets in",
-                 COLD_TO_HOT[k])  # fmt: skip
+            drawing.mark(axes, _FORCES_N[row], solid[row, k], "o", "kink: finite size sets in",
+                 data.COLD_TO_HOT[k])  # fmt: skip
         drawn = np.stack([solid, dashed])
         axes.set(xlabel=r"normal force $F_\mathrm{N}$ (N)", ylabel=r"friction coefficient $\mu$")
         axes.set(xlim=(0.0, 1.02), ylim=(0.85 * drawn.min(), 1.04 * drawn.max()))
@@ -76,16 +67,10 @@ def friction_against_force() -> FigureData:
         f"E_bulk = {float(finger.bulk_modulus_pa or 0.0) / 1e3:g} kPa, "
         f"tau_f = {float(finger.frictional_shear_stress_pa) / 1e6:g} MPa. Solid: the gaps of a "
         "contact of finite size stop widening at the height of its highest asperity; dashed: "
-        f"infinite size. The kinks lie at {sentence_list(places)}. The field at the edges of "
-        f"contact spots is V0/h0: it passes {NARROW_GAPS_BEAR} at "
+        f"infinite size. The kinks lie at {data.sentence_list(places)}. The field at the edges of "
+        f"contact spots is V0/h0: it passes {data.NARROW_GAPS_BEAR} at "
         f"{NARROW_GAP_FIELD_V_PER_M * H0_M:.0f} V; beyond, the curves hold without sparks. "
-        + basis(model)
+        + data.basis(model)
     )
-    return FigureData(
-        name="fig3c",
-        title="Friction coefficient against normal force",
-        caption=caption,
-        columns=columns,
-        plot=plot,
-        legend_title="amplitude $V_\\mathrm{0}$",
-    )
+    title, legend = "Friction coefficient against normal force", "amplitude $V_\\mathrm{0}$"
+    return data.FigureData("fig3c", title, caption, columns, plot, legend_title=legend)

@@ -5,14 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from haptix.figures.data import (
-    COLD_TO_HOT,
-    NARROW_GAPS_BEAR,
-    FigureData,
-    basis,
-    light_contact,
-    numbers,
-)
+from haptix.figures import data
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
@@ -22,35 +15,30 @@ SHOWN_S = 0.04
 _SAMPLES = 256  # in a period; the ripple is smooth
 
 
-def friction_in_time() -> FigureData:
+def friction_in_time() -> data.FigureData:
     """Friction force at 1 N, under 200 V at 125 Hz and without voltage, over 40 ms."""
     model = ContactModel(Finger.preset("semi-wet"), Screen.preset("3m-sct3250"))
-    period = model.over_period(
-        normal_force_n=FORCE_N,
-        voltage_v=VOLTAGE_V,
-        frequency_hz=FREQUENCY_HZ,
-        samples=_SAMPLES,
-    )
+    period = model.over_period(FORCE_N, VOLTAGE_V, FREQUENCY_HZ, samples=_SAMPLES)
     periods = round(SHOWN_S * FREQUENCY_HZ)
     time = np.arange(periods * _SAMPLES) / (_SAMPLES * FREQUENCY_HZ)
-    friction = np.tile(FORCE_N * light_contact(period.mu, period.status), periods)
+    friction = np.tile(FORCE_N * data.light_contact(period.mu, period.status), periods)
     averaged = model.solve(FORCE_N, VOLTAGE_V, FREQUENCY_HZ)
     off_n = FORCE_N * float(model.solve(FORCE_N, 0.0, FREQUENCY_HZ).mu)
     columns = {
         "time_ms": time * 1e3,
-        "drive_v": np.tile(numbers(period.drive_v), periods),
-        "attraction_pa": np.tile(light_contact(period.attraction_pa, period.status), periods),
+        "drive_v": np.tile(data.numbers(period.drive_v), periods),
+        "attraction_pa": np.tile(data.light_contact(period.attraction_pa, period.status), periods),
         "friction_200v_n": friction,
         "friction_0v_n": np.full_like(time, off_n),
-        "status_200v": np.tile(numbers(period.status), periods),
+        "status_200v": np.tile(data.numbers(period.status), periods),
     }
 
     def plot(above: Axes, below: Axes) -> None:
         above.plot(columns["time_ms"], columns["drive_v"], color="0.35", lw=1.4)
         above.set(ylabel="voltage (V)")
         for column, label, color in (
-            ("friction_200v_n", "200 V, 125 Hz", COLD_TO_HOT[2]),
-            ("friction_0v_n", "voltage off", COLD_TO_HOT[0]),
+            ("friction_200v_n", "200 V, 125 Hz", data.COLD_TO_HOT[2]),
+            ("friction_0v_n", "voltage off", data.COLD_TO_HOT[0]),
         ):
             below.plot(columns["time_ms"], columns[column], color=color, label=label)
         below.set(xlabel="time (ms)", xlim=(0, SHOWN_S * 1e3))
@@ -64,14 +52,8 @@ def friction_in_time() -> FigureData:
         f"voltage {off_n:.3f} N. The contact follows the attraction without delay, and the skin's "
         "inertia and viscosity are left out; in equilibrium with the time-averaged attraction it "
         f"is {FORCE_N * float(averaged.mu):.3f} N. The field at the edges of contact spots peaks "
-        f"at {float(averaged.peak_field_v_per_m) / 1e6:.0f} V/µm, against {NARROW_GAPS_BEAR}; the "
-        f"curve holds without sparks. {basis(model)}"
+        f"at {float(averaged.peak_field_v_per_m) / 1e6:.0f} V/µm, against {data.NARROW_GAPS_BEAR}; "
+        f"the curve holds without sparks. {data.basis(model)}"
     )
-    return FigureData(
-        name="fig3b",
-        title="Friction against time under a sine",
-        caption=caption,
-        columns=columns,
-        plot=plot,
-        grid=(2, 1),
-    )
+    title = "Friction against time under a sine"
+    return data.FigureData("fig3b", title, caption, columns, plot, grid=(2, 1))

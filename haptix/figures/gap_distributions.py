@@ -59,11 +59,5 @@ def gap_distributions(finger: Finger | None = None) -> FigureData:
         f"{placeholders(model)} Terms on: {', '.join(sorted(model.terms))}; gamma "
         f"{model.contact.gamma:g}."
     )
-    return FigureData(
-        name="gaps",
-        title="Distribution of the gap between finger and screen",
-        caption=caption,
-        columns=columns,
-        plot=plot,
-        legend_title="pressure, form",
-    )
+    title, legend = "Distribution of the gap between finger and screen", "pressure, form"
+    return FigureData("gaps", title, caption, columns, plot, legend_title=legend)

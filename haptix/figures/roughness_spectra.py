@@ -75,15 +75,8 @@ def roughness_spectra(finger: Finger | None = None) -> FigureData:
         f"waves longer than 2π/q. Convention: h_rms² = 2π ∫ q C dq. {measured} No contact is "
         "solved here, so that neither its terms nor contact spots enter."
     )
-    return FigureData(
-        name="roughness",
-        title="Roughness of the finger and of two placeholders",
-        caption=caption,
-        columns=columns,
-        plot=plot,
-        grid=(1, 2),
-        legend_title="spectrum",
-    )
+    title = "Roughness of the finger and of two placeholders"
+    return FigureData("roughness", title, caption, columns, plot, (1, 2), "spectrum")
 
 
 def _wavenumbers(spectra: list[RoughnessSpectrum]) -> Array:
