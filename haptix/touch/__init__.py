@@ -1,12 +1,15 @@
 """Touch: from a touchscreen's reports to the finger's place and normal force now."""
 
 from haptix.touch.events import TouchCounts, TouchEvent
+from haptix.touch.filters import (
+    ConstantVelocityKalman,
+    OneEuroFilter,
+    PlaceFilter,
+    SingerKalman,
+)
 from haptix.touch.force import AreaProxy, ForceEstimate, ForceModel
-from haptix.touch.kalman import ConstantVelocityKalman
-from haptix.touch.one_euro import OneEuroFilter
 from haptix.touch.replay import events_of, paced, read_events
-from haptix.touch.settings import PlaceFilter, TouchSettings
-from haptix.touch.singer import SingerKalman
+from haptix.touch.settings import TouchSettings
 from haptix.touch.slots import AxisRange, ScreenAxes, SlotDecoder
 from haptix.touch.touches import Touches
 from haptix.touch.touchscreen import Touchscreen, find_touchscreens

@@ -3,28 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
 
 from haptix.checks import NotNegative, Positive, check_fields
 from haptix.errors import InputError
+from haptix.touch.filters import PlaceFilter, SingerKalman
 from haptix.touch.force import ForceModel
-from haptix.touch.singer import SingerKalman
-
-FilterState = Any
-"""A tuple of floats: t [s], x, y [mm], vx, vy [mm/s]; the rest is the filter's own."""
-
-
-class PlaceFilter(Protocol):
-    """A filter whose state is an immutable tuple, so that steps can be undone."""
-
-    def start(self, t_s: float, x_mm: float, y_mm: float, /) -> FilterState:
-        """State after the first report."""
-
-    def step(self, state: FilterState, t_s: float, x_mm: float, y_mm: float, /) -> FilterState:
-        """State after a report later than that of `state`."""
-
-    def ahead(self, state: FilterState, ahead_s: float, /) -> tuple[float, float, float, float]:
-        """Place x, y [mm] and velocity [mm/s] `ahead_s` after the report of `state`."""
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ from math import exp, hypot
 from typing import NamedTuple
 
 from haptix.touch.events import TouchCounts
+from haptix.touch.filters import FilterState
 from haptix.touch.force import ForceEstimate, ForceSource
-from haptix.touch.settings import FilterState, TouchSettings
+from haptix.touch.settings import TouchSettings
 
 # Events are kept for `reorder_s` at `least_interval_s` apart; with other settings this bounds them.
 _KEPT = 64

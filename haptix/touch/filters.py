@@ -1,0 +1,224 @@
+"""Filters of a touch's place: two Kalman filters and the One-Euro filter."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from math import exp, expm1, hypot, tau
+
+from haptix.checks import NotNegative, Positive, check_fields
+
+FilterState = tuple[float, ...]
+"""t [s], x, y [mm], vx, vy [mm/s]; the rest is the filter's own."""
+
+
+class PlaceFilter(ABC):
+    """A filter whose state is an immutable tuple, so that steps can be undone."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    @abstractmethod
+    def start(self, t_s: float, x_mm: float, y_mm: float) -> FilterState:
+        """State after the first report."""
+
+    @abstractmethod
+    def step(self, state: FilterState, t_s: float, x_mm: float, y_mm: float) -> FilterState:
+        """State after a report at `t_s`, which is not before that of `state`."""
+
+    def ahead(self, state: FilterState, ahead_s: float) -> tuple[float, float, float, float]:
+        """Place and velocity `ahead_s` after the state's report, or before it if below 0."""
+        vx, vy = state[3], state[4]
+        return (state[1] + vx * ahead_s, state[2] + vy * ahead_s, vx, vy)
+
+
+@dataclass(frozen=True)
+class SingerKalman(PlaceFilter):
+    """Acceleration as a first-order Markov process (Singer, IEEE Trans. AES-6, 473, 1970).
+
+    A finger turns and brakes over tenths of a second, so its acceleration is worth estimating. The
+    prediction uses it for as long as it is likely to last: ahead by h the place is
+    ``x + v h + a tau^2 (exp(-h/tau) - 1 + h/tau)``. The transition is Singer's. The noise of an
+    interval is that of intervals much shorter than `correlation_s`. Both axes are alike and
+    independent. Its own state is ax, ay [mm/s^2] and the covariance of each axis.
+
+    Parameters
+    ----------
+    acceleration_mm_s2 : float
+        Standard deviation of the acceleration along each axis of a finger at rest.
+    acceleration_per_speed_hz : float
+        How much that grows [mm/s^2] per speed [mm/s], as fast fingers turn in the same time as slow
+        ones. At 0 the filter is linear, as published.
+    correlation_s : float
+        tau: after it 1/e of an acceleration is left.
+    position_noise_mm : float
+        Standard deviation of a report along each axis.
+    first_speed_mm_s : float
+        Standard deviation of the velocity, along each axis, of a finger that has just come down.
+    """
+
+    acceleration_mm_s2: Positive = 200.0
+    acceleration_per_speed_hz: NotNegative = 3.0
+    correlation_s: Positive = 0.3
+    position_noise_mm: Positive = 0.1
+    first_speed_mm_s: Positive = 60.0
+
+    def start(self, t_s: float, x_mm: float, y_mm: float) -> FilterState:
+        """State after the first report."""
+        return (
+            t_s, x_mm, y_mm, 0.0, 0.0, 0.0, 0.0, self.position_noise_mm**2, 0.0, 0.0,
+            self.first_speed_mm_s**2, 0.0, self.acceleration_mm_s2**2,
+        )  # fmt: skip
+
+    def step(self, state: FilterState, t_s: float, x_mm: float, y_mm: float) -> FilterState:
+        """State after a report at `t_s`, which is not before that of `state`."""
+        t0, x, y, vx, vy, ax, ay, pxx, pxv, pxa, pvv, pva, paa = state
+        dt = t_s - t0
+        tau = self.correlation_s
+        left = exp(-dt / tau)
+        to_speed = tau * (1.0 - left)
+        to_place = tau * (dt - to_speed)
+        jerk = self.acceleration_mm_s2 + self.acceleration_per_speed_hz * hypot(vx, vy)
+        jerk *= 2.0 * jerk / tau  # its power spectral density
+        # P <- F P F^T + Q, with F = [[1, dt, to_place], [0, 1, to_speed], [0, 0, left]].
+        xa = pxa + dt * pva + to_place * paa
+        xv = pxv + dt * pvv + to_place * pva
+        va = pva + to_speed * paa
+        noise = jerk * dt * dt
+        pxx += dt * pxv + to_place * pxa + dt * xv + to_place * xa + noise * dt * dt * dt * 0.05
+        pxv = xv + to_speed * xa + noise * dt * dt * 0.125
+        pvv += to_speed * (pva + va) + noise * dt / 3.0
+        pxa = left * xa + noise * dt / 6.0
+        pva = left * va + noise * 0.5
+        paa = left * left * paa + jerk * dt
+        variance = self.position_noise_mm
+        variance *= variance
+        total = pxx + variance
+        gain_x = pxx / total
+        gain_v = pxv / total
+        gain_a = pxa / total
+        x += vx * dt + ax * to_place
+        y += vy * dt + ay * to_place
+        dx = x_mm - x
+        dy = y_mm - y
+        pvv -= gain_v * pxv
+        paa -= gain_a * pxa
+        return (
+            t_s, x + gain_x * dx, y + gain_x * dy,
+            vx + ax * to_speed + gain_v * dx, vy + ay * to_speed + gain_v * dy,
+            left * ax + gain_a * dx, left * ay + gain_a * dy,
+            variance * gain_x, variance * gain_v, variance * gain_a,
+            pvv if pvv > 0.0 else 0.0, pva - gain_v * pxa, paa if paa > 0.0 else 0.0,
+        )  # fmt: skip
+
+    def ahead(self, state: FilterState, ahead_s: float) -> tuple[float, float, float, float]:
+        """Place and velocity `ahead_s` after the report; the acceleration lasts for a while."""
+        tau = self.correlation_s
+        to_speed = -tau * expm1(-ahead_s / tau)
+        to_place = tau * (ahead_s - to_speed)
+        _, x, y, vx, vy, ax, ay, *_ = state
+        return (
+            x + vx * ahead_s + ax * to_place, y + vy * ahead_s + ay * to_place,
+            vx + ax * to_speed, vy + ay * to_speed,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ConstantVelocityKalman(PlaceFilter):
+    """Velocity driven by white acceleration noise; both axes alike and independent.
+
+    The discretised continuous-time model, so intervals may be irregular: over dt the covariance
+    grows by ``q [[dt^3/3, dt^2/2], [dt^2/2, dt]]`` (Bar-Shalom, Li and Kirubarajan, *Estimation
+    with Applications to Tracking and Navigation*, 2001, section 6.2.2). Because both axes are
+    alike, one covariance serves them, and turning the screen turns the result. The filter's own
+    state is that covariance: of the place, of both, of the velocity.
+
+    Parameters
+    ----------
+    acceleration_psd : float
+        q, the power spectral density of the acceleration [mm^2/s^3]: the velocity wanders by
+        sqrt(q dt) mm/s in dt.
+    position_noise_mm : float
+        Standard deviation of a report along each axis.
+    first_speed_mm_s : float
+        Standard deviation of the velocity, along each axis, of a finger that has just come down.
+    """
+
+    acceleration_psd: Positive = 2e4
+    position_noise_mm: Positive = 0.1
+    first_speed_mm_s: Positive = 60.0
+
+    def start(self, t_s: float, x_mm: float, y_mm: float) -> FilterState:
+        """State after the first report."""
+        return (
+            t_s, x_mm, y_mm, 0.0, 0.0, self.position_noise_mm**2, 0.0, self.first_speed_mm_s**2,
+        )  # fmt: skip
+
+    def step(self, state: FilterState, t_s: float, x_mm: float, y_mm: float) -> FilterState:
+        """State after a report at `t_s`, which is not before that of `state`."""
+        t0, x, y, vx, vy, place, both, speed = state
+        q = self.acceleration_psd
+        noise = self.position_noise_mm * self.position_noise_mm
+        dt = t_s - t0
+        grown = q * dt
+        cross = both + dt * (speed + 0.5 * grown)
+        place += dt * (both + both + dt * (speed + grown / 3.0))
+        speed += grown
+        total = place + noise
+        gain = place / total
+        gain_speed = cross / total
+        x += vx * dt
+        y += vy * dt
+        dx = x_mm - x
+        dy = y_mm - y
+        speed -= gain_speed * cross
+        return (
+            t_s, x + gain * dx, y + gain * dy, vx + gain_speed * dx, vy + gain_speed * dy,
+            noise * gain, noise * gain_speed, speed if speed > 0.0 else 0.0,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class OneEuroFilter(PlaceFilter):
+    """A low pass whose cut-off rises with speed (Casiez, Roussel and Vogel, CHI 2012).
+
+    As published, ``dx = (x - filtered x before) / dt`` is smoothed with a constant cut-off, and the
+    place with ``min_cutoff + beta * speed``. Two choices are ours. The speed is that of both axes
+    together, so that turning the screen turns the result. And since dx over-estimates the velocity
+    by ``1 / alpha``, where alpha is the weight of the newest report, the velocity given here is
+    alpha times the smoothed dx: that of the filtered place. Its own state is the smoothed dx, dy.
+
+    Parameters
+    ----------
+    min_cutoff_hz : float
+        Cut-off for a finger at rest.
+    beta_per_mm : float
+        How much the cut-off rises [Hz] per speed [mm/s].
+    derivative_cutoff_hz : float
+        Cut-off for dx.
+    """
+
+    min_cutoff_hz: Positive = 5.0
+    beta_per_mm: NotNegative = 1.0
+    derivative_cutoff_hz: Positive = 36.0
+
+    def start(self, t_s: float, x_mm: float, y_mm: float) -> FilterState:
+        """State after the first report."""
+        return (t_s, x_mm, y_mm, 0.0, 0.0, 0.0, 0.0)
+
+    def step(self, state: FilterState, t_s: float, x_mm: float, y_mm: float) -> FilterState:
+        """State after a report at `t_s`, which is not before that of `state`."""
+        t0, x, y, _, _, sx, sy = state
+        dt = t_s - t0
+        if dt <= 0.0:
+            return state
+        # alpha = 1 / (1 + tau / dt) with tau = 1 / (2 pi cutoff), and alpha / dt without 0 / 0.
+        turns = tau * dt * self.derivative_cutoff_hz
+        weight = turns / (1.0 + turns)
+        dx = x_mm - x
+        dy = y_mm - y
+        sx += weight * (dx / dt - sx)
+        sy += weight * (dy / dt - sy)
+        turns = tau * dt * (self.min_cutoff_hz + self.beta_per_mm * hypot(sx, sy))
+        weight = turns / (1.0 + turns)
+        return (t_s, x + weight * dx, y + weight * dy, weight * sx, weight * sy, sx, sy)
