@@ -6,14 +6,7 @@ from math import nan
 
 from haptix import checks
 from haptix.errors import InputError
-from haptix.touch.events import (
-    LARGEST_MM,
-    LARGEST_S,
-    TouchCounts,
-    TouchEvent,
-    TouchKind,
-    problem_of,
-)
+from haptix.touch.events import LARGEST_S, TouchCounts, TouchEvent, TouchKind, problem_of
 from haptix.touch.settings import TouchSettings
 from haptix.touch.tracker import TouchTracker
 
@@ -64,39 +57,28 @@ class Touches:
             Only if `strict`: a value is not finite or huge, a force or an area not above 0, the
             event is too late, or the touch is not there or one too many.
         """
-        if self.strict and (problem := problem_of(event)) is not None:
+        problem = problem_of(event, self.strict)
+        if problem is not None:
             self.counts.invalid += 1
-            raise InputError(problem)
-        try:
-            t_s, touch_id, x_mm, y_mm, kind, force, area = event
-            tracker = self._trackers.get(touch_id)
-            if kind == "move" or kind == "down":
-                usable = (
-                    -LARGEST_MM <= x_mm <= LARGEST_MM
-                    and -LARGEST_MM <= y_mm <= LARGEST_MM
-                    and -LARGEST_S <= t_s <= LARGEST_S
-                    and type(touch_id) is int
-                )
-                t_s, x_mm, y_mm = float(t_s), float(x_mm), float(y_mm)
-            else:
-                usable = kind == "up"
-        except (TypeError, ValueError, OverflowError):
-            usable = False
-        if not usable:
-            self.counts.invalid += 1
-            return False
+            return self._drop(problem)
+        t_s, touch_id, x_mm, y_mm, kind, force, area = event
+        tracker = self._trackers.get(touch_id)
         if kind == "up":
-            return self._lift(touch_id, t_s, tracker)
+            if tracker is None:
+                self.counts.unknown_up += 1
+                return self._drop(f"touch {touch_id}: went up, but was not down")
+            self._end(touch_id, tracker, t_s)
+            return True
+        event = TouchEvent(float(t_s), touch_id, float(x_mm), float(y_mm), kind, force, area)
         if tracker is None:
-            return self._begin(t_s, touch_id, x_mm, y_mm, kind == "down", force, area)
+            return self._begin(event)
         if kind == "down" and t_s > tracker.last_t_s:
             self.counts.without_up += 1
             self._end(touch_id, tracker)
-            return self._begin(t_s, touch_id, x_mm, y_mm, True, force, area)
+            return self._begin(event)
         # A "down" that comes after its first "move" is just an earlier report.
-        if tracker.push(t_s, x_mm, y_mm, force, area):
-            return True
-        return self._late(touch_id, t_s, tracker.last_t_s)
+        taken = tracker.push(event.t_s, event.x_mm, event.y_mm, force, area)
+        return taken or self._late(event, tracker.last_t_s)
 
     def touch(
         self,
@@ -118,11 +100,6 @@ class Touches:
         """End a touch, at a time if one is given."""
         return self.push(TouchEvent(t_s, touch_id, 0.0, 0.0, "up"))
 
-    def lift_all(self) -> None:
-        """End every touch."""
-        for touch_id, tracker in self._active:
-            self._end(touch_id, tracker)
-
     def __getitem__(self, touch_id: int) -> TouchTracker:
         """Tracker of a finger that is down; KeyError if there is none."""
         return self._trackers[touch_id]
@@ -133,43 +110,24 @@ class Touches:
     def __len__(self) -> int:
         return len(self._trackers)
 
-    def _begin(
-        self,
-        t_s: float,
-        touch_id: int,
-        x_mm: float,
-        y_mm: float,
-        is_down: bool,
-        force: float | None,
-        area: float | None,
-    ) -> bool:
+    def _begin(self, event: TouchEvent) -> bool:
+        t_s, touch_id, x_mm, y_mm, kind, force, area = event
         ended = self._ended.get(touch_id)
-        if not is_down and ended is not None and t_s <= ended:
+        if kind == "move" and ended is not None and t_s <= ended:
             self.counts.late += 1
-            return self._late(touch_id, t_s, ended)
+            return self._late(event, ended)
         if len(self._trackers) >= self.max_touches and not self._make_room(t_s):
             self.counts.crowded += 1
-            if self.strict:
-                raise InputError(
-                    f"touch {touch_id}: expected at most {self.max_touches} touches at once; lift "
-                    "others first, or raise max_touches"
-                )
-            return False
-        if not is_down:
+            return self._drop(
+                f"touch {touch_id}: expected at most {self.max_touches} touches at once; lift "
+                "others first, or raise max_touches"
+            )
+        if kind == "move":
             self.counts.without_down += 1
         self._trackers[touch_id] = TouchTracker(
             self.settings, t_s, x_mm, y_mm, force, area, self.counts
         )
         self._active = tuple(self._trackers.items())
-        return True
-
-    def _lift(self, touch_id: int, t_s: float, tracker: TouchTracker | None) -> bool:
-        if tracker is None:
-            self.counts.unknown_up += 1
-            if self.strict:
-                raise InputError(f"touch {touch_id}: went up, but was not down")
-            return False
-        self._end(touch_id, tracker, t_s)
         return True
 
     def _end(self, touch_id: int, tracker: TouchTracker, t_s: float = nan) -> None:
@@ -185,12 +143,15 @@ class Touches:
         if len(self._ended) > _REMEMBERED:
             del self._ended[next(iter(self._ended))]
 
-    def _late(self, touch_id: int, t_s: float, last_t_s: float) -> bool:
+    def _late(self, event: TouchEvent, last_t_s: float) -> bool:
+        return self._drop(
+            f"touch {event.touch_id}: time must advance, but {event.t_s:g} s follows {last_t_s:g} "
+            f"s, which is more than {self.settings.reorder_s:g} s later (reorder_s)"
+        )
+
+    def _drop(self, problem: str) -> bool:
         if self.strict:
-            raise InputError(
-                f"touch {touch_id}: time must advance, but {t_s:g} s follows {last_t_s:g} s, "
-                f"which is more than {self.settings.reorder_s:g} s later (reorder_s)"
-            )
+            raise InputError(problem)
         return False
 
     def _make_room(self, t_s: float) -> bool:
