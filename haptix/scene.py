@@ -18,7 +18,7 @@ from pydantic import (
 )
 
 from haptix.documents import Document, Part
-from haptix.errors import FileFormatError, InputError
+from haptix.errors import InputError
 from haptix.fidelity import FIDELITIES, FidelityName
 from haptix.finger import Finger
 from haptix.friction import ContactModel
@@ -226,21 +226,6 @@ class Scene(Document):
     def max_voltage_v(self) -> float:
         """Highest amplitude [V] of the drive."""
         return self.drive.max_voltage_v or self.screen.max_voltage_v
-
-    def texture_file(self, texture: SceneTexture) -> Path:
-        """Return the path of a texture's photograph.
-
-        Raises
-        ------
-        FileFormatError
-            If it is not there.
-        """
-        path = self.folder / texture.file
-        if not path.is_file():
-            raise FileFormatError(
-                f"texture: no file at {path}; textures.file is relative to the scene's folder"
-            )
-        return path
 
     def ranges(self) -> dict[str, tuple[float, float]]:
         """Ranges for `FrictionSurface.build`.

@@ -1,3 +1,4 @@
+from .core import Motion as Motion
 from .core import RenderCore as RenderCore
 from .core import RenderedBlock as RenderedBlock
 from .drive import DirectWave as DirectWave
@@ -5,10 +6,9 @@ from .drive import Drive as Drive
 from .drive import SineCarrier as SineCarrier
 from .live import LiveRenderer as LiveRenderer
 from .live import PredictingRenderer as PredictingRenderer
-from .motion import Motion as Motion
 from .renderer import Renderer as Renderer
+from .session import RenderStats as RenderStats
 from .settings import Combination as Combination
 from .settings import LiveSettings as LiveSettings
 from .settings import RenderSettings as RenderSettings
 from .settings import Sliding as Sliding
-from .stats import RenderStats as RenderStats

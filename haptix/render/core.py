@@ -11,9 +11,8 @@ from firmware_io import Device
 from haptix.errors import InputError
 from haptix.finger_response import FingerResponse
 from haptix.render.drive import Drive, DriverCarrier, SineCarrier
-from haptix.render.motion import Array, Motion
 from haptix.render.settings import RenderSettings
-from haptix.render.target import Amplitudes, Target
+from haptix.render.target import Amplitudes, Array, Target
 from haptix.status import Status
 from haptix.surface import FrictionSurface, Slice
 from haptix.texture import FrictionField
@@ -24,6 +23,41 @@ up to 1 kHz, and a line between points 12 times as dense follows that within 3 %
 
 DEFAULT_CARRIER_HZ = 4000.0
 """Above what skin feels, and a whole twelfth of the usual 48 kHz."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Fingers at the control points of a block; arrays of shape (fingers * points,).
+
+    Parameters
+    ----------
+    fingers, points : int
+        How many fingers touch, and at how many control points.
+    x_mm, y_mm : ndarray
+        Places [mm].
+    normal_force_n : ndarray
+        Normal forces [N].
+    gain : ndarray
+        Share of its amplitude that each finger gets, 0 to 1: it fades in and out.
+    footprint_mm : float
+        Longest distance that a finger slides from one control point to the next [mm].
+    finger_force_n : list of float, optional
+        One force for each finger [N], where it hardly changes during the block.
+    """
+
+    fingers: int
+    points: int
+    x_mm: Array
+    y_mm: Array
+    normal_force_n: Array
+    gain: Array
+    footprint_mm: float
+    finger_force_n: list[float] | None = None
+
+    @classmethod
+    def none(cls, points: int) -> Motion:
+        """No finger touches."""
+        return cls(0, points, *(np.empty(0),) * 4, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,10 +142,9 @@ class RenderCore:
         self.step = max(1, int(rate / CONTROL_HZ))
         self.points = max(1, round(settings.block_s * rate / self.step))
         self.texture = texture
-        peak = drive.peak_per_sine
-        slice_ = Slice.of(surface.table).limited(surface.voltage_limit_v / max(peak, 1.0))
-        self._slice = slice_
-        self._averaged = None if drive.attraction is None else slice_.averaged(drive.attraction)
+        peak, ripple = drive.peak_per_sine, drive.attraction
+        self._slice = Slice.of(surface.table, surface.voltage_limit_v / max(peak, 1.0))
+        self._averaged = None if ripple is None else self._slice.averaged(ripple)
         self._response = FingerResponse(surface.response_hz_per_mm_per_s)
         # The drive stays below the limit, rounding included.
         self._most_v = surface.voltage_limit_v / (1.0 if peak <= 1 else peak * (1 + 1e-12))
@@ -144,7 +177,7 @@ class RenderCore:
             target, status = found.target_mu, found.status
         else:
             line[1:] = 0.0
-            target, status = _NO_TARGET, _NO_STATUS
+            target, status = np.empty(0), np.empty(0, dtype=np.int8)
         change = line[1:] - line[:-1]
         if np.abs(change).max() > self._most_step_v:
             change = self._slewed(line)
@@ -228,7 +261,3 @@ def _on_device(drive: Drive, device: Device) -> Drive:
         drive = DriverCarrier(drive.frequency_hz)
     drive.check_rate(device.capabilities.sample_rate_hz)
     return drive
-
-
-_NO_TARGET = np.empty(0)
-_NO_STATUS = np.empty(0, dtype=np.int8)

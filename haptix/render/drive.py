@@ -136,7 +136,15 @@ class DirectWave(Drive):
 
     @cached_property
     def _waveform(self) -> Waveform:
-        return _waveform_of(self.waveform)
+        if not isinstance(self.waveform, str):
+            return Waveform.of_samples(self.waveform)
+        if self.waveform == "sine":
+            return Waveform()
+        if self.waveform == "square":
+            # Steep edges that cross 0: a sample on an edge must not depend on rounding.
+            places = np.sin(2 * np.pi * np.arange(_PLACES) / _PLACES)
+            return Waveform.of_samples(np.sign(places.round(12)))
+        raise InputError(f'waveform: expected "sine", "square" or samples, got {self.waveform!r}')
 
     @cached_property
     def peak_per_sine(self) -> float:
@@ -154,15 +162,3 @@ class DirectWave(Drive):
     def _wave(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
         phase = turns(first_sample, count, self.frequency_hz, sample_rate_hz)
         return self.peak_per_sine * self._waveform.at(phase)
-
-
-def _waveform_of(waveform: Literal["sine", "square"] | npt.ArrayLike) -> Waveform:
-    if not isinstance(waveform, str):
-        return Waveform.of_samples(waveform)
-    if waveform == "sine":
-        return Waveform()
-    if waveform == "square":
-        # Steep edges that cross 0: a sample on an edge must not depend on rounding.
-        places = np.sin(2 * np.pi * np.arange(_PLACES) / _PLACES)
-        return Waveform.of_samples(np.sign(places.round(12)))
-    raise InputError(f'waveform: expected "sine", "square" or samples, got {waveform!r}')

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import time
 from math import inf
-from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from firmware_io import Device
 from haptix.errors import InputError
 from haptix.render.drive import Drive
 from haptix.render.live_fingers import LiveFingers
-from haptix.render.motion import Array
 from haptix.render.producer import Producer
 from haptix.render.session import LONGEST_GAP_S, RenderSession, VirtualTimeSession
 from haptix.render.settings import LiveSettings
+from haptix.render.target import Array
 from haptix.surface import FrictionSurface
 from haptix.texture import FrictionField
 from haptix.touch import TouchCounts, TouchEvent
@@ -66,12 +65,7 @@ class PredictingRenderer(_LiveSession, VirtualTimeSession):
         if self._start_s is None:
             self._start_s = self._fingers.newest_s
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
         try:
             if error is None:
                 self._render_until(self._fingers.newest_s)
@@ -107,12 +101,7 @@ class LiveRenderer(_LiveSession):
         self._producer = producer
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
         producer, self._producer = self._producer, None
         if producer is None:
             return

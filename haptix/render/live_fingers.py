@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptix.render.motion import Array, Motion
+from haptix.render.core import Motion
 from haptix.render.settings import LiveSettings
+from haptix.render.target import Array
 from haptix.touch import Touches, TouchEvent, TouchTracker
 
 _MOST_ROWS = 3

@@ -8,8 +8,9 @@ from math import hypot
 import numpy as np
 
 from haptix.errors import InputError
-from haptix.render.motion import Array, Motion
+from haptix.render.core import Motion
 from haptix.render.settings import Sliding
+from haptix.render.target import Array
 
 LOST_S = 0.1
 """A finger without touches for so long, while others go on, counts as lifted."""

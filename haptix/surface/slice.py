@@ -55,8 +55,10 @@ class Slice:
     _kept: dict[float, Column] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
-    def of(cls, table: Interpolant) -> Self:
+    def of(cls, table: Interpolant, limit_v: float | None = None) -> Self:
         """Take the columns of a table whose frequency and thickness do not vary.
+
+        `limit_v` replaces the table's highest amplitude [V].
 
         Raises
         ------
@@ -71,13 +73,9 @@ class Slice:
             table.drive.double().cpu().numpy(),
             table.columns.reshape(len(force.nodes), -1).double().cpu().numpy(),
             table.unit_v,
-            table.voltage_limit_v,
+            table.voltage_limit_v if limit_v is None else limit_v,
             table.ends_at_breakdown,
         )
-
-    def limited(self, limit_v: float) -> Self:
-        """Return the slice with another highest amplitude [V]."""
-        return replace(self, limit_v=limit_v)
 
     def averaged(self, attraction: Array) -> Self:
         """Return the slice of friction averaged over a period of the drive.

@@ -51,11 +51,6 @@ class Evaluation:
     average_s: float
     weber_fraction: float
 
-    @property
-    def share_evaluated(self) -> float:
-        """Evaluated samples over all."""
-        return self.evaluated / self.samples
-
 
 def evaluate(
     felt: Felt,

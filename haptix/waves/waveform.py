@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import pi
 from typing import Literal, Self, get_args
 
@@ -73,10 +73,6 @@ class Waveform:
         if peak == 0:
             raise InputError("waveform: expected samples that are not all 0")
         return cls("samples", period=period / peak)
-
-    def shifted(self, by_turns: float) -> Self:
-        """Return the wave, begun later in its period: a sine shifted by a quarter is a cosine."""
-        return replace(self, shift_turns=self.shift_turns + by_turns)
 
     def at(self, turns: Array) -> Array:
         """Values at phases in periods, of any shape."""

@@ -6,7 +6,6 @@ import pytest
 
 import haptix
 from haptix import Finger, InputError, Scene, Screen
-from haptix.errors import FileFormatError
 from haptix.scene import CarrierDrive, DirectDrive
 
 EXAMPLES = Path(haptix.__file__).parents[1] / "examples" / "scenes"
@@ -69,15 +68,6 @@ def test_profiles_come_from_presets_files_and_tables(tmp_path):
     scene = Scene.load(scene_file(tmp_path, text))  # not from the current folder
     assert scene.finger == Finger(name="mine", youngs_modulus_pa=3e7)
     assert scene.screen == Screen(max_voltage_v=90.0)
-
-
-def test_a_texture_is_looked_for_when_it_is_used(tmp_path):
-    text = SMALL.replace("[drive]", 'textures = [{ file = "a.png", width_mm = 9 }]\n[drive]')
-    scene = Scene.load(scene_file(tmp_path, text))
-    with pytest.raises(FileFormatError, match=r"no file at .*a\.png"):
-        scene.texture_file(scene.textures[0])
-    (tmp_path / "a.png").write_bytes(b"")
-    assert scene.texture_file(scene.textures[0]) == tmp_path / "a.png"
 
 
 def test_the_terms_are_all_that_the_profiles_and_the_fidelity_allow():
