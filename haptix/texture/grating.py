@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import frexp, log2
+from math import log2
 
 import numpy as np
 
 from haptix.checks import Positive, check_fields
-from haptix.texture.field import (
-    Array,
-    FrictionField,
-    TargetKind,
-    check_range,
-    check_target,
-    turned,
-)
+from haptix.texture.field import Array, FrictionField, TargetKind, check_range, check_target, turned
 from haptix.texture.pyramid import blend_levels
 from haptix.waves import Shape, Waveform
 
@@ -101,39 +94,27 @@ class Grating(FrictionField):
         place = along / np.array(self.period_mm)
         place += np.array(self.phase)
         place -= np.floor(place)
+        last = len(self._tables) - 1
+        # Table l > 0 holds 2^(l-1) harmonics, table 0 only the mean.
+        depth: float | Array
         if isinstance(footprint_mm, np.ndarray):
-            return self._varied(place, footprint_mm)
-        return self._banded(place, footprint_mm)
-
-    def _banded(self, place: Array, footprint_mm: float) -> Array:
-        if footprint_mm == 0 and self.wave == "square":
-            return np.where(place < self.duty, self.high, self.low)  # in half the time
-        if footprint_mm == 0:
-            return self._scaled(self._waveform.at(place))
-        # Harmonics that are long enough. Table l > 0 holds 2^(l-1), table 0 only the mean.
-        room = self.period_mm / (2 * footprint_mm)
-        last = len(self._tables) - 1
-        if room >= 2.0**last:
-            return self._read(last, place)
-        if room <= 1:
-            return self._read(0, place)
-        level = frexp(room)[1] - 1
-        value = self._read(level, place)
-        finer = self._read(level + 1, place)
-        finer -= value
-        finer *= np.array(log2(room) - level)
-        value += finer
-        return value
-
-    def _varied(self, place: Array, footprint_mm: Array) -> Array:
-        last = len(self._tables) - 1
-        with np.errstate(divide="ignore"):
-            depth = np.log2(self.period_mm / (2 * footprint_mm))
-        depth = np.minimum(np.maximum(depth, 0.0), float(last))
+            with np.errstate(divide="ignore"):
+                depth = np.log2(self.period_mm / (2 * footprint_mm)).clip(0.0, last)
+        elif footprint_mm == 0:
+            return self._at_points(place)
+        else:
+            room = max(self.period_mm / (2 * footprint_mm), 1.0)
+            depth = min(log2(room), float(last))
         value = blend_levels(depth, last, lambda level, mine: self._read(level, place[mine]))
-        points = footprint_mm == 0
-        value[points] = self._banded(place[points], 0.0)
+        if isinstance(footprint_mm, np.ndarray):
+            points = footprint_mm == 0
+            value[points] = self._at_points(place[points])
         return value
+
+    def _at_points(self, place: Array) -> Array:
+        if self.wave == "square":
+            return np.where(place < self.duty, self.high, self.low)  # in half the time
+        return self._scaled(self._waveform.at(place))
 
     def _read(self, level: int, place: Array) -> Array:
         table, rise, size = self._tables[level]

@@ -15,11 +15,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import floor, frexp, log2
-from typing import Literal
+from math import floor, log2
+from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import correlate1d
 
 from haptix.texture.field import Array
@@ -202,48 +201,35 @@ class Pyramid:
             x_mm = _into(x_mm, self._period_x)
         if self._period_y is not None:
             y_mm = _into(y_mm, self._period_y)
-        if isinstance(footprint_mm, np.ndarray):
-            return self._varied(x_mm, y_mm, footprint_mm)
-        level, part = self._choice(footprint_mm)
-        value = self._levels[level].at(x_mm, y_mm)
-        if part > 0:
-            coarse = self._levels[level + 1].at(x_mm, y_mm)
-            coarse -= value
-            coarse *= part
-            value += coarse
-        return value
-
-    def _choice(self, footprint_mm: float) -> tuple[int, float]:
-        """Level, and how much of the next one to blend in."""
         wide = footprint_mm / self.pixel_mm
-        if wide <= 0.5 or self._last == 0:
-            return 0, 0.0
-        if wide <= 1:
-            return 0, log2(2 * wide)
-        if wide <= 2:
-            return 1, 0.0
-        if wide >= 2.0**self._last:
-            return self._last, 0.0
-        level = frexp(wide)[1] - 1
-        return level, log2(wide) - level
-
-    def _varied(self, x_mm: Array, y_mm: Array, footprint_mm: Array) -> Array:
-        with np.errstate(divide="ignore"):
-            depth = np.log2(footprint_mm / self.pixel_mm)
-        depth = np.maximum(np.minimum(depth + 1, 1.0), depth)
-        depth = np.minimum(np.maximum(depth, 0.0), float(self._last))
+        depth: float | Array
+        if isinstance(wide, np.ndarray):
+            with np.errstate(divide="ignore"):
+                depth = np.log2(wide)
+            depth = np.maximum(np.minimum(depth + 1, 1.0), depth).clip(0.0, self._last)
+        elif wide <= 0.5:
+            depth = 0.0
+        else:
+            depth = log2(wide)
+            depth = min(max(min(depth + 1, 1.0), depth), float(self._last))
         return blend_levels(
             depth, self._last, lambda level, mine: self._levels[level].at(x_mm[mine], y_mm[mine])
         )
 
 
-def blend_levels(
-    depth: Array, last: int, read: Callable[[int, npt.NDArray[np.bool_]], Array]
-) -> Array:
-    """Blend levels linearly by depth, shape (places,): 0 to `last`.
+def blend_levels(depth: float | Array, last: int, read: Callable[[int, Any], Array]) -> Array:
+    """Blend levels linearly by depth, 0 to `last`: one number, or an array of shape (places,).
 
-    ``read(level, mine)`` returns the values of a level at the places of a mask.
+    ``read(level, mine)`` returns new values of a level at the places that `mine` selects.
     """
+    if isinstance(depth, float):
+        value = read(int(depth), ...)
+        if (part := depth - int(depth)) > 0:
+            coarse = read(int(depth) + 1, ...)
+            coarse -= value
+            coarse *= part
+            value += coarse
+        return value
     level = np.minimum(depth.astype(np.intp), max(last - 1, 0))
     value = np.empty(depth.shape)
     for one in np.unique(level).tolist():

@@ -13,13 +13,7 @@ import numpy.typing as npt
 from haptix.checks import Positive, check_fields, choice, increasing, row
 from haptix.errors import FileFormatError, InputError
 from haptix.files import read_csv
-from haptix.texture.field import (
-    Array,
-    FrictionField,
-    TargetKind,
-    check_target,
-    turned,
-)
+from haptix.texture.field import Array, FrictionField, TargetKind, check_target, turned
 from haptix.texture.pyramid import Pyramid
 
 _MOST_SAMPLES = 4_000_000

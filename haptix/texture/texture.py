@@ -8,6 +8,7 @@ from typing import Any, Literal, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import zoom
 
 from haptix.checks import choice, number, positive
 from haptix.errors import InputError
@@ -71,22 +72,22 @@ class Texture(FrictionField):
                 f"level: expected a map of values from 0 to 1, got shape {level.shape}"
             )
         choice("beyond", self.beyond, ("outside", "hold"))
-        given = [name for name in _RANGES if getattr(self, name) is not None]
-        if len(given) > 1:
-            raise InputError(f"expected one range, got {' and '.join(given)}")
+        if len(self._ranges) > 1:
+            given = " and ".join(f"{kind}_range" for kind in self._ranges)
+            raise InputError(f"expected one range, got {given}")
+        name = f"{self.target}_range"
         try:
             low, high = self.value_range
         except (TypeError, ValueError):
-            raise InputError(f"{given[0]}: expected two numbers, low and high") from None
-        name = given[0] if given else "share_range"
+            raise InputError(f"{name}: expected two numbers, low and high") from None
         number(name, low)
         number(name, high)
         check_range(name, self.target, low, high)
         values = level if (low, high) == (0.0, 1.0) else low + (high - low) * level
         finer = _finer(self.pixel_mm, values.shape)
-        pyramid = Pyramid(
-            _refined(values, finer), self.pixel_mm / finer, low, self.beyond, self.beyond
-        )
+        if finer > 1:  # bilinear between the pixels' centres
+            values = zoom(values, finer, order=1, mode="nearest", grid_mode=True)
+        pyramid = Pyramid(values, self.pixel_mm / finer, low, self.beyond, self.beyond)
         object.__setattr__(self, "_pyramid", pyramid)
 
     @classmethod
@@ -174,19 +175,21 @@ class Texture(FrictionField):
         return cls(level, width_mm, mu_range, contrast_range, share_range)
 
     @property
+    def _ranges(self) -> dict[TargetKind, Range]:
+        ranges: dict[TargetKind, Range | None] = {
+            "mu": self.mu_range, "contrast": self.contrast_range, "share": self.share_range,
+        }  # fmt: skip
+        return {kind: one for kind, one in ranges.items() if one is not None}
+
+    @property
     def target(self) -> TargetKind:
         """What the values of `friction` are: "mu", "contrast" or "share"."""
-        if self.mu_range is not None:
-            return "mu"
-        return "share" if self.contrast_range is None else "contrast"
+        return next(iter(self._ranges), "share")
 
     @property
     def value_range(self) -> Range:
         """Values of levels 0 and 1."""
-        for name in _RANGES:
-            if getattr(self, name) is not None:
-                return getattr(self, name)  # type: ignore[no-any-return]
-        return (0.0, 1.0)
+        return next(iter(self._ranges.values()), (0.0, 1.0))
 
     @property
     def outside(self) -> float:
@@ -213,28 +216,11 @@ class Texture(FrictionField):
         return np.where(inside, self._pyramid.sample(x_mm, y_mm, 0.0), self.outside)
 
 
-_RANGES = ("mu_range", "contrast_range", "share_range")
-
-
 def _finer(pixel_mm: float, shape: tuple[int, ...]) -> int:
-    """Parts, an odd number, into which a coarse map's pixels are split.
+    """Parts into which a coarse map's pixels are split.
 
-    The ramp at the map's edge is a pixel wide, which would be most of a map of a few pixels.
+    The ramp at the map's edge is a pixel wide, which would be most of a map of a few pixels. An odd
+    number of parts has one at every old centre, so that no corner is cut.
     """
     parts = min(pixel_mm / _COARSE_MM, (_MOST_PIXELS / (shape[0] * shape[1])) ** 0.5)
     return max(1, 2 * int(parts / 2) + 1)
-
-
-def _refined(values: Array, parts: int) -> Array:
-    """The same map, bilinear between its pixels' centres, in smaller pixels."""
-    if parts == 1:
-        return values
-    for axis in (0, 1):
-        count = values.shape[axis]
-        # An odd number of parts has one at every old centre, so that no corner is cut.
-        at = ((np.arange(count * parts) + 0.5) / parts - 0.5).clip(0, count - 1)
-        low = np.minimum(at.astype(np.intp), max(count - 2, 0))
-        share = (at - low).reshape((-1, 1) if axis == 0 else (1, -1))
-        start = np.take(values, low, axis)
-        values = start + share * (np.take(values, np.minimum(low + 1, count - 1), axis) - start)
-    return values
