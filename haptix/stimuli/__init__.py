@@ -1,10 +1,17 @@
 """Offline stimuli: signals, sets, files, and the methods that choose among them."""
 
-from haptix.stimuli.along_path import AlongPath, grating, relief
-from haptix.stimuli.apparatus import Apparatus
+from haptix.stimuli.along_path import (
+    AlongPath,
+    Path,
+    SpeedProfile,
+    SteadySpeed,
+    Strokes,
+    grating,
+    relief,
+)
+from haptix.stimuli.apparatus import Apparatus, Population
 from haptix.stimuli.in_time import Chirp, Points, Pulse, Ramp, Recorded, Sine, Square, Step
 from haptix.stimuli.making import SetResult, StimulusSet, check_manifest
-from haptix.stimuli.population import Population
 from haptix.stimuli.rendering import Rendering
 from haptix.stimuli.signal import (
     Concatenation,
@@ -17,7 +24,6 @@ from haptix.stimuli.signal import (
     Window,
     signal_from,
 )
-from haptix.stimuli.speed import Path, SpeedProfile, SteadySpeed, Strokes
 from haptix.stimuli.stimulus import Stimulus
 from haptix.stimuli.time_noise import TimeNoise
 from haptix.stimuli.trials import TrialPlan

@@ -2,25 +2,88 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from abc import abstractmethod
 from dataclasses import dataclass, fields
 from math import inf, pi
 from typing import Any
 
 import numpy as np
 
-from haptix.checks import Length, choice, increasing, number, row
+from haptix.checks import Length, Positive, choice, increasing, number, positive, row
 from haptix.errors import InputError
-from haptix.stimuli.described import KINDS
+from haptix.stimuli.described import KINDS, Described, read, set_corners
 from haptix.stimuli.signal import Array, Signal
-from haptix.stimuli.speed import SpeedProfile, speed_from
 from haptix.texture import FrictionField, Grating, RecordedProfile
 
-_FIELDS: dict[str, Callable[..., Grating | RecordedProfile]] = {
-    "grating-texture": Grating,
-    "profile-texture": RecordedProfile,
-}
-"""Textures that a recipe can describe, by kind."""
+KINDS["grating-texture"] = Grating
+KINDS["profile-texture"] = RecordedProfile
+
+
+class SpeedProfile(Described):
+    """Base of the speed profiles."""
+
+    @abstractmethod
+    def position_mm(self, t_s: Array) -> Array:
+        """Place along the finger's line [mm] at times [s]."""
+
+
+@dataclass(frozen=True)
+class SteadySpeed(SpeedProfile):
+    """One speed."""
+
+    kind = "steady-speed"
+    speed_mm_per_s: Positive
+
+    def position_mm(self, t_s: Array) -> Array:
+        """Place [mm]."""
+        return t_s * self.speed_mm_per_s
+
+
+@dataclass(frozen=True)
+class Strokes(SpeedProfile):
+    """To and fro over `stroke_mm`, each stroke in `stroke_s`, with the speed of a half sine."""
+
+    kind = "strokes"
+    stroke_mm: Positive
+    stroke_s: Positive
+
+    def position_mm(self, t_s: Array) -> Array:
+        """Place [mm]."""
+        return np.asarray(self.stroke_mm * (0.5 - 0.5 * np.cos(np.pi * t_s / self.stroke_s)))
+
+
+@dataclass(frozen=True)
+class Path(SpeedProfile):
+    """Straight lines between recorded places; the finger stays at the last."""
+
+    kind = "path"
+    t_s: tuple[float, ...]
+    x_mm: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        set_corners(self, "t_s", "x_mm")
+
+    def position_mm(self, t_s: Array) -> Array:
+        """Place [mm]."""
+        return np.asarray(np.interp(t_s, self.t_s, self.x_mm))
+
+
+def speed_from(table: Any, place: str = "speed") -> SpeedProfile:
+    """Read a profile from a table as `SpeedProfile.describe` writes it; a number is a speed.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    if isinstance(table, SpeedProfile):
+        return table
+    if isinstance(table, int | float) and not isinstance(table, bool):
+        return SteadySpeed(positive(place, table))
+    found = read(table, place)
+    if not isinstance(found, SpeedProfile):
+        raise InputError(f"{place}: expected how the finger moves, got a {found.kind}")
+    return found
 
 
 @dataclass(frozen=True)
@@ -44,8 +107,6 @@ class AlongPath(Signal):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if isinstance(self.field, Mapping):
-            object.__setattr__(self, "field", _field_from(self.field))
         if not isinstance(self.field, FrictionField):
             raise InputError(f"field: expected a texture, got {self.field!r:.80}")
         if self.speed is None:
@@ -68,8 +129,8 @@ class AlongPath(Signal):
         InputError
             If a recipe cannot describe the texture.
         """
-        named = [kind for kind, of in _FIELDS.items() if type(self.field) is of]
-        if not named:
+        kind = next((kind for kind, of in KINDS.items() if of is type(self.field)), None)
+        if kind is None:
             raise InputError(
                 f"field: a {type(self.field).__name__} cannot be written to a sidecar; expected a "
                 "Grating or a RecordedProfile"
@@ -78,16 +139,7 @@ class AlongPath(Signal):
         names = [one.name for one in fields(self.field) if one.init]  # type: ignore[arg-type]
         texture = {name: getattr(self.field, name) for name in names}
         listed = {name: list(v) if isinstance(v, tuple) else v for name, v in texture.items()}
-        return {**super().describe(), "field": {"kind": named[0], **listed}}
-
-
-def _field_from(table: Mapping[str, Any]) -> FrictionField:
-    given = {name: tuple(v) if isinstance(v, list) else v for name, v in table.items()}
-    make = _FIELDS[choice("field.kind", str(given.pop("kind", None)), _FIELDS)]
-    try:
-        return make(**given)
-    except TypeError as error:
-        raise InputError(f"field: {str(error).split('() ')[-1]}") from None
+        return {**super().describe(), "field": {"kind": kind, **listed}}
 
 
 def grating(

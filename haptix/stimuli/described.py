@@ -7,15 +7,17 @@ from abc import ABC
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
 from math import inf
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from haptix.checks import check_fields, increasing, row
+from haptix.checks import check_fields, choice, increasing, row
 from haptix.errors import InputError
 
-KINDS: dict[str, Callable[..., Described]] = {}
+KINDS: dict[str, Callable[..., Any]] = {}
 """What makes a value of each kind, by the name that recipes use."""
+
+Made = TypeVar("Made")
 
 
 class Described(ABC):
@@ -53,8 +55,8 @@ class Described(ABC):
                     yield from part.walk()
 
 
-def read(table: Any, place: str) -> Described:
-    """Read a value from a table as `Described.describe` writes it.
+def read(table: Any, place: str, kinds: Mapping[str, Callable[..., Made]] = KINDS) -> Made:
+    """Make what a table describes: its ``kind`` is one of `kinds`, the rest are the fields.
 
     Raises
     ------
@@ -63,13 +65,8 @@ def read(table: Any, place: str) -> Described:
     """
     if not isinstance(table, Mapping) or "kind" not in table:
         raise InputError(f'{place}: expected a table with a "kind", or a number, got {table!r}')
-    kind = table["kind"]
-    if kind not in KINDS:
-        raise InputError(
-            f"{place}.kind: unknown {kind!r}; expected one of {', '.join(sorted(KINDS))}"
-        )
-    make = KINDS[kind]
-    known = inspect.signature(make).parameters
+    kind = choice(f"{place}.kind", table["kind"], sorted(kinds))
+    known = inspect.signature(kinds[kind]).parameters
     given = {name: value for name, value in table.items() if name != "kind"}
     unknown = [name for name in given if name not in known]
     if unknown:
@@ -78,7 +75,7 @@ def read(table: Any, place: str) -> Described:
         )
     given = {name: _read_field(value, f"{place}.{name}") for name, value in given.items()}
     try:
-        return make(**given)
+        return kinds[kind](**given)
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
     except TypeError as error:

@@ -17,6 +17,7 @@ from haptix.screen import Screen
 from haptix.status import Status
 from haptix.stimuli.adaptive import METHODS, Method, Presentation
 from haptix.stimuli.apparatus import Apparatus
+from haptix.stimuli.described import read
 from haptix.stimuli.rendering import Rendering
 from haptix.stimuli.signal import Array, Constant, Product, Signal, signal_from
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
@@ -61,20 +62,7 @@ class ExperimentRecipe(Document):
 
     def make_method(self) -> Method:
         """Make the method."""
-        given = dict(self.method)
-        kind = given.pop("kind", None)
-        if kind not in METHODS:
-            raise InputError(f"method.kind: expected one of {', '.join(METHODS)}, got {kind!r}")
-        values = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in given.items()
-        }
-        try:
-            return METHODS[kind](**values)
-        except TypeError as error:
-            raise InputError(f"method: {str(error).split('__init__() ')[-1]}") from None
-        except InputError as error:
-            raise InputError(f"method: {error}") from None
+        return read(self.method, "method", METHODS)
 
     def presentation(self, sample_rate_hz: float) -> Presentation:
         """Build the surface, and return the presentation that turns a level into volts."""
@@ -128,7 +116,7 @@ def presentation_of(
         return Rendering(replace(stimulus, signal=signal), response, rate).whole()
 
     def target(level: float) -> Array:
-        return drive(ground.lasting(unit.length) + Product((Constant(scale(level)), unit)))
+        return drive(ground.lasting(unit.length_s) + Product((Constant(scale(level)), unit)))
 
     def peak(level: float) -> float:
         total = below + scale(level) * values
@@ -143,5 +131,5 @@ def presentation_of(
             )
         return inf if (status == response.ends_by).any() else float(volts.max())
 
-    reference = drive(ground.lasting(unit.length))
+    reference = drive(ground.lasting(unit.length_s))
     return Presentation(target, reference, peak)

@@ -15,13 +15,11 @@ from haptix.files import json_text, publish, read_json
 from haptix.stimuli.apparatus import TOLERANCE, Apparatus
 from haptix.stimuli.audio import file_hash, step_v
 from haptix.stimuli.drawing import contact_sheet
-from haptix.stimuli.play import write_drive
-from haptix.stimuli.rendering import Rendering
+from haptix.stimuli.rendering import Rendering, write_drive
 from haptix.stimuli.set_plan import SetPlan
 from haptix.stimuli.sidecar import reach, sidecar
 from haptix.stimuli.stimulus import Stimulus
-from haptix.stimuli.trials import events, trigger_code
-from haptix.stimuli.trigger import Trigger
+from haptix.stimuli.trials import Trigger, events, trigger_code
 from haptix.version import __version__
 
 Progress = Callable[[str, float], None]

@@ -12,6 +12,7 @@ from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.perception import Perception
 from haptix.screen import Screen
+from haptix.stimuli.apparatus import Population
 from haptix.stimuli.audio import Container, Encoding
 from haptix.stimuli.designs import (
     constant_stimuli,
@@ -21,7 +22,6 @@ from haptix.stimuli.designs import (
     stimulus_maker,
 )
 from haptix.stimuli.making import StimulusSet
-from haptix.stimuli.population import Population
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
 from haptix.stimuli.trials import TrialPlan
 

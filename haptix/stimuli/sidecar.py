@@ -12,8 +12,7 @@ from haptix.errors import InputError
 from haptix.perception import Perception, components_of_pull, detection
 from haptix.status import Status
 from haptix.stimuli.apparatus import Apparatus
-from haptix.stimuli.play import Tally
-from haptix.stimuli.rendering import Rendering
+from haptix.stimuli.rendering import Rendering, Tally
 from haptix.surface import Column
 
 Array = npt.NDArray[np.float64]

@@ -5,6 +5,7 @@ import pytest
 
 from haptix.errors import HaptixError, InputError
 from haptix.perception import (
+    DEFAULT_FILE,
     WEBER_FRACTION,
     Channel,
     Component,
@@ -12,7 +13,6 @@ from haptix.perception import (
     components_of_pull,
     detection,
 )
-from haptix.perception.data import DEFAULT_FILE
 from haptix.stimuli.designs import matched_intensity
 
 RATE = 48_000.0

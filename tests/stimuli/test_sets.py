@@ -28,7 +28,7 @@ from haptix.stimuli import (
 from haptix.stimuli.audio import AudioWriter, read_drive
 from haptix.stimuli.designs import constant_stimuli, equal_friction, full_factorial
 from haptix.stimuli.stimulus import stimulus_from
-from haptix.stimuli.trigger import Trigger
+from haptix.stimuli.trials import Trigger
 
 RATE = 48_000.0
 

@@ -18,8 +18,7 @@ from typing import Any
 from haptix.checks import increasing, row
 from haptix.errors import FileFormatError, InputError
 from haptix.files import json_text, read_json, write_whole
-from haptix.stimuli.along_path import AlongPath, relief
-from haptix.stimuli.speed import SpeedProfile
+from haptix.stimuli.along_path import AlongPath, SpeedProfile, relief
 
 UNIT_EXPONENT = -6
 """Micrometres: finer than any finger, and 2 km of them in the standard's integers."""
