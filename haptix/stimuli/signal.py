@@ -6,8 +6,6 @@ the sample rate. So it can be streamed in blocks, by several threads, in any ord
 
 from __future__ import annotations
 
-import hashlib
-import json
 from abc import abstractmethod
 from dataclasses import dataclass
 from math import inf
@@ -35,31 +33,16 @@ class Signal(Described):
 
     length_s: float
 
-    @property
-    def length(self) -> float:
-        """The same as `length_s`."""
-        return self.length_s
-
     def samples(self, sample_rate_hz: float) -> int | None:
         """Length in samples; None for a signal without end."""
-        return None if self.length == inf else round(self.length * sample_rate_hz)
+        return None if self.length_s == inf else round(self.length_s * sample_rate_hz)
 
     def values(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        """Values at `count` samples from number `first` on; 0 past the end.
-
-        Parameters
-        ----------
-        first : int
-            Number of the first sample, 0 or more.
-        count : int
-            Number of samples.
-        sample_rate_hz : float
-            Samples per second.
-        """
+        """Values at `count` samples from number `first` on, shape (count,); 0 past the end."""
         total = self.samples(sample_rate_hz)
-        if total is None or first + count <= total:
+        within = count if total is None else min(count, max(0, total - first))
+        if within == count:
             return self._inside(first, count, sample_rate_hz)
-        within = max(0, total - first)
         values = np.zeros(count)
         if within:
             values[:within] = self._inside(first, within, sample_rate_hz)
@@ -68,11 +51,6 @@ class Signal(Described):
     @abstractmethod
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         """Values at samples that lie within the length."""
-
-    def digest(self) -> str:
-        """Hash of the description."""
-        text = json.dumps(self.describe(), sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -171,10 +149,10 @@ class _OfParts(Signal):
         if not isinstance(parts, tuple | list) or not parts:
             raise InputError(f"parts: expected one signal or more, got {parts!r}")
         object.__setattr__(self, "parts", tuple(as_signal(part) for part in parts))
-        object.__setattr__(self, "length_s", self._length([part.length_s for part in self.parts]))
+        object.__setattr__(self, "length_s", self._length())
 
-    def _length(self, lengths_s: list[float]) -> float:
-        return sum(lengths_s)
+    def _length(self) -> float:
+        return sum(part.length_s for part in self.parts)
 
 
 class Sum(_OfParts):
@@ -185,9 +163,13 @@ class Sum(_OfParts):
 
     kind = "sum"
 
-    def _length(self, lengths_s: list[float]) -> float:
-        bounded = [part.length_s for part in self.parts if not _is_level(part)]
-        return max(bounded, default=inf)
+    def _length(self) -> float:
+        lengths = [
+            part.length_s
+            for part in self.parts
+            if part.length_s < inf or not isinstance(part, Constant)
+        ]
+        return max(lengths, default=inf)
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         total = np.zeros(count)
@@ -201,8 +183,8 @@ class Product(_OfParts):
 
     kind = "product"
 
-    def _length(self, lengths_s: list[float]) -> float:
-        return min(lengths_s)
+    def _length(self) -> float:
+        return min(part.length_s for part in self.parts)
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         total = np.ones(count)
@@ -218,11 +200,11 @@ class Concatenation(_OfParts):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        endless = [i for i, part in enumerate(self.parts[:-1]) if part.length_s == inf]
-        if endless:
-            raise InputError(
-                f"parts[{endless[0]}] has no end, so that nothing can follow it; give it a length"
-            )
+        for i, part in enumerate(self.parts[:-1]):
+            if part.length_s == inf:
+                raise InputError(
+                    f"parts[{i}] has no end, so that nothing can follow it; give it a length"
+                )
 
     def samples(self, sample_rate_hz: float) -> int | None:
         """Length in samples: each part is rounded to whole ones."""
@@ -245,17 +227,30 @@ class Concatenation(_OfParts):
 
 
 @dataclass(frozen=True)
-class Repetition(Signal):
+class _OfOne(Signal):
+    """A signal of another one, or of a number, which is a constant."""
+
+    of: Signal
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "of", as_signal(self.of))
+
+    def _needs_end(self, to: str) -> None:
+        if self.of.length_s == inf:
+            raise InputError(f"of: has no end, so that it cannot {to}; give it a length")
+
+
+@dataclass(frozen=True)
+class Repetition(_OfOne):
     """A finite signal repeated; `times` may be infinite."""
 
     kind = "repetition"
-    of: Signal
-    times: float = inf
+    times: Length = inf
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "of", as_signal(self.of))
-        if self.of.length_s == inf:
-            raise InputError("of: has no end, so that it cannot repeat; give it a length")
+        super().__post_init__()
+        self._needs_end("repeat")
         number("times", self.times, 1, open_end=True)
         if self.times != inf and self.times != int(self.times):
             raise InputError(f"times: expected a whole number, got {self.times!r}")
@@ -284,27 +279,21 @@ class Repetition(Signal):
 
 
 @dataclass(frozen=True)
-class Excerpt(Signal):
+class Excerpt(_OfOne):
     """The first `length_s` of a signal; 0 where it has ended before."""
 
     kind = "excerpt"
-    of: Signal
     length_s: Positive
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "of", as_signal(self.of))
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         return self.of.values(first, count, sample_rate_hz)
 
 
 @dataclass(frozen=True)
-class Window(Signal):
+class Window(_OfOne):
     """A finite signal faded in from `rest` and out to it."""
 
     kind = "window"
-    of: Signal
     rise_s: NotNegative
     fall_s: NotNegative
     shape: str = "raised-cosine"
@@ -312,11 +301,9 @@ class Window(Signal):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "of", as_signal(self.of))
         choice("shape", self.shape, ("raised-cosine", "linear"))
+        self._needs_end("fade out")
         length = self.of.length_s
-        if length == inf:
-            raise InputError("of: has no end, so that it cannot fade out; give it a length")
         if self.rise_s + self.fall_s > length * (1 + 1e-9):
             raise InputError(
                 f"rise_s and fall_s: expected at most the signal's {length:g} s together, "
@@ -343,7 +330,3 @@ class Window(Signal):
         if self.shape == "raised-cosine":
             share = 0.5 - 0.5 * np.cos(np.pi * share)
         return np.asarray(self.rest + share * (values - self.rest))
-
-
-def _is_level(part: Signal) -> bool:
-    return isinstance(part, Constant) and part.length == inf

@@ -10,9 +10,9 @@ from typing import Any, Literal, get_args
 
 from haptix.checks import Positive, check_fields, choice
 from haptix.errors import InputError
+from haptix.stimuli.along_path import SpeedProfile, speed_from
 from haptix.stimuli.described import plain
 from haptix.stimuli.signal import Signal, signal_from
-from haptix.stimuli.speed import SpeedProfile, speed_from
 
 Quantity = Literal["mu", "contrast", "volts"]
 
@@ -78,7 +78,7 @@ class Stimulus:
                 f"{self.name}: speed: its parts are made for different speeds; give "
                 "one speed to all of them"
             )
-        if self.signal.length == inf:
+        if self.signal.length_s == inf:
             raise InputError(
                 f"{self.name}: the signal has no end; give it one with .lasting(seconds)"
             )
@@ -86,7 +86,7 @@ class Stimulus:
     @property
     def length_s(self) -> float:
         """Length [s]."""
-        return self.signal.length
+        return self.signal.length_s
 
     @property
     def frequency_hz(self) -> float | None:

@@ -38,7 +38,7 @@ def write_ahap(
     """
     if number("high", high) <= number("low", low):
         raise InputError(f"low and high: expected low < high, got {low:g} and {high:g}")
-    length = signal.length
+    length = signal.length_s
     if not 0 < length <= _LONGEST_EVENT_S:
         raise InputError(
             f"signal: a continuous event lasts at most {_LONGEST_EVENT_S:g} s, got {length:g} s"
