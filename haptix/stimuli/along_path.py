@@ -80,9 +80,9 @@ def speed_from(table: Any, place: str = "speed") -> SpeedProfile:
         return table
     if isinstance(table, int | float) and not isinstance(table, bool):
         return SteadySpeed(positive(place, table))
-    found = read(table, place)
+    found: object = read(table, place)
     if not isinstance(found, SpeedProfile):
-        raise InputError(f"{place}: expected how the finger moves, got a {found.kind}")
+        raise InputError(f"{place}: expected how the finger moves, got a {table['kind']}")
     return found
 
 

@@ -120,9 +120,9 @@ def signal_from(table: Any, place: str = "signal") -> Signal:
     """
     if isinstance(table, Signal | int | float) and not isinstance(table, bool):
         return as_signal(table)
-    found = read(table, place)
+    found: object = read(table, place)
     if not isinstance(found, Signal):
-        raise InputError(f"{place}: expected a signal, got a {found.kind}")
+        raise InputError(f"{place}: expected a signal, got a {table['kind']}")
     return found
 
 
