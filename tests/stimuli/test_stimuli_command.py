@@ -101,7 +101,7 @@ WRONG = {
     "unknown screen": (("make", "set.toml"), "3m-sct3250", "ipad", "'ipad'"),
     "unknown design": (("make", "set.toml"), "equal-friction", "latin-square", "latin-square"),
     "no stimuli": (("make", "set.toml"), "[[designs]]", "[extra]", "extra"),
-    "wrong signal": (("make", "set.toml"), '"constant"', '"triangle"', "triangle.*sine"),
+    "wrong signal": (("make", "set.toml"), '"constant"', '"triangle"', "kind.*sine.*triangle"),
     "wrong place": (("make", "set.toml"), "normal_force_n", "signal.of.value", "signal.of.value"),
     "units": (("make", "set.toml"), "1.5 um", "1.5 kg", ""),
     "out of reach": (("make", "set.toml"), "0.272", "0.9", "highest is 0.3"),
