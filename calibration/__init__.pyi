@@ -1,6 +1,5 @@
 from .column_map import ColumnMap as ColumnMap
 from .comparison import compare_terms as compare_terms
-from .design import short_protocol as short_protocol
 from .fit import Fit as Fit
 from .fitting import fit_strokes as fit_strokes
 from .inputs import AnalogSource as AnalogSource
@@ -13,6 +12,7 @@ from .protocol import Protocol as Protocol
 from .protocol import Stroke as Stroke
 from .protocol import full_protocol as full_protocol
 from .protocol import paper_protocol as paper_protocol
+from .protocol import short_protocol as short_protocol
 from .recording import StrokeRecording as StrokeRecording
 from .reduction import Reduced as Reduced
 from .reduction import reduce_session as reduce_session

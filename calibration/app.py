@@ -106,8 +106,8 @@ def measure(
     from contextlib import ExitStack, closing
 
     from calibration.measuring import measure as measure_session
+    from calibration.measuring import terminal_watcher
     from calibration.profile import check_name
-    from calibration.prompting import terminal_watcher
     from calibration.protocol import Protocol
     from calibration.recording import Conditions
     from calibration.session import Session, SessionInfo

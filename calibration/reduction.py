@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from math import hypot, nan, sqrt
@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from calibration.parameters import Array
 from calibration.recording import StrokeRecording
 from calibration.recording_checks import check_recording, drive_amplitude, idle_parts
 from calibration.segmentation import Segment, full_slip, sliding_speed
@@ -107,7 +106,10 @@ class Reduced:
             If the file is missing or is no such table.
         """
         try:
-            return cls(tuple(_point(row.cells) for row in read_csv(path, _COLUMNS)))
+            cells = [dict(row.cells) for row in read_csv(path, _COLUMNS)]
+            for one in cells:
+                one["notes"] = json.loads(one["notes"])
+            return cls(TypeAdapter(tuple[Point, ...]).validate_python(cells))
         except ValidationError as error:
             why = first_error("stroke", error)
         except ValueError as error:
@@ -119,10 +121,6 @@ class Reduced:
 
 
 _COLUMNS = [field.name for field in fields(Point)]
-
-
-def _point(cells: Mapping[str, str]) -> Point:
-    return TypeAdapter(Point).validate_python({**cells, "notes": json.loads(cells["notes"])})
 
 
 def reduce_session(
@@ -164,50 +162,16 @@ def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: fl
     )
     if fatal:
         return blank
-    normal, tangential = without_drift(recording, idle_s)
+    recording = without_drift(recording, idle_s)
+    normal = recording.normal_force_n
     segments = full_slip(recording.t_s, recording.x_mm, normal)
     if not segments:
         return replace(blank, outlier="no sliding: no part of the stroke slides in full")
-    return _reduced(blank, recording, normal, tangential, segments, crosstalk)
-
-
-def without_drift(recording: StrokeRecording, idle_s: float) -> tuple[Array, Array]:
-    """Subtract from both forces a straight line between the idle parts.
-
-    Where the finger is still on the screen at the end, only the zero before the touch.
-    """
-    before, after = idle_parts(recording, idle_s)
-    t = recording.t_s
-    normal = recording.normal_force_n
-    still_on = abs(normal[after].mean() - normal[before].mean()) > (
-        0.3 * recording.stroke.normal_force_n
-    )
-    found = []
-    for values in (normal, recording.tangential_force_n):
-        start = float(values[before].mean())
-        if still_on:
-            found.append(values - start)
-            continue
-        end = float(values[after].mean())
-        middle_before, middle_after = float(t[before].mean()), float(t[after].mean())
-        share = (t - middle_before) / (middle_after - middle_before)
-        found.append(values - start - share * (end - start))
-    return found[0], found[1]
-
-
-def _reduced(
-    blank: Point,
-    recording: StrokeRecording,
-    normal: Array,
-    tangential: Array,
-    segments: list[Segment],
-    crosstalk: float,
-) -> Point:
     speed = np.abs(sliding_speed(recording.t_s, recording.x_mm))
     rows = []  # direction, mu, its error, force and speed of each direction
     for direction in sorted({segment.direction for segment in segments}):
         group = [segment for segment in segments if segment.direction == direction]
-        ratio, sd = np.array([_ratio(recording, normal, tangential, one) for one in group]).T
+        ratio, sd = np.array([_ratio(recording, one) for one in group]).T
         weights = np.array([one.stop - one.start for one in group], dtype=float)
         weights /= weights.sum()
         inside = np.concatenate([np.arange(one.start, one.stop) for one in group])
@@ -221,11 +185,11 @@ def _reduced(
         mu -= crosstalk * float(directions[0])
     if mu <= 0:
         return replace(blank, outlier=f"wrong sign: mu is {mu:.3g} in full slip")
-    ripple, ripple_sd = _ripple(recording, tangential, segments)
+    ripple, ripple_sd = _ripple(recording, segments)
     return replace(
         blank,
         normal_force_n=float(forces.mean()),
-        voltage_v=_amplitude(recording, segments),
+        voltage_v=drive_amplitude(recording, segments) if stroke.voltage_v else 0.0,
         speed_mm_per_s=float(speeds.mean()),
         mu=mu,
         mu_sd=hypot(float(np.linalg.norm(errors)) / len(errors), _GAIN_ERROR * mu),
@@ -235,16 +199,33 @@ def _reduced(
     )
 
 
-def _ratio(
-    recording: StrokeRecording, normal: Array, tangential: Array, segment: Segment
-) -> tuple[float, float]:
+def without_drift(recording: StrokeRecording, idle_s: float) -> StrokeRecording:
+    """Subtract from both forces a straight line between the idle parts.
+
+    Where the finger is still on the screen at the end, only the zero before the touch.
+    """
+    before, after = idle_parts(recording, idle_s)
+    t, normal = recording.t_s, recording.normal_force_n
+    share = (t - t[before].mean()) / (t[after].mean() - t[before].mean())
+    rise_n = abs(normal[after].mean() - normal[before].mean())
+    if rise_n > 0.3 * recording.stroke.normal_force_n:
+        share = np.zeros_like(t)
+    flat = {}
+    for name in ("normal_force_n", "tangential_force_n"):
+        values = getattr(recording, name)
+        start, end = values[before].mean(), values[after].mean()
+        flat[name] = values - start - share * (end - start)
+    return replace(recording, **flat)
+
+
+def _ratio(recording: StrokeRecording, segment: Segment) -> tuple[float, float]:
     """Mean tangential over mean normal force, over whole drive periods, and its error."""
     t = recording.t_s[segment.samples]
     period = 1 / recording.stroke.frequency_hz
     periods = int((t[-1] - t[0]) / period)
     last = int(np.searchsorted(t, t[0] + periods * period)) if periods else len(t)
-    shear = tangential[segment.samples][:last]
-    press = normal[segment.samples][:last]
+    shear = recording.tangential_force_n[segment.samples][:last]
+    press = recording.normal_force_n[segment.samples][:last]
     ratio = float(shear.mean() / press.mean())
     misfit = shear - ratio * press
     # Blocks of whole periods too, or the ripple itself would look like scatter.
@@ -256,17 +237,7 @@ def _ratio(
     return ratio, spread / sqrt(max(len(blocks), 1)) / abs(float(press.mean()))
 
 
-def _amplitude(recording: StrokeRecording, segments: list[Segment]) -> float:
-    """Amplitude on the screen; the planned one where the monitor is too slow to show it."""
-    stroke = recording.stroke
-    if stroke.voltage_v == 0 or recording.sample_rate_hz < 2.2 * stroke.frequency_hz:
-        return stroke.voltage_v
-    return drive_amplitude(recording, segments)
-
-
-def _ripple(
-    recording: StrokeRecording, tangential: Array, segments: list[Segment]
-) -> tuple[float, float]:
+def _ripple(recording: StrokeRecording, segments: list[Segment]) -> tuple[float, float]:
     """Amplitude of the friction at 2f over its mean, and its error: a lock-in with a Hann window.
 
     The noise is that of frequencies beside 2f, in the same window.
@@ -277,7 +248,7 @@ def _ripple(
     rows = []  # squared amplitude, squared noise, mean and length of each segment
     for segment in segments:
         t = recording.t_s[segment.samples]
-        shear = segment.direction * tangential[segment.samples]
+        shear = segment.direction * recording.tangential_force_n[segment.samples]
         lasts = float(t[-1] - t[0])
         if lasts * frequency < _LEAST_PERIODS:
             continue

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
 from typing import NamedTuple
 
 from calibration.comparison import TermNeed, compare_terms
-from calibration.design import expected_rows, expected_spread, short_protocol
 from calibration.fit import Fit
 from calibration.fitting import fit_strokes
 from calibration.parameters import Parameters
@@ -22,7 +21,14 @@ from calibration.profile import (
     instruments_of,
     write_archive,
 )
-from calibration.protocol import Protocol, full_protocol, paper_protocol
+from calibration.protocol import (
+    Protocol,
+    expected_rows,
+    expected_spread,
+    full_protocol,
+    paper_protocol,
+    short_protocol,
+)
 from calibration.reduction import Reduced, reduce_session
 from calibration.report import write_report
 from calibration.session import Session
@@ -44,13 +50,6 @@ class PlannedSession(NamedTuple):
     protocol: Protocol
     expected_spread: dict[str, float]
     past_light_contact: int
-
-
-class Verified(NamedTuple):
-    """Result of the last step: the verification, and the profile where there is one."""
-
-    verification: Verification
-    screen: Screen | None
 
 
 def plan_strokes(
@@ -128,8 +127,9 @@ def fit_folder(
     """
     session = Session.open(folder)
     reduced = Reduced.load(session.folder / REDUCED)
-    predictor = _predictor(session, terms)
-    parameters = Parameters.of(session.info.finger, session.info.screen, leaky_gap)
+    finger, screen = session.info.finger, session.info.screen
+    predictor = StrokePredictor(ContactModel(finger, screen, terms=terms))
+    parameters = Parameters.of(finger, screen, leaky_gap)
     if finger_fit is not None:
         parameters = parameters.with_finger(Fit.load(finger_fit).finger_prior())
     parameters = parameters.known(**priors or {}).fixed(**fixed or {})
@@ -142,46 +142,37 @@ def fit_folder(
 
 def verify_folder(
     folder: str | Path, tolerance_thresholds: float = TOLERANCE_THRESHOLDS
-) -> Verified:
+) -> tuple[Verification, Screen | None]:
     """Verify ``fit.json`` by the held-out strokes and write profiles, report and archive.
 
-    Where the insulator is not determined there is a report, but no profile.
+    Where the insulator is not determined there is a report, but no profile: None.
     """
     session = Session.open(folder)
     check_name(session.info.screen)
     reduced = Reduced.load(session.folder / REDUCED)
     fit = Fit.load(session.folder / FIT)
-    predictor = _predictor(session, _terms(fit.terms, session))
+    finger, believed = session.info.finger, session.info.screen
+    # A term whose parameter is fitted is on even where the profile has no value for it.
+    terms = {n: n in fit.terms and not term.missing(finger, believed) for n, term in TERMS.items()}
+    predictor = StrokePredictor(ContactModel(finger, believed, terms=terms))
     found = verify(fit, reduced, predictor, tolerance_thresholds)
     screen: Screen | None = None
     if fit["h0_m"].value is not None:
         recordings = session.recordings
         started = min((one.conditions.started[:10] for one in recordings), default="")
         by_whom = session.info.operator, instruments_of(recordings), _date(started)
-        screen = calibrated_screen(session.info.screen, fit, found, predictor, *by_whom)
+        screen = calibrated_screen(believed, fit, found, predictor, *by_whom)
         screen.save(session.folder / SCREEN)
-        calibrated_finger(session.info.finger, fit).save(session.folder / FINGER)
+        calibrated_finger(finger, fit).save(session.folder / FINGER)
     else:
         # Profiles of an earlier fit would be taken for this one's.
         for name in (SCREEN, FINGER):
             (session.folder / name).unlink(missing_ok=True)
     needs = _needs(session.folder / NEEDS)
-    shown = screen or session.info.screen
-    write_report(
-        session.folder / REPORT, shown, fit, reduced, found, predictor, needs, screen is not None
-    )
+    path, shown = session.folder / REPORT, screen or believed
+    write_report(path, shown, fit, reduced, found, predictor, needs, screen is not None)
     write_archive(session.folder, session.folder / ARCHIVE)
-    return Verified(found, screen)
-
-
-def _predictor(session: Session, terms: Mapping[str, bool] | None) -> StrokePredictor:
-    return StrokePredictor(ContactModel(session.info.finger, session.info.screen, terms=terms))
-
-
-def _terms(on: Iterable[str], session: Session) -> dict[str, bool]:
-    # A term whose parameter is fitted is on even where the profile has no value for it.
-    finger, screen, names = session.info.finger, session.info.screen, set(on)
-    return {name: name in names and not TERMS[name].missing(finger, screen) for name in TERMS}
+    return found, screen
 
 
 def _needs(path: Path) -> list[TermNeed]:

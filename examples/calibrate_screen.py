@@ -48,8 +48,8 @@ def main() -> None:
         print(f"{one.name:28} {value:>15}  {one.low:.3g} to {one.high:.3g}  {one.verdict}")
     for need in needs:
         print(f"term {need.term}: {need.need}")
-    verified = verify_folder(folder)
-    print("passed" if verified.verification.passed else verified.verification.failures)
+    verification, _ = verify_folder(folder)
+    print("passed" if verification.passed else verification.failures)
 
     # Use it.
     calibrated = haptix.Screen.load(folder / "screen.toml")

@@ -5,8 +5,8 @@ import pytest
 
 import haptix
 from calibration import Protocol, full_protocol, paper_protocol, short_protocol
-from calibration.design import expected_spread
 from calibration.predict import StrokeConditions
+from calibration.protocol import expected_spread
 
 
 def used(protocol):

@@ -60,7 +60,7 @@ def test_errors_are_as_large_as_they_say(recorded):
 
 def test_drift_comes_off(recorded):
     made = recorded(stroke(), drift_n_per_s=0.02, offset_n=0.05, noise_n=0.0)
-    normal, _ = without_drift(made, 0.3)
+    normal = without_drift(made, 0.3).normal_force_n
     truth = recorded(stroke(), noise_n=0.0).normal_force_n
     np.testing.assert_allclose(normal, truth, atol=1e-9)
 
