@@ -52,8 +52,8 @@ def _rows(plan: Plan) -> list[dict[str, Any]]:
         {
             "": row.name,
             "decision": "kept" if row.kept else "dropped",
-            "mu": f"{row.effect_mu:.2g}",
-            "JND": f"{row.effect_thresholds:.2g}",
+            "mu": f"{row.effect.mu_max:.2g}",
+            "JND": f"{row.effect.thresholds_max:.2g}",
             "saves": _saved(row.time_saved_s, row.memory_saved_bytes, row.savings),
             "why": row.why,
         }

@@ -37,14 +37,14 @@ class Choice:
         Terms that are on, of those that change friction.
     fidelity, dtype : str
         How the contact is solved, and in what precision its friction is kept.
-    held : tuple of (axis, value)
+    held : frozenset of (axis, value)
         Collapsed axes, each with the value that it is held at.
     """
 
     terms: frozenset[str]
     fidelity: FidelityName = FULL
     dtype: DtypeName = "float64"
-    held: tuple[tuple[str, float], ...] = ()
+    held: frozenset[tuple[str, float]] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -79,9 +79,7 @@ class Omission:
             return replace(choice, fidelity=COARSE, terms=choice.terms & self.possible)
         if self.kind == "dtype":
             return replace(choice, dtype="float32")
-        return replace(
-            choice, held=tuple(sorted({**dict(choice.held), self.name: self.value}.items()))
-        )
+        return replace(choice, held=choice.held | {(self.name, self.value)})
 
     def into(self, choice: Choice) -> Choice:
         """Return the choice with it."""
@@ -91,7 +89,7 @@ class Omission:
             return replace(choice, fidelity=FULL)
         if self.kind == "dtype":
             return replace(choice, dtype="float64")
-        return replace(choice, held=tuple(pair for pair in choice.held if pair[0] != self.name))
+        return replace(choice, held=choice.held - {(self.name, self.value)})
 
 
 def middle(low: float, high: float) -> float:
@@ -101,8 +99,7 @@ def middle(low: float, high: float) -> float:
 
 def friction_terms(scene: Scene, fidelity: FidelityName = FULL) -> frozenset[str]:
     """Names of the possible terms that change friction."""
-    possible = scene.possible_terms(fidelity)
-    return frozenset(name for name in possible if TERMS[name].changes_friction)
+    return frozenset(t for t in scene.possible_terms(fidelity) if TERMS[t].changes_friction)
 
 
 def reporting_terms(scene: Scene) -> list[Term]:
@@ -120,13 +117,10 @@ def kept_reports(scene: Scene) -> frozenset[str]:
 def omissions(scene: Scene) -> list[Omission]:
     """Everything that could be left out of a scene's model, in the order of its table."""
     ranges = scene.ranges()
+    varying = [axis for axis in COLLAPSIBLE if ranges[axis][0] < ranges[axis][1]]
     return [
         *(Omission("term", name) for name in sorted(friction_terms(scene))),
-        *(
-            Omission("axis", axis, middle(*ranges[axis]))
-            for axis in COLLAPSIBLE
-            if ranges[axis][0] < ranges[axis][1]
-        ),
+        *(Omission("axis", axis, middle(*ranges[axis])) for axis in varying),
         Omission("fidelity", FULL, possible=friction_terms(scene, COARSE)),
         Omission("dtype", "float64"),
     ]

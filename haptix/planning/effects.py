@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import reduce
 from itertools import product
 from time import perf_counter
 from timeit import repeat
@@ -14,16 +15,19 @@ from torch import Tensor
 
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
-from haptix.planning.choices import Choice, kept_reports, reporting_terms
+from haptix.planning.choices import Choice, kept_reports
 from haptix.scene import Scene
 from haptix.states import ContactState
 from haptix.surface import PULL_IN_SHARE
 from haptix.surface.axes import AXIS_NAMES, between
-from haptix.terms import Term
+from haptix.terms import TERMS, Term
 
 _SEED = 20180516  # any; fixed, so that a scene always gets the same plan
 _TIMED = 3  # solves; the fastest counts, since other programs slow the others
 _TIMED_TOGETHER = 2000  # states in each
+
+_Key = tuple[frozenset[str], str]
+"""Terms and fidelity of a model; models of several precisions share one."""
 
 
 @dataclass(frozen=True)
@@ -109,12 +113,11 @@ class Trials:
 
     def __init__(self, scene: Scene, reference: Choice, count: int = 300, seed: int = _SEED):
         self.scene = scene
-        kept = kept_reports(scene)
-        self._ending = [term for term in reporting_terms(scene) if term.name in kept]
+        self._ending = [TERMS[name] for name in sorted(kept_reports(scene))]
         self.points = SampledPlaces.of(scene, count, seed)
-        self._models: dict[tuple[frozenset[str], str], ContactModel] = {}
-        self._prepared_s: dict[tuple[frozenset[str], str], float] = {}
-        self._state_s: dict[tuple[frozenset[str], str], float] = {}
+        self._models: dict[_Key, ContactModel] = {}
+        self._prepared_s: dict[_Key, float] = {}
+        self._state_s: dict[_Key, float] = {}
         self._at_rest: dict[Choice, ContactState] = {}
         self.voltage_v = self.points.voltage_share * self.highest_voltage(reference, self.points)
 
@@ -130,10 +133,8 @@ class Trials:
     def highest_voltage(self, choice: Choice, points: SampledPlaces) -> Tensor:
         """Amplitude [V] at which a surface of this choice ends."""
         state = self._rest(choice, points)
-        end = self._end(state)
-        for term in self._ending:
-            end = torch.minimum(end, term.voltage_limit(state))
-        return end
+        limits = (term.voltage_limit(state) for term in self._ending)
+        return reduce(torch.minimum, limits, self._end(state))
 
     def friction(self, choice: Choice, points: SampledPlaces, voltage_v: Tensor) -> Tensor:
         """Friction coefficient at points and voltages [V], rounded as the choice rounds it.

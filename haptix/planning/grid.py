@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from math import ceil, prod, sqrt
+from math import ceil, sqrt
 
 import torch
 
@@ -18,10 +18,8 @@ _INTERVALS = 4  # of the trial grid; its error is measured at their middles
 _SEED = 20180517
 _PEAKS_APART = 1.8  # as in a build: the errors of the axes peak at different places
 
-Nodes = Mapping[str, int]
 
-
-def estimated_nodes(trials: Trials, choice: Choice, tolerance_jnd: float) -> Nodes:
+def estimated_nodes(trials: Trials, choice: Choice, tolerance_jnd: float) -> Mapping[str, int]:
     """Nodes that each axis and the voltage need, by name.
 
     ``1/mu`` is interpolated linearly, so that its error falls with the square of the number of
@@ -29,21 +27,14 @@ def estimated_nodes(trials: Trials, choice: Choice, tolerance_jnd: float) -> Nod
     node. The nodes are evenly spaced; a build places them and needs fewer.
     """
     ranges = trials.scene.ranges()
-    held = {name for name, _ in choice.held}
-    varying = [
-        name for name in AXIS_NAMES if name not in held and ranges[name][0] < ranges[name][1]
-    ]
+    held = dict(choice.held)
+    varying = [n for n in AXIS_NAMES if n not in held and ranges[n][0] < ranges[n][1]]
     allowed = _PEAKS_APART * tolerance_jnd / (len(varying) + 1)
     nodes = dict.fromkeys(AXIS_NAMES, 1)
     for name in (*varying, "voltage_v"):
         error = _bend(trials, choice, name)
         nodes[name] = 1 + max(1, ceil(_INTERVALS * sqrt(error / allowed)))
     return nodes
-
-
-def values(nodes: Nodes) -> int:
-    """Numbers in a table with these nodes."""
-    return prod(nodes.values())
 
 
 def _bend(trials: Trials, choice: Choice, name: str) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import prod
 from typing import Any
 
 import torch
@@ -20,9 +21,9 @@ from haptix.planning.choices import (
     omissions,
     reporting_terms,
 )
-from haptix.planning.decisions import Decision, decide_report, effect_alone, spend, with_overrides
+from haptix.planning.decisions import decide_report, effect_alone, spend, with_overrides
 from haptix.planning.effects import Effect, Trials
-from haptix.planning.grid import estimated_nodes, values
+from haptix.planning.grid import estimated_nodes
 from haptix.scene import Scene
 from haptix.surface import LARGEST_BYTES, FrictionSurface
 from haptix.surface.axes import AXIS_NAMES
@@ -60,16 +61,6 @@ class Row:
     time_saved_s: float = 0.0
     memory_saved_bytes: int = 0
     savings: str = "none"
-
-    @property
-    def effect_mu(self) -> float:
-        """Largest effect in mu."""
-        return self.effect.mu_max
-
-    @property
-    def effect_thresholds(self) -> float:
-        """Largest effect in just-noticeable differences (JND)."""
-        return self.effect.thresholds_max
 
 
 @dataclass(frozen=True)
@@ -127,8 +118,8 @@ class Plan:
                     "name": row.name,
                     "decision": "kept" if row.kept else "dropped",
                     "why": row.why,
-                    "effect_mu": row.effect_mu,
-                    "effect_thresholds": row.effect_thresholds,
+                    "effect_mu": row.effect.mu_max,
+                    "effect_thresholds": row.effect.thresholds_max,
                 }
                 for row in self.rows
             ],
@@ -215,17 +206,24 @@ def plan_scene(
     tolerance = asked or Tolerance(rest, "JND")
     nodes = estimated_nodes(trials, chosen, _in_jnd(tolerance, trials, chosen))
     on_progress(0.9)
-    rows = [_row(one, decisions[one], effects[one], trials, chosen, nodes) for one in everything]
+    rows = []
+    for one, effect in effects.items():
+        kept, why = decisions[one].kept, decisions[one].why
+        saved = () if kept else _saved(one, trials, chosen, nodes)
+        rows.append(Row(one.kind, one.name, kept, why, effect, *saved))
     for term in reporting_terms(scene):
         decision = decide_report(scene, trials, chosen, term)
         rows.append(Row("term", term.name, decision.kept, decision.why, Effect()))
     rows += _fixed_rows(scene)
     order = {name: rank for rank, name in enumerate((*TERMS, *AXIS_NAMES))}
     rows.sort(key=lambda row: order.get(row.name, len(order)))
+    model, asked_for = trials.model(chosen), scene.override.fidelity
+    if asked_for is not None and Ability.TABULATE not in FIDELITIES[asked_for].can:
+        model = scene.model(asked_for, model.dtype, terms=model.terms)
     plan = Plan(
         scene=scene,
         rows=tuple(rows),
-        model=_model(scene, trials.model(chosen)),
+        model=model,
         ranges={**scene.ranges(), **{name: (value, value) for name, value in chosen.held}},
         tolerance=tolerance,
         dtype=getattr(torch, chosen.dtype),
@@ -237,14 +235,6 @@ def plan_scene(
     return plan
 
 
-def _model(scene: Scene, planned: ContactModel) -> ContactModel:
-    """The planned model, or its terms in a fidelity that cannot be tabulated."""
-    asked = scene.override.fidelity
-    if asked is None or Ability.TABULATE in FIDELITIES[asked].can:
-        return planned
-    return scene.model(asked, planned.dtype, terms=planned.terms)
-
-
 def _in_jnd(tolerance: Tolerance, trials: Trials, chosen: Choice) -> float:
     if tolerance.unit == "JND":
         return tolerance.value
@@ -253,29 +243,17 @@ def _in_jnd(tolerance: Tolerance, trials: Trials, chosen: Choice) -> float:
     return float((tolerance.value * unit / (WEBER_FRACTION * mu)).min())
 
 
-def _row(
-    one: Omission,
-    decision: Decision,
-    effect: Effect,
-    trials: Trials,
-    chosen: Choice,
-    nodes: Mapping[str, int],
-) -> Row:
-    saved = () if decision.kept else _saved(one, trials, chosen, nodes)
-    return Row(one.kind, one.name, decision.kept, decision.why, effect, *saved)
-
-
 def _saved(
     one: Omission, trials: Trials, chosen: Choice, nodes: Mapping[str, int]
 ) -> tuple[float, int, str]:
     """Time [s], memory [bytes] and kind of the savings of something left out, see `Row`."""
-    count = values(nodes)
+    count = prod(nodes.values())
     each = trials.seconds_per_state(chosen)
     if one.kind == "axis":
         # At the tolerance that the other axes have.
         budget = trials.scene.budget_thresholds
         needed = estimated_nodes(trials, one.into(chosen), budget)[one.name]
-        more = values({**nodes, one.name: needed}) - count
+        more = prod({**nodes, one.name: needed}.values()) - count
         return more * each, more * (4 if chosen.dtype == "float32" else 8), "estimated"
     if one.kind == "dtype":
         return 0.0, 4 * count, "estimated"

@@ -52,12 +52,12 @@ def full_model(scene):
 def test_terms_without_effect_are_dropped_and_those_with_a_large_one_kept(carrier_plan, plain_plan):
     found = rows(plain_plan)
     # With an exponent of 0 the area at 1 N is the area: switching the term off changes no bit.
-    assert found["apparent-area"].effect_mu == 0
+    assert found["apparent-area"].effect.mu_max == 0
     assert not found["apparent-area"].kept
     assert "apparent-area" not in plain_plan.model.terms
     # Under a stiff layer the soft tissue carries long waves: theory says it is no detail.
     found = rows(carrier_plan)
-    assert found["layered-skin"].effect_thresholds > 0.5
+    assert found["layered-skin"].effect.thresholds_max > 0.5
     assert found["layered-skin"].kept
     assert "layered-skin" in carrier_plan.model.terms
     # What the profiles have no numbers for has no effect, and the row says what is missing.
@@ -82,9 +82,9 @@ def test_an_effect_is_the_difference_that_switching_makes(carrier, carrier_plan)
     difference = (without.solve(force, share * end, frequency, h0).mu - mu).abs()
     row = rows(carrier_plan)["finite-size"]
     # Its points have the corners, where effects are largest: none at random is larger.
-    assert float(difference.max()) <= row.effect_mu
+    assert float(difference.max()) <= row.effect.mu_max
     # 400 points over two quantities come near the corner, about which the effect is steep.
-    assert float((difference / (WEBER_FRACTION * mu)).max()) > 0.7 * row.effect_thresholds
+    assert float((difference / (WEBER_FRACTION * mu)).max()) > 0.7 * row.effect.thresholds_max
 
 
 @pytest.mark.parametrize("which", ["carrier", "plain"])
@@ -117,7 +117,7 @@ def test_one_carrier_on_one_screen_gets_a_surface_of_two_dimensions(carrier_plan
 
 def test_a_narrow_axis_is_collapsed_to_its_middle(plain, plain_plan):
     row = rows(plain_plan)["frequency_hz"]
-    assert row.effect_thresholds < 0.05  # of the 20 Hz between 200 and 220
+    assert row.effect.thresholds_max < 0.05  # of the 20 Hz between 200 and 220
     assert not row.kept
     assert plain_plan.ranges["frequency_hz"] == pytest.approx((44000**0.5,) * 2)
     assert row.memory_saved_bytes > 0
@@ -173,7 +173,7 @@ def test_overrides_win(plain):
     assert plan.dtype == torch.float64
     assert str(plan.tolerance) == "0.1 JND"
     # The cost of what was forced is told, though it is not held against the rest.
-    assert found["skin-dielectric"].effect_mu > 0
+    assert found["skin-dielectric"].effect.mu_max > 0
 
 
 def test_overrides_the_other_way(plain):
