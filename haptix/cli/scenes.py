@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,7 @@ from haptix.terminal import AsJson, progress_bar, show
 if TYPE_CHECKING:
     from haptix.planning import Plan
 
+_WAY = ("dtype", "form", "device")  # in which a surface is queried
 _TRADEOFF_STAGES = {
     "plan": "plan the scene",
     "truth": "solve the held-out points",
@@ -117,7 +119,7 @@ def tradeoff(
             {
                 "model": run.setting.model,
                 "tolerance": run.setting.tolerance.removesuffix(" JND"),
-                "asked as": " ".join(run.setting.asked),
+                "asked as": " ".join(asdict(run.setting)[key] for key in _WAY).removesuffix(" cpu"),
                 "error": f"{run.error.thresholds_max:.2g}",
                 "build": f"{run.build_s:.2g}",
                 "query": f"{run.query_s_per_million:.2g}",

@@ -22,22 +22,21 @@ from haptix.scene import Scene
 from haptix.status import Status
 from haptix.surface import FrictionSurface, MeasuredPoints, MeasuringJob
 from haptix.tradeoff.settings import (
+    FORMS,
     QUICK_TOLERANCES,
     TABULATED,
     TOLERANCES,
     Run,
     SurfaceSetting,
-    ways_to_ask,
     with_fronts,
 )
 
 Progress = Callable[[str, float], None]
 
 _SEED = 20180518  # of the held-out points; planning and building use others
-_POINTS = 2000
-_QUICK_POINTS = 500
-_BATCH = 1_000_000
-_QUICK_BATCH = 50_000
+# Held-out points, queries timed together, and tolerances of the surface.
+_THOROUGH = (2000, 1_000_000, TOLERANCES)
+_QUICK = (500, 50_000, QUICK_TOLERANCES)
 _BOX = BoundaryElementBox(points=64, surfaces=2)
 _MEASURED = MeasuredPoints(forces=2, drives=2, axis_values=1)
 _REPEATS = 3  # of which the fastest counts
@@ -121,26 +120,19 @@ def run_tradeoff(
         If the scene contradicts itself.
     """
     # First: an unsuitable box is refused before any work.
-    boxed = (
-        ContactModel(
-            scene.finger,
-            scene.screen,
-            "boundary-element",
-            terms=_terms(scene, "boundary-element"),
-            boundary_elements=_BOX,
+    boxed = None
+    if boundary_elements:
+        terms = _terms(scene, "boundary-element")
+        boxed = ContactModel(
+            scene.finger, scene.screen, "boundary-element", terms=terms, boundary_elements=_BOX
         )
-        if boundary_elements
-        else None
-    )
     began = perf_counter()
     plan = plan_scene(scene, lambda share: on_progress("plan", share))
     plan_s = perf_counter() - began
-    bench = _Comparison(
-        scene, _QUICK_POINTS if quick else _POINTS, _QUICK_BATCH if quick else _BATCH
-    )
+    count, batch, tolerances = _QUICK if quick else _THOROUGH
+    bench = _Comparison(scene, count, batch)
     on_progress("truth", 1.0)
     runs = bench.measure_planned(plan)
-    tolerances = QUICK_TOLERANCES if quick else TOLERANCES
     builds = [(fidelity, f"{value:g} JND") for fidelity in TABULATED for value in tolerances]
     on_progress("run", 1 / (1 + len(builds)))
     for number, (fidelity, tolerance) in enumerate(builds, start=2):
@@ -156,9 +148,10 @@ def run_tradeoff(
     if boxed is not None:
         began = perf_counter()
         tolerance = f"{QUICK_TOLERANCES[0]:g} JND"
-        job = MeasuringJob(boxed, scene, _MEASURED)
         surface = FrictionSurface.measured(
-            job, tolerance, lambda share: on_progress("measure", share)
+            MeasuringJob(boxed, scene, _MEASURED),
+            tolerance,
+            lambda share: on_progress("measure", share),
         )
         build_s = perf_counter() - began
         runs += bench.measure(surface, "boundary-element", tolerance, build_s, "float64", "cpu")
@@ -179,13 +172,9 @@ class _Comparison:
         trials = Trials(scene, everything, count, _SEED)
         self.count = len(trials.voltage_v)
         self.truths: dict[str, tuple[SampledPlaces, Tensor, Tensor]] = {}
-        held = {
-            name: torch.full_like(trials.voltage_v, value) for name, value in self.middles.items()
-        }
-        for form, points in (
-            ("surface", trials.points),
-            ("slice", replace(trials.points, places={**trials.points.places, **held})),
-        ):
+        held = {axis: torch.full_like(trials.voltage_v, at) for axis, at in self.middles.items()}
+        sliced = replace(trials.points, places={**trials.points.places, **held})
+        for form, points in zip(FORMS, (trials.points, sliced), strict=True):
             voltage = points.voltage_share * trials.highest_voltage(everything, points)
             self.truths[form] = points, voltage, trials.friction(everything, points, voltage)
 
@@ -200,18 +189,12 @@ class _Comparison:
         return self.measure(surface, "planned", tolerance, build_s, plan.record()["dtype"])
 
     def measure(
-        self,
-        surface: FrictionSurface,
-        model: str,
-        tolerance: str,
-        build_s: float,
-        *only: str,
+        self, surface: FrictionSurface, model: str, tolerance: str, build_s: float, *only: str
     ) -> list[Run]:
         """Measure a surface in every way to ask it that has the dtype and device in `only`."""
-        settings = [SurfaceSetting(model, tolerance, *way) for way in ways_to_ask()]
         return [
             self._run(surface, setting, build_s)
-            for setting in settings
+            for setting in SurfaceSetting.every(model, tolerance)
             if {*only} <= {setting.dtype, setting.device}
         ]
 

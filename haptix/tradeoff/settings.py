@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import product
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import torch
 
@@ -23,6 +23,8 @@ QUICK_TOLERANCES = (0.05, 0.5)
 
 TABULATED: tuple[FidelityName, ...] = (FULL, COARSE)
 DTYPES: tuple[DtypeName, ...] = ("float64", "float32")
+Form = Literal["surface", "slice"]
+FORMS: tuple[Form, ...] = ("surface", "slice")
 
 
 @dataclass(frozen=True)
@@ -46,20 +48,15 @@ class SurfaceSetting:
     model: str
     tolerance: str
     dtype: DtypeName
-    form: Literal["surface", "slice"]
+    form: Form
     device: str = "cpu"
 
-    @property
-    def asked(self) -> tuple[str, ...]:
-        """How the surface is queried: dtype, form, and the device if it is not the CPU."""
-        return (self.dtype, self.form, *([] if self.device == "cpu" else [self.device]))
-
-
-def ways_to_ask() -> list[tuple[DtypeName, Literal["surface", "slice"], str]]:
-    """Dtypes, forms and devices in which a surface can be queried."""
-    forms: tuple[Literal["surface", "slice"], ...] = ("surface", "slice")
-    devices = ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",)
-    return list(product(DTYPES, forms, devices))
+    @classmethod
+    def every(cls, model: str, tolerance: str) -> Iterator[Self]:
+        """All dtypes, forms and devices in which a surface can be queried."""
+        devices = ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",)
+        for way in product(DTYPES, FORMS, devices):
+            yield cls(model, tolerance, *way)
 
 
 @dataclass(frozen=True)
