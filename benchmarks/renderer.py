@@ -30,7 +30,7 @@ from haptix.render import (
     RenderSettings,
     SineCarrier,
 )
-from haptix.render.live_fingers import LiveFingers
+from haptix.render.live import LiveFingers
 from haptix.render.target import Amplitudes, Target
 from haptix.simulation import FINGER_PATH, Setting, simulate
 from haptix.surface import Slice

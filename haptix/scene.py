@@ -24,7 +24,7 @@ from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
 from haptix.surface.axes import AXES
-from haptix.surface.ranges import low_and_high
+from haptix.surface.request import low_and_high
 from haptix.terms import TERMS, possible_terms
 
 DtypeName = Literal["float32", "float64"]

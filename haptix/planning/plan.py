@@ -27,7 +27,7 @@ from haptix.planning.grid import estimated_nodes
 from haptix.scene import Scene
 from haptix.surface import LARGEST_BYTES, FrictionSurface
 from haptix.surface.axes import AXIS_NAMES
-from haptix.surface.tolerance import Tolerance
+from haptix.surface.request import Tolerance
 from haptix.terms import TERMS
 
 _UNSEEN = 1.25  # between the points measured, effects may be larger by this factor

@@ -1,17 +1,151 @@
-"""The renderer of recordings."""
+"""The renderer of recordings, whose touches are joined by straight lines."""
 
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
+from math import hypot
 
 import numpy as np
 
 from haptix.errors import InputError
 from haptix.motion import Trajectory
-from haptix.render.recorded_fingers import RecordedFingers
+from haptix.render.core import Motion
 from haptix.render.session import VirtualTimeSession
+from haptix.render.settings import Sliding
+from haptix.render.target import Array
 from haptix.touch import ForceModel, TouchEvent, events_of
 from haptix.touch.events import problem_of
+
+LOST_S = 0.1
+"""A finger without touches for so long, while others go on, counts as lifted."""
+
+_ROUNDING_S = 1e-6  # of a clock: a fade continues over it
+
+
+@dataclass
+class Track:
+    """One finger, from the touch up to which it is rendered."""
+
+    touches: list[tuple[float, float, float, float]]
+    """Time [s], place x and y [mm] and normal force [N]."""
+    gains: list[tuple[float, float]]
+    """Time [s], and share of its amplitude that the finger gets then."""
+    speed_mm_per_s: float = 0.0
+    is_sliding: bool = False
+    is_down: bool = True
+
+    def fade(self, start_s: float, end_s: float, goal: float, fade_s: float) -> None:
+        """Move the gain towards a goal during an interval."""
+        gain = self.gains[-1][1]
+        needs = abs(goal - gain) * fade_s
+        if needs >= end_s - start_s:
+            goal = gain + (goal - gain) * (end_s - start_s) / needs
+        elif needs > 0:
+            self.gains.append((start_s + needs, goal))
+        self.gains.append((end_s, goal))
+
+    def forget_before(self, t_s: float) -> None:
+        """Drop what lies before `t_s`, except the start of the line through it."""
+        for knots in (self.touches, self.gains):
+            while len(knots) > 2 and knots[1][0] <= t_s:
+                del knots[0]
+
+
+class RecordedFingers:
+    """Recorded touches of several fingers, each path known up to its last touch.
+
+    Parameters
+    ----------
+    sliding : Sliding
+        When a finger gets the drive.
+    """
+
+    def __init__(self, sliding: Sliding) -> None:
+        self._sliding = sliding
+        self._tracks: dict[int, Track] = {}
+        self._latest_s = -np.inf
+
+    def touch(
+        self, touch_id: int, t_s: float, x_mm: float, y_mm: float, normal_force_n: float
+    ) -> None:
+        """Take a checked touch.
+
+        Raises
+        ------
+        InputError
+            If its time does not advance.
+        """
+        track = self._tracks.get(touch_id)
+        if track is None or not track.is_down:
+            if t_s < self._latest_s - LOST_S:
+                raise InputError(
+                    f"touch: time must advance, but {t_s:g} s follows {self._latest_s:g} s"
+                )
+            self._tracks[touch_id] = Track([(t_s, x_mm, y_mm, normal_force_n)], [(t_s, 0.0)])
+        else:
+            before_s, before_x_mm, before_y_mm, _ = track.touches[-1]
+            if t_s <= before_s:
+                raise InputError(f"touch: time must advance, but {t_s:g} s follows {before_s:g} s")
+            distance_mm = hypot(x_mm - before_x_mm, y_mm - before_y_mm)
+            track.speed_mm_per_s = distance_mm / (t_s - before_s)
+            track.is_sliding = self._sliding.is_sliding(track.speed_mm_per_s, track.is_sliding)
+            track.fade(before_s, t_s, float(track.is_sliding), self._sliding.fade_s)
+            track.touches.append((t_s, x_mm, y_mm, normal_force_n))
+        self._latest_s = max(self._latest_s, t_s)
+
+    def lift(self, touch_id: int, t_s: float) -> None:
+        """Lift a finger; its drive fades out."""
+        track = self._tracks.get(touch_id)
+        if track is None or not track.is_down:
+            return
+        track.is_down = False
+        fade_s, faded_until_s = self._sliding.fade_s, track.gains[-1][0]
+        end_s = max(t_s, track.touches[-1][0])
+        if end_s > faded_until_s:
+            track.fade(faded_until_s, end_s, float(track.is_sliding), fade_s)
+        track.fade(end_s, end_s + fade_s, 0.0, fade_s)
+        self._latest_s = max(self._latest_s, t_s)
+
+    @property
+    def known_until_s(self) -> float:
+        """Time up to which all fingers' paths are known."""
+        for touch_id, track in self._tracks.items():
+            last_s = track.touches[-1][0]
+            if track.is_down and last_s < self._latest_s - LOST_S:
+                self.lift(touch_id, last_s)
+        down = [track.touches[-1][0] for track in self._tracks.values() if track.is_down]
+        return min(down, default=self._latest_s)
+
+    def motion(self, t_s: Array, step_s: float) -> Motion:
+        """Fingers at times one step apart, shape (points,)."""
+        start_s = float(t_s[0])
+        self._tracks = {
+            touch_id: track
+            for touch_id, track in sorted(self._tracks.items())
+            if track.is_down or track.gains[-1][0] >= start_s
+        }
+        tracks = list(self._tracks.values())
+        if not tracks:
+            return Motion.none(len(t_s))
+        columns = []
+        for track in tracks:
+            known_s, *places_and_force = zip(*track.touches, strict=True)
+            lines = [np.interp(t_s, known_s, column) for column in places_and_force]
+            columns.append([*lines, self._gain(track, t_s)])
+            track.forget_before(float(t_s[-1]))
+        x, y, force, gain = map(np.concatenate, zip(*columns, strict=True))
+        fastest = max(track.speed_mm_per_s for track in tracks)
+        return Motion(len(tracks), len(t_s), x, y, force, gain, fastest * step_s)
+
+    def _gain(self, track: Track, t_s: Array) -> Array:
+        """Gain at times. A fade continues for a microsecond, which covers a clock's rounding."""
+        change = _ROUNDING_S / self._sliding.fade_s * (1 if track.is_sliding else -1)
+        last_s, last = track.gains[-1]
+        end = (last_s + _ROUNDING_S, min(max(last + change * track.is_down, 0.0), 1.0))
+        knots_s, gains = zip(*track.gains, end, strict=True)
+        return np.asarray(np.interp(t_s, knots_s, gains, left=0.0))
+
 
 _FORCE = ForceModel()
 _LONG_S = 0.25  # a block of `play`: far longer than what numpy costs per call

@@ -2,8 +2,8 @@
 
 from haptix.simulation.folder import FILES, summary_of, write
 from haptix.simulation.parts import PARTS
+from haptix.simulation.played import FINGER_PATH, Setting
 from haptix.simulation.run import Simulation, simulate
-from haptix.simulation.setting import FINGER_PATH, Setting
 
 __all__ = [
     "FILES",

@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from haptix.render import LiveSettings
 from haptix.simulation.parts import felt_in_steps
-from haptix.simulation.played import Played, play_known, play_live
-from haptix.simulation.setting import Setting
+from haptix.simulation.played import Played, Setting, play_known, play_live
 from haptix.surface import FrictionSurface
 from haptix.texture import as_mu
 from haptix.virtual_finger import (

@@ -27,10 +27,8 @@ from haptix.friction import ContactModel
 from haptix.status import Status
 from haptix.surface.axes import AXIS_NAMES, Axes, Axis
 from haptix.surface.build import build_table
-from haptix.surface.identity import digest, surface_key
 from haptix.surface.interpolant import Interpolant
-from haptix.surface.ranges import read_ranges
-from haptix.surface.tolerance import Tolerance
+from haptix.surface.request import Tolerance, digest, read_ranges, surface_key
 
 Band = Literal["finger", "box"]
 Progress = Callable[[float], None]

@@ -16,7 +16,7 @@ from haptix.surface.axes import AXIS_NAMES, between
 from haptix.surface.column import PULL_IN_DRIVE
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.placement import CellError, chord_error
-from haptix.surface.ranges import Ranges
+from haptix.surface.request import Ranges
 
 _NARROWEST = 1e-5  # relative width of an axis that single precision still divides into cells
 _LINES = 6  # along an axis at random, besides those at all corners of the others
@@ -96,7 +96,7 @@ class Sampler:
     model : ContactModel
         The model.
     ranges : mapping
-        See `haptix.surface.ranges`.
+        See `haptix.surface.request`.
     """
 
     model: ContactModel

@@ -15,15 +15,14 @@ from haptix.errors import InputError, RangeError, ToleranceError
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.status import Status
-from haptix.surface.archive import export_netcdf
 from haptix.surface.axes import AXIS_NAMES, Axis, numbers, within
 from haptix.surface.boundary_elements import MeasuringJob, measured_table
 from haptix.surface.build import build_table
 from haptix.surface.column import Column
-from haptix.surface.file import load_table, save_table
+from haptix.surface.file import export_netcdf, load_table, save_table
 from haptix.surface.interpolant import Interpolant, Query
+from haptix.surface.request import LARGEST_BYTES, Tolerance
 from haptix.surface.slice import Slice
-from haptix.surface.tolerance import LARGEST_BYTES, Tolerance
 
 
 @dataclass(frozen=True)
@@ -158,7 +157,7 @@ class FrictionSurface:
         save_table(self.table, self.info, Path(path))
 
     def to_netcdf(self, path: str | Path) -> None:
-        """Write the surface as NetCDF, for other programs; see `haptix.surface.archive`."""
+        """Write the surface as NetCDF, for other programs; see `haptix.surface.file`."""
         export_netcdf(self.table, self.info, Path(path))
 
     @classmethod

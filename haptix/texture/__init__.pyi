@@ -6,10 +6,10 @@ from .field import as_mu as as_mu
 from .grating import Grating as Grating
 from .headroom import Headroom as Headroom
 from .headroom import headroom as headroom
-from .heights import HeightRule as HeightRule
+from .levels import HeightRule as HeightRule
 from .noise import Noise as Noise
 from .noise import power_law as power_law
 from .penn import PennModel as PennModel
 from .recorded import RecordedProfile as RecordedProfile
-from .sidecar import Sidecar as Sidecar
+from .texture import Sidecar as Sidecar
 from .texture import Texture as Texture

@@ -2,10 +2,8 @@
 
 from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S
 from haptix.virtual_finger.evaluation import FELT_WITHIN_S, Evaluation, evaluate
-from haptix.virtual_finger.felt import Felt
 from haptix.virtual_finger.finger import VirtualFinger
-from haptix.virtual_finger.sensor import SensedForce, SensorModel
-from haptix.virtual_finger.touch_panel import SensedTouch, TouchPanel
+from haptix.virtual_finger.sensing import Felt, SensedForce, SensedTouch, SensorModel, TouchPanel
 
 __all__ = [
     "FELT_WITHIN_S",

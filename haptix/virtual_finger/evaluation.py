@@ -12,7 +12,7 @@ from haptix.checks import number, positive
 from haptix.errors import InputError
 from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
-from haptix.virtual_finger.felt import Felt
+from haptix.virtual_finger.sensing import Felt
 
 Array = npt.NDArray[np.float64]
 

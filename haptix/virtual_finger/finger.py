@@ -15,10 +15,9 @@ from haptix.friction import HIGHEST_FORCE_N, ContactModel
 from haptix.motion import LIFTED_BELOW_N, STANDING_BELOW_MM_PER_S, Trajectory
 from haptix.status import Status
 from haptix.threads import one_thread
-from haptix.virtual_finger.felt import Felt
 from haptix.virtual_finger.gap_field import ComplexArray, GapField
 from haptix.virtual_finger.played import Amplitude, Drive, Excerpt, Samples
-from haptix.virtual_finger.sensor import SensedForce, SensorModel
+from haptix.virtual_finger.sensing import Felt, SensedForce, SensorModel
 
 Array = npt.NDArray[np.float64]
 

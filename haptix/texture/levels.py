@@ -1,10 +1,11 @@
-"""Photographs as grey values."""
+"""Photographs and height maps as levels of friction."""
 
 from __future__ import annotations
 
 import warnings
-from math import prod
+from math import cos, prod, radians, sin
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ from skimage.color import rgb2gray
 from skimage.io import imread
 from skimage.util import img_as_float64
 
-from haptix.checks import positive
+from haptix.checks import choice, positive
 from haptix.errors import InputError
 
 LARGEST_BYTES = 1_500_000_000
@@ -112,3 +113,58 @@ def _check_size(name: str, shape: tuple[int, ...], kind: int, largest_bytes: int
             f"{needed / 1e9:.3g} GB; expected at most {largest_bytes / 1e9:.3g} GB: scale it down, "
             "since a fingertip feels nothing below some 0.05 mm, or raise largest_bytes"
         )
+
+
+HeightRule = Literal["height", "slope-magnitude", "slope-along"]
+"""``"height"``: the higher, the more friction. ``"slope-magnitude"``: the steeper in whatever
+direction, the more. ``"slope-along"``: what a finger that strokes along `direction_deg` feels as
+lateral force, more uphill and less downhill, with level 0.5 on the flat (Robles-De-La-Torre and
+Hayward, Nature 412, 445 (2001)); a stroke against the direction feels it inside out."""
+
+_CLIPPED = 99.0  # percentile of steepness that becomes the end of the range
+
+
+def levels_by_rule(
+    heights: npt.NDArray[np.float64], rule: HeightRule, direction_deg: float
+) -> npt.NDArray[np.float64]:
+    """Levels from 0 to 1 of heights, both of shape (rows, columns).
+
+    The scale of the heights does not matter: their 1st and 99th percentile, or the 99th of their
+    slope's size, become the ends of the range.
+
+    Raises
+    ------
+    InputError
+        If the rule is unknown, or the map is flat by it.
+    """
+    choice("rule", rule, get_args(HeightRule))
+    if rule == "height":
+        return stretched(heights)
+    if min(heights.shape) < 2:
+        raise InputError(f"heights: expected 2 x 2 values or more for a slope, got {heights.shape}")
+    down, right = np.gradient(heights)
+    if rule == "slope-magnitude":
+        steepness = np.hypot(right, down)
+        offset, scale = 0.0, 1.0
+    else:
+        angle = radians(direction_deg)
+        steepness = cos(angle) * right + sin(angle) * down
+        offset, scale = 0.5, 0.5
+    top = np.percentile(np.abs(steepness), _CLIPPED)
+    if not top > 0:
+        raise InputError("heights: expected slopes, got a plane of one height")
+    return np.asarray(np.clip(offset + scale * steepness / top, 0.0, 1.0))
+
+
+def stretched(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Levels from 0 to 1 between the 1st and 99th percentile: single pixels do not decide.
+
+    Raises
+    ------
+    InputError
+        If these are the same.
+    """
+    low, high = np.percentile(values, (1.0, 99.0))
+    if high <= low:
+        raise InputError("image: expected some contrast, got pixels of one grey")
+    return np.asarray(np.clip((values - low) / (high - low), 0.0, 1.0))

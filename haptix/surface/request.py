@@ -1,0 +1,212 @@
+"""What is asked of a surface: its ranges, its largest error, and the key of both."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from math import inf, isfinite
+from pathlib import Path
+from typing import Any, Literal, Self, get_args
+
+from torch import Tensor
+
+from haptix.errors import InputError, LimitError
+from haptix.friction import ContactModel
+from haptix.perception import WEBER_FRACTION
+from haptix.surface.axes import AXES, AXIS_NAMES
+from haptix.version import __version__
+
+Ranges = Mapping[str, tuple[float, float] | None]
+
+_NAMES = (*AXIS_NAMES, "voltage_v")
+
+
+def read_ranges(model: ContactModel, scene: Any) -> dict[str, tuple[float, float] | None]:
+    """Complete and check ranges: ``(low, high)`` by name, None for an axis that is left out.
+
+    Parameters
+    ----------
+    model : ContactModel
+        Gives the defaults.
+    scene : mapping, or an object with ``ranges()``
+        ``(low, high)`` or one value by name.
+    """
+    if not isinstance(scene, Mapping) and not hasattr(scene, "ranges"):
+        raise InputError(f"scene: expected a scene or ranges by name, got {scene!r}")
+    given = scene if isinstance(scene, Mapping) else scene.ranges()
+    unknown = set(given) - set(_NAMES)
+    if unknown:
+        raise InputError(
+            f"unknown range {', '.join(sorted(unknown))}: expected some of {', '.join(_NAMES)}"
+        )
+    screen = model.screen
+    ranges: dict[str, Any] = {"voltage_v": (0.0, screen.max_voltage_v), **given}
+    for axis in AXES:
+        if axis.name not in ranges or (axis.is_collapsible and ranges[axis.name] is None):
+            ranges[axis.name] = axis.default(screen)
+    checked = {name: _read_range(name, ranges[name]) for name in _NAMES}
+    force, voltage = checked["normal_force_n"], checked["voltage_v"]
+    if force is None or voltage is None:
+        raise InputError("normal_force_n and voltage_v: expected a range, got None")
+    if voltage[1] > screen.max_voltage_v:
+        raise LimitError(
+            f"voltage_v: {voltage[1]:g} V is above the limit of "
+            f"{screen.max_voltage_v:g} V of screen {screen.name!r}; lower the range"
+        )
+    if voltage[1] <= 0:
+        raise InputError("voltage_v: expected a range that reaches above 0 V")
+    return checked
+
+
+def _read_range(name: str, value: Any) -> tuple[float, float] | None:
+    zero = name == "voltage_v"
+    try:
+        return None if value is None else low_and_high(value, zero)
+    except ValueError:
+        raise InputError(
+            f"{name}: expected (low, high) or one value, with finite low <= high, "
+            f"{'0 or more' if zero else 'above 0'}, got {value!r}"
+        ) from None
+
+
+def low_and_high(value: Any, zero: bool = False) -> tuple[float, float]:
+    """Return a finite range above 0, or with `zero` from 0; one number stands for both ends.
+
+    Raises
+    ------
+    ValueError
+        If the value is no such range.
+    """
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    ends = value if isinstance(value, tuple | list) else (value, value)
+    try:
+        if any(isinstance(end, str | bool) for end in ends):
+            raise TypeError
+        low, high = map(float, ends)
+    except (TypeError, ValueError):
+        raise ValueError("expected one number, or [low, high]") from None
+    if not ((low >= 0 if zero else low > 0) and low <= high < inf):
+        raise ValueError(f"expected finite 0 {'<=' if zero else '<'} low <= high")
+    return low, high
+
+
+LARGEST_BYTES = 64_000_000
+"""Size that a surface may have unless told otherwise."""
+
+Unit = Literal["mu", "JND", "percent of range"]
+
+_SPELLINGS: dict[str, Unit] = {
+    "": "mu",
+    "mu": "mu",
+    "JND": "JND",
+    "jnd": "JND",
+    "threshold": "JND",
+    "thresholds": "JND",
+    "%": "percent of range",
+    "percent": "percent of range",
+    "percent of range": "percent of range",
+}
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Largest error of friction.
+
+    Parameters
+    ----------
+    value : float
+        Above 0.
+    unit : {"mu", "JND", "percent of range"}
+        Friction coefficient; just-noticeable differences, of ``0.11 mu`` each; or percent of the
+        span between lowest and highest mu in the ranges asked for.
+
+    Raises
+    ------
+    InputError
+        If the value is not finite and above 0, or the unit is unknown.
+    """
+
+    value: float
+    unit: Unit = "mu"
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.value) and self.value > 0):
+            raise InputError(f"tolerance: expected an error in mu above 0, got {self.value:g}")
+        if self.unit not in get_args(Unit):
+            raise InputError(
+                f"tolerance: expected a unit of {', '.join(get_args(Unit))}, got {self.unit!r}"
+            )
+
+    @classmethod
+    def read(cls, value: Self | float | str) -> Self:
+        """Read ``0.002``, ``"0.002"``, ``"0.05 JND"`` or ``"0.2 %"``."""
+        if isinstance(value, cls):
+            return value
+        if isinstance(value, bool):
+            raise InputError(f"tolerance: expected a number in mu, got {value}")
+        match = re.fullmatch(r"\s*([-+.\deE]+|nan|inf)\s*([A-Za-z% ]*?)\s*", str(value))
+        number, unit = match.groups() if match else ("", "")
+        try:
+            read = float(number), _SPELLINGS[unit]
+        except (KeyError, ValueError):
+            raise InputError(
+                f'tolerance: expected a number in mu, "0.05 JND" or "0.2 %", got {value!r}'
+            ) from None
+        return cls(*read)
+
+    def __str__(self) -> str:
+        return f"{self.value:g} {self.unit}"
+
+    def unit_in_mu(self, mu: Tensor, low: float, high: float) -> Tensor | float:
+        """Size of the unit at friction `mu`, where mu runs from `low` to `high`."""
+        if self.unit == "JND":
+            return WEBER_FRACTION * mu
+        if self.unit == "percent of range":
+            return max(high - low, 1e-12 * high) / 100
+        return 1.0
+
+
+def digest(plain: Mapping[str, Any]) -> str:
+    """SHA-256 of plain values, such as the description of a model or of a file."""
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+
+def surface_key(
+    model: ContactModel,
+    scene: Any,
+    tolerance: Tolerance | float | str,
+    largest_bytes: int = LARGEST_BYTES,
+) -> str:
+    """Hash of everything that decides a surface's numbers; the name of its cache entry."""
+    return digest(
+        {
+            "haptix": __version__,
+            "code": _code_digest(),
+            "model": model.describe(),
+            "response_hz_per_mm_per_s": model.finger.response_hz_per_mm_per_s,
+            "ranges": read_ranges(model, scene),
+            "tolerance": str(Tolerance.read(tolerance)),
+            "largest_bytes": largest_bytes,
+        }
+    )
+
+
+@cache
+def _code_digest() -> str:
+    """Hash of the source code: a surface of an earlier solver is never found in the cache."""
+    code = hashlib.sha256()
+    package = Path(__file__).parent.parent
+    folders = [
+        package / folder
+        for folder in ("contact", "electro", "terms", "fidelity", "friction", "surface")
+    ]
+    for file in sorted(
+        [*package.glob("*.py"), *(f for folder in folders for f in folder.rglob("*.py"))]
+    ):
+        code.update(file.read_bytes())
+    return code.hexdigest()
