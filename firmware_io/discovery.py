@@ -13,23 +13,13 @@ from firmware_io.scheme import Bus, DeviceInfo
 
 @dataclass(frozen=True)
 class BusReport:
-    """The result of searching one bus.
-
-    Parameters
-    ----------
-    kind : str
-        "usb", "hid" or "audio".
-    available : bool
-        Whether the bus could be searched.
-    detail : str
-        The library and its version, or why it cannot be used and what to install.
-    devices : tuple of DeviceInfo
-        The connected devices.
-    """
+    """The result of searching one bus."""
 
     kind: str
+    """Such as "usb"."""
     available: bool
     detail: str
+    """The library and its version, or why it cannot be used and what to install."""
     devices: tuple[DeviceInfo, ...]
 
 

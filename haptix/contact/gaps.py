@@ -12,20 +12,14 @@ _NARROW = 0.05  # below, what five terms of the series leave out is t^10/11 < 1e
 
 @dataclass(frozen=True)
 class GapHistogram:
-    """Share of the nominal area whose gap lies in each bin, open gaps only.
-
-    Parameters
-    ----------
-    edges_m : Tensor, shape (bins + 1,)
-        Bin edges [m], from 0 up; the last bin also holds everything above.
-    mass : Tensor, shape (..., bins)
-        Shares; they sum to ``1 - A/A0``. Under the "combined" distribution the strips that are
-        closed to double precision have no width and are left out: 1.2 % of A in light contact,
-        but most of what is still open near complete contact, where "plain" is to be preferred.
-    """
+    """Share of the nominal area whose gap lies in each bin, open gaps only."""
 
     edges_m: Tensor
+    """Bin edges [m], shape (bins + 1,), from 0 up; the last bin also holds everything above."""
     mass: Tensor
+    """Shares, shape (..., bins); they sum to ``1 - A/A0``. Under the "combined" distribution the
+    strips that are closed to double precision have no width and are left out: 1.2 % of A in light
+    contact, but most of what is still open near complete contact, where "plain" is better."""
 
     def inverse_square(self, h0_m: Tensor) -> Tensor:
         """``sum over gaps of 1/|u + h0|^2`` [1/m^2]; `h0_m` broadcasts with the batch of masses."""

@@ -11,27 +11,18 @@ from haptix.contact.meanfield import ContactSpots, GapDistribution
 
 @dataclass(frozen=True)
 class Theory:
-    """One form of the mean field.
-
-    Parameters
-    ----------
-    area : AreaLaw
-        Law of the real contact area.
-    gamma : float
-        Factor of the elastic energy in the separation.
-    gap_distribution : {"plain", "combined"}
-        Variance of the gaps.
-    contact_spots : {"excluded", "included"}
-        Whether the attraction inside the contact spots presses on the contact.
-    source : str
-        Where the choices come from.
-    """
+    """One form of the mean field."""
 
     area: AreaLaw
+    """Law of the real contact area."""
     gamma: float
+    """Factor of the elastic energy in the separation."""
     gap_distribution: GapDistribution
+    """Variance of the gaps."""
     contact_spots: ContactSpots
+    """Whether the attraction inside the contact spots presses on the contact."""
     source: str
+    """Where the choices come from."""
 
 
 THEORIES: Mapping[str, Theory] = {
@@ -47,7 +38,7 @@ THEORIES: Mapping[str, Theory] = {
         0.45,
         "plain",
         "excluded",
-        "the same, without the pull inside the contact spots (physics page, section 1)",
+        "the same, without the attraction inside the contact spots (physics page, section 1)",
     ),
     "corrected": Theory(
         AreaLaw(0.48),

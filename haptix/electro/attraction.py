@@ -27,24 +27,15 @@ AreaFraction = Callable[[Tensor], Tensor]
 
 @dataclass(frozen=True)
 class AttractionTable:
-    """Gap distributions and mean gaps at pressures on a logarithmic lattice.
-
-    Parameters
-    ----------
-    contact : MeanField
-        The contact that was solved.
-    log_pressure : Tensor, shape (nodes,)
-        ln p [Pa] of the nodes.
-    gaps : GapHistogram, batch (nodes,)
-        Gap distribution at each node.
-    log_mean_gap : UniformCubic
-        ln of the mean gap [m] against ln p.
-    """
+    """Gap distributions and mean gaps at pressures on a logarithmic lattice."""
 
     contact: MeanField
     log_pressure: Tensor
+    """ln p [Pa] of the nodes."""
     gaps: GapHistogram
+    """Gap distribution at each node."""
     log_mean_gap: UniformCubic
+    """ln of the mean gap [m] against ln p."""
 
     @classmethod
     def solve(cls, contact: MeanField, lowest_pa: float, highest_pa: float) -> AttractionTable:
@@ -96,27 +87,18 @@ class AttractionTable:
 
 @dataclass(frozen=True)
 class Attraction:
-    """``I(p)`` of a batch of states: the attraction that loads the contact, per drive strength.
-
-    Parameters
-    ----------
-    log_gaps : UniformCubic
-        ln of the gaps' share against ln p, one column per thickness.
-    column : Tensor of int, shape (states,)
-        Which column each state has.
-    spot_pull : Tensor, shape (columns,), optional
-        Attraction of a contact spot, such as ``1/|h0|^2``.
-    spots : callable, optional
-        A/A0 at pressures [Pa], where the attraction inside the spots loads the contact.
-    floor : Tensor, shape (states,), optional
-        ln p below which the gaps stay as they are there (finite size).
-    """
+    """``I(p)`` of a batch of states: the attraction that loads the contact, per drive strength."""
 
     log_gaps: UniformCubic
+    """ln of the gaps' share against ln p, one column per thickness."""
     column: Tensor
+    """The column of each state."""
     spot_pull: Tensor | None = None
+    """Attraction of a contact spot in each column, such as ``1/|h0|^2``."""
     spots: AreaFraction | None = None
+    """A/A0 at pressures [Pa], where the attraction inside the spots loads the contact."""
     floor: Tensor | None = None
+    """ln p of each state below which its gaps stay as they are there (finite size)."""
 
     def gaps(self, log_pressure: Tensor) -> Tensor:
         """I of the gaps alone at ln p, shape (states,)."""

@@ -29,31 +29,22 @@ def drive_voltage(strength: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class Pull:
-    """Attraction ``strength * sum_k weight_k kernel_k(u)`` of states on gaps u.
-
-    Parameters
-    ----------
-    strength : Tensor, shape (states,)
-        Such as ``eps0 V0^2/4`` [N].
-    kernel : Tensor, shape (columns, kernels, bins)
-        Mean over each bin of the contact's `gap_edges_m`. A column is what states have in common:
-        an insulator, an instant or a stroke.
-    spot : Tensor, shape (columns, kernels)
-        The same in a contact spot.
-    column : Tensor of int, shape (states,), optional
-        The column of each state; not needed with weights.
-    weight : Tensor, shape (columns, states of each, kernels), optional
-        Of the kernels, column by column; None where there is one kernel, of weight 1.
-    thickness_m : Tensor, shape (columns,), optional
-        h0 [m], real or complex, for the mean attraction of a sine; None for other drives.
-    """
+    """Attraction ``strength * sum_k weight_k kernel_k(u)`` of states on gaps u."""
 
     strength: Tensor
+    """Such as ``eps0 V0^2/4`` [N], shape (states,)."""
     kernel: Tensor
+    """Mean over each bin of the contact's `gap_edges_m`, shape (columns, kernels, bins). A column
+    is what states have in common: an insulator, an instant or a stroke."""
     spot: Tensor
+    """The same in a contact spot, shape (columns, kernels)."""
     column: Tensor | None = None
+    """The column of each state, shape (states,); not needed with weights."""
     weight: Tensor | None = None
+    """Of the kernels, shape (columns, states of each, kernels); None where there is one kernel, of
+    weight 1."""
     thickness_m: Tensor | None = None
+    """h0 [m] of each column, real or complex, for the mean of a sine; None for other drives."""
 
     @classmethod
     def of_sine(

@@ -29,30 +29,19 @@ class Ability(StrEnum):
 
 @dataclass(frozen=True)
 class Contact:
-    """The contact that a fidelity solves.
-
-    Parameters
-    ----------
-    field : MeanField
-        Its mean field.
-    contact_spots : {"excluded", "included"}
-        Whether the attraction inside the contact spots loads the contact.
-    hardness_pa : float, Tensor or None
-        Stress [Pa] at which the skin yields; None for elastic skin.
-    reference_pa : float
-        A usual applied pressure [Pa]: where an approximation is exact.
-    boxed : BoxedFinger, optional
-        Random surfaces, for a fidelity that solves them.
-    on_progress : callable, optional
-        Called with the share of a solve that is done, where it takes long.
-    """
+    """The contact that a fidelity solves."""
 
     field: MeanField
     contact_spots: ContactSpots
+    """Whether the attraction inside the contact spots loads the contact."""
     hardness_pa: float | Tensor | None
+    """Stress [Pa] at which the skin yields; None for elastic skin."""
     reference_pa: float
+    """A usual applied pressure [Pa]: where an approximation is exact."""
     boxed: BoxedFinger | None = None
+    """Random surfaces, for a fidelity that solves them."""
     on_progress: Callable[[float], None] | None = None
+    """Called with the share of a solve that is done, where it takes long."""
 
     def area_fraction(self, pressure_pa: Tensor) -> Tensor:
         """A/A0 at pressures [Pa]: elastic, or elastoplastic where there is a hardness."""
@@ -65,21 +54,13 @@ class Contact:
 
 @dataclass(frozen=True)
 class Load:
-    """A flat batch of states.
-
-    Parameters
-    ----------
-    applied_pa : Tensor, shape (states,)
-        ``p0 = F_N/A0`` [Pa].
-    pull : Pull
-        The attraction against the gap.
-    widest_gap_m : Tensor, shape (states,), optional
-        Largest mean gap [m]; None for no limit.
-    """
+    """A flat batch of states."""
 
     applied_pa: Tensor
+    """``p0 = F_N/A0`` [Pa], shape (states,)."""
     pull: Pull
     widest_gap_m: Tensor | None = None
+    """Largest mean gap [m], shape (states,); None for no limit."""
 
 
 @dataclass(frozen=True)

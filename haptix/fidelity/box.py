@@ -64,18 +64,12 @@ class BoundaryElementBox:
 
 @dataclass(frozen=True)
 class BoxedFinger:
-    """A finger's roughness as a box holds it.
-
-    Parameters
-    ----------
-    finger : Finger
-        With its whole band; no field may require grad.
-    box : BoundaryElementBox
-        What is drawn from it.
-    """
+    """A finger's roughness as a box holds it."""
 
     finger: Finger
+    """With its whole band; no field may require grad."""
     box: BoundaryElementBox
+    """What is drawn from it."""
 
     def __post_init__(self) -> None:
         given = [value for part in (self.finger, self.finger.roughness) for _, value in part]

@@ -24,34 +24,22 @@ NARROW_GAPS_BEAR = f"the {NARROW_GAP_FIELD_V_PER_M / 1e6:g} V/µm that narrow ga
 
 @dataclass(frozen=True)
 class FigureData:
-    """One figure.
-
-    Parameters
-    ----------
-    name : str
-        Stem of its files.
-    title : str
-        One line.
-    caption : str
-        What is shown, for which set-up, and what the numbers rest on.
-    columns : mapping of str to array, shape (rows,)
-        Numbers by name with unit. A state past the light contact has NaN, and says so in a column
-        of `haptix.Status`.
-    plot : callable
-        Draws on the matplotlib axes of the panels, which are its arguments.
-    grid : (int, int)
-        Rows and columns of panels. Rows share their x axis.
-    legend_title : str
-        Title of the legend, which stands beside the last panel.
-    """
+    """One figure."""
 
     name: str
+    """Stem of its files."""
     title: str
     caption: str
+    """What is shown, for which set-up, and what the numbers rest on."""
     columns: Mapping[str, Array]
+    """Numbers by name with unit, each of shape (rows,). A state past the light contact has NaN, and
+    says so in a column of `haptix.Status`."""
     plot: Callable[..., None]
+    """Draws on the matplotlib axes of the panels, which are its arguments."""
     grid: tuple[int, int] = (1, 1)
+    """Rows and columns of panels. Rows share their x axis."""
     legend_title: str = ""
+    """Title of the legend, which stands beside the last panel."""
 
 
 def numbers(values: Tensor) -> Array:

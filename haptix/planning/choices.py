@@ -29,42 +29,28 @@ _WORK: Mapping[Kind, float] = {"axis": 0.9, "fidelity": 0.7, "dtype": 0.5}
 
 @dataclass(frozen=True)
 class Choice:
-    """One way to model a scene.
-
-    Parameters
-    ----------
-    terms : frozenset of str
-        Terms that are on, of those that change friction.
-    fidelity, dtype : str
-        How the contact is solved, and in what precision its friction is kept.
-    held : frozenset of (axis, value)
-        Collapsed axes, each with the value that it is held at.
-    """
+    """One way to model a scene."""
 
     terms: frozenset[str]
+    """Terms that are on, of those that change friction."""
     fidelity: FidelityName = FULL
     dtype: DtypeName = "float64"
+    """Precision in which friction is kept."""
     held: frozenset[tuple[str, float]] = frozenset()
+    """Collapsed axes, each with the value that it is held at."""
 
 
 @dataclass(frozen=True)
 class Omission:
-    """Something that can be left out of a model: named for what is lost.
-
-    Parameters
-    ----------
-    kind, name : str
-        Such as "term" and "finite-size", "axis" and "h0_m", "fidelity" and "mean-field".
-    value : float
-        Value at which an axis would be held.
-    possible : frozenset of str
-        Terms that the coarser fidelity can have.
-    """
+    """Something that can be left out of a model: named for what is lost."""
 
     kind: Kind
     name: str
+    """Such as "finite-size", "h0_m", "mean-field" or "float64"."""
     value: float = 0.0
+    """Value at which an axis would be held."""
     possible: frozenset[str] = frozenset()
+    """Terms that the coarser fidelity can have."""
 
     @property
     def work(self) -> float:

@@ -32,23 +32,17 @@ _Key = tuple[frozenset[str], str]
 
 @dataclass(frozen=True)
 class Effect:
-    """Difference of friction between two ways to model a scene, over its points.
-
-    Parameters
-    ----------
-    mu_max, mu_p99 : float
-        Largest, and exceeded by 1 % of the points.
-    thresholds_max, thresholds_p99 : float
-        The same in just-noticeable differences (JND) of the friction there, ``0.11 mu``.
-    overreach : float
-        Share by which voltages exceed the true breakdown before the other's surface ends.
-    """
+    """Difference of friction between two ways to model a scene, over its points."""
 
     mu_max: float = 0.0
+    """Largest."""
     mu_p99: float = 0.0
+    """Exceeded by 1 % of the points."""
     thresholds_max: float = 0.0
+    """Largest, in just-noticeable differences (JND) of the friction there, ``0.11 mu``."""
     thresholds_p99: float = 0.0
     overreach: float = 0.0
+    """Share by which voltages exceed the true breakdown before the other's surface ends."""
 
     @classmethod
     def between(cls, truth: Tensor, other: Tensor, overreach: float = 0.0) -> Self:

@@ -35,69 +35,42 @@ _UNSEEN = 1.25  # between the points measured, effects may be larger by this fac
 
 @dataclass(frozen=True)
 class Row:
-    """One thing that a model can do without.
-
-    Parameters
-    ----------
-    kind, name : str
-        "term", "axis", "fidelity" or "dtype", and the name of what would be left out.
-    kept : bool
-        Whether the plan has it.
-    why : str
-        The reason, in words.
-    effect : Effect
-        Effect on friction of leaving out this alone.
-    time_saved_s, memory_saved_bytes : float, int
-        Savings of the plan's surface; 0 where it is kept.
-    savings : {"measured", "estimated", "none"}
-        Whether the savings were timed on the scene's points or estimated from the axes' nodes.
-    """
+    """One thing that a model can do without."""
 
     kind: Kind
     name: str
+    """What would be left out."""
     kept: bool
     why: str
     effect: Effect
+    """Of leaving out this alone."""
     time_saved_s: float = 0.0
+    """0 where it is kept, as is the memory."""
     memory_saved_bytes: int = 0
     savings: str = "none"
+    """"measured" on the scene's points, "estimated" from the axes' nodes, or "none"."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What to build for a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        The planned scene.
-    rows : tuple of Row
-        Terms, axes, fidelity and dtype.
-    model : ContactModel
-        The planned model.
-    ranges : mapping
-        For `FrictionSurface.build`; both ends of a collapsed axis are its middle.
-    tolerance : Tolerance
-        Largest error of the surface against `model`.
-    dtype : torch.dtype
-        Precision of the surface.
-    effect : Effect
-        Joint effect of everything that is left out.
-    points : int
-        States at which effects were measured.
-    nodes : mapping of str to int
-        Estimated nodes of each axis.
-    """
+    """What to build for a scene."""
 
     scene: Scene
     rows: tuple[Row, ...]
+    """Terms, axes, fidelity and dtype."""
     model: ContactModel
     ranges: Mapping[str, tuple[float, float]]
+    """For `FrictionSurface.build`; both ends of a collapsed axis are its middle."""
     tolerance: Tolerance
+    """Largest error of the surface against `model`."""
     dtype: torch.dtype
+    """Precision of the surface."""
     effect: Effect
+    """Joint effect of everything that is left out."""
     points: int
+    """States at which effects were measured."""
     nodes: Mapping[str, int]
+    """Estimated nodes of each axis."""
 
     def record(self) -> dict[str, Any]:
         """Return the decisions as plain values, to be stored in the surface.

@@ -37,20 +37,13 @@ class Stage(StrEnum):
 
 @dataclass(frozen=True)
 class Properties:
-    """What terms read.
-
-    Parameters
-    ----------
-    finger, screen : Finger and Screen
-        Their fields are numbers, or tensors with one value per state.
-    unit_pa : float or Tensor
-        Pressure that counts as 1 Pa in the tables of the fidelity: a fit scales one table to many
-        moduli.
-    """
+    """What terms read."""
 
     finger: Finger
     screen: Screen
+    """Their fields are numbers, or tensors with one value per state."""
     unit_pa: float | Tensor = 1.0
+    """Pressure that counts as 1 Pa in the fidelity's tables: a fit scales one to many moduli."""
 
 
 class Term:

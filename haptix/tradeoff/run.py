@@ -44,28 +44,18 @@ _REPEATS = 3  # of which the fastest counts
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """All settings of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    runs : tuple of Run
-        The planned setting's first.
-    plan : Plan
-        The plan of the scene.
-    plan_s : float
-        Time of planning; build times exclude it.
-    points, batch : int
-        Held-out states, and queries timed together.
-    """
+    """All settings of a scene."""
 
     scene: Scene
     runs: tuple[Run, ...]
+    """The planned setting's first."""
     plan: Plan
     plan_s: float
+    """Time of planning; build times exclude it."""
     points: int
+    """Held-out states."""
     batch: int
+    """Queries timed together."""
 
     def record(self) -> dict[str, Any]:
         """Everything as plain values, with the machine."""

@@ -29,27 +29,18 @@ FORMS: tuple[Form, ...] = ("surface", "slice")
 
 @dataclass(frozen=True)
 class SurfaceSetting:
-    """One way to build and query a surface.
-
-    Parameters
-    ----------
-    model : {"mean-field", "closed-form", "boundary-element", "planned"}
-        A fidelity with every possible term, or the choice of `plan_scene`.
-    tolerance : str
-        Tolerance of the surface against that model.
-    dtype : {"float32", "float64"}
-        Precision of the surface.
-    form : {"surface", "slice"}
-        Whether every query gives frequency and h0, or the surface is sliced at them once.
-    device : str
-        Device of the queries.
-    """
+    """One way to build and query a surface."""
 
     model: str
+    """A fidelity with every possible term, or "planned": the choice of `plan_scene`."""
     tolerance: str
+    """Tolerance of the surface against that model."""
     dtype: DtypeName
+    """Precision of the surface."""
     form: Form
+    """Whether every query gives frequency and h0, or the surface is sliced at them once."""
     device: str = "cpu"
+    """Device of the queries."""
 
     @classmethod
     def every(cls, model: str, tolerance: str) -> Iterator[Self]:
@@ -61,33 +52,21 @@ class SurfaceSetting:
 
 @dataclass(frozen=True)
 class Run:
-    """One setting, measured.
-
-    Parameters
-    ----------
-    setting : SurfaceSetting
-        The setting.
-    error : Effect
-        Error against the mean field with every term, at held-out points.
-    outside : float
-        Share of those points outside the surface.
-    build_s, query_s_per_million, invert_s_per_million : float
-        Times.
-    memory_bytes : int
-        Memory of the surface or slice.
-    fronts : tuple of str
-        Pareto fronts that it is on, of "build", "query" and "memory": no other run is better in
-        both error and this cost.
-    """
+    """One setting, measured."""
 
     setting: SurfaceSetting
     error: Effect
+    """Error against the mean field with every term, at held-out points."""
     outside: float
+    """Share of those points outside the surface."""
     build_s: float
     query_s_per_million: float
     invert_s_per_million: float
     memory_bytes: int
+    """Memory of the surface or slice."""
     fronts: tuple[str, ...] = ()
+    """Pareto fronts that it is on, of "build", "query" and "memory": no other run is better in both
+    error and this cost."""
 
     def row(self) -> dict[str, Any]:
         """Everything as plain values, for files and tables."""

@@ -17,17 +17,12 @@ class PeriodicSolid:
 
     The mean of the pressure moves a half-space bodily, which the gap's free level takes up: the
     compliance of the mean is set to 0, and displacements have no mean.
-
-    Parameters
-    ----------
-    compliance : Tensor, shape (n, n // 2 + 1)
-        Displacement per pressure [m/Pa], for the half spectrum of `torch.fft.rfft2`.
-    stiffness : Tensor, shape (n, n // 2 + 1)
-        Its inverse ``q E*(q) / 2`` [Pa/m], and 0 for the mean.
     """
 
     compliance: Tensor
+    """Displacement per pressure [m/Pa], shape (n, n // 2 + 1): as `torch.fft.rfft2` has waves."""
     stiffness: Tensor
+    """Its inverse ``q E*(q) / 2`` [Pa/m], and 0 for the mean."""
 
     @classmethod
     def on_grid(

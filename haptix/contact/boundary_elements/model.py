@@ -19,7 +19,6 @@ from haptix.contact.boundary_elements.coupled import LocalAttraction, PulledCont
 from haptix.contact.boundary_elements.ensemble import Progress, Row, run_ensemble
 from haptix.contact.boundary_elements.memory import check_memory, surfaces_that_fit
 from haptix.contact.boundary_elements.results import (
-    GAP_LEVELS,
     ContactSolution,
     corrected_area,
     open_quantiles,
@@ -139,7 +138,6 @@ class BoundaryElements:
         return ContactSolution(
             pressure_pa=pressure[:, None].expand(shape),
             strength=torch.zeros(shape, dtype=torch.float64),
-            gap_levels=GAP_LEVELS,
             status=torch.full(shape, int(Status.OK)),
             snap_in_strength=torch.full((*shape, 2), nan, dtype=torch.float64),
             **found,
@@ -214,7 +212,6 @@ class BoundaryElements:
         return ContactSolution(
             pressure_pa=pressure[:, None, None].expand(shape),
             strength=strengths[:, None].expand(shape),
-            gap_levels=GAP_LEVELS,
             **found,
         )
 

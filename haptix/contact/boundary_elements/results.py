@@ -18,55 +18,35 @@ GAP_LEVELS = (torch.arange(32, dtype=torch.float64) + 0.5) / 32
 
 @dataclass(frozen=True)
 class ContactSolution:
-    """Solved states, all of shape (loads, surfaces) or (loads, strengths, surfaces).
-
-    Parameters
-    ----------
-    pressure_pa : Tensor
-        Applied nominal pressure p0 [Pa].
-    strength : Tensor
-        Factor on the attraction, 0 without one.
-    area_fraction_raw : Tensor
-        Pixels with pressure, A/A0.
-    area_fraction : Tensor
-        The same, corrected for the pixels that stand over the contact's border: use this one.
-    plastic_fraction : Tensor
-        Share of the nominal area at the hardness.
-    mean_gap_m : Tensor
-        Mean gap over the nominal area [m].
-    gap_levels : Tensor, shape (levels,)
-        Shares at which the gap's distribution is given.
-    gap_quantiles_m : Tensor, shape (..., levels)
-        Quantiles of the open gaps [m]; NaN where all is in contact.
-    attraction_gaps_pa, attraction_spots_pa : Tensor
-        Mean attraction [Pa] over the nominal area: the share of open gaps and that of the spots.
-    residual : Tensor
-        Largest violation of the contact conditions, over h_rms.
-    iterations : Tensor
-        Steps on the finest grid, all together.
-    converged : Tensor of bool
-        Whether the residual is within the tolerance.
-    status : Tensor
-        `Status`: OK, or PULL_IN past the end of the lowest branch; values are those at its end.
-    snap_in_strength : Tensor, shape (..., 2)
-        Strengths between which the lowest branch ends, NaN where it was not met.
-    """
+    """Solved states, all of shape (loads, surfaces) or (loads, strengths, surfaces)."""
 
     pressure_pa: Tensor
+    """Applied nominal pressure p0 [Pa]."""
     strength: Tensor
+    """Factor on the attraction, 0 without one."""
     area_fraction_raw: Tensor
+    """Pixels with pressure, A/A0."""
     area_fraction: Tensor
+    """The same, corrected for the pixels that stand over the contact's border: use this one."""
     plastic_fraction: Tensor
+    """Share of the nominal area at the hardness."""
     mean_gap_m: Tensor
-    gap_levels: Tensor
+    """Mean gap over the nominal area [m]."""
     gap_quantiles_m: Tensor
+    """Quantiles of the open gaps [m] at `GAP_LEVELS`, shape (..., levels); NaN without any."""
     attraction_gaps_pa: Tensor
     attraction_spots_pa: Tensor
+    """Mean attraction [Pa] over the nominal area, of the open gaps and of the spots."""
     residual: Tensor
+    """Largest violation of the contact conditions, over h_rms."""
     iterations: Tensor
+    """Steps on the finest grid, all together."""
     converged: Tensor
+    """Whether the residual is within the tolerance."""
     status: Tensor
+    """`Status`: OK, or PULL_IN past the end of the lowest branch; values are those at its end."""
     snap_in_strength: Tensor
+    """Strengths between which the lowest branch ends, shape (..., 2); NaN where it was not met."""
 
     @property
     def attraction_pa(self) -> Tensor:

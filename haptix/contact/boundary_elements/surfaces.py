@@ -30,24 +30,17 @@ class Surfaces:
     """A batch of periodic square height maps, towards the solid that is pressed on them.
 
     Build one with `random` or `measured`.
-
-    Parameters
-    ----------
-    height_m : Tensor, shape (surfaces, n, n)
-        Heights [m], double precision, each with mean 0.
-    side_m : float
-        Length of the periodic box [m].
-    q_low, q_high : float
-        Longest and shortest wave [1/m].
-    waves_in_box : float
-        Number of waves at the roll-off along a side: ``q_r side / 2 pi``.
     """
 
     height_m: Tensor
+    """Heights [m], shape (surfaces, n, n), double precision, each with mean 0."""
     side_m: float
+    """Length of the periodic box [m]."""
     q_low: float
     q_high: float
+    """Longest and shortest wave [1/m]."""
     waves_in_box: float
+    """Number of waves at the roll-off along a side: ``q_r side / 2 pi``."""
 
     @classmethod
     def random(
