@@ -63,6 +63,9 @@ class Load:
     """Largest mean gap [m], shape (states,); None for no limit."""
 
 
+Join = Callable[[list[Tensor]], Tensor]
+
+
 @dataclass(frozen=True)
 class Balance:
     """Equilibrium of each state, all of shape (states,)."""
@@ -77,10 +80,10 @@ class Balance:
     is_stable: Tensor
 
     @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
-        """One batch after the other."""
+    def joined(cls, parts: Sequence[Self], join: Join = torch.cat) -> Self:
+        """One batch after the other, or with `torch.stack` one state after the other."""
         columns = ([getattr(part, one.name) for part in parts] for one in fields(cls))
-        return cls(*(torch.cat(column) for column in columns))
+        return cls(*(join(column) for column in columns))
 
 
 class Fidelity(ABC):

@@ -13,7 +13,6 @@ from torch import Tensor
 from haptix.contact.boundary_elements import (
     BoundaryElements,
     ContactSolution,
-    LocalAttraction,
     ResolutionWarning,
 )
 from haptix.contact.boundary_elements.kernel import PeriodicSolid
@@ -38,26 +37,14 @@ class UnsettledWarning(UserWarning):
 
 
 @dataclass(frozen=True)
-class Scatter:
-    """States of every surface, all of shape (..., surfaces).
+class Scatter(Balance):
+    """Equilibria of every surface, all of shape (..., surfaces).
 
-    Parameters
-    ----------
-    area_fraction, mean_gap_m, gap_attraction_pa, spot_attraction_pa : Tensor
-        As those of `haptix.states.ContactState`.
-    strength_at_end : Tensor
-        ``eps0 V0^2/4`` [N] at which the branch ends, infinite where it was not met.
-    is_stable, converged : Tensor of bool
-        Whether the state is on the lowest branch, and solved to the tolerance.
+    `strength_at_end` is infinite where the end of the branch was not met.
     """
 
-    area_fraction: Tensor
-    mean_gap_m: Tensor
-    gap_attraction_pa: Tensor
-    spot_attraction_pa: Tensor
-    strength_at_end: Tensor
-    is_stable: Tensor
     converged: Tensor
+    """Whether the state is solved to the tolerance."""
 
 
 class BoundaryElementBalance(Fidelity):
@@ -97,16 +84,10 @@ class BoundaryElementBalance(Fidelity):
     def solve(self, load: Load) -> Balance:
         """Return the mean equilibrium of every state on the lowest branch."""
         found = self.scatter(load)
-        gaps = found.gap_attraction_pa.mean(-1)
-        return Balance(
-            pressure_pa=load.applied_pa + gaps,
-            area_fraction=found.area_fraction.mean(-1),
-            gap_attraction_pa=gaps,
-            spot_attraction_pa=found.spot_attraction_pa.mean(-1),
-            mean_gap_m=found.mean_gap_m.mean(-1),
-            strength_at_end=found.strength_at_end.median(-1).values,
-            is_stable=found.is_stable.to(torch.float64).mean(-1) > 0.5,
-        )
+        mean = {one.name: getattr(found, one.name).double().mean(-1) for one in fields(Balance)}
+        mean["strength_at_end"] = found.strength_at_end.median(-1).values
+        mean["is_stable"] = mean["is_stable"] > 0.5
+        return Balance(**mean)
 
     def scatter(self, load: Load) -> Scatter:
         """Return every state of every surface; what was solved before is not solved again."""
@@ -126,12 +107,7 @@ class BoundaryElementBalance(Fidelity):
             if self.on_progress is not None:
                 self.on_progress(number / len(missing))
         rows = [self._known[place][strength] for place, strength in states]
-        return Scatter(
-            *(
-                torch.stack([getattr(row, one.name) for row in rows]).to(self.device)
-                for one in fields(Scatter)
-            )
-        )
+        return Scatter.joined(rows, lambda column: torch.stack(column).to(self.device))
 
     def seconds_per_state(self) -> float:
         """Rough time of one state, from that of a transform on this machine."""
@@ -185,8 +161,12 @@ class BoundaryElementBalance(Fidelity):
                 ResolutionWarning,
                 stacklevel=2,
             )
+
+        def per_strength(gap: Tensor) -> Tensor:  # 1/|u + h0|^2
+            return ((gap + thickness.real) ** 2 + thickness.imag**2).reciprocal()
+
         found = self._elements.solve_attracted(
-            [applied], _pull(thickness), strengths, light_limit=LIGHT_CONTACT_LIMIT
+            [applied], per_strength, strengths, light_limit=LIGHT_CONTACT_LIMIT
         )
         lost = int((~found.converged & (found.status == int(Status.OK))).sum())
         if lost:
@@ -209,19 +189,15 @@ class BoundaryElementBalance(Fidelity):
         self._known.setdefault(place, {}).update(zip(strengths, rows, strict=True))
 
 
-def _pull(thickness: complex) -> LocalAttraction:
-    """``1/|u + h0|^2`` [1/m^2]."""
-    return lambda gap: ((gap + thickness.real) ** 2 + thickness.imag**2).reciprocal()
-
-
 def _row(found: ContactSolution, strength: int) -> Scatter:
     at = (0, strength)
     end = found.snap_in_strength[at].mean(-1)
     return Scatter(
+        found.pressure_pa[at] + found.attraction_gaps_pa[at],
         found.area_fraction[at],
-        found.mean_gap_m[at],
         found.attraction_gaps_pa[at],
         found.attraction_spots_pa[at],
+        found.mean_gap_m[at],
         torch.where(end.isnan(), inf, end),
         found.status[at] == int(Status.OK),
         found.converged[at],

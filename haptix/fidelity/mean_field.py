@@ -93,20 +93,16 @@ class MeanFieldBalance(Fidelity):
             (known_low, known_high), pressures = self._touching
             if known_low <= low_m and high_m <= known_high:
                 return pressures
-        heights = self.contact.field.stress_rms_pa.detach().new_tensor([high_m, low_m])
-        of_high, of_low = self._touching_pressure(heights).tolist()
+        scale = torch.log(self.contact.field.stress_rms_pa.detach())
+        heights = scale.new_tensor([high_m, low_m])
+        low, high = scale.expand_as(heights) - 40.0, scale.expand_as(heights) + 1.0
+        with torch.no_grad():
+            for _ in range(12):  # to some per cent: only to size the table
+                middle = (low + high) / 2
+                is_wider = self.contact.field.mean_gap(torch.exp(middle)) > heights
+                low = torch.where(is_wider, middle, low)
+                high = torch.where(is_wider, high, middle)
+        of_high, of_low = torch.exp(low).tolist()
         if self._keeps_table:
             self._touching = (low_m, high_m), (of_high, of_low)
         return of_high, of_low
-
-    def _touching_pressure(self, height_m: Tensor) -> Tensor:
-        """Where the mean gap equals heights, to some per cent: only to size the table."""
-        scale = torch.log(self.contact.field.stress_rms_pa.detach())
-        low, high = scale.expand_as(height_m) - 40.0, scale.expand_as(height_m) + 1.0
-        with torch.no_grad():
-            for _ in range(12):
-                middle = (low + high) / 2
-                is_wider = self.contact.field.mean_gap(torch.exp(middle)) > height_m
-                low = torch.where(is_wider, middle, low)
-                high = torch.where(is_wider, high, middle)
-        return torch.exp(low)

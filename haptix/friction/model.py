@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -198,11 +197,7 @@ class ContactModel:
 
     @one_thread()
     def solve(
-        self,
-        normal_force_n: Any,
-        voltage_v: Any,
-        frequency_hz: Any = None,
-        h0_m: Any = None,
+        self, normal_force_n: Any, voltage_v: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> ContactState:
         """Solve for floats or tensors that broadcast together.
 
@@ -310,25 +305,12 @@ class ContactModel:
 
     @one_thread()
     def scatter(
-        self,
-        normal_force_n: Any,
-        voltage_v: Any,
-        frequency_hz: Any = None,
-        h0_m: Any = None,
+        self, normal_force_n: Any, voltage_v: Any, frequency_hz: Any = None, h0_m: Any = None
     ) -> Scatter:
-        """Return what each surface of the boundary elements gives, for inputs as `solve` has them.
+        """Return what each surface of the boundary elements gives; after a `solve` at no cost.
 
-        After a `solve` of the same states it costs nothing.
-
-        Returns
-        -------
-        Scatter
-            Tensors of the broadcast shape of the inputs, and (surfaces,).
-
-        Raises
-        ------
-        InputError, LimitError
-            As `solve` does; or if the fidelity is another one.
+        Inputs and errors are those of `solve`; tensors have the broadcast shape of the inputs, and
+        (surfaces,). Another fidelity is an `InputError` too.
         """
         self.require(Ability.SCATTER, "scatter")
         fidelity = self.solver.fidelity
@@ -337,7 +319,7 @@ class ContactModel:
         places = self._places(normal_force_n, frequency_hz, h0_m)
         force, voltage, column, thickness, shape = self._flat(voltage, *places)
         found = fidelity.scatter(self.solver.load(force, self._pull(voltage, thickness, column)))
-        return Scatter(*(getattr(found, one.name).reshape(*shape, -1) for one in fields(Scatter)))
+        return Scatter(*(column.reshape(*shape, -1) for column in vars(found).values()))
 
     @one_thread()
     def over_period(
