@@ -26,8 +26,8 @@ class SnapIn(NamedTuple):
     high: float
 
 
-Point = tuple[float, float]  # logarithms of a pull and of its strength
-Measure = Callable[[float], Point]  # solves at the logarithm of a pull
+Point = tuple[float, float]  # logarithms of a mean attraction and of its strength
+Measure = Callable[[float], Point]  # solves at the logarithm of a mean attraction
 
 
 def lowest_branch(
@@ -36,17 +36,17 @@ def lowest_branch(
     strength_at: Callable[[float], float],
     reached: Callable[[float], None],
 ) -> SnapIn | None:
-    """Walk up the branch, and return where the contact snaps in before the last strength, if so.
+    """Walk up the branch; return where the contact snaps in before the last strength, or None.
 
     Parameters
     ----------
     strengths : list of float
         Strengths to find, above 0 and rising.
     low_pull : float
-        Pull to start with [Pa], on the branch: that of the first strength if the gaps did not
-        close is a lower bound, but may lie beyond the end.
+        Mean attraction to start with [Pa], on the branch: that of the first strength if the gaps
+        did not close is a lower bound, but may lie beyond the end.
     strength_at : callable
-        Solves at a pull [Pa], and returns the strength that keeps it up.
+        Solves at a mean attraction [Pa], and returns the strength that keeps it up.
     reached : callable
         Called with each strength in turn, when the state last solved is that of this strength.
     """
@@ -80,7 +80,7 @@ def lowest_branch(
 
 
 def _step(before: Point | None, last: Point, wanted: float) -> float:
-    """Step in the logarithm of the pull by the slope so far, a little beyond what is wanted."""
+    """Step in the attraction's logarithm by the slope so far, a little beyond the target."""
     slope = 1.0 if before is None else (last[1] - before[1]) / (last[0] - before[0])
     slope = min(max(slope, 0.05), 1.0)
     # Towards the end of the branch the slope falls: shorter steps do not leap over it.
@@ -113,9 +113,10 @@ def _between(low: Point, high: Point, wanted: float, measure: Measure) -> tuple[
 def _summit(
     before: Point | None, top: Point, after: Point, wanted: float, measure: Measure
 ) -> Point | SnapIn:
-    """Narrow the highest strength between three points down, or find one that is high enough.
+    """Narrow down the highest strength between three points, or find one that is high enough.
 
-    A strength rises no steeper than its pull: between two points it is at most that much higher.
+    A strength rises no steeper than its attraction: between two points it is at most that much
+    higher.
     """
     left = (top[0] - _LARGEST_STEP, top[1] - _LARGEST_STEP) if before is None else before
     right = after

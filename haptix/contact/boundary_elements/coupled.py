@@ -110,15 +110,15 @@ class PulledContact:
         return 1 - float((self.shape * spots).mean())
 
     def _solve_contact(
-        self, pull: float, shape: Tensor | None, tolerance: float
+        self, pull_pa: float, shape: Tensor | None, tolerance: float
     ) -> BoundedSolution:
         height = self._height
         start = None
         if shape is not None:
             # The displacement by the attraction, subtracted from the heights.
-            height = height + pull * self._problem.levels[0].displacement(shape)
+            height = height + pull_pa * self._problem.levels[0].displacement(shape)
             start = self.contact.pressure_pa
-        mean = torch.full_like(self._scale, self._pressure + pull)
+        mean = torch.full_like(self._scale, self._pressure + pull_pa)
         solved = self._problem.solve(height, mean, self._scale, tolerance, start)
         self.iterations += int(solved.iterations)
         return solved

@@ -73,24 +73,15 @@ def run_ensemble(
         if workers <= 1:
             for job in missing:
                 finish(job, work(job))
-        else:
-            _run_side_by_side(workers, missing, work, finish)
+            return [done[job] for job in range(jobs)]
+        pool = ThreadPoolExecutor(workers, initializer=torch.set_num_threads, initargs=(1,))
+        try:
+            running = {pool.submit(work, job): job for job in missing}
+            for future in as_completed(running):
+                finish(running[future], future.result())
+        finally:
+            pool.shutdown(cancel_futures=True)
     return [done[job] for job in range(jobs)]
-
-
-def _run_side_by_side(
-    workers: int,
-    missing: list[int],
-    work: Callable[[int], Row],
-    finish: Callable[[int, Row], None],
-) -> None:
-    pool = ThreadPoolExecutor(workers, initializer=torch.set_num_threads, initargs=(1,))
-    try:
-        running = {pool.submit(work, job): job for job in missing}
-        for future in as_completed(running):
-            finish(running[future], future.result())
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 def _load(path: Path, fingerprint: str) -> dict[int, Row]:

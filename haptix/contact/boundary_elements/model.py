@@ -29,11 +29,11 @@ from haptix.errors import InputError
 from haptix.status import Status
 from haptix.threads import given_threads
 
-# Of the strength reported past the limit of light contact, with the gaps' pull: steep enough that
-# a hundredth of that pull is a tenth of the strength, and no step is lost on what lies beyond.
+# Of the strength reported past the limit of light contact, with the attraction of the gaps: steep
+# enough that a hundredth of it is a tenth of the strength, and no step is lost on what lies beyond.
 _FALL = -8.0
 # Of p0, at most, to start a branch with: a rough contact gives way by some h_rms/2 where its
-# pressure grows by e, and only a pull of about p0 answers that with as much again.
+# pressure grows by e, and only an attraction of about p0 answers that with as much again.
 _FIRST_PULL = 0.3
 
 
@@ -125,14 +125,8 @@ class BoundaryElements:
             rows = [self._measure(self._solve_batch(batches[job], p)) for p in pressure.tolist()]
             return {key: torch.stack([row[key] for row in rows]).cpu() for key in rows[0]}
 
-        rows = run_ensemble(
-            len(batches),
-            work,
-            self._fingerprint(pressure, batches),
-            self._workers,
-            checkpoint,
-            progress,
-        )
+        name = self._fingerprint(pressure, batches)
+        rows = run_ensemble(len(batches), work, name, self._workers, checkpoint, progress)
         found = {key: torch.cat([row[key] for row in rows], 1) for key in rows[0]}
         shape = found["residual"].shape
         return ContactSolution(
@@ -170,8 +164,8 @@ class BoundaryElements:
         checkpoint, progress
             As `solve` takes them.
         light_limit : float
-            The branch is also taken to end where p0 and the pull of the open gaps are this many
-            times p0: what lies beyond is not solved.
+            The branch is also taken to end where p0 and the attraction of the open gaps are this
+            many times p0: what lies beyond is not solved.
 
         Returns
         -------
@@ -182,12 +176,11 @@ class BoundaryElements:
         ------
         InputError
             As `solve`; or if the strengths are not 0 or more and rising, or the attraction is not
-            above 0 and falling with the gap.
-        FileFormatError
-            If the checkpoint is damaged or belongs to something else.
+            above 0 and falling with the gap. A checkpoint raises what it does in `solve`.
         """
         pressure = self._checked_pressure(pressure_pa)
-        strengths = _checked_strength(strength)
+        strengths = torch.as_tensor(strength, dtype=torch.float64).detach().cpu().reshape(-1)
+        checks.number("strength", checks.increasing("strength", strengths)[0], 0)
         if not light_limit > 1:
             raise InputError(f"light_limit: expected a number above 1, got {light_limit!r}")
         _check_attraction(attraction, float(self.surfaces.h_rms_m.mean()))
@@ -222,11 +215,9 @@ class BoundaryElements:
 
     @cached_property
     def _problem(self) -> BoundedProblem:
-        box = self.surfaces
+        points, side_m = self.surfaces.points, self.surfaces.side_m
         device = torch.device(self.device)
-        return BoundedProblem.on_grid(
-            self.modulus, box.points, box.side_m, self.hardness_pa, device
-        )
+        return BoundedProblem.on_grid(self.modulus, points, side_m, self.hardness_pa, device)
 
     @property
     def _workers(self) -> int:
@@ -314,14 +305,16 @@ class BoundaryElements:
         wanted = strengths.tolist()[unloaded:]
         bracket: tuple[float, float] = (nan, nan)
         if wanted:
-            # What the first strength pulls if nothing gives way may lie beyond the branch's end.
+            # The first strength's attraction if no gap closes may lie beyond the branch's end.
             first = min(wanted[0] * float(contact.traction.mean()), _FIRST_PULL * pressure)
             if self.hardness_pa is not None:
                 first = min(first, _FIRST_PULL * (self.hardness_pa - pressure))
 
             def strength_at(pull_pa: float) -> float:
                 found = contact.strength(pull_pa)
-                return found * _beyond_light(contact, pressure, light_limit)
+                # Falls with the gaps' attraction past the limit: the branch ends there.
+                share = contact.gaps_share * contact.pull_pa / ((light_limit - 1) * pressure)
+                return found if share <= 1 else found * share**_FALL
 
             bracket = lowest_branch(wanted, first, strength_at, record) or bracket
         while len(reached) < len(strengths):
@@ -354,19 +347,6 @@ class BoundaryElements:
             text = load.tolist() if isinstance(load, Tensor) else load
             digest.update(repr(text).encode())
         return digest.hexdigest()
-
-
-def _beyond_light(contact: PulledContact, pressure: float, light_limit: float) -> float:
-    """1 for a light contact; falls with the gaps' pull past its limit, where the branch ends."""
-    share = contact.gaps_share * contact.pull_pa / ((light_limit - 1) * pressure)
-    return 1.0 if share <= 1 else share**_FALL
-
-
-def _checked_strength(strength: Any) -> Tensor:
-    given = torch.as_tensor(strength, dtype=torch.float64).detach().cpu().reshape(-1)
-    rising = checks.increasing("strength", given)
-    checks.number("strength", rising[0], 0)
-    return torch.from_numpy(rising)
 
 
 def _check_attraction(attraction: LocalAttraction, h_rms: float) -> None:

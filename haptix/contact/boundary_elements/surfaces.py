@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import ceil, isfinite, pi
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 import torch
@@ -15,8 +15,6 @@ from haptix.contact.boundary_elements.kernel import wavenumbers
 from haptix.contact.boundary_elements.resolution import check_resolution
 from haptix.contact.roughness import RoughnessSpectrum
 from haptix.errors import InputError
-
-Amplitudes = Literal["fixed", "gaussian"]
 
 _LEAST_POINTS = 16
 # Of a measured map's mean-square slope: what lies in waves shorter than the band is noise.
@@ -51,13 +49,12 @@ class Surfaces:
         surfaces: int = 1,
         seed: int = 0,
         q_high: float | None = None,
-        amplitudes: Amplitudes = "fixed",
     ) -> Surfaces:
         """Draw surfaces with the spectrum C(q), wave by wave with random phases.
 
-        Every wave ``2 pi (i, j) / side`` in the band has the mean square ``C(q) (2 pi / side)^2``
-        (Persson et al., J. Phys.: Condens. Matter 17, R1 (2005)). Surface i of a seed is the same
-        on every grid, and however many are drawn with it.
+        Every wave ``2 pi (i, j) / side`` in the band has exactly the mean square
+        ``C(q) (2 pi / side)^2`` (Persson et al., J. Phys.: Condens. Matter 17, R1 (2005)).
+        Surface i of a seed is the same on every grid, and however many are drawn with it.
 
         Parameters
         ----------
@@ -74,9 +71,6 @@ class Surfaces:
         q_high : float, optional
             Cut the spectrum at this wave [1/m]; by default its own end. What is cut off is missed:
             compare `slope_rms` with the spectrum's.
-        amplitudes : {"fixed", "gaussian"}
-            "fixed": each wave has exactly its mean square, and all surfaces one roughness;
-            "gaussian": amplitudes scatter as those of a Gaussian process do.
 
         Raises
         ------
@@ -89,7 +83,6 @@ class Surfaces:
         ResolutionWarning
             If the grid or the box is coarse enough to bias area or gap, with that bias.
         """
-        checks.choice("amplitudes", amplitudes, get_args(Amplitudes))
         checks.whole("points", points, _LEAST_POINTS)
         checks.whole("surfaces", surfaces, 1)
         checks.whole("seed", seed, 0)
@@ -115,9 +108,7 @@ class Surfaces:
         for i in range(surfaces):
             noise = np.random.default_rng([seed, i]).standard_normal((block, block))
             waves = torch.fft.rfft2(torch.from_numpy(noise)) / block
-            if amplitudes == "fixed":
-                waves = torch.polar(torch.ones_like(q), waves.angle())
-            height[i] = _on_grid(waves * amplitude, points)
+            height[i] = _on_grid(torch.polar(amplitude, waves.angle()), points)
         return cls(height, side, max(spectrum.q0, 2 * pi / side), q_end, waves_in_box)
 
     @classmethod
