@@ -60,39 +60,35 @@ class Job:
         total = len(parts.screens) * len(parts.stimuli)
         for screen in parts.screens:
             self.on_progress("surface", 0.0)
-            apparatus = parts.apparatus(screen)
+            apparatus = Apparatus.build(parts.finger, screen, parts.stimuli, parts.limits.ceiling_v)
             self.on_progress("surface", 1.0)
             self.profiles[apparatus.profile_hash()] = apparatus.profiles()
             for index, stimulus in enumerate(parts.stimuli):
                 found.append(self._one(apparatus, stimulus, index, len(found), total))
         if self.limits or (self.unreachable and parts.unreachable == "reject"):
             shutil.rmtree(self.drafts, ignore_errors=True)
-            self._reject()
+            lines = "\n  ".join([*self.limits, *self.unreachable])
+            head = f"set {parts.name!r} is rejected whole, nothing was written:\n  {lines}"
+            if self.limits:
+                raise LimitError(head)
+            raise RangeError(
+                f'{head}\nlower what they ask for, or say unreachable = "nearest" to play the '
+                "nearest reachable friction"
+            )
         return self._publish(found)
-
-    def _reject(self) -> None:
-        lines = "\n  ".join([*self.limits, *self.unreachable])
-        head = f"set {self.parts.name!r} is rejected whole, nothing was written:\n  {lines}"
-        if self.limits:
-            raise LimitError(head)
-        raise RangeError(
-            f'{head}\nlower what they ask for, or say unreachable = "nearest" to play the nearest '
-            "reachable friction"
-        )
 
     def _one(
         self, apparatus: Apparatus, stimulus: Stimulus, index: int, done: int, total: int
     ) -> dict[str, Any]:
         """Make one file and its sidecar in the drafts, or find them there or published."""
         parts = self.parts
-        name = parts.file_name(stimulus, apparatus.screen)
+        name = f"{stimulus.name}{parts.suffix(apparatus.screen)}.{parts.container}"
         recipe = self._recipe(apparatus, stimulus, index)
-        finished = self._finished(name, recipe)
-        response, each = apparatus.responses(stimulus)
-        if finished is not None:
+        if (finished := self._finished(name, recipe)) is not None:
             self.reused += 1
             self.on_progress("render", (done + 1) / total)
             return finished
+        response, each = apparatus.responses(stimulus)
         rendering = Rendering(stimulus, response, parts.sample_rate_hz)
         if rendering.samples < 1:
             raise InputError(f"{stimulus.name}: expected one sample or more, got none")
@@ -151,13 +147,11 @@ class Job:
     def _finished(self, name: str, recipe: str) -> dict[str, Any] | None:
         """Sidecar of a file that this recipe has made before, if both are whole."""
         for place in (self.drafts, self.folder):
-            if not (place / name).is_file() or not (place / _beside(name)).is_file():
-                continue
             try:
                 table = read_json(place / _beside(name))
             except FileFormatError:
                 continue
-            made = table.get("recipe_sha256") == recipe
+            made = table.get("recipe_sha256") == recipe and (place / name).is_file()
             if made and table.get("sha256") == file_hash(place / name):
                 target = table.get("wanted") or {}
                 if target.get("share_below_reach") or target.get("share_above_reach"):
@@ -165,16 +159,16 @@ class Job:
                 return table
         return None
 
-    def _place(self, name: str) -> Path:
-        """Path of a finished file: a draft, or published by an earlier run."""
-        draft = self.drafts / name
-        return draft if draft.exists() else self.folder / name
-
     def _publish(self, found: list[dict[str, Any]]) -> SetResult:
         parts = self.parts
         self.on_progress("write", 0.0)
         files = [str(table["file"]) for table in found]
-        places = {name: self._place(name) for one in files for name in (one, _beside(one))}
+        # Finished files are drafts, or published by an earlier run.
+        places = {
+            name: next(path for path in (self.drafts / name, self.folder / name) if path.exists())
+            for one in files
+            for name in (one, _beside(one))
+        }
         others: dict[str, bytes] = {"profiles.json": json_text(self.profiles).encode()}
         for number, screen in enumerate(parts.screens):
             first = number * len(parts.stimuli)
@@ -198,13 +192,8 @@ class Job:
         }
         places["manifest.json"] = self.drafts / "manifest.json"
         places["manifest.json"].write_text(json_text(manifest), encoding="utf-8")
-        publish(
-            {
-                draft: self.folder / name
-                for name, draft in places.items()
-                if draft.parent == self.drafts
-            }
-        )
+        drafts = {path: self.folder / path.name for path in places.values()}
+        publish({path: target for path, target in drafts.items() if path != target})
         shutil.rmtree(self.drafts, ignore_errors=True)
         self.on_progress("write", 1.0)
         return SetResult(self.folder, tuple(found), manifest, self.reused)

@@ -28,12 +28,16 @@ from haptix.stimuli.trials import TrialPlan
 Table = dict[str, Any]
 
 
-class _Factors(Part):
-    """Every combination of values put at dotted places of a base stimulus."""
+class FactorialDesign(Part):
+    """Every combination of values put at dotted places of a base stimulus.
 
+    For equal friction the stimuli are in mu, rendered for each of several screens.
+    """
+
+    kind: Literal["factorial", "equal-friction"]
     name: str
     base: Table
-    factors: dict[str, list[Any]]
+    factors: dict[str, list[Any]] = Field(default={})
 
     def stimuli(self, known: Perception) -> list[Stimulus]:
         """Make them; without factors the base alone, by the design's name."""
@@ -41,12 +45,6 @@ class _Factors(Part):
             return [stimulus_from(self.name, self.base)]
         make = stimulus_maker(self.base, f"{self.name}.factors")
         return full_factorial(self.name, make, **self.factors)
-
-
-class FactorialDesign(_Factors):
-    """Every combination of values put at dotted places of a base stimulus."""
-
-    kind: Literal["factorial"]
 
 
 class ConstantStimuliDesign(Part):
@@ -82,20 +80,11 @@ class MatchedIntensityDesign(Part):
 
     def stimuli(self, known: Perception) -> list[Stimulus]:
         """Make them."""
-        fields = self.model_dump(exclude={"kind"})
-        return matched_intensity(**fields, perception=known)
-
-
-class EqualFrictionDesign(_Factors):
-    """Stimuli in mu, rendered for each of several screens."""
-
-    kind: Literal["equal-friction"]
-    factors: dict[str, list[Any]] = Field(default={})
+        return matched_intensity(**self.model_dump(exclude={"kind"}), perception=known)
 
 
 Design = Annotated[
-    FactorialDesign | ConstantStimuliDesign | MatchedIntensityDesign | EqualFrictionDesign,
-    Field(discriminator="kind"),
+    FactorialDesign | ConstantStimuliDesign | MatchedIntensityDesign, Field(discriminator="kind")
 ]
 
 

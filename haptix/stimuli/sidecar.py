@@ -6,28 +6,17 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from haptix.errors import InputError
 from haptix.perception import Perception, components_of_pull, detection
 from haptix.status import Status
 from haptix.stimuli.apparatus import Apparatus
-from haptix.stimuli.rendering import Rendering, Tally
+from haptix.stimuli.rendering import Block, Rendering, Tally
 from haptix.surface import Column
-
-Array = npt.NDArray[np.float64]
 
 _LOOK_S = 2.0  # length of the middle of a stimulus whose spectra are taken
 _BAND = (5.0, 50.0, 95.0)
 _NODES = 65  # of the table that pictures are drawn from
-
-
-def excerpt(rendering: Rendering, length_s: float = _LOOK_S) -> tuple[int, Array, Array]:
-    """First sample, drive [V] and amplitude [V] of the middle of a stimulus."""
-    count = min(round(length_s * rendering.sample_rate_hz), rendering.samples)
-    first = (rendering.samples - count) // 2
-    block = rendering.block(first, count)
-    return first, block.drive_v, block.amplitude_v
 
 
 def predicted(tally: Tally, response: Column, each: Sequence[Column]) -> dict[str, Any]:
@@ -60,13 +49,11 @@ def predicted(tally: Tally, response: Column, each: Sequence[Column]) -> dict[st
     return found
 
 
-def felt(rendering: Rendering, known: Perception) -> dict[str, Any] | None:
+def felt(middle: Block, rate_hz: float, known: Perception) -> dict[str, Any] | None:
     """Sensation level of the middle of a stimulus; None where no threshold is known."""
-    _, _, amplitude = excerpt(rendering)
     # The attraction of a carrier of amplitude a goes with a^2 / 4, of a voltage v with v^2 / 2.
     try:
-        components = components_of_pull(amplitude / np.sqrt(2), rendering.sample_rate_hz)
-        found = detection(components, known)
+        found = detection(components_of_pull(middle.amplitude_v / np.sqrt(2), rate_hz), known)
     except InputError:
         return None
     return {
@@ -76,31 +63,27 @@ def felt(rendering: Rendering, known: Perception) -> dict[str, Any] | None:
     }
 
 
-def heard(rendering: Rendering, capacitance_f: float, known: Perception) -> dict[str, Any]:
+def heard(middle: Block, rate_hz: float, capacitance_f: float, known: Perception) -> dict[str, Any]:
     """Flag a carrier or an envelope in the audible range, at the current that the finger draws.
 
     The strongest component of the drive and that of its envelope are checked. The current of a
     component of amplitude V at f is ``2 pi f C V / sqrt(2)``. An envelope is checked at the current
     of the whole drive.
     """
-    _, drive, amplitude = excerpt(rendering)
-    rate = rendering.sample_rate_hz
+    drive, square = middle.drive_v, middle.amplitude_v**2
     taper = np.hanning(len(drive) + 2)[1:-1]
-    frequency = np.fft.rfftfreq(len(drive), 1 / rate)
+    frequency = np.fft.rfftfreq(len(drive), 1 / rate_hz)
     volts = np.abs(np.fft.rfft(drive * taper)) * 2 / taper.sum()
     current = 2 * np.pi * frequency * capacitance_f * volts / np.sqrt(2)
     in_range = (frequency >= known.audibility.low_hz) & (frequency <= known.audibility.high_hz)
     strongest = int(np.argmax(np.where(in_range, current, 0.0)))
-    slope = np.gradient(drive) * rate if len(drive) > 1 else np.zeros(1)
+    slope = np.gradient(drive) * rate_hz if len(drive) > 1 else np.zeros(1)
     total = float(capacitance_f * np.sqrt(np.mean(slope**2)))
-    attraction = (
-        np.abs(np.fft.rfft((amplitude**2 - np.mean(amplitude**2)) * taper)) * 2 / taper.sum()
-    )
+    attraction = np.abs(np.fft.rfft((square - square.mean()) * taper)) * 2 / taper.sum()
     # A ripple of the attraction below 1 % of its mean is not counted as an envelope.
-    moving = in_range & (attraction > 0.01 * np.mean(amplitude**2))
-    envelope = int(np.argmax(np.where(moving, attraction, 0.0))) if moving.any() else None
+    moving = np.where(in_range & (attraction > 0.01 * square.mean()), attraction, 0.0)
     carrier_hz = float(frequency[strongest])
-    envelope_hz = None if envelope is None else float(frequency[envelope])
+    envelope_hz = float(frequency[moving.argmax()]) if moving.any() else None
     drive_flag = bool(known.audibility(carrier_hz, float(current[strongest])))
     envelope_flag = envelope_hz is not None and known.audibility(envelope_hz, total)
     return {
@@ -158,7 +141,7 @@ def sidecar(
         "of the surface against its contact model; without the errors of the model and of its "
         "placeholders"
     )
-    if stimulus.quantity == "volts" and tally.past_the_surface:
+    if tally.past_the_surface:  # of a drive in volts alone
         prediction["share_past_the_surface"] = tally.past_the_surface / tally.samples
     target = None
     if stimulus.quantity != "volts":
@@ -168,6 +151,10 @@ def sidecar(
             "share_below_reach": tally.below / tally.samples,
             "share_above_reach": tally.above / tally.samples,
         }
+    # The middle, whose spectra are taken.
+    rate = rendering.sample_rate_hz
+    count = min(round(_LOOK_S * rate), rendering.samples)
+    middle = rendering.block((rendering.samples - count) // 2, count)
     capacitance = apparatus.capacitance_f(stimulus, min(tally.highest_amplitude_v, response.end_v))
     return {
         "name": stimulus.name,
@@ -175,9 +162,9 @@ def sidecar(
         "quantity": stimulus.quantity,
         "seeds": list(stimulus.signal.seeds),
         "conditions": dict(stimulus.conditions),
-        "sample_rate_hz": rendering.sample_rate_hz,
+        "sample_rate_hz": rate,
         "samples": tally.samples,
-        "length_s": tally.samples / rendering.sample_rate_hz,
+        "length_s": tally.samples / rate,
         "carrier_hz": stimulus.carrier_hz,
         "drive_hz": stimulus.frequency_hz,
         "envelope": (
@@ -197,8 +184,8 @@ def sidecar(
         "h0_m": apparatus.screen.h0_m if stimulus.h0_m is None else stimulus.h0_m,
         "wanted": target,
         "predicted": prediction,
-        "felt": felt(rendering, known),
-        "audibility": heard(rendering, capacitance, known),
+        "felt": felt(middle, rate, known),
+        "audibility": heard(middle, rate, capacitance, known),
         "placeholders": apparatus.placeholders(),
         "is_placeholder": bool(apparatus.placeholders()),
         "surface_hash": apparatus.surface_keys(),
