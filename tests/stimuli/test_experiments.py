@@ -21,7 +21,6 @@ from haptix.stimuli.adaptive import (
     SimulatedObserver,
     Touch,
     UpDown,
-    amplitude_in_db,
 )
 from haptix.stimuli.experiment_recipe import presentation_of
 
@@ -50,11 +49,18 @@ def device():
     opened.close()
 
 
+def in_volts(wave):
+    """The level is the wave's amplitude in dB re 1 V, against 0 V."""
+    return Presentation(
+        lambda level: 10 ** (level / 20) * wave, 0 * wave, lambda level: 10 ** (level / 20)
+    )
+
+
 def experiment(device, path, method=None, answer=None, presentation=None, **more):
     clock = Clock()
     return Experiment(
         method or UpDown(40.0, (8.0, 4.0), stop_after=4),
-        presentation or amplitude_in_db(WAVE),
+        presentation or in_volts(WAVE),
         device,
         answer or SimulatedObserver(24.0, seed=2),
         path,

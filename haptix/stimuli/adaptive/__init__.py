@@ -1,7 +1,7 @@
 """Adaptive methods that choose levels by the answers, and the experiment that presents them."""
 
 from haptix.stimuli.adaptive.constant import ConstantStimuli, fit
-from haptix.stimuli.adaptive.experiment import Experiment, Presentation, Touch, amplitude_in_db
+from haptix.stimuli.adaptive.experiment import Experiment, Presentation, Touch
 from haptix.stimuli.adaptive.log import TrialLog
 from haptix.stimuli.adaptive.method import Estimate, Method
 from haptix.stimuli.adaptive.observer import Keys, Question, SimulatedObserver
@@ -25,7 +25,6 @@ __all__ = [
     "Touch",
     "TrialLog",
     "UpDown",
-    "amplitude_in_db",
     "fit",
     "weighted_up_down",
 ]

@@ -55,18 +55,6 @@ class Presentation:
     peak_v: Callable[[float], float]
 
 
-def amplitude_in_db(wave: Array, reference_v: float = 1.0) -> Presentation:
-    """A wave of peak 1 whose level is its amplitude in dB re `reference_v`, against 0 V."""
-    peak = float(np.abs(wave).max()) if len(wave) else 0.0
-    checks.positive("wave", peak)
-    unit = np.asarray(wave, dtype=float) / peak
-
-    def volts(level: float) -> float:
-        return float(reference_v * 10 ** (level / 20))
-
-    return Presentation(lambda level: volts(level) * unit, np.zeros(len(unit)), volts)
-
-
 @dataclass(eq=False)
 class Experiment:
     """A run of one method, on a device.
@@ -231,16 +219,12 @@ class Experiment:
         peak = self.presentation.peak_v
         if peak(level) <= self._ceiling_v:
             return level
-        low, high = level, level
-        span = 1.0
+        low, high, span = level, level, 1.0
         while peak(low) > self._ceiling_v:
             low, span = low - span, 2 * span
             if span > 1e6:
                 raise LimitError("no level keeps the target within the ceiling")
-        for _ in range(200):
-            middle = 0.5 * (low + high)
-            if middle in (low, high):
-                break
+        while (middle := 0.5 * (low + high)) not in (low, high):
             low, high = (middle, high) if peak(middle) <= self._ceiling_v else (low, middle)
         return low
 
