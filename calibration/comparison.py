@@ -71,14 +71,8 @@ def compare_terms(
 ) -> list[TermNeed]:
     """Refit with each term switched, where the profiles allow it.
 
-    Parameters
-    ----------
-    fit : Fit
-        Of the same strokes, predictor and parameters.
-    reduced, predictor, parameters
-        The arguments of `fit_strokes`.
-    compared : sequence of str, optional
-        Names of terms; without them, `comparable_terms`.
+    `fit` is what `fit_strokes` returned for the other arguments. Without names of terms the
+    `comparable_terms` are switched.
     """
     points = tuple(point for point in reduced.used if point.number in fit.strokes)
     start = parameters.restarted_at({name: fit.best(name) for name in fit.free})

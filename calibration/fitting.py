@@ -38,18 +38,8 @@ def fit_strokes(
 ) -> Fit:
     """Fit the strokes that are neither outliers nor held out.
 
-    Parameters
-    ----------
-    reduced : Reduced
-        The strokes.
-    predictor : StrokePredictor
-        The model.
-    parameters : Parameters
-        Start, priors and fixed values.
-    seed : int
-        Of the bootstrap.
-    bootstraps : int
-        Resamplings of the strokes; with 0 the errors come from the curvature of the fit alone.
+    The bootstrap resamples the strokes; without one the errors come from the curvature of the fit
+    alone.
 
     Raises
     ------
@@ -80,7 +70,10 @@ def fit_strokes(
         residuals, free = _fitted(predictor, parameters.restarted_at(found), points)
     covariance = np.asarray(np.linalg.inv(residuals.information(free)))
     if bootstraps:
-        covariance = _widened(covariance, _bootstrap(residuals, free, seed, bootstraps))
+        # The larger spreads, with the correlations of the curvature.
+        other = np.diag(_bootstrap(residuals, free, seed, bootstraps))
+        ratio = np.sqrt(np.maximum(other / np.diag(covariance), 1.0))
+        covariance = covariance * np.outer(ratio, ratio)
     return Fit(
         estimates=tuple(_estimate(residuals, free, covariance, one) for one in parameters.all),
         names=parameters.names,
@@ -178,12 +171,6 @@ def _bootstrap(residuals: Residuals, free: Array, seed: int, count: int) -> Arra
     # Means of a few strokes vary less than those of all possible strokes would.
     spare = max(residuals.data_rows - residuals.parameters_used(free), 1.0)
     return np.asarray(np.atleast_2d(np.cov(np.array(found).T)) * residuals.data_rows / spare)
-
-
-def _widened(covariance: Array, other: Array) -> Array:
-    """Covariance whose spreads are the larger of both, with the first one's correlations."""
-    ratio = np.sqrt(np.maximum(np.diag(other) / np.diag(covariance), 1.0))
-    return np.asarray(covariance * np.outer(ratio, ratio))
 
 
 def _estimate(

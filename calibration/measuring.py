@@ -131,10 +131,8 @@ def measure(
 
     Parameters
     ----------
-    session : Session
-        Where to keep strokes.
-    source : ForceSource
-        Instruments.
+    session, source : Session, ForceSource
+        Where to keep strokes; instruments.
     device : Device, optional
         Plays the drive; without one nothing is played (a replay).
     watcher : Watcher, optional

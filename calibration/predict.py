@@ -130,18 +130,10 @@ class StrokePredictor:
         log_values: Array,
         jacobian: bool = True,
     ) -> Prediction:
-        """Predict strokes for parameters given by name as logarithms.
+        """Predict strokes for parameters of which `log_values` are the logarithms, shape (names,).
 
-        Parameters
-        ----------
-        strokes : StrokeConditions
-            Conditions.
-        names : tuple of str
-            Of `calibration.parameters.NAMES`; among them all but ``gap_resistivity_ohm_m``.
-        log_values : array, shape (names,)
-            Their logarithms.
-        jacobian : bool
-            False leaves the Jacobians at zero, and is three times as fast.
+        The names are of `calibration.parameters.NAMES`, with all that are `REQUIRED`. Without
+        `jacobian` the Jacobians are zero, and it is three times as fast.
         """
         missing = set(REQUIRED) - set(names)
         if missing:

@@ -35,20 +35,9 @@ def calibrated_screen(
     instruments: Iterable[str] = (),
     measured_on: date | None = None,
 ) -> Screen:
-    """Return the screen with the fitted numbers.
+    """Return the screen with the fitted numbers; name, permittivity and limits are kept.
 
-    Parameters
-    ----------
-    screen : Screen
-        As it was believed to be; its name, permittivity and limits are kept.
-    fit, verification, predictor
-        The result, its verdict, and the model.
-    operator : str
-        Who measured.
-    instruments : iterable of str
-        Names and serial numbers.
-    measured_on : date, optional
-        Without it, today.
+    `instruments` are names with serial numbers. Without `measured_on` the date is today's.
 
     Raises
     ------

@@ -178,14 +178,9 @@ def _scaled(rows: Iterable[Sequence[float]], max_voltage_v: float) -> list[Seque
 def expected_rows(
     predictor: StrokePredictor, parameters: Parameters, strokes: StrokeConditions
 ) -> tuple[Array, Mask]:
-    """Jacobian of each stroke by the free parameters in units of its errors.
+    """Jacobian of ln mu and of the ripple by the free parameters, in units of their errors.
 
-    Returns
-    -------
-    rows : array, shape (strokes, 2, free)
-        Of ln mu and of the ripple.
-    is_light : array of bool, shape (strokes,)
-        False where the light contact would end.
+    Shape (strokes, 2, free), and for each stroke whether the light contact lasts.
     """
     found = predictor(strokes, parameters.names, parameters.log_values)
     ripple_sd = np.hypot(RIPPLE_ERROR * found.ripple, 1e-3)
@@ -220,14 +215,7 @@ def short_protocol(
     taken at the parameters' start, from which the true values may differ as their priors say; the
     screen's insulator is therefore tried at half and at twice its value as well.
 
-    Parameters
-    ----------
-    predictor, parameters
-        The model, and starts and priors.
-    minutes, max_voltage_v : float
-        Time at the screen [min] and highest amplitude [V].
-    held_out : int
-        Number of the strokes that are kept for verification.
+    It takes `minutes` at the screen, with `held_out` strokes that are kept for verification.
 
     Raises
     ------

@@ -52,14 +52,8 @@ def check_recording(
 ) -> list[Finding]:
     """Return all faults of a recording; an empty list where it is good.
 
-    Parameters
-    ----------
-    recording : StrokeRecording
-        As it came from the instruments.
-    idle_s : float
-        Untouched time at its start and end [s].
-    tolerance : float
-        Largest relative error of force and speed.
+    It is untouched for `idle_s` at its start and end [s]. Force and speed may have a relative error
+    of `tolerance`.
     """
     bad = {name: int((~np.isfinite(getattr(recording, name))).sum()) for name in SIGNALS}
     if any(bad.values()):

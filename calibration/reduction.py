@@ -128,15 +128,9 @@ def reduce_session(
 ) -> Reduced:
     """Reduce recordings; a stroke that cannot be used has the reason in its `outlier`.
 
-    Parameters
-    ----------
-    recordings : iterable of StrokeRecording
-        Of one session.
-    idle_s : float
-        Untouched time at start and end of each [s].
-    crosstalk : float
-        Share of the normal force that the sensor's tangential axis shows, by its certificate. It
-        is subtracted from strokes of one direction; there and back it cancels.
+    Each is untouched for `idle_s` at its start and end [s]. `crosstalk` is the share of the normal
+    force that the sensor's tangential axis shows, by its certificate. It is subtracted from strokes
+    of one direction; there and back it cancels.
     """
     points = [reduce_stroke(one, idle_s, crosstalk) for one in recordings]
     if not points:

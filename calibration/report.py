@@ -43,23 +43,10 @@ def write_report(
     needs: Sequence[TermNeed] = (),
     profile_is_written: bool = True,
 ) -> None:
-    """Write the page.
+    """Write the page, or raise `FileFormatError`.
 
-    Parameters
-    ----------
-    path : path-like
-        HTML file.
-    screen : Screen
-        As calibrated, or as it was believed to be where there is no profile.
-    fit, reduced, verification, predictor, needs
-        Results of the steps.
-    profile_is_written : bool
-        False where the insulator is not determined.
-
-    Raises
-    ------
-    FileFormatError
-        If the file cannot be written.
+    The screen is as calibrated, or as it was believed to be where no profile was written since the
+    insulator is not determined.
     """
     picture = _picture(fit, reduced, verification, predictor)
     calibration, verdict = screen.calibration, verification.verdict

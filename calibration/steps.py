@@ -55,16 +55,10 @@ class PlannedSession(NamedTuple):
 def plan_strokes(
     kind: str, finger: Finger, screen: Screen, minutes: float, max_voltage_v: float | None = None
 ) -> PlannedSession:
-    """Plan a calibration of a finger on a screen.
+    """Plan a calibration by the protocol "paper", "full" or "short".
 
-    Parameters
-    ----------
-    kind : {"paper", "full", "short"}
-        Protocol.
-    finger, screen : Finger, Screen
-        As they are believed to be.
-    minutes, max_voltage_v : float
-        Time for a short protocol; highest amplitude [V], the screen's limit by default.
+    Finger and screen are as they are believed to be. A short protocol takes `minutes`. The highest
+    amplitude [V] is the screen's limit by default.
 
     Raises
     ------
@@ -110,20 +104,9 @@ def fit_folder(
 ) -> tuple[Fit, list[TermNeed]]:
     """Fit ``reduced.csv`` and write ``fit.json`` and ``terms.json``.
 
-    Parameters
-    ----------
-    folder : path-like
-        Session.
-    fixed, priors : mapping, optional
-        See `Parameters.fixed` and `Parameters.known`.
-    finger_fit : path-like, optional
-        An earlier ``fit.json`` of the same finger.
-    leaky_gap : bool
-        Whether to fit the gap's resistivity.
-    terms : mapping of str to bool, optional
-        Terms to switch.
-    compare : bool
-        Whether to find which terms the strokes need.
+    For `fixed` and `priors` see `Parameters.fixed` and `Parameters.known`. `finger_fit` is an
+    earlier ``fit.json`` of the same finger. With `leaky_gap` the gap's resistivity is fitted, and
+    with `compare` it is found which terms the strokes need; `terms` are switched on or off.
     """
     session = Session.open(folder)
     reduced = Reduced.load(session.folder / REDUCED)

@@ -153,20 +153,8 @@ def grating(
 ) -> AlongPath:
     """Return a grating ``offset + amplitude * sin`` or square as a finger of this speed meets it.
 
-    Parameters
-    ----------
-    amplitude, offset : float
-        In the stimulus's quantity.
-    period_mm : float
-        Length of a period.
-    speed : SpeedProfile or float
-        How the finger moves; a number is a steady speed [mm/s].
-    shape : {"sine", "square"}
-        Shape of a period.
-    phase_rad : float
-        At the finger's start.
-    length_s : float
-        Length.
+    Amplitude and offset are in the stimulus's quantity, the phase is that at the finger's start. A
+    number as `speed` is a steady one [mm/s].
     """
     for name, value in (("amplitude", amplitude), ("phase_rad", phase_rad), ("offset", offset)):
         number(name, value)

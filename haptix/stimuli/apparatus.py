@@ -52,13 +52,11 @@ class Population:
         ----------
         finger : Finger
             The median of every field.
-        size : int
-            How many, 2 or more.
+        size, seed : int
+            How many, 2 or more; and what decides the draw.
         spread : mapping
             Standard deviation of the logarithm, by field: ``{"youngs_modulus_pa": 0.3,
             "roughness.h_rms_m": 0.1}``. There is no default.
-        seed : int
-            Decides the draw.
         """
         whole("size", size, 2)
         if not spread:
@@ -132,16 +130,8 @@ class Apparatus:
     ) -> Apparatus:
         """Build, or find in the cache, the surfaces that some stimuli need.
 
-        Parameters
-        ----------
-        finger : Finger or Population
-            The finger, or a population of them.
-        screen : Screen
-            The screen.
-        stimuli : sequence of Stimulus
-            Their forces, frequencies and thicknesses are the ranges of the surfaces.
-        ceiling_v : float, optional
-            Highest amplitude; by default the screen's limit, and never above it.
+        The stimuli's forces, frequencies and thicknesses are the ranges of the surfaces. The
+        highest amplitude is `ceiling_v` [V], but never above the screen's limit.
         """
         people = finger.fingers if isinstance(finger, Population) else (finger,)
         names = finger.statement if isinstance(finger, Population) else finger.name

@@ -20,16 +20,9 @@ from haptix.stimuli.stimulus import DEFAULT_CARRIER_HZ, Stimulus, stimulus_from
 def full_factorial(
     name: str, make: Callable[..., Stimulus], **factors: Sequence[Any]
 ) -> list[Stimulus]:
-    """Every combination of some factors' values.
+    """Every combination of some factors' values, which become the stimuli's conditions.
 
-    Parameters
-    ----------
-    name : str
-        Beginning of the stimuli's names; a number follows.
-    make : callable
-        ``make(name, **values)`` returns a stimulus.
-    **factors : sequences
-        Values of each factor; they become the stimuli's conditions.
+    ``make(name, **values)`` returns a stimulus. Names begin with `name`; a number follows.
     """
     for factor, values in factors.items():
         if isinstance(values, str) or not len(values):
@@ -49,18 +42,9 @@ def constant_stimuli(
     threshold: float,
     steps_db: Sequence[float],
 ) -> list[Stimulus]:
-    """Levels in dB about a threshold.
+    """Levels ``20 log10(amplitude / threshold)`` in dB about a threshold.
 
-    Parameters
-    ----------
-    name : str
-        Beginning of the stimuli's names; a number follows.
-    make : callable
-        ``make(name, amplitude)`` returns a stimulus.
-    threshold : float
-        Amplitude at 0 dB.
-    steps_db : sequence of float
-        Levels ``20 log10(amplitude / threshold)``.
+    ``make(name, amplitude)`` returns a stimulus. Names begin with `name`; a number follows.
     """
     positive("threshold", threshold)
     if not len(steps_db):

@@ -83,21 +83,9 @@ def presentation_of(
 ) -> Presentation:
     """A stimulus whose level [dB] multiplies its signal by ``10^(level / 20)``.
 
-    Parameters
-    ----------
-    stimulus : Stimulus
-        In contrast or volts, which have a zero that a level can multiply from.
-    response : Column
-        Friction against voltage.
-    sample_rate_hz : float
-        Of the device.
-    pedestal : Signal, optional
-        Signal that is added to the target; alone it is the reference. 0 by default.
-
-    Returns
-    -------
-    Presentation
-        A level that asks for more friction than is reachable counts as above every ceiling.
+    It is in contrast or volts, which have a zero that a level can multiply from. The pedestal is
+    added to the target; alone it is the reference. A level that asks for more friction than is
+    reachable counts as above every ceiling.
     """
     if stimulus.quantity == "mu":
         raise InputError(

@@ -53,14 +53,7 @@ def events(
 ) -> tuple[str, dict[str, Any]]:
     """Return the table (tab-separated) and the description of its columns.
 
-    Parameters
-    ----------
-    stimuli : sequence of Stimulus
-        All that occur.
-    files : sequence of str
-        Their files, in the same order.
-    plan : TrialPlan
-        When they come.
+    `files` are those of the stimuli, in the same order.
     """
     names = sorted({name for one in stimuli for name in one.conditions})
     rows = [["onset", "duration", "trial_type", "stim_file", "trigger", *names]]

@@ -76,14 +76,7 @@ def fit(
 ) -> Estimate:
     """Most likely threshold and slope; the spread is from the curvature of the likelihood.
 
-    Parameters
-    ----------
-    levels, answers : sequences of equal length
-        Level of each trial, and whether the answer was right.
-    function : str
-        A name of `FUNCTIONS`.
-    guess, lapse : float
-        Held fixed.
+    `answers` say for the level of each trial whether it was right; guess and lapse are held fixed.
     """
     from scipy.optimize import minimize
 

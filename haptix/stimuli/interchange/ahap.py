@@ -94,12 +94,8 @@ def write_ahap(
 def read_ahap(path: str | Path, low: float, high: float) -> tuple[Signal, list[str]]:
     """Read the intensity of a pattern's continuous events; intensity 0 and 1 become low and high.
 
-    Returns
-    -------
-    Signal
-        Intensity times its control curve, as straight lines between corners.
-    list of str
-        What of the file is not in the signal.
+    Returns intensity times its control curve, as straight lines between corners, and what of the
+    file is not in it.
 
     Raises
     ------

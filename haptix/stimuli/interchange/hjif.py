@@ -39,12 +39,10 @@ def write_hjif(
     ----------
     path : path
         The file.
-    x_mm : sequence of float
-        Places of the corners [mm], 0 or more, increasing.
-    mu : sequence of float
-        Friction there, 0 to 1: the format's signals end at 1.
+    x_mm, mu : sequence of float
+        Places of the corners [mm], 0 or more, increasing; friction there, 0 to 1.
     description, date : str
-        For the file's head; the date, as ISO 8601 has it, is today's unless given.
+        For the file's head; the date is in ISO 8601, by default today's.
 
     Returns
     -------
@@ -100,21 +98,9 @@ def write_hjif(
 
 
 def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[AlongPath, list[str]]:
-    """Read the first profile of friction in a file.
+    """Read the first profile of friction in a file, and say what of the file is not in it.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    speed : SpeedProfile or float
-        How the finger moves over it; the file does not tell.
-
-    Returns
-    -------
-    AlongPath
-        Friction along the line.
-    list of str
-        What of the file is not in it.
+    The file does not tell how the finger moves: `speed` does, a number in mm/s.
 
     Raises
     ------
