@@ -204,11 +204,7 @@ def profile(
     """90 % interval by profile likelihood: all others fitted anew at each value tried.
 
     `spread` is the standard deviation of the logarithm that the curvature suggests: the first step.
-
-    Returns
-    -------
-    (low, high)
-        0 or infinite where the cost stays low within a factor of 1000.
+    A bound is 0 or infinite where the cost stays low within a factor of 1000.
     """
     index = residuals.parameters.free.index(name)
     best = residuals.cost(free)

@@ -64,21 +64,10 @@ def full_slip(
     settling_mm: float = SETTLING_MM,
     stopping_mm: float = STOPPING_MM,
 ) -> list[Segment]:
-    """Find the parts in which the finger touches and the whole contact slides.
+    """Find the parts in which the finger touches and the whole contact slides, in order of time.
 
-    Parameters
-    ----------
-    t_s, x_mm : array, shape (samples,)
-        Time [s] and place along the stroke [mm].
-    normal_force_n : array or None
-        Normal force [N]; without one the finger is taken to touch throughout.
-    settling_mm, stopping_mm : float
-        Distance that is left out after each start and before each stop [mm].
-
-    Returns
-    -------
-    list of Segment
-        In order of time; empty where nothing slides.
+    All arrays have shape (samples,). Without a normal force the finger is taken to touch
+    throughout. `settling_mm` are left out after each start, `stopping_mm` before each stop.
     """
     speed = sliding_speed(t_s, x_mm)
     fast = np.abs(speed)

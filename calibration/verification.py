@@ -93,12 +93,6 @@ class Verification:
         """Largest residual of mu [JND]; NaN without strokes."""
         return max((abs(row.residual_thresholds) for row in self.rows), default=float("nan"))
 
-    @property
-    def rms_mu(self) -> float:
-        """Root-mean-square residual of mu; NaN without strokes."""
-        residuals = [row.point.mu - row.predicted_mu for row in self.rows]
-        return float(np.sqrt(np.mean(np.square(residuals)))) if residuals else float("nan")
-
 
 def verify(
     fit: Fit,
@@ -111,7 +105,11 @@ def verify(
     It fails where a residual is above the tolerance, where fewer than two strokes were kept out,
     or where the strokes do not determine the screen's insulator.
     """
-    rows = _compared(fit, reduced, predictor)
+    points, rows = reduced.held_out, tuple[HeldOutStroke, ...]()
+    if points:
+        found = predictor(StrokeConditions.of(points), fit.names, fit.log_values, jacobian=False)
+        predicted = zip(points, np.exp(found.log_mu).tolist(), found.ripple.tolist(), strict=True)
+        rows = tuple(HeldOutStroke(*one) for one in predicted)
     failures = []
     if len(rows) < FEWEST_HELD_OUT:
         failures.append(
@@ -130,12 +128,3 @@ def verify(
     if fit["h0_m"].value is None:
         failures.append(fit["h0_m"].refusal())
     return Verification(rows, tolerance_thresholds, tuple(failures))
-
-
-def _compared(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> tuple[HeldOutStroke, ...]:
-    points = reduced.held_out
-    if not points:
-        return ()
-    found = predictor(StrokeConditions.of(points), fit.names, fit.log_values, jacobian=False)
-    predicted = zip(points, np.exp(found.log_mu), found.ripple, strict=True)
-    return tuple(HeldOutStroke(point, float(mu), float(ripple)) for point, mu, ripple in predicted)

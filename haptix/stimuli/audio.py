@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -41,8 +41,6 @@ class AudioWriter:
 
     Parameters
     ----------
-    path : Path
-        Where to.
     container, encoding : str
         "wav" or "flac"; "float32" or "24-bit".
     sample_rate_hz : float
@@ -80,35 +78,21 @@ class AudioWriter:
         self._file = soundfile.SoundFile(
             path, "w", round(sample_rate_hz), channels, subtype, format=kind
         )
-        self._trigger = trigger
 
     def write(self, drive_v: Array, trigger: npt.NDArray[np.float32] | None) -> None:
-        """Append samples.
-
-        Raises
-        ------
-        OSError
-            If the disk takes no more.
-        """
-        frames = np.empty((len(drive_v), 2 if self._trigger else 1), self._dtype)
-        frames[:, 0] = self._encoded(drive_v / self._full_scale_v)
+        """Append samples, or raise `OSError` if the disk takes no more."""
+        shares: Array = drive_v[:, None] / self._full_scale_v
         if trigger is not None:
-            frames[:, 1] = self._encoded(trigger)
+            shares = np.column_stack([shares, trigger])
         try:
-            self._file.write(frames)
+            if self._encoding == "float32":
+                self._file.write(shares.astype(np.float32))
+            else:
+                self._file.write(np.rint(shares * _CODES).astype(np.int32) << 8)
         except (AssertionError, soundfile.SoundFileError) as error:  # a short write is an assertion
             raise OSError(f"cannot write all of {self.path.name}: is the disk full? {error}") from (
                 None
             )
-
-    @property
-    def _dtype(self) -> type[np.generic]:
-        return np.float32 if self._encoding == "float32" else np.int32
-
-    def _encoded(self, share: Any) -> Any:
-        if self._encoding == "float32":
-            return share
-        return np.rint(share * _CODES).astype(np.int32) << 8
 
     def __enter__(self) -> Self:
         return self

@@ -10,7 +10,6 @@ from textwrap import fill
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -18,9 +17,8 @@ from haptix.errors import FileFormatError
 from haptix.files import read_json
 from haptix.perception import Perception, components_of_pull
 from haptix.render.drive import SineCarrier
-from haptix.stimuli.audio import read_drive
-
-Array = npt.NDArray[np.float64]
+from haptix.stimuli.audio import Array, read_drive
+from haptix.stimuli.sidecar import spectrum
 
 _LONGEST_S = 10.0  # of a drawing
 _ZOOM_PERIODS = 24
@@ -199,9 +197,7 @@ def _friction(axes: Axes, drawn: Drawn, known: Perception, labels: bool) -> None
 
 
 def _spectrum(axes: Axes, drawn: Drawn, known: Perception) -> None:
-    taper = np.hanning(len(drawn.drive_v) + 2)[1:-1]
-    volts = np.abs(np.fft.rfft(drawn.drive_v * taper)) * 2 / taper.sum()
-    frequency = np.fft.rfftfreq(len(drawn.drive_v), 1 / drawn.table["sample_rate_hz"])
+    frequency, volts = spectrum(drawn.drive_v, drawn.table["sample_rate_hz"])
     low, high = known.audibility.low_hz, known.audibility.high_hz
     axes.axvspan(low, high, color="tab:orange", alpha=0.12, label="audible range")
     axes.plot(frequency[1:], np.maximum(volts[1:], 1e-6), color="tab:purple", lw=0.8)

@@ -98,8 +98,7 @@ class Job:
         draft = self.drafts / f"{name}.part"
         try:
             tally = write_drive(
-                draft, rendering, parts.limits, parts.container, parts.encoding,
-                parts.full_scale_v, trigger, self.threads,
+                draft, rendering, parts, trigger, self.threads,
                 lambda share: self.on_progress("render", (done + share) / total),
             )  # fmt: skip
         except OSError:

@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.limits import DriveLimits, DriveWindow
+from firmware_io.limits import DriveWindow
 from haptix.errors import InputError, LimitError
 from haptix.status import Status
-from haptix.stimuli.audio import AudioWriter, Container, Encoding
+from haptix.stimuli.audio import AudioWriter
+from haptix.stimuli.set_plan import SetPlan
 from haptix.stimuli.stimulus import Stimulus
 from haptix.stimuli.trials import Trigger
 from haptix.surface import Column
@@ -48,17 +49,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Rendering:
-    """A stimulus for one response.
-
-    Parameters
-    ----------
-    stimulus : Stimulus
-        The signal, with its force and carrier.
-    response : Column
-        What voltage does; decides the volts for friction, and the friction for volts.
-    sample_rate_hz : float
-        Samples per second.
-    """
+    """A stimulus for one response, which decides volts for friction and friction for volts."""
 
     stimulus: Stimulus
     response: Column
@@ -185,32 +176,21 @@ class Tally:
 def write_drive(
     path: Path,
     rendering: Rendering,
-    limits: DriveLimits,
-    container: Container,
-    encoding: Encoding,
-    full_scale_v: float,
+    plan: SetPlan,
     trigger: Trigger | None,
     threads: int,
     on_progress: Callable[[float], None],
 ) -> Tally:
-    """Render into a file, and check every sample against the limits.
+    """Render into a file, and check every sample against the limits of the set.
 
-    Returns
-    -------
-    Tally
-        With the first limit that was broken, if any, in `limits`; the file then ends there.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
+    The file ends at the first limit that is broken; `Tally.limits` says which. An `OSError` says
+    that the file cannot be written.
     """
-    rate = rendering.sample_rate_hz
+    rate, limits = rendering.sample_rate_hz, plan.limits
     tally, window = Tally(), DriveWindow(limits, rate)
     previous, total = 0.0, rendering.samples
-    with AudioWriter(
-        path, container, encoding, rate, full_scale_v, total, trigger is not None
-    ) as file:
+    form = plan.container, plan.encoding, rate, plan.full_scale_v
+    with AudioWriter(path, *form, total, trigger is not None) as file:
         for block in rendering.stream(threads):
             drive = block.drive_v
             last = block.first + len(drive) == total

@@ -10,7 +10,7 @@ from haptix.errors import InputError, LimitError
 from haptix.finger import Finger
 from haptix.perception import Perception
 from haptix.screen import Screen
-from haptix.stimuli.apparatus import Population
+from haptix.stimuli.apparatus import Apparatus, Population
 from haptix.stimuli.audio import Container, Encoding, check_format
 from haptix.stimuli.stimulus import Stimulus
 from haptix.stimuli.trials import TrialPlan
@@ -99,6 +99,10 @@ class SetPlan:
                 f"ceiling_v: {ceiling:g} V is above the {lowest:g} V that the screens may carry"
             )
         return DriveLimits(ceiling_v=ceiling)
+
+    def apparatus(self, screen: Screen) -> Apparatus:
+        """Build what the stimuli are rendered through, on one screen."""
+        return Apparatus.build(self.finger, screen, self.stimuli, self.limits.ceiling_v)
 
     def suffix(self, screen: Screen) -> str:
         """End of the names of a screen's files, where there are several screens."""

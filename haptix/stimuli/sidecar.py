@@ -11,7 +11,7 @@ from haptix.errors import InputError
 from haptix.perception import Perception, components_of_pull, detection
 from haptix.status import Status
 from haptix.stimuli.apparatus import Apparatus
-from haptix.stimuli.rendering import Block, Rendering, Tally
+from haptix.stimuli.rendering import Array, Block, Rendering, Tally
 from haptix.surface import Column
 
 _LOOK_S = 2.0  # length of the middle of a stimulus whose spectra are taken
@@ -63,6 +63,13 @@ def felt(middle: Block, rate_hz: float, known: Perception) -> dict[str, Any] | N
     }
 
 
+def spectrum(values: Array, rate_hz: float) -> tuple[Array, Array]:
+    """Frequencies [Hz] and amplitudes of a signal's components, in a Hann window."""
+    taper = np.hanning(len(values) + 2)[1:-1]
+    amplitude = np.abs(np.fft.rfft(values * taper)) * 2 / taper.sum()
+    return np.asarray(np.fft.rfftfreq(len(values), 1 / rate_hz)), amplitude
+
+
 def heard(middle: Block, rate_hz: float, capacitance_f: float, known: Perception) -> dict[str, Any]:
     """Flag a carrier or an envelope in the audible range, at the current that the finger draws.
 
@@ -71,15 +78,13 @@ def heard(middle: Block, rate_hz: float, capacitance_f: float, known: Perception
     of the whole drive.
     """
     drive, square = middle.drive_v, middle.amplitude_v**2
-    taper = np.hanning(len(drive) + 2)[1:-1]
-    frequency = np.fft.rfftfreq(len(drive), 1 / rate_hz)
-    volts = np.abs(np.fft.rfft(drive * taper)) * 2 / taper.sum()
+    frequency, volts = spectrum(drive, rate_hz)
     current = 2 * np.pi * frequency * capacitance_f * volts / np.sqrt(2)
     in_range = (frequency >= known.audibility.low_hz) & (frequency <= known.audibility.high_hz)
     strongest = int(np.argmax(np.where(in_range, current, 0.0)))
     slope = np.gradient(drive) * rate_hz if len(drive) > 1 else np.zeros(1)
     total = float(capacitance_f * np.sqrt(np.mean(slope**2)))
-    attraction = np.abs(np.fft.rfft((square - square.mean()) * taper)) * 2 / taper.sum()
+    _, attraction = spectrum(square - square.mean(), rate_hz)
     # A ripple of the attraction below 1 % of its mean is not counted as an envelope.
     moving = np.where(in_range & (attraction > 0.01 * square.mean()), attraction, 0.0)
     carrier_hz = float(frequency[strongest])

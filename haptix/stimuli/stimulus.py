@@ -100,7 +100,6 @@ class Stimulus:
 
 
 _IN_SPACE = ("along-path", "grating", "relief")
-_FIELDS = ("quantity", "normal_force_n", "carrier_hz", "drive_hz", "h0_m")
 
 
 def stimulus_from(name: str, table: Mapping[str, Any]) -> Stimulus:
@@ -113,7 +112,7 @@ def stimulus_from(name: str, table: Mapping[str, Any]) -> Stimulus:
     InputError
         If a field is unknown, missing or wrong.
     """
-    known = {*_FIELDS, "signal", "speed", "length_s", "conditions"}
+    known = {one.name for one in fields(Stimulus)} - {"name"} | {"length_s"}
     unknown = sorted(set(table) - known)
     if unknown:
         raise InputError(
@@ -121,16 +120,15 @@ def stimulus_from(name: str, table: Mapping[str, Any]) -> Stimulus:
         )
     if "signal" not in table:
         raise InputError(f"{name}.signal: missing; a stimulus needs one")
-    speed = table.get("speed")
-    moving = None if speed is None else speed_from(speed, f"{name}.speed")
-    signal = signal_from(_with_speed(table["signal"], moving), f"{name}.signal")
-    if "length_s" in table:
-        signal = signal.lasting(table["length_s"])
-    given = {key: table[key] for key in _FIELDS if key in table}
+    given = dict(table)
+    if given.get("speed") is not None:
+        given["speed"] = speed_from(given["speed"], f"{name}.speed")
+    signal = signal_from(_with_speed(given["signal"], given.get("speed")), f"{name}.signal")
+    given["signal"] = signal.lasting(given.pop("length_s")) if "length_s" in given else signal
     if "drive_hz" in given and "carrier_hz" not in given:
         given["carrier_hz"] = None  # played as it is
     try:
-        return Stimulus(name, signal, speed=moving, conditions=table.get("conditions", {}), **given)
+        return Stimulus(name, **given)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
 

@@ -69,15 +69,15 @@ class TimeNoise(Signal):
             run = min(count - done, _HOP - start)
             part = slice(start, start + run)
             # The second half of the piece before, the first of this one.
-            old, new = self._piece(hop, sample_rate_hz), self._piece(hop + 1, sample_rate_hz)
+            old, new = (
+                _piece(self.frequency_hz, self.density, self.seed, index, sample_rate_hz)
+                for index in (hop, hop + 1)
+            )
             values[done : done + run] = (
                 old[_HOP:][part] * _FADE[::-1][part] + new[:_HOP][part] * _FADE[part]
             )
             done += run
         return self.mean + self.deviation * values
-
-    def _piece(self, index: int, sample_rate_hz: float) -> Array:
-        return _piece(self.frequency_hz, self.density, self.seed, index, sample_rate_hz)
 
 
 @lru_cache(maxsize=8)

@@ -54,7 +54,8 @@ def test_good_strokes_pass(passed, strokes):
     assert len(passed.rows) == len(strokes.held_out) == 5
     # 1 % of repeatability is a tenth of a threshold: three times that for the worst of five.
     assert 0 < passed.worst_thresholds < 0.4
-    assert passed.rms_mu < 0.02
+    error = [one.point.mu - one.predicted_mu for one in passed.rows]
+    assert np.sqrt(np.mean(np.square(error))) < 0.02
 
 
 def test_one_stroke_that_is_off_fails_and_is_named(fit, strokes, predictor):
