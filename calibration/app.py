@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -229,8 +229,8 @@ def fit(
         [one.row() for one in found.estimates],
         False,
     )
-    left_out = sorted(found.left_out.items())
-    _write_lines([*advice, *(f"stroke {number} was not used: {why}" for number, why in left_out)])
+    left_out = [f"stroke {n} was not used: {why}" for n, why in sorted(found.left_out.items())]
+    sys.stdout.writelines(f"{line}\n" for line in [*advice, *left_out])
     if needs:
         show("which terms the strokes need", [one.row() for one in needs], False)
 
@@ -270,9 +270,9 @@ def verify_(
         sys.stdout.write(json_text(document))
     else:
         written = "no profile" if screen is None else folder / SCREEN
-        rows_of_text = [one.row() for one in found.rows]
-        show(f"{found.verdict}: {written}, {folder / REPORT}", rows_of_text, False)
-        _write_lines(found.failures)
+        title = f"{found.verdict}: {written}, {folder / REPORT}"
+        show(title, [one.row() for one in found.rows], False)
+        sys.stdout.writelines(f"{line}\n" for line in found.failures)
     if not found.passed:
         raise typer.Exit(1)
 
@@ -331,7 +331,3 @@ def _numbers(
 def _rounded(value: float) -> float | None:
     """Four digits; None for NaN."""
     return float(f"{value:.4g}") if value == value else None
-
-
-def _write_lines(lines: Sequence[Any]) -> None:
-    sys.stdout.writelines(f"{line}\n" for line in lines)

@@ -40,14 +40,7 @@ from haptix.errors import DeviceError, InputError
 class InputChannel(Part):
     """One analog channel: ``value = scale * volts + offset``, in the signal's unit.
 
-    Parameters
-    ----------
-    signal : {"normal_force_n", "tangential_force_n", "x_mm", "drive_v"}
-        What it measures.
-    scale, offset : float
-        From volts to the signal.
-    input : str or None
-        Physical channel of National Instruments, such as "Dev1/ai0".
+    `input` is the physical channel of National Instruments, such as "Dev1/ai0".
     """
 
     signal: Literal["normal_force_n", "tangential_force_n", "x_mm", "drive_v"]
@@ -110,16 +103,8 @@ class SampleReader(Protocol):
 class AnalogSource(ForceSource):
     """A force sensor and a position sensor on analog inputs.
 
-    Without a channel for the drive, the drive that was played takes its place.
-
-    Parameters
-    ----------
-    reader : SampleReader
-        Such as `AudioReader` or `NationalInstrumentsReader`.
-    channels : sequence of InputChannel
-        One for each input, in order.
-    sensor : str
-        Serial number of the force sensor.
+    The reader's inputs are the `channels`, in order. Without one for the drive, the drive that was
+    played takes its place. `sensor` is the serial number of the force sensor.
     """
 
     is_live = True

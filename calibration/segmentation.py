@@ -104,14 +104,12 @@ def spatial_period_mm(
 
     Parameters
     ----------
-    t_s, x_mm : array, shape (samples,)
-        Time [s] and place [mm].
+    t_s, x_mm, normal_force_n : array, shape (samples,)
+        As of `full_slip`.
     signals : array, shape (samples,) or (samples, channels)
         Signals of any sensor that touches the surface; each channel is scaled to unit variance.
     shortest_mm, longest_mm : float
         Range of periods.
-    normal_force_n : array or None
-        See `full_slip`.
 
     Raises
     ------

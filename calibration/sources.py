@@ -79,12 +79,7 @@ class ForceSource(Protocol):
 class CsvSource(ForceSource):
     """Replays recordings that another program has exported, one CSV file per stroke.
 
-    Parameters
-    ----------
-    folder : Path
-        With files whose names hold the stroke's number: ``stroke-007.csv`` or ``7.csv``.
-    columns : ColumnMap
-        Meaning of their columns.
+    The names of the files hold the stroke's number: ``stroke-007.csv`` or ``7.csv``.
     """
 
     is_live = False

@@ -22,12 +22,7 @@ FEWEST_HELD_OUT = 2
 class HeldOutStroke:
     """A stroke kept out of the fit, and what the fit predicts for it.
 
-    Parameters
-    ----------
-    point : Point
-        As measured.
-    predicted_mu, predicted_ripple : float
-        Friction, and the amplitude of its ripple at 2f over it.
+    The ripple is the amplitude of the friction at 2f over its mean.
     """
 
     point: Point

@@ -49,18 +49,8 @@ class Person:
 class VirtualFingerSource(ForceSource):
     """Computes the friction of what is played by the contact model, with an imperfect sensor.
 
-    Parameters
-    ----------
-    model : ContactModel
-        The truth.
-    sensor : SensorModel
-        Its axis should be "x", so that the friction turns with the direction.
-    person : Person
-        Who slides.
-    seed : int
-        Of person and sensor.
-    output_rate_hz : float
-        Of the recording [Hz].
+    The sensor's axis should be "x", so that the friction turns with the direction. The seed is that
+    of person and sensor, `output_rate_hz` that of the recording.
     """
 
     is_live = False

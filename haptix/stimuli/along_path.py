@@ -90,14 +90,8 @@ def speed_from(table: Any, place: str = "speed") -> SpeedProfile:
 class AlongPath(Signal):
     """Values of a texture where the finger is: on the line y = 0, with all detail.
 
-    Parameters
-    ----------
-    field : FrictionField
-        The texture. Its numbers are in the stimulus's quantity, whatever its target says.
-    speed : SpeedProfile or float
-        How the finger moves; a number is a steady speed [mm/s].
-    length_s : float
-        Length.
+    The numbers of the texture are in the stimulus's quantity, whatever its target says. A number as
+    `speed` is a steady one [mm/s].
     """
 
     kind = "along-path"

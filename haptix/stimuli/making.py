@@ -60,7 +60,7 @@ class Job:
         total = len(parts.screens) * len(parts.stimuli)
         for screen in parts.screens:
             self.on_progress("surface", 0.0)
-            apparatus = Apparatus.build(parts.finger, screen, parts.stimuli, parts.limits.ceiling_v)
+            apparatus = parts.apparatus(screen)
             self.on_progress("surface", 1.0)
             self.profiles[apparatus.profile_hash()] = apparatus.profiles()
             for index, stimulus in enumerate(parts.stimuli):

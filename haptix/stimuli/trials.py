@@ -97,14 +97,8 @@ class Trigger:
     The channel has line level, for a recorder's input. It must never reach the amplifier that
     drives the screen.
 
-    Parameters
-    ----------
-    onset_code : int
-        1 to 254, at the first sample. `END_CODE` marks the end: its pulse ends with the file.
-    samples : int
-        Length of the file in samples.
-    sample_rate_hz : float
-        Samples per second.
+    The onset has a code of 1 to 254, at the first sample. `END_CODE` marks the end: its pulse ends
+    with the file, which has a length of `samples`.
     """
 
     onset_code: int

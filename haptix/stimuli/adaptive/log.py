@@ -21,14 +21,8 @@ COLUMNS = (
 class TrialLog:
     """A tab-separated table with a line per trial, on the disk before the next trial begins.
 
-    An existing log is continued. A last line that was cut off while it was written is dropped.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    experiment : mapping
-        Description of the experiment; the log of another one is refused.
+    An existing log is continued, but not that of another `experiment`, as its description says. A
+    last line that was cut off while it was written is dropped.
     """
 
     def __init__(self, path: str | Path, experiment: Mapping[str, Any]) -> None:

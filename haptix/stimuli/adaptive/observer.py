@@ -33,12 +33,7 @@ class Question:
 class SimulatedObserver:
     """Answers right with the probability of a psychometric function.
 
-    Parameters
-    ----------
-    threshold, slope, guess, lapse, function
-        Of the psychometric function.
-    seed : int
-        An answer depends on this and the trial's number alone.
+    An answer depends on the seed and the trial's number alone.
     """
 
     threshold: float
@@ -63,12 +58,8 @@ class SimulatedObserver:
 class Keys:
     """Waits for a key that is one of the choices.
 
-    Parameters
-    ----------
-    prompt : str
-        Shown before, with ``{choices}`` filled in.
-    source, sink : text streams
-        Where keys come from and where the prompt goes; by default the terminal.
+    The prompt is shown before, with ``{choices}`` filled in. Keys come from `source` and the prompt
+    goes to `sink`; by default both are the terminal.
     """
 
     prompt: str = "which one? {choices} "
