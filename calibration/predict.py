@@ -148,15 +148,12 @@ class StrokePredictor:
             mu, z_real, z_imag, light = self._period(strokes, columns)
         size = torch.sqrt(z_real**2 + z_imag**2 + 1e-30)
         log_mu, ripple = torch.log(mu), size / mu
-        blank = np.zeros((count, len(names)))
-        by_mu = by_ripple = blank
+        by_log = np.zeros((2, count, len(names)))
         if jacobian:
-            (one,) = torch.autograd.grad(log_mu.sum(), rows, retain_graph=True)
-            (two,) = torch.autograd.grad(ripple.sum(), rows)
-            by_mu, by_ripple = one.numpy(), two.numpy()
-        return Prediction(
-            log_mu.detach().numpy(), ripple.detach().numpy(), by_mu, by_ripple, light.numpy()
-        )
+            (by_log[0],) = torch.autograd.grad(log_mu.sum(), rows, retain_graph=True)
+            (by_log[1],) = torch.autograd.grad(ripple.sum(), rows)
+        means = log_mu.detach().numpy(), ripple.detach().numpy()
+        return Prediction(*means, by_log[0], by_log[1], light.numpy())
 
     def _period(
         self, strokes: StrokeConditions, values: Mapping[str, Tensor]

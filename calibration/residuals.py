@@ -88,21 +88,20 @@ class Residuals:
         values[self._at] = free
         return values
 
-    def predict(self, free: Array) -> Prediction:
-        """Predict the strokes, with Jacobian; the last answer is kept."""
+    def predict(self, free: Array, jacobian: bool = True) -> Prediction:
+        """Predict the strokes; the last answer with a Jacobian is kept."""
         key = free.tobytes()
-        if self._last is None or self._last[0] != key:
-            found = self.predictor(self._strokes, self.parameters.names, self.all_logs(free))
+        if self._last is not None and self._last[0] == key:
+            return self._last[1]
+        names, values = self.parameters.names, self.all_logs(free)
+        found = self.predictor(self._strokes, names, values, jacobian)
+        if jacobian:
             self._last = key, found
-        return self._last[1]
+        return found
 
     def data(self, free: Array, jacobian: bool = True) -> Array:
         """Residuals of the data; without the Jacobian they are three times as fast."""
-        if jacobian:
-            found = self.predict(free)
-        else:
-            values = self.all_logs(free)
-            found = self.predictor(self._strokes, self.parameters.names, values, jacobian=False)
+        found = self.predict(free, jacobian)
         predicted = np.concatenate([found.log_mu, found.ripple[self._has_ripple]])
         return np.asarray((predicted - self._measured) / self._sd)
 

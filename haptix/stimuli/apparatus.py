@@ -187,10 +187,6 @@ class Apparatus:
         """Hashes of everything that decides the surfaces' numbers."""
         return [str(surface.info["key"]) for surface in self.surfaces]
 
-    def error_mu(self) -> float:
-        """Largest error of the surfaces against their models [mu]."""
-        return max(float(surface.info["error_max"]) for surface in self.surfaces)
-
     def capacitance_f(self, stimulus: Stimulus, amplitude_v: float) -> float:
         """Upper bound of the capacitance between finger and screen [F], of the first finger.
 

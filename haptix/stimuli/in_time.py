@@ -187,32 +187,27 @@ class Recorded(Signal):
             )
         if self.sha256 not in ("", digest):
             raise FileFormatError(f"file: {self.file} is not the recording with that sha256")
+        at_rate = {float(rate): data[:, 0]}
         for name, value in (
-            ("_data", data[:, 0]), ("_rate", rate), ("sha256", digest), ("_resampled", {}),
+            ("_own_rate", rate), ("_at_rate", at_rate), ("sha256", digest),
             ("length_s", len(data) / rate),
         ):  # fmt: skip
             object.__setattr__(self, name, value)
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        at_rate = self._resampled  # type: ignore[attr-defined]
+        rate, at_rate = self._own_rate, self._at_rate  # type: ignore[attr-defined]
         if sample_rate_hz not in at_rate:
-            at_rate[sample_rate_hz] = self._at(sample_rate_hz)
-        data = at_rate[sample_rate_hz]
+            from scipy.signal import resample_poly
+
+            if sample_rate_hz != int(sample_rate_hz):
+                raise InputError(f"{self.file}: cannot be resampled to {sample_rate_hz:g} Hz")
+            common = gcd(int(sample_rate_hz), rate)
+            up, down = int(sample_rate_hz) // common, rate // common
+            at_rate[sample_rate_hz] = resample_poly(at_rate[rate], up, down)
         values = np.zeros(count)
-        found = data[first : first + count]
+        found = at_rate[sample_rate_hz][first : first + count]
         values[: len(found)] = found
         return self.offset + self.gain * values
-
-    def _at(self, sample_rate_hz: float) -> Array:
-        data, rate = self._data, self._rate  # type: ignore[attr-defined]
-        if rate == sample_rate_hz:
-            return np.asarray(data)
-        from scipy.signal import resample_poly
-
-        if sample_rate_hz != int(sample_rate_hz):
-            raise InputError(f"{self.file}: cannot be resampled to {sample_rate_hz:g} Hz")
-        common = gcd(int(sample_rate_hz), rate)
-        return np.asarray(resample_poly(data, int(sample_rate_hz) // common, rate // common))
 
 
 def below_nyquist(frequency_hz: float, sample_rate_hz: float) -> None:

@@ -138,7 +138,7 @@ def sidecar(
 ) -> dict[str, Any]:
     """Return the table, without the file's own format, trigger and hash."""
     stimulus, response = rendering.stimulus, rendering.response
-    error = apparatus.error_mu()
+    error = max(float(surface.info["error_max"]) for surface in apparatus.surfaces)
     prediction = predicted(tally, response, each)
     prediction["error_mu_at_most"] = error
     prediction["error_thresholds_at_most"] = error / known.difference_mu(response.lowest_mu)
