@@ -31,7 +31,7 @@ _WITHOUT_DEVICE_HZ = 48_000.0
 
 @dataclass(frozen=True)
 class Watcher:
-    """What the person at the screen is told.
+    """Prompts and progress for the person at the screen.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """The protocol: which strokes to make, as a file that a person can read and edit.
 
-A short one has the strokes that are expected to tell most about the parameters.
+The strokes of a short one are those that should say most about the parameters.
 """
 
 from __future__ import annotations
@@ -209,7 +209,7 @@ def short_protocol(
     max_voltage_v: float = 200.0,
     held_out: int = 3,
 ) -> Protocol:
-    """Choose strokes one by one, each the one that tells most (D-optimal, greedy).
+    """Choose strokes one by one, each time the most informative one (D-optimal, greedy).
 
     Candidates are the paper's forces with four voltages and six frequencies. Their information is
     taken at the parameters' start, from which the true values may differ as their priors say; the

@@ -87,7 +87,9 @@ def write_report(
 def _crosstalk(reduced: Reduced) -> str:
     seen = [p.crosstalk for p in reduced.points if np.isfinite(p.crosstalk)]
     if not seen:
-        return "Strokes of one direction: cross-talk of the sensor cannot be told from friction."
+        return (
+            "Strokes of one direction: they do not separate the sensor's cross-talk from friction."
+        )
     return f"The sensor's cross-talk, subtracted: {float(np.median(seen)):.2%} of the normal force."
 
 

@@ -199,9 +199,9 @@ def components_of_pull(
     if drive.ndim != 1 or len(drive) < 2:
         raise InputError(f"drive_v: expected 2 samples or more in a row, got shape {drive.shape}")
     # v^2 / 2 is the attraction whose component at 2 f is V^2 / 4 for a sine of amplitude V.
-    pull = np.abs(np.fft.rfft(drive**2 / 2)) * 2 / len(drive)
+    attraction = np.abs(np.fft.rfft(drive**2 / 2)) * 2 / len(drive)
     frequency = np.fft.rfftfreq(len(drive), 1 / sample_rate_hz)
-    alike = np.sqrt(4 * pull)
+    alike = np.sqrt(4 * attraction)
     kept = (alike >= least_v) & (frequency > 0)
     return [
         Component(float(f), float(v)) for f, v in zip(frequency[kept], alike[kept], strict=True)

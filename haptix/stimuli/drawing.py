@@ -19,6 +19,7 @@ from haptix.perception import Perception, components_of_pull
 from haptix.render.drive import SineCarrier
 from haptix.stimuli.audio import Array, read_drive
 from haptix.stimuli.sidecar import spectrum
+from haptix.terminal import placeholder_note
 
 _LONGEST_S = 10.0  # of a drawing
 _ZOOM_PERIODS = 24
@@ -128,8 +129,8 @@ def contact_sheet(name: str, files: Sequence[Path], sidecars: Sequence[dict[str,
     rest = len(sidecars) - len(shown)
     more = f" (the first {len(shown)}; {rest} more)" if rest else ""
     placeholders = sorted({what for table in shown for what in table["placeholders"]})
-    said = f"; placeholders for the {' and the '.join(placeholders)}" if placeholders else ""
-    title = f"{name}{more}: predicted friction, band, and one JND (bar){said}"
+    note = placeholder_note(placeholders)
+    title = f"{name}{more}: predicted friction, band, and one JND (bar){note}"
     figure.suptitle(fill(title, round(14 * width)), fontsize=9, y=1 - 0.1 / height, va="top")
     return _png(figure)
 

@@ -129,7 +129,7 @@ def read_ahap(path: str | Path, low: float, high: float) -> tuple[Signal, list[s
     if others:
         lost.append(f"{others} events that are not HapticContinuous")
     if any("HapticSharpness" in json.dumps(one) for one in lasting):
-        lost.append("sharpness, which friction has not")
+        lost.append("sharpness, which friction does not have")
     control = sorted({one.get("ParameterID") for one in curves} - {"HapticIntensityControl"})
     lost += [f"curves of {name}" for name in control]
     return _drawn(spans, corners, low, high), lost
