@@ -72,7 +72,7 @@ def test_ahap_keeps_what_it_says(tmp_path, signal):
     error = again.values(0, count - 2, RATE) - signal.values(0, count - 2, RATE)
     assert np.abs(error).max() <= lost["largest"] + 1e-6
     assert np.sqrt(np.mean(error**2)) == pytest.approx(lost["rms"], rel=0.05, abs=1e-6)
-    assert said == ["sharpness, which friction has not"]
+    assert said == ["sharpness, which friction does not have"]
     assert "volts" in lost["lost"]
 
 
