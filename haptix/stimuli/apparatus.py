@@ -61,18 +61,18 @@ class Population:
         whole("size", size, 2)
         if not spread:
             raise InputError("spread: expected the spread of one field of the finger or more")
+        spread = dict(sorted(spread.items()))
         for name, value in spread.items():
             positive(f"spread.{name}", value)
             _get(finger, name)
-        widths_of = sorted(spread.items())
         draw = np.random.default_rng(seed).standard_normal((size, len(spread)))
         fingers = []
         for row in draw:
             one = finger
-            for (name, width), z in zip(widths_of, row, strict=True):
+            for (name, width), z in zip(spread.items(), row, strict=True):
                 one = _scaled(one, name, float(np.exp(width * z)))
             fingers.append(one)
-        widths = ", ".join(f"{name} {width:g}" for name, width in widths_of)
+        widths = ", ".join(f"{name} {width:g}" for name, width in spread.items())
         return cls(
             tuple(fingers),
             f"{size} fingers around {finger.name!r}, log-normal with standard deviations of the "
