@@ -64,7 +64,8 @@ def read(table: Any, place: str, kinds: Mapping[str, Callable[..., Made]] = KIND
         If a kind or a field is unknown, missing or wrong; the message says where.
     """
     if not isinstance(table, Mapping) or "kind" not in table:
-        raise InputError(f'{place}: expected a table with a "kind", or a number, got {table!r}')
+        number = ", or a number" if kinds is KINDS else ""
+        raise InputError(f'{place}: expected a table with a "kind"{number}, got {table!r}')
     kind = choice(f"{place}.kind", table["kind"], sorted(kinds))
     known = inspect.signature(kinds[kind]).parameters
     given = {name: value for name, value in table.items() if name != "kind"}
