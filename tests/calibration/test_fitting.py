@@ -136,6 +136,7 @@ def test_a_gap_that_does_not_leak_gives_a_bound_only(predictor, truth, reduced_o
     assert one.high > 100 * one.low
 
 
+@pytest.mark.slow
 def test_a_gap_that_leaks_is_found_and_needed(predictor, truth, reduced_of, parameters):
     leaks = truth.known(gap_resistivity_ohm_m=(3e7, 1.0))
     reduced = reduced_of(predictor, full_protocol(), leaks, np.random.default_rng(6))

@@ -31,6 +31,7 @@ def in_time(finger, screen, index, h0_m):
     return mu.mean(), 2 * abs((mu * turn).mean()) / mu.mean()
 
 
+@pytest.mark.slow
 def test_another_finger_is_the_same_table_scaled(predictor, parameters):
     # The response off: over_period has none. 1e13 Hz per mm/s follows at once.
     truth = parameters.known(gap_resistivity_ohm_m=(1e8, 1.0)).started_at(

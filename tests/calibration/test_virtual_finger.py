@@ -50,6 +50,7 @@ def test_the_predictor_agrees_with_the_finger_in_time(
     assert np.isfinite([point.ripple for point in points]).tolist() == [False, True, True, True]
 
 
+@pytest.mark.slow
 def test_a_person_who_cannot_hold_the_force_is_asked_again(tmp_path, finger, screen):
     info = SessionInfo(screen=screen, finger=finger)
     session = Session.begin(tmp_path / "s", Protocol(strokes=STROKES[:2]), info)

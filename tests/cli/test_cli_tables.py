@@ -196,6 +196,7 @@ def test_build_writes_a_surface_that_keeps_its_promise(haptix_cli):
     assert list(path.parent.iterdir()) == [path]  # and no temporary file beside it
 
 
+@pytest.mark.slow
 def test_build_says_when_a_tolerance_cannot_be_met(haptix_cli):
     asked = ("build", "my.surface", "--normal-force-n", "0.3,0.9", "--tolerance", "1e-6")
     refused = haptix_cli(*asked, "--largest-mb", "0.001")

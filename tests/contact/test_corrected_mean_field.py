@@ -84,6 +84,7 @@ def test_pure_contact_agrees_with_boundary_elements(comparison: ModuleType) -> N
     assert np.abs(published["area"][usual] - 1).min() > 0.10
 
 
+@pytest.mark.slow
 def test_contact_under_voltage_agrees_with_boundary_elements(comparison: ModuleType) -> None:
     found = comparison.coupled_contact(CORRECTED)
     wrong = np.abs(found["area"] - 1)

@@ -46,7 +46,15 @@ TOGETHER = {
     "frictional_shear_stress_pa": 0.2,
     "h_rms_m": -0.3,
 }
-CHECKS = [pytest.param(m, TOGETHER, id=f"{m}: all together") for m in MODELS]
+# One model's checks belong to the ordinary run; the others take as long again.
+EACH_MODEL = [
+    pytest.param(model, marks=() if model in ("plain", "closed form") else pytest.mark.slow)
+    for model in MODELS
+]
+CHECKS = [
+    pytest.param(*each.values, TOGETHER, id=f"{each.values[0]}: all together", marks=each.marks)
+    for each in EACH_MODEL
+]
 CHECKS += [
     pytest.param("plain", direction, id=f"plain: {name}", marks=pytest.mark.slow)
     for name, direction in ALONE.items()
@@ -90,7 +98,7 @@ def test_gradients_of_everything(model: str, direction: dict[str, float]) -> Non
     torch.testing.assert_close(found / mu, expected / mu, rtol=1e-4, atol=1e-7)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", EACH_MODEL)
 def test_gradients_by_voltage(model: str) -> None:
     end = float(solve(AT, 0.0, model).pull_in_voltage_v)
     voltages = torch.tensor([0.0, 0.1, 0.5, 0.9, 0.99], dtype=torch.float64) * end
@@ -104,7 +112,9 @@ def test_gradients_by_voltage(model: str) -> None:
     assert float(found[0]) == 0.0
 
 
-@pytest.mark.parametrize("model", ["closed form", "finite size"])  # a limit, and a moving one
+@pytest.mark.parametrize(  # a limit, and a moving one
+    "model", ["closed form", pytest.param("finite size", marks=pytest.mark.slow)]
+)
 def test_gradients_of_the_end(model: str) -> None:
     names = [name for name in AT if name != "frictional_shear_stress_pa"]  # it moves no end
     leaves = {name: torch.tensor(AT[name], dtype=torch.float64).requires_grad_() for name in names}

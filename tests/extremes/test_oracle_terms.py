@@ -119,7 +119,13 @@ def test_combined_gaps_of_the_published_cases(slow: ModuleType) -> None:
 # --- finite size
 
 
-@pytest.mark.parametrize(("name", "spots"), [("layered", "excluded"), ("half-space", "included")])
+@pytest.mark.parametrize(
+    ("name", "spots"),
+    [
+        ("layered", "excluded"),
+        pytest.param("half-space", "included", marks=pytest.mark.slow),
+    ],
+)
 def test_friction_of_a_finite_contact(name: str, spots: Any, slow: ModuleType) -> None:
     finger = FINGERS[name]
     oracle = oracle_of(slow, finger)

@@ -66,6 +66,7 @@ def tensor(values: list[float]) -> Tensor:
     return torch.tensor(values, dtype=torch.float64)
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(models(), forces, volts, frequencies, thicknesses)
 def test_every_field_is_a_number_of_its_own_sign(
@@ -156,6 +157,7 @@ def test_the_status_changes_at_the_pull_in_voltage(
     assert float(state.mu[0]) <= float(state.mu[1]) <= float(state.mu[2]) * (1 + 1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(models(), forces, volts, thicknesses)
 def test_single_precision_is_one_rounding_away(

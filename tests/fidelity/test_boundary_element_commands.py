@@ -19,6 +19,7 @@ pytestmark = pytest.mark.filterwarnings(
 )
 
 
+@pytest.mark.slow
 def test_an_interrupted_build_says_its_price_and_resumes(
     haptix_cli: CommandLine, gel: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

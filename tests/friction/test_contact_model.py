@@ -133,7 +133,14 @@ def test_the_equilibrium_holds_by_the_solver_itself(spots: str, frequency: float
         assert float(state.attraction_pa[i]) == pytest.approx(gaps + inside, rel=2 * TABLE)
 
 
-@pytest.mark.parametrize(("force", "h0"), [(0.1, 5e-8), (1.0, 2e-7), (0.5, 1e-6)])
+@pytest.mark.parametrize(
+    ("force", "h0"),
+    [
+        (1.0, 2e-7),
+        pytest.param(0.1, 5e-8, marks=pytest.mark.slow),
+        pytest.param(0.5, 1e-6, marks=pytest.mark.slow),
+    ],
+)
 def test_pull_in_by_brute_force(semi_wet: ContactModel, force: float, h0: float) -> None:
     applied = applied_pressure(semi_wet.finger, force)
     pressure = applied * torch.logspace(0, math.log10(31.0), 400, dtype=torch.float64)

@@ -29,7 +29,14 @@ def kept(tmp_path, monkeypatch):
     return folder
 
 
-@pytest.mark.parametrize("case", EXPECTED, ids=lambda case: " ".join(case["command"][:4]))
+def _case(case):
+    # Fitting takes half a minute; with the finger's own fit it reads one file more.
+    again = case["command"][:2] == ["calibrate", "fit"] and "--finger" in case["command"]
+    marks = pytest.mark.slow if again else ()
+    return pytest.param(case, id=" ".join(case["command"][:4]), marks=marks)
+
+
+@pytest.mark.parametrize("case", [_case(case) for case in EXPECTED])
 def test_a_command_prints_what_it_printed(kept, case):
     result = CliRunner().invoke(app, [*case["command"], "--json"])
     assert result.exit_code == 0, result.output

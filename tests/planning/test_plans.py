@@ -124,6 +124,7 @@ def test_a_narrow_axis_is_collapsed_to_its_middle(plain, plain_plan):
     assert row.savings == "estimated"
 
 
+@pytest.mark.slow
 def test_a_larger_budget_never_keeps_more(plain):
     wider = plain.replace(
         h0_m=(0.1e-6, 0.2e-6), override={"terms": {"breakdown": False}}, normal_force_n=(0.1, 1.0)
@@ -208,6 +209,7 @@ def test_overrides_that_cannot_be(plain, override, sentence):
         plan_scene(changed(plain, **override), points=100)
 
 
+@pytest.mark.slow
 def test_no_axis_is_collapsed_across_breakdown(plain):
     low, high = 0.1e-6, 0.2e-6
     scene = plain.replace(

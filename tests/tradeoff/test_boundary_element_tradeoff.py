@@ -30,6 +30,7 @@ def smooth(tmp_path):
     return tmp_path / "scene.toml"
 
 
+@pytest.mark.slow
 def test_the_tier_has_its_rows(haptix_cli, smooth, tmp_path, monkeypatch):
     # The other rows are tested beside this: of them the cheapest is enough.
     monkeypatch.setattr("haptix.tradeoff.run.TABULATED", ("closed-form",))

@@ -15,6 +15,7 @@ def chosen(rows, **wanted):
     return [row for row in rows if all(row[name] == value for name, value in wanted.items())]
 
 
+@pytest.mark.slow
 def test_every_combination_is_tried(folder):
     devices = ("cpu", "cuda") if torch.cuda.is_available() else ("cpu",)
     tried = {
@@ -34,6 +35,7 @@ def test_every_combination_is_tried(folder):
     assert {row["form"] for row in chosen(folder.rows, model="planned")} == {"surface", "slice"}
 
 
+@pytest.mark.slow
 def test_errors_are_those_of_surface_and_fidelity(folder, scene):
     for row in folder.rows:
         assert 0 < row["error_p99_thresholds"] <= row["error_max_thresholds"]
@@ -55,6 +57,7 @@ def test_errors_are_those_of_surface_and_fidelity(folder, scene):
     assert fine["mean-field"] < fine["closed-form"]
 
 
+@pytest.mark.slow
 def test_float32_halves_the_memory_and_a_slice_has_less(folder):
     def size(dtype, form):
         (row,) = chosen(
@@ -71,6 +74,7 @@ def test_float32_halves_the_memory_and_a_slice_has_less(folder):
     assert size("float64", "slice") < size("float64", "surface")
 
 
+@pytest.mark.slow
 def test_the_fronts_have_what_nothing_beats(folder):
     columns = {"build": "build_s", "query": "query_s_per_million", "memory": "memory_bytes"}
     for name, column in columns.items():
@@ -82,6 +86,7 @@ def test_the_fronts_have_what_nothing_beats(folder):
         assert min(row[column] for row in front) == min(row[column] for row in folder.rows)
 
 
+@pytest.mark.slow
 def test_the_files_agree(folder, scene):
     record = json.loads((folder.path / "tradeoff.json").read_text())
     assert record["runs"] == folder.rows
@@ -103,6 +108,7 @@ def test_the_files_agree(folder, scene):
     ]
 
 
+@pytest.mark.slow
 def test_the_plot_is_a_picture_with_ink(folder):
     pixels = imread(folder.path / "tradeoff.png")
     assert pixels.shape[0] > 500
