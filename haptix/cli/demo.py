@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -47,9 +48,9 @@ def demo(
             image, width_mm, mu_range, trajectory, finger, screen, carrier_hz, polarity=polarity
         )
         began_s = time.perf_counter()
-        surface, was_cached = setting.surface(lambda share: update("surface", share))
+        surface, was_cached = setting.surface(partial(update, "surface"))
         built_s = time.perf_counter()
-        simulation = simulate(setting, surface, on_progress=lambda share: update("simulate", share))
+        simulation = simulate(setting, surface, on_progress=partial(update, "simulate"))
         about = {
             "photograph": photograph,
             "width_mm": width_mm,

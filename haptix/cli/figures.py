@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -33,22 +33,17 @@ def figures(
         from haptix.figures import write_figures
 
         written = write_figures(out, update, names or ())
-    rows: list[dict[str, Any]]
-    if as_json:
-        rows = [
-            {
-                "figure": data.name,
-                "title": data.title,
-                "png": str(out / f"{data.name}.png"),
-                "csv": str(out / f"{data.name}.csv"),
-                "rows": len(next(iter(data.columns.values()))),
-                "caption": data.caption,
-            }
-            for data in written
-        ]
-    else:
-        rows = [
-            {"figure": data.name, "shows": data.title, "files": f"{data.name}.png, .csv"}
-            for data in written
-        ]
+    rows = [
+        {
+            "figure": data.name,
+            "title": data.title,
+            "png": str(out / f"{data.name}.png"),
+            "csv": str(out / f"{data.name}.csv"),
+            "rows": len(next(iter(data.columns.values()))),
+            "caption": data.caption,
+        }
+        if as_json
+        else {"figure": data.name, "shows": data.title, "files": f"{data.name}.png, .csv"}
+        for data in written
+    ]
     show(f"haptix figures: in {out}", rows, as_json)

@@ -31,9 +31,7 @@ def doctor(
         ),
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
-    root: Annotated[Path, typer.Option(help="Root folder below which the rule is written.")] = Path(
-        "/"
-    ),
+    root: Annotated[Path, typer.Option(help="Folder below which the rule is written.")] = Path("/"),
 ) -> None:
     """Check this machine: packages, system libraries, cache, and a solve against known numbers.
 
@@ -89,13 +87,12 @@ def _row(what: str, good: bool, detail: str) -> dict[str, Any]:
 def _check_udev(root: Path) -> dict[str, Any]:
     from firmware_io.links.identity import RULE_FILE, udev_rule_is_installed
 
-    good, detail = udev_rule_is_installed(root), f"{root / RULE_FILE}"
-    if not good:
-        detail += (
-            " is not there; only root can open USB and HID drivers without it: "
-            "sudo haptix doctor --install-udev"
-        )
-    return _row("udev rule", good, detail)
+    good = udev_rule_is_installed(root)
+    missing = (
+        " is not there; only root can open USB and HID drivers without it: "
+        "sudo haptix doctor --install-udev"
+    )
+    return _row("udev rule", good, f"{root / RULE_FILE}{'' if good else missing}")
 
 
 def _check_torch() -> dict[str, Any]:

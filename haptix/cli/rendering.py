@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -73,14 +74,14 @@ def render(
         setting, photograph = setting_of(
             image, width_mm, mu_range, trajectory, finger, screen, carrier_hz, direct_hz, waveform
         )
-        found = _surface(setting, surface, lambda share: update("surface", share))
+        found = _surface(setting, surface, partial(update, "surface"))
         simulation = simulate(
             setting,
             found,
             TouchPanel(touch_hz, touch_latency_ms / 1e3),
             LiveSettings(lead_s=lead_ms / 1e3),
             device,
-            lambda share: update("render", share),
+            partial(update, "render"),
         )
         about = {
             "photograph": photograph,
@@ -125,7 +126,7 @@ def play(
         setting, _ = setting_of(
             image, width_mm, mu_range, trajectory, finger, screen, carrier_hz, direct_hz, waveform
         )
-        found = _surface(setting, surface, lambda share: update("surface", share))
+        found = _surface(setting, surface, partial(update, "surface"))
         events = events_of(setting.path)
         opened = open_device(device)
         try:

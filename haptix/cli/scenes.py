@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -38,7 +39,7 @@ def plan(
         from haptix.planning import plan_scene
         from haptix.scene import Scene
 
-        found = plan_scene(Scene.load(scene), lambda share: update("plan", share))
+        found = plan_scene(Scene.load(scene), partial(update, "plan"))
     nodes = " x ".join(str(count) for count in found.nodes.values() if count > 1)
     dtype = str(found.dtype).removeprefix("torch.")
     title = (
@@ -77,10 +78,7 @@ def _full_rows(plan: Plan) -> list[dict[str, Any]]:
             "name": row.name,
             "decision": "kept" if row.kept else "dropped",
             "why": row.why,
-            "effect_mu_max": row.effect.mu_max,
-            "effect_mu_p99": row.effect.mu_p99,
-            "effect_thresholds_max": row.effect.thresholds_max,
-            "effect_thresholds_p99": row.effect.thresholds_p99,
+            **{f"effect_{name}": value for name, value in asdict(row.effect).items()},
             "time_saved_s": row.time_saved_s,
             "memory_saved_bytes": row.memory_saved_bytes,
             "savings": row.savings,

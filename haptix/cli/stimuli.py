@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isnan
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -123,14 +124,9 @@ def run(
     finally:
         opened.close()
     found = method.estimate()
-    spread = found.spread if found.spread == found.spread else None
-    row = {
-        "trials": experiment.trials,
-        "threshold_db": found.threshold,
-        "spread_db": spread,
-        **found.others,
-    }
-    show(f"{plan.name}: trials in {log}", [row], as_json)
+    spread = None if isnan(found.spread) else found.spread
+    row = {"trials": experiment.trials, "threshold_db": found.threshold, "spread_db": spread}
+    show(f"{plan.name}: trials in {log}", [{**row, **found.others}], as_json)
 
 
 def _row(table: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,8 +18,6 @@ from haptix.terminal import AsJson, placeholder_note, progress_bar, show
 if TYPE_CHECKING:
     from haptix.friction import ContactModel
     from haptix.surface import FrictionSurface
-
-    Update = Callable[[str, float], None]
 
 Finger = Annotated[str, typer.Option(help="Finger: a preset (dry, semi-wet, wet) or a TOML file.")]
 Screen = Annotated[str, typer.Option(help="Screen: a preset (3m-sct3250) or a TOML file.")]
@@ -127,11 +127,17 @@ def build(
         ranges["voltage_v"] = (0.0, voltage_v)
     try:
         with progress_bar({"plan": "plan the scene", "build": "build the surface"}) as update:
+            on_progress = partial(update, "build")
             if scene is not None:
-                surface = _planned(scene, tolerance, largest_bytes, update)
+                from haptix.planning import plan_scene
+                from haptix.scene import Scene
+
+                plan = plan_scene(Scene.load(scene), partial(update, "plan"))
+                surface = plan.build(on_progress, tolerance, largest_bytes)
             else:
                 model = _model(finger, screen, fidelity, theory, with_terms, without_terms)
-                surface = _built(model, ranges, tolerance or "0.002", target, largest_bytes, update)
+                tolerance = tolerance or "0.002"
+                surface = _built(model, ranges, tolerance, target, largest_bytes, on_progress)
     except ToleranceError as error:
         if not accept_best or error.best is None:
             sys.stderr.write(f"haptix: {error}; or pass --accept-best\n")
@@ -216,27 +222,17 @@ def check_writable(path: Path, overwrite: bool) -> None:
 
 
 def _refuse_beside_a_scene(context: typer.Context) -> None:
-    flags = {option.name: option.opts[0] for option in context.command.params}
     given = [
-        flags[name]
-        for name in _IN_A_SCENE
-        if (source := context.get_parameter_source(name)) and source.name != "DEFAULT"
+        option.opts[0]
+        for option in context.command.params
+        if (name := str(option.name)) in _IN_A_SCENE
+        and (source := context.get_parameter_source(name))
+        and source.name != "DEFAULT"
     ]
     if given:
         raise InputError(
             f"{', '.join(given)}: a scene says this itself; change it there, or in its [override]"
         )
-
-
-def _planned(
-    scene: Path, tolerance: str | None, largest_bytes: int, update: Update
-) -> FrictionSurface:
-    from haptix.planning import plan_scene
-    from haptix.scene import Scene
-
-    plan = plan_scene(Scene.load(scene), lambda share: update("plan", share))
-    asked = plan.tolerance if tolerance is None else tolerance
-    return plan.build(lambda share: update("build", share), asked, largest_bytes)
 
 
 def _built(
@@ -245,13 +241,10 @@ def _built(
     tolerance: str,
     target: Path,
     largest_bytes: int,
-    update: Update,
+    on_progress: Callable[[float], None],
 ) -> FrictionSurface:
     """Tabulate a model; boundary elements correct the mean field, and resume if interrupted."""
     from haptix.surface import FrictionSurface, MeasuringJob
-
-    def on_progress(share: float) -> None:
-        update("build", share)
 
     if model.boxed is None:
         return FrictionSurface.build(model, ranges, tolerance, on_progress, largest_bytes)
@@ -273,10 +266,7 @@ def _summary(path: Path, surface: FrictionSurface) -> dict[str, Any]:
         "file": str(path),
         "grid": " x ".join(str(size) for size in surface.mu_table.shape if size > 1),
         "bytes": path.stat().st_size,
-        "mu_low": info["mu_low"],
-        "mu_high": info["mu_high"],
-        "error_max": info["error_max"],
-        "error_p99": info["error_p99"],
+        **{name: info[name] for name in ("mu_low", "mu_high", "error_max", "error_p99")},
         "tolerance": info["tolerance"]["value"],
         "unit": info["tolerance"]["unit"],
         "met": info["tolerance_met"],
@@ -309,13 +299,12 @@ def _product(**options: str | None) -> dict[str, Any]:
     import torch
 
     given = {
-        name: torch.tensor(read_numbers(name.replace("_", "-"), text), dtype=torch.float64)
+        name: read_numbers(name.replace("_", "-"), text)
         for name, text in options.items()
         if text is not None
     }
-    grids = torch.meshgrid(*given.values(), indexing="ij")
-    rows = {name: grid.reshape(-1) for name, grid in zip(given, grids, strict=True)}
-    return {name: rows.get(name) for name in options}
+    columns = torch.tensor(list(product(*given.values())), dtype=torch.float64).T
+    return dict.fromkeys(options) | dict(zip(given, columns, strict=True))
 
 
 def _rows(inputs: dict[str, Any], outputs: dict[str, Any], status: Any) -> list[dict[str, Any]]:
