@@ -5,7 +5,6 @@ from __future__ import annotations
 import weakref
 from contextlib import suppress
 from dataclasses import replace
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -322,23 +321,14 @@ class Device:
         self._stream.stop(play_out=True)
 
     def stop_at_once(self) -> None:
-        """Bring the output to 0 V without playing the queue, and disarm. Idempotent.
+        """Bring the output to 0 V without playing the queue, and disarm; errors as from `stop`.
 
-        Raises
-        ------
-        DeviceError
-            As from `stop`.
+        Idempotent.
         """
         self._stream.stop(play_out=False)
 
     def close(self) -> None:
-        """Stop, then close the link. Idempotent.
-
-        Raises
-        ------
-        DeviceError
-            As from `stop`; the link is closed even so.
-        """
+        """Stop, then close the link; it is closed even where `stop` fails. Idempotent."""
         if self._is_closed and not self.stop_is_owed:
             return
         self._is_closed = True
@@ -348,12 +338,7 @@ class Device:
         self.arm()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
         if error is None:
             self.stop()
         else:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from firmware_io.links.registry import SCHEMES
-from firmware_io.scheme import Bus, DeviceInfo
+from firmware_io.scheme import DeviceInfo
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,18 @@ def list_devices() -> list[DeviceInfo]:
 def survey_buses() -> list[BusReport]:
     """Search every bus, without opening a device.
 
-    Returns
-    -------
-    list of BusReport
-        One for each bus. A library that is missing or fails is reported, never raised.
+    There is one report for each bus. A library that is missing or fails is reported, never raised.
     """
-    return [_survey(kind, scheme.bus) for kind, scheme in SCHEMES.items() if scheme.bus is not None]
+    reports = []
+    for kind, bus in ((kind, scheme.bus) for kind, scheme in SCHEMES.items() if scheme.bus):
+        try:
+            detail, devices = bus.search()
+            reports.append(BusReport(kind, True, detail, tuple(devices)))
+        # Whatever a third-party library raises is a finding about this computer, not our error.
+        except Exception as error:
+            detail = f"{str(error) or type(error).__name__} ({bus.remedy})"
+            reports.append(BusReport(kind, False, detail, ()))
+    return reports
 
 
 class DeviceWatch:
@@ -116,12 +122,3 @@ class DeviceWatch:
     def _run(self) -> None:
         while not self._end.wait(self._interval_s):
             self.poll()
-
-
-def _survey(kind: str, bus: Bus) -> BusReport:
-    try:
-        detail, devices = bus.search()
-    # Whatever a third-party library raises here is a finding about this computer, not our error.
-    except Exception as error:
-        return BusReport(kind, False, f"{str(error) or type(error).__name__} ({bus.remedy})", ())
-    return BusReport(kind, True, detail, tuple(devices))

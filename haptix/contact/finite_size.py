@@ -28,15 +28,7 @@ def highest_asperity(h_rms_m: Tensor, rolloff_per_m: float, apparent_area_m2: Te
 
 
 def touching_log_pressure(log_mean_gap: UniformCubic, log_height: Tensor) -> Tensor:
-    """Return ln p at which the mean gap equals a height.
-
-    Parameters
-    ----------
-    log_mean_gap : UniformCubic
-        ln of the mean gap [m] against ln p [Pa], falling.
-    log_height : Tensor
-        ln of the height [m], any shape.
-    """
+    """Return ln p [Pa] at which the mean gap equals heights, of any shape; all are logarithms."""
     step = log_mean_gap.step
     low = torch.zeros_like(log_height) + torch.as_tensor(log_mean_gap.start).detach()
     high = low + step * (log_mean_gap.values.shape[0] - 1)

@@ -77,7 +77,7 @@ class AttractionTable:
     def attraction(
         self, pull: Pull, spots: AreaFraction | None = None, floor: Tensor | None = None
     ) -> Attraction:
-        """Attraction of a batch of states against pressure; see `Attraction` for the rest."""
+        """Attraction of a batch of states against pressure, with the fields of `Attraction`."""
         log_gaps = UniformCubic.through(
             self.log_pressure[0], _STEP, torch.log(pull.on_gaps(self.gaps.mass))
         )

@@ -16,15 +16,7 @@ _BLOCK = 4096  # states solved together: bounds the memory, and fits the cache
 
 
 class FrictionSolver:
-    """Solves flat batches of states.
-
-    Parameters
-    ----------
-    terms : ActiveTerms
-        The terms that are on, and the properties that they act on.
-    fidelity : Fidelity
-        How the equilibrium is found.
-    """
+    """Solves flat batches of states, with the `terms` that are on and a `fidelity`."""
 
     def __init__(self, terms: ActiveTerms, fidelity: Fidelity) -> None:
         self.terms = terms
@@ -49,11 +41,8 @@ class FrictionSolver:
         """Solve many states a block at a time, with the `Pull` that `pull_of` gives for each."""
         # Blocks come in the order of the forces: a table that grew with each would be solved often.
         self.prepare(normal_force_n)
-        starts = range(0, len(normal_force_n), _BLOCK)
-        solved = [
-            self.solve(normal_force_n[at], pull_of(at))
-            for at in (slice(first, first + _BLOCK) for first in starts)
-        ]
+        blocks = [slice(i, i + _BLOCK) for i in range(0, len(normal_force_n), _BLOCK)]
+        solved = [self.solve(normal_force_n[at], pull_of(at)) for at in blocks]
         mu, found = zip(*solved, strict=True)
         return torch.cat(mu), Balance.joined(found)
 

@@ -30,12 +30,11 @@ def with_overrides(
     scene: Scene, everything: list[Omission]
 ) -> tuple[Choice, dict[Omission, Decision]]:
     """Return the model before planning, and the decisions that the scene takes itself."""
-    override = scene.override
-    base = Choice(friction_terms(scene, override.fidelity or FULL))
-    for name, is_on in override.terms.items():
-        if is_on:  # raises where the profiles or the fidelity do not allow it
-            how = FIDELITIES[override.fidelity or FULL]
-            chosen_terms({name: True}, scene.finger, scene.screen, how)
+    override, fidelity = scene.override, scene.override.fidelity or FULL
+    base = Choice(friction_terms(scene, fidelity))
+    on = {name: True for name, is_on in override.terms.items() if is_on}
+    # Raises where the profiles or the fidelity do not allow it.
+    chosen_terms(on, scene.finger, scene.screen, FIDELITIES[fidelity])
     settled: dict[Omission, Decision] = {}
     for one in everything:
         kept = _overridden(scene, one)
@@ -46,8 +45,7 @@ def with_overrides(
         if one.kind == "term" and one.name not in base.terms and one not in settled:
             settled[one] = Decision(False, "contradicts the scene's fidelity")
         if one.kind == "fidelity" and one not in settled:
-            on = {name for name, is_on in override.terms.items() if is_on}
-            needed = (on & friction_terms(scene)) - one.possible
+            needed = (on.keys() & friction_terms(scene)) - one.possible
             if needed:
                 names = ", ".join(sorted(needed))
                 settled[one] = Decision(True, f"needed by {names}, kept by the scene")
@@ -105,7 +103,12 @@ def spend(
             decisions[nearest] = Decision(False, "not in the coarser fidelity")
             continue
         chosen, joint = nearest.of(chosen), together[nearest]
-        decisions[nearest] = Decision(False, _why_dropped(nearest, effects[nearest], joint))
+        why = f"held at {nearest.value:.4g}; " if nearest.kind == "axis" else ""
+        if effects[nearest].thresholds_max == 0:
+            why += "changes nothing here"
+        else:
+            why += f"all dropped so far cost {joint.thresholds_max:.2g} JND"
+        decisions[nearest] = Decision(False, why)
     for one in free:
         if one not in decisions:
             decisions[one] = Decision(True, _why_kept(one, effects[one], share))
@@ -120,13 +123,6 @@ def _price(one: Omission, alone: Effect) -> float:
 def _cost(effect: Effect) -> float:
     """Largest effect [JND]; infinite where voltages would go past breakdown."""
     return inf if effect.overreach > _OVERREACH else effect.thresholds_max
-
-
-def _why_dropped(one: Omission, alone: Effect, together: Effect) -> str:
-    held = f"held at {one.value:.4g}; " if one.kind == "axis" else ""
-    if alone.thresholds_max == 0:
-        return f"{held}changes nothing here"
-    return f"{held}all dropped so far cost {together.thresholds_max:.2g} JND"
 
 
 def _why_kept(one: Omission, alone: Effect, share: float) -> str:

@@ -93,16 +93,9 @@ class SampledPlaces:
 
 
 class Trials:
-    """A scene solved in many ways at the same points.
+    """A scene solved in many ways at the same points, `count` random ones and its corners.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    reference : Choice
-        Model that bounds the voltages: by the scene's limit, breakdown, or pull-in.
-    count, seed : int
-        Number and seed of the random points.
+    The `reference` bounds the voltages: by the scene's limit, breakdown, or pull-in.
     """
 
     def __init__(self, scene: Scene, reference: Choice, count: int = 300, seed: int = _SEED):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable
 from functools import reduce
 
@@ -19,15 +20,7 @@ _STEADY_HZ = 1e-9  # of a steady voltage: a period of 30 years, in which all tha
 
 
 class ActiveTerms:
-    """What the properties of finger and screen come to with the terms that are on.
-
-    Parameters
-    ----------
-    given : Properties
-        Values of finger and screen.
-    names : iterable of str
-        Names of the terms that are on.
-    """
+    """What the properties of finger and screen come to with the terms that are on, by name."""
 
     def __init__(self, given: Properties, names: Iterable[str]) -> None:
         on = set(names)
@@ -58,25 +51,11 @@ class ActiveTerms:
         return reduce(lambda widest, term: term.gaps(widest, area_m2, spectrum), self.all, none)
 
     def thickness(self, h0_m: Tensor, frequency_hz: Tensor | None) -> Tensor:
-        """Effective thickness h0 [m] of everything that insulates.
+        """Complex effective thickness [m] of everything that insulates, from that of the film.
 
-        Parameters
-        ----------
-        h0_m : Tensor
-            That of the screen's film.
-        frequency_hz : Tensor or None
-            Frequencies [Hz], which broadcast with `h0_m`, 0 for a steady voltage. Without one the
-            skin counts as a conductor, and `h0_m` comes back as it is.
-
-        Returns
-        -------
-        Tensor
-            Complex with a frequency, real without.
-
-        Raises
-        ------
-        InputError
-            If a term that is on needs a frequency, and there is none.
+        Frequencies [Hz] broadcast with `h0_m`; 0 is a steady voltage. Without one the skin counts
+        as a conductor, and `h0_m` is returned as it is, unless a term needs a frequency: that is an
+        `InputError`.
         """
         if frequency_hz is None:
             if needing := [term.name for term in self.all if term.needs_frequency]:
@@ -98,11 +77,11 @@ class ActiveTerms:
 
     def bends(self) -> dict[str, tuple[float, ...]]:
         """Values of an input at which friction has a corner: where a surface needs a node."""
-        found: dict[str, tuple[float, ...]] = {}
+        found: defaultdict[str, set[float]] = defaultdict(set)
         for term in self.all:
             for name, values in term.bends(self.given).items():
-                found[name] = tuple(sorted({*found.get(name, ()), *values}))
-        return found
+                found[name].update(values)
+        return {name: tuple(sorted(values)) for name, values in found.items()}
 
     def placeholders(self) -> list[str]:
         """Names of the unmeasured values that the terms rest on."""
