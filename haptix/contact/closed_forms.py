@@ -1,7 +1,7 @@
-"""Contacts with exact solutions, to measure numerical ones by: Hertz and Westergaard.
+"""Contacts with exact solutions, to test numerical ones against: Hertz and Westergaard.
 
-All of them are of an elastic half-space ``E* = E/(1 - nu^2)`` against a rigid surface without
-adhesion or friction. Numbers and arrays go in and come out alike.
+An elastic half-space of ``E* = E/(1 - nu^2)`` touches a rigid surface without adhesion or
+friction. Methods take numbers and arrays.
 """
 
 from __future__ import annotations

@@ -175,7 +175,7 @@ class RoughnessSpectrum:
         return self.moment(3).sqrt()
 
     def statement(self) -> str:
-        """One line on the band and on what is in it."""
+        """Describe the band, height and slope in one line."""
         decades = log10(self.q1 / self.q0)
         return (
             f"waves of {self.q0:.3g} to {self.q1:.3g} /m ({decades:.1f} decades), h_rms "

@@ -1,4 +1,4 @@
-"""Sets of choices that belong together: what counts as the mean field, by one name."""
+"""Forms of the mean field: choices that belong together, under one name."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 NARROW_GAP_FIELD_V_PER_M = 350e6
-"""What gaps under 1 um bear."""
+"""Field that gaps under 1 um bear."""
 
 PASCHEN_MINIMUM_V = 327.0
 PASCHEN_MINIMUM_GAP_M = 7.5e-6
@@ -23,7 +23,7 @@ def peak_field(voltage_v: Tensor, thickness_m: Tensor) -> Tensor:
 def breakdown_voltage(
     thickness_m: Tensor, insulator_permittivity: float, insulator_strength_v_per_m: float
 ) -> Tensor:
-    """Amplitude [V] from which a narrow gap, one at Paschen's minimum, or the insulator gives way.
+    """Amplitude [V] at which a narrow gap, one at Paschen's minimum, or the insulator breaks down.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def breaks_down(
     insulator_permittivity: float,
     insulator_strength_v_per_m: float,
 ) -> Tensor:
-    """Whether a narrow gap, one at Paschen's minimum, or the insulator gives way.
+    """Whether a narrow gap, one at Paschen's minimum, or the insulator breaks down.
 
     Parameters
     ----------

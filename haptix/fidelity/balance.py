@@ -1,4 +1,4 @@
-"""What every fidelity is made for, is given, and gives back."""
+"""The interface of every fidelity: its contact, its load and its result."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from haptix.terms import Stage
 
 
 class Ability(StrEnum):
-    """What not every fidelity can do; the value completes "a fidelity that ..."."""
+    """Ability that some fidelities lack; the value completes "a fidelity that ..."."""
 
     TABULATE = "knows the pull-in of every state"
     INSTANTS = "solves thousands of instants of any drive"
@@ -91,7 +91,7 @@ class Fidelity(ABC):
 
     name: ClassVar[str]
     assumes: ClassVar[str]
-    """What keeps it from honouring some stages; completes "a fidelity, which ..."."""
+    """Why it does not honour some stages; completes "a fidelity, which ..."."""
     honours: ClassVar[frozenset[Stage]]
     """Stages of `haptix.terms` that it takes into account."""
     can: ClassVar[frozenset[Ability]]
@@ -104,8 +104,8 @@ class Fidelity(ABC):
         """Return the equilibrium of every state on the lowest branch."""
 
     def prepare(self, applied_pa: Tensor, widest_gap_m: Tensor | None) -> None:  # noqa: B027
-        """Make what many loads share, once, for all that will be solved; most share nothing."""
+        """Compute once what all loads that will be solved share; most fidelities share nothing."""
 
     def borrow(self, other: Fidelity) -> bool:
-        """Use what another has prepared for the same elastic contact; whether there was any."""
+        """Use what another has prepared for the same elastic contact; return whether it had any."""
         return False

@@ -1,4 +1,4 @@
-"""The box of boundary elements that stands for a finger, and what of its roughness it holds."""
+"""The box of boundary elements that represents a finger, and the roughness that it holds."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from haptix.errors import InputError
 from haptix.finger import Finger, MeasuredRoughness
 
 _PIXELS = 4.0  # in the shortest wave: the corrected area is then off by up to 4 %
-_ALL = 0.98  # share of h_rms and slope from which on nothing worth a word is missing
+_ALL = 0.98  # of h_rms and of the slope: a box that holds less is warned of
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class BoxedFinger:
         return float(drawn.slope_rms.mean()) * drawn.pixel_m
 
     def describe(self) -> dict[str, Any]:
-        """Plain values: the box, its band, its sampling and what of the finger it holds."""
+        """Plain values: the box, its band and sampling, and its share of the finger's roughness."""
         drawn = self.surfaces
         h_rms, slope = self._shares(drawn)
         return {

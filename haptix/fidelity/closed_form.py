@@ -17,7 +17,7 @@ from haptix.terms import Stage
 
 
 class ClosedForm(Fidelity):
-    """See the module."""
+    """Equilibria by the critical-voltage formula, without a table."""
 
     name = "closed-form"
     assumes = "assumes light elastic contact of infinite size"

@@ -1,4 +1,4 @@
-"""What a figure is: columns of numbers, a caption, and how the columns are drawn."""
+"""A figure: columns of numbers, a caption, and a function that draws the columns."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def placeholders(model: ContactModel) -> str:
 
 
 def basis(model: ContactModel, also_on: str = "") -> str:
-    """Sentences for a caption: what a model's numbers rest on.
+    """Return sentences for a caption: the assumptions behind a model's numbers.
 
     `also_on` names terms that are on for some of the curves only, and for which.
     """

@@ -39,7 +39,7 @@ from haptix.waves import Waveform
 LOWEST_FORCE_N, HIGHEST_FORCE_N = 1e-9, 1e6
 """Forces that are solved: far beyond any finger, and far from the ends of double precision."""
 
-_FAINT_V = 1e-9  # attraction is tabulated by its logarithm: no voltage is one that attracts nothing
+_FAINT_V = 1e-9  # in place of 0 V: attraction is tabulated by its logarithm
 _COSINE = Waveform(shift_turns=0.25)  # the drive of the paper
 _USUAL_FORCE_N = 0.5  # where the closed form is exact; the middle of the paper's range
 
@@ -249,7 +249,7 @@ class ContactModel:
     def _places(
         self, normal_force_n: Any, frequency_hz: Any, h0_m: Any
     ) -> tuple[Tensor, Tensor | None, Tensor]:
-        """Check all of a state but its voltage."""
+        """Check a state's inputs, except the voltage."""
         force = self._checked("normal_force_n", normal_force_n, "above 0 N")
         if not bool(((force >= LOWEST_FORCE_N) & (force <= HIGHEST_FORCE_N)).all()):
             raise InputError(

@@ -1,4 +1,4 @@
-"""What to leave out: first what the scene overrides, then what its budget allows."""
+"""Decide what to leave out: first the scene's overrides, then as much as its budget allows."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def with_overrides(
 
 
 def _overridden(scene: Scene, one: Omission) -> bool | None:
-    """What the scene says of one thing: True to keep it, None if it says nothing."""
+    """Return the scene's decision on one thing: True to keep it, None without one."""
     override = scene.override
     if one.kind == "term":
         return override.terms.get(one.name)

@@ -1,4 +1,4 @@
-"""What a term is: a change to one or more stages between a load and its friction."""
+"""Interface of a term: a change to one or more stages between a load and its friction."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ class PulledContact:
             if miss <= settled and tolerance == self._tolerance:
                 self.converged = bool(self.contact.converged)
                 break
-            # A contact much sharper than the shape it stands under is work for nothing.
+            # A contact need not be solved more exactly than its attraction is known.
             tolerance = max(self._tolerance, min(tolerance, 0.03 * self._sharpness * miss))
             shape = mixing.next(shape, found)
         self.shape = found

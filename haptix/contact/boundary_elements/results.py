@@ -1,4 +1,4 @@
-"""What a solved contact says: area, gaps, attraction, and how well it was solved."""
+"""Results of a solved contact: area, gaps, attraction, and how exactly it was solved."""
 
 from __future__ import annotations
 
