@@ -8,16 +8,7 @@ from typing import Annotated
 import typer
 
 from calibration.app import app as calibrate
-from haptix.cli import (
-    archive,
-    demo,
-    figures,
-    hardware,
-    rendering,
-    scenes,
-    stimuli,
-    surfaces,
-)
+from haptix.cli import archive, demo, figures, hardware, rendering, scenes, stimuli, surfaces
 from haptix.terminal import run
 from haptix.version import __version__
 

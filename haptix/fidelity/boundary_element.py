@@ -10,11 +10,7 @@ from time import perf_counter
 import torch
 from torch import Tensor
 
-from haptix.contact.boundary_elements import (
-    BoundaryElements,
-    ContactSolution,
-    ResolutionWarning,
-)
+from haptix.contact.boundary_elements import BoundaryElements, ContactSolution, ResolutionWarning
 from haptix.contact.boundary_elements.kernel import PeriodicSolid
 from haptix.contact.boundary_elements.memory import check_memory
 from haptix.equilibrium import LIGHT_CONTACT_LIMIT

@@ -18,11 +18,7 @@ from haptix.contact.boundary_elements.branch import lowest_branch
 from haptix.contact.boundary_elements.coupled import LocalAttraction, PulledContact
 from haptix.contact.boundary_elements.ensemble import Progress, Row, run_ensemble
 from haptix.contact.boundary_elements.memory import check_memory, surfaces_that_fit
-from haptix.contact.boundary_elements.results import (
-    ContactSolution,
-    corrected_area,
-    open_quantiles,
-)
+from haptix.contact.boundary_elements.results import ContactSolution, corrected_area, open_quantiles
 from haptix.contact.boundary_elements.surfaces import Surfaces
 from haptix.contact.elasticity import ElasticSolid
 from haptix.errors import InputError
