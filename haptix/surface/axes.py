@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -124,10 +123,6 @@ class Axis:
     def _cells(self) -> Cells:
         return Cells.between(torch.log(self.nodes))
 
-    @cached_property
-    def _plain_log_nodes(self) -> list[float]:
-        return [log(node) for node in self.nodes.tolist()]
-
     def read(self, value: Any) -> Tensor | None:
         """Check the values of a query; None means the value of an axis that does not vary."""
         if value is None:
@@ -157,31 +152,26 @@ class Axis:
         return self._cells.find(torch.log(x))
 
     def locate_one(self, value: Any) -> tuple[int, float]:
-        """`locate` for one number, without the cost of tensors.
+        """`locate` for one number.
 
         Raises
         ------
         InputError, RangeError
             If the value is no number, or not on the axis.
         """
-        try:
-            value = float(value)
-        except (TypeError, ValueError, RuntimeError):
-            raise InputError(
-                f"{self.name}: expected one number to slice at, got {value!r}"
-            ) from None
+        x = numbers(self.name, value, self.nodes)
+        if x.numel() != 1:
+            raise InputError(f"{self.name}: expected one number to slice at, got {value!r}")
         if self.is_absent:
             raise RangeError(f"{self.name}: the surface was built without it")
-        if not self.low * (1 - SLACK) <= value <= self.high * (1 + SLACK):
+        if not self.contains(x):
             raise RangeError(
-                f"{self.name}: {value:g} is outside the surface's {self.low:g} to {self.high:g}"
+                f"{self.name}: {float(x):g} is outside the surface's {self.low:g} to {self.high:g}"
             )
         if not self.varies:
             return 0, 0.0
-        nodes = self._plain_log_nodes
-        x = min(max(log(value), nodes[0]), nodes[-1])
-        cell = min(max(bisect_right(nodes, x) - 1, 0), len(nodes) - 2)
-        return cell, (x - nodes[cell]) / (nodes[cell + 1] - nodes[cell])
+        cell, part = self.locate(x.reshape(1))
+        return int(cell), float(part)
 
 
 @dataclass(frozen=True)

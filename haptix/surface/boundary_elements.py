@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import product
-from math import exp, log, sqrt
+from math import sqrt
 from typing import Any, Literal, get_args
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -130,7 +131,7 @@ def measured_table(
     asked: Tolerance,
     on_progress: Progress | None,
     largest_bytes: int,
-    notes: Mapping[str, Any],
+    notes: Mapping[str, Any] | None,
     checkpoint: str | os.PathLike[str] | None = None,
 ) -> tuple[Interpolant, dict[str, Any]]:
     """Solve and describe a table; see `FrictionSurface.measured`."""
@@ -153,10 +154,7 @@ def _nodes(span: tuple[float, float] | None, count: int) -> list[float | None]:
     low, high = span
     if low == high:
         return [low]
-    if count == 1:
-        return [sqrt(low * high)]
-    step = log(high / low) / (count - 1)
-    return [low, *(low * exp(step * i) for i in range(1, count - 1)), high]
+    return [sqrt(low * high)] if count == 1 else np.geomspace(low, high, count).tolist()
 
 
 def _measure(
@@ -252,14 +250,12 @@ def _refined(table: Interpolant, job: MeasuringJob) -> Interpolant:
         inner = [value for value in known if value is not None and axis.low < value < axis.high]
         nodes = axis.nodes.to("cpu", torch.float64)
         both = torch.cat([nodes, nodes.new_tensor(inner)]).unique()
-        columns = _along(columns, dim, nodes.tolist(), both)
+        columns = _along(columns, dim, nodes.log(), both.log())
         axes[dim] = Axis(axis.name, both)
     drive = table.drive.to("cpu", torch.float64)
     even = torch.linspace(0, float(drive[-1]), _DRIVES_BETWEEN * job.points.drives).to(drive)
     finer = torch.cat([drive, even]).unique()
-    cell = torch.searchsorted(drive[1:-1].contiguous(), finer, right=True)
-    part = (finer - drive[cell]) / (drive[cell + 1] - drive[cell])
-    inverse = torch.lerp(columns[..., cell], columns[..., cell + 1], part)
+    inverse = _along(columns[..., : len(drive)], columns.ndim - 1, drive, finer)
     return replace(
         table,
         axes=Axes(tuple(axes)),
@@ -271,16 +267,17 @@ def _refined(table: Interpolant, job: MeasuringJob) -> Interpolant:
 def _on_axes(grid: Tensor, job: MeasuringJob, table: Interpolant) -> Tensor:
     """Interpolate values at the solved places onto all axes of the table."""
     for dim, (known, axis) in enumerate(zip(job.nodes, table.axes, strict=True)):
-        grid = _along(grid, dim, known, axis.nodes.to("cpu", torch.float64))
+        wanted = axis.nodes.to("cpu", torch.float64)
+        if len(known) == 1:
+            grid = grid.repeat_interleave(len(wanted), dim)
+        else:
+            grid = _along(grid, dim, wanted.new_tensor(known).log(), wanted.log())
     return grid
 
 
-def _along(grid: Tensor, dim: int, known: Sequence[float | None], wanted: Tensor) -> Tensor:
-    """Interpolate one dimension, linear in the logarithm of its quantity."""
-    if len(known) == 1:
-        return grid.expand(*(len(wanted) if d == dim else n for d, n in enumerate(grid.shape)))
-    nodes = torch.log(wanted.new_tensor(known))
-    x = torch.log(wanted).clamp(nodes[0], nodes[-1])
+def _along(grid: Tensor, dim: int, nodes: Tensor, x: Tensor) -> Tensor:
+    """Interpolate one dimension linearly between two nodes or more; held beyond the ends."""
+    x = x.clamp(nodes[0], nodes[-1])
     cell = torch.searchsorted(nodes[1:-1].contiguous(), x, right=True)
     part = (x - nodes[cell]) / (nodes[cell + 1] - nodes[cell])
     part = part.reshape([-1 if d == dim else 1 for d in range(grid.ndim)])

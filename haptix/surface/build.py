@@ -42,15 +42,15 @@ def build_table(
     tolerance: Tolerance,
     on_progress: Progress | None,
     largest_bytes: int,
-    notes: Mapping[str, Any],
+    notes: Mapping[str, Any] | None,
 ) -> tuple[Interpolant, dict[str, Any]]:
     """Solve a table and describe it; see `FrictionSurface.build`.
 
     Where the tolerance cannot be met, this is the best table, and its description says so.
     """
-    ranges = read_ranges(model, scene)
+    ranges, notes = read_ranges(model, scene), dict(notes or {})
     try:
-        json.dumps(dict(notes), allow_nan=False)
+        json.dumps(notes, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise InputError(f"notes: expected plain values that JSON can hold: {error}") from None
     build = _Build(model, ranges, tolerance, largest_bytes)
@@ -63,7 +63,7 @@ def build_table(
         "ranges": ranges,
         "screen_h0_m": model.screen.h0_m,
         "response_hz_per_mm_per_s": model.finger.response_hz_per_mm_per_s,
-        "notes": dict(notes),
+        "notes": notes,
         "tolerance": {"value": tolerance.value, "unit": tolerance.unit},
         "tolerance_met": found.is_met,
         "mu_low": build.low,

@@ -101,15 +101,9 @@ LARGEST_BYTES = 64_000_000
 Unit = Literal["mu", "JND", "percent of range"]
 
 _SPELLINGS: dict[str, Unit] = {
-    "": "mu",
-    "mu": "mu",
-    "JND": "JND",
-    "jnd": "JND",
-    "threshold": "JND",
-    "thresholds": "JND",
-    "%": "percent of range",
-    "percent": "percent of range",
-    "percent of range": "percent of range",
+    **dict.fromkeys(("", "mu"), "mu"),
+    **dict.fromkeys(("JND", "jnd", "threshold", "thresholds"), "JND"),
+    **dict.fromkeys(("%", "percent", "percent of range"), "percent of range"),
 }
 
 
@@ -201,12 +195,9 @@ def _code_digest() -> str:
     """Hash of the source code: a surface of an earlier solver is never found in the cache."""
     code = hashlib.sha256()
     package = Path(__file__).parent.parent
-    folders = [
-        package / folder
-        for folder in ("contact", "electro", "terms", "fidelity", "friction", "surface")
-    ]
-    for file in sorted(
-        [*package.glob("*.py"), *(f for folder in folders for f in folder.rglob("*.py"))]
-    ):
+    files = list(package.glob("*.py"))
+    for folder in ("contact", "electro", "terms", "fidelity", "friction", "surface"):
+        files += (package / folder).rglob("*.py")
+    for file in sorted(files):
         code.update(file.read_bytes())
     return code.hexdigest()

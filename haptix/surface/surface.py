@@ -104,7 +104,7 @@ class FrictionSurface:
             job = MeasuringJob(model, scene or {})
             return cls.measured(job, tolerance, on_progress, largest_bytes, notes)
         asked = Tolerance.read(tolerance)
-        found = build_table(model, scene or {}, asked, on_progress, largest_bytes, notes or {})
+        found = build_table(model, scene or {}, asked, on_progress, largest_bytes, notes)
         return cls(*found)._within(asked, largest_bytes)
 
     @classmethod
@@ -133,12 +133,12 @@ class FrictionSurface:
         Raises
         ------
         InputError, ToleranceError
-            As `build` does.
+            As by `build`.
         FileFormatError
             If the checkpoint is damaged or belongs to something else.
         """
         asked = Tolerance.read(tolerance)
-        found = measured_table(job, asked, on_progress, largest_bytes, notes or {}, checkpoint)
+        found = measured_table(job, asked, on_progress, largest_bytes, notes, checkpoint)
         return cls(*found)._within(asked, largest_bytes)
 
     def _within(self, tolerance: Tolerance, largest_bytes: int) -> FrictionSurface:

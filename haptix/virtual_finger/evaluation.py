@@ -85,9 +85,8 @@ def evaluate(
         If lengths differ, a target is not above 0, or a number is out of its range.
     """
     target = np.asarray(target_mu, dtype=np.float64)
-    reachable = np.ones(len(felt.t_s), dtype=bool)
-    if is_reachable is not None:
-        reachable = np.asarray(is_reachable)
+    everywhere = np.ones(len(felt.t_s), dtype=bool)
+    reachable = everywhere if is_reachable is None else np.asarray(is_reachable)
     for name, given in (("target_mu", target), ("is_reachable", reachable)):
         if given.shape != felt.t_s.shape:
             raise InputError(

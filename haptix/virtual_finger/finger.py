@@ -123,10 +123,9 @@ class VirtualFinger:
             raise InputError(
                 f"sample_rate_hz: expected {low:g} to {high:g} Hz, got {sample_rate_hz:g} Hz"
             )
-        volts, start = self._volts("drive_v", drive_v), checks.number("start_s", start_s)
-        drive = Samples(volts, float(sample_rate_hz), start, self._thickness_m)
+        played = self._played("drive_v", drive_v, sample_rate_hz, start_s)
         path = Trajectory.of(t_s, x_mm, y_mm, normal_force_n)
-        return self._feel(drive, path, output_rate_hz)
+        return self._feel(Samples(*played, self._thickness_m), path, output_rate_hz)
 
     def feel_carrier(
         self,
@@ -153,13 +152,12 @@ class VirtualFinger:
         """
         checks.positive("sample_rate_hz", sample_rate_hz)
         checks.positive("frequency_hz", frequency_hz)
-        volts, start = self._volts("amplitude_v", amplitude_v), checks.number("start_s", start_s)
-        if volts.min() < 0:
-            raise InputError(f"amplitude_v: expected 0 V or more, got {volts.min():g} V")
+        played = self._played("amplitude_v", amplitude_v, sample_rate_hz, start_s)
+        if (lowest := played[0].min()) < 0:
+            raise InputError(f"amplitude_v: expected 0 V or more, got {lowest:g} V")
         (thickness,) = self._thickness_m(np.array([float(frequency_hz)]))
-        drive = Amplitude(volts, float(sample_rate_hz), start, complex(thickness))
         path = Trajectory.of(t_s, x_mm, y_mm, normal_force_n)
-        return self._feel(drive, path, output_rate_hz)
+        return self._feel(Amplitude(*played, complex(thickness)), path, output_rate_hz)
 
     def _feel(self, drive: Drive, path: Trajectory, output_rate_hz: float) -> Felt:
         if not output_rate_hz >= _LOWEST_RATE_HZ:
@@ -190,18 +188,13 @@ class VirtualFinger:
         if slides.any():
             mu[slides], stable = self._friction(force[slides], squares[:, slides], field)
             status[slides] = np.where(stable, reported[slides], int(Status.PULL_IN))
-        return Felt(
-            t_s=time,
-            x_mm=x,
-            y_mm=y,
-            speed_mm_per_s=speed,
-            normal_force_n=force,
-            mu=mu,
-            friction_force_n=np.where(slides, mu * force, 0.0),
-            status=status,
-        )
+        friction_force_n = np.where(slides, mu * force, 0.0)
+        return Felt(time, x, y, speed, force, mu, friction_force_n, status)
 
-    def _volts(self, name: str, value: npt.ArrayLike) -> Array:
+    def _played(
+        self, name: str, value: npt.ArrayLike, sample_rate_hz: float, start_s: float
+    ) -> tuple[Array, float, float]:
+        """Checked volts, their rate and the time of the first."""
         volts = checks.row(name, value, _FEWEST_SAMPLES)
         limit = self.model.screen.max_voltage_v
         highest = float(np.abs(volts).max())
@@ -210,7 +203,7 @@ class VirtualFinger:
                 f"{name}: {highest:g} V is above the limit of {limit:g} V of screen "
                 f"{self.model.screen.name!r}; what was played must not exceed it"
             )
-        return volts
+        return volts, float(sample_rate_hz), checks.number("start_s", start_s)
 
     def _squares(
         self, drive: Drive, field: GapField, path: Trajectory, count: int, rate_hz: float

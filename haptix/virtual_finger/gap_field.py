@@ -1,8 +1,8 @@
 """Places in the gap at which the squared field is followed, for any voltage.
 
-A gap u divides a voltage with the insulators frequency by frequency, ``E(f) = V(f)/(u + h0(f))``,
-and is pulled by the square of the field that they add up to in time. With a real length h near the
-insulators' own, and ``s = h/(u + h)``, which runs from 0 in wide gaps to 1 at a contact spot,
+A gap u divides a voltage with the insulators frequency by frequency, ``E(f) = V(f)/(u + h0(f))``.
+Its attraction goes with the square of their sum in time. With a real length h near the insulators'
+own, and ``s = h/(u + h)``, which runs from 0 in wide gaps to 1 at a contact spot,
 
     E = F^-1[ V(f) / (1 + d(f) s) ] / (u + h),    d(f) = h0(f)/h - 1.
 
@@ -67,21 +67,23 @@ class GapField:
             drive_v, sample_rate_hz, "boxcar", length, detrend=False, scaling="spectrum"
         )
         thickness = thickness_m(frequency)
-        pull = energy / np.abs(thickness) ** 2
-        if not pull.any():
+        attraction = energy / np.abs(thickness) ** 2
+        if not attraction.any():
             return cls(1.0, 1)
-        strongest, weight = _by_band(frequency, pull)
+        strongest, weight = _by_band(frequency, attraction)
         return cls.for_bands(thickness[strongest], weight, widest_gap_m)
 
     @classmethod
-    def for_bands(cls, thickness_m: ComplexArray, pull: Array, widest_gap_m: float) -> GapField:
+    def for_bands(
+        cls, thickness_m: ComplexArray, attraction: Array, widest_gap_m: float
+    ) -> GapField:
         """Choose h and the fewest points that hold the attraction on every gap within 1e-4.
 
         Parameters
         ----------
         thickness_m : ndarray of complex, shape (bands,)
             h0 [m] of each band of frequencies.
-        pull : ndarray, shape (bands,)
+        attraction : ndarray, shape (bands,)
             Attraction of each in a contact spot, in any unit.
         widest_gap_m : float
             Gaps are no wider [m].
@@ -92,11 +94,11 @@ class GapField:
             If the insulators differ too much between the bands.
         """
         size = np.abs(thickness_m)
-        reference, thinnest = float((pull * size).sum() / pull.sum()), float(size.min())
+        reference, thinnest = float((attraction * size).sum() / attraction.sum()), float(size.min())
         for count in _COUNTS:
             for span in (None, (thinnest, widest_gap_m)):
                 field = cls(reference, count, span)
-                if field._error(thickness_m, pull, widest_gap_m) <= _TOLERANCE:
+                if field._error(thickness_m, attraction, widest_gap_m) <= _TOLERANCE:
                     return field
         raise InputError(
             "drive_v: expected frequencies that meet similar insulators, got ones between "
@@ -125,27 +127,26 @@ class GapField:
             np.linalg.solve(at_points.T, chebvander(2 * place - 1, self.points - 1).T)
         )
 
-    def _error(self, thickness_m: ComplexArray, pull: Array, widest_gap_m: float) -> float:
+    def _error(self, thickness_m: ComplexArray, attraction: Array, widest_gap_m: float) -> float:
         """Largest error of the attraction on any gap, relative to the attraction there."""
         finest = 1e-2 * float(np.abs(thickness_m).min())
         gap = np.append(0.0, np.geomspace(finest, widest_gap_m, _TESTED))
-        excess = (thickness_m / self.reference_m - 1)[:, None]
+        excess = thickness_m[:, None] / self.reference_m - 1
         exact = 1 / (1 + excess * (self.reference_m / (gap + self.reference_m))) ** 2
         lack = np.abs((1 / (1 + excess * self.share) ** 2) @ self.basis_of_gaps(gap) / exact - 1)
-        there = pull[:, None] * np.abs(thickness_m[:, None] / (gap + thickness_m[:, None])) ** 2
+        h0 = thickness_m[:, None]
+        there = attraction[:, None] * np.abs(h0 / (gap + h0)) ** 2
         # A weak frequency attracts by its product with a strong one: its amplitude counts.
         return float((np.sqrt(there / there.sum(axis=0)) * lack).max())
 
 
-def _by_band(frequency: Array, pull: Array) -> tuple[npt.NDArray[np.int64], Array]:
+def _by_band(frequency: Array, attraction: Array) -> tuple[npt.NDArray[np.int64], Array]:
     """Index of the strongest frequency, and sum of the attraction, of each band not empty."""
     octave = np.log2(np.maximum(frequency, frequency[1] / 2) / frequency[1])
     band = np.floor(octave * _BANDS_PER_OCTAVE).astype(int)
     first = np.flatnonzero(np.diff(band, prepend=band[0] - 1))
-    total = np.add.reduceat(pull, first)
-    last = np.append(first[1:], len(pull))
-    strongest = np.array(
-        [low + int(pull[low:high].argmax()) for low, high in zip(first, last, strict=True)]
-    )
+    total = np.add.reduceat(attraction, first)
+    parts = np.split(attraction, first[1:])
+    strongest = first + np.array([part.argmax() for part in parts])
     used = total > _EMPTY * total.max()
     return strongest[used], total[used]
