@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import numpy as np
 import numpy.typing as npt
@@ -68,7 +68,6 @@ class Producer:
         self._samples = samples
         self._must_end = threading.Event()
         self._error: BaseException | None = None
-        self._settings = ready_interpreter()
         self._thread = threading.Thread(target=self._run, name="haptix renderer", daemon=True)
 
     @property
@@ -79,12 +78,10 @@ class Producer:
     def start(self) -> None:
         """Arm the device and start the thread."""
         # The collection comes first: it takes long, and an armed driver does not wait.
-        self._settings.__enter__()
-        try:
+        with ExitStack() as stack:
+            stack.enter_context(ready_interpreter())
             self._playback.start()
-        except BaseException:
-            self._settings.__exit__(None, None, None)
-            raise
+            self._interpreter = stack.pop_all()
         self._thread.start()
 
     def raise_once(self) -> None:
@@ -97,7 +94,7 @@ class Producer:
         """End at 0 V; raise the error that ended the thread, unless another one is being raised."""
         self._must_end.set()
         self._thread.join()
-        self._settings.__exit__(None, None, None)
+        self._interpreter.close()
         try:
             self._playback.stop(drain=error is None)
         except BaseException as failure:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from haptix import checks
+from haptix.checks import Length, Positive, check_fields, choice
 from haptix.touch import TouchSettings
 
 Combination = Literal["strongest", "first", "mean"]
@@ -74,17 +74,16 @@ class RenderSettings:
     """
 
     h0_m: float | None = None
-    block_s: float = 0.005
+    block_s: Positive = 0.005
     compress: tuple[float, float] | None = None
     combination: Combination = "strongest"
     sliding: Sliding = Sliding()
-    slew_v_per_s: float = SLEW_V_PER_S
+    slew_v_per_s: Length = SLEW_V_PER_S
     keep_blocks: bool = False
 
     def __post_init__(self) -> None:
-        checks.positive("block_s", self.block_s)
-        checks.choice("combination", self.combination, get_args(Combination))
-        checks.positive("slew_v_per_s", self.slew_v_per_s, open_end=True)
+        check_fields(self)
+        choice("combination", self.combination, get_args(Combination))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,9 +103,5 @@ class LiveSettings(RenderSettings):
     """
 
     touch: TouchSettings = field(default_factory=TouchSettings)
-    lead_s: float = 0.025
+    lead_s: Positive = 0.025
     strict: bool = True
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        checks.positive("lead_s", self.lead_s)

@@ -32,9 +32,8 @@ from scipy.signal import freqz
 from haptix.checks import positive
 from haptix.errors import FileFormatError, InputError
 from haptix.texture.field import Array
-from haptix.texture.line_spectrum import polynomial_of_lsf
 from haptix.texture.noise import Noise
-from haptix.texture.penn_file import Contents, contents_of, root_of
+from haptix.texture.penn_file import Contents, contents_of, polynomial_of_lsf, root_of
 
 TOOL_MASS_KG = 0.05
 """Mass that turns the toolkit's accelerations into forces unless another is given: the order of a

@@ -18,6 +18,9 @@ from haptix.texture.field import Array, FrictionField, TargetKind, check_range
 from haptix.texture.levels import LARGEST_BYTES, HeightRule, levels_by_rule, read_grey, stretched
 from haptix.texture.pyramid import Pyramid
 
+Polarity = Literal["bright-high", "dark-high"]
+Range = tuple[float, float]
+
 
 class Sidecar(Document):
     """Size and friction of a photograph; JSON beside it, ``brick.json`` for ``brick.png``.
@@ -40,7 +43,7 @@ class Sidecar(Document):
     """
 
     width_mm: Annotated[float, Field(gt=0, strict=True)]
-    polarity: Literal["bright-high", "dark-high"]
+    polarity: Polarity
     target: Literal["mu", "contrast", "share"] = "share"
     low: Annotated[float, Field(strict=True)] = 0.0
     high: Annotated[float, Field(strict=True)] = 1.0
@@ -70,9 +73,6 @@ class Sidecar(Document):
 
 _COARSE_MM = 0.5  # of a pixel; a fingertip tells places of about a millimetre apart
 _MOST_PIXELS = 4_000_000  # of a map that is refined
-
-Polarity = Literal["bright-high", "dark-high"]
-Range = tuple[float, float]
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Touch: from a touchscreen's reports to the finger's place and normal force now."""
 
-from haptix.touch.events import TouchCounts, TouchEvent
+from haptix.touch.events import TouchCounts, TouchEvent, events_of, paced, read_events
 from haptix.touch.filters import (
     ConstantVelocityKalman,
     OneEuroFilter,
@@ -8,7 +8,6 @@ from haptix.touch.filters import (
     SingerKalman,
 )
 from haptix.touch.force import AreaProxy, ForceEstimate, ForceModel
-from haptix.touch.replay import events_of, paced, read_events
 from haptix.touch.settings import TouchSettings
 from haptix.touch.slots import AxisRange, ScreenAxes, SlotDecoder
 from haptix.touch.touches import Touches

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from haptix import checks
+from haptix.checks import NotNegative, Positive, check_fields, choice
 from haptix.motion import LIFTED_BELOW_N, Trajectory
 
 Array = npt.NDArray[np.float64]
@@ -80,21 +80,18 @@ class SensorModel:
         the screen of the force with which the finger drags it, positive towards larger x or y.
     """
 
-    force_noise_n: float = 0.0
+    force_noise_n: NotNegative = 0.0
     drift_n_per_s: float = 0.0
     crosstalk: float = 0.0
     offset_n: float = 0.0
     tangential_sign: int = 1
-    latency_s: float = 0.0
+    latency_s: NotNegative = 0.0
     axis: Axis = "motion"
 
     def __post_init__(self) -> None:
-        for name in ("force_noise_n", "latency_s"):
-            checks.number(name, getattr(self, name), 0.0)
-        for name in ("drift_n_per_s", "crosstalk", "offset_n"):
-            checks.number(name, getattr(self, name))
-        checks.choice("tangential_sign", self.tangential_sign, (1, -1))
-        checks.choice("axis", self.axis, get_args(Axis))
+        check_fields(self)
+        choice("tangential_sign", self.tangential_sign, (1, -1))
+        choice("axis", self.axis, get_args(Axis))
 
     def read(self, felt: Felt, seed: int = 0) -> SensedForce:
         """Read what a finger felt; the same seed gives the same noise."""
@@ -151,22 +148,19 @@ class TouchPanel:
         Step of the reported place; 0 for none.
     """
 
-    rate_hz: float = 100.0
-    latency_s: float = 0.02
-    place_noise_mm: float = 0.0
-    force_noise_n: float = 0.0
-    resolution_mm: float = 0.0
+    rate_hz: Positive = 100.0
+    latency_s: NotNegative = 0.02
+    place_noise_mm: NotNegative = 0.0
+    force_noise_n: NotNegative = 0.0
+    resolution_mm: NotNegative = 0.0
 
     def __post_init__(self) -> None:
-        checks.positive("rate_hz", self.rate_hz)
-        for name in ("latency_s", "place_noise_mm", "force_noise_n", "resolution_mm"):
-            checks.number(name, getattr(self, name), 0.0)
+        check_fields(self)
 
     def read(self, path: Trajectory, seed: int = 0) -> SensedTouch:
         """Report a true path; the same seed gives the same noise."""
-        time = (
-            path.t_s[0] + np.arange(int(path.duration_s * self.rate_hz + 1e-6) + 1) / self.rate_hz
-        )
+        scans = int(path.duration_s * self.rate_hz + 1e-6) + 1
+        time = path.t_s[0] + np.arange(scans) / self.rate_hz
         x, y, force = path.at(time)
         random = np.random.default_rng(seed)
         place = np.stack([x, y]) + random.normal(0.0, self.place_noise_mm, (2, len(time)))
