@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix import checks
-
-Array = npt.NDArray[np.float64]
+from haptix.checks import Array
 
 _STANDING_MM_PER_S = 1e-3  # gains of slower fingers are those at this speed
 

@@ -11,11 +11,9 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import increasing, row
+from haptix.checks import Array, increasing, row
 from haptix.errors import InputError
 from haptix.files import read_csv
-
-Array = npt.NDArray[np.float64]
 
 FARTHEST_MM = 1e6
 """Places farther from the origin than this are not on a screen."""

@@ -11,9 +11,8 @@ from typing import Literal, Self, get_args
 import numpy as np
 import numpy.typing as npt
 
+from haptix.checks import Array
 from haptix.errors import InputError
-
-Array = npt.NDArray[np.float64]
 
 _STEP = 512  # samples between two points of the grid on which `sine` adds angles
 

@@ -8,11 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io import Device
+from haptix.checks import Array
 from haptix.errors import InputError
 from haptix.finger_response import FingerResponse
 from haptix.render.drive import Drive, DriverCarrier, SineCarrier
 from haptix.render.settings import RenderSettings
-from haptix.render.target import Amplitudes, Array, Target
+from haptix.render.target import Amplitudes, Target
 from haptix.status import Status
 from haptix.surface import FrictionSurface, Slice
 from haptix.texture import FrictionField

@@ -12,10 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix import checks
+from haptix.checks import Array
 from haptix.errors import InputError
 from haptix.waves import Waveform, turns
-
-Array = npt.NDArray[np.float64]
 
 _LEAST_DC_FREE = 1e-6
 """Largest mean of a waveform over its peak: what rounding of a thousand samples leaves."""

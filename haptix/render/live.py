@@ -9,13 +9,13 @@ from typing import Any, Self
 import numpy as np
 
 from firmware_io import Device
+from haptix.checks import Array
 from haptix.errors import InputError
 from haptix.render.core import Motion
 from haptix.render.drive import Drive
 from haptix.render.producer import Producer
 from haptix.render.session import LONGEST_GAP_S, RenderSession, VirtualTimeSession
 from haptix.render.settings import LiveSettings
-from haptix.render.target import Array
 from haptix.surface import FrictionSurface
 from haptix.texture import FrictionField
 from haptix.touch import TouchCounts, Touches, TouchEvent, TouchTracker
@@ -27,12 +27,6 @@ class LiveFingers:
     """Fingers at the control points of the next block.
 
     One thread may take touches while another asks for the motion.
-
-    Parameters
-    ----------
-    settings : LiveSettings
-        How touches are followed, how the drive fades, and whether a touch that cannot be used
-        raises.
     """
 
     def __init__(self, settings: LiveSettings) -> None:
@@ -161,8 +155,7 @@ class LiveRenderer(_LiveSession):
     One thread renders, another owns the device (`firmware_io.Playback`), and touches are given as
     they come, stamped by `now_s`.
 
-    Parameters are those of `RenderCore`, with `LiveSettings`. The device's voltage ceiling is
-    lowered to the surface's voltage limit, and must not be below it.
+    Parameters are those of `RenderCore`, with `LiveSettings`.
     """
 
     _producer: Producer | None = None

@@ -8,12 +8,12 @@ from math import hypot
 
 import numpy as np
 
+from haptix.checks import Array
 from haptix.errors import InputError
 from haptix.motion import Trajectory
 from haptix.render.core import Motion
 from haptix.render.session import VirtualTimeSession
 from haptix.render.settings import Sliding
-from haptix.render.target import Array
 from haptix.touch import ForceModel, TouchEvent, events_of
 from haptix.touch.events import problem_of
 
@@ -53,13 +53,7 @@ class Track:
 
 
 class RecordedFingers:
-    """Recorded touches of several fingers, each path known up to its last touch.
-
-    Parameters
-    ----------
-    sliding : Sliding
-        When a finger gets the drive.
-    """
+    """Recorded touches of several fingers, each path known up to its last touch."""
 
     def __init__(self, sliding: Sliding) -> None:
         self._sliding = sliding
@@ -69,13 +63,7 @@ class RecordedFingers:
     def touch(
         self, touch_id: int, t_s: float, x_mm: float, y_mm: float, normal_force_n: float
     ) -> None:
-        """Take a checked touch.
-
-        Raises
-        ------
-        InputError
-            If its time does not advance.
-        """
+        """Take a checked touch; `InputError` if its time does not advance."""
         track = self._tracks.get(touch_id)
         if track is None or not track.is_down:
             if t_s < self._latest_s - LOST_S:
@@ -154,12 +142,8 @@ _LONG_S = 0.25  # a block of `play`: far longer than what numpy costs per call
 class Renderer(VirtualTimeSession):
     """Renders a texture under recorded touches, which are joined by straight lines.
 
-    Touches drive the clock. A touch that cannot be used raises `InputError`.
-
-    Parameters
-    ----------
-    surface, texture, device, drive, settings
-        As of `RenderCore`.
+    Touches drive the clock. A touch that cannot be used raises `InputError`. Parameters are those
+    of `RenderCore`.
     """
 
     def _reset(self) -> None:

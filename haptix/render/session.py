@@ -85,16 +85,11 @@ class RenderSession(RenderCore, ABC):
     Leaving the context ends at 0 V. So does a failing device: the next call raises its error once,
     and the renderer can be entered again.
 
-    Parameters
-    ----------
-    surface, texture, device, drive, settings
-        As of `RenderCore`. The device's voltage ceiling is lowered to the surface's voltage limit,
-        and must not be below it.
+    Parameters are those of `RenderCore`. The device's voltage ceiling is lowered to the surface's
+    voltage limit.
 
     Raises
     ------
-    InputError
-        If the device cannot play the drive, or the surface does not hold it.
     LimitError
         On entering, if the surface's voltage limit is above the device's ceiling.
     """

@@ -9,11 +9,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from haptix.checks import Array
 from haptix.errors import InputError
 from haptix.surface import Column
 from haptix.texture import TargetKind, as_mu
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from haptix.checks import Array
 from haptix.friction import ContactModel
 from haptix.render import DirectWave
 from haptix.simulation.played import Played
 from haptix.status import Status
 from haptix.virtual_finger import Felt, VirtualFinger
-
-Array = npt.NDArray[np.float64]
 
 PARTS: Mapping[str, str] = {
     "finger": "what no drive can change: the finger's own response smooths friction along its path",

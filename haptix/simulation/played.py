@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io import Device, MockDriver, open_device
+from haptix.checks import Array
 from haptix.errors import InputError
 from haptix.friction import ContactModel
 from haptix.motion import LIFTED_BELOW_N, Trajectory
@@ -81,8 +82,6 @@ class Setting:
     def _frequency_hz(self) -> float:
         return DEFAULT_CARRIER_HZ if self.drive is None else self.drive.frequency_hz
 
-
-Array = npt.NDArray[np.float64]
 
 _FEWEST_SAMPLES = 4  # that the virtual finger feels
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from haptix.checks import Array
 from haptix.render import LiveSettings
 from haptix.simulation.parts import felt_in_steps
 from haptix.simulation.played import Played, Setting, play_known, play_live
@@ -21,8 +22,6 @@ from haptix.virtual_finger import (
     VirtualFinger,
     evaluate,
 )
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

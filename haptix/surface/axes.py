@@ -152,13 +152,7 @@ class Axis:
         return self._cells.find(torch.log(x))
 
     def locate_one(self, value: Any) -> tuple[int, float]:
-        """`locate` for one number.
-
-        Raises
-        ------
-        InputError, RangeError
-            If the value is no number, or not on the axis.
-        """
+        """`locate` for one number on the axis; `InputError` or `RangeError` for anything else."""
         x = numbers(self.name, value, self.nodes)
         if x.numel() != 1:
             raise InputError(f"{self.name}: expected one number to slice at, got {value!r}")
@@ -211,15 +205,7 @@ class Axes:
         return [axis.read(query.get(axis.name)) for axis in self.each]
 
     def at(self, values: Mapping[str, Any], columns: Tensor) -> tuple[Axes, Tensor]:
-        """Slice axes away at one value each; None leaves an axis as it is.
-
-        Parameters
-        ----------
-        values : mapping
-            Values by name of the axis.
-        columns : Tensor, shape (*shape, entries)
-            Table over the axes.
-        """
+        """Slice a table, shape (*shape, entries), at values by name; None leaves an axis."""
         axes = list(self.each)
         for dim, axis in enumerate(self.each):
             value = values.get(axis.name)

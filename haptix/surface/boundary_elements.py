@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from math import sqrt
@@ -27,13 +27,11 @@ from haptix.fidelity import Ability, BoundaryElementBalance
 from haptix.friction import ContactModel
 from haptix.status import Status
 from haptix.surface.axes import AXIS_NAMES, Axes, Axis
-from haptix.surface.build import build_table
+from haptix.surface.build import Progress, build_table
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.request import Tolerance, digest, read_ranges, surface_key
 
 Band = Literal["finger", "box"]
-Progress = Callable[[float], None]
-
 _DRIVES_BETWEEN = 4  # nodes for each solved voltage: the ratio bends elsewhere in each column
 
 

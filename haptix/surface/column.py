@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from haptix.checks import Array
 from haptix.status import Status
 
-Array = npt.NDArray[np.float64]
 Codes = npt.NDArray[np.int8]
 Floats = Any
 """One number, or an array of them where there are several forces."""

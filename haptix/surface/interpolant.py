@@ -26,14 +26,10 @@ Answer = Callable[..., tuple[Tensor, ...]]
 
 
 def in_blocks(answer: Answer, inputs: Sequence[Tensor | None]) -> tuple[Tensor, ...]:
-    """Return ``answer(*inputs)``, block by block.
+    """Return ``answer(*inputs)``, block by block, on all of torch's threads.
 
-    Parameters
-    ----------
-    answer : callable
-        Takes tensors of one length, or None where `inputs` has None, and returns tensors of it.
-    inputs : sequence of Tensor or None
-        Flat tensors of one length. Where autograd records, or on a GPU, they go in one piece.
+    Inputs are flat tensors of one length, or None; the answer's tensors have that length. Where
+    autograd records, or on a GPU, they go in one piece.
     """
     given = [t for t in inputs if t is not None]
     count = len(given[0])

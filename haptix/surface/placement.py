@@ -8,27 +8,15 @@ import torch
 from torch import Tensor
 
 CellError = Callable[[int, int], float]
+"""Largest error inside a cell between two points; it grows with the cell."""
 
 
 def fewest_nodes(points: int, error: CellError, tolerance: float) -> list[int]:
     """Choose nodes among points so that the error of no cell exceeds the tolerance.
 
     Each cell is made as long as possible. Then all cells are made a little shorter, as long as this
-    costs no node, so that the last cell is not the only short one.
-
-    Parameters
-    ----------
-    points : int
-        Points along the axis; the first and the last are always nodes.
-    error : callable
-        Largest error inside a cell between two points; it grows with the cell.
-    tolerance : float
-        Largest error allowed.
-
-    Returns
-    -------
-    list of int
-        Increasing. The error of a cell between neighbouring points is taken as 0.
+    costs no node, so that the last cell is not the only short one. The first and the last point are
+    always nodes. The error of a cell between neighbouring points is taken as 0.
     """
     nodes = _longest_cells(points, error, tolerance)
     for share in (0.5, 0.7, 0.85):
@@ -57,14 +45,7 @@ def _longest_cells(points: int, error: CellError, tolerance: float) -> list[int]
 def chord_error(values: Tensor, at: Tensor, start: int, end: int) -> Tensor:
     """Chord minus curve inside a cell, shape (inner points, ...).
 
-    Parameters
-    ----------
-    values : Tensor, shape (points, ...)
-        The curves.
-    at : Tensor, shape (points,)
-        Positions of the points.
-    start, end : int
-        First and last point of the chord.
+    The curves have `values`, shape (points, ...), at positions `at`, shape (points,).
     """
     share = (at[start + 1 : end] - at[start]) / (at[end] - at[start])
     share = share.reshape(-1, *([1] * (values.ndim - 1)))

@@ -28,12 +28,7 @@ _NAMES = (*AXIS_NAMES, "voltage_v")
 def read_ranges(model: ContactModel, scene: Any) -> dict[str, tuple[float, float] | None]:
     """Complete and check ranges: ``(low, high)`` by name, None for an axis that is left out.
 
-    Parameters
-    ----------
-    model : ContactModel
-        Gives the defaults.
-    scene : mapping, or an object with ``ranges()``
-        ``(low, high)`` or one value by name.
+    `scene` is a mapping, or an object with ``ranges()``; the model gives the defaults.
     """
     if not isinstance(scene, Mapping) and not hasattr(scene, "ranges"):
         raise InputError(f"scene: expected a scene or ranges by name, got {scene!r}")
@@ -76,10 +71,7 @@ def _read_range(name: str, value: Any) -> tuple[float, float] | None:
 def low_and_high(value: Any, zero: bool = False) -> tuple[float, float]:
     """Return a finite range above 0, or with `zero` from 0; one number stands for both ends.
 
-    Raises
-    ------
-    ValueError
-        If the value is no such range.
+    Anything else raises `ValueError`, which pydantic reports.
     """
     if hasattr(value, "tolist"):
         value = value.tolist()

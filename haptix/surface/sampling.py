@@ -89,15 +89,7 @@ class Pilot:
 
 @dataclass(frozen=True)
 class Sampler:
-    """Solves a model within ranges.
-
-    Parameters
-    ----------
-    model : ContactModel
-        The model.
-    ranges : mapping
-        See `haptix.surface.request`.
-    """
+    """Solves a model within ranges."""
 
     model: ContactModel
     ranges: Ranges

@@ -9,10 +9,11 @@ from typing import Any, Self
 
 import numpy as np
 
+from haptix.checks import Array
 from haptix.errors import InputError
 from haptix.status import Status
 from haptix.surface.axes import SLACK
-from haptix.surface.column import PULL_IN_DRIVE, Array, Column
+from haptix.surface.column import PULL_IN_DRIVE, Column
 from haptix.surface.interpolant import Interpolant
 
 _AVERAGED_NODES = 65  # over the drive; lines between them are within 1e-4

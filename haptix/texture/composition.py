@@ -8,9 +8,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from haptix.checks import Positive, check_fields, choice, number
+from haptix.checks import Array, Positive, check_fields, choice, number
 from haptix.errors import InputError
-from haptix.texture.field import Array, FrictionField, TargetKind, check_target
+from haptix.texture.field import FrictionField, TargetKind, check_target
 from haptix.texture.recorded import RecordedProfile
 from haptix.texture.texture import Texture
 

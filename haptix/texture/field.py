@@ -9,11 +9,10 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import choice
+from haptix.checks import Array, choice
 from haptix.errors import InputError
 from haptix.motion import FARTHEST_MM
 
-Array = npt.NDArray[np.float64]
 Floats = Any
 """Numbers of any shape, or one number."""
 

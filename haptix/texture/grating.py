@@ -7,8 +7,8 @@ from math import log2
 
 import numpy as np
 
-from haptix.checks import Positive, check_fields
-from haptix.texture.field import Array, FrictionField, TargetKind, check_range, check_target, turned
+from haptix.checks import Array, Positive, check_fields
+from haptix.texture.field import FrictionField, TargetKind, check_range, check_target, turned
 from haptix.texture.pyramid import blend_levels
 from haptix.waves import Shape, Waveform
 

@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from haptix import checks
+from haptix.checks import Array
 from haptix.errors import InputError
 from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
-from haptix.texture.field import Array, FrictionField, as_mu
+from haptix.texture.field import FrictionField, as_mu
 from haptix.texture.texture import Texture
 
 if TYPE_CHECKING:

@@ -31,18 +31,8 @@ def read_grey(
 ) -> npt.NDArray[np.float64]:
     """Return grey pixels, shape (rows, columns), from a file or from grey or colour pixels.
 
-    Parameters
-    ----------
-    image : path or array_like
-        A file, or pixels. The header of a file is read first.
-    largest_bytes : int
-        Limit of the memory for reading it and making a texture of it.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or is no image, the pixels have no image's shape, or there are too
-        many of them: then nothing but a header was read.
+    `largest_bytes` limits the memory for reading it and making a texture of it. An image that is
+    larger raises `InputError` when only its header was read, as does what is no image.
     """
     positive("largest_bytes", largest_bytes)
     if isinstance(image, str | Path):
@@ -130,12 +120,7 @@ def levels_by_rule(
     """Levels from 0 to 1 of heights, both of shape (rows, columns).
 
     The scale of the heights does not matter: their 1st and 99th percentile, or the 99th of their
-    slope's size, become the ends of the range.
-
-    Raises
-    ------
-    InputError
-        If the rule is unknown, or the map is flat by it.
+    slope's size, become the ends of the range. A map that is flat by the rule raises `InputError`.
     """
     choice("rule", rule, get_args(HeightRule))
     if rule == "height":
@@ -157,13 +142,7 @@ def levels_by_rule(
 
 
 def stretched(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Levels from 0 to 1 between the 1st and 99th percentile: single pixels do not decide.
-
-    Raises
-    ------
-    InputError
-        If these are the same.
-    """
+    """Levels from 0 to 1 between the 1st and 99th percentile: single pixels do not decide."""
     low, high = np.percentile(values, (1.0, 99.0))
     if high <= low:
         raise InputError("image: expected some contrast, got pixels of one grey")

@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from haptix.checks import Positive, check_fields, choice, number, positive, whole
+from haptix.checks import Array, Positive, check_fields, choice, number, positive, whole
 from haptix.errors import InputError
-from haptix.texture.field import Array, FrictionField, TargetKind, check_target, turned
+from haptix.texture.field import FrictionField, TargetKind, check_target, turned
 from haptix.texture.pyramid import Beyond, Pyramid
 
 Spectrum = Callable[[Array], Array]

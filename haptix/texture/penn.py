@@ -29,9 +29,8 @@ import numpy.typing as npt
 from scipy.optimize import nnls
 from scipy.signal import freqz
 
-from haptix.checks import positive
+from haptix.checks import Array, positive
 from haptix.errors import FileFormatError, InputError
-from haptix.texture.field import Array
 from haptix.texture.noise import Noise
 from haptix.texture.penn_file import Contents, contents_of, polynomial_of_lsf, root_of
 

@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import Delaunay
 
+from haptix.checks import Array
 from haptix.errors import FileFormatError, InputError
-from haptix.texture.field import Array
 
 _LARGEST_FILE = 50_000_000
 _UNITS = {"AccelUnits": "m/s", "SpeedUnits": "mm/s", "ForceUnits": "N"}
@@ -48,13 +48,7 @@ class Contents:
 
 
 def root_of(path: Path) -> ET.Element:
-    """Parse a file up to its root.
-
-    Raises
-    ------
-    FileFormatError
-        If it is missing, too large, no XML or another kind of XML.
-    """
+    """Parse a file up to its root; `FileFormatError` for any other file."""
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise FileFormatError(f"{path}: expected a model of at most {_LARGEST_FILE} bytes")
@@ -73,13 +67,7 @@ def root_of(path: Path) -> ET.Element:
 
 
 def contents_of(root: ET.Element) -> Contents:
-    """Read and check what is below the root.
-
-    Raises
-    ------
-    ValueError
-        If something is missing, contradicts itself or is not stable.
-    """
+    """Read what is below the root; `ValueError` if it contradicts itself or is not stable."""
     for name, start in _UNITS.items():
         unit = (root.findtext(name) or start).strip()
         if not unit.startswith(start):
@@ -193,13 +181,7 @@ def polynomial_of_lsf(lsf: npt.ArrayLike) -> Array:
 
 
 def lsf_of_polynomial(polynomial: npt.ArrayLike) -> Array:
-    """Line spectral frequencies [rad], increasing, of a polynomial.
-
-    Raises
-    ------
-    InputError
-        If a root is not within the unit circle.
-    """
+    """Line spectral frequencies [rad], of a polynomial with its roots in the unit circle."""
     a = np.asarray(polynomial, dtype=np.float64)
     a = a / a[0]
     if len(a) == 1:

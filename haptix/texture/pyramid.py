@@ -21,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.ndimage import correlate1d
 
-from haptix.texture.field import Array
+from haptix.checks import Array
 
 Beyond = Literal["outside", "hold", "repeat"]
 """Beyond the edges of a map: the outside value, the edge's value, or the map again."""

@@ -10,10 +10,10 @@ from typing import Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import Positive, check_fields, choice, increasing, row
+from haptix.checks import Array, Positive, check_fields, choice, increasing, row
 from haptix.errors import FileFormatError, InputError
 from haptix.files import read_csv
-from haptix.texture.field import Array, FrictionField, TargetKind, check_target, turned
+from haptix.texture.field import FrictionField, TargetKind, check_target, turned
 from haptix.texture.pyramid import Pyramid
 
 _MOST_SAMPLES = 4_000_000

@@ -11,10 +11,10 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 from scipy.ndimage import zoom
 
-from haptix.checks import choice, number, positive
+from haptix.checks import Array, choice, number, positive
 from haptix.documents import Document
 from haptix.errors import FileFormatError, InputError
-from haptix.texture.field import Array, FrictionField, TargetKind, check_range
+from haptix.texture.field import FrictionField, TargetKind, check_range
 from haptix.texture.levels import LARGEST_BYTES, HeightRule, levels_by_rule, read_grey, stretched
 from haptix.texture.pyramid import Pyramid
 
@@ -35,11 +35,6 @@ class Sidecar(Document):
         What `low` and `high` are, see `haptix.texture.as_mu`.
     low, high : float
         Values of the two ends of the grey scale; 0 and 1 where the target is a share.
-
-    Raises
-    ------
-    InputError
-        If a field is unknown, missing or outside its range.
     """
 
     width_mm: Annotated[float, Field(gt=0, strict=True)]

@@ -8,13 +8,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
-from haptix.checks import number, positive
+from haptix.checks import Array, number, positive
 from haptix.errors import InputError
 from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
 from haptix.virtual_finger.sensing import Felt
-
-Array = npt.NDArray[np.float64]
 
 FELT_WITHIN_S = 1e-3
 """Friction is averaged over this time: vibration is felt up to about 1 kHz (physics page, section

@@ -7,6 +7,7 @@ import numpy.typing as npt
 import torch
 
 from haptix import checks
+from haptix.checks import Array
 from haptix.electro.pull import Pull, representative_gaps
 from haptix.errors import InputError, LimitError
 from haptix.fidelity import Ability
@@ -18,8 +19,6 @@ from haptix.threads import one_thread
 from haptix.virtual_finger.gap_field import ComplexArray, GapField
 from haptix.virtual_finger.played import Amplitude, Drive, Excerpt, Samples
 from haptix.virtual_finger.sensing import Felt, SensedForce, SensorModel
-
-Array = npt.NDArray[np.float64]
 
 _FINER = 4  # steps of the response in one of the output
 _PART_S = 10.0  # felt at a time: bounds the memory

@@ -21,9 +21,9 @@ import numpy.typing as npt
 from numpy.polynomial.chebyshev import chebpts1, chebvander
 from scipy.signal import welch
 
+from haptix.checks import Array
 from haptix.errors import InputError
 
-Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 Thickness = Callable[[Array], ComplexArray]
 """Complex h0 [m] at frequencies [Hz] from 0."""

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
+from haptix.checks import Array
 from haptix.virtual_finger.gap_field import GapField, Thickness
 
-Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
 FLAT_SHARE, CLOSED_SHARE = 0.2, 0.5

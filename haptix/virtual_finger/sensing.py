@@ -8,10 +8,8 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import NotNegative, Positive, check_fields, choice
+from haptix.checks import Array, NotNegative, Positive, check_fields, choice
 from haptix.motion import LIFTED_BELOW_N, Trajectory
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
