@@ -49,7 +49,7 @@ class Producer:
     render : callable
         Returns the samples of the next block, for the time at which its first is played.
     samples : int
-        Of each block.
+        Number of samples of a block.
     lead_s : float
         See `firmware_io.Playback`.
     """

@@ -23,48 +23,6 @@ _BLOCK = 65536  # larger gains nothing; at an eighth of it, calls take half of t
 _LEAST_PER_THREAD = 2 * _BLOCK  # below, starting a thread costs more than it saves
 
 Answer = Callable[..., tuple[Tensor, ...]]
-
-
-def in_blocks(answer: Answer, inputs: Sequence[Tensor | None]) -> tuple[Tensor, ...]:
-    """Return ``answer(*inputs)``, block by block, on all of torch's threads.
-
-    Inputs are flat tensors of one length, or None; the answer's tensors have that length. Where
-    autograd records, or on a GPU, they go in one piece.
-    """
-    given = [t for t in inputs if t is not None]
-    count = len(given[0])
-    if any(t.requires_grad or t.is_cuda for t in given):
-        return answer(*inputs)
-    if count <= _BLOCK:
-        with one_thread():
-            return answer(*inputs)
-
-    def part(start: int, stop: int) -> list[Tensor | None]:
-        return [None if t is None else t[start:stop] for t in inputs]
-
-    with one_thread():
-        first = answer(*part(0, _BLOCK))
-    results = tuple(torch.empty(count, dtype=r.dtype, device=r.device) for r in first)
-    for result, block in zip(results, first, strict=True):
-        result[:_BLOCK] = block
-
-    def work(start: int, stop: int) -> None:
-        with one_thread():
-            for low in range(start, stop, _BLOCK):
-                high = min(low + _BLOCK, stop)
-                for result, block in zip(results, answer(*part(low, high)), strict=True):
-                    result[low:high] = block
-
-    threads = min(torch.get_num_threads(), count // _LEAST_PER_THREAD)
-    if threads < 2:
-        work(_BLOCK, count)
-        return results
-    ends = [_BLOCK + (count - _BLOCK) * i // threads for i in range(threads + 1)]
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(work, ends[:-1], ends[1:]))
-    return results
-
-
 Query = Mapping[str, Any]
 """Values by name of the axis, which broadcast; a missing one is None."""
 
@@ -163,9 +121,7 @@ class Interpolant:
             columns=self.columns.to(device, dtype),
         )
 
-    def _ask(
-        self, answer: Callable[..., tuple[Tensor, ...]], first: Tensor, query: Query
-    ) -> tuple[Tensor, ...]:
+    def _ask(self, answer: Answer, first: Tensor, query: Query) -> tuple[Tensor, ...]:
         """Broadcast a quantity with the places on the axes, and answer block by block."""
         places = self.axes.read(query)
         shape = broadcast_shape(first, *(place for place in places if place is not None))
@@ -263,3 +219,43 @@ def _outside(status: Tensor, inside: Tensor) -> Tensor:
     """Put OUT_OF_RANGE where a point is not inside."""
     within = _small(inside)
     return (within * status + (1 - within) * _OUT_OF_RANGE).long()
+
+
+def in_blocks(answer: Answer, inputs: Sequence[Tensor | None]) -> tuple[Tensor, ...]:
+    """Return ``answer(*inputs)``, block by block, on all of torch's threads.
+
+    Inputs are flat tensors of one length, or None; the answer's tensors have that length. Where
+    autograd records, or on a GPU, they go in one piece.
+    """
+    given = [t for t in inputs if t is not None]
+    count = len(given[0])
+    if any(t.requires_grad or t.is_cuda for t in given):
+        return answer(*inputs)
+    if count <= _BLOCK:
+        with one_thread():
+            return answer(*inputs)
+
+    def part(start: int, stop: int) -> list[Tensor | None]:
+        return [None if t is None else t[start:stop] for t in inputs]
+
+    with one_thread():
+        first = answer(*part(0, _BLOCK))
+    results = tuple(torch.empty(count, dtype=r.dtype, device=r.device) for r in first)
+    for result, block in zip(results, first, strict=True):
+        result[:_BLOCK] = block
+
+    def work(start: int, stop: int) -> None:
+        with one_thread():
+            for low in range(start, stop, _BLOCK):
+                high = min(low + _BLOCK, stop)
+                for result, block in zip(results, answer(*part(low, high)), strict=True):
+                    result[low:high] = block
+
+    threads = min(torch.get_num_threads(), count // _LEAST_PER_THREAD)
+    if threads < 2:
+        work(_BLOCK, count)
+        return results
+    ends = [_BLOCK + (count - _BLOCK) * i // threads for i in range(threads + 1)]
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(work, ends[:-1], ends[1:]))
+    return results

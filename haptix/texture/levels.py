@@ -15,7 +15,7 @@ from skimage.color import rgb2gray
 from skimage.io import imread
 from skimage.util import img_as_float64
 
-from haptix.checks import choice, positive
+from haptix.checks import Array, choice, positive
 from haptix.errors import InputError
 
 LARGEST_BYTES = 1_500_000_000
@@ -26,13 +26,11 @@ LARGEST_BYTES = 1_500_000_000
 _BYTES_PER_PIXEL = 8 * 6
 
 
-def read_grey(
-    image: str | Path | npt.ArrayLike, largest_bytes: int = LARGEST_BYTES
-) -> npt.NDArray[np.float64]:
+def read_grey(image: str | Path | npt.ArrayLike, largest_bytes: int = LARGEST_BYTES) -> Array:
     """Return grey pixels, shape (rows, columns), from a file or from grey or colour pixels.
 
-    `largest_bytes` limits the memory for reading it and making a texture of it. An image that is
-    larger raises `InputError` when only its header was read, as does what is no image.
+    `largest_bytes` limits the memory for reading it and making a texture of it. A larger image
+    raises `InputError` before more than its header is read. So does a file that is no image.
     """
     positive("largest_bytes", largest_bytes)
     if isinstance(image, str | Path):
@@ -114,9 +112,7 @@ Hayward, Nature 412, 445 (2001)); a stroke against the direction feels it inside
 _CLIPPED = 99.0  # percentile of steepness that becomes the end of the range
 
 
-def levels_by_rule(
-    heights: npt.NDArray[np.float64], rule: HeightRule, direction_deg: float
-) -> npt.NDArray[np.float64]:
+def levels_by_rule(heights: Array, rule: HeightRule, direction_deg: float) -> Array:
     """Levels from 0 to 1 of heights, both of shape (rows, columns).
 
     The scale of the heights does not matter: their 1st and 99th percentile, or the 99th of their
@@ -141,7 +137,7 @@ def levels_by_rule(
     return np.asarray(np.clip(offset + scale * steepness / top, 0.0, 1.0))
 
 
-def stretched(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def stretched(values: Array) -> Array:
     """Levels from 0 to 1 between the 1st and 99th percentile: single pixels do not decide."""
     low, high = np.percentile(values, (1.0, 99.0))
     if high <= low:

@@ -151,7 +151,7 @@ class ForceModel:
 
 
 LARGEST_FORCE_N = 1e3
-"""Of a finger on a screen: more is another unit."""
+"""A finger presses with less: a larger number is in another unit."""
 
 
 def _usable(value: float) -> bool:

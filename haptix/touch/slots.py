@@ -63,10 +63,10 @@ class ScreenAxes:
     x, y : AxisRange
         Places from the upper left corner, as screens count.
     force_n_per_unit : float, optional
-        Of ABS_MT_PRESSURE, whose units are each screen's own: without it pressure is not used.
+        Unit of ABS_MT_PRESSURE, which differs between screens; without it pressure is not used.
     area_units_per_mm : float, optional
-        Of ABS_MT_TOUCH_MAJOR and MINOR; those of `x` without, as the kernel asks of drivers. Taken
-        as the axes of an ellipse, or of a circle where there is no minor axis.
+        Unit of ABS_MT_TOUCH_MAJOR and MINOR; the default is that of `x`, as the kernel asks of
+        drivers. They are the axes of an ellipse, or of a circle where there is no minor axis.
     """
 
     x: AxisRange

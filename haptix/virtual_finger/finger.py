@@ -43,11 +43,11 @@ class VirtualFinger:
     model : ContactModel
         Finger and screen; "mean-field" or "closed-form".
     sensor : SensorModel, optional
-        What `read` measures with; without one, perfectly.
+        What `read` measures with; the default is a perfect one.
     seed : int
-        Of the sensor's noise.
+        Seed of the sensor's noise.
     h0_m : float, optional
-        Effective thickness of the screen's insulator [m]; the screen's own without.
+        Effective thickness of the insulator [m]; the default is the screen's own.
     has_response : bool
         False: friction follows the attraction at once, without the finger's first-order response.
 
@@ -96,7 +96,7 @@ class VirtualFinger:
         drive_v : array, shape (samples,)
             Voltage played [V]; 0 V before its first and after its last sample.
         sample_rate_hz : float
-            Of the drive [Hz].
+            Rate of the drive's samples [Hz].
         t_s, x_mm, y_mm, normal_force_n : array, shape (touches,)
             The finger's true path: times [s], places [mm] and normal forces [N], 0 where lifted;
             all are linear in between. Place and force may be single numbers.

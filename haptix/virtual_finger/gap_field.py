@@ -61,7 +61,7 @@ class GapField:
     ) -> GapField:
         """Choose the points for this drive's attraction, see `for_bands`."""
         length = min(_WELCH, len(drive_v))
-        # With the silence around it: to be switched on and off is part of the drive.
+        # Include the silence around it: switching on and off is part of the drive.
         drive_v = np.pad(drive_v, length // 2)
         frequency, energy = welch(
             drive_v, sample_rate_hz, "boxcar", length, detrend=False, scaling="spectrum"
