@@ -10,10 +10,10 @@ demo: .venv/.ready ## render a texture end to end, no hardware needed, into hapt
 	.venv/bin/haptix demo --out haptix-demo $(ARGS)
 
 test: .venv/.ready ## run the tests (ARGS='-k surface -x')
-	.venv/bin/python -m pytest -n auto --dist loadfile $(ARGS)
+	.venv/bin/python -m pytest -n auto --dist loadgroup $(ARGS)
 
 test-slow: .venv/.ready ## the tests that make test leaves out for their time
-	.venv/bin/python -m pytest -n auto -m slow $(ARGS)
+	.venv/bin/python -m pytest -n auto --dist worksteal -m slow $(ARGS)
 
 test-devices: .venv/.ready ## the tests through real USB, HID, touchscreen and audio stacks (first: bash scripts/setup-devices.sh)
 	.venv/bin/python -m pytest -m devices tests/devices $(ARGS)

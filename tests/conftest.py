@@ -35,6 +35,17 @@ def pytest_runtest_makereport(
     return report
 
 
+#: Folders whose files share what takes seconds to make: one process runs all of such a folder.
+ONE_PROCESS = ("calibration", "figures", "planning", "simulation", "stimuli", "surface")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        folder = item.path.parent.name
+        group = folder if folder in ONE_PROCESS else f"{folder}/{item.path.name}"
+        item.add_marker(pytest.mark.xdist_group(group))
+
+
 @pytest.fixture(scope="session", autouse=True)
 def plain_terminal() -> Iterator[None]:
     """A terminal of 80 columns without colours, whatever this one is."""
