@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, PlainSerializer, PlainValidator
+from pydantic import BeforeValidator, Field, PlainSerializer, PlainValidator, model_validator
 
 from calibration.parameters import PER_FINGER, Array, FingerPrior
 from calibration.residuals import Repeatability
@@ -16,9 +16,20 @@ from haptix.errors import InputError
 
 Verdict = Literal["determined", "prior", "undetermined", "fixed"]
 
+
+def _finite(values: Any) -> Array:
+    try:
+        found = np.asarray(values, dtype=float)
+    except (TypeError, OverflowError) as error:
+        raise ValueError(f"expected numbers: {error}") from None
+    if not np.isfinite(found).all():
+        raise ValueError("expected finite numbers")
+    return found
+
+
 _Numbers = Annotated[
     Array,
-    PlainValidator(lambda values: np.asarray(values, dtype=float)),
+    PlainValidator(_finite),
     PlainSerializer(lambda values: values.tolist()),
 ]
 _UpperBound = Annotated[  # JSON has no infinity
@@ -120,6 +131,15 @@ class Fit(Document):
     left_out: dict[int, str]
     terms: tuple[str, ...]
 
+    @model_validator(mode="after")
+    def _belongs_together(self) -> Self:
+        count = len(self.free)
+        if self.log_values.shape != (len(self.names),) or not set(self.free) <= set(self.names):
+            raise ValueError("log_values and free: expected a number for each of the names")
+        if self.covariance.shape != (count, count):
+            raise ValueError(f"covariance: expected shape ({count}, {count})")
+        return self
+
     @classmethod
     def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
         if fields.get("format") != "haptix fit":
@@ -154,7 +174,10 @@ class Fit(Document):
 
     def best(self, name: str) -> float:
         """Value with which the model predicts, determined or not."""
-        return exp(float(self.log_values[self.names.index(name)]))
+        try:
+            return exp(float(self.log_values[self.names.index(name)]))
+        except (OverflowError, ValueError):
+            raise InputError(f"{name}: the fit has no such value") from None
 
     def finger_prior(self) -> FingerPrior:
         """What this fit knows of the finger, for the next screen that it touches."""

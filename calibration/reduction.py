@@ -17,7 +17,7 @@ from calibration.recording_checks import check_recording, drive_amplitude, idle_
 from calibration.segmentation import Segment, full_slip, sliding_speed
 from haptix.documents import first_error
 from haptix.errors import FileFormatError, InputError
-from haptix.files import csv_text, read_csv, write_whole
+from haptix.files import csv_text, parse_json, read_csv, write_whole
 
 _BLOCKS = 8  # of a segment: their scatter is the error of its mean
 _HIGHEST_SHARE = 0.4  # of the sampling rate, up to which a ripple is looked for
@@ -108,7 +108,7 @@ class Reduced:
         try:
             cells = [dict(row.cells) for row in read_csv(path, _COLUMNS)]
             for one in cells:
-                one["notes"] = json.loads(one["notes"])
+                one["notes"] = parse_json(one["notes"])
             return cls(TypeAdapter(tuple[Point, ...]).validate_python(cells))
         except ValidationError as error:
             why = first_error("stroke", error)

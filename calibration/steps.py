@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
 from typing import NamedTuple
+
+from pydantic import TypeAdapter
 
 from calibration.comparison import TermNeed, compare_terms
 from calibration.fit import Fit
@@ -33,8 +34,8 @@ from calibration.reduction import Reduced, reduce_session
 from calibration.report import write_report
 from calibration.session import Session
 from calibration.verification import TOLERANCE_THRESHOLDS, Verification, verify
-from haptix.errors import FileFormatError, InputError
-from haptix.files import json_text, read_text, write_whole
+from haptix.errors import InputError
+from haptix.files import json_text, parse_json, read_text, reading, write_whole
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
@@ -161,10 +162,8 @@ def verify_folder(
 def _needs(path: Path) -> list[TermNeed]:
     if not path.exists():
         return []
-    try:
-        return [TermNeed(**one) for one in json.loads(read_text(path))]
-    except (TypeError, ValueError) as error:
-        raise FileFormatError(f"{path}: expected a list of terms, got {error!r}") from None
+    with reading(path, "a list of terms"):
+        return TypeAdapter(list[TermNeed]).validate_python(parse_json(read_text(path)))
 
 
 def _date(text: str) -> date | None:

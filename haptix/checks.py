@@ -49,7 +49,9 @@ def plain(value: Any) -> float | None:
     """Return a real number as a float, and None for anything else."""
     with suppress(AttributeError, ValueError, RuntimeError):  # not an array or tensor of one
         value = value.item()
-    return float(value) if isinstance(value, Real) and not isinstance(value, bool) else None
+    with suppress(OverflowError):  # an integer beyond all floats
+        return float(value) if isinstance(value, Real) and not isinstance(value, bool) else None
+    return None
 
 
 def positive(name: str, value: Any, *, open_end: bool = False) -> float:
@@ -102,7 +104,7 @@ def row(name: str, values: Any, least_count: int = 1) -> Array:
     """Return finite numbers as an array of shape (count,), with `least_count` of them or more."""
     try:
         found = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         raise InputError(f"{name}: expected numbers, got {values!r:.80}") from None
     if found.ndim != 1 or len(found) < least_count:
         raise InputError(

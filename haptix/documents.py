@@ -43,7 +43,7 @@ class Document(Part):
 
     schema_version: Literal[1] = 1
 
-    def __init__(self, **fields: Any) -> None:
+    def __init__(self, /, **fields: Any) -> None:
         try:
             super().__init__(**fields)
         except ValidationError as error:
@@ -90,7 +90,7 @@ class Document(Part):
         version = fields.get("schema_version", 1)
         if version != 1:
             raise FileFormatError(
-                f"{path}: expected schema_version 1, got {version!r}; update haptix to read it"
+                f"{path}: expected schema_version 1, got {version!r:.40}; update haptix to read it"
             )
         try:
             return cls._from_table(with_numbers(cls.__name__, fields), path.parent)
@@ -117,6 +117,6 @@ def first_error(name: str, error: ValidationError) -> str:
     field = ".".join((name, *map(str, keys)))
     # An error of the whole table names its reason; printing all fields would hide it.
     told = first["type"] == "missing" or not first["loc"]
-    got = "" if told else f", got {first['input']!r}"
+    got = "" if told else f", got {first['input']!r:.200}"
     message = first["msg"].removeprefix("Value error, ")
     return f"{field}: {message[0].lower()}{message[1:]}{got}"

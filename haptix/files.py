@@ -6,17 +6,36 @@ import csv
 import io
 import json
 import os
+import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from secrets import token_hex
 from typing import Any, TypeVar
 
 import platformdirs
 
-from haptix.errors import FileFormatError, InputError
+from haptix.errors import FileFormatError, HaptixError, InputError
+
+LARGEST_DOCUMENT_BYTES = 4_000_000
+"""Of a JSON, TOML or XML file. Those of haptix have some kilobytes; a TOML file of this size takes
+up to ten seconds to parse."""
+LARGEST_TABLE_BYTES = LARGEST_PICTURE_BYTES = 64_000_000
+"""Of a CSV file: half an hour of a finger at 1 kHz, whose rows take some ten times as much memory.
+Of a picture that is read as a whole: as many pixels as a texture may have, in 16 bits."""
+
+_BLOCK_BYTES = 1 << 20
+_MOST_VALUES = 100_000  # of a document; checks of that many wrong ones take 0.6 GB and 6 s
+_DEEPEST = 64  # tables and lists in each other; those of haptix have at most ten
+_UNUSABLE = re.compile("[\0\ud800-\udfff]")
+# Dotted keys, which tomllib reads in a time that grows with the square of their parts.
+_DOTTED = re.compile(
+    r"""(?<![\w-])(?:(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+)++"""
+)
 
 Number = TypeVar("Number", int, float)
 Content = bytes | memoryview | str | Callable[[Path], object]
@@ -112,23 +131,117 @@ def json_text(value: object) -> str:
     return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def read_text(path: str | Path) -> str:
-    """Read a text file in UTF-8, with or without a byte-order mark, or raise `FileFormatError`."""
+def read_bytes(path: str | Path, largest_bytes: int = LARGEST_DOCUMENT_BYTES) -> bytes:
+    """Read a file of at most `largest_bytes`, or raise `FileFormatError`."""
     try:
-        # newline="" keeps line breaks within the cells of a table.
-        with Path(path).open(encoding="utf-8-sig", newline="") as file:
-            return file.read()
-    except OSError as error:
-        raise FileFormatError(f"cannot read {path}: {error.strerror}") from None
+        with Path(path).open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            if size <= largest_bytes:
+                # A pipe or a device does not say its size.
+                blocks = iter(partial(file.read, _BLOCK_BYTES), b"")
+                data = b"".join(islice(blocks, largest_bytes // _BLOCK_BYTES + 2))
+                size = max(size, len(data))
+    except (OSError, ValueError) as error:  # a name with a NUL is a ValueError
+        why = getattr(error, "strerror", None) or error
+        raise FileFormatError(f"cannot read {path}: {why}") from None
+    if size > largest_bytes:
+        raise FileFormatError(
+            f"{path}: expected a file of at most {largest_bytes / 1e6:g} MB, got "
+            f"{size / 1e6:.3g} MB; is it another file? If not, split it or thin it out"
+        )
+    return data
+
+
+def read_text(path: str | Path, largest_bytes: int = LARGEST_DOCUMENT_BYTES) -> str:
+    """Read a text file in UTF-8, with or without a byte-order mark, or raise `FileFormatError`.
+
+    Line breaks stay as they are, since the cells of a table may hold some.
+    """
+    try:
+        return read_bytes(path, largest_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FileFormatError(f"{path}: expected a text file, got: {error}") from None
 
 
+@contextmanager
+def reading(path: str | Path, expected: str) -> Iterator[None]:
+    """Raise `FileFormatError` for whatever goes wrong with the contents of somebody's file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    expected : str
+        What it should be, such as "a checkpoint of an ensemble".
+    """
+    try:
+        yield
+    except HaptixError:
+        raise
+    except OSError as error:
+        raise FileFormatError(f"cannot read {path}: {error.strerror or error}") from None
+    except Exception as error:  # every library has errors of its own
+        why = str(error) or type(error).__name__
+        message = f"{path}: expected {expected}, wrong or missing: {why:.300}"
+        raise FileFormatError(message) from None
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Parse JSON that may come from anywhere.
+
+    Raises
+    ------
+    ValueError
+        If it is no JSON, or is more than a document holds: see `checked_values`.
+    """
+    try:
+        return checked_values(json.loads(text, parse_constant=_refuse_constant))
+    except RecursionError:
+        raise _too_deep() from None
+
+
+def checked_values(value: Any) -> Any:
+    """Return the values of a parsed document.
+
+    Raises
+    ------
+    ValueError
+        If there are too many of them or too deep in each other, an integer has more than 64 bits,
+        or a text holds what no file name or terminal takes.
+    """
+    level, count = [value], 0
+    for _ in range(_DEEPEST):
+        inner: list[Any] = []
+        for one in level:
+            if isinstance(one, dict):
+                inner += one
+                inner += one.values()
+            elif isinstance(one, list):
+                inner += one
+            elif isinstance(one, str):
+                if _UNUSABLE.search(one):
+                    raise ValueError(f"a text with a NUL or half a character: {one!r:.60}")
+            elif isinstance(one, int) and one.bit_length() > 64:
+                raise ValueError(f"an integer of {one.bit_length()} bits; expected 64 at most")
+        count += len(inner)
+        if count > _MOST_VALUES:
+            raise ValueError(f"more than {_MOST_VALUES} values; keep measurements in CSV files")
+        if not inner:
+            return value
+        level = inner
+    raise _too_deep()
+
+
+def _too_deep() -> ValueError:
+    return ValueError(f"tables or lists more than {_DEEPEST} deep in each other; flatten them")
+
+
 def read_json(path: str | Path) -> dict[str, Any]:
     """Read a JSON file that holds one object, or raise `FileFormatError`."""
+    text = read_text(path)
     try:
-        value = json.loads(read_text(path), parse_constant=_refuse_constant)
-    except (ValueError, RecursionError) as error:
+        value = parse_json(text)
+    except ValueError as error:
         raise FileFormatError(f"{path}: expected a JSON file, got: {error}") from None
     if not isinstance(value, dict):
         raise FileFormatError(f"{path}: expected a JSON object, got {value!r:.40}")
@@ -141,10 +254,14 @@ def _refuse_constant(name: str) -> float:
 
 def read_toml(path: str | Path) -> dict[str, Any]:
     """Read a TOML file, or raise `FileFormatError`."""
+    text = read_text(path)
     try:
-        return tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        raise FileFormatError(f"{path}: expected a TOML file, got: {error}") from None
+        if any(key[0].count(".") > _DEEPEST for key in _DOTTED.finditer(text)):
+            raise _too_deep()
+        return dict(checked_values(tomllib.loads(text)))
+    except (ValueError, RecursionError) as error:
+        why = _too_deep() if isinstance(error, RecursionError) else error
+        raise FileFormatError(f"{path}: expected a TOML file, got: {why}") from None
 
 
 @dataclass(frozen=True)
@@ -191,7 +308,8 @@ def read_csv(
         If the file cannot be read, a column is missing or named twice, or a row is too short or
         too long.
     """
-    reader = csv.reader(io.StringIO(read_text(path), newline=""), skipinitialspace=True)
+    text = read_text(path, LARGEST_TABLE_BYTES)
+    reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
     try:
         names = [name.strip() for name in next(reader, [])]
         wrong = [name for name in required if names.count(name) != 1]

@@ -12,6 +12,8 @@ import typer
 
 from haptix.errors import HaptixError
 
+_LONGEST_MESSAGE = 10_000
+
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
@@ -20,7 +22,10 @@ def run(app: Callable[[], object], name: str) -> None:
     try:
         app()
     except HaptixError as error:
-        sys.stderr.write(f"{name}: {error}\n")
+        text = str(error)
+        if len(text) > _LONGEST_MESSAGE:  # it may quote a file
+            text = f"{text[:_LONGEST_MESSAGE]} ..."
+        sys.stderr.write(f"{name}: {text}\n")
         sys.exit(2)
 
 

@@ -75,7 +75,7 @@ def _converted(place: str, key: str, value: Any) -> Any:
 
 def _quantity(place: str, text: str, unit: str, example: str) -> float:
     wrong = InputError(
-        f'{place}: expected a number, or one with its unit such as "{example}", got {text!r}'
+        f'{place}: expected a number, or one with its unit such as "{example}", got {text!r:.80}'
     )
     match = _NUMBER.fullmatch(text)
     if match is None:
@@ -84,8 +84,11 @@ def _quantity(place: str, text: str, unit: str, example: str) -> float:
     own_power, own_dimension = _read_unit(unit) or (0, {})
     if dimension != own_dimension:
         raise wrong
-    # Decimal powers of ten are exact: "0.2 um" is the float that 2e-7 is.
-    return float(Decimal(match[1]).scaleb(power - own_power))
+    try:
+        # Decimal powers of ten are exact: "0.2 um" is the float that 2e-7 is.
+        return float(Decimal(match[1]).scaleb(power - own_power))
+    except ArithmeticError:  # an exponent that no decimal has
+        raise wrong from None
 
 
 def _read_unit(text: str) -> tuple[int, Dimension] | None:

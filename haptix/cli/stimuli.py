@@ -58,7 +58,7 @@ def look(
     as_json: AsJson = False,
 ) -> None:
     """Draw a stimulus (waveform, spectrum, friction, thresholds, audibility), or check a set."""
-    from haptix.files import read_json, write_whole
+    from haptix.files import read_json, reading, write_whole
 
     if what.is_dir():
         from haptix.stimuli.making import check_manifest
@@ -70,17 +70,21 @@ def look(
                 f"{', '.join(wrong[:5])}; make the set again"
             )
         manifest = read_json(what / "manifest.json")
-        names = [name for name in manifest["files"] if name.endswith((".wav", ".flac"))]
-        tables = [read_json((what / name).with_suffix(".json")) for name in names]
-        rows = tables if as_json else [*map(_row, tables)]
-        show(f"{manifest['set']}: all files are whole; sheet: {what / 'sheet.png'}", rows, as_json)
+        with reading(what, "a set with its sidecars"):
+            names = [name for name in manifest["files"] if name.endswith((".wav", ".flac"))]
+            tables = [read_json((what / name).with_suffix(".json")) for name in names]
+            rows = tables if as_json else [*map(_row, tables)]
+            title = f"{manifest['set']}: all files are whole; sheet: {what / 'sheet.png'}"
+        show(title, rows, as_json)
         return
     from haptix.stimuli.drawing import draw_stimulus
 
     picture = what.with_suffix(".png") if out is None else out
     write_whole(picture, draw_stimulus(what))
     table = read_json(what.with_suffix(".json"))
-    show(f"picture: {picture}", [table if as_json else _row(table)], as_json)
+    with reading(what.with_suffix(".json"), "the sidecar of a stimulus"):
+        row = table if as_json else _row(table)
+    show(f"picture: {picture}", [row], as_json)
 
 
 @app.command()

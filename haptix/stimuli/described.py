@@ -65,7 +65,7 @@ def read(table: Any, place: str, kinds: Mapping[str, Callable[..., Made]] = KIND
     """
     if not isinstance(table, Mapping) or "kind" not in table:
         number = ", or a number" if kinds is KINDS else ""
-        raise InputError(f'{place}: expected a table with a "kind"{number}, got {table!r}')
+        raise InputError(f'{place}: expected a table with a "kind"{number}, got {table!r:.80}')
     kind = choice(f"{place}.kind", table["kind"], sorted(kinds))
     known = inspect.signature(kinds[kind]).parameters
     given = {name: value for name, value in table.items() if name != "kind"}
@@ -85,7 +85,7 @@ def read(table: Any, place: str, kinds: Mapping[str, Callable[..., Made]] = KIND
 
 
 def _read_field(value: Any, place: str) -> Any:
-    if isinstance(value, Mapping) and value.get("kind") in KINDS:
+    if isinstance(value, Mapping) and str(value.get("kind")) in KINDS:
         return read(value, place)
     if isinstance(value, list | tuple):
         return tuple(_read_field(item, f"{place}[{i}]") for i, item in enumerate(value))

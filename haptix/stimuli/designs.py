@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from itertools import product
-from math import pi, sqrt
+from math import pi, prod, sqrt
 from typing import Any, Literal
 
 from haptix.checks import choice, number, positive
@@ -16,9 +16,11 @@ from haptix.screen import Screen
 from haptix.stimuli.in_time import Sine
 from haptix.stimuli.stimulus import DEFAULT_CARRIER_HZ, Stimulus, stimulus_from
 
+_MOST_STIMULI = 10_000  # of a design; an experiment has some hundreds
+
 
 def full_factorial(
-    name: str, make: Callable[..., Stimulus], **factors: Sequence[Any]
+    name: str, make: Callable[..., Stimulus], /, **factors: Sequence[Any]
 ) -> list[Stimulus]:
     """Every combination of some factors' values, which become the stimuli's conditions.
 
@@ -27,6 +29,9 @@ def full_factorial(
     for factor, values in factors.items():
         if isinstance(values, str) or not len(values):
             raise InputError(f"{factor}: expected one value or more")
+    count = prod(map(len, factors.values()))
+    if count > _MOST_STIMULI:
+        raise InputError(f"factors: expected at most {_MOST_STIMULI} combinations, got {count}")
     combinations = list(product(*factors.values()))
     digits = max(2, len(str(len(combinations))))
     found = []
@@ -144,7 +149,7 @@ def equal_friction(
 def stimulus_maker(base: Mapping[str, Any], place: str) -> Callable[..., Stimulus]:
     """Return ``make(name, **values)``, which puts values at dotted places of a table."""
 
-    def make(name: str, **values: Any) -> Stimulus:
+    def make(name: str, /, **values: Any) -> Stimulus:
         table: Any = deepcopy(base)
         for dotted, value in values.items():
             _put(table, dotted, value, place)

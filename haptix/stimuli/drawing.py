@@ -13,8 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from haptix.errors import FileFormatError
-from haptix.files import read_json
+from haptix.files import read_json, reading
 from haptix.perception import Perception, components_of_pull
 from haptix.render.drive import SineCarrier
 from haptix.stimuli.audio import Array, read_drive
@@ -65,27 +64,27 @@ def read_for_drawing(path: Path, length_s: float = _LONGEST_S) -> Drawn:
         If either is missing, or the sidecar is not one of a set.
     """
     table = read_json(path.with_suffix(".json"))
-    try:
+    with reading(path.with_suffix(".json"), "the sidecar of a stimulus"):
         rate, carrier = float(table["sample_rate_hz"]), table["carrier_hz"]
         count = min(int(table["samples"]), round(length_s * rate))
         drive, _, _ = read_drive(path, float(table["full_scale_v"]), 0, count)
         if not table["predicted"]["against_amplitude"]["mu"]:
             raise KeyError("mu")
-    except (KeyError, TypeError, ValueError) as error:
-        raise FileFormatError(
-            f"{path.with_suffix('.json')}: expected the sidecar of a stimulus, missing: {error}"
-        ) from None
-    t = np.arange(len(drive)) / rate
-    if carrier is None or len(drive) < 2 * rate / carrier:
-        return Drawn(table, t, drive, t, np.abs(drive) * np.sqrt(2))
-    at, amplitude = SineCarrier(float(carrier)).demodulate(drive, rate)
-    return Drawn(table, t, drive, at / rate, np.abs(amplitude))
+        t = np.arange(len(drive)) / rate
+        if carrier is None or len(drive) < 2 * rate / carrier:
+            return Drawn(table, t, drive, t, np.abs(drive) * np.sqrt(2))
+        at, amplitude = SineCarrier(float(carrier)).demodulate(drive, rate)
+        return Drawn(table, t, drive, at / rate, np.abs(amplitude))
 
 
 def draw_stimulus(path: str | Path, perception: Perception | None = None) -> bytes:
     """PNG of one drive file: waveform, spectrum, friction with its band, thresholds, audibility."""
-    known = Perception.default() if perception is None else perception
     drawn = read_for_drawing(Path(path))
+    with reading(Path(path).with_suffix(".json"), "the sidecar of a stimulus"):
+        return _drawn(drawn, Perception.default() if perception is None else perception)
+
+
+def _drawn(drawn: Drawn, known: Perception) -> bytes:
     table = drawn.table
     figure = Figure(figsize=(12, 8), layout="constrained")
     grid = figure.add_gridspec(3, 2)

@@ -58,6 +58,8 @@ class ExperimentRecipe(Document):
 
     @classmethod
     def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
+        if "folder" in fields:
+            raise InputError("ExperimentRecipe.folder: a file has none; paths start where it lies")
         return cls(**fields, folder=folder)
 
     def make_method(self) -> Method:

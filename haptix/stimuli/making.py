@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from haptix.errors import FileFormatError, InputError, LimitError, RangeError
-from haptix.files import json_text, publish, read_json
+from haptix.files import json_text, publish, read_json, reading
 from haptix.stimuli.apparatus import TOLERANCE, Apparatus
 from haptix.stimuli.audio import file_hash, step_v
 from haptix.stimuli.drawing import contact_sheet
@@ -242,11 +242,12 @@ def check_manifest(folder: str | Path) -> list[str]:
     """
     folder = Path(folder)
     table = read_json(folder / "manifest.json")
-    return [
-        name
-        for name, entry in table.get("files", {}).items()
-        if not (folder / name).is_file() or file_hash(folder / name) != entry["sha256"]
-    ]
+    with reading(folder / "manifest.json", "the manifest of a set"):
+        return [
+            name
+            for name, entry in table["files"].items()
+            if not (folder / name).is_file() or file_hash(folder / name) != entry["sha256"]
+        ]
 
 
 def _beside(name: str) -> str:

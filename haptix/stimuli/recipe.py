@@ -91,7 +91,7 @@ Design = Annotated[
 class PopulationTable(Part):
     """How fingers differ."""
 
-    size: int
+    size: Annotated[int, Field(le=1000)]  # each has a surface of its own
     seed: int = 0
     spread: dict[str, float]
 
@@ -99,7 +99,7 @@ class PopulationTable(Part):
 class TrialsTable(Part):
     """The trial table."""
 
-    repeats: int = 1
+    repeats: Annotated[int, Field(le=10_000)] = 1
     gap_s: float = 1.0
     seed: int = 0
     in_order: bool = False

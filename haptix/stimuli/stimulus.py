@@ -140,6 +140,6 @@ def _with_speed(table: Any, speed: SpeedProfile | None) -> Any:
     if not isinstance(table, Mapping):
         return table
     inner = {key: _with_speed(value, speed) for key, value in table.items()}
-    if inner.get("kind") in _IN_SPACE and "speed" not in inner and speed is not None:
+    if str(inner.get("kind")) in _IN_SPACE and "speed" not in inner and speed is not None:
         inner["speed"] = speed.describe()
     return inner

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from haptix.errors import FileFormatError, InputError
-from haptix.files import write_whole
+from haptix.files import LARGEST_TABLE_BYTES, parse_json, read_bytes, write_whole
 
 COLUMNS = (
     "trial", "attempt", "time_s", "level_asked", "level", "lowered_to_ceiling", "right", "answer",
@@ -30,7 +30,7 @@ class TrialLog:
         first = json.dumps(experiment)
         head = f"# {first}\n" + "\t".join(COLUMNS) + "\n"
         try:
-            known = self.path.read_bytes() if self.path.exists() else b""
+            known = read_bytes(self.path, LARGEST_TABLE_BYTES) if self.path.exists() else b""
             whole = known[: known.rfind(b"\n") + 1]
             lines = whole.decode().splitlines()
             if len(lines) < 2:
@@ -81,7 +81,7 @@ class TrialLog:
 def _settings(line: str) -> object:
     """Settings in the first line of a log; None where it has none. Their order may differ."""
     try:
-        return json.loads(line.removeprefix("# "))
+        return parse_json(line.removeprefix("# "))
     except ValueError:
         return None
 

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import prod
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import choice, increasing, whole
+from haptix.checks import choice, increasing, row, whole
 from haptix.errors import InputError
 from haptix.stimuli.adaptive.method import Estimate, Method
 from haptix.stimuli.adaptive.psychometric import function_named
@@ -20,6 +21,7 @@ from haptix.stimuli.adaptive.psychometric import function_named
 Array = npt.NDArray[np.float64]
 
 _NAMES = ("threshold", "slope", "guess", "lapse")
+_MOST_PROBABILITIES = 10_000_000  # levels times parameters: 160 MB
 
 
 @dataclass(eq=False)
@@ -56,9 +58,15 @@ class Quest(Method):
 
     def __post_init__(self) -> None:
         self._levels = increasing("levels", self.levels)
-        self.grids = {name: increasing(name, np.atleast_1d(getattr(self, name))) for name in _NAMES}
+        self.grids = {name: increasing(name, _some(getattr(self, name))) for name in _NAMES}
         whole("trials", self.trials, 1)
         choice("estimate_by", self.estimate_by, ("mean", "mode"))
+        size = len(self._levels) * prod(map(len, self.grids.values()))
+        if size > _MOST_PROBABILITIES:
+            raise InputError(
+                f"levels and parameters: expected at most {_MOST_PROBABILITIES} combinations, got "
+                f"{size}; give coarser grids"
+            )
         axes = np.meshgrid(*self.grids.values(), indexing="ij")
         self._shape = axes[0].shape
         flat = [axis.reshape(-1) for axis in axes]
@@ -76,10 +84,10 @@ class Quest(Method):
 
     def _prior_weights(self) -> Array:
         weight = np.ones(self._shape)
-        for name, row in self.prior.items():
+        for name, given in self.prior.items():
             if name not in self.grids:
                 raise InputError(f"prior.{name}: expected some of {', '.join(_NAMES)}")
-            p = np.asarray(row, dtype=float)
+            p = row(f"prior.{name}", given)
             if p.shape != self.grids[name].shape or not (p >= 0).all() or not p.sum() > 0:
                 raise InputError(
                     f"prior.{name}: expected {len(self.grids[name])} weights of 0 or more"
@@ -140,3 +148,7 @@ class Quest(Method):
         prior = {name: [float(weight) for weight in row] for name, row in self.prior.items()}
         plain = {name: grid.tolist() for name, grid in grids.items()}
         return super().describe() | plain | {"prior": prior}
+
+
+def _some(grid: Sequence[float] | float) -> Sequence[float]:
+    return grid if isinstance(grid, Sequence | np.ndarray) else (grid,)

@@ -15,7 +15,7 @@ import numpy as np
 
 from haptix.checks import number
 from haptix.errors import FileFormatError, InputError
-from haptix.files import json_text, read_json, write_whole
+from haptix.files import json_text, read_json, reading, write_whole
 from haptix.stimuli.in_time import Points
 from haptix.stimuli.signal import Signal
 
@@ -104,7 +104,7 @@ def read_ahap(path: str | Path, low: float, high: float) -> tuple[Signal, list[s
     """
     path = Path(path)
     table = read_json(path)
-    try:
+    with reading(path, "an AHAP pattern"):
         events = [one["Event"] for one in table["Pattern"] if "Event" in one]
         curves = [one["ParameterCurve"] for one in table["Pattern"] if "ParameterCurve" in one]
         lasting = [one for one in events if one["EventType"] == "HapticContinuous"]
@@ -118,10 +118,7 @@ def read_ahap(path: str | Path, low: float, high: float) -> tuple[Signal, list[s
             if curve["ParameterID"] == "HapticIntensityControl"
             for point in curve["ParameterCurveControlPoints"]
         )
-    except (KeyError, TypeError, ValueError) as error:
-        raise FileFormatError(f"{path}: expected an AHAP pattern, wrong or missing: {error}") from (
-            None
-        )
+        control = sorted({one["ParameterID"] for one in curves} - {"HapticIntensityControl"})
     if not spans:
         raise FileFormatError(f"{path}: has no HapticContinuous event, only those can be friction")
     lost = []
@@ -130,7 +127,6 @@ def read_ahap(path: str | Path, low: float, high: float) -> tuple[Signal, list[s
         lost.append(f"{others} events that are not HapticContinuous")
     if any("HapticSharpness" in json.dumps(one) for one in lasting):
         lost.append("sharpness, which friction does not have")
-    control = sorted({one.get("ParameterID") for one in curves} - {"HapticIntensityControl"})
     lost += [f"curves of {name}" for name in control]
     return _drawn(spans, corners, low, high), lost
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from haptix.checks import increasing, row
 from haptix.errors import FileFormatError, InputError
-from haptix.files import json_text, read_json, write_whole
+from haptix.files import json_text, read_json, reading, write_whole
 from haptix.stimuli.along_path import AlongPath, SpeedProfile, relief
 
 UNIT_EXPONENT = -6
@@ -110,7 +110,7 @@ def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[AlongPath,
     path = Path(path)
     table = read_json(path)
     lost: list[str] = []
-    try:
+    with reading(path, "HJIF"):
         perceptions = table["perceptions"]
         friction = [one for one in perceptions if one["perception_modality"] == "Friction"]
         if not friction:
@@ -144,10 +144,6 @@ def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[AlongPath,
                 at = (int(effect["position"]) + int(frame["relative_position"])) * unit_mm
                 if "amplitude_modulation" in frame:
                     corners[at] = float(frame["amplitude_modulation"]) * gain
-    except FileFormatError:
-        raise
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise FileFormatError(f"{path}: expected HJIF, wrong or missing: {error}") from None
     x = sorted(corners)
     if len(x) < 2:
         raise FileFormatError(f"{path}: expected two corners of friction or more, got {len(x)}")
