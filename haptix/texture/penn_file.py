@@ -18,12 +18,14 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import fromstring
 from scipy.spatial import Delaunay
 
 from haptix.checks import Array
 from haptix.errors import FileFormatError, InputError
+from haptix.files import read_bytes
 
-_LARGEST_FILE = 50_000_000
 _UNITS = {"AccelUnits": "m/s", "SpeedUnits": "mm/s", "ForceUnits": "N"}
 
 
@@ -49,16 +51,12 @@ class Contents:
 
 def root_of(path: Path) -> ET.Element:
     """Parse a file up to its root; `FileFormatError` for any other file."""
+    text = read_bytes(path)
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise FileFormatError(f"{path}: expected a model of at most {_LARGEST_FILE} bytes")
-        text = path.read_bytes()
         # Entities can be made to grow without bounds; the format has none.
-        if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
-            raise FileFormatError(f"{path}: expected XML without a document type")
-        root = ET.fromstring(text)
-    except OSError as error:
-        raise FileFormatError(f"cannot read {path}: {error.strerror}") from None
+        root: ET.Element = fromstring(text, forbid_dtd=True)
+    except DefusedXmlException:
+        raise FileFormatError(f"{path}: expected XML without a document type") from None
     except (ET.ParseError, ValueError, LookupError) as error:
         raise FileFormatError(f"{path}: expected XML, got: {error}") from None
     if root.tag != "modelSet":
