@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from math import cos, prod, radians, sin
 from pathlib import Path
@@ -37,22 +38,13 @@ def read_grey(image: str | Path | npt.ArrayLike, largest_bytes: int = LARGEST_BY
         path = Path(image)
         if not path.is_file():
             raise InputError(f"image: no file at {path}; give the path of a photograph")
-        no_image = InputError(
-            f"image: {path} is not an image that can be read; expected PNG, JPEG or TIFF"
-        )
-        try:
-            shape, kind = _header(path)
-        except Image.DecompressionBombError as error:
-            raise InputError(f"image: {path} is too large ({error}); scale it down") from None
-        except Exception:  # each format has errors of its own
-            raise no_image from None
-        _check_size(f"image: {path}", shape, kind, largest_bytes)
+        check_picture(f"image: {path}", path, largest_bytes)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # size is checked
                 pixels = imread(path)
         except Exception:  # each of the readers behind imread has errors of its own
-            raise no_image from None
+            raise _no_image(f"image: {path}") from None
     else:
         try:
             pixels = np.asarray(image)
@@ -77,17 +69,55 @@ def read_grey(image: str | Path | npt.ArrayLike, largest_bytes: int = LARGEST_BY
     return np.asarray(grey, dtype=np.float64)
 
 
-def _header(path: Path) -> tuple[tuple[int, ...], int]:
-    """Shape of the pixels, and bytes of each channel of one."""
+def check_picture(name: str, file: Path | io.BytesIO, largest_bytes: int = LARGEST_BYTES) -> None:
+    """Refuse, by its header alone, a file that is no single picture or has too many pixels.
+
+    Parameters
+    ----------
+    name : str
+        What error messages call it.
+    file : Path or BytesIO
+        Of any format.
+    largest_bytes : int
+        Limit of the memory for reading it and making a texture of it.
+
+    Raises
+    ------
+    InputError
+        If it is not such a picture.
+    """
     try:
+        shape, kind, is_one = _header(file)
+    except Image.DecompressionBombError as error:
+        raise InputError(f"{name} is too large ({error}); scale it down") from None
+    except Exception:  # each format has errors of its own
+        raise _no_image(name) from None
+    if not is_one:
+        raise InputError(f"{name} has several frames; expected one picture, save one of them")
+    _check_size(name, shape, kind, largest_bytes)
+
+
+def _no_image(name: str) -> InputError:
+    return InputError(f"{name} is not an image that can be read; expected PNG, JPEG or TIFF")
+
+
+def _header(file: Path | io.BytesIO) -> tuple[tuple[int, ...], int, bool]:
+    """Shape of the pixels, bytes of each channel of one, and whether it is one picture."""
+    try:
+        # TIFF is read by tifffile, which may take more of a file than Pillow's first frame.
+        if isinstance(file, Path) and file.suffix.lower() in (".tif", ".tiff"):
+            raise UnidentifiedImageError
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            with Image.open(path) as picture:
-                return (picture.height, picture.width, len(picture.getbands())), 2
+            with Image.open(file) as picture:
+                # A camera's MPO has pictures of other sizes behind the one that is read.
+                is_one = picture.format == "MPO" or not getattr(picture, "is_animated", False)
+                shape = (picture.height, picture.width, len(picture.getbands()))
+                return shape, 2, is_one
     except UnidentifiedImageError:  # TIFF has kinds that Pillow does not know
-        with tifffile.TiffFile(path) as file:
-            page = file.series[0]
-            return tuple(page.shape), int(page.dtype.itemsize)
+        with tifffile.TiffFile(file) as tiff:
+            page = tiff.series[0]
+            return tuple(page.shape), int(page.dtype.itemsize), True
 
 
 def _check_size(name: str, shape: tuple[int, ...], kind: int, largest_bytes: int) -> None:

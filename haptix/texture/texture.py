@@ -116,6 +116,7 @@ class Texture(FrictionField):
             raise InputError(
                 f"level: expected a map of values from 0 to 1, got shape {level.shape}"
             )
+        number("width_mm of a pixel", self.pixel_mm, least=1e-9)
         choice("beyond", self.beyond, ("outside", "hold"))
         if len(self._ranges) > 1:
             given = " and ".join(f"{kind}_range" for kind in self._ranges)

@@ -14,7 +14,15 @@ from PIL import Image
 
 from haptix import checks
 from haptix.errors import FileFormatError, InputError
-from haptix.files import json_text, read_json, write_folder
+from haptix.files import (
+    LARGEST_PICTURE_BYTES,
+    json_text,
+    read_bytes,
+    read_json,
+    reading,
+    write_folder,
+)
+from haptix.texture.photograph import check_picture
 
 Array = npt.NDArray[np.float64]
 MapQuantity = Literal["mu", "contrast"]
@@ -87,23 +95,19 @@ class FrictionMap:
         ------
         FileFormatError
             If either is missing or of another form, or the sidecar is that of another picture.
+        InputError
+            If the picture has more pixels than a texture may have: see `check_picture`.
         """
         path = Path(path)
-        table = read_json(path.with_suffix(".json"))
-        try:
+        beside = path.with_suffix(".json")
+        table = read_json(beside)
+        with reading(beside, "the sidecar of a friction map"):
             low, high = float(table["black_is"]), float(table["white_is"])
             width, quantity = float(table["width_mm"]), table["quantity"]
-        except (KeyError, TypeError, ValueError) as error:
-            raise FileFormatError(
-                f"{path.with_suffix('.json')}: expected the sidecar of a friction map, "
-                f"wrong or missing: {error}"
-            ) from None
-        try:
-            data = path.read_bytes()
-            with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
-                grey = np.asarray(picture)
-        except (OSError, ValueError, SyntaxError) as error:  # pillow's, for damaged PNG
-            raise FileFormatError(f"cannot read {path} as a picture: {error}") from None
+        data = read_bytes(path, LARGEST_PICTURE_BYTES)
+        check_picture(f"image: {path}", io.BytesIO(data))
+        with reading(path, "a PNG"), Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
+            grey = np.asarray(picture)
         if grey.dtype != np.uint16 or grey.ndim != 2:
             raise FileFormatError(f"{path}: expected 16-bit grey, got {grey.dtype} {grey.shape}")
         if table.get("sha256") not in (None, hashlib.sha256(data).hexdigest()):
