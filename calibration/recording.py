@@ -19,6 +19,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -28,7 +29,7 @@ from calibration.parameters import Array
 from calibration.protocol import Stroke
 from haptix.documents import first_error
 from haptix.errors import FileFormatError, InputError
-from haptix.files import write_whole
+from haptix.files import parse_json, reading, write_whole
 
 SIGNALS: Mapping[str, str] = {
     "t_s": "s",
@@ -40,6 +41,7 @@ SIGNALS: Mapping[str, str] = {
 """Columns of a recording, and their units."""
 
 _FORMAT = "haptix stroke"
+_MOST_SAMPLES = 20_000_000  # of each signal: 20 s at 1 MHz, 160 MB
 
 
 @dataclass(frozen=True)
@@ -154,38 +156,57 @@ class StrokeRecording:
             If the file is missing, foreign, damaged or of a later version; it names the column
             that is missing.
         """
-        try:
-            with h5py.File(path, "r") as file:
-                return cls._read(file, path)
-        except OSError as error:
-            raise FileFormatError(f"cannot read {path} as HDF5: {error}") from None
+        with reading(path, "a recording of one stroke"), h5py.File(path, "r") as file:
+            return cls._read(file, path)
 
     @classmethod
     def _read(cls, file: h5py.File, path: str | Path) -> StrokeRecording:
-        found = dict(file.attrs)
-        if found.get("format") != _FORMAT:
+        if "format" not in file.attrs or _attribute(file, "format") != _FORMAT:
             raise FileFormatError(
                 f"{path}: expected a recording of one stroke, got an HDF5 file of another kind; "
                 "bring other formats in with `haptix calibrate measure --csv`"
             )
-        if int(found.get("schema_version", 0)) != 1:
+        version = _attribute(file, "schema_version")
+        if version != 1:
             raise FileFormatError(
-                f"{path}: expected schema_version 1, got {found.get('schema_version')}; update "
-                "haptix to read it"
+                f"{path}: expected schema_version 1, got {version!r:.40}; update haptix to read it"
             )
         signals = file.get("signals")
         missing = [name for name in SIGNALS if signals is None or name not in signals]
         if missing:
             raise FileFormatError(f"{path}: expected signals {', '.join(missing)} as well")
         try:
-            stroke = Stroke.model_validate_json(found["stroke"])
-            room = {one.name: found[one.name] for one in fields(Conditions) if one.name in found}
-            room["instruments"] = json.loads(found["instruments"])
+            stroke = Stroke.model_validate(parse_json(_attribute(file, "stroke")))
+            room = {
+                one.name: _attribute(file, one.name)
+                for one in fields(Conditions)
+                if one.name in file.attrs
+            }
+            room["instruments"] = parse_json(_attribute(file, "instruments"))
             conditions = TypeAdapter(Conditions).validate_python(room)
-            findings = json.loads(found["findings" if "findings" in found else "complaints"])
+            name = "findings" if "findings" in file.attrs else "complaints"
+            findings = TypeAdapter(tuple[str, ...]).validate_python(
+                parse_json(_attribute(file, name))
+            )
         except ValidationError as error:
             raise FileFormatError(f"{path}: {first_error('stroke', error)}") from None
-        except (KeyError, ValueError) as error:
-            raise FileFormatError(f"{path}: expected attributes of a stroke, got {error}") from None
-        values = {name: np.asarray(signals[name][()], dtype=float) for name in SIGNALS}
-        return replace(cls.of(stroke, values, conditions), findings=tuple(findings))
+        values = {name: _signal(signals[name]) for name in SIGNALS}
+        return replace(cls.of(stroke, values, conditions), findings=findings)
+
+
+def _attribute(file: h5py.File, name: str) -> Any:
+    """Read an attribute that is one number or one text."""
+    if name in file.attrs and file.attrs.get_id(name).shape != ():
+        raise ValueError(f"{name} is no single value")
+    value = file.attrs[name]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _signal(data: Any) -> Array:
+    """Read a signal, once its header is that of one."""
+    if not isinstance(data, h5py.Dataset) or data.dtype.kind not in "fiu" or data.ndim != 1:
+        raise ValueError(f"{data.name} is no row of numbers")
+    largest = max(data.size, *(data.chunks or (0,)))
+    if largest > _MOST_SAMPLES or data.external or data.is_virtual:
+        raise ValueError(f"{data.name} has {largest} samples; expected {_MOST_SAMPLES} at most")
+    return np.asarray(data[()], dtype=float)

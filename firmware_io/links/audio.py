@@ -32,6 +32,9 @@ from firmware_io.link import Link
 from firmware_io.protocol import FULL_SCALE_CODE, VERSION, CapabilitiesReport, Rate, StreamMode
 from firmware_io.scheme import Bus, DeviceInfo, Scheme
 
+_LARGEST_PROFILE = 10_000  # bytes of its file, which has some hundreds
+_HIGHEST_V = 1e6  # beyond it a number is no amplifier's
+_HIGHEST_RATE_HZ = 1e6  # above those of all interfaces
 _TRIGGER_S = 0.001
 _QUEUE_S = 0.5
 _MOST_LATENCY_S = 10.0  # JACK's virtual ports state latencies of a day
@@ -76,11 +79,15 @@ class AudioProfile:
     def __post_init__(self) -> None:
         for name in ("full_scale_v", "dac_full_scale_v", "amplifier_gain", "ceiling_v"):
             value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise DeviceError(f"{name} must be a finite number above 0, but is {value!r}.")
-        if not (math.isfinite(self.sample_rate_hz) and self.sample_rate_hz >= 8000):
+            if value is not None and not 0 < value <= _HIGHEST_V:
+                raise DeviceError(
+                    f"{name} must be a number above 0 and at most {_HIGHEST_V:g}, but is "
+                    f"{value!r:.60}."
+                )
+        if not 8000 <= self.sample_rate_hz <= _HIGHEST_RATE_HZ:
             raise DeviceError(
-                f"sample_rate_hz must be at least 8000, but is {self.sample_rate_hz!r}."
+                f"sample_rate_hz must lie in 8000..{_HIGHEST_RATE_HZ:g}, but is "
+                f"{self.sample_rate_hz!r:.60}."
             )
         parts = (self.dac_full_scale_v, self.amplifier_gain)
         if (self.full_scale_v is None) == (None in parts) or (
@@ -137,16 +144,22 @@ def read_audio_profile(path: str | Path) -> dict[str, Any]:
         If the file cannot be read or understood.
     """
     try:
-        entries = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        with Path(path).open("rb") as file:
+            text = file.read(_LARGEST_PROFILE + 1)
+        if len(text) > _LARGEST_PROFILE:
+            raise ValueError(f"expected at most {_LARGEST_PROFILE} bytes")
+        entries = tomllib.loads(text.decode())
+    except (OSError, RecursionError, ValueError) as error:
         raise DeviceError(f"The audio profile {path} cannot be read: {error}") from error
     kinds = {"device": str | int, "trigger": bool}
     for key, value in entries.items():
         if key not in AudioProfile.__dataclass_fields__:
             known = ", ".join(AudioProfile.__dataclass_fields__)
-            raise DeviceError(f"The audio profile {path} has {key!r}; the keys are {known}.")
+            raise DeviceError(f"The audio profile {path} has {key!r:.60}; the keys are {known}.")
         if not isinstance(value, kinds.get(key, int | float)):
-            raise DeviceError(f"{key} in the audio profile {path} cannot be {value!r}; correct it.")
+            raise DeviceError(
+                f"{key} in the audio profile {path} cannot be {value!r:.60}; correct it."
+            )
     return entries
 
 

@@ -13,6 +13,7 @@ import typer
 
 from haptix.cli.numbers import read_numbers, read_pair
 from haptix.errors import InputError, LimitError, ToleranceError
+from haptix.files import reading
 from haptix.terminal import AsJson, placeholder_note, progress_bar, show
 
 if TYPE_CHECKING:
@@ -182,14 +183,15 @@ def query(
         status = state.status
     else:
         table = FrictionSurface.load(surface)
-        limit = table.info["model"]["screen"]["max_voltage_v"]
+        with reading(surface, "a surface with its model"):
+            limit = float(table.info["model"]["screen"]["max_voltage_v"])
         highest = float(inputs["voltage_v"].max())
         if highest > limit:
             raise LimitError(
                 f"voltage_v: {highest:g} V is above the limit of {limit:g} V of the "
                 "surface's screen; lower it (it is rejected, not clamped)"
             )
-        sample, placeholders = table.evaluate(**inputs), table.info["model"]["placeholders"]
+        sample, placeholders = table.evaluate(**inputs), _placeholders(table, surface)
         outputs, status = {"mu": sample.mu}, sample.status
     show(f"friction{placeholder_note(placeholders)}", _rows(inputs, outputs, status), as_json)
 
@@ -208,8 +210,13 @@ def invert(
     inputs = _product(mu=mu, normal_force_n=normal_force_n, frequency_hz=frequency_hz, h0_m=h0_m)
     table = FrictionSurface.load(surface)
     found = table.voltage(**inputs)
-    title = f"voltage{placeholder_note(table.info['model']['placeholders'])}"
+    title = f"voltage{placeholder_note(_placeholders(table, surface))}"
     show(title, _rows(inputs, {"voltage_v": found.voltage_v}, found.status), as_json)
+
+
+def _placeholders(table: FrictionSurface, file: Path) -> list[str]:
+    with reading(file, "a surface with its model"):
+        return [str(one) for one in table.info["model"]["placeholders"]]
 
 
 def check_writable(path: Path, overwrite: bool) -> None:

@@ -12,6 +12,7 @@ import soundfile
 
 from haptix.checks import choice
 from haptix.errors import FileFormatError, InputError
+from haptix.files import reading
 
 Array = npt.NDArray[np.float64]
 Container = Literal["wav", "flac"]
@@ -19,6 +20,10 @@ Encoding = Literal["float32", "24-bit"]
 
 _CODES = 1 << 23  # of 24 bits; every reader divides by this
 _LARGEST_WAV = 4_000_000_000  # bytes: sizes in its header have 32 bits
+MOST_SAMPLES = 50_000_000
+"""Read or resampled at once: 17 minutes at 48 kHz, 0.4 GB."""
+HIGHEST_RATE_HZ = 1_000_000
+"""Above those of all interfaces; a filter that resamples has 20 coefficients per hertz at most."""
 
 
 def check_format(container: str, encoding: str) -> None:
@@ -122,6 +127,33 @@ def file_hash(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def read_audio(path: str | Path, first: int = 0, count: int = -1) -> tuple[Array, int]:
+    """Read samples, shape (samples, channels), and the sample rate of a WAV or FLAC file.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no such file, or more than 50 million samples are asked for; its header is read
+        first.
+    """
+    with reading(path, "a WAV or FLAC file"), Path(path).open("rb") as opened:
+        # libsndfile knows many formats more, whose decoders nobody needs here.
+        if opened.read(4) not in (b"RIFF", b"fLaC"):
+            raise ValueError("it begins otherwise")
+        opened.seek(0)
+        with soundfile.SoundFile(opened) as file:
+            asked = file.frames - first if count < 0 else min(count, file.frames - first)
+            samples, rate = asked * file.channels, file.samplerate
+            if samples > MOST_SAMPLES or not 0 < rate <= HIGHEST_RATE_HZ:
+                raise FileFormatError(
+                    f"{path}: expected at most {MOST_SAMPLES} samples and "
+                    f"{HIGHEST_RATE_HZ} of them per second, got {samples} and {rate}; cut it "
+                    "into shorter files"
+                )
+            file.seek(first)
+            return file.read(count, dtype="float64", always_2d=True), rate
+
+
 def read_drive(
     path: str | Path, full_scale_v: float, first: int = 0, count: int = -1
 ) -> tuple[Array, Array | None, float]:
@@ -132,13 +164,7 @@ def read_drive(
     FileFormatError
         If it is no audio file of one or two channels.
     """
-    try:
-        with soundfile.SoundFile(path) as file:
-            file.seek(first)
-            data = file.read(count, dtype="float64", always_2d=True)
-            rate = float(file.samplerate)
-    except (OSError, soundfile.SoundFileError) as error:
-        raise FileFormatError(f"cannot read {path}: {error}") from None
+    data, rate = read_audio(path, first, count)
     if data.shape[1] not in (1, 2):
         raise FileFormatError(f"{path}: expected 1 or 2 channels, got {data.shape[1]}")
-    return data[:, 0] * full_scale_v, data[:, 1] if data.shape[1] == 2 else None, rate
+    return data[:, 0] * full_scale_v, data[:, 1] if data.shape[1] == 2 else None, float(rate)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from math import gcd, inf, log, pi
 from pathlib import Path
 
 import numpy as np
-import soundfile
 
 from haptix.checks import Length, NotNegative, Positive, choice
 from haptix.errors import FileFormatError, InputError
+from haptix.stimuli.audio import HIGHEST_RATE_HZ, MOST_SAMPLES, file_hash, read_audio
 from haptix.stimuli.described import set_corners
 from haptix.stimuli.signal import Array, Signal
 from haptix.waves import Waveform, sine, turns
@@ -175,11 +174,8 @@ class Recorded(Signal):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        try:
-            data, rate = soundfile.read(self.file, always_2d=True)
-            digest = hashlib.sha256(Path(self.file).read_bytes()).hexdigest()
-        except (OSError, TypeError, soundfile.SoundFileError) as error:
-            raise FileFormatError(f"file: cannot read {self.file}: {error}") from None
+        data, rate = read_audio(self.file)
+        digest = file_hash(Path(self.file))
         if data.shape[1] != 1 or not len(data):
             raise FileFormatError(
                 f"file: expected one channel with samples in {self.file}, got {data.shape[1]} "
@@ -199,7 +195,8 @@ class Recorded(Signal):
         if sample_rate_hz not in at_rate:
             from scipy.signal import resample_poly
 
-            if sample_rate_hz != int(sample_rate_hz):
+            is_whole = sample_rate_hz == int(sample_rate_hz) and sample_rate_hz <= HIGHEST_RATE_HZ
+            if not is_whole or len(at_rate[rate]) * sample_rate_hz > MOST_SAMPLES * rate:
                 raise InputError(f"{self.file}: cannot be resampled to {sample_rate_hz:g} Hz")
             common = gcd(int(sample_rate_hz), rate)
             up, down = int(sample_rate_hz) // common, rate // common

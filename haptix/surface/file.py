@@ -16,7 +16,7 @@ from safetensors.torch import save as to_bytes
 from torch import Tensor
 
 from haptix.errors import FileFormatError, HaptixError
-from haptix.files import write_whole
+from haptix.files import parse_json, reading, write_whole
 from haptix.friction import ContactModel
 from haptix.surface.axes import AXES, AXIS_NAMES, Axes
 from haptix.surface.interpolant import Interpolant
@@ -49,6 +49,9 @@ _SCHEMA = {
     f"{AXIS_NAMES[-1]}, for whole columns; then linear in drive",
 }
 
+
+_LARGEST_BYTES = 4_000_000_000
+_NUMBERS = {"response_hz_per_mm_per_s", "screen_h0_m"}  # of the info; renderers use them
 
 Info = Mapping[str, Any]
 """What a surface was built from and how accurate it is; plain values."""
@@ -95,11 +98,12 @@ def load_table(path: Path, model: ContactModel | None = None) -> tuple[Interpola
     stored = header.pop("sha256", "")
     if stored != digest(header):
         raise FileFormatError(f"{path} is damaged: its description does not match its checksum")
-    if {name: _checksum(tensor) for name, tensor in tensors.items()} != header.get("crc32"):
-        raise FileFormatError(f"{path} is damaged: its numbers do not match their checksum")
-    table, info = _assemble(path, header, tensors)
-    _check_model(path, info, model)
-    return table, info
+    with reading(path, "a friction surface"):
+        if {name: _checksum(tensor) for name, tensor in tensors.items()} != header.get("crc32"):
+            raise FileFormatError(f"{path} is damaged: its numbers do not match their checksum")
+        table, info = _assemble(path, header, tensors)
+        _check_model(path, info, model)
+        return table, info
 
 
 def _read(path: Path) -> tuple[Any, dict[str, Tensor]]:
@@ -107,9 +111,14 @@ def _read(path: Path) -> tuple[Any, dict[str, Tensor]]:
         if not path.is_file():
             raise FileFormatError(f"no surface file at {path}: build one with `haptix build`")
         before = path.stat()
+        if before.st_size > _LARGEST_BYTES:
+            raise FileFormatError(
+                f"{path}: expected a surface of at most {_LARGEST_BYTES / 1e9:g} GB, got "
+                f"{before.st_size / 1e9:.3g} GB; build it for less, or for a larger error"
+            )
         try:
             with safe_open(path, framework="pt") as file:
-                header = json.loads((file.metadata() or {}).get("haptix", "null"))
+                header = parse_json((file.metadata() or {}).get("haptix", "null"))
                 tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         except (SafetensorError, OSError, RuntimeError, ValueError) as error:
             # The library opens the file twice; it may have been replaced in between.
@@ -131,18 +140,17 @@ def _is_same(path: Path, before: os.stat_result) -> bool:
 
 
 def _assemble(path: Path, header: Info, tensors: dict[str, Tensor]) -> tuple[Interpolant, Info]:
-    try:
-        table = Interpolant(
-            Axes.of(tensors),
-            tensors["drive"],
-            tensors["columns"],
-            float(header["unit_v"]),
-            float(header["voltage_limit_v"]),
-            bool(header["ends_at_breakdown"]),
-        )
-        info = dict(header["info"])
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise FileFormatError(f"{path} is damaged: {error}") from None
+    table = Interpolant(
+        Axes.of(tensors),
+        tensors["drive"],
+        tensors["columns"],
+        float(header["unit_v"]),
+        float(header["voltage_limit_v"]),
+        bool(header["ends_at_breakdown"]),
+    )
+    info = dict(header["info"])
+    for name in _NUMBERS & info.keys():
+        float(info[name])
     shape = (*table.axes.shape, len(table.drive) + 2)
     sound = {
         "axes and units are those of this version": all(
@@ -151,12 +159,23 @@ def _assemble(path: Path, header: Info, tensors: dict[str, Tensor]) -> tuple[Int
         "columns have the shape of the axes": tuple(table.columns.shape) == shape,
         "all numbers are of one precision": len({t.dtype for t in tensors.values()}) == 1
         and table.columns.dtype in (torch.float32, torch.float64),
+        "nodes increase": all(map(_increases, (*(axis.nodes for axis in table.axes), table.drive))),
+        "axes are above 0": not any(bool((axis.nodes <= 0).any()) for axis in table.axes),
+        "friction is a number": not bool(table.columns.isnan().any()),
         "voltages are above 0": 0 < table.unit_v < inf and 0 < table.voltage_limit_v < inf,
     }
     wrong = [rule for rule, holds in sound.items() if not holds]
     if wrong:
         raise FileFormatError(f"{path}: expected that {'; '.join(wrong)}; build it again")
     return table, info
+
+
+def _increases(nodes: Tensor) -> bool:
+    """Whether these are nodes; neighbours may coincide in single precision."""
+    if nodes.ndim != 1 or len(nodes) < 2:
+        return nodes.ndim == 1 and len(nodes) == 1
+    is_row = nodes.isfinite().all() & (nodes.diff() >= 0).all() & (nodes[-1] > nodes[0])
+    return bool(is_row)
 
 
 def _check_model(path: Path, info: Info, model: ContactModel | None) -> None:
@@ -172,7 +191,7 @@ def _check_model(path: Path, info: Info, model: ContactModel | None) -> None:
 
 def _checksum(tensor: Tensor) -> int:
     """CRC-32 of the bytes: against damage, and fast enough to check each time a file is opened."""
-    return zlib.crc32(tensor.contiguous().view(torch.uint8).numpy().data)
+    return zlib.crc32(tensor.reshape(-1).contiguous().view(torch.uint8).numpy().data)
 
 
 _ATTRIBUTES = {

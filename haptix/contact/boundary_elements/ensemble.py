@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from haptix.errors import FileFormatError
-from haptix.files import write_whole
+from haptix.files import reading, write_whole
 from haptix.threads import one_thread
 
 Row = dict[str, Tensor]
@@ -22,6 +22,7 @@ Progress = Callable[[int, int], None]
 """Called with the number of jobs done and of all jobs, after each."""
 
 _FINGERPRINT = "fingerprint"
+_LARGEST_BYTES = 1_000_000_000  # of a checkpoint, unpacked; its rows have some kilobytes each
 
 
 def run_ensemble(
@@ -88,20 +89,18 @@ def _load(path: Path, fingerprint: str) -> dict[int, Row]:
     if not path.exists():
         return {}
     done: dict[int, Row] = {}
-    try:
-        if not zipfile.is_zipfile(path):  # numpy would speak of pickles
-            raise ValueError("it is no .npz file")
+    with reading(path, "a checkpoint of an ensemble (delete it to start again)"):
+        # Of a file that is no archive, numpy would speak of pickles.
+        with zipfile.ZipFile(path) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > _LARGEST_BYTES:
+            raise ValueError(f"{size} bytes of numbers; expected {_LARGEST_BYTES} at most")
         with np.load(path, allow_pickle=False) as file:
             found = str(file[_FINGERPRINT])
             for key in file.files:
                 if key != _FINGERPRINT:
                     job, _, name = key.partition(" ")
                     done.setdefault(int(job), {})[name] = torch.from_numpy(file[key])
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise FileFormatError(
-            f"{path}: expected a checkpoint of an ensemble, cannot read it ({error}); delete it to "
-            "start again"
-        ) from None
     if found != fingerprint:
         raise FileFormatError(
             f"{path}: expected the checkpoint of this ensemble, got one of other surfaces, loads "
