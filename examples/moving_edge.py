@@ -50,8 +50,7 @@ def main(
             left_mm = float(edge_mm(event.t_s - began_s + late_s + LEAD_S))
             renderer.texture = Composition([Sprite(GRATING, left_mm, 0.0, 100.0, 60.0)])
             renderer.event(event, event.t_s + late_s)
-    stats = renderer.stats
-    print(f"{stats.samples} samples, {stats.underruns} underruns (if any: make LEAD_S longer)")
+    print(renderer.stats)
     if in_time:
         return
 

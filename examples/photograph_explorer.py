@@ -62,8 +62,7 @@ def main(
                 seen.t_s, seen.arrival_s, seen.x_mm, seen.y_mm, seen.normal_force_n, strict=True
             ):
                 renderer.event(TouchEvent(t, 0, x, y, "move", n), arrival)
-    stats = renderer.stats
-    print(f"{stats.samples} samples, {stats.underruns} underruns (if any: a longer lead_s helps)")
+    print(renderer.stats)
     if in_time:
         return
 

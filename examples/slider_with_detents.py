@@ -66,8 +66,7 @@ def main(
             if abs(at - value) > 0.55:  # past the ridge, so that its top does not flicker
                 value = int(np.clip(round(at), 0, steps - 1))
             values.append(value)
-    stats = renderer.stats
-    print(f"{stats.samples} samples, {stats.underruns} underruns (if any: a longer lead_s helps)")
+    print(renderer.stats)
     if in_time:
         return
 

@@ -58,8 +58,7 @@ def main(
     with kind(surface, SCREEN, opened, settings=LiveSettings(combination=combination)) as renderer:
         for event in paced(events, clock=renderer.now_s) if in_time else events:
             renderer.event(event, event.t_s + (0.0 if in_time else LATENCY_S))
-    stats = renderer.stats
-    print(f"{stats.samples} samples, {stats.underruns} underruns (if any: a longer lead_s helps)")
+    print(renderer.stats)
     if in_time:
         return
 

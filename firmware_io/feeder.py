@@ -38,6 +38,8 @@ class Feeder:
         Its lock guards all state here but the device; notified at every change.
     underruns, late_blocks, samples_played : int
         See `firmware_io.PlaybackStats`.
+    longest_gap_s : float
+        Longest time for which a signal on its way had no samples; 0 if they never ran out.
     """
 
     def __init__(self, device: Device, lead_s: float, block_s: float, clock: Clock) -> None:
@@ -55,11 +57,14 @@ class Feeder:
         self.device_clock = DeviceClock(rate_hz)
         self.underruns = 0
         self.late_blocks = 0
+        self.longest_gap_s = 0.0
         self.samples_put = 0
         self.samples_taken = 0
         self._clock = clock
         self._sent = 0  # to the device since it was armed, zeros included
         self._is_short = False  # from an underrun until samples come again
+        self._short_since_s = 0.0
+        self._largest_put = 0
         self._has_rested = True
         self._gain = 1.0
         self._progress: Progress | None = None
@@ -80,6 +85,7 @@ class Feeder:
         with self.ready:
             self.ring.put(volts)
             self.samples_put += volts.size
+            self._largest_put = max(self._largest_put, volts.size)
             if self._is_short:
                 self.late_blocks += 1
             # No carrier has two zeros in a row: a signal that ends with them has come to rest.
@@ -103,6 +109,11 @@ class Feeder:
         DeviceError, LimitError
             From the device.
         """
+        with self.ready:
+            # By the report before: the next one does not tell for how long the device was dry.
+            left = self._left(self._clock())
+            if left < 0 and self.ring.queued and not (self._has_rested or self._is_short):
+                self.longest_gap_s = max(self.longest_gap_s, -left / self.rate_hz)
         progress = self.device.progress()
         with self.ready:
             self._observe(progress)
@@ -115,6 +126,9 @@ class Feeder:
             volts = self.ring.take(count) if count else self._silence(level, room)
             if count:
                 volts = self._faded_in(volts)
+                if self._is_short:
+                    gap_s = self._clock() - self._short_since_s
+                    self.longest_gap_s = max(self.longest_gap_s, gap_s)
                 self._is_short = False
                 self.samples_taken += count
         if volts.size:
@@ -172,16 +186,40 @@ class Feeder:
         """Count an underrun, unless it is counted already or the signal has come to rest."""
         if not (self._is_short or self._has_rested):
             self._is_short = True
+            now_s = self._clock()
+            early = self.guard - self._left(now_s)  # samples that should have been sent by now
+            self._short_since_s = now_s - max(0.0, early) / self.rate_hz
             self.underruns += 1
+
+    @property
+    def shortages(self) -> tuple[int, int]:
+        """Underruns and late blocks."""
+        return self.underruns, self.late_blocks
+
+    @property
+    def holding_lead_s(self) -> float | None:
+        """Shortest lead, in whole milliseconds, that would have held; None if this one has.
+
+        At the worst a stall begins before a block is put, and ends when the guard, an eighth of the
+        lead, is all that is left.
+        """
+        if not (self.underruns and self.longest_gap_s):
+            return None
+        needed = (self.lead + self._largest_put) / self.rate_hz + self.longest_gap_s
+        return math.ceil(needed * 8 / 7 * 1e3) / 1e3
 
     def _level(self, now_s: float) -> float:
         """Samples in the device that it has not played at `now_s`."""
+        return max(0.0, self._left(now_s))
+
+    def _left(self, now_s: float) -> float:
+        """The same, and below 0 the samples that it lacks."""
         progress = self._progress
         if progress is None:
             return float(self._sent)
         # It plays from the first sample on, also before it has reported so.
         since_s = max(0.0, now_s - max(progress.reported_s, self._began_s))
-        return max(0.0, self._sent - progress.samples_played - since_s * self.rate_hz)
+        return self._sent - progress.samples_played - since_s * self.rate_hz
 
     def _silence(self, level: float, room: int) -> npt.NDArray[np.float64]:
         """Return the samples to send when the ring is empty: none yet, a ramp to 0 V, or zeros."""

@@ -17,6 +17,7 @@ from firmware_io.device import Device
 from firmware_io.errors import DeviceError
 from firmware_io.feeder import Feeder
 
+LONGEST_LEAD_S = 1.0
 _JOIN_S = 5.0  # longer than any link waits before it gives up
 
 
@@ -37,6 +38,10 @@ class PlaybackStats:
     device_rate_hz, drift_ppm : float or None
         Samples that the device plays per second of the host's clock, and the excess over its
         stated rate; None in the first second.
+    stall_s : float
+        Longest time in which the signal got no samples, in seconds; 0 if they never ran out.
+    holding_lead_s : float or None
+        Shortest lead that would have held, in seconds; None if this one has.
     """
 
     lead_s: float
@@ -45,6 +50,30 @@ class PlaybackStats:
     samples_played: int
     device_rate_hz: float | None
     drift_ppm: float | None
+    stall_s: float = 0.0
+    holding_lead_s: float | None = None
+
+    @property
+    def advice(self) -> str:
+        """What to do if the lead did not hold; empty if it did."""
+        if self.holding_lead_s is None:
+            return ""
+        held = f"a lead of {self.holding_lead_s * 1e3:.0f} ms would have held"
+        if self.holding_lead_s > LONGEST_LEAD_S:
+            held = f"no lead up to {LONGEST_LEAD_S:g} s would have held"
+        return (
+            f"cannot hold its lead of {self.lead_s * 1e3:.3g} ms: {self.underruns} underruns, "
+            f"{self.late_blocks} late blocks, longest stall {self.stall_s * 1e3:.0f} ms; {held}. "
+            "Choose a longer lead, or give the computer less to do"
+        )
+
+    def __str__(self) -> str:
+        drift = "" if self.drift_ppm is None else f", drift {self.drift_ppm:.0f} ppm"
+        line = (
+            f"{self.samples_played} samples, lead {self.lead_s * 1e3:.3g} ms, {self.underruns} "
+            f"underruns, {self.late_blocks} late blocks{drift}"
+        )
+        return f"{line}; {self.advice}" if self.advice else line
 
 
 class Playback:
@@ -81,9 +110,10 @@ class Playback:
         *,
         clock: Clock | None = None,
     ) -> None:
-        if not (0.003 <= lead_s <= 1.0):
+        if not (0.003 <= lead_s <= LONGEST_LEAD_S):
             raise DeviceError(
-                f"lead_s must lie in 0.003..1, but is {lead_s!r}; 0.025 is a usual lead."
+                f"lead_s must lie in 0.003..{LONGEST_LEAD_S:g}, but is {lead_s!r}; "
+                "0.025 is a usual lead."
             )
         if not (0.0 < block_s <= lead_s / 3):
             raise DeviceError(
@@ -250,6 +280,11 @@ class Playback:
         return self._finalizer is not None and self._writer is not None and not self._writer.is_over
 
     @property
+    def shortages(self) -> tuple[int, int]:
+        """Underruns and late blocks, as in `stats`, for callers that ask often."""
+        return (0, 0) if self._writer is None else self._writer.feeder.shortages
+
+    @property
     def stats(self) -> PlaybackStats:
         """Counters since `start`."""
         if self._writer is None:
@@ -263,6 +298,8 @@ class Playback:
                 feeder.samples_taken,
                 feeder.device_clock.rate_hz,
                 feeder.device_clock.drift_ppm,
+                feeder.longest_gap_s and self.lead_s + feeder.longest_gap_s,
+                feeder.holding_lead_s,
             )
 
     def __enter__(self) -> Self:

@@ -12,6 +12,7 @@ __all__ = [
     "HaptixError",
     "InputError",
     "LimitError",
+    "OverloadWarning",
     "RangeError",
     "ToleranceError",
 ]
@@ -43,3 +44,7 @@ class ToleranceError(HaptixError):
 
 class FileFormatError(HaptixError):
     """A file that cannot be read or written, or is foreign, damaged or of a later version."""
+
+
+class OverloadWarning(UserWarning):
+    """A renderer that could not hold its lead; the message says which one would have held."""

@@ -141,7 +141,7 @@ def play(
         finally:
             opened.close()
     stats = renderer.stats
-    row = {
+    row: dict[str, float | str] = {
         "seconds": stats.samples / renderer.sample_rate_hz,
         "lead_ms": stats.lead_s * 1e3,
         "underruns": stats.underruns,
@@ -151,7 +151,10 @@ def play(
         "too_low": stats.below / max(stats.samples, 1),
         "too_high": stats.above / max(stats.samples, 1),
     }
-    show(f"haptix play: {device}", [row], as_json)
+    if as_json:
+        row["advice"] = stats.advice
+    title = f"haptix play: {device}"
+    show(f"{title}; {stats.advice}" if stats.advice else title, [row], as_json)
 
 
 def setting_of(

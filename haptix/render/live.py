@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from math import inf
 from typing import Any, Self
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from firmware_io import Device
 from haptix.checks import Array
-from haptix.errors import InputError
+from haptix.errors import InputError, OverloadWarning
 from haptix.render.core import Motion
 from haptix.render.drive import Drive
 from haptix.render.producer import Producer
@@ -156,6 +157,12 @@ class LiveRenderer(_LiveSession):
     they come, stamped by `now_s`.
 
     Parameters are those of `RenderCore`, with `LiveSettings`.
+
+    Warns
+    -----
+    OverloadWarning
+        On leaving, if samples ran out: with late blocks, the longest stall, and a lead that would
+        have held.
     """
 
     _producer: Producer | None = None
@@ -176,8 +183,14 @@ class LiveRenderer(_LiveSession):
         try:
             producer.stop(error)
         finally:
-            self.stats.underruns = producer.stats.underruns
-            self.stats.late_blocks = producer.stats.late_blocks
+            self._take_stats(producer)
+        if self.stats.advice and error is None:
+            warnings.warn(f"the renderer {self.stats.advice}", OverloadWarning, stacklevel=2)
+
+    def _take_stats(self, producer: Producer) -> None:
+        played = producer.stats
+        for name in ("underruns", "late_blocks", "stall_s", "holding_lead_s", "advice"):
+            setattr(self.stats, name, getattr(played, name))
 
     def now_s(self) -> float:
         """Time of the clock by which touches are stamped."""
@@ -198,4 +211,7 @@ class LiveRenderer(_LiveSession):
         newest = self._fingers.newest_s
         if newest is not None:
             self.stats.touch_age_s = t0_s - newest
+        producer, counts = self._producer, (self.stats.underruns, self.stats.late_blocks)
+        if producer is not None and producer.shortages != counts:
+            self._take_stats(producer)
         return block.drive_v

@@ -75,6 +75,11 @@ class Producer:
         """Counts of the playback."""
         return self._playback.stats
 
+    @property
+    def shortages(self) -> tuple[int, int]:
+        """Underruns and late blocks of the playback."""
+        return self._playback.shortages
+
     def start(self) -> None:
         """Arm the device and start the thread."""
         # The collection comes first: it takes long, and an armed driver does not wait.

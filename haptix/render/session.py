@@ -38,7 +38,7 @@ class RenderStats:
     """Samples whose target was above what the highest voltage, pull-in or breakdown allow."""
     outside: int = 0
     """Samples whose force was outside the surface's range."""
-    block_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT))
+    block_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT), repr=False)
     """Time to compute each of the last blocks [s]."""
     lead_s: float = 0.0
     """Time from computing a sample to playing it, as set; 0 in virtual time."""
@@ -48,6 +48,12 @@ class RenderStats:
     """Blocks that arrived after samples had run out."""
     touch_age_s: float = 0.0
     """Time from the newest touch to the start of the last block [s]."""
+    stall_s: float = 0.0
+    """Longest time in which the device got no samples [s]; 0 if they never ran out."""
+    holding_lead_s: float | None = None
+    """Shortest lead that would have held [s]; None if this one has."""
+    advice: str = ""
+    """What to do if the lead did not hold; empty if it did."""
 
     def add(self, block: RenderedBlock, seconds: float) -> None:
         """Count a block."""
@@ -58,6 +64,16 @@ class RenderStats:
             self.below += int(each[Status.BELOW])
             self.above += int(each[Status.ABOVE] + each[Status.PULL_IN] + each[Status.BREAKDOWN])
             self.outside += int(each[Status.OUT_OF_RANGE])
+
+    def __str__(self) -> str:
+        line = (
+            f"{self.samples} samples ({self.below} below reach, {self.above} above, "
+            f"{self.outside} outside the surface), {len(self.block_s)} blocks of "
+            f"{self.p50_block_s * 1e3:.2f} ms (p99 {self.p99_block_s * 1e3:.2f}, longest "
+            f"{self.max_block_s * 1e3:.2f}), lead {self.lead_s * 1e3:.3g} ms, {self.underruns} "
+            f"underruns, {self.late_blocks} late blocks"
+        )
+        return f"{line}; {self.advice}" if self.advice else line
 
     @property
     def p50_block_s(self) -> float:

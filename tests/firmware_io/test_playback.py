@@ -306,3 +306,57 @@ def test_envelopes_through_reports(clock):
     # Between two amplitudes, 62 microseconds apart, the envelope moves by 0.3 V.
     assert crests.max() == pytest.approx(150.0, abs=0.5)
     assert played[-1] == 0.0
+
+
+def stalling(clock, lead_s, stall_s):
+    """Play two seconds whose producer stalls once, when the lead is full."""
+    device = device_on(clock)
+    volts = sine(2.0)
+    with Playback(device, lead_s, clock=clock) as playback:
+        for start in range(0, volts.size, 4 * BLOCK):
+            if start == 400 * 4 * BLOCK:
+                pass_time(clock, playback, stall_s)
+            piece = volts[start : start + 4 * BLOCK]
+            assert playback.wait_for_room(piece.size)
+            playback.put(piece)
+        return playback.stats
+
+
+@pytest.mark.parametrize(
+    ("lead_s", "over_s"), [(0.013, 0.004), (0.013, 0.04), (0.025, 0.004), (0.025, 0.4), (0.1, 0.04)]
+)
+def test_the_lead_that_is_advised_holds_the_same_stall(clock, lead_s, over_s):
+    stall_s = lead_s + over_s
+    found = stalling(clock, lead_s, stall_s)
+    assert (found.underruns, found.late_blocks) == (1, 1)
+    # The stall is the time without a put, less up to a block that was there before.
+    assert found.stall_s == pytest.approx(stall_s, abs=0.2 * lead_s + 0.006)
+    assert stalling(clock, found.holding_lead_s, stall_s).underruns == 0
+    # Not longer than needed: what the block and the guard of an eighth take, and little more.
+    assert found.holding_lead_s < (stall_s + 0.006) * 8 / 7 * 1.2 + 0.003
+    for part in ("1 underruns", "1 late blocks", f"{found.holding_lead_s * 1e3:.0f} ms would"):
+        assert part in found.advice
+
+
+def test_a_lead_that_holds_needs_no_advice(clock):
+    found = stalling(clock, 0.05, 0.02)
+    assert (found.stall_s, found.holding_lead_s, found.advice) == (0.0, None, "")
+    assert str(found).endswith("0 underruns, 0 late blocks") or "drift" in str(found)
+
+
+def test_no_lead_holds_a_stall_of_seconds(clock):
+    assert "no lead up to 1 s" in stalling(clock, 0.025, 2.0).advice
+
+
+def test_a_thread_that_sleeps_over_its_time_is_seen(clock):
+    device = device_on(clock)
+    with Playback(device, 0.025, clock=clock) as playback:
+        play(playback, sine(0.2))
+        clock.sleep(0.1)  # neither side does anything; the driver runs dry by itself
+        playback.put(sine(0.004))  # the producer is back first
+        pass_time(clock, playback, 0.01)
+        play(playback, sine(0.2))
+        found = playback.stats
+    assert found.underruns >= 1
+    assert found.stall_s == pytest.approx(0.1, abs=0.03)
+    assert "\n" not in str(found) and len(str(found)) < 400

@@ -9,7 +9,8 @@ import pytest
 
 from firmware_io import Device, DeviceDisconnectedError, DeviceFaultError, MockDriver, MockLink
 from haptix import InputError, LiveRenderer, Texture
-from haptix.render import LiveSettings, Sliding
+from haptix.errors import OverloadWarning
+from haptix.render import LiveSettings, RenderStats, Sliding
 
 FULL = Texture(np.ones((2, 2)), width_mm=100.0, beyond="hold")
 NEVER_STILL = Sliding(is_needed=False)
@@ -92,6 +93,48 @@ def test_a_session(surface, link):
     # Between the lead less a touch's interval and what a machine that is busy may add.
     assert 0.0 < stats.touch_age_s < 1.0
     assert renderer.touch_counts.taken > 1
+
+
+class StallingRenderer(LiveRenderer):
+    """Its thread waits, once it is told to, until samples have run out."""
+
+    must_stall = False
+
+    def _take_block(self, t0_s):
+        if self.must_stall:
+            while not self._producer.shortages[0]:
+                threading.Event().wait(0.001)
+            self.must_stall = False
+        return super()._take_block(t0_s)
+
+
+def test_an_overload_is_said_once_with_a_lead_that_holds(surface, link):
+    renderer = StallingRenderer(surface, FULL, opened(link), settings=ALWAYS)
+    with pytest.warns(OverloadWarning) as caught, renderer:
+        until_loud(renderer, link)
+        renderer.must_stall = True
+        touching(renderer, 5.0, lambda: renderer.stats.advice)
+        assert renderer.stats.advice  # while it plays
+    stats = renderer.stats
+    assert len(caught) == 1
+    assert stats.underruns >= 1 and stats.late_blocks >= 1
+    assert stats.stall_s > stats.lead_s == 0.025
+    assert stats.holding_lead_s > stats.stall_s
+    assert str(caught[0].message) == f"the renderer {stats.advice}"
+    for part in (
+        "lead of 25 ms", f"{stats.underruns} underruns", f"{stats.late_blocks} late blocks",
+        f"longest stall {stats.stall_s * 1e3:.0f} ms", "would have held",
+    ):  # fmt: skip
+        assert part in stats.advice
+    assert stats.advice in str(stats)
+
+
+def test_statistics_print_as_a_line(surface, link):
+    stats = RenderStats(samples=48_000, lead_s=0.025)
+    stats.block_s.extend([1e-3] * 10_000)
+    for text in (str(stats), repr(stats)):
+        assert "\n" not in text and len(text) < 400
+    assert "10000 blocks of 1.00 ms" in str(stats)
 
 
 def test_an_exception_ends_at_zero(surface, link):
