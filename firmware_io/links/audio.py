@@ -33,8 +33,8 @@ from firmware_io.protocol import FULL_SCALE_CODE, VERSION, CapabilitiesReport, R
 from firmware_io.scheme import Bus, DeviceInfo, Scheme
 
 _LARGEST_PROFILE = 10_000  # bytes of its file, which has some hundreds
-_HIGHEST_V = 1e6  # beyond it a number is no amplifier's
-_HIGHEST_RATE_HZ = 1e6  # above those of all interfaces
+_LOWEST_V, _HIGHEST_V = 1e-3, 1e6  # beyond these a number is no amplifier's
+_HIGHEST_RATE_HZ = 1_000_000  # above those of all interfaces
 _TRIGGER_S = 0.001
 _QUEUE_S = 0.5
 _MOST_LATENCY_S = 10.0  # JACK's virtual ports state latencies of a day
@@ -86,7 +86,7 @@ class AudioProfile:
                 )
         if not 8000 <= self.sample_rate_hz <= _HIGHEST_RATE_HZ:
             raise DeviceError(
-                f"sample_rate_hz must lie in 8000..{_HIGHEST_RATE_HZ:g}, but is "
+                f"sample_rate_hz must be 8000 to {_HIGHEST_RATE_HZ}, but is "
                 f"{self.sample_rate_hz!r:.60}."
             )
         parts = (self.dac_full_scale_v, self.amplifier_gain)
@@ -97,6 +97,11 @@ class AudioProfile:
                 "An audio device does not say how many volts it makes: give full_scale_v, the "
                 "volts on the screen at digital full scale, or both dac_full_scale_v and "
                 "amplifier_gain."
+            )
+        if not _LOWEST_V <= self.screen_full_scale_v <= _HIGHEST_V:
+            raise DeviceError(
+                f"The full scale must lie in {_LOWEST_V:g}..{_HIGHEST_V:g} V, but is "
+                f"{self.screen_full_scale_v:g} V."
             )
 
     @property
@@ -156,6 +161,8 @@ def read_audio_profile(path: str | Path) -> dict[str, Any]:
         if key not in AudioProfile.__dataclass_fields__:
             known = ", ".join(AudioProfile.__dataclass_fields__)
             raise DeviceError(f"The audio profile {path} has {key!r:.60}; the keys are {known}.")
+        if isinstance(value, int) and value.bit_length() > 64:
+            raise DeviceError(f"{key} in the audio profile {path} has more than 64 bits.")
         if not isinstance(value, kinds.get(key, int | float)):
             raise DeviceError(
                 f"{key} in the audio profile {path} cannot be {value!r:.60}; correct it."

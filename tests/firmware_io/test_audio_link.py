@@ -223,6 +223,14 @@ def test_addresses_that_cannot_work(portaudio, selector, error, says):
         ('full_scale_v = "200 V"', "full_scale_v in the audio profile"),
         ("full_scale_v = ", "cannot be read"),
         ("trigger = 1", "trigger in the audio profile"),
+        ("full_scale_v = " + "[" * 3000, "cannot be read"),
+        ("a." * 4000 + "a = 1", "'a'; the keys are"),
+        ("# " + "a" * 20_000, "at most 10000 bytes"),
+        ("full_scale_v = 1" + "0" * 400, "more than 64 bits"),
+        ("full_scale_v = 0x" + "f" * 9000, "more than 64 bits"),
+        ("full_scale_v = inf", "full_scale_v must be a number above 0"),
+        ("dac_full_scale_v = 1e5\namplifier_gain = 1e5", "The full scale must lie in"),
+        ("full_scale_v = 1\nsample_rate_hz = 1e300", "sample_rate_hz must be 8000 to 1000000"),
     ],
 )
 def test_profiles_that_cannot_be_used(tmp_path, text, says):
