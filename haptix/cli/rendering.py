@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from haptix.cli.numbers import read_pair
-from haptix.errors import InputError
+from haptix.errors import InputError, OverloadWarning
 from haptix.terminal import AsJson, placeholder_note, progress_bar, show
 
 if TYPE_CHECKING:
@@ -133,7 +134,8 @@ def play(
             renderer = LiveRenderer(
                 found, setting.texture, opened, setting.drive, LiveSettings(lead_s=lead_ms / 1e3)
             )
-            with renderer:
+            with warnings.catch_warnings(), renderer:
+                warnings.simplefilter("ignore", OverloadWarning)  # said below
                 for number, event in enumerate(paced(events, clock=renderer.now_s), 1):
                     renderer.event(event)
                     update("play", number / len(events))

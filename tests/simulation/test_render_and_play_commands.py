@@ -2,11 +2,15 @@
 
 import json
 import re
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import soundfile
+
+from firmware_io import PlaybackStats
+from haptix.errors import OverloadWarning
 
 SMALL = ("--trajectory", "path.csv", "--surface", "my.surface")
 PHOTO = ("--image", "photo.png", "--width-mm", "60")
@@ -65,6 +69,20 @@ def test_play_in_real_time(haptix_cli, own_folder, steady_mock, as_json):
     else:
         assert "underruns" in done.out
     assert not [file for file in own_folder.iterdir() if file.is_dir()]  # it leaves no folder
+
+
+@pytest.mark.parametrize("as_json", [True, False])
+def test_play_prints_the_lead_that_would_have_held(
+    haptix_cli, own_folder, steady_mock, as_json, monkeypatch
+):
+    told = "cannot hold its lead of 25 ms: 3 underruns"
+    monkeypatch.setattr(PlaybackStats, "advice", told)
+    options = ("--json",) if as_json else ()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", OverloadWarning)  # said in the output, not a second time
+        done = haptix_cli("play", *SMALL, *PHOTO, "--device", "mock:pace=real", *options)
+    assert (done.code, done.err) == (0, "")
+    assert told in " ".join(done.out.split())
 
 
 BOTH = {
