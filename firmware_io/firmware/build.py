@@ -21,6 +21,7 @@ SOURCES = (
     "haptix_session.c",
     "haptix_answer.c",
     "haptix_play.c",
+    "haptix_window.c",
 )
 HEADERS = ("haptix_wire.h", "haptix_device.h", "haptix_internal.h", "haptix_sine.h")
 

@@ -26,10 +26,22 @@
 
 /* No board may be built to drive more, whatever its configuration says. */
 #define HX_ABSOLUTE_CEILING_MV 200000u
+#define HX_ABSOLUTE_SLEW_V_PER_S 26389379u
+/* Over any second: 1.01 times the rms of a sine at 200 V, and a twentieth of the ceiling. */
+#define HX_MAX_RMS_MV 142835u
+#define HX_MEAN_DIVISOR 20u
+/* Half a turn of the slowest carrier keeps the mean below 0.1 V. */
+#define HX_MIN_CARRIER_MHZ 1000000u
+#define HX_MAX_WATCHDOG_MS 250u
 
 /* How long the output takes to 0 V after a fault, STOP or silence. */
 #define HX_RAMP_MS 5u
 #define HX_MIN_WATCHDOG_MS 10u
+/* A waveform whose samples ran out is at 0 V after this long: it is held, then ramped. */
+#define HX_DRY_MS 10u
+/* Of the second that energy and mean are taken over: 0.8 % of either is the error. */
+#define HX_WINDOW_BLOCKS 128u
+#define HX_ENERGY_SHIFT 12u
 /* A frame whose bytes pause for this long is given up. */
 #define HX_PAUSE_MS 100u
 
@@ -46,10 +58,10 @@ typedef struct {
     uint32_t output_rate_hz;   /* 1000 to 1000000 */
     uint32_t full_scale_mv;    /* 1 to 1000000 */
     uint32_t ceiling_mv;       /* 1 to 200000 */
-    uint32_t max_slew_v_per_s; /* enough to ramp the ceiling in 5 ms */
+    uint32_t max_slew_v_per_s; /* enough to ramp the ceiling in 5 ms, at most 26389379 */
     uint32_t queue_samples;
     uint16_t max_frame_samples; /* at most queue_samples */
-    uint16_t max_watchdog_ms;
+    uint16_t max_watchdog_ms; /* 10 to 250 */
     uint16_t report_bytes; /* 0 or 8 to 64 */
     uint16_t flags;
     uint16_t rate_count;
@@ -118,6 +130,14 @@ typedef struct {
     uint64_t clock;
 } hx_fault;
 
+/* Output samples: their sum, the highest and lowest sum up to the last of them, the energy. */
+typedef struct {
+    int32_t sum;
+    int32_t high;
+    int32_t low;
+    uint32_t energy; /* in 2^HX_ENERGY_SHIFT codes squared */
+} hx_block;
+
 struct hx_device {
     hx_config config;
     int16_t top_code; /* the limiter's: that of the hard ceiling */
@@ -160,6 +180,22 @@ struct hx_device {
     int16_t ramp_from;
     uint32_t ramp_ticks_left;
     uint32_t ramp_ticks;
+    uint32_t hold_ticks; /* a dry waveform is held this long, then its gain goes to 0 */
+    uint32_t dry_ticks;
+    uint32_t gain; /* 0 to ramp_ticks */
+
+    /* The last second of the output: belongs to the driver, no session begins it anew. */
+    hx_block blocks[HX_WINDOW_BLOCKS];
+    hx_block block; /* under way */
+    uint32_t block_at;
+    uint32_t block_tick;
+    uint32_t block_ticks;
+    uint64_t energy_now;
+    uint64_t energy_before;
+    uint64_t max_energy;
+    int64_t high_before;
+    int64_t low_before;
+    int64_t max_sum;
 
     uint64_t clock;
     uint32_t underruns;

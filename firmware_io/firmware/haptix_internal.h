@@ -20,6 +20,15 @@ uint32_t hx_longest_payload(const hx_device *device);
 /* Act on the whole frame at the start of the buffer. */
 void hx_take_frame(hx_device *device);
 
+/* The window of energy and mean begins with 0 V. */
+void hx_window_init(hx_device *device);
+
+/* Whether this output sample, of the present level, would break a limit of the window. */
+enum hx_fault_code hx_window_check(const hx_device *device, int16_t code);
+
+/* Count an output sample. */
+void hx_window_take(hx_device *device, int16_t code);
+
 /* Look again at the bytes of a frame that broke off, without its first one. */
 void hx_give_up_frame(hx_device *device);
 

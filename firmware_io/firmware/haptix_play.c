@@ -33,6 +33,24 @@ static void begin_playing(hx_device *d) {
     d->phase = 0;
     d->to = 0;
     d->tick_of_sample = d->ticks_per_sample;
+    d->gain = d->ramp_ticks;
+}
+
+/* No sample is due: hold a carrier; hold a waveform for a while, then ramp it to 0 V. */
+static enum hx_output run_dry(hx_device *d) {
+    if (!d->is_dry) {
+        d->is_dry = 1;
+        d->dry_ticks = 0;
+        d->underruns++;
+    }
+    if (d->has_carrier || d->gain == 0) return HX_OUT_HELD;
+    if (d->dry_ticks < d->hold_ticks) {
+        d->dry_ticks++;
+        return HX_OUT_HELD;
+    }
+    d->gain--;
+    d->level = (int16_t)((int32_t)d->to * (int32_t)d->gain / (int32_t)d->ramp_ticks);
+    return HX_OUT_RAMP;
 }
 
 /* Advance the level by one output sample; return what it is. */
@@ -49,11 +67,7 @@ static enum hx_output advance(hx_device *d) {
     if (!d->has_begun || is_leading) return HX_OUT_IDLE;
     if (!d->is_playing) begin_playing(d);
     if (d->tick_of_sample == d->ticks_per_sample) {
-        if (d->queued == 0) {
-            if (!d->is_dry) d->underruns++;
-            d->is_dry = 1;
-            return HX_OUT_HELD;
-        }
+        if (d->queued == 0) return run_dry(d);
         d->is_dry = 0;
         d->from = d->to;
         d->to = d->queue[d->head];
@@ -63,18 +77,17 @@ static enum hx_output advance(hx_device *d) {
         d->tick_of_sample = 0;
     }
     d->tick_of_sample++;
-    d->level = (int16_t)(d->from + ((int32_t)d->to - d->from) * (int32_t)d->tick_of_sample /
-                                       (int32_t)d->ticks_per_sample);
+    int32_t line = d->from + ((int32_t)d->to - d->from) * (int32_t)d->tick_of_sample /
+                                 (int32_t)d->ticks_per_sample;
+    if (d->gain < d->ramp_ticks) d->gain++; /* back from a ramp when it had run dry */
+    d->level = (int16_t)(line * (int32_t)d->gain / (int32_t)d->ramp_ticks);
     return HX_OUT_STREAM;
 }
 
 /* The level as it goes to the output. */
-static int16_t drive(hx_device *d, enum hx_output what) {
+static int16_t drive(const hx_device *d, enum hx_output what) {
     int32_t code = d->level;
-    if (d->has_carrier && what != HX_OUT_IDLE) {
-        code = code * sine(d->phase) / 32767;
-        d->phase += d->phase_step_now;
-    }
+    if (d->has_carrier && what != HX_OUT_IDLE) code = code * sine(d->phase) / 32767;
     /* Every sample was checked as it came. This is for memory that went bad since. */
     if (code > d->top_code) code = d->top_code;
     if (code < -d->top_code) code = -d->top_code;
@@ -99,8 +112,21 @@ static void pass_time(hx_device *d) {
 
 void hx_device_play(hx_device *d, int16_t *out, uint8_t *what, uint32_t n) {
     for (uint32_t i = 0; i < n; i++) {
+        int16_t before = d->level;
         enum hx_output is = advance(d);
-        out[i] = drive(d, is);
+        int16_t code = drive(d, is);
+        enum hx_fault_code broken = d->is_playing ? hx_window_check(d, code) : HX_FAULT_NONE;
+        if (broken != HX_FAULT_NONE) { /* the ramp takes the place of this sample */
+            uint32_t limit_mv = HX_MAX_RMS_MV;
+            if (broken == HX_FAULT_MEAN) limit_mv = d->config.ceiling_mv / HX_MEAN_DIVISOR;
+            d->level = before;
+            hx_refuse(d, broken, 0, 0, limit_mv, 0);
+            is = advance(d);
+            code = drive(d, is);
+        }
+        if (d->has_carrier && is != HX_OUT_IDLE) d->phase += d->phase_step_now;
+        hx_window_take(d, code);
+        out[i] = code;
         if (what != NULL) what[i] = (uint8_t)is;
         pass_time(d);
     }

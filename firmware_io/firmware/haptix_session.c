@@ -18,10 +18,12 @@ static int describes_a_device(const hx_config *c) {
     if (c->full_scale_mv < 1u || c->full_scale_mv > 1000000u) return 0;
     if (c->ceiling_mv < 1u || c->ceiling_mv > HX_ABSOLUTE_CEILING_MV) return 0;
     if ((uint64_t)c->max_slew_v_per_s * HX_RAMP_MS < c->ceiling_mv) return 0;
+    if (c->max_slew_v_per_s > HX_ABSOLUTE_SLEW_V_PER_S) return 0;
     if (c->queue_samples > HX_QUEUE_SAMPLES) return 0;
     if (c->max_frame_samples < 1u || c->max_frame_samples > HX_MAX_FRAME_SAMPLES) return 0;
     if (c->max_frame_samples > c->queue_samples) return 0;
     if (c->max_watchdog_ms < HX_MIN_WATCHDOG_MS) return 0;
+    if (c->max_watchdog_ms > HX_MAX_WATCHDOG_MS) return 0;
     if (c->report_bytes != 0 && (c->report_bytes < 8u || c->report_bytes > HX_MAX_REPORT_BYTES))
         return 0;
     if (c->rate_count < 1u || c->rate_count > HX_MAX_RATES) return 0;
@@ -49,6 +51,8 @@ int hx_device_init(hx_device *d, const hx_config *config) {
     d->config = *config;
     d->top_code = (int16_t)ceiling_code(config->ceiling_mv, config->full_scale_mv);
     d->ramp_ticks = (config->output_rate_hz * HX_RAMP_MS + 999u) / 1000u;
+    d->hold_ticks = config->output_rate_hz * HX_DRY_MS / 1000u - d->ramp_ticks;
+    hx_window_init(d);
     forget_setup(d);
     return 1;
 }
@@ -111,7 +115,7 @@ static void take_setup(hx_device *d, uint16_t sequence, const uint8_t *payload) 
     uint32_t status_ms = hx_get_u16(payload + 28);
     uint32_t output_hz = d->config.output_rate_hz;
     uint32_t highest_carrier = mode == HX_ENVELOPE ? output_hz * 500u : 0u;
-    uint32_t lowest_carrier = mode == HX_ENVELOPE ? 1u : 0u;
+    uint32_t lowest_carrier = mode == HX_ENVELOPE ? HX_MIN_CARRIER_MHZ : 0u;
     uint8_t field = 255;
     uint32_t bound = 0, got = 0;
 

@@ -4,7 +4,7 @@
 
 #include <stdint.h>
 
-#define HX_VERSION 2u
+#define HX_VERSION 3u
 #define HX_HEADER_BYTES 12u
 #define HX_CRC_BYTES 4u
 #define HX_FRAME_OVERHEAD_BYTES (HX_HEADER_BYTES + HX_CRC_BYTES)
@@ -43,7 +43,9 @@ enum hx_fault_code {
     HX_FAULT_SLEW = 13,
     HX_FAULT_QUEUE_FULL = 14,
     HX_FAULT_STARVED = 15,
-    HX_FAULT_TRUNCATED = 16
+    HX_FAULT_TRUNCATED = 16,
+    HX_FAULT_ENERGY = 17,
+    HX_FAULT_MEAN = 18
 };
 
 #define HX_HELLO_BYTES 2u

@@ -12,9 +12,17 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.firmware.reference_board import MIN_WATCHDOG_MS, PAUSE_MS, RAMP_MS, check_board
+from firmware_io.firmware.reference_board import (
+    DRY_MS,
+    MIN_CARRIER_MHZ,
+    MIN_WATCHDOG_MS,
+    PAUSE_MS,
+    RAMP_MS,
+    check_board,
+)
 from firmware_io.firmware.reference_output import Codes, Playing, ReferenceOutput, Whats
 from firmware_io.firmware.reference_receiver import Head, Receiver
+from firmware_io.firmware.reference_window import MAX_RMS_MV, MEAN_DIVISOR, ReferenceWindow
 from firmware_io.protocol import (
     FULL_SCALE_CODE,
     INDEX_MODULUS,
@@ -61,9 +69,14 @@ class ReferenceCore:
         check_board(config)
         self._config = replace(config, oldest_version=VERSION, newest_version=VERSION)
         self._setup: Setup | None = None
+        rate_hz = config.output_rate_hz
+        ramp_ticks = -(-rate_hz * RAMP_MS // 1000)
+        top_code = min(config.ceiling_mv * FULL_SCALE_CODE // config.full_scale_mv, FULL_SCALE_CODE)
         self._output = ReferenceOutput(
-            -(-config.output_rate_hz * RAMP_MS // 1000),
-            config.ceiling_mv * FULL_SCALE_CODE // config.full_scale_mv,
+            ramp_ticks,
+            rate_hz * DRY_MS // 1000 - ramp_ticks,
+            top_code,
+            ReferenceWindow(rate_hz, config.full_scale_mv, top_code, ramp_ticks),
         )
         self._forget_setup()
         self._longest_stream = 4 + 2 * config.max_frame_samples
@@ -185,7 +198,7 @@ class ReferenceCore:
             return 0, 1, mode
         envelope = mode == StreamMode.ENVELOPE
         is_played = any(r.sample_rate_hz == rate_hz and mode in r.modes for r in config.rates)
-        carriers = (1, config.output_rate_hz * 500) if envelope else (0, 0)
+        carriers = (MIN_CARRIER_MHZ, config.output_rate_hz * 500) if envelope else (0, 0)
         if not MIN_WATCHDOG_MS <= watchdog_ms <= config.max_watchdog_ms:
             is_short = watchdog_ms < MIN_WATCHDOG_MS
             return 2, MIN_WATCHDOG_MS if is_short else config.max_watchdog_ms, watchdog_ms
@@ -317,8 +330,13 @@ class ReferenceCore:
         while ticks:
             count = min(ticks, self._ticks_to_event())
             pieces.append(self._output.play(count))
+            count = pieces[-1][0].size
             ticks -= count
             self._pass_time(count)
+            if self._output.broken is not FaultCode.NONE:
+                mean_mv = self._config.ceiling_mv // MEAN_DIVISOR
+                is_mean = self._output.broken is FaultCode.MEAN
+                self.refuse(self._output.broken, 0, mean_mv if is_mean else MAX_RMS_MV, 0)
         if not pieces:
             return np.empty(0, np.int16), np.empty(0, np.uint8)
         codes, what = zip(*pieces, strict=True)

@@ -9,7 +9,11 @@ from firmware_io.protocol import CapabilitiesReport
 RAMP_MS = 5
 MIN_WATCHDOG_MS = 10
 PAUSE_MS = 100
+DRY_MS = 10
+MAX_WATCHDOG_MS = 250
+MIN_CARRIER_MHZ = 1_000_000
 ABSOLUTE_CEILING_MV = 200_000
+ABSOLUTE_SLEW_V_PER_S = 26_389_379
 MAX_REPORT_BYTES = 64
 
 
@@ -28,10 +32,10 @@ def check_board(config: CapabilitiesReport) -> None:
         and 1 <= config.full_scale_mv <= 1_000_000
         and 1 <= config.ceiling_mv <= ABSOLUTE_CEILING_MV
         and config.ceiling_mv <= config.max_slew_v_per_s * RAMP_MS
-        and config.max_slew_v_per_s < 2**32
+        and config.max_slew_v_per_s <= ABSOLUTE_SLEW_V_PER_S
         and 1 <= config.max_frame_samples <= min(FRAME_SAMPLES, config.queue_samples)
         and config.queue_samples <= QUEUE_SAMPLES
-        and MIN_WATCHDOG_MS <= config.max_watchdog_ms < 2**16
+        and MIN_WATCHDOG_MS <= config.max_watchdog_ms <= MAX_WATCHDOG_MS
         and (config.report_bytes == 0 or 8 <= config.report_bytes <= MAX_REPORT_BYTES)
         and rates_are_possible
         and all(len(text) <= 16 and text.isascii() for text in texts)

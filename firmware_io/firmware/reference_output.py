@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io.firmware.core import Output
+from firmware_io.firmware.reference_window import ReferenceWindow
 from firmware_io.firmware.sine import sine_table
-from firmware_io.protocol import FULL_SCALE_CODE, StreamMode
+from firmware_io.protocol import FULL_SCALE_CODE, FaultCode, StreamMode
 
 Codes = npt.NDArray[np.int16]
 Whats = npt.NDArray[np.uint8]
@@ -35,12 +36,28 @@ class ReferenceOutput:
     ----------
     ramp_ticks : int
         Length of the safety ramp.
+    hold_ticks : int
+        How long a waveform that has run dry is held.
     top_code : int
         Largest code that leaves the limiter.
+    window : ReferenceWindow
+        Energy and mean of what has left it.
+
+    Attributes
+    ----------
+    broken : FaultCode
+        The limit that the next sample would have broken; it was not played.
     """
 
-    def __init__(self, ramp_ticks: int, top_code: int) -> None:
+    def __init__(
+        self, ramp_ticks: int, hold_ticks: int, top_code: int, window: ReferenceWindow
+    ) -> None:
         self.ramp_ticks = ramp_ticks
+        self.broken = FaultCode.NONE
+        self._window = window
+        self._hold_ticks = hold_ticks
+        self._dry_ticks = 0
+        self._gain = ramp_ticks
         self._top_code = top_code
         self.queue: Codes = np.empty(0, np.int16)
         self.has_begun = False
@@ -82,19 +99,43 @@ class ReferenceOutput:
             self.ramp_ticks_left = self.ramp_ticks
 
     def play(self, ticks: int) -> tuple[Codes, Whats]:
-        """Return the next output samples, and the kind of each."""
+        """Return the next output samples, and the kind of each; fewer before a broken limit."""
         codes = np.zeros(ticks, np.int16)
         what = np.zeros(ticks, np.uint8)
         done = 0
-        while done < ticks:
-            levels, kind = self._run(ticks - done)
+        self.broken = FaultCode.NONE
+        while done < ticks and self.broken is FaultCode.NONE:
+            before = vars(self).copy()
+            levels, driven, kind = self._drive(ticks - done)
+            if self.is_playing:
+                has_carrier = self._playing.mode is StreamMode.ENVELOPE
+                step = self._playing.phase_step if has_carrier else None
+                count, broken = self._window.admit(driven, levels, step)
+                if count < levels.size:
+                    # Again, and no further than the block of the window or the limit.
+                    vars(self).update(before)
+                    if count:
+                        levels, driven, kind = self._drive(count)
+                    else:
+                        levels, driven = levels[:0], driven[:0]
+                    self.broken = broken
             after = done + levels.size
-            self._level = int(levels[-1])
-            driven = self._times_carrier(levels) if kind is not Output.IDLE else levels
-            codes[done:after] = np.clip(driven, -self._top_code, self._top_code)
+            codes[done:after] = driven
             what[done:after] = kind
+            self._window.take(driven)
             done = after
-        return codes, what
+        if self.broken is not FaultCode.NONE:
+            level = self._level
+            self._run(1)  # the sample that gives way to the ramp is gone
+            self._level = level
+        return codes[:done], what[:done]
+
+    def _drive(self, most: int) -> tuple[_Integers, _Integers, Output]:
+        """Return levels and codes of up to `most` ticks that are all of one kind; at least one."""
+        levels, kind = self._run(most)
+        self._level = int(levels[-1])
+        driven = self._times_carrier(levels) if kind is not Output.IDLE else levels
+        return levels, np.clip(driven, -self._top_code, self._top_code), kind
 
     def _run(self, most: int) -> tuple[_Integers, Output]:
         """Return the levels of up to `most` ticks that are all of one kind; at least one."""
@@ -117,20 +158,22 @@ class ReferenceOutput:
     def _run_stream(self, most: int) -> tuple[_Integers, Output]:
         if not self.is_playing:
             self.is_playing, self._is_dry = True, False
+            self._gain = self.ramp_ticks
             self._playing = self._next
             self._phase = self._to = 0
             self._tick_of_sample = self._playing.ticks_per_sample
         each = self._playing.ticks_per_sample
         count = min(most, each - self._tick_of_sample + self.queue.size * each)
         if count == 0:
-            self.underruns += not self._is_dry
-            self._is_dry = True
-            return np.full(most, self._level, np.int64), Output.HELD
+            return self._run_dry(most)
         # Line number `line` goes from point `line` to the next; the first one is under way.
         tick = self._tick_of_sample + np.arange(count)
         line, step = tick // each, tick % each + 1
         points = np.concatenate([[self._from, self._to], self.queue]).astype(np.int64)
         levels = points[line] + _quotient((points[line + 1] - points[line]) * step, each)
+        gains = np.minimum(self._gain + 1 + np.arange(count), self.ramp_ticks)
+        self._gain = int(gains[-1])
+        levels = _quotient(levels * gains, self.ramp_ticks)
         taken = int(line[-1])
         self._is_dry &= taken == 0
         self._from, self._to = int(points[taken]), int(points[taken + 1])
@@ -138,6 +181,21 @@ class ReferenceOutput:
         self.queue = self.queue[taken:]
         self.samples_played = (self.samples_played + taken) % 2**32
         return levels, Output.STREAM
+
+    def _run_dry(self, most: int) -> tuple[_Integers, Output]:
+        """Hold a carrier; hold a waveform for a while, then ramp it to 0 V."""
+        if not self._is_dry:
+            self._is_dry, self._dry_ticks = True, 0
+            self.underruns += 1
+        if self._playing.mode is StreamMode.ENVELOPE or self._gain == 0:
+            return np.full(most, self._level, np.int64), Output.HELD
+        if self._dry_ticks < self._hold_ticks:
+            count = min(most, self._hold_ticks - self._dry_ticks)
+            self._dry_ticks += count
+            return np.full(count, self._level, np.int64), Output.HELD
+        gains = self._gain - 1 - np.arange(min(most, self._gain))
+        self._gain = int(gains[-1])
+        return _quotient(self._to * gains, self.ramp_ticks), Output.RAMP
 
     def _times_carrier(self, levels: _Integers) -> _Integers:
         if self._playing.mode is not StreamMode.ENVELOPE:

@@ -26,6 +26,8 @@ class FaultCode(IntEnum):
     QUEUE_FULL = 14
     STARVED = 15
     TRUNCATED = 16
+    ENERGY = 17
+    MEAN = 18
 
 
 @dataclass(frozen=True)
@@ -101,4 +103,12 @@ _SENTENCES = {
         "longer lead or in longer blocks, and stop before a pause."
     ),
     FaultCode.TRUNCATED: "A frame broke off: {expected} bytes were due, but {got} came.",
+    FaultCode.ENERGY: (
+        "The rms voltage over a second would exceed {expected_v:g} V, with the time that a sample "
+        "was held; lower the amplitude, or pause."
+    ),
+    FaultCode.MEAN: (
+        "The mean voltage over a second would exceed {expected_v:g} V, with the time that a sample "
+        "was held; remove the offset, send without pauses, and rest before trying again."
+    ),
 }

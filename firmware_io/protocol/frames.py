@@ -13,7 +13,7 @@ from firmware_io.protocol.messages import FrameKind, Message, StreamMode, Stream
 from firmware_io.protocol.payloads import LAYOUTS, member, read_payload, write_payload
 
 MAGIC = b"HX"
-VERSION = 2
+VERSION = 3
 #: Sequence numbers count modulo this.
 SEQUENCE_MODULUS = 2**16
 #: Sample indices count modulo this.

@@ -61,8 +61,8 @@ class Hello:
         The protocol versions that the host speaks, 0 to 255.
     """
 
-    oldest_version: int = 2
-    newest_version: int = 2
+    oldest_version: int = 3
+    newest_version: int = 3
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,233 @@
+"""The golden sessions, calculated from PROTOCOL.md alone: no line of the package is used.
+
+``python tests/firmware_io/golden_sessions.py`` writes them; a test compares the files. Frames are
+packed field by field, with check sums bit by bit; answers are written down as the page says them;
+what is played comes from the page's formulas, tick by tick in whole numbers.
+"""
+
+import itertools
+import json
+import math
+import struct
+from pathlib import Path
+
+FOLDER = Path(__file__).parents[2] / "firmware_io/golden"
+OUTPUT_HZ, RAMP, LEAD, HOLD = 8000, 40, 8, 40
+BOARD = {
+    "oldest_version": 3,
+    "newest_version": 3,
+    "report_bytes": 64,
+    "output_rate_hz": OUTPUT_HZ,
+    "full_scale_mv": 250_000,
+    "ceiling_mv": 200_000,
+    "max_slew_v_per_s": 20_000_000,
+    "queue_samples": 400,
+    "max_frame_samples": 200,
+    "max_watchdog_ms": 200,
+    "name": "golden board",
+    "serial": "G-0001",
+    "calibration_id": "",
+    "reports_touch": False,
+    "rates": [[8000, [0, 1]], [2000, [0, 1]]],
+}
+HELLO, SETUP, ARM, STREAM, STOP, PING = range(1, 7)
+CAPABILITIES, STATUS, FAULT = 0x81, 0x82, 0x83
+
+
+def crc16(data):
+    crc = 0xFFFF
+    for bit in (byte >> place & 1 for byte in data for place in range(7, -1, -1)):
+        crc = (crc << 1 & 0xFFFF) ^ (0x1021 if (crc >> 15) ^ bit else 0)
+    return crc
+
+
+def crc32(data):
+    crc = 0xFFFFFFFF
+    for bit in (byte >> place & 1 for byte in data for place in range(8)):
+        crc = crc >> 1 ^ (0xEDB88320 if (crc & 1) ^ bit else 0)
+    return crc ^ 0xFFFFFFFF
+
+
+def frame(kind, sequence, payload=b"", mode=0, version=3):
+    head = struct.pack("<2sBBHHH", b"HX", version, kind, sequence, len(payload), mode)
+    body = head + struct.pack("<H", crc16(head)) + payload
+    return body + struct.pack("<I", crc32(body))
+
+
+def quotient(a, b):
+    """Rounded toward 0."""
+    return -(-a // b) if a < 0 else a // b
+
+
+def sine(phase):
+    def table(i):
+        return round(32767 * math.sin(2 * math.pi * i / 1024))
+
+    a, b = table(phase >> 22), table((phase >> 22) + 1)
+    return a + quotient((b - a) * (phase >> 6 & 65535), 65536)
+
+
+class Session:
+    """The steps of a session, with the numbers of both sides."""
+
+    def __init__(self, in_reports=False):
+        self.steps = []
+        self.in_reports = in_reports
+        self.sent = self.answered = 0
+
+    def receive(self, kind, payload=b"", mode=0, sequence=None, damage=None):
+        sequence = self.sent if sequence is None else sequence
+        data = bytearray(frame(kind, sequence, payload, mode))
+        if damage is not None:
+            data[damage] ^= 1
+        self.sent = sequence + 1
+        self.receive_bytes(bytes(data))
+        return bytes(data)
+
+    def receive_bytes(self, data):
+        if not self.in_reports:
+            self.steps.append({"receive": data.hex(" ")})
+            return
+        for start in range(0, len(data), 62):
+            piece = data[start : start + 62]
+            report = bytes([1, len(piece) | 0x80 * (start == 0)]) + piece.ljust(62, b"\0")
+            self.steps.append({"report": report.hex(" ")})
+
+    def hello(self, oldest=3, newest=3):
+        self.receive(HELLO, bytes([oldest, newest]))
+
+    def setup(self, mode=0, watchdog_ms=100, rate_hz=8000, carrier_mhz=0, ceiling_mv=200_000):
+        fields = (mode, watchdog_ms, rate_hz, 250_000, ceiling_mv, 20_000_000)
+        self.receive(SETUP, struct.pack("<HHIIIIIIH", *fields, carrier_mhz, 1000, 5))
+
+    def stream(self, index, codes, mode=0, **how):
+        return self.receive(STREAM, struct.pack(f"<I{len(codes)}h", index, *codes), mode, **how)
+
+    def transmit(self, *answers):
+        data = b""
+        for kind, payload in answers:
+            data += frame(kind, self.answered, payload)
+            self.answered += 1
+        self.steps.append({"transmit": data.hex(" ")})
+
+    def capabilities(self):
+        about = [*list(BOARD.values())[:10]]
+        texts = [BOARD[name].encode() for name in ("name", "serial", "calibration_id")]
+        payload = struct.pack("<BBHIIIIIHH16s16s16sHH", *about, *texts, 0, 2)
+        self.transmit((CAPABILITIES, payload + struct.pack("<4I", 8000, 3, 2000, 3)))
+
+    def play(self, codes):
+        self.steps.append({"play": list(codes)})
+
+    def text(self, about):
+        steps = ",\n".join("  " + json.dumps(step) for step in self.steps)
+        head = f' "about": {json.dumps(about)},\n "board": {json.dumps(BOARD)},\n'
+        return f'{{\n{head} "steps": [\n{steps}\n ]\n}}\n'
+
+
+def status(state, fault, following, token, queued, played, underruns, faults, clock):
+    free = BOARD["queue_samples"] - queued
+    fields = (state, fault, following, token, queued, free, played, underruns, faults, clock)
+    return STATUS, struct.pack("<BBHIIIIIIQ", *fields)
+
+
+def fault(code, sequence, expected, got, clock, field=0):
+    return FAULT, struct.pack("<BBHIIQ", code, field, sequence, expected, got, clock)
+
+
+def ramp(level):
+    return [quotient(level * (RAMP - k), RAMP) for k in range(1, RAMP + 1)]
+
+
+def lines(codes, each):
+    """Straight lines from 0 over all samples, `each` ticks long."""
+    points = [0, *codes]
+    return [
+        a + quotient((b - a) * k, each)
+        for a, b in itertools.pairwise(points)
+        for k in range(1, each + 1)
+    ]
+
+
+def carried(levels, carrier_mhz):
+    """An envelope from the first tick of its first line, whose phase is 0."""
+    step = carrier_mhz * 2**32 // (1000 * OUTPUT_HZ)
+    return [quotient(a * sine(k * step % 2**32), 32767) for k, a in enumerate(levels)]
+
+
+def first_part(session, mode, codes, each, out):
+    """Set up, armed, five frames of 16 samples, an underrun of four ticks, STOP."""
+    session.hello()
+    session.capabilities()
+    session.setup(
+        mode, 100, OUTPUT_HZ // each, 1_700_000 if mode else 0, 180_000 if mode else 200_000
+    )
+    session.transmit(status(0, 0, 2, 0, 0, 0, 0, 0, 0))
+    session.receive(ARM)
+    session.transmit(status(1, 0, 3, 0, 0, 0, 0, 0, 0))
+    ticks = 16 * each
+    for n in range(5):
+        session.stream(16 * n, codes[16 * n : 16 * n + 16], mode)
+        session.play(out[n * ticks : (n + 1) * ticks])
+    session.receive(PING, struct.pack("<I", 1))
+    left = LEAD // each
+    session.transmit(status(2, 0, 9, 1, left, 80 - left, 0, 0, 5 * ticks))
+    session.play(out[5 * ticks : 5 * ticks + 12])
+    clock = 5 * ticks + 12
+    session.receive(STOP)
+    session.transmit(status(3, 0, 10, 1, 0, 80, 1, 0, clock))
+    session.play(out[clock : clock + 50])
+    session.transmit(status(0, 0, 10, 1, 0, 80, 1, 0, clock + 50))
+    session.receive(ARM)
+    return clock + 50
+
+
+def waveform():
+    """A tone, an underrun that ends in a ramp, STOP, then a damaged frame."""
+    session = Session()
+    codes = [round(26_000 * math.sin(2 * math.pi * n / 20)) for n in range(80)]
+    out = [0] * LEAD + codes + [codes[-1]] * 4
+    out += ramp(out[-1]) + [0] * 10
+    clock = first_part(session, 0, codes, 1, out)
+    session.stream(0, [5000, 20_000])
+    session.play([0] * LEAD + [5000, 20_000] + [20_000] * 10)
+    clock += 20
+    broken = session.stream(2, [257], damage=16)
+    due, carries = crc32(broken[:-4]), int.from_bytes(broken[-4:], "little")
+    session.transmit(fault(1, 12, due, carries, clock), status(3, 1, 12, 1, 0, 2, 2, 1, clock))
+    session.play(ramp(20_000) + [0] * 10)
+    session.transmit(status(0, 1, 12, 1, 0, 2, 2, 1, clock + 50))
+    return session.text(
+        "What a board of this description plays and answers: a waveform over bulk, an underrun, "
+        "STOP, a damaged frame. Made by tests/firmware_io/golden_sessions.py."
+    )
+
+
+def envelope():
+    """The same in reports, with a carrier of 1.7 kHz and samples of 2 kHz."""
+    session = Session(in_reports=True)
+    codes = [round(20_000 * math.sin(math.pi * n / 80)) for n in range(80)]
+    levels = lines(codes, 4) + [codes[-1]] * 4
+    out = [0] * LEAD + carried(levels + ramp(codes[-1]), 1_700_000) + [0] * 10
+    clock = first_part(session, 1, codes, 4, out)
+    session.stream(0, [5000, 20_000], 1)
+    levels = lines([5000, 20_000], 4) + [20_000] * 4
+    out = [0] * LEAD + carried(levels + ramp(20_000), 1_700_000) + [0] * 10
+    session.play(out[:20])
+    clock += 20
+    broken = session.stream(2, [257], 1, damage=16)
+    due, carries = crc32(broken[:-4]), int.from_bytes(broken[-4:], "little")
+    session.transmit(fault(1, 12, due, carries, clock), status(3, 1, 12, 1, 0, 2, 2, 1, clock))
+    session.play(out[20:])
+    session.transmit(status(0, 1, 12, 1, 0, 2, 2, 1, clock + 50))
+    return session.text(
+        "What a board of this description plays and answers: an envelope in HID reports, an "
+        "underrun, STOP, a damaged frame. Made by tests/firmware_io/golden_sessions.py."
+    )
+
+
+SESSIONS = {"session-envelope": envelope, "session-waveform": waveform}
+
+if __name__ == "__main__":
+    for name, make in SESSIONS.items():
+        (FOLDER / f"{name}.json").write_text(make())
