@@ -11,6 +11,10 @@ from firmware_io.protocol import MAX_SAMPLES, CapabilitiesReport, StreamMode
 
 Mode = Literal["waveform", "envelope"]
 
+#: Bounds of PROTOCOL.md on what a device may state.
+MAX_RATE_HZ = 1_000_000
+MAX_QUEUE_SAMPLES = 2**24
+
 
 @dataclass(frozen=True)
 class Capabilities:
@@ -70,6 +74,13 @@ class Capabilities:
                     f"{field} of device {self.name!r} must be a finite number above 0, "
                     f"but is {value!r}; correct the device's description."
                 )
+        # A device that states more would make the host keep a second of it in memory.
+        if self.sample_rate_hz > MAX_RATE_HZ or self.queue_samples > MAX_QUEUE_SAMPLES:
+            raise DeviceError(
+                f"Device {self.name!r} states {self.sample_rate_hz:g} samples a second and a queue "
+                f"of {self.queue_samples}, but at most {MAX_RATE_HZ} and {MAX_QUEUE_SAMPLES} are "
+                "possible; correct the device's description."
+            )
         if not 1 <= self.max_frame_samples <= MAX_SAMPLES:
             raise DeviceError(
                 f"max_frame_samples of device {self.name!r} must lie in 1..{MAX_SAMPLES}, "

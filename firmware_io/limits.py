@@ -17,7 +17,7 @@ ABSOLUTE_CEILING_V = 200.0
 #: that moves at up to 0.32 times the carrier's own rate (sqrt(1 + 0.32**2) = 1.05).
 DEFAULT_MAX_SLEW_V_PER_S = 1.05 * 2.0 * math.pi * 20e3 * ABSOLUTE_CEILING_V
 
-#: How long a driver holds its last voltage without a host before it ramps to 0 V and disarms.
+#: The longest time without a host after which a driver is at 0 V and disarmed.
 #: Long enough that a host's pauses cost an underrun and not the session: 20 ms in a slow block,
 #: some 100 ms on a busy desktop. Short enough that what a dead host leaves behind is gone in about
 #: the time a person takes to react.
@@ -34,8 +34,17 @@ DEFAULT_MAX_RMS_V = 1.01 * ABSOLUTE_CEILING_V / math.sqrt(2.0)
 #: half period with which any tone from 6.4 Hz on begins (2/pi * T/2 <= 0.05 s).
 DEFAULT_MAX_DC_SHARE = 0.05
 
+#: A carrier is at least this fast. Half of its turn at the ceiling leaves a mean of 0.06 V over a
+#: second, far below the limit, and an envelope cannot be gated in step with it unnoticed.
+MIN_CARRIER_HZ = 1000.0
+
 #: Energy and mean are taken over this long: shorter than it takes parts to warm or ions to move.
 DEFAULT_WINDOW_S = 1.0
+
+#: Duration of the ramp to 0 V that ends a stream, in seconds: what a driver's own takes.
+RAMP_S = 0.005
+
+_RECOUNTS = 128  # in a window
 
 #: A mean below this counts as none: a few codes of rounding at 250 V full scale.
 _DC_FLOOR_V = 0.05
@@ -54,14 +63,15 @@ class DriveLimits:
     max_rms_v : float
         Largest admissible root mean square over the window, in volts.
     max_dc_share : float
-        Largest admissible mean over the window, as a share of its largest magnitude.
+        Largest admissible mean over the window, as a share of its largest magnitude. No stretch
+        within a window may sum to more than this share of the ceiling over a whole window.
     window_s : float
         Length of that window, in seconds; before the first sample it holds 0 V.
 
     Raises
     ------
     LimitError
-        If a limit is not finite and positive, or the ceiling lies above `ABSOLUTE_CEILING_V`.
+        If a limit is not finite and positive, or is above its default: limits can be lowered only.
     """
 
     ceiling_v: float = ABSOLUTE_CEILING_V
@@ -71,17 +81,23 @@ class DriveLimits:
     window_s: float = DEFAULT_WINDOW_S
 
     def __post_init__(self) -> None:
-        for name in ("ceiling_v", "max_slew_v_per_s", "max_rms_v", "max_dc_share", "window_s"):
+        for name, highest, unit in (
+            ("ceiling_v", ABSOLUTE_CEILING_V, " V"),
+            ("max_slew_v_per_s", DEFAULT_MAX_SLEW_V_PER_S, " V/s"),
+            ("max_rms_v", DEFAULT_MAX_RMS_V, " V"),
+            ("max_dc_share", DEFAULT_MAX_DC_SHARE, ""),
+            ("window_s", DEFAULT_WINDOW_S, " s"),
+        ):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise LimitError(
                     f"{name} must be a finite number above 0, but is {value!r}; correct it."
                 )
-        if self.ceiling_v > ABSOLUTE_CEILING_V:
-            raise LimitError(
-                f"ceiling_v must be at most {ABSOLUTE_CEILING_V:g} V, but is {self.ceiling_v!r} V; "
-                "choose a lower ceiling, the absolute one cannot be raised."
-            )
+            if value > highest:
+                raise LimitError(
+                    f"{name} must be at most {highest:g}{unit}, but is {value!r}{unit}; choose a lower "
+                    "value, the product's limit cannot be raised."
+                )
 
     def check(
         self, volts: npt.NDArray[np.float64], previous_v: float, sample_rate_hz: float
@@ -182,7 +198,7 @@ class DriveLimits:
             )
 
     def ramp_to_zero(
-        self, last_v: float, sample_rate_hz: float, ramp_s: float = 0.005
+        self, last_v: float, sample_rate_hz: float, ramp_s: float = RAMP_S
     ) -> npt.NDArray[np.float64]:
         """Return a straight ramp from the sample after `last_v` to exactly 0 V.
 
@@ -209,6 +225,9 @@ class DriveLimits:
 class DriveWindow:
     """The last second or so that was driven: rejects too much energy and a mean voltage.
 
+    It takes what leaves the driver: samples, or the amplitude times the carrier. The driver checks
+    the same against its own clock, which also counts the time that a sample is held.
+
     Parameters
     ----------
     limits : DriveLimits
@@ -220,14 +239,29 @@ class DriveWindow:
     def __init__(self, limits: DriveLimits, sample_rate_hz: float) -> None:
         self.limits = limits
         self._ring = np.zeros(max(1, round(limits.window_s * sample_rate_hz)))
+        self._sample_rate_hz = sample_rate_hz
         self._next = 0
         self._sum_v = 0.0
         self._sum_square = 0.0
+        # The highest and the lowest sum of a stretch that ends with the latest sample.
+        self._highest_sum = self._lowest_sum = 0.0
+        self._since_recount = 0
 
-    def check(self, volts: npt.NDArray[np.float64]) -> None:
+    def check(
+        self, volts: npt.NDArray[np.float64], each: int = 1, is_carried: bool = False
+    ) -> None:
         """Reject samples with which the window would hold too much energy or too high a mean.
 
         A sample of 0 V is never rejected: it is the remedy.
+
+        Parameters
+        ----------
+        volts : ndarray, shape (n,)
+            Voltages at the window's rate.
+        each : int
+            Of these are made of one sample, for the number in the message.
+        is_carried : bool
+            Whether a carrier alternates them, so that a ramp to 0 V has no mean of its own.
 
         Raises
         ------
@@ -243,10 +277,21 @@ class DriveWindow:
         if over.any():
             index = int(over.argmax())
             raise LimitError(
-                f"With sample {index} the rms over {self.limits.window_s:g} s reaches "
+                f"With sample {index // each} the rms over {self.limits.window_s:g} s reaches "
                 f"{math.sqrt(square[index]):g} V, above the limit of {self.limits.max_rms_v:g} V; "
                 "lower the amplitude, or pause."
             )
+        self._check_mean(volts, each, leaving)
+        self._check_stretches(volts, each, 0.0 if is_carried else RAMP_S / 2)
+
+    def _check_mean(
+        self,
+        volts: npt.NDArray[np.float64],
+        each: int,
+        leaving: npt.NDArray[np.float64],
+    ) -> None:
+        """Reject a mean of the window above its share of the largest magnitude there."""
+        size = self._ring.size
         mean = (self._sum_v + np.cumsum(volts - leaving)) / size
         highest = float(np.abs(mean).max())
         if highest <= _DC_FLOOR_V:
@@ -260,7 +305,7 @@ class DriveWindow:
         if over.any():
             index = int(over.argmax())
             raise LimitError(
-                f"With sample {index} the mean over {self.limits.window_s:g} s reaches "
+                f"With sample {index // each} the mean over {self.limits.window_s:g} s reaches "
                 f"{mean[index]:g} V, above {share:.0%} of the largest magnitude there; "
                 "drive without a mean voltage: remove the offset, and pause before trying again."
             )
@@ -269,6 +314,9 @@ class DriveWindow:
         """Take samples into the window, after they were sent."""
         size = self._ring.size
         leaving = self._leaving(volts)
+        if volts.size:
+            self._highest_sum = float(self._stretches(volts, -self._highest_sum, np.minimum)[-1])
+            self._lowest_sum = float(self._stretches(volts, -self._lowest_sum, np.maximum)[-1])
         self._sum_v += float((volts - leaving).sum())
         self._sum_square += float((volts * volts - leaving * leaving).sum())
         latest = volts[-size:]
@@ -281,11 +329,45 @@ class DriveWindow:
             self._sum_v = float(self._ring.sum())
             self._sum_square = float((self._ring * self._ring).sum())
         self._next = (self._next + volts.size) % size
+        self._since_recount += volts.size
+        if self._since_recount > size / _RECOUNTS:
+            # Without the samples that have left meanwhile.
+            self._since_recount = 0
+            in_order = np.concatenate([self._ring[self._next :], self._ring[: self._next]])
+            behind = np.cumsum(in_order[::-1])
+            self._highest_sum = max(0.0, float(behind.max()))
+            self._lowest_sum = min(0.0, float(behind.min()))
 
     def rest(self, samples: int) -> None:
         """Take the time during which the output stood at 0 V, in samples."""
         if samples > 0:
             self.take(np.zeros(min(samples, self._ring.size)))
+
+    def _check_stretches(self, volts: npt.NDArray[np.float64], each: int, ramp_s: float) -> None:
+        """Reject a stretch whose sum stays in a window when what came before has left it."""
+        ramp = ramp_s * self._sample_rate_hz * volts
+        most = self.limits.max_dc_share * self.limits.ceiling_v * self._ring.size
+        highest = self._stretches(volts, -self._highest_sum, np.minimum) + ramp
+        lowest = self._stretches(volts, -self._lowest_sum, np.maximum) + ramp
+        over = ((highest > most) & (volts > 0.0)) | ((lowest < -most) & (volts < 0.0))
+        if over.any():
+            index = int(over.argmax())
+            worst = highest[index] if volts[index] > 0.0 else lowest[index]
+            raise LimitError(
+                f"With sample {index // each} a mean of {worst / self._ring.size:g} V over "
+                f"{self.limits.window_s:g} s builds up, above {self.limits.max_dc_share:.0%} of "
+                "the ceiling; drive without a mean voltage: remove the offset, and pause before "
+                "trying again."
+            )
+
+    @staticmethod
+    def _stretches(
+        volts: npt.NDArray[np.float64], before: float, extreme: np.ufunc
+    ) -> npt.NDArray[np.float64]:
+        """Return the extreme sum of the stretches that end with each sample, shape (n,)."""
+        sums = np.cumsum(volts)
+        begins = extreme.accumulate(np.concatenate([[extreme(before, 0.0)], sums]))
+        return np.asarray(sums - begins[1:])
 
     def _leaving(self, volts: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the samples that leave as `volts` come in, shape (n,)."""

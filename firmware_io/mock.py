@@ -117,7 +117,9 @@ class MockDriver:
             max_slew_v_per_s=min(math.floor(limits.max_slew_v_per_s), 2**32 - 1),
             queue_samples=max(8 * frame, 8192) if queue_samples is None else queue_samples,
             max_frame_samples=frame,
-            max_watchdog_ms=_whole("max_watchdog_s", max_watchdog_s * 1e3, 10, 65535, "ms"),
+            max_watchdog_ms=_whole(
+                "max_watchdog_s", max_watchdog_s * 1e3, 10, round(WATCHDOG_S * 1e3), "ms"
+            ),
             name="mock",
             serial=serial,
             calibration_id=calibration_id,

@@ -31,6 +31,7 @@ ANSWER_S = 0.5
 
 _BROKEN_OFF_S = 0.1  # PROTOCOL.md: a frame whose bytes pause this long is given up
 _KEPT_TOUCHES = 1024
+_READS = 4
 
 
 class ProtocolClient:
@@ -167,9 +168,11 @@ class ProtocolClient:
         except DeviceFaultError:
             return
 
-    def poll(self, timeout_s: float = 0.0) -> bool:
-        """Read what the driver has sent; return whether there was anything."""
-        return self._read(timeout_s) is not None
+    def poll(self) -> None:
+        """Read what the driver has sent, at most `_READS` times: it may send without end."""
+        for _ in range(_READS):
+            if self._read(0.0) is None:
+                return
 
     def raise_fault(self) -> None:
         """Raise the driver's fault, once."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from firmware_io.capabilities import Capabilities, Mode
 from firmware_io.errors import DeviceError, ProtocolError
-from firmware_io.limits import WATCHDOG_S, DriveLimits
+from firmware_io.limits import MIN_CARRIER_HZ, WATCHDOG_S, DriveLimits
 from firmware_io.link import Link
 from firmware_io.protocol import FULL_SCALE_CODE, Setup, StreamMode, samples_per_frame
 
@@ -75,7 +75,7 @@ def changed_setup(
     if carrier_hz is not None:
         setup = replace(setup, carrier_mhz=_carrier_mhz(carrier_hz, setup.mode))
     if watchdog_s is not None:
-        _check_span("watchdog_s", watchdog_s, 0.01, max_watchdog_s)
+        _check_span("watchdog_s", watchdog_s, 0.01, min(max_watchdog_s, WATCHDOG_S))
         lead_us = min(setup.lead_us, round(watchdog_s * 5e5))
         setup = replace(setup, watchdog_ms=round(watchdog_s * 1e3), lead_us=lead_us)
     if lead_s is not None:
@@ -118,7 +118,7 @@ def _carrier_mhz(carrier_hz: float, mode: StreamMode) -> int:
             f"A driver makes the carrier only in envelope mode, but carrier_hz={carrier_hz!r} was "
             "given in waveform mode; leave it out, or choose mode=envelope."
         )
-    _check_span("carrier_hz", carrier_hz, 0.001, 4e6)
+    _check_span("carrier_hz", carrier_hz, MIN_CARRIER_HZ, 4e6)
     return round(carrier_hz * 1e3)
 
 

@@ -110,27 +110,19 @@ class Stream:
         if self.link.report_bytes is not None:
             fitting = samples_per_frame(_REPORTS_PER_FRAME, self.link.report_bytes)
             self._max_frame_samples = min(max_frame_samples, fitting)
-        self._setup = setup
+        self.setup = setup
         self._is_in_doubt = False
         self._sent = 0  # since armed
         self._rested_s = client.clock()
-        self._window = DriveWindow(limits, setup.sample_rate_hz)
-
-    @property
-    def setup(self) -> Setup:
-        """The set-up that is sent before the driver is armed."""
-        return self._setup
-
-    @setup.setter
-    def setup(self, setup: Setup) -> None:
-        if setup.sample_rate_hz != self._setup.sample_rate_hz:
-            self._window = DriveWindow(self.limits, setup.sample_rate_hz)
-        self._setup = setup
+        # Of one sample of an envelope the window counts every output sample, times the carrier.
+        is_envelope = setup.mode is StreamMode.ENVELOPE
+        self._each = round(output_rate_hz / setup.sample_rate_hz) if is_envelope else 1
+        self._window = DriveWindow(limits, setup.sample_rate_hz * self._each)
 
     @property
     def frame_samples(self) -> int:
         """Samples in a whole frame: at most a quarter of the watchdog time."""
-        setup = self._setup
+        setup = self.setup
         lasting = setup.watchdog_ms * setup.sample_rate_hz // 4000
         return max(1, min(self._max_frame_samples, lasting))
 
@@ -140,9 +132,9 @@ class Stream:
             return
         self.stop(play_out=False)
         # Each time: a driver that was reset since then has lost its set-up.
-        self.client.ask(self._setup)
+        self.client.ask(self.setup)
         self._sent = 0
-        rate_hz = self._setup.sample_rate_hz
+        rate_hz = self.setup.sample_rate_hz * self._each
         rested_s = self.client.clock() - self._rested_s
         self._window.limits = self.limits
         self._window.rest(math.floor(min(rested_s, self.limits.window_s) * rate_hz))
@@ -159,14 +151,14 @@ class Stream:
 
     def write(self, volts: npt.NDArray[np.float64]) -> None:
         """Check all samples, then send them as the driver has room for them."""
-        setup = self._setup
+        setup = self.setup
         rate_hz = float(setup.sample_rate_hz)
         if setup.mode is StreamMode.WAVEFORM:
             self.limits.check(volts, self.last_v, rate_hz)
-            self._window.check(volts)
         else:
             carrier_hz = setup.carrier_mhz / 1e3
             self.limits.check_envelope(volts, self.last_v, rate_hz, carrier_hz)
+        self._window.check(self._driven(volts), self._each, setup.mode is StreamMode.ENVELOPE)
         self._send(volts)
         self.poll()
 
@@ -175,16 +167,15 @@ class Stream:
 
         If it reports at an interval, read once in that interval: a read may take a millisecond.
         """
-        interval_s = self._setup.status_ms / 1e3
+        interval_s = self.setup.status_ms / 1e3
         if interval_s and self.client.clock() - self.client.status_s < interval_s:
             return
         try:
-            while self.client.poll():
-                pass
+            self.client.poll()
         finally:
             self._follow_fault()
         silent_s = self.client.clock() - self.client.status_s
-        if interval_s and self.is_armed and silent_s > self._setup.watchdog_ms / 1e3:
+        if interval_s and self.is_armed and silent_s > self.setup.watchdog_ms / 1e3:
             raise DeviceDisconnectedError(
                 f"{self.link.name} has sent nothing for {silent_s:.2g} s, though it should report "
                 f"every {interval_s:g} s; check its cable and power, then open it again."
@@ -202,14 +193,14 @@ class Stream:
             played,
             max(0, min(room, self._most_ahead - ahead)),
             status.state is DeviceState.PLAYING,
-            status.clock_ticks * self._setup.sample_rate_hz / self._output_rate_hz,
+            status.clock_ticks * self.setup.sample_rate_hz / self._output_rate_hz,
             status.underruns,
         )
 
     @property
     def _most_ahead(self) -> int:
         """Most samples in the driver: it must play them before its watchdog time is over."""
-        setup = self._setup
+        setup = self.setup
         ahead_s = setup.watchdog_ms / 1e3 / 2 - min(setup.lead_us / 1e6, setup.watchdog_ms / 4e3)
         return max(self.frame_samples, int(ahead_s * setup.sample_rate_hz))
 
@@ -249,10 +240,10 @@ class Stream:
 
     def _play_out(self) -> int:
         """Ramp to 0 V behind the queue, wait for it, and return the number of unplayed samples."""
-        rate_hz = self._setup.sample_rate_hz
+        rate_hz = self.setup.sample_rate_hz
         if self.last_v != 0.0:
             self._send(self.limits.ramp_to_zero(self.last_v, rate_hz))
-        lead_s = self._setup.lead_us / 1e6
+        lead_s = self.setup.lead_us / 1e6
         end_s = self.client.clock() + self._status().queued_samples / rate_hz + lead_s + 1.0
         while self.stop_is_owed:
             status = self.client.synchronise()
@@ -274,8 +265,9 @@ class Stream:
         self.client.raise_fault()
 
     def _send(self, volts: npt.NDArray[np.float64]) -> None:
-        full_scale_v = self._setup.full_scale_mv / 1e3
+        full_scale_v = self.setup.full_scale_mv / 1e3
         codes = volts_to_codes(volts, full_scale_v, self.limits.ceiling_v)
+        driven = self._driven(volts)
         start = 0
         while start < codes.size:
             count = min(codes.size - start, self._room(codes.size - start))
@@ -284,7 +276,7 @@ class Stream:
                 StreamSamples(
                     (self._sent + at) % INDEX_MODULUS,
                     chunk[at : at + self.frame_samples],
-                    self._setup.mode,
+                    self.setup.mode,
                 )
                 for at in range(0, count, self.frame_samples)
             ]
@@ -297,14 +289,26 @@ class Stream:
             self.last_v = reached_v
             self._sent += count
             self.samples_sent += count
-            self._window.take(volts[start : start + count])
+            self._window.take(driven[start * self._each : (start + count) * self._each])
             start += count
+
+    def _driven(self, volts: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Return what leaves the driver for the next samples, if they come without a pause."""
+        if self.setup.mode is StreamMode.WAVEFORM:
+            return volts
+        each = self._each
+        points = np.concatenate([[self.last_v], volts])
+        levels = np.interp(np.arange(1, each * volts.size + 1) / each, range(points.size), points)
+        turns = self.setup.carrier_mhz / 1e3 / self._output_rate_hz
+        first = self._sent * each  # the carrier begins at phase 0 with the line to the first sample
+        carrier = np.sin(2 * np.pi * turns * np.arange(first, first + levels.size))
+        return np.asarray(levels * carrier)
 
     def _room(self, wanted: int) -> int:
         """Return how many of these samples the driver can accept: at least one frame, or all."""
         wanted = min(wanted, _SAMPLES_PER_WRITE)
         least = min(wanted, self.frame_samples)
-        rate_hz = self._setup.sample_rate_hz
+        rate_hz = self.setup.sample_rate_hz
         waits = 0
         while True:
             progress = self.progress()

@@ -27,7 +27,7 @@ from firmware_io.errors import (
 )
 from firmware_io.firmware.core import Output
 from firmware_io.firmware.opening import open_core
-from firmware_io.limits import ABSOLUTE_CEILING_V, DEFAULT_MAX_SLEW_V_PER_S
+from firmware_io.limits import ABSOLUTE_CEILING_V, DEFAULT_MAX_SLEW_V_PER_S, WATCHDOG_S
 from firmware_io.link import Link
 from firmware_io.protocol import FULL_SCALE_CODE, VERSION, CapabilitiesReport, Rate, StreamMode
 from firmware_io.scheme import Bus, DeviceInfo, Scheme
@@ -131,7 +131,7 @@ class AudioProfile:
             max_slew_v_per_s=math.ceil(DEFAULT_MAX_SLEW_V_PER_S),
             queue_samples=round(_QUEUE_S * rate),
             max_frame_samples=1024,
-            max_watchdog_ms=1000,
+            max_watchdog_ms=round(WATCHDOG_S * 1e3),
             name="audio interface",
             serial="",
             calibration_id="",

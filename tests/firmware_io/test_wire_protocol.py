@@ -200,8 +200,8 @@ def test_every_truncation_and_extension_is_rejected():
     [
         (b"HX", "at least 16 bytes, but 2 came"),
         (with_byte(0, 0x41), "begins with b'HX', but b'AX' came"),
-        (with_byte(2, 3), "version 2, but version 3 came"),
-        (with_byte(2, 255), "version 2, but version 255 came"),
+        (with_byte(2, 4), "version 3, but version 4 came"),
+        (with_byte(2, 255), "version 3, but version 255 came"),
         (with_byte(3, 9), "no kind 0x09"),
         (with_byte(3, 1), "HELLO frame cannot be read"),
         (with_byte(6, 16), "payload of 16 bytes has 32 bytes, but 30 came"),
@@ -306,8 +306,8 @@ def test_a_damaged_frame_is_told_once_and_the_next_one_is_found(frame, data):
 
 
 def test_a_frame_from_the_future_is_refused_by_name():
-    found = FrameParser().feed(with_byte(2, 3) + encode(STREAM))
-    assert "version 2, but version 3 came" in str(found[0])
+    found = FrameParser().feed(with_byte(2, 4) + encode(STREAM))
+    assert "version 3, but version 4 came" in str(found[0])
     assert found[1:] == [STREAM]
 
 
