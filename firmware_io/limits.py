@@ -95,8 +95,8 @@ class DriveLimits:
                 )
             if value > highest:
                 raise LimitError(
-                    f"{name} must be at most {highest:g}{unit}, but is {value!r}{unit}; choose a lower "
-                    "value, the product's limit cannot be raised."
+                    f"{name} must be at most {highest:g}{unit}, but is {value!r}{unit}; choose a "
+                    "lower value, the product's limit cannot be raised."
                 )
 
     def check(

@@ -82,8 +82,8 @@ class ProtocolClient:
         # Twice: a report may be lost on the way, and HELLO is accepted in every state.
         for end_s in (self.clock() + ANSWER_S / 2, self.clock() + ANSWER_S):
             self.send(Hello())
-            while (left_s := end_s - self.clock()) >= 0:
-                items = self._read(left_s)
+            while True:
+                items = self._read(max(0.0, end_s - self.clock()))
                 for item in items or ():
                     if isinstance(item, CapabilitiesReport):
                         self.fault = None
@@ -94,7 +94,7 @@ class ProtocolClient:
                         )
                     if isinstance(item, ProtocolError):
                         damage = item
-                if items is None:
+                if items is None or self.clock() > end_s:
                     break
         if damage is not None:
             raise ProtocolError(

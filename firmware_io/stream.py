@@ -28,6 +28,7 @@ from firmware_io.protocol_client import ProtocolClient
 _REPORTS_PER_FRAME = 3
 #: Samples in one write to a link without reports: 64 KiB; longer writes delay a stop.
 _SAMPLES_PER_WRITE = 32_000
+_STANDS_S = 2.0  # without progress; a driver that waits for its lead plays within a watchdog time
 
 
 @dataclass(frozen=True)
@@ -309,24 +310,25 @@ class Stream:
         wanted = min(wanted, _SAMPLES_PER_WRITE)
         least = min(wanted, self.frame_samples)
         rate_hz = self.setup.sample_rate_hz
-        waits = 0
+        stood_since_s = None
         while True:
             progress = self.progress()
             if progress.room_samples >= least:
                 return min(wanted, progress.room_samples)
-            if waits:
+            if stood_since_s is not None:
                 self.client.clock.sleep(min((least - progress.room_samples) / rate_hz, 0.005))
             self.client.synchronise()
             self._follow_fault()
             if self.progress().samples_played == progress.samples_played:
-                waits += 1
-                if waits > 400:
+                now_s = self.client.clock()
+                stood_since_s = now_s if stood_since_s is None else stood_since_s
+                if now_s - stood_since_s > _STANDS_S:
                     raise DeviceError(
                         f"{self.link.name} has not played for two seconds; its clock has stopped. "
                         "Stop the device and open it again."
                     )
             else:
-                waits = 1
+                stood_since_s = self.client.clock()
 
     def _status(self) -> StatusReport:
         status = self.client.status

@@ -113,6 +113,7 @@ static uint32_t put_next(hx_device *d, uint8_t *bytes, uint32_t capacity) {
 
 uint32_t hx_device_transmit(hx_device *d, uint8_t *bytes, uint32_t capacity) {
     uint32_t written = 0, frame;
+    hx_look_again(d);
     while ((frame = put_next(d, bytes + written, capacity - written)) > 0) written += frame;
     return written;
 }
@@ -120,6 +121,7 @@ uint32_t hx_device_transmit(hx_device *d, uint8_t *bytes, uint32_t capacity) {
 uint32_t hx_device_transmit_report(hx_device *d, uint8_t *report, uint32_t capacity) {
     uint32_t size = d->config.report_bytes;
     if (size == 0 || size > capacity) return 0;
+    hx_look_again(d);
     uint8_t begins = 0;
     if (d->answer_sent == d->answer_bytes) {
         d->answer_sent = 0;

@@ -44,6 +44,8 @@
 #define HX_ENERGY_SHIFT 12u
 /* A frame whose bytes pause for this long is given up. */
 #define HX_PAUSE_MS 100u
+/* What a received byte buys of check sums and copying; an ordinary frame needs less. */
+#define HX_WORK_PER_BYTE 3u
 
 #define HX_BUFFER_BYTES (HX_FRAME_OVERHEAD_BYTES + HX_INDEX_BYTES + 2u * HX_MAX_FRAME_SAMPLES + 32u)
 #define HX_ANSWER_BYTES (HX_FRAME_OVERHEAD_BYTES + HX_CAPABILITIES_BYTES + HX_MAX_RATES * HX_RATE_BYTES)
@@ -219,7 +221,10 @@ struct hx_device {
     int16_t queue[HX_QUEUE_SAMPLES];
 
     uint32_t pause_ticks;
-    uint32_t received; /* bytes of a frame not yet whole */
+    uint8_t has_paused; /* for too long: what was received is looked at again outside of play */
+    uint32_t work;      /* what the receiver may still spend on what it holds */
+    uint32_t awaited;   /* bytes of a frame whose header was checked; 0 if none was */
+    uint32_t received;  /* bytes of a frame not yet whole */
     uint8_t buffer[HX_BUFFER_BYTES];
 };
 

@@ -17,8 +17,8 @@ void hx_meet_damage(hx_device *device, uint16_t sequence, uint32_t expected, uin
 /* The most that a header may announce and be believed. */
 uint32_t hx_longest_payload(const hx_device *device);
 
-/* Act on the whole frame at the start of the buffer. */
-void hx_take_frame(hx_device *device);
+/* Act on a whole frame. */
+void hx_take_frame(hx_device *device, const uint8_t *frame);
 
 /* The window of energy and mean begins with 0 V. */
 void hx_window_init(hx_device *device);
@@ -29,7 +29,10 @@ enum hx_fault_code hx_window_check(const hx_device *device, int16_t code);
 /* Count an output sample. */
 void hx_window_take(hx_device *device, int16_t code);
 
-/* Look again at the bytes of a frame that broke off, without its first one. */
-void hx_give_up_frame(hx_device *device);
+/* The bytes of a frame have paused for too long. Short: it is called for an output sample. */
+void hx_meet_pause(hx_device *device);
+
+/* Look again at the bytes of a frame that has paused, without its first one. */
+void hx_look_again(hx_device *device);
 
 #endif

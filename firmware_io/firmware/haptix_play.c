@@ -105,8 +105,9 @@ static void pass_time(hx_device *d) {
         d->since_status_ticks = 0;
         d->status_due = 1;
     }
-    if (d->received > 0 && ++d->pause_ticks >= d->config.output_rate_hz * HX_PAUSE_MS / 1000u) {
-        hx_give_up_frame(d);
+    if (d->received > 0 && !d->has_paused &&
+        ++d->pause_ticks >= d->config.output_rate_hz * HX_PAUSE_MS / 1000u) {
+        hx_meet_pause(d);
     }
 }
 

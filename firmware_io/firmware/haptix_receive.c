@@ -1,9 +1,18 @@
-/* Frames out of bytes and reports, and what is no frame. */
+/* Frames out of bytes and reports, and what is no frame.
+ *
+ * Bytes that were made to look like frames within frames could be checked again and again. So
+ * each byte that comes buys a few units of work, a check sum or a move costs one for each byte,
+ * and when they run out, what is held is thrown away.
+ */
 #include "haptix_internal.h"
 
-static void drop(hx_device *d, uint32_t n) {
-    d->received -= n;
-    for (uint32_t i = 0; i < d->received; i++) d->buffer[i] = d->buffer[i + n];
+static int spend(hx_device *d, uint32_t n) {
+    if (d->work < n) {
+        d->work = 0;
+        return 0;
+    }
+    d->work -= n;
+    return 1;
 }
 
 /* Bytes that the frame at the start of the buffer has, or is believed to have so far. */
@@ -13,17 +22,17 @@ static uint32_t bytes_due(const hx_device *d) {
 }
 
 /* Whether a header may be believed; a damaged length must not swallow the frames behind it. */
-static int is_header(hx_device *d) {
-    uint16_t due = hx_crc16(d->buffer, HX_HEADER_BYTES - 2u);
-    uint16_t carried = hx_get_u16(d->buffer + HX_HEADER_BYTES - 2u);
-    uint16_t sequence = hx_get_u16(d->buffer + 4);
-    uint32_t length = hx_get_u16(d->buffer + 6);
+static int is_header(hx_device *d, const uint8_t *bytes) {
+    uint16_t due = hx_crc16(bytes, HX_HEADER_BYTES - 2u);
+    uint16_t carried = hx_get_u16(bytes + HX_HEADER_BYTES - 2u);
+    uint16_t sequence = hx_get_u16(bytes + 4);
+    uint32_t length = hx_get_u16(bytes + 6);
     if (carried != due) {
         hx_meet_damage(d, 0, due, carried);
         return 0;
     }
-    if (d->buffer[2] != HX_VERSION) {
-        hx_refuse(d, HX_FAULT_VERSION, 0, sequence, HX_VERSION, d->buffer[2]);
+    if (bytes[2] != HX_VERSION) {
+        hx_refuse(d, HX_FAULT_VERSION, 0, sequence, HX_VERSION, bytes[2]);
         return 0;
     }
     if (length > hx_longest_payload(d)) {
@@ -33,40 +42,53 @@ static int is_header(hx_device *d) {
     return 1;
 }
 
+/* Take the frame at these bytes, or find that none begins here; return the bytes to drop. */
+static uint32_t take_one(hx_device *d, const uint8_t *bytes, uint32_t n) {
+    if (bytes[0] != 'H' || (n > 1u && bytes[1] != 'X')) {
+        hx_meet_damage(d, 0, 0, 0);
+        return 1;
+    }
+    if (n < HX_HEADER_BYTES) return 0;
+    if (!spend(d, HX_HEADER_BYTES)) return n;
+    if (!is_header(d, bytes)) return 1;
+    uint32_t due = HX_FRAME_OVERHEAD_BYTES + hx_get_u16(bytes + 6);
+    if (n < due) {
+        d->awaited = due;
+        return 0;
+    }
+    if (!spend(d, due)) return n;
+    uint32_t crc = hx_crc32(bytes, due - HX_CRC_BYTES);
+    uint32_t carried = hx_get_u32(bytes + due - HX_CRC_BYTES);
+    if (crc == carried) {
+        hx_take_frame(d, bytes);
+        return due;
+    }
+    hx_meet_damage(d, hx_get_u16(bytes + 4), crc, carried);
+    return 1;
+}
+
 /* Take every whole frame out of the buffer, and every byte that belongs to none. */
 static void take_frames(hx_device *d) {
-    uint32_t loose = 0; /* bytes to drop, once and not one by one */
-    while (d->received > loose) {
-        if (d->buffer[loose] != 'H' || (d->received > loose + 1u && d->buffer[loose + 1u] != 'X')) {
-            hx_meet_damage(d, 0, 0, 0);
-            loose++;
-            continue;
-        }
-        if (loose > 0) {
-            drop(d, loose);
-            loose = 0;
-        }
-        if (d->received < HX_HEADER_BYTES) return;
-        if (!is_header(d)) {
-            loose = 1;
-            continue;
-        }
-        uint32_t due = bytes_due(d);
-        if (d->received < due) return;
-        uint32_t crc = hx_crc32(d->buffer, due - HX_CRC_BYTES);
-        uint32_t carried = hx_get_u32(d->buffer + due - HX_CRC_BYTES);
-        if (crc == carried) {
-            hx_take_frame(d);
-            drop(d, due);
-        } else {
-            hx_meet_damage(d, hx_get_u16(d->buffer + 4), crc, carried);
-            loose = 1;
-        }
+    uint32_t first = 0, taken = 1;
+    d->awaited = 0;
+    while (d->received > first && taken > 0) {
+        taken = take_one(d, d->buffer + first, d->received - first);
+        first += taken;
     }
-    drop(d, loose);
+    if (first == 0) return;
+    uint32_t rest = d->received - first;
+    d->received = 0;
+    if (!spend(d, rest)) {
+        d->awaited = 0;
+        return;
+    }
+    for (uint32_t i = 0; i < rest; i++) d->buffer[i] = d->buffer[first + i];
+    d->received = rest;
 }
 
 void hx_device_receive(hx_device *d, const uint8_t *bytes, uint32_t n) {
+    uint32_t most = (hx_longest_payload(d) + HX_FRAME_OVERHEAD_BYTES) * HX_WORK_PER_BYTE;
+    hx_look_again(d);
     if (n > 0) d->pause_ticks = 0;
     while (n > 0) {
         /* No further than the next decision, so that a whole frame stands at the start. */
@@ -75,14 +97,17 @@ void hx_device_receive(hx_device *d, const uint8_t *bytes, uint32_t n) {
         if (piece > n) piece = n;
         for (uint32_t i = 0; i < piece; i++) d->buffer[d->received + i] = bytes[i];
         d->received += piece;
+        d->work += piece * HX_WORK_PER_BYTE;
+        if (d->work > most) d->work = most;
         bytes += piece;
         n -= piece;
-        take_frames(d);
+        if (d->received >= d->awaited) take_frames(d);
     }
 }
 
 void hx_device_receive_report(hx_device *d, const uint8_t *report, uint32_t n) {
     uint32_t length = n < HX_REPORT_PREFIX_BYTES ? 0u : report[1] & ~HX_REPORT_BEGINS;
+    hx_look_again(d);
     if (n < HX_REPORT_PREFIX_BYTES || report[0] != HX_REPORT_ID ||
         length > n - HX_REPORT_PREFIX_BYTES) {
         hx_meet_damage(d, 0, 0, 0);
@@ -91,13 +116,21 @@ void hx_device_receive_report(hx_device *d, const uint8_t *report, uint32_t n) {
     if ((report[1] & HX_REPORT_BEGINS) && d->received > 0) {
         if (d->is_armed) hx_refuse(d, HX_FAULT_TRUNCATED, 0, 0, bytes_due(d), d->received);
         d->received = 0;
+        d->awaited = 0;
     }
     hx_device_receive(d, report + HX_REPORT_PREFIX_BYTES, length);
 }
 
-void hx_give_up_frame(hx_device *d) {
+void hx_meet_pause(hx_device *d) {
     if (d->is_armed) hx_refuse(d, HX_FAULT_TRUNCATED, 0, 0, bytes_due(d), d->received);
     d->pause_ticks = 0;
-    drop(d, 1);
+    d->has_paused = 1;
+}
+
+void hx_look_again(hx_device *d) {
+    if (!d->has_paused) return;
+    d->has_paused = 0;
+    d->received--;
+    for (uint32_t i = 0; i < d->received; i++) d->buffer[i] = d->buffer[i + 1u];
     take_frames(d);
 }

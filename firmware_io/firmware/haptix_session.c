@@ -268,11 +268,11 @@ uint32_t hx_longest_payload(const hx_device *d) {
     return stream > HX_SETUP_BYTES ? stream : HX_SETUP_BYTES;
 }
 
-void hx_take_frame(hx_device *d) {
-    const uint8_t *payload = d->buffer + HX_HEADER_BYTES;
-    uint8_t kind = d->buffer[3];
-    uint16_t sequence = hx_get_u16(d->buffer + 4), mode = hx_get_u16(d->buffer + 8);
-    uint32_t length = hx_get_u16(d->buffer + 6);
+void hx_take_frame(hx_device *d, const uint8_t *frame) {
+    const uint8_t *payload = frame + HX_HEADER_BYTES;
+    uint8_t kind = frame[3];
+    uint16_t sequence = hx_get_u16(frame + 4), mode = hx_get_u16(frame + 8);
+    uint32_t length = hx_get_u16(frame + 6);
 
     if (kind < HX_HELLO || kind > HX_PING) {
         hx_refuse(d, HX_FAULT_KIND, 0, sequence, 0, kind);
@@ -323,7 +323,9 @@ void hx_device_release(hx_device *d) {
     hx_end_output(d);
     forget_setup(d);
     d->received = 0;
+    d->awaited = 0;
     d->pause_ticks = 0;
+    d->has_paused = 0;
     d->capabilities_due = 0;
     d->fault_due = 0;
     d->status_due = 0;

@@ -421,6 +421,7 @@ class ReferenceCore:
     def transmit(self) -> bytes:
         """Return the frames that wait for the host."""
         frames = b""
+        self._receiver.look_again()
         while message := self._next_message():
             frames += self._encode(message)
         return frames
@@ -428,7 +429,10 @@ class ReferenceCore:
     def transmit_report(self) -> bytes:
         """Return one HID report for the host."""
         size = self._config.report_bytes
-        if not self._reports and size and (message := self._next_message()):
+        if not size:
+            return b""
+        self._receiver.look_again()
+        if not self._reports and (message := self._next_message()):
             self._reports = to_reports(self._encode(message), size)
         return self._reports.pop(0) if self._reports else b""
 

@@ -10,6 +10,7 @@ from typing import Protocol
 from firmware_io.protocol import FRAME_OVERHEAD_BYTES, MAGIC, REPORT_ID, VERSION, FaultCode
 from firmware_io.protocol.frames import HEADER_BYTES
 
+WORK_PER_BYTE = 3
 _NEVER = 2**31
 _HEAD = struct.Struct("<2sBBHHHH")
 
@@ -58,45 +59,83 @@ class Receiver:
         self._most_pause_ticks = pause_ticks
         self._pause_ticks = 0
         self._pending = bytearray()
+        self._has_paused = False
+        self._work = 0
+        self._awaited = 0  # bytes of a frame whose header was checked
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the host."""
+        self.look_again()
         if data:
             self._pause_ticks = 0
-            self._pending += data
-            self._take_frames()
+        while data:
+            # No further than the next decision.
+            piece = data[: self._bytes_due() - len(self._pending)]
+            data = data[len(piece) :]
+            self._pending += piece
+            most = self._longest_payload + FRAME_OVERHEAD_BYTES
+            self._work = min(self._work + len(piece) * WORK_PER_BYTE, most * WORK_PER_BYTE)
+            if len(self._pending) >= self._awaited:
+                self._take_frames()
 
     def receive_report(self, report: bytes) -> None:
         """Take one HID report from the host."""
+        self.look_again()
         if len(report) < 2 or report[0] != REPORT_ID or (report[1] & 0x7F) > len(report) - 2:
             self._handler.meet_damage(0, 0, 0)
             return
         if report[1] & 0x80 and self._pending:
             self._refuse_rest()
-            self._pending.clear()
+            self._forget()
         self.receive(report[2 : 2 + (report[1] & 0x7F)])
 
     def clear(self) -> None:
         """Discard the bytes of an incomplete frame."""
-        self._pending.clear()
+        self._forget()
         self._pause_ticks = 0
+        self._has_paused = False
 
     @property
     def ticks_to_event(self) -> int:
         """Output samples until an incomplete frame is given up."""
-        return self._most_pause_ticks - self._pause_ticks if self._pending else _NEVER
+        if not self._pending or self._has_paused:
+            return _NEVER
+        return self._most_pause_ticks - self._pause_ticks
 
     def pass_time(self, ticks: int) -> None:
         """Give up an incomplete frame if its bytes have paused for too long."""
-        if not self._pending:
+        if not self._pending or self._has_paused:
             return
         self._pause_ticks += ticks
         if self._pause_ticks >= self._most_pause_ticks:
             self._refuse_rest()
             self._pause_ticks = 0
-            # Only its first byte: the bytes behind may be whole frames.
+            self._has_paused = True
+
+    def look_again(self) -> None:
+        """Parse the bytes of a frame that was given up, without its first one."""
+        if self._has_paused:
+            self._has_paused = False
             del self._pending[:1]
             self._take_frames()
+
+    def _forget(self) -> None:
+        self._pending.clear()
+        self._awaited = 0
+
+    def _spend(self, work: int) -> bool:
+        """Pay for a check sum or a move; if that is too much, discard what is held."""
+        if self._work >= work:
+            self._work -= work
+            return True
+        self._work = 0
+        self._forget()
+        return False
+
+    def _bytes_due(self) -> int:
+        if len(self._pending) < HEADER_BYTES:
+            return HEADER_BYTES
+        return FRAME_OVERHEAD_BYTES + int.from_bytes(self._pending[6:8], "little")
 
     def _refuse_rest(self) -> None:
         if self._handler.is_armed:
@@ -107,32 +146,46 @@ class Receiver:
 
     def _take_frames(self) -> None:
         """Take every whole frame, and skip every byte that belongs to none."""
+        before = len(self._pending)
+        self._awaited = 0
+        while self._pending and self._take_one():
+            pass
+        if 0 < len(self._pending) < before:
+            self._spend(len(self._pending))  # a board moves what is left to its buffer's start
+
+    def _take_one(self) -> bool:
+        """Take the next frame or skip what is none; return whether that was possible yet."""
         pending = self._pending
-        while pending:
-            at = pending.find(MAGIC)
-            if at < 0:
-                at = len(pending) - pending.endswith(MAGIC[:1])
-            if at:
-                self._handler.meet_damage(0, 0, 0)
-                del pending[:at]
-                continue
-            if len(pending) < HEADER_BYTES:
-                return
-            head = self._believed_header()
-            if head is None:
-                del pending[:1]
-                continue
-            due = FRAME_OVERHEAD_BYTES + head.length
-            if len(pending) < due:
-                return
-            body = bytes(pending[: due - 4])
-            carried = int.from_bytes(pending[due - 4 : due], "little")
-            if crc32(body) == carried:
-                del pending[:due]
-                self._handler.take_frame(head, body[HEADER_BYTES:])
-            else:
-                self._handler.meet_damage(head.sequence, crc32(body), carried)
-                del pending[:1]
+        at = pending.find(MAGIC)
+        if at < 0:
+            at = len(pending) - pending.endswith(MAGIC[:1])
+        if at:
+            self._handler.meet_damage(0, 0, 0)
+            del pending[:at]
+            return True
+        if len(pending) < HEADER_BYTES:
+            return False
+        if not self._spend(HEADER_BYTES):
+            return True
+        head = self._believed_header()
+        if head is None:
+            del pending[:1]
+            return True
+        due = FRAME_OVERHEAD_BYTES + head.length
+        if len(pending) < due:
+            self._awaited = due
+            return False
+        if not self._spend(due):
+            return True
+        body = bytes(pending[: due - 4])
+        carried = int.from_bytes(pending[due - 4 : due], "little")
+        if crc32(body) == carried:
+            del pending[:due]
+            self._handler.take_frame(head, body[HEADER_BYTES:])
+        else:
+            self._handler.meet_damage(head.sequence, crc32(body), carried)
+            del pending[:1]
+        return True
 
     def _believed_header(self) -> Head | None:
         _, version, kind, sequence, length, mode, carried = _HEAD.unpack_from(self._pending)

@@ -25,6 +25,8 @@ from firmware_io.scheme import OTHER_DEVICE, Bus, DeviceInfo, Scheme
 
 #: hidapi's two modules. hidraw first: libusb takes the device from the kernel.
 BACKENDS = ("hidraw", "hid")
+#: In one read: twice what the kernel keeps. A device may send without end.
+_MOST_REPORTS = 128
 
 
 def enumerate_drivers(
@@ -110,16 +112,17 @@ class HidLink(Link):
         handle = self._open_handle()
         pieces: list[bytes] = []
         timeout_ms = round(timeout_s * 1e3)
-        while True:
+        for _ in range(_MOST_REPORTS):
             try:
                 report = handle.read(REPORT_BYTES, timeout_ms)
             except (OSError, ValueError) as error:
                 raise self._gone(error) from error
             if not report:
-                return b"".join(pieces)
+                break
             with suppress(ProtocolError):  # the parser reports the frame that lacks these bytes
                 pieces.append(from_report(bytes(report))[0])
             timeout_ms = 0
+        return b"".join(pieces)
 
     def close(self) -> None:
         """Close the device. Idempotent."""
@@ -134,8 +137,9 @@ class HidLink(Link):
             self._handle.open_path(path)
             # Otherwise a read without a timeout waits for ever.
             self._handle.set_nonblocking(True)
-            while self._handle.read(REPORT_BYTES):  # left unread by an earlier host
-                pass
+            for _ in range(_MOST_REPORTS):
+                if not self._handle.read(REPORT_BYTES):  # left unread by an earlier host
+                    break
         except OSError as error:
             node = Path(os.fsdecode(path))
             if backend == "hidraw" and not node.exists():
