@@ -45,7 +45,9 @@
 /* A frame whose bytes pause for this long is given up. */
 #define HX_PAUSE_MS 100u
 /* What a received byte buys of check sums and copying; an ordinary frame needs less. */
-#define HX_WORK_PER_BYTE 3u
+#define HX_WORK_PER_BYTE 2u
+/* And at most this many times the longest frame, which is where it begins. */
+#define HX_WORK_FRAMES 3u
 
 #define HX_BUFFER_BYTES (HX_FRAME_OVERHEAD_BYTES + HX_INDEX_BYTES + 2u * HX_MAX_FRAME_SAMPLES + 32u)
 #define HX_ANSWER_BYTES (HX_FRAME_OVERHEAD_BYTES + HX_CAPABILITIES_BYTES + HX_MAX_RATES * HX_RATE_BYTES)

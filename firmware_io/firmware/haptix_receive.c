@@ -6,6 +6,12 @@
  */
 #include "haptix_internal.h"
 
+static uint32_t most_work(const hx_device *d) {
+    return (hx_longest_payload(d) + HX_FRAME_OVERHEAD_BYTES) * HX_WORK_FRAMES;
+}
+
+void hx_receive_init(hx_device *d) { d->work = most_work(d); }
+
 static int spend(hx_device *d, uint32_t n) {
     if (d->work < n) {
         d->work = 0;
@@ -43,14 +49,16 @@ static int is_header(hx_device *d, const uint8_t *bytes) {
 }
 
 /* Take the frame at these bytes, or find that none begins here; return the bytes to drop. */
-static uint32_t take_one(hx_device *d, const uint8_t *bytes, uint32_t n) {
+static uint32_t take_one(hx_device *d, const uint8_t *bytes, uint32_t n, int is_checked) {
     if (bytes[0] != 'H' || (n > 1u && bytes[1] != 'X')) {
         hx_meet_damage(d, 0, 0, 0);
         return 1;
     }
     if (n < HX_HEADER_BYTES) return 0;
-    if (!spend(d, HX_HEADER_BYTES)) return n;
-    if (!is_header(d, bytes)) return 1;
+    if (!is_checked) {
+        if (!spend(d, HX_HEADER_BYTES)) return n;
+        if (!is_header(d, bytes)) return 1;
+    }
     uint32_t due = HX_FRAME_OVERHEAD_BYTES + hx_get_u16(bytes + 6);
     if (n < due) {
         d->awaited = due;
@@ -70,10 +78,12 @@ static uint32_t take_one(hx_device *d, const uint8_t *bytes, uint32_t n) {
 /* Take every whole frame out of the buffer, and every byte that belongs to none. */
 static void take_frames(hx_device *d) {
     uint32_t first = 0, taken = 1;
+    int is_checked = d->awaited > 0;
     d->awaited = 0;
     while (d->received > first && taken > 0) {
-        taken = take_one(d, d->buffer + first, d->received - first);
+        taken = take_one(d, d->buffer + first, d->received - first, is_checked);
         first += taken;
+        is_checked = 0;
     }
     if (first == 0) return;
     uint32_t rest = d->received - first;
@@ -87,7 +97,7 @@ static void take_frames(hx_device *d) {
 }
 
 void hx_device_receive(hx_device *d, const uint8_t *bytes, uint32_t n) {
-    uint32_t most = (hx_longest_payload(d) + HX_FRAME_OVERHEAD_BYTES) * HX_WORK_PER_BYTE;
+    uint32_t most = most_work(d);
     hx_look_again(d);
     if (n > 0) d->pause_ticks = 0;
     while (n > 0) {
@@ -130,6 +140,7 @@ void hx_meet_pause(hx_device *d) {
 void hx_look_again(hx_device *d) {
     if (!d->has_paused) return;
     d->has_paused = 0;
+    d->awaited = 0;
     d->received--;
     for (uint32_t i = 0; i < d->received; i++) d->buffer[i] = d->buffer[i + 1u];
     take_frames(d);

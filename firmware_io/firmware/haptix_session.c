@@ -53,6 +53,7 @@ int hx_device_init(hx_device *d, const hx_config *config) {
     d->ramp_ticks = (config->output_rate_hz * HX_RAMP_MS + 999u) / 1000u;
     d->hold_ticks = config->output_rate_hz * HX_DRY_MS / 1000u - d->ramp_ticks;
     hx_window_init(d);
+    hx_receive_init(d);
     forget_setup(d);
     return 1;
 }

@@ -10,7 +10,8 @@ from typing import Protocol
 from firmware_io.protocol import FRAME_OVERHEAD_BYTES, MAGIC, REPORT_ID, VERSION, FaultCode
 from firmware_io.protocol.frames import HEADER_BYTES
 
-WORK_PER_BYTE = 3
+WORK_PER_BYTE = 2
+WORK_FRAMES = 3
 _NEVER = 2**31
 _HEAD = struct.Struct("<2sBBHHHH")
 
@@ -60,7 +61,8 @@ class Receiver:
         self._pause_ticks = 0
         self._pending = bytearray()
         self._has_paused = False
-        self._work = 0
+        self._most_work = (longest_payload + FRAME_OVERHEAD_BYTES) * WORK_FRAMES
+        self._work = self._most_work
         self._awaited = 0  # bytes of a frame whose header was checked
 
     def receive(self, data: bytes) -> None:
@@ -73,8 +75,7 @@ class Receiver:
             piece = data[: self._bytes_due() - len(self._pending)]
             data = data[len(piece) :]
             self._pending += piece
-            most = self._longest_payload + FRAME_OVERHEAD_BYTES
-            self._work = min(self._work + len(piece) * WORK_PER_BYTE, most * WORK_PER_BYTE)
+            self._work = min(self._work + len(piece) * WORK_PER_BYTE, self._most_work)
             if len(self._pending) >= self._awaited:
                 self._take_frames()
 
@@ -116,6 +117,7 @@ class Receiver:
         """Parse the bytes of a frame that was given up, without its first one."""
         if self._has_paused:
             self._has_paused = False
+            self._awaited = 0
             del self._pending[:1]
             self._take_frames()
 
@@ -147,13 +149,14 @@ class Receiver:
     def _take_frames(self) -> None:
         """Take every whole frame, and skip every byte that belongs to none."""
         before = len(self._pending)
+        is_checked = self._awaited > 0
         self._awaited = 0
-        while self._pending and self._take_one():
-            pass
+        while self._pending and self._take_one(is_checked):
+            is_checked = False
         if 0 < len(self._pending) < before:
             self._spend(len(self._pending))  # a board moves what is left to its buffer's start
 
-    def _take_one(self) -> bool:
+    def _take_one(self, is_checked: bool) -> bool:
         """Take the next frame or skip what is none; return whether that was possible yet."""
         pending = self._pending
         at = pending.find(MAGIC)
@@ -165,7 +168,7 @@ class Receiver:
             return True
         if len(pending) < HEADER_BYTES:
             return False
-        if not self._spend(HEADER_BYTES):
+        if not is_checked and not self._spend(HEADER_BYTES):
             return True
         head = self._believed_header()
         if head is None:

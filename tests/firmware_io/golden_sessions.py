@@ -96,9 +96,11 @@ class Session:
     def hello(self, oldest=3, newest=3):
         self.receive(HELLO, bytes([oldest, newest]))
 
-    def setup(self, mode=0, watchdog_ms=100, rate_hz=8000, carrier_mhz=0, ceiling_mv=200_000):
+    def setup(
+        self, mode=0, watchdog_ms=100, rate_hz=8000, carrier_mhz=0, ceiling_mv=200_000, status_ms=5
+    ):
         fields = (mode, watchdog_ms, rate_hz, 250_000, ceiling_mv, 20_000_000)
-        self.receive(SETUP, struct.pack("<HHIIIIIIH", *fields, carrier_mhz, 1000, 5))
+        self.receive(SETUP, struct.pack("<HHIIIIIIH", *fields, carrier_mhz, 1000, status_ms))
 
     def stream(self, index, codes, mode=0, **how):
         return self.receive(STREAM, struct.pack(f"<I{len(codes)}h", index, *codes), mode, **how)
@@ -226,7 +228,89 @@ def envelope():
     )
 
 
-SESSIONS = {"session-envelope": envelope, "session-waveform": waveform}
+def edges():
+    """What a reader of the page asked: faults repeated, silence, half frames, the mean."""
+    session = Session()
+    # HELLO of a host that speaks version 2 only, then a frame of version 4: both faults, although
+    # nothing is armed, and the second FAULT repeats the first cause.
+    session.hello(2, 2)
+    session.transmit(fault(2, 0, 3, 2, 0))
+    session.receive_bytes(frame(HELLO, 1, bytes([3, 3]), version=4))
+    session.transmit(fault(2, 0, 3, 2, 0))
+    session.hello()
+    session.capabilities()
+    # The header of a PING of 500 bytes: above the longest payload, 4 + 2 * 200, of any kind.
+    session.receive_bytes(frame(PING, 9, bytes(500))[:12])
+    session.transmit(fault(4, 9, 404, 500, 0))
+
+    # Silence: the line begins behind the lead; the ramp begins RAMP ticks before the 160 of 20 ms.
+    session.setup(watchdog_ms=20, status_ms=0)
+    session.transmit(status(0, 0, 3, 0, 0, 0, 0, 2, 0))
+    session.receive(ARM)
+    session.transmit(status(1, 0, 4, 0, 0, 0, 0, 2, 0))
+    session.stream(0, [4000] * 200)
+    out = [0] * LEAD + [4000] * (160 - RAMP - LEAD) + ramp(4000)
+    session.play(out)
+    played = 160 - RAMP - LEAD
+    session.transmit(fault(15, 0, 20, 0, 160 - RAMP), status(0, 15, 5, 0, 0, played, 0, 3, 160))
+    session.stream(200, [0])  # refused: the first cause again, with its own clock
+    session.transmit(fault(15, 0, 20, 0, 160 - RAMP))
+
+    # STOP while the output is at 0 V already: one STATUS, and no second one.
+    session.receive(ARM, sequence=5)
+    session.transmit(status(1, 0, 6, 0, 0, 0, 0, 3, 160))
+    session.stream(0, [5, 5])
+    session.receive(STOP)
+    session.transmit(status(0, 0, 8, 0, 0, 0, 0, 3, 160))
+    session.play([0] * 10)
+    session.transmit()
+
+    # Half a header, and 100 ms of silence: of a frame whose length is not known 16 bytes are due.
+    session.setup(watchdog_ms=150, status_ms=0)
+    session.receive(ARM)
+    session.transmit(status(1, 0, 10, 0, 0, 0, 0, 3, 170))
+    session.stream(0, [4000, 2000])
+    session.play([0] * LEAD + [4000, 2000])
+    session.receive_bytes(frame(PING, 11, bytes(4))[:8])
+    dry = [2000] * HOLD + ramp(2000)
+    out += [4000, 2000, *dry]
+    session.play(dry + [0] * (800 - len(dry)))
+    clock = 170 + LEAD + 2 + 800
+    session.transmit(fault(16, 0, 16, 8, clock))
+    # The rest of that frame is no frame, the next one is.
+    session.receive_bytes(frame(PING, 11, bytes(4))[8:])
+    session.receive(PING, struct.pack("<I", 7), sequence=12)
+    session.transmit(status(0, 16, 13, 7, 0, 2, 1, 4, clock))
+
+    # 200 V that stay: as many ticks as keep a twentieth of a second at 200 V, together with all
+    # that was positive before and a ramp behind them.
+    session.receive(ARM)
+    session.transmit(status(1, 0, 14, 7, 0, 0, 1, 4, clock))
+    top = 200_000 * 32_767 // 250_000
+    most = top * OUTPUT_HZ // 20
+    ticks = 0
+    while sum(out) + (ticks + 1) * top + top * (RAMP - 1) // 2 <= most:
+        ticks += 1
+    for n in range(2):
+        session.stream(200 * n, [top] * 200)
+    session.play([0] * LEAD + [top] * ticks + ramp(top) + [0] * 5)
+    clock += LEAD + ticks
+    session.transmit(
+        fault(18, 0, 10_000, 0, clock),
+        status(0, 18, 16, 7, 0, ticks + 1, 1, 5, clock + RAMP + 5),
+    )
+    return session.text(
+        "What a board of this description plays and answers where a reader of the page may doubt: "
+        "faults repeated, silence, STOP at 0 V, half a header, a voltage that stays. Made by "
+        "tests/firmware_io/golden_sessions.py."
+    )
+
+
+SESSIONS = {
+    "session-edges": edges,
+    "session-envelope": envelope,
+    "session-waveform": waveform,
+}
 
 if __name__ == "__main__":
     for name, make in SESSIONS.items():
