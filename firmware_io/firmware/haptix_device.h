@@ -197,6 +197,8 @@ struct hx_device {
     uint64_t energy_now;
     uint64_t energy_before;
     uint64_t max_energy;
+    uint32_t ramp_energy;     /* of a ramp from a level of 1 */
+    uint32_t half_turn_ticks; /* of the carrier on the output, and 2 */
     int64_t high_before;
     int64_t low_before;
     int64_t max_sum;

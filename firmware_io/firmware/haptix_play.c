@@ -30,6 +30,7 @@ static void begin_playing(hx_device *d) {
     d->is_dry = 0;
     d->has_carrier = d->mode == HX_ENVELOPE;
     d->phase_step_now = d->phase_step;
+    d->half_turn_ticks = d->has_carrier ? 0x80000000u / d->phase_step + 2u : 0u;
     d->phase = 0;
     d->to = 0;
     d->tick_of_sample = d->ticks_per_sample;
@@ -79,8 +80,11 @@ static enum hx_output advance(hx_device *d) {
     d->tick_of_sample++;
     int32_t line = d->from + ((int32_t)d->to - d->from) * (int32_t)d->tick_of_sample /
                                  (int32_t)d->ticks_per_sample;
-    if (d->gain < d->ramp_ticks) d->gain++; /* back from a ramp when it had run dry */
-    d->level = (int16_t)(line * (int32_t)d->gain / (int32_t)d->ramp_ticks);
+    if (d->gain < d->ramp_ticks) { /* back from a ramp when it had run dry */
+        d->gain++;
+        line = line * (int32_t)d->gain / (int32_t)d->ramp_ticks;
+    }
+    d->level = (int16_t)line;
     return HX_OUT_STREAM;
 }
 

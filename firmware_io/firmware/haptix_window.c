@@ -13,26 +13,26 @@ void hx_window_init(hx_device *d) {
     if (rms > 32767u * 256u) rms = 32767u * 256u; /* in 1/256 of a code */
     d->block_ticks = (uint32_t)((rate_hz + HX_WINDOW_BLOCKS - 1u) / HX_WINDOW_BLOCKS);
     d->max_energy = (rms * rms >> 16) * (rate_hz + 2u * d->block_ticks);
+    d->ramp_energy = d->ramp_ticks / 3u + 1u;
     d->max_sum = (int64_t)((uint64_t)d->top_code * rate_hz / HX_MEAN_DIVISOR);
 }
 
 enum hx_fault_code hx_window_check(const hx_device *d, int16_t code) {
     const hx_block *now = &d->block;
-    uint64_t size = (uint64_t)(d->level < 0 ? -(int32_t)d->level : d->level);
-    uint64_t square = (uint64_t)((int64_t)code * code);
-    uint64_t energy = (d->energy_before << HX_ENERGY_SHIFT) + d->energy_now + square;
-    if (energy + size * size * d->ramp_ticks / 3u + 1u > d->max_energy) return HX_FAULT_ENERGY;
+    uint32_t size = (uint32_t)(d->level < 0 ? -(int32_t)d->level : d->level);
+    uint64_t energy = d->energy_before + d->energy_now + (uint32_t)((int32_t)code * code);
+    if (energy + (uint64_t)(size * size) * d->ramp_energy > d->max_energy) return HX_FAULT_ENERGY;
 
     int64_t high = now->high + code, low = now->low + code;
     if (high < now->sum + code + d->high_before) high = now->sum + code + d->high_before;
     if (low > now->sum + code + d->low_before) low = now->sum + code + d->low_before;
     if (d->has_carrier) {
         /* No stretch of a falling envelope sums to more than half a turn at its highest. */
-        int64_t half_turn = (int64_t)(size * (0x80000000u / d->phase_step_now + 2u));
+        uint32_t half_turn = size * d->half_turn_ticks;
         high += half_turn;
         low -= half_turn;
     } else {
-        int64_t ramp = (int64_t)(size * (d->ramp_ticks - 1u) / 2u);
+        uint32_t ramp = size * (d->ramp_ticks - 1u) / 2u;
         if (d->level > 0) high += ramp;
         else low -= ramp;
     }
@@ -42,11 +42,11 @@ enum hx_fault_code hx_window_check(const hx_device *d, int16_t code) {
 static void close_block(hx_device *d) {
     hx_block *oldest = &d->blocks[d->block_at];
     int64_t sum = 0;
-    d->energy_before -= oldest->energy;
+    d->energy_before -= (uint64_t)oldest->energy << HX_ENERGY_SHIFT;
     *oldest = d->block;
     /* Rounded up: the window is never underrated. */
     oldest->energy = (uint32_t)((d->energy_now + (1u << HX_ENERGY_SHIFT) - 1u) >> HX_ENERGY_SHIFT);
-    d->energy_before += oldest->energy;
+    d->energy_before += (uint64_t)oldest->energy << HX_ENERGY_SHIFT;
     d->energy_now = 0;
     d->block.sum = d->block.high = d->block.low = 0;
     d->block_tick = 0;
@@ -69,6 +69,6 @@ void hx_window_take(hx_device *d, int16_t code) {
     now->low += code;
     if (now->high < 0) now->high = 0;
     if (now->low > 0) now->low = 0;
-    d->energy_now += (uint64_t)((int64_t)code * code);
+    d->energy_now += (uint32_t)((int32_t)code * code);
     if (++d->block_tick == d->block_ticks) close_block(d);
 }

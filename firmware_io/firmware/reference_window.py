@@ -75,7 +75,7 @@ class ReferenceWindow:
         else:
             half_turn = sizes * (2**31 // phase_step + 2)
             high, low = high + half_turn, low - half_turn
-        too_strong = energy + sizes * sizes * self._ramp_ticks // 3 + 1 > self._max_energy
+        too_strong = energy + sizes * sizes * (self._ramp_ticks // 3 + 1) > self._max_energy
         too_high = (high > self._max_sum) | (-low > self._max_sum)
         broken = too_strong | too_high
         if not broken.any():

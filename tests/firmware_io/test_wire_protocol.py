@@ -47,6 +47,7 @@ from firmware_io.protocol import (
     to_reports,
     volts_to_codes,
 )
+from tests.devices.usb_guest import descriptors
 
 # What a busy machine does to the time of one example says nothing about the code.
 unhurried = settings(deadline=None)
@@ -162,6 +163,13 @@ def test_document_lists_the_fields(message):
     # The document writes clock_ticks as "clock" and field_offset as "field".
     for field in fields(message):
         assert f"| {field.name.removesuffix('_ticks').removesuffix('_offset')} |" in DOCUMENT
+
+
+def test_document_has_the_report_descriptor_of_the_emulated_board():
+    """63 bytes each way behind an id of one byte: what the device tests plug into a real host."""
+    assert descriptors.HID_REPORT.hex() in re.sub(r"\s+", "", DOCUMENT)
+    count = descriptors.HID_REPORT[descriptors.HID_REPORT.index(0x95) + 1]
+    assert count + 1 == REPORT_BYTES
 
 
 def test_document_lists_the_faults():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from firmware_io import Device, DeviceDisconnectedError, DeviceFaultError, MockDriver, MockLink
+from firmware_io.limits import WATCHDOG_S
 from haptix import InputError, LiveRenderer, Texture
 from haptix.errors import OverloadWarning
 from haptix.render import LiveSettings, RenderStats, Sliding
@@ -34,11 +35,11 @@ def link():
 
 
 def patient_link():
-    """A driver that waits for its host longer than a busy machine stalls."""
-    return MockLink(MockDriver(pace="real", max_watchdog_s=3.0))
+    """A driver that waits for its host as long as any may."""
+    return MockLink(MockDriver(pace="real"))
 
 
-def opened(link, watchdog_s=3.0):
+def opened(link, watchdog_s=WATCHDOG_S):
     device = Device(link)
     device.set_up(watchdog_s=watchdog_s)
     return device
@@ -184,11 +185,11 @@ def test_an_error_that_nobody_asked_for_is_told_at_the_end(surface, link):
 
 
 def test_a_fault_of_the_driver_and_another_session(surface, link):
-    device = opened(link, watchdog_s=0.4)
+    device = opened(link, watchdog_s=0.2)
     renderer = LiveRenderer(surface, FULL, device, settings=ALWAYS)
     with pytest.raises(DeviceFaultError), renderer:
         touching(renderer, 0.03)
-        link.inject("stall", seconds=0.5)  # longer than the watchdog waits
+        link.inject("stall", seconds=0.4)  # longer than the watchdog waits
         touching(renderer, 5.0)
     assert_at_rest(device, link)
     with renderer:

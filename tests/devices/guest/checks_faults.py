@@ -21,7 +21,7 @@ from tests.devices.guest.ways import HID, HIDRAW, USB, WAYS, check, require, sam
 
 _RATE_HZ = 16_000
 #: Long, since the guest stalls now and then; the board keeps to it by its own clock.
-_WATCHDOG_S = 2.0
+_WATCHDOG_S = 0.25
 _BLOCK = 249  # 9 reports
 _WHOLE_BLOCKS = 2
 _BLOCKS = 6

@@ -6,7 +6,7 @@
 static hx_device device;
 
 static int is_played(const step *s) {
-    static int16_t out[256];
+    static int16_t out[1024];
     hx_device_play(&device, out, 0, s->count);
     for (uint32_t i = 0; i < s->count; i++)
         if (out[i] != s->codes[i]) return 0;

@@ -1,0 +1,96 @@
+"""Mean and energy with a host in front: what it may ask for, and what it does between writes."""
+
+import numpy as np
+import pytest
+
+from firmware_io import (
+    Device,
+    DeviceError,
+    DeviceFaultError,
+    HaptixError,
+    LimitError,
+    MockDriver,
+    MockLink,
+    open_device,
+)
+
+
+def worst(driver):
+    """Largest mean and rms of any second that the driver has played, in volts."""
+    rate_hz = driver.about.output_rate_hz
+    volts = np.concatenate([np.zeros(rate_hz), driver.output_v, np.zeros(rate_hz)])
+    sums = np.cumsum(np.concatenate([[0.0], volts]))
+    squares = np.cumsum(np.concatenate([[0.0], volts**2]))
+    mean = np.abs(sums[rate_hz:] - sums[:-rate_hz]).max() / rate_hz
+    return mean, np.sqrt((squares[rate_hz:] - squares[:-rate_hz]).max() / rate_hz)
+
+
+def assert_within_limits(driver):
+    mean, rms = worst(driver)
+    assert mean <= 1.01 * 10.0
+    assert rms <= 1.01 * 1.01 * 200.0 / np.sqrt(2)
+
+
+@pytest.mark.parametrize("carrier_hz", [0.1, 440.0, 999.9])
+def test_no_carrier_below_1_khz(carrier_hz):
+    with pytest.raises(DeviceError, match=r"carrier_hz must lie in 1000"):
+        open_device(f"mock:reports=yes,carrier_hz={carrier_hz}")
+    with open_device("mock:reports=yes") as device, pytest.raises(DeviceError):
+        device.set_up(carrier_hz=carrier_hz)
+
+
+@pytest.mark.parametrize("selector", ["watchdog_s=65", "watchdog_s=0.251"])
+def test_no_watchdog_above_250_ms(selector):
+    with pytest.raises(DeviceError, match=r"watchdog_s must lie in 0\.01\.\.0\.25"):
+        open_device(f"mock:{selector}")
+    with pytest.raises(DeviceError, match="max_watchdog_s"):
+        MockDriver(max_watchdog_s=65.0)
+
+
+def test_sessions_one_after_the_other_share_a_second():
+    driver = MockDriver(sample_rate_hz=8000)
+    faults = 0
+    for _ in range(73):
+        device = Device(MockLink(driver))
+        try:
+            with device:
+                device.write(np.full(350, 199.0))
+        except DeviceFaultError:
+            faults += 1
+        device.close()
+    assert faults > 0
+    assert_within_limits(driver)
+
+
+def test_a_crest_and_then_silence(clock):
+    driver = MockDriver(sample_rate_hz=8000, pace="real", clock=clock)
+    device = Device(MockLink(driver, sleep=clock.sleep), clock=clock)
+    device.set_up(lead_s=0.0)
+    for _ in range(100):
+        try:
+            device.arm()
+            device.write([200.0])
+            device.write([200.0])
+        except HaptixError:
+            clock.sleep(0.05)
+        clock.sleep(0.12)
+    assert_within_limits(driver)
+
+
+def test_the_host_rejects_an_envelope_in_step_with_its_carrier():
+    link = MockLink(MockDriver(sample_rate_hz=48_000))
+    device = Device(link, mode="envelope", sample_rate_hz=48_000, carrier_hz=1000.0)
+    gate = np.where(np.arange(48_000) % 48 < 24, 150.0, 0.0)
+    with pytest.raises(LimitError, match="mean"), device:
+        for piece in np.split(gate, 100):
+            device.write(piece)
+    assert_within_limits(link.driver)
+
+
+def test_a_carrier_at_the_ceiling_passes_for_ever():
+    device = open_device("mock:reports=yes,carrier_hz=1000")
+    with device:
+        for _ in range(60):
+            device.write(np.full(800, 200.0))
+    assert_within_limits(device.mock)
+    assert worst(device.mock)[1] > 141.0
