@@ -2,7 +2,7 @@
  *
  * The input is a program of calls: bytes as they come, bytes in reports, whole frames with their
  * check sums made right (no fuzzer finds a CRC-32 by itself), time, answers. Whatever it says, no
- * output is above the ceiling, the output is at 0 V when the watchdog time has passed in silence,
+ * output is above the ceiling, no second of it above the energy or the mean, the output is at 0 V when the watchdog time has passed in silence,
  * and the device hears a HELLO behind any garbage.
  */
 #include <stddef.h>
@@ -16,12 +16,24 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 #define RATE_HZ 16000u
 #define WATCHDOG_MS 40u
 #define CEILING_CODE 26213 /* 200 V of 250 V */
+#define MOST_SQUARE 357527000 /* (142.835 V / 250 V 32767)^2 and 2 % */
 
 static hx_device device;
 
 static const hx_config config = {
     RATE_HZ, 250000, 200000, 26000000, 160, 150, WATCHDOG_MS, 64, 1, 2,
     {{RATE_HZ, 3}, {RATE_HZ / 4, 3}}, "fuzzed", "1", "none"};
+
+/* The last second of the output. */
+static int16_t second[RATE_HZ];
+static uint32_t second_at;
+static int64_t sum, energy;
+
+static void forget_second(void) {
+    for (uint32_t i = 0; i < RATE_HZ; i++) second[i] = 0;
+    second_at = 0;
+    sum = energy = 0;
+}
 
 static void demand(int is_so) {
     if (!is_so) abort();
@@ -37,6 +49,14 @@ static void play(uint32_t n) {
     for (uint32_t i = 0; i < n; i++) {
         demand(out[i] <= CEILING_CODE && out[i] >= -CEILING_CODE);
         demand(what[i] != HX_OUT_IDLE || out[i] == 0);
+        int64_t goes = second[second_at], comes = out[i];
+        second[second_at] = out[i];
+        second_at = (second_at + 1u) % RATE_HZ;
+        sum += comes - goes;
+        energy += comes * comes - goes * goes;
+        demand(sum * 20 <= (int64_t)CEILING_CODE * RATE_HZ);
+        demand(sum * -20 <= (int64_t)CEILING_CODE * RATE_HZ);
+        demand(energy <= (int64_t)MOST_SQUARE * RATE_HZ);
     }
 }
 
@@ -140,7 +160,7 @@ static void run(const uint8_t *data, size_t size) {
             send(frame, make_frame(frame, HX_ARM, device.next_sequence, 0, payload, 0), operand & 1);
             break;
         case 8: play(operand); break;
-        case 9: play(operand * 16u); break;
+        case 9: play(operand * 16u); break; /* up to a quarter of a second */
         case 10: {
             uint32_t written = hx_device_transmit(&device, frame, operand * 4u);
             demand(written <= operand * 4u);
@@ -160,6 +180,7 @@ static void run(const uint8_t *data, size_t size) {
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     uint8_t versions[2] = {HX_VERSION, HX_VERSION}, frame[256];
     demand(hx_device_bytes() == sizeof device && hx_device_init(&device, &config));
+    forget_second();
     if (size > 0 && data[0] & 1u) { /* half of the inputs begin where it is interesting */
         set_up(data[0] >> 1 & 31u);
         hx_device_receive(&device, frame, make_frame(frame, HX_ARM, device.next_sequence, 0, frame, 0));
