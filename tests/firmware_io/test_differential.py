@@ -36,6 +36,7 @@ class Pair:
         self.cores = [open_core(board, which) for which in ("c", "python")]
         self.sequence = self.index = 0
         self.setup = None
+        self.is_steady = rng.random() < 0.3  # a square wave without pauses, for the energy
 
     def receive(self, data):
         for core in self.cores:
@@ -68,11 +69,13 @@ class Pair:
 
     def stream(self):
         rng = self.rng
-        n = int(rng.integers(1, 300))
+        n = 300 if self.is_steady else int(rng.integers(1, 300))
         turns = rng.uniform(0.3, self.rate_hz / 2) * np.arange(n) / self.setup.sample_rate_hz
         tone = np.sin(2 * np.pi * turns + rng.choice([0.0, rng.uniform(0, 6)]))
-        tone = np.sign(tone) if rng.random() < 0.4 else tone
-        codes = rng.choice([20, TOP, TOP]) * tone + rng.choice([0, 0, 0, 2000, TOP, -TOP])
+        if self.is_steady:
+            codes = TOP * (2 * (np.arange(n) // 5 % 2) - 1)
+        else:
+            codes = rng.choice([20, TOP, TOP]) * tone + rng.choice([0, 0, 0, 2000, TOP, -TOP])
         codes = np.clip(codes, -TOP, TOP).astype(np.int16)
         codes = np.abs(codes) if self.setup.mode is ENVELOPE else codes
         self.say(StreamSamples(self.index, codes, self.setup.mode))
@@ -81,15 +84,17 @@ class Pair:
     def step(self):
         chance = self.rng.random()
         is_faulty = self.cores[0].fault() is not None and chance < 0.7
-        if self.setup is None or chance < 0.06 or is_faulty:
+        if self.setup is None or is_faulty or (chance < 0.06 and not self.is_steady):
             self.begin()
-        elif chance < 0.09:
+        elif chance < 0.09 and not self.is_steady:
             self.say(Stop())
-        elif chance < 0.11:
+        elif chance < 0.11 and not self.is_steady:
             self.receive(self.rng.bytes(int(self.rng.integers(1, 30))))
         else:
             self.stream()
         ticks = int(self.rng.choice([1, 7, 40, 300, 600, 1200, 0])) * self.rate_hz // 4000
+        if self.is_steady:
+            ticks = 300 * self.rate_hz // self.setup.sample_rate_hz
         played, expected = (core.play(ticks) for core in self.cores)
         assert np.array_equal(played, expected)
         assert self.cores[0].transmit() == self.cores[1].transmit()
