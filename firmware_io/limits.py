@@ -44,7 +44,7 @@ DEFAULT_WINDOW_S = 1.0
 #: Duration of the ramp to 0 V that ends a stream, in seconds: what a driver's own takes.
 RAMP_S = 0.005
 
-_RECOUNTS = 128  # in a window
+_RECOUNTS = 64  # in a window; a stretch is that much longer at most
 
 #: A mean below this counts as none: a few codes of rounding at 250 V full scale.
 _DC_FLOOR_V = 0.05
@@ -315,8 +315,9 @@ class DriveWindow:
         size = self._ring.size
         leaving = self._leaving(volts)
         if volts.size:
-            self._highest_sum = float(self._stretches(volts, -self._highest_sum, np.minimum)[-1])
-            self._lowest_sum = float(self._stretches(volts, -self._lowest_sum, np.maximum)[-1])
+            sums = np.cumsum(volts)
+            self._highest_sum = float(sums[-1] - min(-self._highest_sum, float(sums.min())))
+            self._lowest_sum = float(sums[-1] - max(-self._lowest_sum, float(sums.max())))
         self._sum_v += float((volts - leaving).sum())
         self._sum_square += float((volts * volts - leaving * leaving).sum())
         latest = volts[-size:]
@@ -345,8 +346,11 @@ class DriveWindow:
 
     def _check_stretches(self, volts: npt.NDArray[np.float64], each: int, ramp_s: float) -> None:
         """Reject a stretch whose sum stays in a window when what came before has left it."""
-        ramp = ramp_s * self._sample_rate_hz * volts
+        largest = float(np.abs(volts).max()) * (volts.size + ramp_s * self._sample_rate_hz)
         most = self.limits.max_dc_share * self.limits.ceiling_v * self._ring.size
+        if max(self._highest_sum, -self._lowest_sum) + largest <= most:
+            return
+        ramp = ramp_s * self._sample_rate_hz * volts
         highest = self._stretches(volts, -self._highest_sum, np.minimum) + ramp
         lowest = self._stretches(volts, -self._lowest_sum, np.maximum) + ramp
         over = ((highest > most) & (volts > 0.0)) | ((lowest < -most) & (volts < 0.0))
