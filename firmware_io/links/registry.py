@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from firmware_io.links import audio, hid, mock, tcp, usb
+from firmware_io.links import audio, hid, mock, serial, tcp, usb
 from firmware_io.scheme import Scheme
 
 SCHEMES: Mapping[str, Scheme] = {
     "mock": mock.SCHEME,
     "usb": usb.SCHEME,
     "hid": hid.SCHEME,
+    "serial": serial.SCHEME,
     "audio": audio.SCHEME,
     "tcp": tcp.SCHEME,
 }

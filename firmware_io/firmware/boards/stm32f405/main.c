@@ -1,0 +1,58 @@
+/* The loop of the board: bytes in, answers out. Everything timed happens in output.c. */
+#include "board.h"
+
+/* Bytes handed to the core at once: bounds how long the output's interrupt is kept out. */
+#define PIECE_BYTES 32u
+
+static const hx_config config = {
+    .output_rate_hz = BOARD_OUTPUT_HZ,
+    .full_scale_mv = 200000u, /* of the amplifier at code 32767: measure it, then write it here */
+    .ceiling_mv = 200000u,
+    .max_slew_v_per_s = 25200000u, /* 200 V at 20 kHz */
+    .queue_samples = HX_QUEUE_SAMPLES,
+    .max_frame_samples = HX_MAX_FRAME_SAMPLES,
+    .max_watchdog_ms = 250u,
+    .report_bytes = 0,
+    .flags = 0,
+    .rate_count = 4,
+    .rates = {{BOARD_OUTPUT_HZ, 3u},
+              {BOARD_OUTPUT_HZ / 2u, 3u},
+              {BOARD_OUTPUT_HZ / 4u, 3u},
+              {BOARD_OUTPUT_HZ / 8u, 3u}},
+    .name = "stm32f405",
+    .serial = "0",
+    .calibration_id = "",
+};
+
+static void receive(void) {
+    uint8_t bytes[PIECE_BYTES];
+    uint32_t n = board_serial_read(bytes, sizeof bytes);
+    if (n == 0) return;
+    board_output_mask();
+    hx_device_receive(&board_device, bytes, n);
+    board_output_unmask();
+}
+
+static void transmit(void) {
+    static uint8_t answer[HX_ANSWER_BYTES];
+    static uint32_t length, sent;
+    if (sent == length) {
+        sent = 0;
+        board_output_mask();
+        length = hx_device_transmit(&board_device, answer, sizeof answer);
+        board_output_unmask();
+    }
+    while (sent < length && board_serial_write(answer[sent])) sent++;
+}
+
+int main(void) {
+    if (!hx_device_init(&board_device, &config)) return 1; /* the output was never switched on */
+    board_output_begin();
+    board_serial_begin();
+    for (;;) {
+        receive();
+        transmit();
+        board_output_loop_ran();
+        board_serial_wait();
+    }
+}

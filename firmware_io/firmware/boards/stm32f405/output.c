@@ -1,0 +1,115 @@
+/* From the core to the amplifier: two DAC channels whose difference is the drive voltage.
+ *
+ * Both channels are at the same voltage when nothing is driven, also in reset, when their pins
+ * float and resistors pull both to ground; the amplifier's enable has a pull-down of its own. The
+ * DAC takes its samples by DMA from a ring of two halves, clocked by TIM6, so that no program
+ * decides when a sample leaves. Whenever a half has been played, its interrupt fills it again.
+ *
+ * If that interrupt stays away, the DMA would play the ring over and over: then nothing feeds the
+ * independent watchdog, and the chip is reset within 5.4 to 15 ms (its oscillator has 17 to 47 kHz).
+ */
+#include "board.h"
+#include "registers.h"
+
+#define MIDDLE 2048u
+#define ENABLE_PIN 0u /* PB0 */
+
+hx_device board_device;
+
+static uint32_t ring[2u * BOARD_HALF_SAMPLES];
+static uint32_t half_to_fill;
+static volatile uint32_t patience;
+
+static uint32_t as_dac(int16_t code) {
+    /* 16 bits to 12: channel 2 stays in the middle, channel 1 moves around it. */
+    uint32_t moved = (uint32_t)((int32_t)MIDDLE * 16 + code) >> 4;
+    return MIDDLE << 16 | moved;
+}
+
+static void fill(uint32_t *half) {
+    static int16_t codes[BOARD_HALF_SAMPLES];
+    hx_device_play(&board_device, codes, 0, BOARD_HALF_SAMPLES);
+    for (uint32_t i = 0; i < BOARD_HALF_SAMPLES; i++) half[i] = as_dac(codes[i]);
+#ifdef BOARD_EMULATED
+    /* The emulator has no DAC: what would go to it goes out of the second port. */
+    for (uint32_t i = 0; i < BOARD_HALF_SAMPLES; i++) {
+        USART2->DR = (uint16_t)codes[i] & 0xffu;
+        USART2->DR = (uint16_t)codes[i] >> 8;
+    }
+#endif
+}
+
+void board_output_interrupt(void) {
+#ifdef BOARD_EMULATED
+    TIM2->SR = 0;
+    uint32_t half = half_to_fill;
+#else
+    uint32_t half = DMA1_HISR & 1u << 10 ? 0u : 1u; /* half transferred: the first one is free */
+    DMA1_HIFCR = 0x3du << 6;
+#endif
+    fill(ring + half * BOARD_HALF_SAMPLES);
+    half_to_fill = half ^ 1u;
+    if (patience > 0) {
+        patience--;
+        IWDG_KR = 0xaaaau;
+    }
+}
+
+void board_output_loop_ran(void) { patience = BOARD_PATIENCE_HALVES; }
+
+void board_output_mask(void) {
+    __asm__ volatile("msr basepri, %0" ::"r"(BOARD_PRIORITY_OUTPUT << 4) : "memory");
+}
+
+void board_output_unmask(void) { __asm__ volatile("msr basepri, %0" ::"r"(0) : "memory"); }
+
+void board_output_off(void) {
+    GPIOB->BSRR = 1u << (16u + ENABLE_PIN);
+    DMA1_STREAM5->CR = 0;
+    DAC->CR = 1u << 16 | 1u; /* without a trigger: what follows stands at once */
+    DAC->DHR12RD = MIDDLE << 16 | MIDDLE;
+}
+
+static void begin_watchdog(void) {
+    IWDG_KR = 0x5555u;
+    IWDG_PR = 0;       /* 32 kHz / 4 */
+    IWDG_RLR = 64u;    /* 8 ms */
+    IWDG_KR = 0xccccu; /* it cannot be stopped again */
+}
+
+static void begin_dac(void) {
+    GPIOA->MODER |= 15u << 8; /* PA4, PA5 analog */
+    for (uint32_t i = 0; i < 2u * BOARD_HALF_SAMPLES; i++) ring[i] = MIDDLE << 16 | MIDDLE;
+    DMA1_STREAM5->PAR = (uint32_t)&DAC->DHR12RD;
+    DMA1_STREAM5->M0AR = (uint32_t)ring;
+    DMA1_STREAM5->NDTR = 2u * BOARD_HALF_SAMPLES;
+    /* channel 7, high priority, words, memory counts up, circular, to the DAC, both interrupts */
+    DMA1_STREAM5->CR = 7u << 25 | 2u << 16 | 2u << 13 | 2u << 11 | 1u << 10 | 1u << 8 | 1u << 6 |
+                       1u << 4 | 1u << 3 | 1u;
+    /* both channels: enabled, triggered by TIM6; DMA requests by channel 1 */
+    DAC->CR = 1u << 12 | 1u << 2 | 1u | 1u << 18 | 1u << 16;
+    TIM6->PSC = 0;
+    TIM6->ARR = BOARD_TIMER_HZ / BOARD_OUTPUT_HZ - 1u;
+    TIM6->CR2 = 2u << 4; /* its update triggers the DAC */
+    TIM6->CR1 = 1u;
+}
+
+void board_output_begin(void) {
+    board_output_loop_ran();
+    board_output_off();
+    begin_dac();
+    begin_watchdog();
+#ifdef BOARD_EMULATED
+    /* The emulator has neither the DAC's timer nor DMA; its TIM2 counts nanoseconds. The output is
+     * BOARD_EMULATED times slower than it says, so that a busy computer keeps up with it. */
+    USART2->CR1 = 1u << 13 | 1u << 3;
+    TIM2->PSC = 0;
+    TIM2->ARR = (uint32_t)(1000000000ull * BOARD_EMULATED * BOARD_HALF_SAMPLES / BOARD_OUTPUT_HZ) - 1u;
+    TIM2->DIER = 1u;
+    enable_interrupt(IRQ_TIM2, BOARD_PRIORITY_OUTPUT);
+    TIM2->CR1 = 1u;
+#else
+    enable_interrupt(IRQ_DMA1_STREAM5, BOARD_PRIORITY_OUTPUT);
+#endif
+    GPIOB->BSRR = 1u << ENABLE_PIN;
+}

@@ -1,0 +1,84 @@
+/* The registers that this board uses, from ST's reference manual RM0090 and ARM's ARMv7-M manual. */
+#ifndef REGISTERS_H
+#define REGISTERS_H
+
+#include <stdint.h>
+
+typedef volatile uint32_t reg;
+
+/* RM0090, 7.3 */
+typedef struct {
+    reg CR, PLLCFGR, CFGR, CIR, AHB1RSTR, AHB2RSTR, AHB3RSTR, r0, APB1RSTR, APB2RSTR, r1, r2;
+    reg AHB1ENR, AHB2ENR, AHB3ENR, r3, APB1ENR, APB2ENR;
+} rcc_registers;
+#define RCC ((rcc_registers *)0x40023800u)
+
+/* RM0090, 3.9 and 5.4 */
+#define FLASH_ACR (*(reg *)0x40023c00u)
+#define PWR_CR (*(reg *)0x40007000u)
+#define PWR_CSR (*(reg *)0x40007004u)
+#define EXTI_IMR (*(reg *)0x40013c00u)
+#define EXTI_RTSR (*(reg *)0x40013c08u)
+#define EXTI_PR (*(reg *)0x40013c14u)
+
+/* RM0090, 8.4 */
+typedef struct {
+    reg MODER, OTYPER, OSPEEDR, PUPDR, IDR, ODR, BSRR, LCKR, AFRL, AFRH;
+} gpio_registers;
+#define GPIOA ((gpio_registers *)0x40020000u)
+#define GPIOB ((gpio_registers *)0x40020400u)
+
+/* RM0090, 18.4 and 20.4 */
+typedef struct {
+    reg CR1, CR2, SMCR, DIER, SR, EGR, CCMR1, CCMR2, CCER, CNT, PSC, ARR;
+} timer_registers;
+#define TIM2 ((timer_registers *)0x40000000u)
+#define TIM6 ((timer_registers *)0x40001000u)
+
+/* RM0090, 14.5 */
+typedef struct {
+    reg CR, SWTRIGR, DHR12R1, DHR12L1, DHR8R1, DHR12R2, DHR12L2, DHR8R2, DHR12RD;
+} dac_registers;
+#define DAC ((dac_registers *)0x40007400u)
+
+/* RM0090, 10.5: DMA1, stream 5 */
+#define DMA1_HISR (*(reg *)0x40026004u)
+#define DMA1_HIFCR (*(reg *)0x4002600cu)
+typedef struct {
+    reg CR, NDTR, PAR, M0AR, M1AR, FCR;
+} dma_stream_registers;
+#define DMA1_STREAM5 ((dma_stream_registers *)0x40026088u)
+
+/* RM0090, 30.6 */
+typedef struct {
+    reg SR, DR, BRR, CR1, CR2, CR3;
+} usart_registers;
+#define USART1 ((usart_registers *)0x40011000u)
+#define USART2 ((usart_registers *)0x40004400u)
+
+/* RM0090, 21.4 */
+#define IWDG_KR (*(reg *)0x40003000u)
+#define IWDG_PR (*(reg *)0x40003004u)
+#define IWDG_RLR (*(reg *)0x40003008u)
+
+/* ARMv7-M, B3.4 */
+#define NVIC_ISER ((reg *)0xe000e100u)
+#define NVIC_ICER ((reg *)0xe000e180u)
+#define NVIC_ISPR ((reg *)0xe000e200u)
+#define NVIC_IPR ((volatile uint8_t *)0xe000e400u)
+enum { IRQ_PVD = 1, IRQ_DMA1_STREAM5 = 16, IRQ_TIM2 = 28, IRQ_USART1 = 37, IRQ_COUNT = 82 };
+
+static inline void enable_interrupt(uint32_t irq, uint32_t priority) {
+    NVIC_IPR[irq] = (uint8_t)(priority << 4); /* this chip has 4 bits of priority, the upper ones */
+    NVIC_ISER[irq / 32u] = 1u << (irq % 32u);
+}
+
+static inline void disable_interrupt(uint32_t irq) { NVIC_ICER[irq / 32u] = 1u << (irq % 32u); }
+
+/* Enabled again, and called once although nothing may have happened. */
+static inline void pend_interrupt(uint32_t irq) {
+    NVIC_ISPR[irq / 32u] = 1u << (irq % 32u);
+    NVIC_ISER[irq / 32u] = 1u << (irq % 32u);
+}
+
+#endif

@@ -1,0 +1,176 @@
+"""A serial port, through pyserial: a board's USART, or CDC over USB."""
+
+from __future__ import annotations
+
+import errno
+from contextlib import suppress
+from importlib import import_module
+from typing import Any
+
+from firmware_io.address import count, yes_or_no
+from firmware_io.errors import (
+    DeviceBusyError,
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceNotFoundError,
+    DevicePermissionError,
+)
+from firmware_io.link import Link
+from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID
+from firmware_io.scheme import OTHER_DEVICE, Bus, DeviceInfo, Scheme
+
+BAUD = 2_000_000
+"""Bits a second, of which ten make a byte: samples of 16 bits at 48 kHz need 1.1 million."""
+
+_WRITE_S = 1.0
+
+
+def pyserial() -> Any:
+    """Return the module `serial`.
+
+    Raises
+    ------
+    DeviceError
+        If it is not installed.
+    """
+    try:
+        return import_module("serial")
+    except ImportError:
+        raise DeviceError(
+            "serial: needs the package pyserial; install the extra with "
+            'pip install "haptix-electrovibration[serial]".'
+        ) from None
+
+
+def _ports() -> list[tuple[Any, bool]]:
+    """Return pyserial's description of each port, and whether its USB numbers are haptix's."""
+    pyserial()
+    ports = import_module("serial.tools.list_ports").comports()
+    return [(port, (port.vid, port.pid) == (VENDOR_ID, PRODUCT_ID)) for port in ports]
+
+
+class SerialLink(Link):
+    """A serial port that nobody else may open meanwhile.
+
+    Parameters
+    ----------
+    port : str, optional
+        Such as ``/dev/ttyUSB0`` or ``COM3``; without, the only port with haptix's USB numbers.
+    baud : int
+        Bits a second. CDC over USB ignores it.
+    flow : bool
+        Whether the board's RTS holds this side back.
+
+    Raises
+    ------
+    DeviceNotFoundError, DeviceBusyError, DevicePermissionError
+        If the port cannot be opened.
+    DeviceError
+        If pyserial is missing, or the port cannot have that speed.
+    """
+
+    def __init__(self, port: str | None = None, baud: int = BAUD, flow: bool = False) -> None:
+        self._serial = pyserial()
+        place = port or _only_port()
+        self._name = f"serial:port={place}"
+        self._port: Any = None
+        try:
+            self._port = self._serial.Serial(
+                place, baud, timeout=0, write_timeout=_WRITE_S, rtscts=flow, exclusive=True
+            )
+        except ValueError as error:
+            raise DeviceError(f"{self._name} cannot have baud={baud}: {error}.") from error
+        except OSError as error:
+            raise _refusal(self._name, error) from error
+        # What an earlier host has left unread is not for us.
+        self._port.reset_input_buffer()
+
+    @property
+    def name(self) -> str:
+        """Its address."""
+        return self._name
+
+    def send(self, data: bytes) -> None:
+        """Write bytes; see `Link.send`."""
+        port = self._open_port()
+        try:
+            written = port.write(data)
+        except OSError as error:
+            raise self._lost(error) from error
+        if written != len(data):
+            raise self._lost(f"it took {written} of {len(data)} bytes")
+
+    def receive(self, timeout_s: float = 0.0) -> bytes:
+        """Return what has come; see `Link.receive`."""
+        port = self._open_port()
+        try:
+            port.timeout = timeout_s
+            first = port.read(1)
+            return bytes(first + port.read(port.in_waiting)) if first else b""
+        # pyserial meets a port that goes away in the middle of a call with a TypeError.
+        except (OSError, TypeError) as error:
+            raise self._lost(error) from error
+
+    def close(self) -> None:
+        """Let the port go. Idempotent."""
+        port, self._port = self._port, None
+        if port is not None:
+            with suppress(OSError):
+                port.close()
+
+    def _open_port(self) -> Any:
+        if self._port is None:
+            raise DeviceDisconnectedError(f"{self._name} is closed; open the device again.")
+        return self._port
+
+    def _lost(self, why: object) -> DeviceDisconnectedError:
+        return DeviceDisconnectedError(
+            f"{self._name} is lost: {why}; check its cable, then open the device again."
+        )
+
+
+def _only_port() -> str:
+    ports = [port for port, is_driver in _ports() if is_driver]
+    if len(ports) == 1:
+        return str(ports[0].device)
+    if not ports:
+        raise DeviceNotFoundError(
+            f"No serial port has the USB numbers {VENDOR_ID:04x}:{PRODUCT_ID:04x}; name one, as in "
+            '"serial:port=/dev/ttyUSB0".'
+        )
+    names = ", ".join(f"port={port.device}" for port in ports)
+    raise DeviceError(f"{len(ports)} serial ports may be a driver; choose one of {names}.")
+
+
+def _refusal(name: str, error: OSError) -> DeviceError:
+    """Return what it means that a port cannot be opened."""
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return DevicePermissionError(
+            f"This user may not open {name}; on Debian: sudo adduser $USER dialout, then log in "
+            "again."
+        )
+    # pyserial reports a port that is locked with EAGAIN or EWOULDBLOCK.
+    if error.errno in (errno.EBUSY, errno.EAGAIN):
+        return DeviceBusyError(f"{name} is in use by another program; close it there first.")
+    return DeviceNotFoundError(f"{name} cannot be opened: {error}; look with `haptix devices`.")
+
+
+def _search() -> tuple[str, list[DeviceInfo]]:
+    devices = [
+        DeviceInfo(
+            f"serial:port={port.device}",
+            "serial",
+            str(port.description),
+            is_driver,
+            "A driver by its USB numbers." if is_driver else OTHER_DEVICE,
+        )
+        for port, is_driver in _ports()
+    ]
+    return f"pyserial {pyserial().__version__}", devices
+
+
+SCHEME = Scheme(
+    SerialLink,
+    {"port": str, "baud": count, "flow": yes_or_no},
+    bus=Bus(_search, 'pip install "haptix-electrovibration[serial]"'),
+)
