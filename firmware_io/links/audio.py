@@ -197,6 +197,8 @@ class AudioLink(Link):
         self._is_resting = threading.Event()
         self._failure: str | None = None
         self._is_released = False
+        self._rest_samples = 0
+        self._rate_hz = profile.sample_rate_hz
         self._trigger_samples = round(_TRIGGER_S * profile.sample_rate_hz)
         self._trigger_left = 0
         self._was_streaming = False
@@ -255,10 +257,12 @@ class AudioLink(Link):
             self._core.release()
             self._is_released = True
             self._is_resting.clear()
+        plays_on = False
         if self._failure is None:
-            # The ramp takes 5 ms, behind at most one block; a stream that stands still never ends.
-            self._is_resting.wait(0.5)
-        self._close_stream()
+            # The ramp takes 5 ms, and what it waits behind as long as the interface says; a stream
+            # that has stopped never rests.
+            plays_on = self._is_resting.wait(0.5 + (self.latency_s or 0.0))
+        self._close_stream(plays_on)
 
     def _fill(self, out: npt.NDArray[np.float32], frames: int, times: Any, status: Any) -> None:
         """Fill a block of PortAudio with what the firmware plays."""
@@ -266,11 +270,19 @@ class AudioLink(Link):
             self.underflows += 1
         with self._lock:
             codes, what = self._core.play(frames)
-            if self._is_released and not codes[-1]:
-                self._is_resting.set()
+            if self._is_released:
+                self._count_rest(codes)
         np.divide(codes, FULL_SCALE_CODE, out=out[:, 0], dtype=np.float32)
         if out.shape[1] > 1:
             out[:, 1] = self._trigger(what)
+
+    def _count_rest(self, codes: npt.NDArray[np.int16]) -> None:
+        """Tell `close` once enough zeros came behind the ramp to have pushed it out."""
+        self._rest_samples = 0 if codes.any() else self._rest_samples + codes.size
+        buffered = (self.latency_s or 0.0) * self._rate_hz
+        # Two blocks more: the one that is being handed over, and one of the server behind it.
+        if self._rest_samples >= buffered + 2 * codes.size:
+            self._is_resting.set()
 
     def _trigger(self, what: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
         pulse = np.zeros(what.size, dtype=np.float32)
@@ -299,11 +311,15 @@ class AudioLink(Link):
                 f"{self._name} is gone: {self._failure}; open the device again."
             )
 
-    def _close_stream(self) -> None:
+    def _close_stream(self, plays_on: bool = False) -> None:
+        """Close; a stream that plays on is stopped, which plays out what it holds."""
         stream, self._stream = self._stream, None
         if stream is not None:
             with suppress(self._sounddevice.PortAudioError):
-                stream.abort()
+                if plays_on:
+                    stream.stop()
+                else:
+                    stream.abort()
             with suppress(self._sounddevice.PortAudioError):
                 stream.close()
 

@@ -4,16 +4,13 @@ Needs Debian's jackd2 and libportaudio2, and pip's JACK-Client.
 """
 
 import json
-import os
-import shutil
 import subprocess
 import sys
-import time
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
+from jack_session import jack_session, missing
 
 from firmware_io import volts_to_codes
 
@@ -23,18 +20,8 @@ HERE = Path(__file__).parent
 SECONDS = 3.0
 FULL_SCALE_V = 200.0
 #: What the player may be held up without an underrun. It has real-time priority, as JACK has, so
-#: that no other program holds it up, but the host of a virtual machine may. Its watchdog is 1 s.
-LEAD_S = 0.4
-
-
-def missing():
-    """What is missing for these tests; empty if nothing is."""
-    things = {
-        "jackd (apt install jackd2)": shutil.which("jackd"),
-        "JACK-Client (pip install JACK-Client)": find_spec("jack"),
-        "sounddevice": find_spec("sounddevice"),
-    }
-    return ", ".join(thing for thing, found in things.items() if not found)
+#: that no other program holds it up, but the host of a virtual machine may. The watchdog's is 0.25 s.
+LEAD_S = 0.1
 
 
 @pytest.fixture(scope="module")
@@ -46,67 +33,19 @@ def played(tmp_path_factory):
 
 
 def _play(folder):
-    environment = {
-        **os.environ,
-        "JACK_DEFAULT_SERVER": f"haptix{os.getpid()}",
-        "JACK_NO_AUDIO_RESERVATION": "1",
-        "PYTHONPATH": str(HERE.parents[1]),
-    }
-    # Synchronous (-S): a client that is held up delays the cycle. Otherwise JACK leaves the client
-    # out of it, and on a machine that stalls the samples of whole cycles are not heard.
-    command = ["jackd", "-R", "-P", "60", "-S", "-t", "5000"]
-    command += ["-n", environment["JACK_DEFAULT_SERVER"]]
-    command += ["-d", "dummy", "-r", "48000", "-p", "480", "-C", "0", "-P", "2"]
-    capture = None
-    with (folder / "jackd.log").open("w") as log:
-        server = subprocess.Popen(command, env=environment, stdout=log, stderr=subprocess.STDOUT)
-        try:
-            capture = _start_capture(folder, environment, server)
-            wave = folder / "wave.npy"
-            address = f"audio:device=cap,full_scale_v={FULL_SCALE_V},trigger=yes,watchdog_s=1"
-            player = subprocess.run(
-                [
-                    sys.executable,
-                    HERE / "audio_player.py",
-                    address,
-                    str(SECONDS),
-                    str(LEAD_S),
-                    wave,
-                ],
-                env=environment,
-                capture_output=True,
-                text=True,
-                timeout=600,
-            )
-            assert player.returncode == 0, player.stderr
-            capture.communicate(timeout=600)
-        finally:
-            for process in (capture, server):
-                if process is not None and process.poll() is None:
-                    process.terminate()
-                    process.wait(10)
-    told = json.loads(player.stdout.splitlines()[-1])
-    told["capture"] = json.loads((folder / "capture.json").read_text())
-    return np.load(wave), np.load(folder / "heard.npy"), told
-
-
-def _start_capture(folder, environment, server):
-    """Start the capturing client as soon as the server takes it."""
-    for _ in range(50):
-        assert server.poll() is None, (folder / "jackd.log").read_text()
-        capture = subprocess.Popen(
-            [sys.executable, str(HERE / "jack_capture.py"), str(folder)],
-            env=environment,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+    wave = folder / "wave.npy"
+    address = f"audio:device=cap,full_scale_v={FULL_SCALE_V},trigger=yes"
+    with jack_session(folder) as hearing:
+        player = subprocess.run(
+            [sys.executable, str(HERE / "audio_player.py"), address, str(SECONDS), str(LEAD_S), str(wave)],
+            env=hearing.environment,
+            capture_output=True,
             text=True,
+            timeout=600,
         )
-        if capture.stdout.readline() == "ready\n":
-            return capture
-        capture.wait(10)
-        time.sleep(0.1)
-    raise AssertionError((folder / "jackd.log").read_text())
+        assert player.returncode == 0, player.stderr
+    told = json.loads(player.stdout.splitlines()[-1]) | {"capture": hearing.told}
+    return np.load(wave), hearing.samples, told
 
 
 def test_what_is_heard_is_what_was_played_bit_for_bit(played):

@@ -31,6 +31,7 @@ class OutputStream:
 
     refusal = None
     latency = 0.003
+    buffered = 2  # blocks between the callback and the output, which `abort` drops
 
     def __init__(self, device, samplerate, channels, dtype, latency, callback, finished_callback):
         if self.refusal:
@@ -38,7 +39,8 @@ class OutputStream:
         assert dtype == "float32"
         self.samplerate, self.channels = samplerate, channels
         self.callback, self.finished = callback, finished_callback
-        self.heard = []
+        self.heard: list[np.ndarray] = []
+        self.pending: list[np.ndarray] = []
         self.is_late = threading.Event()
         self.end = threading.Event()
         self.thread = threading.Thread(target=self._run)
@@ -51,7 +53,9 @@ class OutputStream:
             if late:
                 self.is_late.clear()
             self.callback(out, PERIOD, None, SimpleNamespace(output_underflow=late))
-            self.heard.append(out)
+            self.pending.append(out)
+            if len(self.pending) > self.buffered:
+                self.heard.append(self.pending.pop(0))
 
     def start(self):
         self.thread.start()
@@ -61,6 +65,10 @@ class OutputStream:
             self.end.set()
             self.thread.join()
             self.finished()
+
+    def stop(self):
+        self.abort()
+        self.heard += self.pending
 
     def close(self):
         self.abort()
@@ -106,8 +114,26 @@ def heard():
     return np.concatenate(streams[-1].heard)
 
 
+@pytest.mark.parametrize("buffered", [0, 2, 40])
+def test_the_ramp_is_played_out_before_the_stream_ends(portaudio, monkeypatch, buffered):
+    monkeypatch.setattr(OutputStream, "buffered", buffered)
+    monkeypatch.setattr(OutputStream, "latency", (buffered + 1) * PERIOD / 48_000)
+    device = open_device("audio:device=scarlett,full_scale_v=200")
+    device.__enter__()
+    # Up to a crest of 173 V, which stands there until the watchdog's time is over.
+    device.write(173.0 * np.sin(np.arange(1, 2401) * np.pi / 4800))
+    while not (streams[-1].heard and np.abs(streams[-1].heard[-1]).max() > 0.8):
+        streams[-1].end.wait(1e-4)
+    device._stream.client.link.close()
+    drive = heard()[:, 0] * 200.0
+    assert drive.max() > 160.0
+    # The ramp of 5 ms from the crest, and one code of rounding.
+    assert np.abs(np.diff(drive)).max() <= 173.0 / 240 + 200.0 / 32767
+    assert drive[-1] == 0.0
+
+
 def test_what_is_heard_is_the_share_of_full_scale(portaudio):
-    device = open_device("audio:device=scarlett,full_scale_v=180,trigger=yes,watchdog_s=1")
+    device = open_device("audio:device=scarlett,full_scale_v=180,trigger=yes")
     assert device.name == "audio:device=Scarlett 2i2: USB"
     assert device.capabilities.full_scale_v == device.limits.ceiling_v == 180.0
     volts = np.r_[5.0, 150.0 * np.sin(np.arange(1, 9600) / 6)]
@@ -157,7 +183,7 @@ def test_envelopes_and_slower_rates(portaudio):
 
 
 def test_closing_ramps_down(portaudio):
-    device = open_device("audio:full_scale_v=200,watchdog_s=1")
+    device = open_device("audio:full_scale_v=200")
     device.arm()
     device.write(np.linspace(0.0, 150.0, 500))
     device.close()
@@ -169,7 +195,7 @@ def test_closing_ramps_down(portaudio):
 
 
 def test_an_interface_that_goes_away(portaudio):
-    device = open_device("audio:full_scale_v=200,watchdog_s=1")
+    device = open_device("audio:full_scale_v=200")
     link: Any = device._stream.link
     streams[0].is_late.set()
     wait_until(lambda: link.underflows)

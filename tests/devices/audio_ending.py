@@ -1,0 +1,49 @@
+"""Plays a loud sine through ``audio:`` and ends in the way it is told, at a crest if it can."""
+
+import os
+import signal
+import sys
+import time
+
+import numpy as np
+
+from firmware_io import Playback, open_device
+
+address, way = sys.argv[1:]
+device = open_device(address)
+rate_hz = device.capabilities.sample_rate_hz
+# 173 V at 60 Hz: a step where it ends is far above the steps of the sine.
+volts = 173.0 * np.sin(2 * np.pi * 60.0 * np.arange(round(0.8 * rate_hz)) / rate_hz)
+
+
+def keep_playing(end):
+    playback = Playback(device)
+    playback.start()
+    for start in range(0, volts.size, 480):
+        playback.wait_for_room(480, 5.0)
+        playback.put(volts[start : start + 480])
+        if start > volts.size // 2:
+            end(playback)
+
+
+def finish(playback):
+    if way == "stop":
+        playback.stop()
+    if way == "close":
+        device.close()
+    if way == "link":
+        device._stream.link.close()
+        os._exit(0)
+    if way == "error":
+        raise RuntimeError("as asked")
+    if way == "exit":
+        sys.exit(0)
+    if way == "SIGTERM":
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(1.0)
+    if way == "SIGKILL":
+        os.kill(os.getpid(), signal.SIGKILL)
+    sys.exit(0)
+
+
+keep_playing(finish)

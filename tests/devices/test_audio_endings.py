@@ -1,0 +1,35 @@
+"""However a program ends, an audio interface ends in a ramp: measured in JACK's samples."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from jack_session import jack_session, missing
+
+pytestmark = pytest.mark.devices
+
+FULL_SCALE_V = 200.0
+#: The sine's own steepest step at 48 kHz, and a ramp's of 5 ms, whichever is larger; and rounding.
+STEEPEST_STEP_V = max(2 * np.pi * 60 * 173.0, 173.0 / 0.005) / 48_000 + 0.02
+
+
+def heard_at_the_end(folder, way):
+    with jack_session(folder) as hearing:
+        program = str(Path(__file__).parent / "audio_ending.py")
+        address = f"audio:device=cap,full_scale_v={FULL_SCALE_V}"
+        command = [sys.executable, program, address, way]
+        subprocess.run(command, env=hearing.environment, capture_output=True, timeout=60)
+    return hearing.samples[0] * FULL_SCALE_V
+
+
+@pytest.mark.parametrize("way", ["stop", "close", "link", "error", "exit", "SIGTERM"])
+def test_the_output_ends_in_a_ramp(tmp_path, way):
+    if missing():
+        pytest.skip(f"missing: {missing()}")
+    volts = heard_at_the_end(tmp_path, way)
+    assert np.abs(volts).max() > 160.0
+    assert np.abs(np.diff(volts)).max() <= STEEPEST_STEP_V
+    # Nothing is left on the interface.
+    assert not volts[np.flatnonzero(volts)[-1] + 1 :].any()
