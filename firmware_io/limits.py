@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 import numpy.typing as npt
@@ -89,7 +90,8 @@ class DriveLimits:
             ("window_s", DEFAULT_WINDOW_S, " s"),
         ):
             value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
+            is_number = isinstance(value, Real) and not isinstance(value, bool)
+            if not (is_number and math.isfinite(value) and value > 0):
                 raise LimitError(
                     f"{name} must be a finite number above 0, but is {value!r}; correct it."
                 )

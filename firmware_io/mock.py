@@ -34,6 +34,7 @@ Pace = Literal["virtual", "real"]
 #: Slower rates of the mock, if they divide its own: HID can carry these.
 _SLOWER_RATES_HZ = (16_000, 8_000)
 _BOTH = frozenset(StreamMode)
+_KEPT_S = 60.0
 # So few bytes that no queue overflows, whatever frames they hold.
 _PIECE_BYTES = 512
 
@@ -69,8 +70,10 @@ class MockDriver:
         Whether time passes on demand or by the clock.
     clock : callable
         Returns the time in seconds, for the real pace.
-    kept_s : float
-        Length of the record of its output, at least, in seconds.
+    kept_s : float, optional
+        Length of the record of its output, at least, in seconds. Default: all of it at the virtual
+        pace, which plays nothing but what a program sends; a minute at the real one, which never
+        ends.
     core : {"auto", "c", "python"}
         Which implementation plays; see `firmware_io.firmware.opening.open_core`.
 
@@ -96,7 +99,7 @@ class MockDriver:
         calibration_id: str = "",
         pace: Pace = "virtual",
         clock: Callable[[], float] = time.perf_counter,
-        kept_s: float = math.inf,
+        kept_s: float | None = None,
         core: CoreName = "auto",
     ) -> None:
         if pace not in ("virtual", "real"):
@@ -134,6 +137,8 @@ class MockDriver:
         self._began_s = clock() if pace == "real" else 0.0
         self._ticks = 0
         self._played = 0
+        if kept_s is None:
+            kept_s = math.inf if pace == "virtual" else _KEPT_S
         self._kept_ticks = kept_s * rate_hz
         self._remembered = 0
         self._codes = deque([np.empty(0, np.int16)])

@@ -133,6 +133,7 @@ class Playback:
         self._writer: _Writer | None = None
         self._finalizer: weakref.finalize[Any, Any] | None = None
         self._terminator: _Terminator | None = None
+        self._turn = threading.RLock()  # one thread starts or stops at a time
 
     def start(self) -> None:
         """Arm the device and begin with 0 V; no effect if it runs.
@@ -142,8 +143,11 @@ class Playback:
         DeviceError
             If the device cannot be armed.
         """
-        if self._finalizer is not None:
-            return
+        with self._turn:
+            if self._finalizer is None:
+                self._start()
+
+    def _start(self) -> None:
         feeder = Feeder(self.device, self.lead_s, self._block_s, self._now)
         writer = _Writer(feeder)
         writer.feeder.begin()
@@ -167,20 +171,23 @@ class Playback:
         DeviceError, LimitError
             The error that ended the playback, unless `put` has raised it.
         """
-        if self._finalizer is None or self._writer is None:
-            return
-        self._finalizer.detach()
+        with self._turn:
+            if self._finalizer is not None and self._writer is not None:
+                self._stop(self._finalizer, self._writer, drain)
+
+    def _stop(self, finalizer: weakref.finalize[Any, Any], writer: _Writer, drain: bool) -> None:
+        finalizer.detach()
         self._finalizer = None
         try:
             if self._clock is None:
-                self._writer.ask_to_end(drain)
+                writer.ask_to_end(drain)
             else:
-                self._writer.end_stepping(drain)
+                writer.end_stepping(drain)
         finally:
             if self._terminator is not None:
                 self._terminator.restore()
                 self._terminator = None
-        self._writer.raise_once()
+        writer.raise_once()
 
     def put(self, volts: npt.NDArray[np.float64]) -> None:
         """Append samples; the device plays them one lead later.

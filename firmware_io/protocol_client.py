@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from collections.abc import Callable
 
 from firmware_io.clock import HOST_CLOCK, Clock
-from firmware_io.errors import DeviceDisconnectedError, DeviceFaultError, ProtocolError
+from firmware_io.errors import (
+    DeviceDisconnectedError,
+    DeviceError,
+    DeviceFaultError,
+    ProtocolError,
+)
 from firmware_io.link import Link
 from firmware_io.protocol import (
     SEQUENCE_MODULUS,
@@ -58,6 +64,7 @@ class ProtocolClient:
 
     def __init__(self, link: Link, clock: Clock = HOST_CLOCK) -> None:
         self.link = link
+        self._process = os.getpid()
         self.clock = clock
         self.status: StatusReport | None = None
         self.status_s = 0.0
@@ -105,11 +112,21 @@ class ProtocolClient:
             "device, or its firmware hangs: check the address, then replug it."
         )
 
+    @property
+    def is_inherited(self) -> bool:
+        """Whether this process is a fork of the one that opened the link, and may not use it."""
+        return os.getpid() != self._process
+
     def send(self, *messages: HostMessage) -> int:
         """Send messages, in one write if the link has no reports; return the number of bytes.
 
         The sequence advances only when all were delivered.
         """
+        if self.is_inherited:
+            raise DeviceError(
+                f"{self.link.name} was opened by process {self._process}, which this one is a fork "
+                "of; open it after the fork, in the process that plays."
+            )
         frames = [
             encode(Frame(message, (self._sequence + place) % SEQUENCE_MODULUS))
             for place, message in enumerate(messages)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import hmac
+import ipaddress
 import math
 import select
+import signal
 import socket
 import sys
 import threading
@@ -15,13 +18,17 @@ from typing import Self
 
 import numpy as np
 
-from firmware_io.errors import HaptixError
+from firmware_io.errors import DeviceError, HaptixError
 from firmware_io.mock import MockDriver
 
 DEFAULT_PORT = 7420
 _TURN_S = 0.002  # between two polls of the driver
 _READ_BYTES = 65536
 _SEND_S = 1.0
+#: Reads between two looks at who else wants in.
+_MOST_TURNS = 64
+#: A host that is silent for longer is shown out. It waits for nobody's typing.
+_TOKEN_S = 0.2
 
 
 class DriverServer:
@@ -38,15 +45,27 @@ class DriverServer:
         Address to listen on.
     port : int
         Port; 0 for any free one.
+    token : str
+        What a host sends as its first line; without, every host of this machine is let in.
 
     Raises
     ------
+    DeviceError
+        If other machines could reach it, and there is no token.
     OSError
         If it cannot listen on that port.
     """
 
-    def __init__(self, driver: MockDriver, host: str = "127.0.0.1", port: int = 0) -> None:
+    def __init__(
+        self, driver: MockDriver, host: str = "127.0.0.1", port: int = 0, token: str = ""
+    ) -> None:
+        if not token and not _is_this_machine(host):
+            raise DeviceError(
+                f"Other machines reach {host}, so hosts must show that they may drive the screen: "
+                "give a --token, or listen on 127.0.0.1."
+            )
         self.driver = driver
+        self._token = token.encode() + b"\n" if token else b""
         self._listener = socket.create_server((host, port))
         self._end = threading.Event()
         self._thread = threading.Thread(target=self.serve, name="firmware_io server", daemon=True)
@@ -68,18 +87,25 @@ class DriverServer:
             while not self._end.is_set():
                 wanted = [self._listener] if client is None else [self._listener, client]
                 readable = select.select(wanted, [], [], _TURN_S)[0]
+                # The old host first: it may have left, and is the one who comes again.
+                for _ in range(_MOST_TURNS):
+                    if client is None:
+                        break
+                    has_sent = bool(select.select([client], [], [], 0.0)[0])
+                    if not self._exchange(client, has_sent):
+                        client.close()
+                        client = None
+                        self.driver.release()
+                    elif not has_sent:
+                        break
                 if self._listener in readable:
                     newcomer = self._listener.accept()[0]
-                    if client is None:
+                    newcomer.settimeout(_SEND_S)
+                    if client is None and self._lets_in(newcomer):
                         client = newcomer
                         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                        client.settimeout(_SEND_S)
                     else:
                         newcomer.close()
-                if client is not None and not self._exchange(client, client in readable):
-                    client.close()
-                    client = None
-                    self.driver.release()
         finally:
             if client is not None:
                 client.close()
@@ -104,6 +130,21 @@ class DriverServer:
     ) -> None:
         self.stop()
 
+    def _lets_in(self, newcomer: socket.socket) -> bool:
+        """Whether a host sends the token, at once and before anything else."""
+        shown = b""
+        try:
+            newcomer.settimeout(_TOKEN_S)
+            while len(shown) < len(self._token):
+                piece = newcomer.recv(len(self._token) - len(shown))
+                if not piece:
+                    return False
+                shown += piece
+            newcomer.settimeout(_SEND_S)
+        except OSError:
+            return False
+        return hmac.compare_digest(shown, self._token)
+
     def _exchange(self, client: socket.socket, has_sent: bool) -> bool:
         """Carry bytes both ways; return whether the host is still connected."""
         try:
@@ -120,6 +161,13 @@ class DriverServer:
         return True
 
 
+def _is_this_machine(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; return its exit code."""
     parser = argparse.ArgumentParser(
@@ -128,6 +176,12 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--host", default="127.0.0.1", help="where to listen")
     parser.add_argument("--port", type=int, default=DEFAULT_PORT, help="0 for any free one")
+    parser.add_argument(
+        "--token",
+        default="",
+        help="what hosts must send: tcp:HOST:PORT,token=...; needed with"
+        " a --host that other machines reach",
+    )
     parser.add_argument("--sample-rate-hz", type=float, default=48e3)
     parser.add_argument("--full-scale-v", type=float, default=250.0)
     parser.add_argument("--ceiling-v", type=float, default=200.0)
@@ -146,12 +200,13 @@ def main(arguments: list[str] | None = None) -> int:
             # It may be served for days, and no host can ask for its record.
             kept_s=1.0 if options.record is None else math.inf,
         )
-        server = DriverServer(driver, options.host, options.port)
+        server = DriverServer(driver, options.host, options.port, options.token)
     except (HaptixError, OSError, OverflowError) as error:
         sys.stderr.write(f"{error}\n")
         return 1
     sys.stdout.write(f"{server.address}\n")
     sys.stdout.flush()
+    signal.signal(signal.SIGTERM, lambda *_: server.stop())
     with suppress(KeyboardInterrupt):
         server.serve()
     if options.record is not None:

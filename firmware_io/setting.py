@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from numbers import Real
 
 from firmware_io.capabilities import Capabilities, Mode
 from firmware_io.errors import DeviceError, ProtocolError
@@ -123,7 +124,8 @@ def _carrier_mhz(carrier_hz: float, mode: StreamMode) -> int:
 
 
 def _check_span(name: str, value: float, least: float, most: float) -> None:
-    if not least <= value <= most:
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not (is_number and least <= value <= most):
         raise DeviceError(f"{name} must lie in {least:g}..{most:g}, but is {value!r}; correct it.")
 
 

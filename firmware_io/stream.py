@@ -207,7 +207,7 @@ class Stream:
 
     def stop(self, play_out: bool) -> None:
         """Bring the output to 0 V and deliver STOP, if one is owed; it stays owed if that fails."""
-        if not self.stop_is_owed:
+        if not self.stop_is_owed or self.client.is_inherited:
             return
         self.is_armed = False
         unplayed = 0
@@ -226,6 +226,8 @@ class Stream:
 
     def close(self, play_out: bool = True) -> None:
         """Stop, then close the link even if that failed."""
+        if self.client.is_inherited:
+            return
         try:
             self.stop(play_out)
         finally:

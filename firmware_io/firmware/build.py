@@ -6,8 +6,10 @@ import hashlib
 import os
 import shlex
 import shutil
+import stat
 import subprocess
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 import platformdirs
@@ -62,7 +64,7 @@ def library() -> Path:
             'install one (on Debian: apt install gcc), or use the Python reference, core="python".'
         )
     path = _cache_dir() / f"haptix-firmware-{_key(compiler)}.so"
-    if not path.exists():
+    if not _is_as_built(path):
         _compile(compiler, path)
     return path
 
@@ -75,19 +77,34 @@ def _key(compiler: list[str]) -> str:
 
 
 def _cache_dir() -> Path:
-    path = platformdirs.user_cache_path("haptix", appauthor=False)
+    """Return a folder that nobody but this user can write; a library in it is run."""
+    for path in (
+        platformdirs.user_cache_path("haptix", appauthor=False),
+        Path(tempfile.gettempdir()) / f"haptix-{os.getuid()}",
+    ):
+        with suppress(OSError):
+            path.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if _is_ours(path) and os.access(path, os.W_OK):
+                return path
+    return Path(tempfile.mkdtemp(prefix="haptix-"))
+
+
+def _is_ours(path: Path) -> bool:
+    known = path.lstat()
+    return known.st_uid == os.getuid() and not known.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
+def _seal(path: Path) -> Path:
+    """Return the file beside a library that holds its check sum."""
+    return path.with_suffix(".sha256")
+
+
+def _is_as_built(path: Path) -> bool:
     try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        # The home cannot be written: a folder of this user alone, so that no other user plants a
-        # library there.
-        path = Path(tempfile.gettempdir()) / f"haptix-{os.getuid()}"
-        path.mkdir(mode=0o700, exist_ok=True)
-        if path.stat().st_uid != os.getuid():
-            raise DeviceError(
-                f"{path} belongs to another user; set XDG_CACHE_HOME to a folder of your own."
-            ) from None
-    return path
+        seal = _seal(path).read_text()
+        return _is_ours(path) and hashlib.sha256(path.read_bytes()).hexdigest() == seal
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def _compile(compiler: list[str], path: Path) -> None:
@@ -102,5 +119,9 @@ def _compile(compiler: list[str], path: Path) -> None:
                 f"{compiler[0]} could not compile the firmware: {done.stderr.strip()} Use another "
                 'compiler (set CC), or the reference in Python, core="python".'
             )
-        # Renamed when complete, so that another process never loads half a library.
+        seal = _seal(built)
+        seal.write_text(hashlib.sha256(built.read_bytes()).hexdigest())
+        # Renamed when complete, so that another process never loads half a library; the seal
+        # first, since a library without its own is only built again.
+        seal.replace(_seal(path))
         built.replace(path)

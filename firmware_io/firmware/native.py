@@ -33,7 +33,14 @@ def _firmware() -> tuple[cffi.FFI, Any]:
     assert declared is not None
     ffi = cffi.FFI()
     ffi.cdef(declared.group(1))
-    return ffi, ffi.dlopen(str(library()))
+    path = library()
+    try:
+        return ffi, ffi.dlopen(str(path))
+    except OSError as error:
+        raise DeviceError(
+            f"The compiled firmware {path} cannot be loaded: {error}; delete it, or use the Python "
+            'reference, core="python".'
+        ) from error
 
 
 class NativeCore:

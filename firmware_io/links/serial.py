@@ -165,6 +165,7 @@ def _search() -> tuple[str, list[DeviceInfo]]:
             "A driver by its USB numbers." if is_driver else OTHER_DEVICE,
         )
         for port, is_driver in _ports()
+        if port.vid is not None  # a port of the computer's own says nothing of what is behind it
     ]
     return f"pyserial {pyserial().__version__}", devices
 

@@ -30,6 +30,8 @@ class TcpLink(Link):
         Host name or IP address.
     port : int
         Port of the server.
+    token : str
+        The server's, if it has one; sent as the first line.
 
     Raises
     ------
@@ -37,7 +39,7 @@ class TcpLink(Link):
         If no server listens there.
     """
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, token: str = "") -> None:
         self._name = f"tcp:{host}:{port}"
         self._has_received = False
         self._socket: socket.socket | None = None
@@ -50,6 +52,8 @@ class TcpLink(Link):
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.settimeout(_SEND_S)
+        if token:
+            self.send(token.encode() + b"\n")
 
     @property
     def name(self) -> str:
@@ -94,8 +98,8 @@ class TcpLink(Link):
         if not self._has_received:
             # A server has one driver: it accepts a second host only to close the connection.
             return DeviceBusyError(
-                f"{self._name} closed the connection at once ({why}), so it serves another host; "
-                "close that one first."
+                f"{self._name} closed the connection at once ({why}), so it serves another host, "
+                "which has to close first, or it wants its token (token=)."
             )
         return DeviceDisconnectedError(
             f"The connection to {self._name} is lost: {why}; open the device again."
@@ -106,11 +110,11 @@ def _read_place(selector: str) -> tuple[dict[str, Any], str]:
     """Return host and port, and what follows them."""
     place, _, rest = selector.partition(",")
     host, colon, port = place.rpartition(":")
-    if not colon or not host or not port.isdigit() or not 0 < int(port) < 65536:
+    if not colon or not host or not (port.isascii() and port.isdigit() and 0 < int(port) < 65536):
         raise DeviceError(
             f'tcp: takes a host and a port, as in "tcp:localhost:7420", but {place!r} came.'
         )
     return {"host": host, "port": int(port)}, rest
 
 
-SCHEME = Scheme(TcpLink, split=_read_place)
+SCHEME = Scheme(TcpLink, {"token": str}, split=_read_place)

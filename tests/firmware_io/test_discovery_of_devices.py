@@ -126,9 +126,9 @@ def test_the_address_cannot_raise_the_ceiling():
         open_device("mock:ceiling_v=201")
 
 
-@pytest.mark.parametrize("address", ["", "mock", "usb", "serial:", "Mock:"])
+@pytest.mark.parametrize("address", ["", "mock", "usb", "parallel:", "Mock:"])
 def test_unknown_schemes_list_the_known(address):
-    with pytest.raises(DeviceNotFoundError, match="mock:, usb:, hid:, audio:, tcp:"):
+    with pytest.raises(DeviceNotFoundError, match="mock:, usb:, hid:, serial:, audio:, tcp:"):
         open_device(address)
 
 
@@ -192,7 +192,15 @@ def buses(monkeypatch):
         {"name": "microphone", "max_output_channels": 0},
         {"name": "amplifier", "max_output_channels": 2},
     ]
+    serial, ports = ModuleType("serial"), ModuleType("serial.tools.list_ports")
+    serial.__version__ = "6.6"
+    ports.comports = lambda: [
+        SimpleNamespace(device="/dev/ttyS0", description="n/a", vid=None, pid=None),
+        SimpleNamespace(device="/dev/ttyUSB0", description="adapter", vid=0x0403, pid=0x6001),
+        SimpleNamespace(device="/dev/ttyACM0", description="board", vid=0x1209, pid=1),
+    ]
     modules = {"usb": usb, "usb.core": core, "hidraw": hid, "sounddevice": audio}
+    modules |= {"serial": serial, "serial.tools.list_ports": ports}
     for name, module in modules.items():
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setattr("firmware_io.links.usb.backend", lambda: None)
@@ -207,13 +215,16 @@ def test_connected_devices_are_listed(buses):
         ("usb:bus=1,address=7", "haptix driver 1209:0001", True),
         ("hid:path=1-2", "0001:abcd", False),
         ("hid:path=/dev/hidraw0", "Touch Driver", True),
+        ("serial:port=/dev/ttyUSB0", "adapter", False),
+        ("serial:port=/dev/ttyACM0", "board", True),
         ("audio:device=1", "amplifier", True),
     ]
     assert "Serial SN1" in others[1].note
-    assert "full_scale_v=" in others[4].note
+    assert "full_scale_v=" in others[6].note
     assert [r.detail for r in survey_buses()] == [
         "pyusb 9.9",
         "hidapi 8.8",
+        "pyserial 6.6",
         "sounddevice 7.7, PortAudio V19",
     ]
 
@@ -253,7 +264,7 @@ def test_an_error_in_what_is_told_does_not_end_the_watch(buses, no_thread_is_lef
 
 
 def test_this_computer_can_be_surveyed():
-    assert [found.kind for found in survey_buses()] == ["usb", "hid", "audio"]
+    assert [found.kind for found in survey_buses()] == ["usb", "hid", "serial", "audio"]
     assert all(found.detail for found in survey_buses())
 
 
