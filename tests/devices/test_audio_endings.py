@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from jack_session import jack_session, missing
+
+from tests.devices.jack_session import jack_session, missing
 
 pytestmark = pytest.mark.devices
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from jack_session import jack_session, missing
 
 from firmware_io import volts_to_codes
+from tests.devices.jack_session import jack_session, missing
 
 pytestmark = pytest.mark.devices
 
@@ -20,7 +20,7 @@ HERE = Path(__file__).parent
 SECONDS = 3.0
 FULL_SCALE_V = 200.0
 #: What the player may be held up without an underrun. It has real-time priority, as JACK has, so
-#: that no other program holds it up, but the host of a virtual machine may. The watchdog's is 0.25 s.
+#: that no other program holds it up, but the host of a virtual machine may; 0.25 s is too long.
 LEAD_S = 0.1
 
 
@@ -37,7 +37,10 @@ def _play(folder):
     address = f"audio:device=cap,full_scale_v={FULL_SCALE_V},trigger=yes"
     with jack_session(folder) as hearing:
         player = subprocess.run(
-            [sys.executable, str(HERE / "audio_player.py"), address, str(SECONDS), str(LEAD_S), str(wave)],
+            [
+                *(sys.executable, str(HERE / "audio_player.py"), address),
+                *(str(SECONDS), str(LEAD_S), str(wave)),
+            ],
             env=hearing.environment,
             capture_output=True,
             text=True,

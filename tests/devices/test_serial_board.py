@@ -38,8 +38,11 @@ def firmware(tmp_path_factory):
             pytest.skip(f"{command} is missing (apt install gcc-arm-none-eabi qemu-system-arm)")
     folder = tmp_path_factory.mktemp("stm32f405")
     # The board's own firmware is built too, so that its DAC, DMA and clock code compiles.
-    command = ["make", "-s", "-C", BOARD, f"BUILD={folder}", "all", "emulated"]
-    subprocess.run(command, check=True, capture_output=True)
+    subprocess.run(
+        ["make", "-s", "-C", BOARD, f"BUILD={folder}", "all", "emulated"],
+        check=True,
+        capture_output=True,
+    )
     return folder / "emulated.elf"
 
 

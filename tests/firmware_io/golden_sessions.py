@@ -114,7 +114,7 @@ class Session:
 
     def capabilities(self):
         about = [*list(BOARD.values())[:10]]
-        texts = [BOARD[name].encode() for name in ("name", "serial", "calibration_id")]
+        texts = [str(BOARD[name]).encode() for name in ("name", "serial", "calibration_id")]
         payload = struct.pack("<BBHIIIIIHH16s16s16sHH", *about, *texts, 0, 2)
         self.transmit((CAPABILITIES, payload + struct.pack("<4I", 8000, 3, 2000, 3)))
 

@@ -192,7 +192,8 @@ def buses(monkeypatch):
         {"name": "microphone", "max_output_channels": 0},
         {"name": "amplifier", "max_output_channels": 2},
     ]
-    serial, ports = ModuleType("serial"), ModuleType("serial.tools.list_ports")
+    serial: Any = ModuleType("serial")
+    ports: Any = ModuleType("serial.tools.list_ports")
     serial.__version__ = "6.6"
     ports.comports = lambda: [
         SimpleNamespace(device="/dev/ttyS0", description="n/a", vid=None, pid=None),

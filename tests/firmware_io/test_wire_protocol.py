@@ -15,7 +15,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from tests.devices.usb_guest import descriptors
 
 import firmware_io
 from firmware_io import LimitError, ProtocolError
@@ -48,6 +47,7 @@ from firmware_io.protocol import (
     to_reports,
     volts_to_codes,
 )
+from tests.devices.guest import descriptors
 
 # What a busy machine does to the time of one example says nothing about the code.
 unhurried = settings(deadline=None)
