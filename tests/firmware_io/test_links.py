@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import zlib
 from contextlib import suppress
 from types import ModuleType, SimpleNamespace
@@ -26,11 +27,13 @@ from firmware_io import (
     ProtocolError,
     open_device,
 )
+from firmware_io.clock import HostClock
 from firmware_io.links import usb as usb_link
 from firmware_io.links.claim import Claim
 from firmware_io.links.tcp import TcpLink
 from firmware_io.protocol import FrameKind
 from firmware_io.serve import DriverServer
+from tests.steady_clock import SteadyClock
 
 
 class UsbDevice:
@@ -357,26 +360,28 @@ def test_a_claim_holds_across_processes():
     assert subprocess.run(command, capture_output=True, text=True).returncode == 0
 
 
-@pytest.fixture
-def patient_host(monkeypatch):
-    """Answers through a socket may take long on a busy machine."""
-    monkeypatch.setattr("firmware_io.protocol_client.ANSWER_S", 30.0)
+SPEED = 0.1  # of both clocks: a watchdog of 0.25 s outlasts stalls of a busy machine of 2.5 s
+
+
+def slow_driver():
+    return MockDriver(pace="real", clock=SteadyClock(speed=SPEED))
 
 
 @pytest.fixture
-def server(no_thread_is_left, patient_host):
-    with DriverServer(MockDriver(pace="real", max_watchdog_s=10.0)) as server:
+def slow_host(monkeypatch):
+    """A host whose clock goes as slowly as that of its driver."""
+    monkeypatch.setattr(HostClock, "__call__", lambda self: SPEED * time.monotonic())
+    monkeypatch.setattr(HostClock, "sleep", lambda self, seconds: time.sleep(seconds / SPEED))
+
+
+@pytest.fixture
+def server(no_thread_is_left, slow_host):
+    with DriverServer(slow_driver()) as server:
         yield server
 
 
-def patient(address):
-    """An address with a watchdog that outlasts the stalls of a busy machine."""
-    return f"{address},watchdog_s=5"
-
-
 def test_tcp_plays(server):
-    device = open_device(patient(server.address))
-    assert device.watchdog_s == 5.0
+    device = open_device(server.address)
     volts = 100.0 * np.sin(np.arange(9600) / 5)
     with Playback(device, 0.09) as playback:
         for piece in np.split(volts, 40):
@@ -390,7 +395,7 @@ def test_tcp_plays(server):
 
 
 def test_tcp_serves_one_host_at_a_time_and_the_next_one_after(server):
-    first = open_device(patient(server.address))
+    first = open_device(server.address)
     with pytest.raises(DeviceBusyError, match="another host"):
         open_device(server.address)
     first.arm()
@@ -399,17 +404,17 @@ def test_tcp_serves_one_host_at_a_time_and_the_next_one_after(server):
     second = None
     while second is None:
         with suppress(DeviceBusyError):  # until the server has seen it
-            second = open_device(patient(server.address))
+            second = open_device(server.address)
     with second:
         second.write(np.linspace(0.0, 10.0, 100))
     assert server.driver.played_codes[-1] == 0
     second.close()
 
 
-def test_tcp_that_hangs_up_in_mid_stream(patient_host):
-    server = DriverServer(MockDriver(pace="real", max_watchdog_s=10.0))
+def test_tcp_that_hangs_up_in_mid_stream(slow_host):
+    server = DriverServer(slow_driver())
     with server:
-        device = open_device(patient(server.address))
+        device = open_device(server.address)
         device.arm()
         device.write([1.0])
     with pytest.raises(DeviceDisconnectedError, match=r"the connection|The connection"):
@@ -423,19 +428,20 @@ def test_tcp_that_hangs_up_in_mid_stream(patient_host):
 SERVE = """
 import functools, sys
 from firmware_io import serve
+from tests.steady_clock import SteadyClock
 
-serve.MockDriver = functools.partial(serve.MockDriver, max_watchdog_s=10.0)
+serve.MockDriver = functools.partial(serve.MockDriver, clock=SteadyClock(speed=0.1))
 sys.exit(serve.main())
 """
 
 
-def test_serving_from_the_command_line(tmp_path, patient_host):
+def test_serving_from_the_command_line(tmp_path, slow_host):
     record = tmp_path / "volts.npy"
     options = ["--port", "0", "--record", str(record)]
     command = [sys.executable, "-c", SERVE, *options]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
-        device = open_device(patient(server.stdout.readline().strip()))
+        device = open_device(server.stdout.readline().strip())
         with device:
             device.write(np.linspace(0.0, 90.0, 2000))
         device.close()
