@@ -27,7 +27,12 @@ from firmware_io.errors import (
 )
 from firmware_io.firmware.core import Output
 from firmware_io.firmware.opening import open_core
-from firmware_io.limits import ABSOLUTE_CEILING_V, DEFAULT_MAX_SLEW_V_PER_S, WATCHDOG_S
+from firmware_io.limits import (
+    ABSOLUTE_CEILING_V,
+    DEFAULT_MAX_SLEW_V_PER_S,
+    DEFAULT_WINDOW_S,
+    WATCHDOG_S,
+)
 from firmware_io.link import Link
 from firmware_io.protocol import FULL_SCALE_CODE, VERSION, CapabilitiesReport, Rate, StreamMode
 from firmware_io.scheme import Bus, DeviceInfo, Scheme
@@ -39,6 +44,10 @@ _TRIGGER_S = 0.001
 _QUEUE_S = 0.5
 _MOST_LATENCY_S = 10.0  # JACK's virtual ports state latencies of a day
 _POLL_S = 0.0005
+#: 0 V at the beginning. The firmware here begins with each opening; what it drove before, in this
+#: process or another, must have left the second over which energy and mean are taken.
+_HOLD_S = DEFAULT_WINDOW_S
+_HOLD_EXTRA_S = 5.0  # after which a stream that asks for nothing counts as broken
 
 
 @dataclass(frozen=True)
@@ -128,7 +137,7 @@ class AudioProfile:
             output_rate_hz=rate,
             full_scale_mv=full_scale_mv,
             ceiling_mv=min(round(self.ceiling_v * 1e3), full_scale_mv),
-            max_slew_v_per_s=math.ceil(DEFAULT_MAX_SLEW_V_PER_S),
+            max_slew_v_per_s=math.floor(DEFAULT_MAX_SLEW_V_PER_S),
             queue_samples=round(_QUEUE_S * rate),
             max_frame_samples=1024,
             max_watchdog_ms=round(WATCHDOG_S * 1e3),
@@ -173,6 +182,8 @@ def read_audio_profile(path: str | Path) -> dict[str, Any]:
 class AudioLink(Link):
     """The firmware, playing into an output stream of PortAudio.
 
+    Opening takes a second, in which the output is held at 0 V.
+
     Parameters
     ----------
     profile : AudioProfile
@@ -202,6 +213,8 @@ class AudioLink(Link):
         self._trigger_samples = round(_TRIGGER_S * profile.sample_rate_hz)
         self._trigger_left = 0
         self._was_streaming = False
+        self._hold_samples = math.ceil(_HOLD_S * profile.sample_rate_hz)
+        self._has_held = threading.Event()
         index = _find_device(sounddevice, profile)
         self._name = f"audio:device={sounddevice.query_devices(index)['name']}"
         self._stream: Any = None
@@ -219,6 +232,20 @@ class AudioLink(Link):
         except sounddevice.PortAudioError as error:
             self._close_stream()
             raise _refusal(self._name, error) from error
+        self._hold()
+
+    def _hold(self) -> None:
+        """Wait until the output was held at 0 V."""
+        try:
+            has_held = self._has_held.wait(_HOLD_S + (self.latency_s or 0.0) + _HOLD_EXTRA_S)
+            self._check_open()
+            if not has_held:
+                raise DeviceError(
+                    f"{self._name} takes no samples, though its stream is open; check its server."
+                )
+        except BaseException:
+            self._close_stream()
+            raise
 
     @property
     def name(self) -> str:
@@ -268,6 +295,12 @@ class AudioLink(Link):
         """Fill a block of PortAudio with what the firmware plays."""
         if status and status.output_underflow:
             self.underflows += 1
+        if not self._has_held.is_set():
+            out[:] = 0.0
+            self._hold_samples -= frames
+            if self._hold_samples <= 0:
+                self._has_held.set()
+            return
         with self._lock:
             codes, what = self._core.play(frames)
             if self._is_released:
@@ -302,6 +335,7 @@ class AudioLink(Link):
             self._failure = (
                 "PortAudio ended the stream; the interface was unplugged or its server quit"
             )
+            self._has_held.set()
 
     def _check_open(self) -> None:
         if self._stream is None:

@@ -17,6 +17,7 @@ from firmware_io import (
     LimitError,
     open_device,
 )
+from firmware_io.links import audio
 from firmware_io.links.audio import AudioProfile, read_audio_profile
 
 PERIOD = 64
@@ -95,6 +96,7 @@ def portaudio(monkeypatch, no_thread_is_left):
     module.PortAudioError = PortAudioError
     module.OutputStream = OutputStream
     monkeypatch.setattr(OutputStream, "refusal", None)
+    monkeypatch.setattr(audio, "_HOLD_S", 0.001)
     monkeypatch.setitem(sys.modules, "sounddevice", module)
     streams.clear()
     yield module
@@ -130,6 +132,28 @@ def test_the_ramp_is_played_out_before_the_stream_ends(portaudio, monkeypatch, b
     # The ramp of 5 ms from the crest, and one code of rounding.
     assert np.abs(np.diff(drive)).max() <= 173.0 / 240 + 200.0 / 32767
     assert drive[-1] == 0.0
+
+
+def test_opening_again_begins_no_second_anew(portaudio, monkeypatch):
+    """199 V for 45 ms, again and again: each opening holds 0 V for a second before."""
+    monkeypatch.setattr(audio, "_HOLD_S", 1.0)
+    for _ in range(2):
+        device = open_device("audio:device=scarlett,full_scale_v=200")
+        with device:
+            device.write(np.r_[90.0, np.full(2160, 180.0)])
+        device.close()
+    # 1 s of 0 V, to the block, in front of each.
+    for stream in streams:
+        drive = np.concatenate(stream.heard)[:, 0]
+        assert np.flatnonzero(drive)[0] >= 48_000
+        assert np.abs(drive).sum() / 48_000 * 200.0 <= 10.0
+
+
+def test_an_interface_that_asks_for_nothing(portaudio, monkeypatch):
+    monkeypatch.setattr(audio, "_HOLD_EXTRA_S", 0.01)
+    monkeypatch.setattr(OutputStream, "_run", lambda self: self.end.wait())
+    with pytest.raises(DeviceError, match="takes no samples"):
+        open_device("audio:full_scale_v=200")
 
 
 def test_what_is_heard_is_the_share_of_full_scale(portaudio):
