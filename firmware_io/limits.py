@@ -14,9 +14,19 @@ from firmware_io.errors import LimitError
 #: No configuration raises the ceiling above this: it is the product's safety limit.
 ABSOLUTE_CEILING_V = 200.0
 
-#: A 20 kHz carrier at the absolute ceiling slews at 2 pi f V. The 5 % above it admit an envelope
-#: that moves at up to 0.32 times the carrier's own rate (sqrt(1 + 0.32**2) = 1.05).
-DEFAULT_MAX_SLEW_V_PER_S = 1.05 * 2.0 * math.pi * 20e3 * ABSOLUTE_CEILING_V
+#: Touch current: what IEC 61010-1 (6.3.1, normal condition) lets flow from a part that is touched.
+#: It is not weighted with frequency, though above 1 kHz that would allow more.
+MAX_PEAK_A = 0.7e-3
+MAX_RMS_A = 0.5e-3
+
+#: Capacitance from the electrode through finger and body to earth, where nothing larger is known:
+#: the body of IEC 61000-4-2. The contact is in series with it, so that less is possible, but a
+#: person who is earthed has more: the contact's alone.
+BODY_CAPACITANCE_F = 150e-12
+
+#: The peak current is ``C dV/dt``, so that its limit is one of the slew: 4.67 MV/s. It is what the
+#: driver enforces as well. A sine of 186 V at 4 kHz reaches it, and of 74 V at 10 kHz.
+DEFAULT_MAX_SLEW_V_PER_S = MAX_PEAK_A / BODY_CAPACITANCE_F
 
 #: The longest time without a host after which a driver is at 0 V and disarmed.
 #: Long enough that a host's pauses cost an underrun and not the session: 20 ms in a slow block,
@@ -45,11 +55,6 @@ DEFAULT_WINDOW_S = 1.0
 #: Duration of the ramp to 0 V that ends a stream, in seconds: what a driver's own takes.
 RAMP_S = 0.005
 
-_RECOUNTS = 64  # in a window; a stretch is that much longer at most
-
-#: A mean below this counts as none: a few codes of rounding at 250 V full scale.
-_DC_FLOOR_V = 0.05
-
 
 @dataclass(frozen=True)
 class DriveLimits:
@@ -68,11 +73,17 @@ class DriveLimits:
         within a window may sum to more than this share of the ceiling over a whole window.
     window_s : float
         Length of that window, in seconds; before the first sample it holds 0 V.
+    max_peak_a, max_rms_a : float
+        Largest admissible current through the person, in amperes; the rms is that of the window.
+    capacitance_f : float
+        What that current flows through, in farads; at least `BODY_CAPACITANCE_F`. It lowers
+        `max_slew_v_per_s` to that of the largest peak current.
 
     Raises
     ------
     LimitError
         If a limit is not finite and positive, or is above its default: limits can be lowered only.
+        So if `capacitance_f` is below its default: that would raise the voltage.
     """
 
     ceiling_v: float = ABSOLUTE_CEILING_V
@@ -80,6 +91,9 @@ class DriveLimits:
     max_rms_v: float = DEFAULT_MAX_RMS_V
     max_dc_share: float = DEFAULT_MAX_DC_SHARE
     window_s: float = DEFAULT_WINDOW_S
+    max_peak_a: float = MAX_PEAK_A
+    max_rms_a: float = MAX_RMS_A
+    capacitance_f: float = BODY_CAPACITANCE_F
 
     def __post_init__(self) -> None:
         for name, highest, unit in (
@@ -88,6 +102,9 @@ class DriveLimits:
             ("max_rms_v", DEFAULT_MAX_RMS_V, " V"),
             ("max_dc_share", DEFAULT_MAX_DC_SHARE, ""),
             ("window_s", DEFAULT_WINDOW_S, " s"),
+            ("max_peak_a", MAX_PEAK_A, " A"),
+            ("max_rms_a", MAX_RMS_A, " A"),
+            ("capacitance_f", math.inf, " F"),
         ):
             value = getattr(self, name)
             is_number = isinstance(value, Real) and not isinstance(value, bool)
@@ -100,6 +117,24 @@ class DriveLimits:
                     f"{name} must be at most {highest:g}{unit}, but is {value!r}{unit}; choose a "
                     "lower value, the product's limit cannot be raised."
                 )
+        if self.capacitance_f < BODY_CAPACITANCE_F:
+            raise LimitError(
+                f"capacitance_f must be at least {BODY_CAPACITANCE_F:g} F, a body's, but is "
+                f"{self.capacitance_f!r} F; less would raise the limit of the current, which "
+                "cannot be raised."
+            )
+        slew = min(self.max_slew_v_per_s, self.max_peak_a / self.capacitance_f)
+        object.__setattr__(self, "max_slew_v_per_s", slew)
+
+    @property
+    def max_rms_slew_v_per_s(self) -> float:
+        """Largest admissible rms of the slew over the window: that of the largest rms current."""
+        return self.max_rms_a / self.capacitance_f
+
+    def highest_sine_v(self, frequency_hz: float) -> float:
+        """Amplitude of the strongest sine that ceiling and slew admit, in volts."""
+        slews = 2.0 * math.pi * frequency_hz * self.ceiling_v
+        return self.ceiling_v * min(1.0, self.max_slew_v_per_s / max(slews, 1.0))
 
     def check(
         self, volts: npt.NDArray[np.float64], previous_v: float, sample_rate_hz: float
@@ -148,8 +183,8 @@ class DriveLimits:
             before = float(volts[index - 1]) if index else previous_v
             raise LimitError(
                 f"Sample {index} steps from {before:g} V to {volts[index]:g} V, but the slew limit "
-                f"of {self.max_slew_v_per_s:g} V/s allows {allowed:g} V per sample at "
-                f"{sample_rate_hz:g} Hz; start, change and end the signal more gradually."
+                f"of {self.max_slew_v_per_s:g} V/s{self._as_current()} allows {allowed:g} V per "
+                f"sample at {sample_rate_hz:g} Hz; start, change and end the signal more gradually."
             )
 
     def check_envelope(
@@ -196,8 +231,14 @@ class DriveLimits:
             raise LimitError(
                 f"Sample {index}, {amplitude_v[index]:g} V on a carrier of {carrier_hz:g} Hz, "
                 f"slews at {steepest[index]:g} V/s, above the limit of "
-                f"{self.max_slew_v_per_s:g} V/s; choose a slower carrier or a lower amplitude."
+                f"{self.max_slew_v_per_s:g} V/s{self._as_current()}; choose a slower carrier or a "
+                "lower amplitude."
             )
+
+    def _as_current(self) -> str:
+        """Return what the slew limit stands for, for messages."""
+        peak_ma = self.max_slew_v_per_s * self.capacitance_f * 1e3
+        return f" ({peak_ma:.3g} mA through {self.capacitance_f * 1e12:.4g} pF)"
 
     def ramp_to_zero(
         self, last_v: float, sample_rate_hz: float, ramp_s: float = RAMP_S
@@ -222,164 +263,3 @@ class DriveLimits:
         shortest = int(abs(last_v) * sample_rate_hz / self.max_slew_v_per_s) + 2
         count = max(math.ceil(ramp_s * sample_rate_hz), shortest)
         return np.linspace(last_v, 0.0, count + 1)[1:]
-
-
-class DriveWindow:
-    """The last second or so that was driven: rejects too much energy and a mean voltage.
-
-    It takes what leaves the driver: samples, or the amplitude times the carrier. The driver checks
-    the same against its own clock, which also counts the time that a sample is held.
-
-    Parameters
-    ----------
-    limits : DriveLimits
-        What the window must keep to.
-    sample_rate_hz : float
-        Samples per second.
-    """
-
-    def __init__(self, limits: DriveLimits, sample_rate_hz: float) -> None:
-        self.limits = limits
-        self._ring = np.zeros(max(1, round(limits.window_s * sample_rate_hz)))
-        self._sample_rate_hz = sample_rate_hz
-        self._next = 0
-        self._sum_v = 0.0
-        self._sum_square = 0.0
-        # The highest and the lowest sum of a stretch that ends with the latest sample.
-        self._highest_sum = self._lowest_sum = 0.0
-        self._since_recount = 0
-
-    def check(
-        self, volts: npt.NDArray[np.float64], each: int = 1, is_carried: bool = False
-    ) -> None:
-        """Reject samples with which the window would hold too much energy or too high a mean.
-
-        A sample of 0 V is never rejected: it is the remedy.
-
-        Parameters
-        ----------
-        volts : ndarray, shape (n,)
-            Voltages at the window's rate.
-        each : int
-            Of these are made of one sample, for the number in the message.
-        is_carried : bool
-            Whether a carrier alternates them, so that a ramp to 0 V has no mean of its own.
-
-        Raises
-        ------
-        LimitError
-            The message names the first such sample.
-        """
-        if volts.size == 0:
-            return
-        size = self._ring.size
-        leaving = self._leaving(volts)
-        square = (self._sum_square + np.cumsum(volts * volts - leaving * leaving)) / size
-        over = (square > self.limits.max_rms_v**2) & (volts != 0.0)
-        if over.any():
-            index = int(over.argmax())
-            raise LimitError(
-                f"With sample {index // each} the rms over {self.limits.window_s:g} s reaches "
-                f"{math.sqrt(square[index]):g} V, above the limit of {self.limits.max_rms_v:g} V; "
-                "lower the amplitude, or pause."
-            )
-        self._check_mean(volts, each, leaving)
-        self._check_stretches(volts, each, 0.0 if is_carried else RAMP_S / 2)
-
-    def _check_mean(
-        self,
-        volts: npt.NDArray[np.float64],
-        each: int,
-        leaving: npt.NDArray[np.float64],
-    ) -> None:
-        """Reject a mean of the window above its share of the largest magnitude there."""
-        size = self._ring.size
-        mean = (self._sum_v + np.cumsum(volts - leaving)) / size
-        highest = float(np.abs(mean).max())
-        if highest <= _DC_FLOOR_V:
-            return
-        # The largest magnitude of the whole window costs more: only where the block's does not do.
-        share = self.limits.max_dc_share
-        if highest <= share * float(np.abs(volts).max()):
-            return
-        allowed = share * max(float(np.abs(volts).max()), float(np.abs(self._ring).max()))
-        over = (np.abs(mean) > max(allowed, _DC_FLOOR_V)) & (volts * mean > 0.0)
-        if over.any():
-            index = int(over.argmax())
-            raise LimitError(
-                f"With sample {index // each} the mean over {self.limits.window_s:g} s reaches "
-                f"{mean[index]:g} V, above {share:.0%} of the largest magnitude there; "
-                "drive without a mean voltage: remove the offset, and pause before trying again."
-            )
-
-    def take(self, volts: npt.NDArray[np.float64]) -> None:
-        """Take samples into the window, after they were sent."""
-        size = self._ring.size
-        leaving = self._leaving(volts)
-        if volts.size:
-            sums = np.cumsum(volts)
-            self._highest_sum = float(sums[-1] - min(-self._highest_sum, float(sums.min())))
-            self._lowest_sum = float(sums[-1] - max(-self._lowest_sum, float(sums.max())))
-        self._sum_v += float((volts - leaving).sum())
-        self._sum_square += float((volts * volts - leaving * leaving).sum())
-        latest = volts[-size:]
-        start = (self._next + volts.size - latest.size) % size
-        first = min(latest.size, size - start)
-        self._ring[start : start + first] = latest[:first]
-        self._ring[: latest.size - first] = latest[first:]
-        if self._next + volts.size >= size:
-            # Once a round, so that rounding does not add up over hours.
-            self._sum_v = float(self._ring.sum())
-            self._sum_square = float((self._ring * self._ring).sum())
-        self._next = (self._next + volts.size) % size
-        self._since_recount += volts.size
-        if self._since_recount > size / _RECOUNTS:
-            # Without the samples that have left meanwhile.
-            self._since_recount = 0
-            in_order = np.concatenate([self._ring[self._next :], self._ring[: self._next]])
-            behind = np.cumsum(in_order[::-1])
-            self._highest_sum = max(0.0, float(behind.max()))
-            self._lowest_sum = min(0.0, float(behind.min()))
-
-    def rest(self, samples: int) -> None:
-        """Take the time during which the output stood at 0 V, in samples."""
-        if samples > 0:
-            self.take(np.zeros(min(samples, self._ring.size)))
-
-    def _check_stretches(self, volts: npt.NDArray[np.float64], each: int, ramp_s: float) -> None:
-        """Reject a stretch whose sum stays in a window when what came before has left it."""
-        largest = float(np.abs(volts).max()) * (volts.size + ramp_s * self._sample_rate_hz)
-        most = self.limits.max_dc_share * self.limits.ceiling_v * self._ring.size
-        if max(self._highest_sum, -self._lowest_sum) + largest <= most:
-            return
-        ramp = ramp_s * self._sample_rate_hz * volts
-        highest = self._stretches(volts, -self._highest_sum, np.minimum) + ramp
-        lowest = self._stretches(volts, -self._lowest_sum, np.maximum) + ramp
-        over = ((highest > most) & (volts > 0.0)) | ((lowest < -most) & (volts < 0.0))
-        if over.any():
-            index = int(over.argmax())
-            worst = highest[index] if volts[index] > 0.0 else lowest[index]
-            raise LimitError(
-                f"With sample {index // each} a mean of {worst / self._ring.size:g} V over "
-                f"{self.limits.window_s:g} s builds up, above {self.limits.max_dc_share:.0%} of "
-                "the ceiling; drive without a mean voltage: remove the offset, and pause before "
-                "trying again."
-            )
-
-    @staticmethod
-    def _stretches(
-        volts: npt.NDArray[np.float64], before: float, extreme: np.ufunc
-    ) -> npt.NDArray[np.float64]:
-        """Return the extreme sum of the stretches that end with each sample, shape (n,)."""
-        sums = np.cumsum(volts)
-        begins = extreme.accumulate(np.concatenate([[extreme(before, 0.0)], sums]))
-        return np.asarray(sums - begins[1:])
-
-    def _leaving(self, volts: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Return the samples that leave as `volts` come in, shape (n,)."""
-        size = self._ring.size
-        end = self._next + volts.size
-        if end <= size:
-            return self._ring[self._next : end]
-        whole = np.concatenate([self._ring[self._next :], self._ring[: self._next], volts])
-        return whole[: volts.size]

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from firmware_io.drive_window import DriveWindow
 from firmware_io.errors import DeviceDisconnectedError, DeviceError, DeviceFaultError
-from firmware_io.limits import DriveLimits, DriveWindow
+from firmware_io.limits import DriveLimits
 from firmware_io.protocol import (
     INDEX_MODULUS,
     Arm,
@@ -159,8 +160,9 @@ class Stream:
         else:
             carrier_hz = setup.carrier_mhz / 1e3
             self.limits.check_envelope(volts, self.last_v, rate_hz, carrier_hz)
-        self._window.check(self._driven(volts), self._each, setup.mode is StreamMode.ENVELOPE)
-        self._send(volts)
+        driven = self._driven(volts)
+        self._window.check(driven, self._each, setup.mode is StreamMode.ENVELOPE)
+        self._send(volts, driven)
         self.poll()
 
     def poll(self) -> None:
@@ -245,7 +247,8 @@ class Stream:
         """Ramp to 0 V behind the queue, wait for it, and return the number of unplayed samples."""
         rate_hz = self.setup.sample_rate_hz
         if self.last_v != 0.0:
-            self._send(self.limits.ramp_to_zero(self.last_v, rate_hz))
+            ramp = self.limits.ramp_to_zero(self.last_v, rate_hz)
+            self._send(ramp, self._driven(ramp))
         lead_s = self.setup.lead_us / 1e6
         end_s = self.client.clock() + self._status().queued_samples / rate_hz + lead_s + 1.0
         while self.stop_is_owed:
@@ -267,10 +270,10 @@ class Stream:
             self.client.fault = None
         self.client.raise_fault()
 
-    def _send(self, volts: npt.NDArray[np.float64]) -> None:
+    def _send(self, volts: npt.NDArray[np.float64], driven: npt.NDArray[np.float64]) -> None:
+        """Send samples, and count what leaves the driver for them."""
         full_scale_v = self.setup.full_scale_mv / 1e3
         codes = volts_to_codes(volts, full_scale_v, self.limits.ceiling_v)
-        driven = self._driven(volts)
         start = 0
         while start < codes.size:
             count = min(codes.size - start, self._room(codes.size - start))
@@ -300,8 +303,11 @@ class Stream:
         if self.setup.mode is StreamMode.WAVEFORM:
             return volts
         each = self._each
-        points = np.concatenate([[self.last_v], volts])
-        levels = np.interp(np.arange(1, each * volts.size + 1) / each, range(points.size), points)
+        levels = volts
+        if each > 1:
+            points = np.concatenate([[self.last_v], volts])
+            at = np.arange(1, each * volts.size + 1) / each
+            levels = np.interp(at, np.arange(points.size), points)
         turns = self.setup.carrier_mhz / 1e3 / self._output_rate_hz
         first = self._sent * each  # the carrier begins at phase 0 with the line to the first sample
         carrier = np.sin(2 * np.pi * turns * np.arange(first, first + levels.size))

@@ -21,7 +21,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 static hx_device device;
 
 static const hx_config config = {
-    RATE_HZ, 250000, 200000, 26000000, 160, 150, WATCHDOG_MS, 64, 1, 2,
+    RATE_HZ, 250000, 200000, 4666666, 160, 150, WATCHDOG_MS, 64, 1, 2,
     {{RATE_HZ, 3}, {RATE_HZ / 4, 3}}, "fuzzed", "1", "none"};
 
 /* The last second of the output. */
@@ -101,7 +101,7 @@ static void set_up(uint8_t operand) {
     hx_put_u32(payload + 4, operand & 2u ? RATE_HZ / 4 : RATE_HZ);
     hx_put_u32(payload + 8, 250000);
     hx_put_u32(payload + 12, operand & 4u ? 150000 : 200000);
-    hx_put_u32(payload + 16, operand & 8u ? 900000 : 26000000);
+    hx_put_u32(payload + 16, operand & 8u ? 900000 : 4666666);
     hx_put_u32(payload + 20, mode ? 3000000 : 0);
     hx_put_u32(payload + 24, operand & 16u ? 1000 : 0);
     hx_put_u16(payload + 28, 3);

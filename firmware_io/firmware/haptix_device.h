@@ -26,7 +26,8 @@
 
 /* No board may be built to drive more, whatever its configuration says. */
 #define HX_ABSOLUTE_CEILING_MV 200000u
-#define HX_ABSOLUTE_SLEW_V_PER_S 26389379u
+/* 0.7 mA through the 150 pF of a body. */
+#define HX_ABSOLUTE_SLEW_V_PER_S 4666666u
 /* Over any second: 1.01 times the rms of a sine at 200 V, and a twentieth of the ceiling. */
 #define HX_MAX_RMS_MV 142835u
 #define HX_MEAN_DIVISOR 20u
@@ -62,7 +63,7 @@ typedef struct {
     uint32_t output_rate_hz;   /* 1000 to 1000000 */
     uint32_t full_scale_mv;    /* 1 to 1000000 */
     uint32_t ceiling_mv;       /* 1 to 200000 */
-    uint32_t max_slew_v_per_s; /* enough to ramp the ceiling in 5 ms, at most 26389379 */
+    uint32_t max_slew_v_per_s; /* enough to ramp the ceiling in 5 ms, at most 4666666 */
     uint32_t queue_samples;
     uint16_t max_frame_samples; /* at most queue_samples */
     uint16_t max_watchdog_ms; /* 10 to 250 */

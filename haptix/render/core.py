@@ -144,12 +144,17 @@ class RenderCore:
         self.points = max(1, round(settings.block_s * rate / self.step))
         self.texture = texture
         peak, ripple = drive.peak_per_sine, drive.attraction
-        self._slice = Slice.of(surface.table, surface.voltage_limit_v / max(peak, 1.0))
+        # The current through the person limits the slew: at 4 kHz, 186 V.
+        slew = device.limits.max_slew_v_per_s
+        change_v_per_s = min(settings.slew_v_per_s, slew / 2)
+        highest_v = drive.highest_v(slew, change_v_per_s, rate)
+        highest_v = min(surface.voltage_limit_v / max(peak, 1.0), highest_v)
+        self._slice = Slice.of(surface.table, highest_v)
         self._averaged = None if ripple is None else self._slice.averaged(ripple)
         self._response = FingerResponse(surface.response_hz_per_mm_per_s)
         # The drive stays below the limit, rounding included.
-        self._most_v = surface.voltage_limit_v / (1.0 if peak <= 1 else peak * (1 + 1e-12))
-        self._most_step_v = settings.slew_v_per_s * self.step / rate
+        self._most_v = highest_v / (1.0 if peak <= 1 else 1 + 1e-12)
+        self._most_step_v = change_v_per_s * self.step / rate
         self._share = np.arange(self.step) / self.step
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from math import sqrt
+from math import pi, sqrt
 from typing import Literal
 
 import numpy as np
@@ -59,6 +59,12 @@ class Drive(ABC):
         """
         return None
 
+    def highest_v(self, slew_v_per_s: float, change_v_per_s: float, sample_rate_hz: float) -> float:
+        """Highest amplitude [V] whose drive keeps a slew limit while the amplitude changes."""
+        # Change and wave are steepest a quarter of a period apart.
+        turning = sqrt(max(slew_v_per_s**2 - change_v_per_s**2, 0.0))
+        return turning / (2 * pi * self.frequency_hz)
+
     def modulate(self, amplitude_v: Array, first_sample: int, sample_rate_hz: float) -> Array:
         """Drive signal [V] for amplitudes at consecutive samples, shape (samples,)."""
         return amplitude_v * self._wave(first_sample, len(amplitude_v), sample_rate_hz)
@@ -99,6 +105,10 @@ class DriverCarrier(SineCarrier):
     def check_rate(self, sample_rate_hz: float) -> None:
         """Accept any rate: the samples hold only the envelope."""
         checks.positive("sample_rate_hz", sample_rate_hz)
+
+    def highest_v(self, slew_v_per_s: float, change_v_per_s: float, sample_rate_hz: float) -> float:
+        """Highest amplitude [V]; a driver adds the slews of amplitude and carrier."""
+        return max(slew_v_per_s - change_v_per_s, 0.0) / (2 * pi * self.frequency_hz)
 
     def modulate(self, amplitude_v: Array, first_sample: int, sample_rate_hz: float) -> Array:
         """Return the amplitudes themselves."""
@@ -149,6 +159,14 @@ class DirectWave(Drive):
     def peak_per_sine(self) -> float:
         """Peak of the drive over the amplitude of the sine with the same mean attraction."""
         return sqrt(0.5 / self._waveform.mean_square)
+
+    def highest_v(self, slew_v_per_s: float, change_v_per_s: float, sample_rate_hz: float) -> float:
+        """Highest amplitude [V]: the wave's steepest step from one sample to the next counts."""
+        phase = np.arange(_PLACES) / _PLACES
+        after = self._waveform.at((phase + self.frequency_hz / sample_rate_hz) % 1.0)
+        step = self.peak_per_sine * float(np.abs(after - self._waveform.at(phase)).max())
+        most_v = (slew_v_per_s - self.peak_per_sine * change_v_per_s) / sample_rate_hz
+        return max(most_v, 0.0) / step
 
     @property
     def attraction(self) -> Array | None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.limits import DriveWindow
+from firmware_io.drive_window import DriveWindow
 from haptix.errors import InputError, LimitError
 from haptix.status import Status
 from haptix.stimuli.audio import AudioWriter

@@ -102,7 +102,10 @@ class SetPlan:
 
     def apparatus(self, screen: Screen) -> Apparatus:
         """Build what the stimuli are rendered through, on one screen."""
-        return Apparatus.build(self.finger, screen, self.stimuli, self.limits.ceiling_v)
+        # The current through a person limits fast carriers below the ceiling.
+        fastest_hz = max((one.frequency_hz or 0.0) for one in self.stimuli)
+        highest_v = self.limits.highest_sine_v(fastest_hz)
+        return Apparatus.build(self.finger, screen, self.stimuli, highest_v)
 
     def suffix(self, screen: Screen) -> str:
         """End of the names of a screen's files, where there are several screens."""

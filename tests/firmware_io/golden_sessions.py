@@ -20,7 +20,7 @@ BOARD = {
     "output_rate_hz": OUTPUT_HZ,
     "full_scale_mv": 250_000,
     "ceiling_mv": 200_000,
-    "max_slew_v_per_s": 20_000_000,
+    "max_slew_v_per_s": 4_666_666,
     "queue_samples": 400,
     "max_frame_samples": 200,
     "max_watchdog_ms": 200,
@@ -99,7 +99,7 @@ class Session:
     def setup(
         self, mode=0, watchdog_ms=100, rate_hz=8000, carrier_mhz=0, ceiling_mv=200_000, status_ms=5
     ):
-        fields = (mode, watchdog_ms, rate_hz, 250_000, ceiling_mv, 20_000_000)
+        fields = (mode, watchdog_ms, rate_hz, 250_000, ceiling_mv, 4_666_666)
         self.receive(SETUP, struct.pack("<HHIIIIIIH", *fields, carrier_mhz, 1000, status_ms))
 
     def stream(self, index, codes, mode=0, **how):

@@ -42,15 +42,16 @@ BOTH = frozenset(StreamMode)
 WAVEFORM, ENVELOPE = StreamMode.WAVEFORM, StreamMode.ENVELOPE
 STATE, CODE = DeviceState, FaultCode
 
-#: 48 kHz out; 250 V full scale, of which 200 V are allowed: code 26213.
+#: 48 kHz out; 25 V full scale, of which 20 V are allowed: code 26213. So low that the slew admits
+#: any step of them.
 BOARD = CapabilitiesReport(
     oldest_version=3,
     newest_version=3,
     report_bytes=64,
     output_rate_hz=48_000,
-    full_scale_mv=250_000,
-    ceiling_mv=200_000,
-    max_slew_v_per_s=26_389_378,
+    full_scale_mv=25_000,
+    ceiling_mv=20_000,
+    max_slew_v_per_s=2_638_937,
     queue_samples=2000,
     max_frame_samples=1000,
     max_watchdog_ms=250,
@@ -60,7 +61,7 @@ BOARD = CapabilitiesReport(
     reports_touch=True,
     rates=(Rate(48_000, BOTH), Rate(16_000, BOTH), Rate(6_000, frozenset({WAVEFORM}))),
 )
-PLAIN = Setup(WAVEFORM, 250, 48_000, 250_000, 200_000, 26_389_378, lead_us=0)
+PLAIN = Setup(WAVEFORM, 250, 48_000, 25_000, 20_000, 2_638_937, lead_us=0)
 CARRIED = replace(PLAIN, mode=ENVELOPE, sample_rate_hz=16_000, carrier_mhz=4_000_000)
 TOP = 26213
 RAMP = 240  # 5 ms
@@ -187,10 +188,10 @@ def test_hello_ends_everything(rig):
         ("watchdog_ms", 9, 2, 10),
         ("watchdog_ms", 251, 2, 250),
         ("sample_rate_hz", 44_100, 4, 48_000),
-        ("full_scale_mv", 249_999, 8, 250_000),
-        ("ceiling_mv", 200_001, 12, 200_000),
+        ("full_scale_mv", 24_999, 8, 25_000),
+        ("ceiling_mv", 20_001, 12, 20_000),
         ("ceiling_mv", 0, 12, 1),
-        ("max_slew_v_per_s", 26_389_379, 16, 26_389_378),
+        ("max_slew_v_per_s", 2_638_938, 16, 2_638_937),
         ("max_slew_v_per_s", 0, 16, 1),
         ("carrier_mhz", 1, 20, 0),
         ("lead_us", 250_001, 24, 250_000),
@@ -226,10 +227,10 @@ def test_an_unknown_mode_is_named(rig):
 
 
 def test_limits_are_lowered_only_until_the_next_hello(rig):
-    rig.say(Hello(), replace(PLAIN, ceiling_mv=100_000, max_slew_v_per_s=9_000_000))
-    (fault,) = rig.say(replace(PLAIN, ceiling_mv=100_001, max_slew_v_per_s=9_000_000))
-    assert (fault.field_offset, fault.expected) == (12, 100_000)
-    (fault,) = rig.say(replace(PLAIN, ceiling_mv=100_000, max_slew_v_per_s=9_000_001))
+    rig.say(Hello(), replace(PLAIN, ceiling_mv=10_000, max_slew_v_per_s=900_000))
+    (fault,) = rig.say(replace(PLAIN, ceiling_mv=10_001, max_slew_v_per_s=900_000))
+    assert (fault.field_offset, fault.expected) == (12, 10_000)
+    (fault,) = rig.say(replace(PLAIN, ceiling_mv=10_000, max_slew_v_per_s=900_001))
     assert fault.code is CODE.SETUP
     rig.ready(PLAIN)
 
@@ -472,13 +473,13 @@ def refused(rig, name):
         return CODE.SAMPLE_INDEX, 2, 3
     if name == "over the ceiling":
         now(samples([0, TOP + 1]))
-        return CODE.CEILING, 200_000, 200_004  # 26214 / 32767 * 250 V = 200.0031 V, rounded up
+        return CODE.CEILING, 20_000, 20_001  # 26214 / 32767 * 25 V = 20.00031 V, rounded up
     if name == "over, negative":
         now(samples([-TOP - 1]))
-        return CODE.CEILING, 200_000, 200_004
+        return CODE.CEILING, 20_000, 20_001
     if name == "lowest int16":
         now(samples([-32768]))
-        return CODE.CEILING, 200_000, 250_008  # 32768 / 32767 * 250 V = 250.0076 V
+        return CODE.CEILING, 20_000, 25_001  # 32768 / 32767 * 25 V = 25.00076 V
     if name == "too long":
         now(samples([0] * 1001))
         return CODE.LENGTH, 2004, 2006
@@ -659,13 +660,13 @@ def test_sequences_wrap(rig):
 
 @pytest.mark.parametrize("over", [0, 1])
 def test_the_highest_code_under_a_lowered_ceiling(rig, over):
-    # 100 V of 250 V are code 13106.8.
-    rig.ready(replace(PLAIN, ceiling_mv=100_000))
+    # 10 V of 25 V are code 13106.8.
+    rig.ready(replace(PLAIN, ceiling_mv=10_000))
     rig.stream([13106 + over, -13106])
     assert rig.core.status().fault is (CODE.CEILING if over else CODE.NONE)
 
 
-# 10 V at 48 kHz are 480 kV/s. In codes: 10 / 250 * 32767 = 1310.68.
+# 1 V at 48 kHz are 48 kV/s. In codes: 1 / 25 * 32767 = 1310.68.
 @pytest.mark.parametrize(
     ("codes", "steep"),
     [
@@ -677,24 +678,24 @@ def test_the_highest_code_under_a_lowered_ceiling(rig, over):
     ],
 )
 def test_slew_of_a_waveform(rig, codes, steep):
-    rig.ready(replace(PLAIN, max_slew_v_per_s=480_000))
+    rig.ready(replace(PLAIN, max_slew_v_per_s=48_000))
     rig.stream(codes)
     fault = rig.core.fault()
     if steep is None:
         assert fault is None
     else:
-        assert (fault.code, fault.expected, fault.got) == (CODE.SLEW, 480_000, steep)
+        assert (fault.code, fault.expected, fault.got) == (CODE.SLEW, 48_000, steep)
 
 
 def test_slew_counts_across_frames(rig):
-    rig.ready(replace(PLAIN, max_slew_v_per_s=480_000))
+    rig.ready(replace(PLAIN, max_slew_v_per_s=48_000))
     rig.stream([1310])
     rig.stream([1310 - 1311])
     assert rig.core.fault().code is CODE.SLEW
 
 
 def test_slew_begins_at_zero_after_arming(rig):
-    rig.ready(replace(PLAIN, max_slew_v_per_s=480_000))
+    rig.ready(replace(PLAIN, max_slew_v_per_s=48_000))
     rig.stream([1310, 2620])
     rig.play(2)
     rig.say(Stop())
@@ -708,8 +709,8 @@ def test_slew_begins_at_zero_after_arming(rig):
 @pytest.mark.parametrize("share", [1.01, 0.99])
 def test_slew_of_an_envelope_counts_the_carrier(rig, share):
     # A rise of 131 codes a sample is 16 kV/s; the carrier at 100 V adds 2 pi f v = 2513 kV/s.
-    rise_v_per_s = 131 / 32767 * 250 * 16_000
-    carrier_per_code = 2 * math.pi * 4000 * 250 / 32767
+    rise_v_per_s = 131 / 32767 * 25 * 16_000
+    carrier_per_code = 2 * math.pi * 4000 * 25 / 32767
     limit = math.floor(share * carrier_per_code * 13100)
     rig.ready(replace(CARRIED, max_slew_v_per_s=limit))
     rig.stream([*(131 * k for k in range(1, 101)), *[13100] * 50], ENVELOPE)
@@ -842,7 +843,7 @@ def test_pending_ticks_are_those_until_rest(rig):
         {"full_scale_mv": 0},
         {"ceiling_mv": 200_001},
         {"ceiling_mv": 0},
-        {"max_slew_v_per_s": 39_999},
+        {"max_slew_v_per_s": 3_999},
         {"max_slew_v_per_s": 26_389_380},
         {"queue_samples": 999},
         {"max_frame_samples": 0},

@@ -129,6 +129,6 @@ def test_a_frame_above_the_ceiling_is_rejected_on_both_sides(clock, reports):
     object.__setattr__(device._stream.limits, "ceiling_v", 200.0)
     device.arm()
     with pytest.raises(DeviceFaultError, match=r"above the ceiling of 120 V"):
-        device.write(np.full(20, 150.0))
+        device.write(np.minimum(50.0 * np.arange(20), 150.0))
     assert np.abs(driver.output_v).max() <= 120.0
     assert not device.is_armed

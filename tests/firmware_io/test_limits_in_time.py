@@ -80,7 +80,7 @@ def test_a_crest_and_then_silence(clock):
 def test_the_host_rejects_an_envelope_in_step_with_its_carrier():
     link = MockLink(MockDriver(sample_rate_hz=48_000))
     device = Device(link, mode="envelope", sample_rate_hz=48_000, carrier_hz=1000.0)
-    gate = np.where(np.arange(48_000) % 48 < 24, 150.0, 0.0)
+    gate = np.where(np.arange(48_000) % 48 < 24, 80.0, 0.0)
     with pytest.raises(LimitError, match="mean"), device:
         for piece in np.split(gate, 100):
             device.write(piece)

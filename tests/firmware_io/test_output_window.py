@@ -36,7 +36,7 @@ BOARD = CapabilitiesReport(
     output_rate_hz=RATE_HZ,
     full_scale_mv=250_000,
     ceiling_mv=200_000,
-    max_slew_v_per_s=26_389_379,
+    max_slew_v_per_s=4_666_666,
     queue_samples=20_000,
     max_frame_samples=10_000,
     max_watchdog_ms=250,
@@ -46,7 +46,7 @@ BOARD = CapabilitiesReport(
     reports_touch=False,
     rates=(Rate(RATE_HZ, BOTH),),
 )
-SETUP = Setup(WAVEFORM, 250, RATE_HZ, 250_000, 200_000, 26_389_379, lead_us=0)
+SETUP = Setup(WAVEFORM, 250, RATE_HZ, 250_000, 200_000, 4_666_666, lead_us=0)
 
 
 class Attacker:
@@ -250,12 +250,15 @@ def test_at_other_rates_and_scales(host, rate_hz, full_scale_mv):
     for square in (False, True):
         other = Attacker(host.core.name, board)
         other.arm(setup)
-        size = rate_hz // 360 * 18
-        highest = min(full_scale_mv / 1e3, 200.0) / full_scale_mv * 250e3
-        wave = np.resize([1] * 8 + [0] + [-1] * 8 + [0], size) if square else np.ones(size)
+        highest = min(full_scale_mv / 1e3, 200.0)
+        rise = np.arange(1, (edge := int(highest * rate_hz / 4.6e6) + 1) + 1) / edge
+        half = np.r_[rise, np.ones(16 * edge), rise[-2::-1], 0]
+        wave = np.r_[half, -half] if square else np.ones(2 * half.size)
+        wave = np.tile(wave, max(1, rate_hz // 20 // wave.size))
+        other.write(np.r_[rise * (not square)] / full_scale_mv * 250e3 * highest)
         for _ in range(30):
-            other.write(wave * highest)
-            other.play(size / rate_hz)
+            other.write(wave / full_scale_mv * 250e3 * highest)
+            other.play(wave.size / rate_hz)
         if full_scale_mv > 100_000 or not square:
             assert other.fault is (FaultCode.ENERGY if square else FaultCode.MEAN)
         codes = np.concatenate(other.played) * (full_scale_mv / 32767e3)

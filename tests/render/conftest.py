@@ -4,7 +4,7 @@ import pytest
 
 import haptix
 
-CARRIER_HZ = 4000.0
+CARRIER_HZ = 3000.0
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,7 @@ from haptix.texture import FrictionField
 from haptix.touch import ForceModel, SingerKalman, TouchEvent, TouchSettings
 
 RATE = 48_000.0
-CARRIER_HZ = 4000.0
+CARRIER_HZ = 3000.0
 LEAD_S = 0.025
 ALWAYS = Sliding(is_needed=False)
 KEEP = LiveSettings(keep_blocks=True)

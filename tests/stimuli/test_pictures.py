@@ -19,7 +19,7 @@ def made(tmp_path_factory, finger, screen):
         Stimulus(
             "direct", Sine(60.0, 120.0).lasting(0.2), "volts", carrier_hz=None, drive_hz=120.0
         ),
-        Stimulus("blink", (Sine(0.01, 10.0) + 0.05).lasting(2e-4)),
+        Stimulus("blink", (Sine(0.01, 10.0) + 0.03).lasting(2e-4)),
     )
     folder = tmp_path_factory.mktemp("made")
     people = Population.around(finger, 2, {"frictional_shear_stress_pa": 0.1}, seed=1)

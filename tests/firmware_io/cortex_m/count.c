@@ -12,7 +12,7 @@ static uint8_t frame[1024];
 static int16_t out[1024];
 
 static const hx_config config = {
-    48000, 250000, 200000, 26000000, 1000, 500, 250, 64, 0, 2, {{48000, 3}, {16000, 3}}, "m0", "1", ""};
+    48000, 250000, 200000, 4666666, 1000, 500, 250, 64, 0, 2, {{48000, 3}, {16000, 3}}, "m0", "1", ""};
 
 /* Make a frame of what stands in the payload. */
 static void seal(uint8_t kind, uint16_t mode, uint32_t length) {
@@ -35,7 +35,7 @@ static void arm(uint16_t mode) {
     hx_put_u32(payload + 4, mode ? 16000 : 48000);
     hx_put_u32(payload + 8, 250000);
     hx_put_u32(payload + 12, 200000);
-    hx_put_u32(payload + 16, 26000000);
+    hx_put_u32(payload + 16, 4666666);
     hx_put_u32(payload + 20, mode ? 4000000 : 0);
     seal(HX_SETUP, 0, HX_SETUP_BYTES);
     hx_device_receive(&device, frame, HX_SETUP_BYTES + HX_FRAME_OVERHEAD_BYTES);
