@@ -203,6 +203,31 @@ class Device:
             stream.limits = lowered
             self._bound_setup()
 
+    def raise_capacitance(self, capacitance_f: float) -> None:
+        """State a larger capacitance of finger and body: it lowers the slew limit.
+
+        If the device is armed, it stops first.
+
+        Raises
+        ------
+        LimitError
+            If it is not finite, or below the present one: that would raise the voltage.
+        DeviceError
+            If the device had to stop and could not; the limit is lowered even so.
+        """
+        stream = self._stream
+        lowered = replace(stream.limits, capacitance_f=capacitance_f)
+        if capacitance_f < stream.limits.capacitance_f:
+            raise LimitError(
+                f"The capacitance is {stream.limits.capacitance_f!r} F and can only be raised, but "
+                f"{capacitance_f!r} F was given; open the device anew for a smaller one."
+            )
+        try:
+            stream.stop(play_out=True)
+        finally:
+            stream.limits = lowered
+            self._bound_setup()
+
     def set_up(
         self,
         *,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from numbers import Real
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -54,6 +55,33 @@ DEFAULT_WINDOW_S = 1.0
 
 #: Duration of the ramp to 0 V that ends a stream, in seconds: what a driver's own takes.
 RAMP_S = 0.005
+
+
+@dataclass(frozen=True)
+class Current:
+    """A current through the person, largest and root mean square, in amperes."""
+
+    peak_a: float
+    rms_a: float
+
+    @classmethod
+    def of_slew(cls, peak_v_per_s: float, rms_v_per_s: float, capacitance_f: float) -> Self:
+        """Return the current of a drive with this slew: ``C dV/dt``."""
+        return cls(capacitance_f * peak_v_per_s, capacitance_f * rms_v_per_s)
+
+    @classmethod
+    def of_drive(
+        cls, volts: npt.NDArray[np.float64], sample_rate_hz: float, capacitance_f: float
+    ) -> Self:
+        """Return the current of a drive that begins at 0 V, volts of shape (n,)."""
+        slew = np.diff(volts, prepend=0.0) * sample_rate_hz
+        peak, square = np.abs(slew).max(initial=0.0), (slew**2).sum() / max(slew.size, 1)
+        return cls.of_slew(float(peak), math.sqrt(square), capacitance_f)
+
+
+def series_capacitance_f(contact_f: float, body_f: float = BODY_CAPACITANCE_F) -> float:
+    """Return the capacitance of a finger's contact with the body behind it, in farads."""
+    return contact_f * body_f / (contact_f + body_f)
 
 
 @dataclass(frozen=True)

@@ -145,6 +145,9 @@ class RenderCore:
         self.texture = texture
         peak, ripple = drive.peak_per_sine, drive.attraction
         # The current through the person limits the slew: at 4 kHz, 186 V.
+        screen = surface.info.get("model", {}).get("screen", {})
+        if (capacitance_f := screen.get("body_capacitance_f")) is not None:
+            device.raise_capacitance(max(capacitance_f, device.limits.capacitance_f))
         slew = device.limits.max_slew_v_per_s
         change_v_per_s = min(settings.slew_v_per_s, slew / 2)
         highest_v = drive.highest_v(slew, change_v_per_s, rate)

@@ -15,6 +15,7 @@ import soundfile
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from firmware_io.limits import Current
 from haptix.files import check_folder, csv_text, json_text, write_folder
 from haptix.render import SineCarrier
 from haptix.simulation.parts import PARTS
@@ -132,6 +133,10 @@ def _wave(simulation: Simulation) -> bytes:
 def _sidecar(simulation: Simulation) -> dict[str, Any]:
     played = simulation.played
     drive = played.renderer.drive
+    limits = played.device.limits
+    current = Current.of_drive(
+        played.driver.played_v, played.renderer.sample_rate_hz, limits.capacitance_f
+    )
     frequency = "carrier_hz" if isinstance(drive, SineCarrier) else "direct_hz"
     return {
         "what": "drive signal as the mock driver played it",
@@ -141,6 +146,7 @@ def _sidecar(simulation: Simulation) -> dict[str, Any]:
         "start_s": played.start_s,
         frequency: drive.frequency_hz,
         "voltage_limit_v": simulation.surface.voltage_limit_v,
+        "expected_current": {**asdict(current), "capacitance_f": limits.capacitance_f},
         "surface_key": simulation.surface.info["key"],
         "model": simulation.setting.model.describe(),
     }

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.constants import epsilon_0
 
+from firmware_io.limits import BODY_CAPACITANCE_F, DriveLimits
 from haptix.checks import positive, whole
 from haptix.errors import InputError
 from haptix.finger import Finger
@@ -162,8 +163,13 @@ class Apparatus:
 
     def responses(self, stimulus: Stimulus) -> tuple[Column, tuple[Column, ...]]:
         """Return the median finger's response to a stimulus's drive, and that of each."""
+        # The current through a person limits fast carriers below the ceiling.
+        limits = DriveLimits(capacitance_f=self.screen.body_capacitance_f or BODY_CAPACITANCE_F)
+        highest_v = limits.highest_sine_v(stimulus.frequency_hz or 0.0)
         each = tuple(
-            surface.column(stimulus.normal_force_n, stimulus.frequency_hz, stimulus.h0_m)
+            surface.column(stimulus.normal_force_n, stimulus.frequency_hz, stimulus.h0_m).limited(
+                highest_v
+            )
             for surface in self.surfaces
         )
         return Column.median(each), each

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io.drive_window import DriveWindow
+from firmware_io.limits import Current
 from haptix.errors import InputError, LimitError
 from haptix.status import Status
 from haptix.stimuli.audio import AudioWriter
@@ -134,6 +135,9 @@ class Tally:
     samples: int = 0
     peak_v: float = 0.0
     square_sum: float = 0.0
+    steepest_step_v: float = 0.0
+    step_square_sum: float = 0.0
+    last_v: float = 0.0
     lowest_amplitude_v: float = inf
     highest_amplitude_v: float = 0.0
     target_low: float = inf
@@ -151,6 +155,10 @@ class Tally:
         self.peak_v = max(self.peak_v, float(drive.max()), -float(drive.min()))
         # Not np.dot: its last bit depends on the threads of the algebra library.
         self.square_sum += float(np.sum(drive * drive))
+        steps = np.diff(drive, prepend=self.last_v)
+        self.steepest_step_v = max(self.steepest_step_v, float(np.abs(steps).max()))
+        self.step_square_sum += float(np.sum(steps * steps))
+        self.last_v = float(drive[-1])
         low, high = float(amplitude.min()), float(amplitude.max())
         self.lowest_amplitude_v = min(self.lowest_amplitude_v, low)
         self.highest_amplitude_v = max(self.highest_amplitude_v, high)
@@ -166,6 +174,12 @@ class Tally:
     def rms_v(self) -> float:
         """Root mean square of the drive [V]."""
         return sqrt(self.square_sum / max(self.samples, 1))
+
+    def current(self, sample_rate_hz: float, capacitance_f: float) -> Current:
+        """Return the current through the person that is expected."""
+        rms_step_v = sqrt(self.step_square_sum / max(self.samples, 1))
+        peak, rms = self.steepest_step_v * sample_rate_hz, rms_step_v * sample_rate_hz
+        return Current.of_slew(peak, rms, capacitance_f)
 
     @property
     def is_reached(self) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from firmware_io.limits import DriveLimits
+from firmware_io.limits import BODY_CAPACITANCE_F, DriveLimits
 from haptix.checks import Positive, check_fields, choice
 from haptix.errors import InputError, LimitError
 from haptix.finger import Finger
@@ -98,14 +98,12 @@ class SetPlan:
             raise LimitError(
                 f"ceiling_v: {ceiling:g} V is above the {lowest:g} V that the screens may carry"
             )
-        return DriveLimits(ceiling_v=ceiling)
+        bodies = [screen.body_capacitance_f or BODY_CAPACITANCE_F for screen in self.screens]
+        return DriveLimits(ceiling_v=ceiling, capacitance_f=max(bodies))
 
     def apparatus(self, screen: Screen) -> Apparatus:
         """Build what the stimuli are rendered through, on one screen."""
-        # The current through a person limits fast carriers below the ceiling.
-        fastest_hz = max((one.frequency_hz or 0.0) for one in self.stimuli)
-        highest_v = self.limits.highest_sine_v(fastest_hz)
-        return Apparatus.build(self.finger, screen, self.stimuli, highest_v)
+        return Apparatus.build(self.finger, screen, self.stimuli, self.limits.ceiling_v)
 
     def suffix(self, screen: Screen) -> str:
         """End of the names of a screen's files, where there are several screens."""

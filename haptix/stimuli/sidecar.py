@@ -7,6 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from firmware_io.limits import (
+    BODY_CAPACITANCE_F,
+    MAX_PEAK_A,
+    MAX_RMS_A,
+    series_capacitance_f,
+)
 from haptix.errors import InputError
 from haptix.perception import Perception, components_of_pull, detection
 from haptix.status import Status
@@ -129,6 +135,24 @@ def reach(name: str, tally: Tally, response: Column) -> str:
     return f"{name}: asks for {'; and for '.join(parts)}"
 
 
+def _current(
+    apparatus: Apparatus, tally: Tally, rate_hz: float, contact_f: float
+) -> dict[str, float]:
+    """Current through the person: through the contact and the body in series."""
+    body_f = apparatus.screen.body_capacitance_f or BODY_CAPACITANCE_F
+    capacitance_f = series_capacitance_f(contact_f, body_f)
+    expected = tally.current(rate_hz, capacitance_f)
+    return {
+        "expected_peak_a": expected.peak_a,
+        "expected_rms_a": expected.rms_a,
+        "capacitance_f": capacitance_f,
+        "contact_capacitance_f_at_most": contact_f,
+        "body_capacitance_f": body_f,
+        "limit_peak_a": MAX_PEAK_A,
+        "limit_rms_a": MAX_RMS_A,
+    }
+
+
 def sidecar(
     rendering: Rendering,
     apparatus: Apparatus,
@@ -190,6 +214,7 @@ def sidecar(
         "wanted": target,
         "predicted": prediction,
         "felt": felt(middle, rate, known),
+        "current": _current(apparatus, tally, rate, capacitance),
         "audibility": heard(middle, rate, capacitance, known),
         "placeholders": apparatus.placeholders(),
         "is_placeholder": bool(apparatus.placeholders()),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -71,6 +71,13 @@ class Column:
         # A median of rising curves rises; this makes it true of the last bit as well.
         inverse = np.maximum.accumulate(-1 / mu)
         return cls(drive, inverse, lowest.end_v, 1.0, lowest.end_v, lowest.ends_by)
+
+    def limited(self, limit_v: float) -> Column:
+        """Return the same column, of one force, up to an amplitude [V] at most."""
+        if self.end_v <= limit_v:
+            return self
+        end_drive = (limit_v / self.unit_v) ** 2
+        return replace(self, end_drive=end_drive, end_v=limit_v, ends_by=Status.ABOVE)
 
     @cached_property
     def lowest_mu(self) -> Floats:

@@ -217,6 +217,27 @@ def test_lower_ceiling():
     assert device.limits.ceiling_v == 150.0
 
 
+def test_raising_the_capacitance_lowers_the_slew_on_both_sides():
+    device = mock_device()
+    device.arm()
+    device.write([50.0])
+    device.raise_capacitance(1e-9)  # 0.7 mA through it are 0.7 MV/s, 14.6 V a sample
+    assert_safe(device)
+    assert not device.is_armed
+    with device:
+        device.write([14.5])
+    with device, pytest.raises(LimitError, match=r"0\.7 mA through 1000 pF"):
+        device.write([14.6])
+    for capacitance_f in (0.9e-9, 150e-12, np.nan, np.inf):
+        with pytest.raises(LimitError):
+            device.raise_capacitance(capacitance_f)
+    assert device.limits.capacitance_f == 1e-9
+    # A host that forgets its own limit meets the driver's.
+    object.__setattr__(device._stream.limits, "max_slew_v_per_s", 4e6)
+    with device, pytest.raises(DeviceFaultError, match=r"steep|slew"):
+        device.write([20.0])
+
+
 def test_lowering_the_ceiling_below_the_output_stops():
     device = mock_device()
     device.arm()

@@ -221,6 +221,31 @@ def test_a_set_of_too_much_energy_or_a_mean_is_rejected_whole(finger, screen, tm
         assert not list((tmp_path / "set").iterdir())
 
 
+def test_the_expected_current_is_told_and_an_earthed_person_lowers_the_drive(finger, tmp_path):
+    """A sine of 60 V at 120 Hz: its current by hand, C w V, through contact and body in series."""
+    tone = Stimulus(
+        "tone", Sine(60.0, 120.0).lasting(0.2), "volts", carrier_hz=None, drive_hz=120.0
+    )
+    earthed = Screen(name="earthed", body_capacitance_f=10e-9)
+    for screen in (Screen(), earthed):
+        (table,) = (
+            StimulusSet("set", (tone,), finger, (screen,)).make(tmp_path / screen.name).sidecars
+        )
+        current = table["current"]
+        series = 1 / (
+            1 / current["contact_capacitance_f_at_most"] + 1 / current["body_capacitance_f"]
+        )
+        assert current["capacitance_f"] == pytest.approx(series)
+        peak_a = series * 2 * np.pi * 120 * 60
+        assert current["expected_peak_a"] == pytest.approx(peak_a, rel=1e-3)
+        assert current["expected_rms_a"] == pytest.approx(peak_a / np.sqrt(2), rel=1e-2)
+    assert current["body_capacitance_f"] == 10e-9
+    # 0.7 mA through 10 nF are 70 kV/s: 2.8 V at 4 kHz, so that nothing is left to be felt.
+    carried = Stimulus("fine", Constant(0.05).lasting(0.05))
+    with pytest.raises(RangeError, match="voltage limit, 3 V"):
+        StimulusSet("set", (carried,), finger, (earthed,)).make(tmp_path / "none")
+
+
 def test_unreachable_friction_is_reported_for_each_with_the_nearest(finger, screen, tmp_path):
     stimuli = (
         Stimulus("fine", Constant(0.05).lasting(0.05)),
