@@ -64,6 +64,8 @@ class Board:
         # qemu looks once a second whether the port is open; a cable is always plugged in.
         self._cable = os.open(self.port, os.O_RDWR | os.O_NOCTTY)
         time.sleep(1.2)
+        # It hears nobody in the first second of its output, which stands at 0 V.
+        assert not self.output_until(OUTPUT_HZ).any()
         self.address = f"serial:port={self.port},sample_rate_hz={RATE_HZ}"
 
     def output(self):
@@ -147,7 +149,7 @@ def test_damaged_bytes_end_the_output_in_a_ramp(board):
         device.write(volts)
         device._stream.client.link.send(b"\x00" * 4)
         device.write(volts)
-    output = board.output_until(2 * WATCHDOG)
+    output = board.output_until(board.output().size + 2 * WATCHDOG)
     top = np.flatnonzero(output)[-1]
     left = np.arange(RAMP - 1, 0, -1)
     ramp = output[top - left.size + 1 : top + 1]

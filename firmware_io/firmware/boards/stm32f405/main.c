@@ -45,9 +45,22 @@ static void transmit(void) {
     while (sent < length && board_serial_write(answer[sent])) sent++;
 }
 
+/* A reset may have come amid a playback, whose second of energy and mean is forgotten: 0 V for one. */
+static void hold_a_second(void) {
+    uint32_t played = 0;
+    while (played < BOARD_OUTPUT_HZ) {
+        board_output_mask();
+        played = (uint32_t)board_device.clock;
+        board_output_unmask();
+        board_output_loop_ran();
+        board_serial_wait();
+    }
+}
+
 int main(void) {
     if (!hx_device_init(&board_device, &config)) return 1; /* the output was never switched on */
     board_output_begin();
+    hold_a_second();
     board_serial_begin();
     for (;;) {
         receive();
