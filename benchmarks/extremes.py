@@ -142,7 +142,7 @@ class Case:
 
 @dataclass
 class Tally:
-    """What a region came to."""
+    """Results of one region."""
 
     states: int = 0
     status: Counter[int] = field(default_factory=Counter)
@@ -153,7 +153,7 @@ class Tally:
     single: float = 0.0
     mu: float = -1.0
     area: float = 0.0
-    pull: float = 0.0
+    attraction: float = 0.0
     gap: float = 0.0
     references: int = 0
     status_checks: int = 0
@@ -294,7 +294,7 @@ def fall(state: ContactState, axis: int) -> float:
 
 
 def slow_solver(model: ContactModel) -> dict[str, Any]:
-    """What the slow solver is told of a contact."""
+    """Inputs of the slow solver for a contact."""
     finger, rough = model.finger, model.finger.roughness
     return {
         "rough": SelfAffine(
@@ -318,7 +318,7 @@ def slow_solver(model: ContactModel) -> dict[str, Any]:
 
 
 def compare(tally: Tally, model: ContactModel, at: tuple[Any, ...], state: ContactState) -> None:
-    """Solve some states that feel their voltage with the slow solver, and one that snapped in."""
+    """Solve some states under voltage with the slow solver, and one that snapped in."""
     force, voltage, frequency, h0 = at
     force, h0 = (t.expand_as(voltage) for t in (force, h0))
     pulled_in = state.status == int(Status.PULL_IN)
@@ -369,16 +369,17 @@ def compare(tally: Tally, model: ContactModel, at: tuple[Any, ...], state: Conta
             is_right &= volt <= critical * (1 - 1 / LIGHT) ** 0.5
             share = oracle.closed_form_area(case.applied, volt, critical)
             area_there = oracle.closed_form_area(pressure, 0.0, critical)
-            pull = case.strength * oracle.gap_pull(reference, insulators) / reference * pressure
+            gaps_pa = case.strength * oracle.gap_attraction(reference, insulators)
+            gaps_pa *= pressure / reference
         else:
             root = oracle.equilibrium(case, pressure)
             is_right &= oracle.nothing_below(case, root, (0.3, 0.7))
             share = oracle.area_fraction(root)
             area_there = oracle.area_fraction(pressure)
-            pull = case.strength * oracle.gap_pull(max(pressure, touching), insulators)
+            gaps_pa = case.strength * oracle.gap_attraction(max(pressure, touching), insulators)
             gap = oracle.mean_gap(pressure)
             gap = min(gap, height) if touching else gap
-            # A contact this closed has no gap to speak of, in either theory.
+            # A contact this closed has hardly any open gap, in either theory.
             if gap > 1e-9 * told["rough"].h_rms:
                 tally.gap = max(tally.gap, abs(found["mean_gap_m"] / gap - 1))
         tally.status_wrong += not is_right
@@ -389,8 +390,9 @@ def compare(tally: Tally, model: ContactModel, at: tuple[Any, ...], state: Conta
             tally.mu, tally.worst = error, None if is_closed_form else Case(told, case, root)
         tally.area = max(tally.area, abs(found["area_fraction"] / area_there - 1))
         # In complete contact no gap is left to attract.
-        if pull > 1e-9 * case.applied:
-            tally.pull = max(tally.pull, abs(found["gap_attraction_pa"] / pull - 1))
+        if gaps_pa > 1e-9 * case.applied:
+            error = abs(found["gap_attraction_pa"] / gaps_pa - 1)
+            tally.attraction = max(tally.attraction, error)
 
 
 def nominal_area(model: ContactModel, newton: float) -> float:
@@ -424,7 +426,7 @@ def merge(tallies: Sequence[Tally]) -> Tally:
             setattr(whole, name, getattr(whole, name) + getattr(one, name))
         for name in (
             *("outside", "fall_with_voltage", "rise_with_thickness", "single"),
-            *("mu", "area", "pull", "gap"),
+            *("mu", "area", "attraction", "gap"),
         ):
             setattr(whole, name, max(getattr(whole, name), getattr(one, name)))
         for name, values in one.apart.items():
@@ -465,7 +467,7 @@ def reference_row(name: str, tally: Tally, own: float | None) -> str:
         quiet(tally.mu),
         quiet(own),
         quiet(tally.area),
-        quiet(tally.pull),
+        quiet(tally.attraction),
         quiet(tally.gap if tally.worst else None),
         f"{tally.status_wrong} of {tally.status_checks}",
     )
@@ -498,7 +500,7 @@ REFERENCE = {
     "mu": "largest relative difference of mu, and so of A/A0, in equilibrium",
     "own": "change of the slow solver's own mu, in that state, at twice its resolution",
     "A/A0": "largest relative difference of A/A0 at one pressure",
-    "pull": "the same of the attraction in open gaps",
+    "attraction": "the same of the attraction in open gaps",
     "gap": "the same of the mean gap",
     "status": "states of another status by the slow solver, of those compared: "
     "breakdown, an equilibrium at less pressure, or one where there should be none",
@@ -571,7 +573,7 @@ def closed_strips(pressure: float | None = None) -> float:
         for keep in (False, True)
     )
     pressure = dropped.tau * float(erfinv(0.9995)) if pressure is None else pressure
-    return kept.gap_pull(pressure, 2e-7 + 0j) / dropped.gap_pull(pressure, 2e-7 + 0j)
+    return kept.gap_attraction(pressure, 2e-7 + 0j) / dropped.gap_attraction(pressure, 2e-7 + 0j)
 
 
 def one_thread() -> None:

@@ -106,7 +106,9 @@ def pure_contact(theory: Theory) -> dict[str, np.ndarray]:
 
 def coupled_contact(theory: Theory) -> dict[str, np.ndarray]:
     """A/A0, attraction of the gaps, mean gap and mu_on/mu_off over those of the reference."""
-    found: dict[str, list[float]] = {"voltage": [], "area": [], "pull": [], "gap": [], "ratio": []}
+    found: dict[str, list[float]] = {}
+    for key in ("voltage", "area", "attraction", "gap", "ratio"):
+        found[key] = []
     pure = rows("pure_contact")
     for row in rows("coupled"):
         ours = Reference.of(row["set"], theory)
@@ -117,17 +119,17 @@ def coupled_contact(theory: Theory) -> dict[str, np.ndarray]:
         pressure = ours.coupled(applied, voltage, float(row["h0_m"]))
         area = float(ours.contact.area_fraction(pressure))
         gaps = float(row["pa_Pa"]) - float(row["pa_contact_Pa"])
-        own_pull = float(pressure) - applied
+        own_attraction = float(pressure) - applied
         if ours.spots_load:  # of which the spots' own share is not the gaps'
             strength = float(drive_strength(torch.tensor(voltage, dtype=torch.float64)))
-            own_pull -= strength * area / float(row["h0_m"]) ** 2
+            own_attraction -= strength * area / float(row["h0_m"]) ** 2
         base = [r for r in pure if r["base"] == ("C" if row["set"] in ("S6", "S8") else "A")]
         at = np.log([float(r["x=p/(E*slope)"]) for r in base])
         off = float(np.exp(np.interp(np.log(x), at, np.log([float(r["A_corr"]) for r in base]))))
         own_off = float(ours.contact.area_fraction(applied))
         found["voltage"].append(voltage)
         found["area"].append(area / float(row["A_corr"]))
-        found["pull"].append(own_pull / gaps)
+        found["attraction"].append(own_attraction / gaps)
         found["gap"].append(float(ours.contact.mean_gap(pressure)) / float(row["ubar_m"]))
         found["ratio"].append(area / own_off / (float(row["A_corr"]) / off))
     return {name: np.array(values) for name, values in found.items()}
@@ -150,7 +152,7 @@ def table() -> str:
         usual = pure["x"] > 9e-4
         lines.append(
             f"| {name} | {_error(pure['area'][usual])} | {_error(pure['gap'][usual])} | "
-            + " | ".join(_error(coupled[key]) for key in ("area", "pull", "gap", "ratio"))
+            + " | ".join(_error(coupled[key]) for key in ("area", "attraction", "gap", "ratio"))
             + " |"
         )
     return "\n".join(lines)
@@ -197,11 +199,11 @@ class Ending:
 
     case: Case
     pull_in_v: float
-    """Of boundary elements, the mean over surfaces; NaN where a surface does not end."""
+    """By boundary elements: the mean over surfaces; NaN where a surface does not end."""
     relative_scatter: float
     ratio: float
-    """Voltage at which the light contact ends over theirs."""
-    pulled: tuple[float, ...]
+    """Voltage at which the light contact ends, over that by boundary elements."""
+    attractions: tuple[float, ...]
     """Attraction of the gaps over p0, by boundary elements, at each voltage."""
     area: tuple[float, ...]
     gap: tuple[float, ...]
@@ -216,26 +218,26 @@ def endings(theory: str, most_cases: int | None = None) -> list[Ending]:
     found = []
     for case, given in list(of_case.items())[:most_cases]:
         contact = case.mean_field(theory, case.h_rms_m)
-        pulled, areas, gaps = [], [], []
+        attractions, areas, gaps = [], [], []
         for row in given:
             voltage = float(row["voltage_v"])
             state = end_of_light_contact(contact, case.pressure_pa, voltage, case.h0_m, spots)
             if voltage == 0 or row["light"] != row["surfaces"] or not bool(state.is_stable):
                 continue  # past an end, of ours or of theirs: ends are compared by themselves
-            pulled.append(float(row["gaps_pa"]) / case.pressure_pa)
+            attractions.append(float(row["gaps_pa"]) / case.pressure_pa)
             areas.append(float(contact.area_fraction(state.pressure_pa)) / float(row["area"]))
             gaps.append(float(contact.mean_gap(state.pressure_pa)) / float(row["gap_m"]))
         end = float(given[0]["pull_in_v"])
         own = pull_in_voltage(end_of_light_contact(contact, case.pressure_pa, 0, case.h0_m, spots))
         scatter = float(given[0]["pull_in_v_std"]) / end
         found.append(
-            Ending(case, end, scatter, own / end, tuple(pulled), tuple(areas), tuple(gaps))
+            Ending(case, end, scatter, own / end, tuple(attractions), tuple(areas), tuple(gaps))
         )
     return found
 
 
 def by_voltage() -> str:
-    """Where the light contact ends, and what is between, case by case."""
+    """Tabulate the end of light contact, and states before it, case by case."""
     lines = [
         "| case | p0 [kPa] | h0 [um] | ends at [V] | as published | spots excluded | "
         "corrected | gaps' attraction / p0 | A/A0 | mean gap |",
@@ -253,7 +255,7 @@ def by_voltage() -> str:
         lines.append(
             f"| {case.name}{'' if case.in_reference else ' *'} | {case.pressure_pa / 1e3:g} | "
             f"{case.h0_m * 1e6:g} | {ends} | {' | '.join(ratios)} | "
-            f"{' '.join(f'{pull:.1f}' for pull in corrected.pulled)} | "
+            f"{' '.join(f'{one:.1f}' for one in corrected.attractions)} | "
             f"{' '.join(f'{area:.2f}' for area in corrected.area)} | "
             f"{' '.join(f'{gap:.2f}' for gap in corrected.gap)} |"
         )

@@ -1,7 +1,7 @@
 """A slow, independent solution of one state of the contact model, in numpy, scipy and mpmath.
 
-Straight from the equations of the mean field: ``tau^2`` by the trapezoidal rule on very many waves,
-J by quadrature, the separation by Simpson's rule in ln(q/q0 - 1), I as the integral of
+It follows the equations of the mean field directly: ``tau^2`` by the trapezoidal rule on very many
+waves, J by quadrature, the separation by Simpson's rule in ln(q/q0 - 1), I as the integral of
 ``P(u)/|u + h0|^2`` over the gaps, a layer's response from its textbook form in 40 digits, and the
 equilibrium by the secant method on I itself, with no table in between. The terms: both gap
 distributions, finite size by a root of the mean gap, plasticity by mirror images in 50 digits, the
@@ -47,7 +47,7 @@ class Solid:
         return flat * np.exp(-CubicSpline(at, soft)(np.log(q)))
 
     def _response(self, q: mpmath.mpf) -> mpmath.mpf:
-        """S(q d) as it is printed; 40 digits bear the cancellation."""
+        """S(q d) as printed (physics page, section 3); 40 digits survive the cancellation."""
         x = q * self.thickness
         if x > 30:
             return mpmath.mpf(1)
@@ -62,7 +62,7 @@ class Solid:
 
 @dataclass(frozen=True)
 class SelfAffine:
-    """Constant from q0 to the roll-off, then ``q^(-2(1+H))`` to q1; h_rms [m]."""
+    """Spectrum C(q): constant from q0 to the roll-off, then ``q^(-2(1+H))`` to q1; h_rms [m]."""
 
     h_rms: float
     hurst: float
@@ -77,7 +77,7 @@ class SelfAffine:
         return level * np.maximum(q / qr, 1.0) ** (-2 - two_h)
 
     def highest_asperity(self, apparent_area: float) -> float:
-        """Of N waves of the roll-off, ``h_rms sqrt(2 ln N)``; there are two of them at least."""
+        """``h_rms sqrt(2 ln N)`` [m] with N squares of the roll-off wavelength, two at least."""
         number = apparent_area * (self.rolloff / (2 * pi)) ** 2
         return self.h_rms * sqrt(2 * np.log(max(number, 2.0)))
 
@@ -86,7 +86,7 @@ class SelfAffine:
 class State:
     """Pressure p0 [Pa], amplitude [V], complex h0 [m], and the strength of the attraction.
 
-    `touching` [Pa] is the pressure below which the gaps stay as they are there (finite size).
+    `touching` [Pa] is the pressure below which finite size keeps the gaps constant.
     """
 
     applied: float
@@ -123,7 +123,7 @@ def apparent_area(force: float, at_1n: float, exponent: float) -> float:
 
 
 def breaks_down(voltage: float, h0: complex, permittivity: float, strength: float) -> bool:
-    """A narrow gap at 350 V/um, a gap of 7.5 um at Paschen's 327 V, or the insulator."""
+    """Whether a gap (350 V/um if narrow; 327 V at 7.5 um, by Paschen) or insulator breaks down."""
     field = voltage / abs(h0)
     paschen = voltage * 7.5e-6 / abs(7.5e-6 + h0)
     return field > 350e6 or paschen > 327 or field / permittivity > strength
@@ -132,8 +132,8 @@ def breaks_down(voltage: float, h0: complex, permittivity: float, strength: floa
 def two_walls(mean: float, spread: float) -> tuple[float, float]:
     """Elastic and plastic share of a stress that diffuses between absorbing walls at 0 and 1.
 
-    Mirror images of the Gaussian it would be without walls; what the area within does not bear of
-    the load has gone to the wall at 1.
+    It sums mirror images of the Gaussian without walls. The load that the elastic area does not
+    carry has been absorbed by the wall at 1.
     """
     if mean >= 1:
         return 0.0, 1.0
@@ -154,7 +154,7 @@ def two_walls(mean: float, spread: float) -> tuple[float, float]:
 
 
 def separation_integral(gamma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Ln J at values of ln y."""
+    """Return values of ln y, and ln J there."""
     log_y = np.linspace(np.log(1e-9), np.log(6.0), 1501)
 
     def integrand(t: float) -> float:
@@ -169,7 +169,7 @@ def separation_integral(gamma: float) -> tuple[np.ndarray, np.ndarray]:
 class Oracle:
     """Area, separation, attraction and equilibrium of one contact.
 
-    `fineness` multiplies the number of strips, depths and gaps; what a change of it moves is the
+    `fineness` multiplies the number of strips, depths and gaps; the change that it causes is the
     oracle's own error. `combined` gives every strip the width ``1/s^2 = 1/h_rms^2(q) + 1/u1^2``;
     strips whose gap is zero to double precision have none and are dropped, as in the package
     (`keep_closed` counts them as gaps of zero instead). With a `hardness` [Pa] the area yields.
@@ -203,7 +203,7 @@ class Oracle:
         added = pi * q**3 * rough(q) * modulus**2 * q0 * ratio
         cells = (added[1:] + added[:-1]) / 2 * np.diff(x)
         below = added[0] + np.concatenate([[0.0], np.cumsum(cells)])
-        above = np.cumsum(cells[::-1])[::-1]  # from q1 down: what is left keeps its digits
+        above = np.cumsum(cells[::-1])[::-1]  # from q1 down, without cancellation
         self.total = below[-1]
         self.logit = np.log(below[:-1] / above)
         heights = 2 * pi * q * rough(q) * q0 * ratio
@@ -226,7 +226,7 @@ class Oracle:
         return float(self._separation(at, np.zeros(1), np.array([self.total]))[0])
 
     def touching_pressure(self, height: float) -> float:
-        """Pressure at which the mean gap is a height."""
+        """Pressure [Pa] at which the mean gap equals a height [m]."""
         scale = np.log(self.tau)
         return float(
             np.exp(
@@ -241,13 +241,13 @@ class Oracle:
 
     def _separation(self, pressure: np.ndarray, before: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Mean gap where waves of variance `before` are seen and those of `rest` are not yet."""
-        # In x = ln(q/q0 - 1), not in tau: over a soft layer on a stiff base tau stands still where
-        # q, and with it the compliance, runs over decades.
+        # In x = ln(q/q0 - 1), not in tau: over a soft layer on a stiff base tau hardly changes
+        # where q, and with it the compliance, runs over decades.
         start = (pressure / 6.0) ** 2
         is_open = rest > start
         left = np.where(is_open, rest - start, 1.0)
         low = np.interp(np.log((before + start) / left), self.logit, self.x[:-1])
-        # Up to the roll-off and from there: Simpson's rule would stumble over the bend.
+        # Up to the roll-off and from there: Simpson's rule is inaccurate across the bend.
         bend = np.maximum(low, self.bend)
         first = self._panel(pressure, before, start, low, bend)
         second = self._panel(pressure, before, start, bend, np.full_like(low, self.x[-1]))
@@ -272,7 +272,7 @@ class Oracle:
         integrand = np.exp(np.interp(x, self.x, self.log_opening)) / (2 * tau) * j
         return 2 / sqrt(pi) * simpson(integrand, dx=1 / (self.depth - 1), axis=1) * span
 
-    def gap_pull(self, pressure: float, h0: complex) -> float:
+    def gap_attraction(self, pressure: float, h0: complex) -> float:
         """``<1/|u + h0|^2>`` of the open gaps."""
         total = self.total
         start = min((pressure / 6.0) ** 2, total / 4)
@@ -322,9 +322,9 @@ class Oracle:
         closed = float((opened * below).sum()) / 2 * kernel[0]
         return closed + float(simpson(density * kernel * u, x=np.log(u)))
 
-    def pull(self, pressure: float, state: State) -> float:
+    def attraction(self, pressure: float, state: State) -> float:
         """``<1/|u + h0|^2>`` that loads the contact."""
-        gaps = self.gap_pull(max(pressure, state.touching), state.h0)
+        gaps = self.gap_attraction(max(pressure, state.touching), state.h0)
         return gaps + self.area_fraction(pressure) / abs(state.h0) ** 2 if state.spots else gaps
 
     def equilibrium(self, state: State, near: float) -> float:
@@ -333,7 +333,7 @@ class Oracle:
             return state.applied
 
         def excess(p: float) -> float:
-            return p - state.applied - state.strength * self.pull(p, state)
+            return p - state.applied - state.strength * self.attraction(p, state)
 
         before, now = near, near * 1.003
         low, high = excess(before), excess(now)
@@ -348,11 +348,11 @@ class Oracle:
     def nothing_below(self, state: State, root: float, shares: tuple[float, ...]) -> bool:
         """Whether attraction exceeds the contact's pressure at these shares of a root."""
         between = state.applied * (root / state.applied) ** np.array(shares)
-        return all(state.strength * self.pull(p, state) >= p - state.applied for p in between)
+        return all(state.strength * self.attraction(p, state) >= p - state.applied for p in between)
 
     def critical_voltage(self, reference: float, h0: complex, spots: bool = False) -> float:
         """``Vc = 2 / sqrt(eps0 Lambda)``, Lambda = I/p at a reference pressure."""
-        proportion = self.gap_pull(reference, h0) / reference
+        proportion = self.gap_attraction(reference, h0) / reference
         if spots:
             proportion += 2 / sqrt(pi) / self.tau / abs(h0) ** 2
         return 2 / sqrt(EPS0 * max(proportion, 1e-300))  # complete contact: no attraction
@@ -372,4 +372,4 @@ TERMS = {
     "leaky-gap": thickness,
     "breakdown": breaks_down,
 }
-"""What solves each term of the package independently of it."""
+"""Independent implementation of each term of the package."""

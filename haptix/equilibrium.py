@@ -37,7 +37,7 @@ class Equilibrium:
     pressure_pa: Tensor
     """Effective pressure p; at the end of the branch where there is no solution."""
     strength_at_end: Tensor
-    """Largest c = eps0 V0^2 / 4 [N] that the light contact bears."""
+    """Largest c = eps0 V0^2 / 4 [N] at which the contact is light."""
     is_stable: Tensor
     """True where a solution exists on the lowest branch."""
 
@@ -77,7 +77,7 @@ def lowest_branch(applied_pa: Tensor, strength: Tensor, attraction: Attraction) 
 
 
 def _first_fold(applied_pa: Tensor, attraction: Attraction, log_limit: Tensor) -> Tensor | None:
-    """Ln p of the first fold of each state, infinite where there is none; None without any.
+    """Return ln p of the first fold of each state, infinite where there is none; None without any.
 
     The fold is where the slope of (p - p0)/I vanishes: ``1 - (1 - p0/p) dlnI/dlnp`` turns negative.
     """
@@ -104,14 +104,14 @@ def _first_fold(applied_pa: Tensor, attraction: Attraction, log_limit: Tensor) -
             low, high = torch.where(rising, middle, low), torch.where(rising, high, middle)
         curvature = _rise(applied_pa, attraction, low + _NEARBY)
         curvature = (curvature - _rise(applied_pa, attraction, low - _NEARBY)) / (2 * _NEARBY)
-    # One Newton step that autograd sees: load and material move the fold.
+    # One Newton step, recorded by autograd: load and material move the fold.
     drift = _rise(applied_pa, attraction, low) / curvature.clamp(max=-_LEAST_CURVATURE)
     fold = low - (drift - drift.detach())
     return torch.where(has_fold, fold, torch.full_like(fold, inf))
 
 
 def _rise(applied_pa: Tensor, attraction: Attraction, log_pressure: Tensor) -> Tensor:
-    """``1 - (1 - p0/p) dlnI/dlnp``: above 0 where the bearable drive rises with p."""
+    """``1 - (1 - p0/p) dlnI/dlnp``: above 0 where (p - p0)/I rises with p."""
     value, slope = attraction(log_pressure)
     return 1 - (1 - applied_pa * torch.exp(-log_pressure)) * slope / value
 

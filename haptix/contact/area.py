@@ -1,4 +1,4 @@
-"""How much area is in contact at a pressure: Persson's law, and a correction that needs no fit.
+"""Real contact area against pressure: Persson's law, and a correction that needs no fit.
 
 Both are written as ``A/A0 = erf(t)``: Persson has ``t = p / tau``. His theory lets stress diffuse
 the same way whether or not the spots are small; boundary elements find a third more area at light
@@ -20,7 +20,7 @@ from torch import Tensor
 
 from haptix.errors import InputError
 
-_NEWTON_STEPS = 7  # of them three suffice in the middle, and the start is exact at both ends
+_NEWTON_STEPS = 7  # three suffice in the middle, and the start is exact at both ends
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,11 @@ class AreaLaw:
 
     @property
     def light(self) -> float:
-        """Area of a light contact, over Persson's."""
+        """Ratio of the area of a light contact to Persson's."""
         return 1 / sqrt(self.slowing)
 
     def argument(self, y: Tensor) -> Tensor:
-        """Return t, of which the area is ``erf(t)``, for y of any shape."""
+        """Return t for y of any shape; the area is ``erf(t)``."""
         if self.slowing == 1.0:
             return y
         with torch.no_grad():
@@ -54,11 +54,11 @@ class AreaLaw:
                 value, slope = self._stretched(t)
                 t = t - (value - y) / slope
             _, slope = self._stretched(t)
-        # One more step, which autograd sees.
+        # One more step, recorded by autograd.
         return t - (self._stretched(t)[0] - y) / slope
 
     def growth(self, y: Tensor) -> Tensor:
-        """dt/dy."""
+        """Return dt/dy for y of any shape."""
         return 1 / self._stretched(self.argument(y))[1]
 
     def _stretched(self, t: Tensor) -> tuple[Tensor, Tensor]:

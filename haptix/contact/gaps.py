@@ -40,7 +40,7 @@ def bin_inverse_square(edges_m: Tensor, h0_m: Tensor) -> Tensor:
     # |u + h0|^2 itself at the lower edge for the open-ended last bin: what lies there is noise.
     divisor = imaginary**2 + low * high
     t = (high - low) * imaginary.abs() / divisor
-    # Bins are narrow against their gaps, where atan(t)/t is its series; seldom is one not.
+    # Nearly all bins are narrow against their gaps, where a series gives atan(t)/t.
     square = t * t
     if float(square.detach().max()) < _NARROW**2:
         ratio = 1 - square * (1 / 3 - square * (1 / 5 - square * (1 / 7 - square / 9)))

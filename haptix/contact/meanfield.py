@@ -44,7 +44,7 @@ _GAP_RANGE = (1e-9, 1e2)  # bins from and to, in units of h_rms
 
 @dataclass(frozen=True)
 class Strips:
-    """The contact taken apart by magnification: each strip of area opens at one zeta.
+    """The contact resolved by magnification: each strip of area opens at one zeta.
 
     All tensors have the shape of the pressures plus one axis of strips; lengths in m.
     """
@@ -75,9 +75,9 @@ class MeanField:
     gap_distribution : {"plain", "combined"}
         Variance of a strip's gap: that of the shorter waves, or combined with u1 (later papers).
     device : str
-        Where the tensors live. The arithmetic is float64 throughout.
+        Device of the tensors. The arithmetic is float64 throughout.
     area : AreaLaw, optional
-        Law of the area; Persson's without.
+        Law of the area; by default Persson's.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class MeanField:
         self.gap_edges_m = torch.tensor([0.0, *decades], dtype=torch.float64, device=device)
 
     def _tabulate_waves(self) -> None:
-        """Q and the compliance 1/(q E*) against ``ln(T / (T1 - T))``, graded to both ends."""
+        """Tabulate q and 1/(q E*) against ``ln(T / (T1 - T))``, graded to both ends."""
         q0, q1 = self.spectrum.q0, self.spectrum.q1
         top = log(q1 / q0 - 1)
         even = torch.linspace(top - _WAVE_RANGE, top, _WAVE_NODES, dtype=torch.float64)
@@ -252,7 +252,7 @@ class MeanField:
         return GapHistogram(self.gap_edges_m, torch.stack(below, -1).diff(dim=-1))
 
     def strips(self, pressure_pa: Tensor) -> Strips:
-        """Take the contact apart by magnification, for pressures [Pa] of any shape."""
+        """Resolve the contact by magnification, for pressures [Pa] of any shape."""
         pressure = pressure_pa[..., None]
         total = self.stress_variance
         # From the magnification where contact is still complete to the last wave.
@@ -322,7 +322,7 @@ class MeanField:
         return pressure
 
     def _numbers(self, name: str, value: Any) -> Tensor:
-        """Float64 or complex128 tensor; numpy reads what is no tensor, in double precision."""
+        """Return a float64 or complex128 tensor; other values are read by numpy."""
         try:
             tensor = value if isinstance(value, Tensor) else torch.as_tensor(np.asarray(value))
             wide = torch.complex128 if tensor.is_complex() else torch.float64
@@ -332,6 +332,6 @@ class MeanField:
 
 
 def check_contact_spots(contact_spots: str) -> None:
-    """Raise `InputError` unless the way to count contact spots has a name that is known."""
+    """Raise `InputError` unless `contact_spots` is "excluded" or "included"."""
     if contact_spots not in get_args(ContactSpots):
         raise InputError(f'contact_spots: expected "excluded" or "included", got {contact_spots!r}')

@@ -69,7 +69,7 @@ def elastoplastic_area(
 
 
 def _by_modes(mean: Tensor, spread: Tensor) -> PlasticSplit:
-    """Sine series of the elastic area and of the load it bears; the rest of the load yields."""
+    """Sine series of the elastic area and of the load it carries; the rest of the load yields."""
     n = torch.arange(1, _TERMS + 1, dtype=mean.dtype, device=mean.device)
     sign = 1 - 2 * (n % 2)  # (-1)^n
     wave = n * pi

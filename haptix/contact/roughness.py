@@ -48,7 +48,7 @@ class RoughnessSpectrum:
         hurst : float
             Hurst exponent H, in (0, 1].
         q0, q_rolloff, q1 : float
-            Longest wave, roll-off and shortest wave [1/m], ``0 < q0 <= q_rolloff <= q1``.
+            Lowest wavenumber, roll-off and highest wavenumber [1/m], ``0 < q0 <= q_rolloff <= q1``.
 
         Raises
         ------
@@ -150,12 +150,12 @@ class RoughnessSpectrum:
 
     @property
     def q0(self) -> float:
-        """Longest wave of the spectrum [1/m]."""
+        """Lowest wavenumber of the spectrum [1/m]."""
         return float(self.wavenumber[0])
 
     @property
     def q1(self) -> float:
-        """Shortest wave of the spectrum [1/m]."""
+        """Highest wavenumber of the spectrum [1/m]."""
         return float(self.wavenumber[-1])
 
     @property
@@ -190,7 +190,7 @@ class RoughnessSpectrum:
     def moment(self, power: int, above: Tensor | None = None) -> Tensor:
         """``2 pi int_q^q1 q'^power C dq'`` in closed form, for each lower limit in `above`.
 
-        ``moment(1, q)`` is the mean square of the roughness with waves shorter than q only.
+        ``moment(1, q)`` is the mean square of the roughness above the wavenumber q.
         """
         q, c = self.wavenumber, self.density
         exponent = torch.log(c[1:] / c[:-1]) / torch.log(q[1:] / q[:-1])

@@ -23,15 +23,15 @@ class SeparationIntegral:
     """``J(y) = int_y^inf dx/x [gamma + 3 (1 - gamma) erf(t)^2] exp(-t^2) dt/dx``; Persson: t = x.
 
     Source: Yang & Persson, J. Phys.: Condens. Matter 20, 215214 (2008); physics page, section 2.
-    The elastic energy goes with the area A as ``gamma A + (1 - gamma) A^3``; with another law of
+    The elastic energy depends on the area A as ``gamma A + (1 - gamma) A^3``; with another law of
     the area than erf(x) it follows that one.
 
     Parameters
     ----------
     gamma : float
-        Share of the elastic energy that goes with the contact, in (0, 1]; about 0.45.
+        Share of the elastic energy that is proportional to the area, in (0, 1]; about 0.45.
     device : str
-        Where the table lives.
+        Device of the table.
     area : AreaLaw
         Gives t at x.
     """

@@ -1,4 +1,4 @@
-"""How a contact is solved: one protocol, from the fast to the exact."""
+"""Fidelities: ways to solve a contact behind one interface, from the fast to the exact."""
 
 from collections.abc import Mapping
 from typing import Literal
@@ -16,7 +16,7 @@ FIDELITIES: Mapping[FidelityName, type[Fidelity]] = {
     "mean-field": MeanFieldBalance,
     "boundary-element": BoundaryElementBalance,
 }
-"""By name, the fastest first."""
+"""Fidelities by name, the fastest first."""
 
 __all__ = [
     "FIDELITIES",

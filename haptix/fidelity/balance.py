@@ -21,7 +21,7 @@ from haptix.terms import Stage
 class Ability(StrEnum):
     """Ability that some fidelities lack; the value completes "a fidelity that ..."."""
 
-    TABULATE = "knows the pull-in of every state"
+    TABULATE = "gives the pull-in of every state"
     INSTANTS = "solves thousands of instants of any drive"
     RESCALE = "has one table for all moduli and heights"
     SCATTER = "solves random surfaces one by one"
@@ -91,7 +91,7 @@ class Fidelity(ABC):
 
     name: ClassVar[str]
     assumes: ClassVar[str]
-    """Why it does not honour some stages; completes "a fidelity, which ..."."""
+    """Why it leaves some stages out; completes "a fidelity, which ..."."""
     honours: ClassVar[frozenset[Stage]]
     """Stages of `haptix.terms` that it takes into account."""
     can: ClassVar[frozenset[Ability]]
@@ -104,7 +104,7 @@ class Fidelity(ABC):
         """Return the equilibrium of every state on the lowest branch."""
 
     def prepare(self, applied_pa: Tensor, widest_gap_m: Tensor | None) -> None:  # noqa: B027
-        """Compute once what all loads that will be solved share; most fidelities share nothing."""
+        """Compute once what all loads to be solved share, such as tables; by default nothing."""
 
     def borrow(self, other: Fidelity) -> bool:
         """Use what another has prepared for the same elastic contact; return whether it had any."""

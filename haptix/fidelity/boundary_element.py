@@ -46,7 +46,7 @@ class Scatter(Balance):
 class BoundaryElementBalance(Fidelity):
     """Equilibria as the mean over the surfaces of a box.
 
-    The attraction acts on every point; in a contact spot the spot's own pressure bears it, which
+    The attraction acts on every point; in a contact spot the spot's own pressure balances it, which
     the mean field calls spots "excluded": ``pressure_pa`` is ``p0`` and the attraction of the gaps.
     A state has pulled in where half of its surfaces have snapped in, or are attracted so much by
     their gaps that the contact is no longer light (`haptix.equilibrium.LIGHT_CONTACT_LIMIT`).
@@ -62,7 +62,7 @@ class BoundaryElementBalance(Fidelity):
             raise InputError(
                 'contact_spots: expected "excluded" with fidelity "boundary-element", got '
                 '"included": the attraction acts on every point, and inside a spot the contact '
-                "itself bears it"
+                "itself balances it"
             )
         assert contact.boxed is not None  # a fidelity that can scatter has a box
         super().__init__(contact)
@@ -152,7 +152,7 @@ class BoundaryElementBalance(Fidelity):
                 f"{coarse:.2g} times h0: the attraction next to the spots is not resolved. At 1.5, "
                 "3 and 6 times the attraction of the gaps is some 10, 25 and 40 % too weak, and "
                 "the area that voltage adds up to 10, 10 and 65 % off; "
-                f"these waves want {ceil(self.boxed.box.points * coarse)} points along a side: "
+                f"this band needs {ceil(self.boxed.box.points * coarse)} points along a side: "
                 "take more points or a smaller box",
                 ResolutionWarning,
                 stacklevel=2,

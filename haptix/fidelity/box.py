@@ -17,7 +17,7 @@ from haptix.contact.roughness import RoughnessSpectrum
 from haptix.errors import InputError
 from haptix.finger import Finger, MeasuredRoughness
 
-_PIXELS = 4.0  # in the shortest wave: the corrected area is then off by up to 4 %
+_PIXELS = 4.0  # per shortest wavelength: the corrected area is then off by up to 4 %
 _ALL = 0.98  # of h_rms and of the slope: a box that holds less is warned of
 
 
@@ -32,17 +32,17 @@ class BoundaryElementBox:
     surfaces : int
         Surfaces whose mean is the result, 2 or more give its scatter.
     seed : int
-        Of the surfaces' phases.
+        Seed of the surfaces' phases.
     waves : float
-        Waves of the roll-off along a side, where `side_m` is not given.
+        Roll-off wavelengths along a side, where `side_m` is not given.
     side_m : float, optional
         Side of the box [m].
     q_high_per_m : float, optional
-        Shortest wave kept [1/m]; by default that which 4 pixels sample, or the finger's own.
+        Highest wavenumber kept [1/m]; by default that of 4 pixels per wavelength, or the finger's.
     tolerance : float
-        Of the contact conditions, over h_rms.
+        Tolerance of the contact conditions, over h_rms.
     most_states : int
-        States that one call may ask for: each takes seconds.
+        Largest number of states in one call: each takes seconds.
     """
 
     points: int = 128
@@ -67,9 +67,9 @@ class BoxedFinger:
     """A finger's roughness as a box holds it."""
 
     finger: Finger
-    """With its whole band; no field may require grad."""
+    """The finger, with its whole band; no field may require grad."""
     box: BoundaryElementBox
-    """What is drawn from it."""
+    """Grid and band of the surfaces that are drawn."""
 
     def __post_init__(self) -> None:
         given = [value for part in (self.finger, self.finger.roughness) for _, value in part]
@@ -88,7 +88,7 @@ class BoxedFinger:
 
     @property
     def q_high_per_m(self) -> float:
-        """Shortest wave held [1/m]."""
+        """Highest wavenumber held [1/m]."""
         sampled = 2 * pi * self.box.points / (_PIXELS * self.side_m)
         return min(self.box.q_high_per_m or sampled, self._whole.q1)
 
@@ -118,8 +118,8 @@ class BoxedFinger:
     def roughness(self) -> MeasuredRoughness:
         """The spectrum of the surfaces: the finger's, cut to the box.
 
-        Each wave of a box stands for a cell of side ``2 pi / side``; the cell at 0 has none, which
-        leaves out a disc of radius ``2 pi / side / sqrt(pi)``.
+        Each wavevector of a box stands for a cell of side ``2 pi / side``; the cell at 0 has none,
+        which leaves out a disc of radius ``2 pi / side / sqrt(pi)``.
         """
         whole = self._whole
         low = max(whole.q0, 2 * pi / (self.side_m * sqrt(pi)))
@@ -136,7 +136,7 @@ class BoxedFinger:
 
     @cached_property
     def gap_step_m(self) -> float:
-        """Step of the gap from pixel to pixel [m], by the rms slope: finer gaps are not seen."""
+        """Step of the gap from pixel to pixel [m], by the rms slope: the resolution in gaps."""
         drawn = self.surfaces
         return float(drawn.slope_rms.mean()) * drawn.pixel_m
 

@@ -13,7 +13,7 @@ from haptix.terms import Stage
 
 
 class MeanFieldBalance(Fidelity):
-    """Equilibria from tables that are solved once and grown when a load lies beyond them."""
+    """Equilibria from tables that are solved once and extended when a load lies beyond them."""
 
     name = "mean-field"
     assumes = "averages the attraction over the contact"
@@ -30,7 +30,7 @@ class MeanFieldBalance(Fidelity):
     def borrow(self, other: Fidelity) -> bool:
         """Use what another has tabulated, where its mean field is equal to this one's.
 
-        Area fraction, finite size and contact spots may differ: the table has none of them.
+        Area fraction, finite size and contact spots may differ: the table does not depend on them.
         """
         if not isinstance(other, MeanFieldBalance) or other._kept is None:
             return False

@@ -129,7 +129,7 @@ def test_an_attraction_that_is_the_same_everywhere_is_a_pressure(solver: Boundar
 def settle(
     surface: Surfaces, pressure: float, strength: float, h0: float
 ) -> tuple[float, float, float]:
-    """Area, mean gap and mean attraction by plain rounds at a fixed strength from no pull on."""
+    """Area, mean gap and mean attraction by plain iteration at a fixed strength, from none."""
     problem = BoundedProblem.on_grid(UNIT, surface.points, surface.side_m)
     height = surface.height_m[:1]
     scale = height.std((-2, -1))
@@ -194,8 +194,8 @@ def single(surfaces: Surfaces) -> BoundaryElements:
 def test_a_thin_insulator_under_a_rough_skin_is_solved(
     surfaces: Surfaces, single: BoundaryElements
 ) -> None:
-    # h0 a hundredth of h_rms: contacts solved to a share of h_rms alone left noise in the pull, and
-    # the rounds never settled.
+    # h0 a hundredth of h_rms: contacts solved to a share of h_rms left noise in the attraction, and
+    # the iteration never settled.
     h0 = 0.01
     found = single.solve_attracted(0.3, lambda u: (h0 / (u + h0)) ** 2, [1.0, 10.0])
     assert bool(found.converged.all())
@@ -223,7 +223,7 @@ def test_the_branch_ends_with_light_contact_where_asked(single: BoundaryElements
     low, high = light.snap_in_strength[0, 0, 0].tolist()
     assert 3 < low < high <= 1.03 * low
     assert high < 12
-    # The end is met to 2 % of the strength, and the gaps' pull rises no faster.
+    # The end is met to 2 % of the strength, and the gaps' attraction rises no faster.
     assert float(light.attraction_gaps_pa[0, -1, 0]) == pytest.approx(pressure, rel=0.03)
     # How far is asked does not matter.
     nearer = single.solve_attracted(pressure, attraction, 15.0, light_limit=2.0)

@@ -70,7 +70,7 @@ def test_a_measured_map_keeps_its_heights_and_finds_its_band() -> None:
     assert taken.slope_rms.tolist() == pytest.approx(made.slope_rms.tolist())
 
 
-@pytest.mark.filterwarnings("ignore:.*in the shortest wave", "ignore:.*waves of the roll-off")
+@pytest.mark.filterwarnings("ignore:.*per shortest wavelength", "ignore:.*roll-off wavelengths")
 def test_a_map_whose_borders_do_not_meet() -> None:
     x = np.linspace(0, 1, 64)
     wave = np.cos(6 * pi * x)
@@ -83,13 +83,13 @@ def test_a_map_whose_borders_do_not_meet() -> None:
 
 
 def test_coarse_grids_and_small_boxes_are_said_or_refused() -> None:
-    with pytest.warns(ResolutionWarning, match=r"4 pixels in the shortest wave.*raw area"):
+    with pytest.warns(ResolutionWarning, match=r"4 pixels per shortest wavelength.*raw area"):
         Surfaces.random(spectrum(), 64, 1.0)
-    with pytest.warns(ResolutionWarning, match=r"2 waves of the roll-off.*light load"):
+    with pytest.warns(ResolutionWarning, match=r"2 roll-off wavelengths.*light load"):
         Surfaces.random(spectrum(rolloff=2.0), 128, 1.0)
     with pytest.raises(InputError, match=r"2 pixels or more.*q_high"):
         Surfaces.random(spectrum(), 24, 1.0)
-    with pytest.raises(InputError, match="one wave of the roll-off"):
+    with pytest.raises(InputError, match="one roll-off wavelength"):
         Surfaces.random(spectrum(), 128, 0.2)
 
 

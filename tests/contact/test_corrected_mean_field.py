@@ -92,7 +92,7 @@ def test_contact_under_voltage_agrees_with_boundary_elements(comparison: ModuleT
     # What was asked of it: 7 % in the median, 15 % at worst short of the instability.
     assert np.median(wrong) <= 0.07
     assert wrong.max() <= 0.15
-    # The spots' own pull, as printed, overshoots near the instability.
+    # The spots' own attraction, as printed, overshoots near the instability.
     printed = comparison.coupled_contact(THEORIES["as-published"])
     assert printed["ratio"].max() > 2
 
@@ -109,9 +109,9 @@ def test_the_end_of_light_contact_and_the_way_there(
     # 10 % was asked for; the page says that it is not reached on thin insulators.
     assert ends.max() <= 0.17
     for ending in found:
-        for pulled, area in zip(ending.pulled, ending.area, strict=True):
+        for attraction, area in zip(ending.attractions, ending.area, strict=True):
             # 15 % short of the instability; a layer is further off, which the page says.
-            if pulled < 5 and not ending.case.layer_m:
+            if attraction < 5 and not ending.case.layer_m:
                 assert area == pytest.approx(1, abs=0.15)
 
 

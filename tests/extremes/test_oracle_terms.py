@@ -21,9 +21,9 @@ from haptix.terms import TERMS
 
 # What is asked of the package's grids in I, as in test_independent_mean_field. The oracle's own
 # error is 3e-4 with combined gaps (its nearly closed strips), 3e-5 with plain ones.
-PULL = 2e-3
+ATTRACTION = 2e-3
 # Up to 0.7 of pull-in (p up to 2.7 p0 here, or resting on the highest asperity) an error of the
-# pull is at most doubled in the load; that of the pull is usually below 1e-3.
+# attraction is at most doubled in the load; that of the attraction is usually below 1e-3.
 FRICTION = 2e-3
 GAP = 1e-3  # asked of the mean gap, as in test_independent_mean_field
 # The oracle integrates the spectrum by 1e5 trapezia, to 1e-8; two digits to spare.
@@ -93,7 +93,8 @@ def test_pull_of_combined_gaps(name: str, slow: ModuleType) -> None:
     for pressure in (1e3, 3e4, 1e6):
         for h0 in (3e-8, 2e-7, 1e-6 - 4e-7j):
             found = contact.inverse_square_gap(pressure, h0, contact_spots="excluded")
-            assert apart(found, oracle.gap_pull(pressure, complex(h0))) < PULL, (pressure, h0)
+            expected = oracle.gap_attraction(pressure, complex(h0))
+            assert apart(found, expected) < ATTRACTION, (pressure, h0)
 
 
 def test_combined_gaps_of_the_published_cases(slow: ModuleType) -> None:
@@ -111,7 +112,7 @@ def test_combined_gaps_of_the_published_cases(slow: ModuleType) -> None:
         for row in case["rows"]:
             area = oracle.area_fraction(row["p"])
             for h0, expected in zip(case["h0"], row["I"], strict=True):
-                found = oracle.gap_pull(row["p"], complex(h0)) + area / h0**2
+                found = oracle.gap_attraction(row["p"], complex(h0)) + area / h0**2
                 # The published values moved by 2e-4 between their two resolutions.
                 assert found == pytest.approx(expected, rel=5e-4)
 
@@ -235,7 +236,7 @@ def test_critical_voltage(spots: Any, slow: ModuleType) -> None:
     state = model.solve(force, 0.8 * critical, None, h0)
     # The light branch ends at 31 p0, where (V/Vc)^2 = 30/31. V goes with the root of I.
     end = critical * math.sqrt(30 / 31)
-    assert float(state.pull_in_voltage_v) == pytest.approx(end, rel=PULL / 2)
+    assert float(state.pull_in_voltage_v) == pytest.approx(end, rel=ATTRACTION / 2)
     area = oracle.closed_form_area(force / nominal(FINGER, force), 0.8 * critical, critical)
     # dlnA/dlnI = x/(1 - x) = 1.8 with x = 0.8^2
-    assert apart(state.area_fraction, area) < 1.8 * PULL
+    assert apart(state.area_fraction, area) < 1.8 * ATTRACTION

@@ -14,7 +14,7 @@ from haptix.fidelity import BoundaryElementBalance, BoundaryElementBox, Unsettle
 from haptix.finger import MeasuredRoughness
 from haptix.terms import chosen_terms
 
-# Rough on a scale that a small box resolves: 2 waves of the roll-off, 8 pixels in the shortest.
+# Rough on a scale that a small box resolves: 2 roll-off wavelengths, 8 pixels per shortest one.
 SPECTRUM = RoughnessSpectrum.self_affine(1e-6, 0.8, 4.5e4, 9e4, 3.6e5)
 FINGER = Finger(
     name="gel",

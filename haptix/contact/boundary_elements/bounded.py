@@ -1,17 +1,17 @@
 """The contact problem: pressures between 0 and a ceiling that leave no overlap of the surfaces.
 
-With u = K p the displacement and h the height, the gap is ``g = u - h + level``. Wanted are
+With u = K p the displacement and h the height, the gap is ``g = u - h + level``. The solver finds
 pressures of a given mean with ``g = 0`` where ``0 < p < ceiling``, ``g >= 0`` where ``p = 0`` and
 (elastoplastic, Almqvist et al., J. Mech. Phys. Solids 55 (2007)) ``g <= 0`` at the ceiling.
 
 Polonsky and Keer (Wear 231, 206 (1999)) solve it by conjugate gradients over the points in contact.
-Here the points that want to join are part of the same search direction (Vollebregt, J. Optim.
+Here the points about to join are part of the same search direction (Vollebregt, J. Optim.
 Theory Appl. 162, 931 (2014)), the residual is preconditioned by the exact inverse ``q E*(q)/2`` of
 the elastic response cut to those points, and a cold start solves the half-sized problem first.
 While no pressure meets a bound the gap is updated from the step, without a convolution of its own.
 Where one does, the pressures brought back must have less energy than before: else the step is taken
-back, and a few shorter ones follow the bare gap, which always leads down. Without that a skin whose
-layer is a thousand times stiffer than what lies below sends the pressures round and round.
+back, and a few shorter ones follow the gap without preconditioning, which always lowers the energy.
+Otherwise pressures on a layer a thousand times stiffer than its base would cycle.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class BoundedSolution:
 
 
 def coarser(height: Tensor) -> Tensor:
-    """The same surfaces on every second point, without the waves that cannot be seen there."""
+    """Return the surfaces on every second point, without the waves that these cannot resolve."""
     points = height.shape[-1] // 2
     half = points // 2
     waves = torch.fft.rfft2(height)
@@ -76,12 +76,12 @@ def finer(pressure: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class BoundedProblem:
-    """A solid on a grid and the grids below it, ready for any heights.
+    """A solid on a grid and on coarser grids, ready for any heights.
 
     Parameters
     ----------
     levels : tuple of PeriodicSolid
-        The finest first, each of half the points of the one before.
+        The finest grid first; each next one has half the points along a side.
     ceiling_pa : float or None
         Largest pressure, the hardness; None is elastic.
     """
@@ -124,11 +124,11 @@ class BoundedProblem:
         mean_pressure_pa, scale_m : Tensor, shape (batch,)
             Mean pressure and the length by which the residual is measured.
         tolerance : float
-            Residual at which a surface is done.
+            Residual at which a surface counts as solved.
         start_pa : Tensor, shape (batch, n, n), optional
-            Pressures of a problem close to this one; else the coarser grids give them.
+            Pressures of a problem close to this one; by default the coarser grids give them.
         most_iterations : int
-            Steps after which a surface is given up.
+            Largest number of steps for a surface.
         """
         if start_pa is None:
             start_pa = self._from_coarser(height_m, mean_pressure_pa, scale_m, tolerance, 1)
@@ -167,7 +167,7 @@ def _descend(
     ceiling: float | None,
     most_iterations: int,
 ) -> BoundedSolution:
-    """Preconditioned conjugate gradients; surfaces leave the batch as they are done."""
+    """Preconditioned conjugate gradients; surfaces leave the batch once solved."""
     batch = len(height)
     pressure_out, gap_out = torch.empty_like(height), torch.empty_like(height)
     residual_out, steps_out = torch.empty_like(mean), torch.zeros_like(mean, dtype=torch.int64)
@@ -246,10 +246,10 @@ def _descend(
 
 
 def _rise(p: Tensor, g: Tensor, trial: Tensor, gap: Tensor) -> Tensor:
-    """Rise of the energy from one pressure to another of the same mean, and what was moved.
+    """Rise of the energy from one pressure to another of the same mean, and the pressure moved.
 
-    The energy's gradient is the gap, of whatever level where the mean stays: its change is the mean
-    of both ends' gaps times the step, without a difference of large numbers.
+    The gradient of the energy is the gap, whose level has no effect while the mean stays. The rise
+    is the mean gap of both ends times the step, without a difference of large numbers.
     """
     moved = trial - p
     energy = ((g + gap) * moved).sum((-2, -1)) / 2
@@ -262,7 +262,7 @@ def _dot(a: Tensor, b: Tensor) -> Tensor:
 
 
 def _centre(field: Tensor, weight: Tensor, count: Tensor) -> None:
-    """Cut `field` to the points of `weight` 1 and take its mean there off."""
+    """Set `field` to 0 where `weight` is 0, and subtract its mean from the rest."""
     field.mul_(weight)
     field.addcmul_(weight, field.sum((-2, -1), keepdim=True) / count, value=-1.0)
 
@@ -272,10 +272,10 @@ def _largest(field: Tensor) -> Tensor:
 
 
 def _free_points(p: Tensor, g: Tensor, ceiling: float | None) -> tuple[Tensor, Tensor]:
-    """Level the gaps in place; the points to be moved, and their gaps with 0 elsewhere.
+    """Level the gaps in place; return the free points, and their gaps with 0 elsewhere.
 
-    Free are the points between the bounds, whose gap should be 0, and those at a bound whose gap
-    calls for a pressure inside.
+    The free points are those between the bounds, whose gap should be 0, and those at a bound whose
+    gap requires a pressure inside.
     """
     inside = p > 0 if ceiling is None else (p > 0) & (p < ceiling)
     weight = inside.to(p.dtype)
@@ -296,7 +296,7 @@ def _free_points(p: Tensor, g: Tensor, ceiling: float | None) -> tuple[Tensor, T
 
 
 def _with_mean(p: Tensor, mean: Tensor, ceiling: float | None, free: Tensor) -> Tensor:
-    """Bring pressures back within the bounds and to their mean: the nearest ones, nearly."""
+    """Project pressures, nearly, onto those within the bounds that have their mean."""
     p = p.clamp(min=0.0, max=ceiling)
     # Each round sends points to a bound or ends.
     for _ in range(_MOST_ROUNDS):

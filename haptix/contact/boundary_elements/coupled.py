@@ -3,8 +3,8 @@
 The attraction is ``p_a phi(x)``, with ``phi`` of mean 1 the shape ``f(g)/<f(g)>`` of the traction
 f. It presses on the solid like an outer load, so that the contact is one of the heights
 ``h - p_a K phi`` under the mean pressure ``p0 + p_a``; its gaps give the next shape. Anderson's
-mixing (J. ACM 12, 547 (1965)) makes these rounds converge in a few. The attraction acts on every
-point; inside a spot the contact's own pressure bears it.
+mixing (J. ACM 12, 547 (1965)) makes this iteration converge in a few steps. The attraction acts on
+every point; inside a spot the contact's own pressure balances it.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ LocalAttraction = Callable[[Tensor], Tensor]
 
 _MOST_ROUNDS = 40
 _HISTORY = 3
-# Mean change of the shape from round to round: the strength then moves by less than half of it.
+# Mean change of the shape in a step: the strength then moves by less than half of it.
 _SETTLED = 3e-4
 _FIRST_TOLERANCE = 1e-3
 # The effect of a contact's residual on the attraction depends on the gap that halves it: contacts
-# are solved to a smaller residual where that gap is below a twelfth of h_rms. Otherwise the rounds
-# of a skin of 22 um on an insulator of 0.1 um do not converge below the error of their contacts.
-# The residual is never smaller than rounding allows.
+# are solved to a smaller residual where that gap is below a twelfth of h_rms. Otherwise the
+# iteration for a skin of 22 um on an insulator of 0.1 um does not converge below the error of their
+# contacts. The residual is never smaller than rounding allows.
 _HALVINGS = 12.0
 _SHARPEST = 1e-5
 
 
-class PulledContact:
+class AttractedContact:
     """One surface under an attraction of given mean; each solve starts from the one before.
 
     Parameters
@@ -69,27 +69,27 @@ class PulledContact:
         self._sharpness = min(1.0, max(_SHARPEST, halvings))
         self._tolerance = tolerance * self._sharpness
         self._hardness = problem.ceiling_pa
-        self.pull_pa = 0.0
+        self.attraction_pa = 0.0
         self.iterations = 0
         self.converged = True
         self.contact = self._solve_contact(0.0, None, self._tolerance)
         self.traction, self.shape = self._from_gap()
 
-    def strength(self, pull_pa: float) -> float:
-        """Solve at the mean attraction `pull_pa` [Pa]; the strength that keeps it up.
+    def strength(self, attraction_pa: float) -> float:
+        """Solve at the mean attraction `attraction_pa` [Pa]; return the strength that sustains it.
 
-        Where all of the solid yields, no strength keeps the attraction up: the result is half of
+        Where all of the solid yields, no strength sustains the attraction: the result is half of
         the strength of full contact, and the state stays that of the solve before.
         """
-        if self._hardness is not None and self._pressure + pull_pa >= self._hardness:
-            return pull_pa / float(self._attraction(self.traction.new_zeros(1))) / 2
-        self.pull_pa = pull_pa
+        if self._hardness is not None and self._pressure + attraction_pa >= self._hardness:
+            return attraction_pa / float(self._attraction(self.traction.new_zeros(1))) / 2
+        self.attraction_pa = attraction_pa
         mixing = _Anderson()
         shape = self.shape
         self.converged = False
         tolerance = max(self._tolerance, _FIRST_TOLERANCE * self._sharpness)
         for _ in range(_MOST_ROUNDS):
-            self.contact = self._solve_contact(pull_pa, shape, tolerance)
+            self.contact = self._solve_contact(attraction_pa, shape, tolerance)
             self.traction, found = self._from_gap()
             miss = float((found - shape).abs().mean())
             # On small grids a single pixel that closes or opens is more than that.
@@ -101,7 +101,7 @@ class PulledContact:
             tolerance = max(self._tolerance, min(tolerance, 0.03 * self._sharpness * miss))
             shape = mixing.next(shape, found)
         self.shape = found
-        return pull_pa / float(self.traction.mean())
+        return attraction_pa / float(self.traction.mean())
 
     @property
     def gaps_share(self) -> float:
@@ -110,15 +110,15 @@ class PulledContact:
         return 1 - float((self.shape * spots).mean())
 
     def _solve_contact(
-        self, pull_pa: float, shape: Tensor | None, tolerance: float
+        self, attraction_pa: float, shape: Tensor | None, tolerance: float
     ) -> BoundedSolution:
         height = self._height
         start = None
         if shape is not None:
             # The displacement by the attraction, subtracted from the heights.
-            height = height + pull_pa * self._problem.levels[0].displacement(shape)
+            height = height + attraction_pa * self._problem.levels[0].displacement(shape)
             start = self.contact.pressure_pa
-        mean = torch.full_like(self._scale, self._pressure + pull_pa)
+        mean = torch.full_like(self._scale, self._pressure + attraction_pa)
         solved = self._problem.solve(height, mean, self._scale, tolerance, start)
         self.iterations += int(solved.iterations)
         return solved
@@ -137,17 +137,17 @@ def _half_fall(attraction: LocalAttraction, h_rms_m: float) -> float:
 
 
 class _Anderson:
-    """Anderson's mixing of the last rounds of a fixed point."""
+    """Anderson's mixing of the last steps of a fixed-point iteration."""
 
     def __init__(self) -> None:
         self._inputs: list[Tensor] = []
         self._misses: list[Tensor] = []
 
     def next(self, given: Tensor, found: Tensor) -> Tensor:
-        """The next input, after `given` led to `found`."""
+        """Return the next input, after `given` led to `found`."""
         miss = (found - given).flatten()
         if self._misses and miss.norm() > self._misses[-1].norm():
-            # The rounds are not linear where pixels close: what they did before says little.
+            # The iteration is not linear where pixels close: its history says little.
             self._inputs.clear()
             self._misses.clear()
         self._inputs.append(found.flatten())
@@ -158,7 +158,7 @@ class _Anderson:
         change = torch.stack([miss - old for old in self._misses[:-1]], 1)
         moved = torch.stack([self._inputs[-1] - old for old in self._inputs[:-1]], 1)
         normal = change.T @ change
-        # A ridge of rounding's size: two rounds that hardly differ would make it singular.
+        # A ridge of rounding's size: two steps that hardly differ would make it singular.
         ridge = 1e-10 * normal.diagonal().sum() * torch.eye(len(normal)).to(normal)
         weights = torch.linalg.solve(normal + ridge, change.T @ miss)
         mixed: Tensor = self._inputs[-1] - moved @ weights

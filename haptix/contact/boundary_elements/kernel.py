@@ -1,4 +1,4 @@
-"""The elastic solid on a periodic grid: pressure to displacement and back, wave by wave."""
+"""The elastic solid on a periodic grid: pressure to displacement and back in Fourier space."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from haptix.contact.elasticity import ElasticSolid
 
 @dataclass(frozen=True)
 class PeriodicSolid:
-    """Surface compliance ``2 / (q E*(q))`` of every wave of a square periodic box.
+    """Surface compliance ``2 / (q E*(q))`` at every wavenumber of a square periodic box.
 
     The mean of the pressure moves a half-space bodily, which the gap's free level takes up: the
     compliance of the mean is set to 0, and displacements have no mean.
     """
 
     compliance: Tensor
-    """Displacement per pressure [m/Pa], shape (n, n // 2 + 1): as `torch.fft.rfft2` has waves."""
+    """Displacement per pressure [m/Pa], shape (n, n // 2 + 1), ordered as `torch.fft.rfft2`."""
     stiffness: Tensor
     """Its inverse ``q E*(q) / 2`` [Pa/m], and 0 for the mean."""
 
@@ -28,7 +28,7 @@ class PeriodicSolid:
     def on_grid(
         cls, solid: ElasticSolid, points: int, side_m: float, device: torch.device | None = None
     ) -> PeriodicSolid:
-        """Sample `solid` at the waves of `points` x `points` pixels on a box of `side_m` [m]."""
+        """Sample `solid` at the wavenumbers of `points` x `points` pixels on `side_m` [m]."""
         q = wavenumbers(points, side_m)
         q[0, 0] = q[0, 1]  # any; the mean is set below
         stiffness = q * solid.effective_modulus(q).detach() / 2

@@ -9,9 +9,9 @@ import torch
 
 from haptix.errors import InputError
 
-# Doubles a point at the peak. Counted there are 12 fields of the descent, 6 of transforms and their
-# temporaries, and as many again of Anderson's rounds and the gaps' distribution; at 512 and 1024
-# points the process grew by 22 and by 44 doubles a point.
+# Doubles per point at the peak: 12 fields of the descent, 6 of transforms and their temporaries,
+# and as many again of Anderson's mixing and the gap distribution. At 512 and 1024 points the
+# process grew by 22 and by 44 doubles per point.
 CONTACT_FIELDS = 24
 ATTRACTION_FIELDS = 24
 

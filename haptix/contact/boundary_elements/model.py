@@ -15,7 +15,7 @@ from torch import Tensor
 from haptix import checks
 from haptix.contact.boundary_elements.bounded import BoundedProblem, BoundedSolution
 from haptix.contact.boundary_elements.branch import lowest_branch
-from haptix.contact.boundary_elements.coupled import LocalAttraction, PulledContact
+from haptix.contact.boundary_elements.coupled import AttractedContact, LocalAttraction
 from haptix.contact.boundary_elements.ensemble import Progress, Row, run_ensemble
 from haptix.contact.boundary_elements.memory import check_memory, surfaces_that_fit
 from haptix.contact.boundary_elements.results import ContactSolution, corrected_area, open_quantiles
@@ -26,7 +26,7 @@ from haptix.status import Status
 from haptix.threads import given_threads
 
 # Of the strength reported past the limit of light contact, with the attraction of the gaps: steep
-# enough that a hundredth of it is a tenth of the strength, and no step is lost on what lies beyond.
+# enough that a hundredth of it is a tenth of the strength, and no step is spent beyond.
 _FALL = -8.0
 # Of p0, at most, to start a branch with: a rough contact gives way by some h_rms/2 where its
 # pressure grows by e, and only an attraction of about p0 answers that with as much again.
@@ -54,7 +54,7 @@ class BoundaryElements:
         within about that of the exact ones on the grid, and fewer than one contact pixel in 10^3
         undecided.
     device : torch.device or str
-        Where the fields live.
+        Device of the fields.
     at_a_time : int, optional
         Surfaces in one batch: by default 1 on a CPU, where batches run side by side on its threads,
         and as many as fit on a GPU.
@@ -158,7 +158,7 @@ class BoundaryElements:
         strength : array_like, shape (strengths,) or a number
             Factors on the attraction, 0 or more, in rising order.
         checkpoint, progress
-            As `solve` takes them.
+            As in `solve`.
         light_limit : float
             The branch is also taken to end where p0 and the attraction of the open gaps are this
             many times p0: what lies beyond is not solved.
@@ -288,12 +288,12 @@ class BoundaryElements:
         strengths: Tensor,
         light_limit: float,
     ) -> Row:
-        """One surface at one pressure along all strengths."""
-        contact = PulledContact(self._problem, height, pressure, attraction, self.tolerance)
+        """Solve one surface at one pressure along all strengths."""
+        contact = AttractedContact(self._problem, height, pressure, attraction, self.tolerance)
         reached: list[Row] = []
 
         def record(strength: float, status: Status = Status.OK) -> None:
-            reached.append(self._measure_pulled(contact, strength, status))
+            reached.append(self._measure_attracted(contact, strength, status))
 
         unloaded = int((strengths == 0).sum())
         if unloaded:
@@ -306,10 +306,10 @@ class BoundaryElements:
             if self.hardness_pa is not None:
                 first = min(first, _FIRST_PULL * (self.hardness_pa - pressure))
 
-            def strength_at(pull_pa: float) -> float:
-                found = contact.strength(pull_pa)
+            def strength_at(attraction_pa: float) -> float:
+                found = contact.strength(attraction_pa)
                 # Falls with the gaps' attraction past the limit: the branch ends there.
-                share = contact.gaps_share * contact.pull_pa / ((light_limit - 1) * pressure)
+                share = contact.gaps_share * contact.attraction_pa / ((light_limit - 1) * pressure)
                 return found if share <= 1 else found * share**_FALL
 
             bracket = lowest_branch(wanted, first, strength_at, record) or bracket
@@ -321,7 +321,7 @@ class BoundaryElements:
         )
         return rows
 
-    def _measure_pulled(self, contact: PulledContact, strength: float, status: Status) -> Row:
+    def _measure_attracted(self, contact: AttractedContact, strength: float, status: Status) -> Row:
         row = {key: value[0] for key, value in self._measure(contact.contact).items()}
         spots = contact.contact.pressure_pa > 0
         traction = strength * contact.traction
@@ -333,7 +333,7 @@ class BoundaryElements:
         return {key: value.cpu() for key, value in row.items()}
 
     def _fingerprint(self, *loads: Any) -> str:
-        """What the results depend on, as a hash."""
+        """Return a hash of everything that the results depend on."""
         digest = hashlib.sha256()
         grid = self._problem.levels[0]
         for field in (self.surfaces.height_m, grid.compliance.cpu()):

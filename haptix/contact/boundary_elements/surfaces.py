@@ -17,7 +17,7 @@ from haptix.contact.roughness import RoughnessSpectrum
 from haptix.errors import InputError
 
 _LEAST_POINTS = 16
-# Of a measured map's mean-square slope: what lies in waves shorter than the band is noise.
+# Of a measured map's mean-square slope: what lies at higher wavenumbers than the band is noise.
 _SHARE_IN_BAND = 0.999
 # A map whose borders do not meet has a jump there of many usual steps between neighbours.
 _JUMP = 3.0
@@ -36,9 +36,9 @@ class Surfaces:
     """Length of the periodic box [m]."""
     q_low: float
     q_high: float
-    """Longest and shortest wave [1/m]."""
+    """Lowest and highest wavenumber [1/m]."""
     waves_in_box: float
-    """Number of waves at the roll-off along a side: ``q_r side / 2 pi``."""
+    """Number of roll-off wavelengths along a side: ``q_r side / 2 pi``."""
 
     @classmethod
     def random(
@@ -59,24 +59,24 @@ class Surfaces:
         Parameters
         ----------
         spectrum : RoughnessSpectrum
-            C(q) [m^4]; outside its band there are no waves.
+            C(q) [m^4]; outside its band there is no roughness.
         points : int
             Pixels along a side, n.
         side_m : float, optional
-            Box [m]; by default the spectrum's longest wave fits once.
+            Box [m]; by default the spectrum's longest wavelength.
         surfaces : int
             Number of surfaces.
         seed : int
             Seed of the phases, 0 or more.
         q_high : float, optional
-            Cut the spectrum at this wave [1/m]; by default its own end. What is cut off is missed:
-            compare `slope_rms` with the spectrum's.
+            Cut the spectrum at this wavenumber [1/m]; by default its own end. To see what is
+            missing, compare `slope_rms` with the spectrum's.
 
         Raises
         ------
         InputError
-            If a number is impossible, or the grid has less than 2 pixels in the shortest wave, or
-            the box less than one wave of the roll-off.
+            If a number is impossible, or the grid has less than 2 pixels per shortest wavelength,
+            or the box less than one roll-off wavelength.
 
         Warns
         -----
@@ -92,7 +92,7 @@ class Surfaces:
         checks.positive("side_m", side)
         if q_end <= spectrum.q0:
             raise InputError(
-                f"q_high: expected a wave above the spectrum's longest, {spectrum.q0:g} /m, "
+                f"q_high: expected a wavenumber above the spectrum's lowest, {spectrum.q0:g} /m, "
                 f"got {q_end:g} /m"
             )
         waves_in_box = spectrum.q_rolloff * side / (2 * pi)
@@ -133,8 +133,8 @@ class Surfaces:
         Warns
         -----
         ResolutionWarning
-            As `random` does; the shortest wave is that below which 99.9 % of the mean-square slope
-            lies. Also where opposite borders do not meet.
+            As `random` does; the highest wavenumber is that below which 99.9 % of the mean-square
+            slope lies. Also where opposite borders do not meet.
         """
         checks.positive("pixel_m", pixel_m)
         height = torch.as_tensor(np.asarray(height_m, dtype=float)).clone()
@@ -168,7 +168,7 @@ class Surfaces:
         roughness = power.flatten()[order].cumsum(0)
         at_share = int(torch.searchsorted(slope, _SHARE_IN_BAND * slope[-1]))
         q_high = float(rising[min(at_share, len(rising) - 1)])
-        # Half of the mean square lies in waves longer than this one.
+        # Half of the mean square lies below this wavenumber.
         middle = float(rising[int(torch.searchsorted(roughness, roughness[-1] / 2))])
         waves_in_box = middle * side / (2 * pi)
         check_resolution(2 * pi / (q_high * pixel_m), waves_in_box, _border_jump(height))
@@ -189,7 +189,7 @@ class Surfaces:
 
     @property
     def pixels_per_shortest_wave(self) -> float:
-        """How finely the shortest wave is sampled."""
+        """Pixels per shortest wavelength."""
         return 2 * pi / (self.q_high * self.pixel_m)
 
     @property
@@ -199,7 +199,7 @@ class Surfaces:
 
     @property
     def slope_rms(self) -> Tensor:
-        """Root-mean-square slope achieved, shape (surfaces,): that of the waves, not of pixels."""
+        """Root-mean-square slope achieved, shape (surfaces,): of the waves, not between pixels."""
         q = wavenumbers(self.points, self.side_m)
         return torch.stack([(q**2 * _power(h)).sum().sqrt() for h in self.height_m])
 
