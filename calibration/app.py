@@ -28,9 +28,7 @@ app = typer.Typer(
 
 Folder = Annotated[Path, typer.Argument(help="Folder of the session.")]
 FingerOption = Annotated[str, typer.Option(help="Finger: a preset (semi-wet, wet) or a TOML file.")]
-ScreenOption = Annotated[
-    str, typer.Option(help="Screen as it is believed to be: a preset or a TOML file.")
-]
+ScreenOption = Annotated[str, typer.Option(help="Assumed screen: a preset or a TOML file.")]
 
 
 @app.command()
@@ -47,7 +45,7 @@ def plan(
     screen: ScreenOption = "3m-sct3250",
     as_json: AsJson = False,
 ) -> None:
-    """Write the protocol: which strokes to make, and what they are expected to tell."""
+    """Write the protocol, that is which strokes to make, and print the errors to expect."""
     from calibration.steps import plan_strokes
     from haptix.finger import Finger
     from haptix.screen import Screen
@@ -78,9 +76,9 @@ def measure(
     protocol: Annotated[
         Path | None, typer.Option("--plan", help="Protocol. [default: that of a resumed session]")
     ] = None,
-    source: Annotated[str, typer.Option(help="Of force: virtual, csv or inputs.")] = "inputs",
+    source: Annotated[str, typer.Option(help="Of the forces: virtual, csv or inputs.")] = "inputs",
     device: Annotated[
-        str | None, typer.Option(help="Driver, such as usb: or mock:; without, nothing is played.")
+        str | None, typer.Option(help="Driver, such as usb: or mock:; by default, nothing plays.")
     ] = None,
     screen: ScreenOption = "3m-sct3250",
     name: Annotated[str | None, typer.Option(help="Name of this screen alone.")] = None,
@@ -184,7 +182,7 @@ def fit(
     ] = None,
     prior: Annotated[
         list[str] | None,
-        typer.Option(help="Known before: NAME=VALUE,SPREAD (0.1 for 10 %); may be repeated."),
+        typer.Option(help="Prior: NAME=VALUE,SPREAD (0.1 for 10 %); may be repeated."),
     ] = None,
     finger: Annotated[
         Path | None, typer.Option(help="fit.json of the same finger on another screen.")
@@ -199,7 +197,7 @@ def fit(
 ) -> None:
     """Fit screen and finger, and report what the strokes determine.
 
-    A parameter that they do not determine has no number, but an experiment that would give one.
+    A parameter that they do not determine has no value, but the experiment that would give one.
     """
     from calibration.steps import FIT, fit_folder
 

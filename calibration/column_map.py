@@ -48,7 +48,7 @@ class CsvColumn(Part):
         Heading of the column, without blanks at its ends; None where there is no column.
     unit : str or None
         Unit of the column: s, ms or us; N, mN, gf, kgf or lbf; mm, m, cm or um; V, mV or kV. "raw"
-        leaves a signal without a unit as it is.
+        keeps the numbers of a signal without a unit.
     scale : float
         Further factor: the gain of a divider, or -1 for a sign.
     speed_mm_per_s : float or None
@@ -125,7 +125,7 @@ class ColumnMap(Document):
         Raises
         ------
         FileFormatError
-            If the file cannot be read, a column is missing or a cell is no number; the message
+            If the file cannot be read, a column is missing or a cell is not a number; the message
             names column and line.
         """
         header, rows = self._rows(path)

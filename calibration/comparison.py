@@ -28,14 +28,14 @@ _NEGLIGIBLE = 0.05  # JND: the planning rule's usual share of a budget
 
 @dataclass(frozen=True)
 class TermNeed:
-    """What the strokes say of one term.
+    """Evidence of the strokes for or against one term.
 
     Parameters
     ----------
     term : str
         Its name.
     is_on : bool
-        Whether the fit had it.
+        Whether the term was on in the fit.
     need : {"needed", "contradicted", "cannot tell", "changes nothing"}
         The conclusion.
     evidence : float

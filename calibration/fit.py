@@ -41,14 +41,14 @@ _UpperBound = Annotated[  # JSON has no infinity
 
 
 class ParameterEstimate(Part):
-    """What a fit says of one parameter.
+    """A fit's estimate of one parameter.
 
     Parameters
     ----------
     name : str
         Of `calibration.parameters.NAMES`.
     value : float or None
-        In the unit that the name ends with; None where the strokes do not determine it.
+        Value in the unit that the name ends with; None where the strokes do not determine it.
     low, high : float
         90 % interval; 0 or infinite where the strokes set no bound.
     spread : float
@@ -80,7 +80,7 @@ class ParameterEstimate(Part):
         }
 
     def refusal(self) -> str:
-        """Return one sentence: why there is no number, and what would give one."""
+        """Return one sentence: why there is no value, and what would give one."""
         if self.low > 0 and self.high < inf:
             bounds = f"anything from {self.low:.3g} to {self.high:.3g} fits"
         elif self.low > 0:
@@ -106,7 +106,7 @@ class Fit(Document):
         Best values, those of undetermined parameters included: together they predict, alone they
         mean nothing.
     covariance : array, shape (free, free)
-        Of the logarithms.
+        Covariance of the logarithms.
     repeatability : Repeatability
         How well the strokes repeat.
     cost : float
@@ -180,7 +180,7 @@ class Fit(Document):
             raise InputError(f"{name}: the fit has no such value") from None
 
     def finger_prior(self) -> FingerPrior:
-        """What this fit knows of the finger, for the next screen that it touches."""
+        """Return what was fitted of the finger, as a prior for another screen."""
         names = tuple(name for name in self.free if name in PER_FINGER)
         at = [self.free.index(name) for name in names]
         values = [self.log_values[self.names.index(name)] for name in names]

@@ -50,7 +50,7 @@ class InputChannel(Part):
 
 
 class Inputs(Document):
-    """All channels of one device: see the module."""
+    """One device with its channels: see the module."""
 
     kind: Literal["audio", "national-instruments"]
     device: str | int = ""

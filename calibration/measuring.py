@@ -132,7 +132,7 @@ def measure(
     Parameters
     ----------
     session, source : Session, ForceSource
-        Where to keep strokes; instruments.
+        Folder that keeps the strokes, and the instruments.
     device : Device, optional
         Plays the drive; without one nothing is played (a replay).
     watcher : Watcher, optional
@@ -142,7 +142,7 @@ def measure(
     most_tries : int
         Attempts at each stroke. After them it stays open for a resumed session.
     clock, sleep : callable
-        For instruments that record in real time.
+        Time [s] and waiting, for instruments that record in real time.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The parameters of a calibration, all positive, and what is known of them beforehand.
+"""The parameters of a calibration, all positive, and their priors.
 
 All are fitted as logarithms: a prior of 0.2 means "within some 20 %".
 """
@@ -108,7 +108,7 @@ class Parameter:
     value : float
         Where the fit starts, and the middle of the prior.
     prior : float or None
-        Standard deviation of the logarithm before the strokes; None without any knowledge.
+        Prior standard deviation of the logarithm; None without a prior.
     is_fixed : bool
         Whether the value is held.
     """
@@ -130,16 +130,16 @@ class Parameter:
 
 @dataclass(frozen=True)
 class FingerPrior:
-    """What an earlier fit knows of the finger: a Gaussian in the logarithms.
+    """Prior of the finger from an earlier fit: a Gaussian in the logarithms.
 
     Parameters
     ----------
     names : tuple of str
-        Of `PER_FINGER`.
+        Names of parameters, from `PER_FINGER`.
     log_value : array, shape (names,)
-        Middle.
+        Mean of the logarithms.
     covariance : array, shape (names, names)
-        Of the logarithms.
+        Covariance of the logarithms.
     """
 
     names: tuple[str, ...]
@@ -229,7 +229,7 @@ class Parameters:
         return self.started_at(**{n: v for n, v in values.items() if self[n].prior is None})
 
     def with_finger(self, prior: FingerPrior) -> Parameters:
-        """Return a copy that knows of the finger what an earlier fit has found."""
+        """Return a copy with the prior of the finger that an earlier fit gives."""
         changed = {
             name: Parameter(name, float(np.exp(value)))
             for name, value in zip(prior.names, prior.log_value, strict=True)
@@ -253,7 +253,7 @@ class Parameters:
         return middle - furthest, middle + furthest
 
     def prior_spread(self, name: str) -> float | None:
-        """Standard deviation of a logarithm before the strokes; None without any knowledge."""
+        """Prior standard deviation of a logarithm; None without a prior."""
         prior = self.finger_prior
         if prior is None or name not in prior.names:
             return self[name].prior
@@ -261,7 +261,7 @@ class Parameters:
         return sqrt(float(prior.covariance[at, at]))
 
     def prior_information(self) -> Array:
-        """Inverse covariance of the free parameters before the strokes."""
+        """Inverse prior covariance of the free parameters."""
         rows, _ = self.prior_rows()
         return rows.T @ rows
 

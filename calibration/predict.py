@@ -1,4 +1,4 @@
-"""What strokes should give: mean friction and its ripple at 2f, with their Jacobian.
+"""Predicted mean friction of strokes and its ripple at 2f, with their Jacobian.
 
 The mean over a drive period differs by some 10 % from the friction at the mean attraction. So each
 stroke is solved at instants of the period, as `ContactModel.over_period` does, and averaged as the
@@ -59,7 +59,7 @@ class StrokeConditions:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the model says of strokes.
+    """Prediction of the model for strokes.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ class StrokePredictor:
         count = len(strokes)
 
         def each(of_stroke: Tensor) -> Tensor:
-            """A value a stroke as one an instant."""
+            """Repeat the value of each stroke at its instants."""
             return of_stroke[:, None].expand(count, _INSTANTS).reshape(-1)
 
         force, voltage, frequency, speed = (

@@ -1,6 +1,6 @@
 """The protocol: which strokes to make, as a file that a person can read and edit.
 
-The strokes of a short one are those that should say most about the parameters.
+The strokes of a short protocol are chosen for their information about the parameters.
 """
 
 from __future__ import annotations
@@ -47,15 +47,15 @@ class Stroke(Part):
     Parameters
     ----------
     number : int
-        From 1; names the file.
+        Number from 1, also in the name of its file.
     normal_force_n, voltage_v, frequency_hz : float
         Force [N] to hold, amplitude [V] and frequency [Hz] of the sine that is played.
     speed_mm_per_s, length_mm : float
-        How to slide.
+        Speed [mm/s] and length [mm] of the slide.
     there_and_back : bool
         Whether the finger slides back under the same drive, which cancels the sensor's cross-talk.
     held_out : bool
-        Kept out of the fit, for verification.
+        Whether it is kept out of the fit, for verification.
     """
 
     number: Annotated[int, Field(ge=1)]
@@ -93,7 +93,7 @@ class Protocol(Document):
     Parameters
     ----------
     name : str
-        Such as "paper", "full" or "short".
+        Name, such as "paper", "full" or "short".
     idle_s : float
         Untouched time [s] at the start and the end of each recording: the sensor's zero.
     tolerance : float
@@ -170,7 +170,7 @@ def full_protocol(max_voltage_v: float = 200.0) -> Protocol:
 
 
 def _scaled(rows: Iterable[Sequence[float]], max_voltage_v: float) -> list[Sequence[float]]:
-    """Lower the paper's voltages in proportion for a screen that bears less."""
+    """Lower the paper's voltages in proportion for a screen that withstands less."""
     share = min(positive("max_voltage_v", max_voltage_v) / VOLTAGES_V[-1], 1.0)
     return [(force, share * volts, hertz) for force, volts, hertz in rows]
 
@@ -235,7 +235,7 @@ def short_protocol(
     usable = cases[1][1]
     if not usable[strokes.voltage_v > 0].any():
         raise InputError(
-            f"max_voltage_v: expected one that the light contact bears, got {max_voltage_v:g} V; "
+            f"max_voltage_v: expected one at which contact stays light, got {max_voltage_v:g} V; "
             "lower it"
         )
     each_s = float(Protocol.model_fields["seconds_per_stroke"].default)

@@ -53,9 +53,9 @@ class Conditions:
     instruments : mapping of str to str
         Name to serial number, such as ``{"force sensor": "FT12345"}``.
     temperature_c, humidity_percent : float or None
-        Of the room.
+        Temperature and humidity of the room.
     operator : str
-        Who measured.
+        Name of the person who measured.
     started : str
         When, ISO 8601.
     """
@@ -74,7 +74,7 @@ class StrokeRecording:
     Parameters
     ----------
     stroke : Stroke
-        What was planned.
+        The planned stroke.
     t_s, normal_force_n, tangential_force_n, x_mm, drive_v : array
         Signals, in these units.
     conditions : Conditions

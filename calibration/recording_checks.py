@@ -32,7 +32,7 @@ class Finding:
     Parameters
     ----------
     kind : str
-        Such as "clipped force".
+        Kind of fault, such as "clipped force".
     message : str
         What was expected, what was found and what to do.
     is_fatal : bool

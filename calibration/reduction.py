@@ -34,7 +34,7 @@ class Point:
     Parameters
     ----------
     number : int
-        Of the stroke.
+        Number of the stroke.
     normal_force_n, voltage_v, frequency_hz, speed_mm_per_s : float
         As measured, but for the frequency, which is the played one.
     mu, mu_sd : float
@@ -103,7 +103,7 @@ class Reduced:
         Raises
         ------
         FileFormatError
-            If the file is missing or is no such table.
+            If the file is missing or is not such a table.
         """
         try:
             cells = [dict(row.cells) for row in read_csv(path, _COLUMNS)]

@@ -45,7 +45,7 @@ def write_report(
 ) -> None:
     """Write the page, or raise `FileFormatError`.
 
-    The screen is as calibrated, or as it was believed to be where no profile was written since the
+    The screen is as calibrated, or as it was assumed where no profile was written since the
     insulator is not determined.
     """
     picture = _picture(fit, reduced, verification, predictor)

@@ -112,11 +112,11 @@ class Residuals:
         return np.asarray(rows[:, self._at] / self._sd[:, None])
 
     def __call__(self, free: Array) -> Array:
-        """All residuals."""
+        """Return the residuals of data and priors."""
         return np.concatenate([self.data(free), self.prior_matrix @ free - self.prior_target])
 
     def jacobian(self, free: Array) -> Array:
-        """All derivatives."""
+        """Return the derivatives of the residuals of data and priors."""
         return np.concatenate([self.data_jacobian(free), self.prior_matrix])
 
     def loss(self, square: Array) -> Array:

@@ -105,7 +105,7 @@ def spatial_period_mm(
     Parameters
     ----------
     t_s, x_mm, normal_force_n : array, shape (samples,)
-        As of `full_slip`.
+        As for `full_slip`.
     signals : array, shape (samples,) or (samples, channels)
         Signals of any sensor that touches the surface; each channel is scaled to unit variance.
     shortest_mm, longest_mm : float

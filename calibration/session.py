@@ -29,9 +29,9 @@ class SessionInfo(Document):
     Parameters
     ----------
     screen, finger : Screen, Finger
-        As they are believed to be: where the fit starts. The screen has a name of its own.
+        The assumed ones, from which the fit starts. The screen has a name of its own.
     operator : str
-        Who measures.
+        Name of the person who measures.
     crosstalk : float
         Share of the normal force that the tangential axis shows, from the sensor's certificate.
     """

@@ -21,7 +21,7 @@ _LIVE_S = 0.05  # over which force and speed are shown
 
 @dataclass(frozen=True)
 class StrokeDrive:
-    """What is played during one recording: volts from its first instant on."""
+    """Drive of one recording: volts from its first instant on."""
 
     volts: Array
     sample_rate_hz: float
@@ -40,7 +40,7 @@ class StrokeDrive:
 
 @dataclass(frozen=True)
 class Live:
-    """What the person sees while sliding."""
+    """Force and speed that the person sees while sliding."""
 
     normal_force_n: float
     speed_mm_per_s: float

@@ -46,7 +46,7 @@ SCREEN, FINGER, REPORT, ARCHIVE = "screen.toml", "finger.toml", "report.html", "
 
 
 class PlannedSession(NamedTuple):
-    """A protocol, the spread that each parameter is expected to keep, and strokes that snap in."""
+    """A protocol, the expected spread of each parameter, and the strokes that snap in."""
 
     protocol: Protocol
     expected_spread: dict[str, float]
@@ -58,7 +58,7 @@ def plan_strokes(
 ) -> PlannedSession:
     """Plan a calibration by the protocol "paper", "full" or "short".
 
-    Finger and screen are as they are believed to be. A short protocol takes `minutes`. The highest
+    Finger and screen are the assumed ones. A short protocol takes `minutes`. The highest
     amplitude [V] is the screen's limit by default.
 
     Raises
