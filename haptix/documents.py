@@ -55,7 +55,7 @@ class Document(Part):
 
     @classmethod
     def preset(cls, name: str) -> Self:
-        """Return the document that ships under a name.
+        """Return a preset by its name.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class Document(Part):
 
     @classmethod
     def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
-        """Make one from the table of a file in `folder`."""
+        """Make a document from the table of a file in `folder`."""
         return cls(**fields)
 
     def save(self, path: str | Path) -> None:

@@ -96,7 +96,7 @@ class Finger(Document):
     Parameters
     ----------
     name : str
-        What to call it.
+        Name of the finger.
     youngs_modulus_pa, poisson_ratio, layer_thickness_m
         The stratum corneum.
     bulk_modulus_pa, bulk_poisson_ratio

@@ -49,11 +49,11 @@ class FingerResponse:
         Parameters
         ----------
         drive : ndarray, shape (rows, samples)
-            What is followed.
+            Signal that friction follows, such as the attraction.
         distance_mm : ndarray, shape (samples,)
             Slid distance of two samples or more, not decreasing.
         before : ndarray, shape (rows,), optional
-            y at the first sample; that of the drive without.
+            y at the first sample; by default that of the drive.
 
         Returns
         -------

@@ -210,7 +210,7 @@ class Scene(Document):
     @classmethod
     def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
         if "folder" in fields:
-            raise InputError("Scene.folder: a scene file has none; its paths start where it lies")
+            raise InputError("Scene.folder: a scene file has none; paths are relative to the file")
         return cls(**fields, folder=folder)
 
     def save(self, path: str | Path) -> None:
@@ -233,7 +233,7 @@ class Scene(Document):
         Raises
         ------
         InputError
-            If the drive is no sine: a friction surface holds the attraction of a sine only.
+            If the drive is not a sine: a friction surface holds the attraction of a sine only.
         """
         drive = self.drive
         if isinstance(drive, DirectDrive) and drive.waveform != "sine":

@@ -33,11 +33,11 @@ class Calibration(Part):
     date : datetime.date
         When it was measured.
     operator : str
-        By whom.
+        Name of the person who measured.
     instruments : tuple of str
         Names and serial numbers.
     verdict : {"passed", "failed"}
-        Of the verification on strokes kept out of the fit.
+        Result of the verification on strokes kept out of the fit.
     spread : mapping of str to float
         Standard deviation of the logarithm of each number that was found, such as 0.02 for 2 %.
     rests_on : tuple of str
@@ -63,11 +63,11 @@ class Screen(Document):
     Parameters
     ----------
     name : str
-        What to call it.
+        Name of the screen.
     insulator_thickness_m, insulator_permittivity
         d1 [m] and eps1 of the insulator over the conductor.
     insulator_strength_v_per_m
-        Field [V/m] that the insulator bears; a film of SiO2 bears 500 to 1000 V/um.
+        Field [V/m] that the insulator withstands, for a film of SiO2 500 to 1000 V/um.
     gap_resistivity_ohm_m
         Resistivity of what fills the gap [Ohm m], or None for dry air.
     max_voltage_v

@@ -1,4 +1,4 @@
-"""What the contact model returns."""
+"""Results of the contact model: states, and one period of a drive."""
 
 from __future__ import annotations
 

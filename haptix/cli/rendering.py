@@ -25,7 +25,7 @@ Image = Annotated[
 ]
 FingerPath = Annotated[
     Path | None,
-    typer.Option(help="CSV: t_s, x_mm, y_mm, normal_force_n. [default: one that ships]"),
+    typer.Option(help="CSV: t_s, x_mm, y_mm, normal_force_n. [default: a recorded path]"),
 ]
 Width = Annotated[float | None, typer.Option(help="Width of the photograph on the screen.")]
 Range = Annotated[
@@ -38,7 +38,7 @@ FingerName = Annotated[str, typer.Option(help="Finger: a preset's name or a TOML
 ScreenName = Annotated[str, typer.Option(help="Screen: a preset's name or a TOML file.")]
 CarrierHz = Annotated[float | None, typer.Option(help="Frequency of the carrier. [default: 4000]")]
 DirectHz = Annotated[float | None, typer.Option(help="Drive at this frequency, without a carrier.")]
-Waveform = Annotated[str, typer.Option(help="Of the direct drive: sine or square.")]
+Waveform = Annotated[str, typer.Option(help="Waveform of the direct drive: sine or square.")]
 LeadMs = Annotated[float, typer.Option(help="From computing a sample to its being played.")]
 
 

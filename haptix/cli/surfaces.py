@@ -43,7 +43,7 @@ Force = Annotated[str, typer.Option(help="Normal forces [N], comma-separated.")]
 Voltage = Annotated[str, typer.Option(help="Amplitudes [V], comma-separated.")]
 Frequency = Annotated[
     str | None,
-    typer.Option(help="Drive frequencies [Hz]; without, the skin counts as a conductor."),
+    typer.Option(help="Drive frequencies [Hz]. Without them the skin is a conductor."),
 ]
 Thickness = Annotated[
     str | None, typer.Option(help="d1/eps1 of the insulator [m]. [default: the screen's own]")
@@ -80,7 +80,7 @@ def build(
     ] = None,
     frequency_hz: Annotated[
         str | None,
-        typer.Option(help="Drive frequency [Hz]: LOW,HIGH or one; without, the skin conducts."),
+        typer.Option(help="Drive frequency [Hz]: LOW,HIGH or one. Without it the skin conducts."),
     ] = None,
     h0_m: Annotated[
         str | None, typer.Option(help="Range of d1/eps1 [m]. [default: the screen's own]")

@@ -15,7 +15,7 @@ from haptix.electro.pull import Pull
 from haptix.interpolation import UniformCubic
 
 # ln p steps of one lattice for all tables of a contact, so that a node's place, and with it every
-# result, does not depend on which pressures were asked for. It is anchored to the contact's own
+# result, does not depend on the requested pressures. It is anchored to the contact's own
 # stress, so that it scales with the moduli. 24 a decade: the cubic is within a few 1e-6.
 _STEP = log(10) / 24
 _MARGIN = 3  # nodes beyond the ends, so that every slope in use has its full stencil
@@ -98,7 +98,7 @@ class Attraction:
     spots: AreaFraction | None = None
     """A/A0 at pressures [Pa], where the attraction inside the spots loads the contact."""
     floor: Tensor | None = None
-    """ln p of each state below which its gaps stay as they are there (finite size)."""
+    """ln p of each state below which finite size keeps its gaps constant."""
 
     def gaps(self, log_pressure: Tensor) -> Tensor:
         """I of the gaps alone at ln p, shape (states,)."""
@@ -125,7 +125,7 @@ class Attraction:
 
     @property
     def nodes(self) -> Tensor:
-        """Ln p of the table's nodes."""
+        """Return ln p of the table's nodes."""
         count = self.log_gaps.values.shape[0]
         steps = torch.arange(count, dtype=torch.float64, device=self.column.device)
         return self.log_gaps.start + self.log_gaps.step * steps

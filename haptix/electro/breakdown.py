@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 NARROW_GAP_FIELD_V_PER_M = 350e6
-"""Field that gaps under 1 um bear."""
+"""Breakdown field of gaps under 1 um."""
 
 PASCHEN_MINIMUM_V = 327.0
 PASCHEN_MINIMUM_GAP_M = 7.5e-6
@@ -30,7 +30,7 @@ def breakdown_voltage(
     thickness_m : Tensor
         Effective thickness h0 [m], real or complex, any shape.
     insulator_permittivity, insulator_strength_v_per_m : float
-        eps1, and the field that the insulator bears [V/m].
+        eps1, and the field that the insulator withstands [V/m].
     """
     narrow = _bearable_field(insulator_permittivity, insulator_strength_v_per_m) * thickness_m.abs()
     # The share of the voltage that falls over such a gap is u / |u + h0|.

@@ -32,17 +32,17 @@ class Pull:
     """Attraction ``strength * sum_k weight_k kernel_k(u)`` of states on gaps u."""
 
     strength: Tensor
-    """Such as ``eps0 V0^2/4`` [N], shape (states,)."""
+    """Factor of the attraction, such as ``eps0 V0^2/4`` [N], shape (states,)."""
     kernel: Tensor
     """Mean over each bin of the contact's `gap_edges_m`, shape (columns, kernels, bins). A column
     is what states have in common: an insulator, an instant or a stroke."""
     spot: Tensor
-    """The same in a contact spot, shape (columns, kernels)."""
+    """Kernels in a contact spot, shape (columns, kernels)."""
     column: Tensor | None = None
     """The column of each state, shape (states,); not needed with weights."""
     weight: Tensor | None = None
-    """Of the kernels, shape (columns, states of each, kernels); None where there is one kernel, of
-    weight 1."""
+    """Weights of the kernels, shape (columns, states of each, kernels); None where there is one
+    kernel, of weight 1."""
     thickness_m: Tensor | None = None
     """h0 [m] of each column, real or complex, for the mean of a sine; None for other drives."""
 

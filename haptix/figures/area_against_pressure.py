@@ -13,8 +13,8 @@ from haptix.electro import Pull
 from haptix.fidelity import Contact, Load, MeanFieldBalance
 from haptix.figures.data import COLD_TO_HOT, Array, FigureData
 
-# What 512 x 512 points can hold with eight of them in the shortest wave: 1 um of roughness on skin
-# of 40 MPa, not a whole finger.
+# What 512 x 512 points can hold with eight of them per shortest wavelength: 1 um of roughness on
+# skin of 40 MPa, not a whole finger.
 SPECTRUM = RoughnessSpectrum.self_affine(1e-6, 0.8, 22.5e3, 90e3, 1.44e6)
 SKIN = HalfSpace(40e6, 0.5)
 H0_M = 0.2e-6

@@ -16,21 +16,21 @@ from haptix.status import Status
 Array = npt.NDArray[np.float64]
 
 COLD_TO_HOT = ("#4477aa", "#66a9c9", "#228833", "#ccaa22", "#ee6677", "#882255")
-"""Colours of a family of curves, told apart by the colour-blind too (after P. Tol)."""
+"""Colours of a family of curves, distinct for the colour-blind too (after P. Tol)."""
 
-NARROW_GAPS_BEAR = f"the {NARROW_GAP_FIELD_V_PER_M / 1e6:g} V/µm that narrow gaps bear"
+NARROW_GAPS_BEAR = f"the {NARROW_GAP_FIELD_V_PER_M / 1e6:g} V/µm that narrow gaps withstand"
 """For captions: the field above which sparks are expected."""
 
 
 @dataclass(frozen=True)
 class FigureData:
-    """One figure."""
+    """A figure: its numbers, caption and drawing function."""
 
     name: str
     """Stem of its files."""
     title: str
     caption: str
-    """What is shown, for which set-up, and what the numbers rest on."""
+    """Content, set-up, and what the numbers rest on."""
     columns: Mapping[str, Array]
     """Numbers by name with unit, each of shape (rows,). A state past the light contact has NaN, and
     says so in a column of `haptix.Status`."""

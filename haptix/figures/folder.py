@@ -1,4 +1,4 @@
-"""All figures into a folder: a PNG and a CSV each, and the captions as JSON."""
+"""Write all figures into a folder: a PNG and a CSV each, and the captions as JSON."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def write_figures(
     on_progress : callable
         Called with "model", "draw" or "write" and the share of it that is done.
     names : sequence of str
-        Figures to draw, such as "fig2d" or "2d"; all of them without.
+        Figures to draw, such as "fig2d" or "2d"; by default all of them.
 
     Raises
     ------

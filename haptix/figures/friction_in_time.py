@@ -46,7 +46,7 @@ def friction_in_time() -> data.FigureData:
 
     caption = (
         f"Friction force at a normal force of {FORCE_N:g} N, with {VOLTAGE_V:g} V at "
-        f"{FREQUENCY_HZ:g} Hz on the screen and with the voltage off. The attraction goes with the "
+        f"{FREQUENCY_HZ:g} Hz on the screen and with the voltage off. Attraction depends on the "
         f"square of the voltage, so that friction ripples at {2 * FREQUENCY_HZ:g} Hz: from "
         f"{friction.min():.3f} to {friction.max():.3f} N, mean {friction.mean():.3f} N; without "
         f"voltage {off_n:.3f} N. The contact follows the attraction without delay, and the skin's "

@@ -53,31 +53,31 @@ class ContactModel:
     Parameters
     ----------
     finger : Finger
-        What touches. Fields given as tensors that require grad are differentiated through.
+        The finger. Fields given as tensors that require grad are differentiated through.
     screen : Screen
-        What is touched.
+        The touchscreen.
     fidelity : {"mean-field", "closed-form", "boundary-element"}
         How the contact is solved.
     dtype : torch.dtype
-        Of the results. The arithmetic is float64, so float32 results are within 6e-8, relative.
+        Precision of the results. The arithmetic is float64: float32 is within 6e-8, relative.
     device : str
-        Where the tables live.
+        Device of the tables.
     theory : {"open-gaps", "as-published", "corrected"}
         Form of the mean field: the paper's without the attraction inside the contact spots; the
         paper as printed; or what agrees with boundary elements, see `haptix.contact.THEORIES`.
     contact_spots : {"excluded", "included"}, optional
-        Whether the attraction inside the contact spots loads the contact; the theory's own without.
+        Whether the attraction inside the contact spots loads the contact; by default the theory's.
     gap_distribution : {"plain", "combined"}, optional
-        See `haptix.contact.MeanField`; the theory's own without.
+        See `haptix.contact.MeanField`; by default the theory's.
     gamma : float, optional
-        Factor of the elastic energy in the separation; the theory's own without.
+        Factor of the elastic energy in the separation; by default the theory's.
     terms : set of str, or mapping of str to bool, optional
         Names of all terms that are on, or single ones to switch. Without it those are on that
         finger and screen have values for. `haptix.terms.TERMS` lists them all.
     boundary_elements : BoundaryElementBox, optional
         Surfaces of fidelity "boundary-element". The default holds only a part of a finger's
         roughness, and warns of it. `contact` and `theory` are then the mean field of that part.
-        Pull-in is searched up to the highest voltage asked for at a place; it is infinite where
+        Pull-in is searched up to the highest requested voltage at a place; it is infinite where
         none is met.
     on_progress : callable, optional
         Called during a solve by boundary elements with the share that is done.
@@ -338,9 +338,9 @@ class ContactModel:
         normal_force_n, voltage_v, frequency_hz : float
             Force [N], amplitude [V] and frequency of the drive [Hz].
         waveform : Waveform, optional
-            Shape of the drive; ``cos(2 pi f t)`` without.
+            Shape of the drive; by default ``cos(2 pi f t)``.
         h0_m : float, optional
-            Effective thickness of the screen's insulator [m]; the screen's own without.
+            Effective thickness of the screen's insulator [m]; by default the screen's own.
         samples : int
             Instants in the period, 8 or more.
 

@@ -1,4 +1,4 @@
-"""From a load to its friction, whatever drives it."""
+"""Solver of loads: from normal force and attraction to friction."""
 
 from __future__ import annotations
 

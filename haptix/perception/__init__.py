@@ -1,12 +1,12 @@
-"""Perception: thresholds of touch with their sources, and the rule of two channels.
+"""Perception: detection thresholds and JND with their sources, and the rule of two channels.
 
 Skin feels the attraction, not the drive. A sine of amplitude V at f attracts with ``V^2 / 4`` at
 ``2 f`` (in units of ``eps0 I``). Each component of the attraction is measured by the sine drive
-that would make it alone, and compared with the detection threshold of that drive. Energies add
-within a channel, and not between channels. The channel furthest above its threshold mediates
-detection. Two stimuli have equal intensity when their sensation levels there are equal (Vardar,
-Guclu, Basdogan, IEEE Trans. Haptics 10, 488 (2017)). For the independence of the channels see
-Bolanowski et al., J. Acoust. Soc. Am. 84, 1680 (1988).
+that alone would cause it, and compared with the detection threshold of that drive. Energies add
+within a channel, and not between channels. The channel furthest above its detection threshold
+mediates detection. Two stimuli have equal intensity when their sensation levels there are equal
+(Vardar, Guclu, Basdogan, IEEE Trans. Haptics 10, 488 (2017)). For the independence of the channels
+see Bolanowski et al., J. Acoust. Soc. Am. 84, 1680 (1988).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from haptix.documents import Document, Part
 from haptix.errors import InputError
 
 DEFAULT_FILE = Path(__file__).with_name("thresholds.toml")
-"""The data that ship."""
+"""Default file of detection thresholds and JND."""
 
 
 class Channel(Part):
@@ -106,7 +106,7 @@ class AmplitudeStep(Part):
 
 
 class Perception(Document):
-    """Thresholds of a finger's touch, as the tables of ``thresholds.toml``.
+    """Detection thresholds and JND of touch, as the tables of ``thresholds.toml``.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ class Perception(Document):
     @classmethod
     @cache
     def default(cls) -> Self:
-        """Return the data that ship."""
+        """Return the package's own data."""
         return cls.load(DEFAULT_FILE)
 
     @property
@@ -150,7 +150,7 @@ class Perception(Document):
                 f"{c.name} {c.felt_hz[0]:g} to {c.felt_hz[-1]:g} Hz" for c in self.channels
             )
             raise InputError(
-                f"felt frequency {felt_hz:g} Hz: no threshold is known there (data: {spans}); "
+                f"felt frequency {felt_hz:g} Hz: no detection threshold there (data: {spans}); "
                 "choose another frequency or load your own thresholds"
             )
         return best
@@ -170,12 +170,12 @@ class Component:
 
 @dataclass(frozen=True)
 class Detection:
-    """What is felt of an attraction."""
+    """Channel that detects an attraction, and the sensation level there."""
 
     channel: str
     """Name of the channel that mediates detection."""
     sensation_db: float
-    """Level above threshold of that channel [dB]; felt where above 0."""
+    """Level above the detection threshold of that channel [dB]; felt where above 0."""
     is_placeholder: bool
     """Whether that channel's thresholds were not measured."""
 
@@ -217,7 +217,7 @@ def detection(components: Sequence[Component], perception: Perception | None = N
         If no component lies where a channel has data.
     """
     known = Perception.default() if perception is None else perception
-    # The energy of an attraction goes with the fourth power of the drive.
+    # The energy of an attraction is proportional to the fourth power of the drive.
     energies = [
         sum((c.drive_v / 10 ** (channel.threshold(c.felt_hz) / 20)) ** 4 for c in components)
         for channel in known.channels
@@ -225,11 +225,11 @@ def detection(components: Sequence[Component], perception: Perception | None = N
     energy, channel = max(zip(energies, known.channels, strict=True), key=lambda pair: pair[0])
     if energy == 0:
         raise InputError(
-            "no component of the attraction lies where a threshold is known; "
+            "no component of the attraction lies within the thresholds' data; "
             "load thresholds that cover it"
         )
     return Detection(channel.name, 5 * log10(energy), channel.is_placeholder)
 
 
 WEBER_FRACTION: float = Perception.default().weber_fraction
-"""Just-noticeable difference of friction over the friction, of the file that ships."""
+"""Just-noticeable difference of friction over the friction, by the default file."""

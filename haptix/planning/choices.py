@@ -15,7 +15,7 @@ from haptix.terms import TERMS, Term
 Kind = Literal["term", "axis", "fidelity", "dtype"]
 
 COLLAPSIBLE = tuple(axis.name for axis in AXES if axis.is_collapsible)
-"""Axes that a surface can do without."""
+"""Axes that planning may hold at one value."""
 
 COARSE, *_, FULL = (name for name, how in FIDELITIES.items() if Ability.TABULATE in how.can)
 """The fastest and the most exact of the fidelities that a surface can be tabulated from."""
@@ -42,11 +42,11 @@ class Choice:
 
 @dataclass(frozen=True)
 class Omission:
-    """Something that can be left out of a model: named for what is lost."""
+    """Something that can be left out of a model, under the name of what is lost."""
 
     kind: Kind
     name: str
-    """Such as "finite-size", "h0_m", "mean-field" or "float64"."""
+    """What is left out, such as "finite-size", "h0_m", "mean-field" or "float64"."""
     value: float = 0.0
     """Value at which an axis would be held."""
     possible: frozenset[str] = frozenset()

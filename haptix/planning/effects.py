@@ -35,9 +35,9 @@ class Effect:
     """Difference of friction between two ways to model a scene, over its points."""
 
     mu_max: float = 0.0
-    """Largest."""
+    """Largest difference in mu."""
     mu_p99: float = 0.0
-    """Exceeded by 1 % of the points."""
+    """Difference in mu that 1 % of the points exceed."""
     thresholds_max: float = 0.0
     """Largest, in just-noticeable differences (JND) of the friction there, ``0.11 mu``."""
     thresholds_p99: float = 0.0
@@ -87,7 +87,7 @@ class SampledPlaces:
         return cls(places, torch.cat([corners[-1], drive]))
 
     def at(self, rows: Tensor) -> SampledPlaces:
-        """Some of the points."""
+        """Select points."""
         places = {name: values[rows] for name, values in self.places.items()}
         return SampledPlaces(places, self.voltage_share[rows])
 
@@ -109,7 +109,7 @@ class Trials:
         self.voltage_v = self.points.voltage_share * self.highest_voltage(reference, self.points)
 
     def _rest(self, choice: Choice, points: SampledPlaces) -> ContactState:
-        """Solve without voltage: the state knows where it pulls in and breaks down."""
+        """Solve without voltage, for the pull-in and breakdown voltage of each point."""
         found = self._at_rest.get(choice) if points is self.points else None
         if found is None:
             found = self._solve(choice, points, torch.zeros_like(points.voltage_share))

@@ -35,17 +35,17 @@ _UNSEEN = 1.25  # between the points measured, effects may be larger by this fac
 
 @dataclass(frozen=True)
 class Row:
-    """One thing that a model can do without."""
+    """One thing that a model can leave out."""
 
     kind: Kind
     name: str
-    """What would be left out."""
+    """Name of what would be left out."""
     kept: bool
     why: str
     effect: Effect
-    """Of leaving out this alone."""
+    """Effect of leaving out this alone."""
     time_saved_s: float = 0.0
-    """0 where it is kept, as is the memory."""
+    """Saved by leaving it out; time and memory are 0 where it is kept."""
     memory_saved_bytes: int = 0
     savings: str = "none"
     """"measured" on the scene's points, "estimated" from the axes' nodes, or "none"."""
@@ -53,7 +53,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Plan:
-    """What to build for a scene."""
+    """Plan of the surface for a scene: model, ranges and accuracy, with the reasons."""
 
     scene: Scene
     rows: tuple[Row, ...]
@@ -111,7 +111,7 @@ class Plan:
         on_progress : callable, optional
             Called with the share of the work that is done.
         tolerance : Tolerance, float or str, optional
-            Instead of the planned one.
+            Tolerance instead of the planned one.
         largest_bytes : int
             Largest size of the surface.
 
@@ -159,7 +159,7 @@ def plan_scene(
     Raises
     ------
     InputError
-        If an override contradicts the scene, or the drive is no sine.
+        If an override contradicts the scene, or the drive is not a sine.
     """
     given = scene.override.tolerance
     asked = None if given is None else Tolerance.read(given)

@@ -25,7 +25,7 @@ from haptix.version import __version__
 from haptix.virtual_finger import Evaluation
 
 FILES = ("felt.csv", "drive.wav", "drive.json", "summary.json")
-"""What `write` leaves, besides the picture."""
+"""Files that `write` makes besides the picture."""
 
 
 def summary_of(simulation: Simulation) -> dict[str, Any]:
@@ -76,9 +76,9 @@ def write(
     Parameters
     ----------
     folder : Path
-        Made if needed.
+        Folder of the files, made if needed.
     simulation : Simulation
-        What to write.
+        Simulation to write.
     about : mapping of str
         What was simulated, in words; goes into the summary.
     picture : str

@@ -1,4 +1,4 @@
-"""What the error is made of: the drive with each source of error switched off."""
+"""Parts of the error: the drive with each source of error switched off."""
 
 from __future__ import annotations
 

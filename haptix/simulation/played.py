@@ -36,11 +36,11 @@ class Setting:
     Parameters
     ----------
     model : ContactModel
-        Finger and screen, as they truly are.
+        True finger and screen.
     texture : FrictionField
-        What to feel.
+        Target friction.
     path : Trajectory
-        Where the finger truly is.
+        True path of the finger.
     drive : Drive, optional
         What the amplitude modulates; the default is the surface's carrier.
 
@@ -93,7 +93,7 @@ class Played:
     Parameters
     ----------
     setting : Setting
-        What was to be felt.
+        Finger, screen, texture, path and drive.
     renderer : VirtualTimeSession
         The renderer, with its counts, times and blocks.
     device : Device
@@ -124,10 +124,10 @@ class Played:
         return np.concatenate([getattr(block, name) for block in self.renderer.blocks])
 
     def is_settled(self, t_s: Array) -> npt.NDArray[np.bool_]:
-        """Whether the finger gets its whole amplitude at times [s], and the end is not near.
+        """Whether no fade lowers the amplitude at times [s], and the end is not near.
 
-        The device ends with a ramp to 0 V; the virtual finger, which sees no more than 5 kHz, sees
-        the step to it a little before.
+        The device ends with a ramp to 0 V; the virtual finger, band-limited to 5 kHz, feels the
+        step to it a little early.
         """
         renderer = self.renderer
         at_s = self.start_s + self.collected("sample") / renderer.sample_rate_hz

@@ -26,16 +26,16 @@ from haptix.virtual_finger import (
 
 @dataclass(frozen=True)
 class Simulation:
-    """What was asked for, played and felt.
+    """Result of a simulation: target, played samples and felt friction.
 
     Parameters
     ----------
     surface : FrictionSurface
         What the renderer knew of finger and screen.
     played : Played
-        What was sent and played.
+        Samples that were sent and played.
     felt : Felt
-        What the virtual finger felt of it.
+        Friction that the virtual finger felt.
     target_mu, lowest_mu, highest_mu : ndarray, shape (samples,)
         Friction that the texture asks for under the true finger, and the reachable range, at the
         times of `felt`.
@@ -60,7 +60,7 @@ class Simulation:
 
     @property
     def setting(self) -> Setting:
-        """What was simulated."""
+        """Finger, screen, texture, path and drive."""
         return self.played.setting
 
 

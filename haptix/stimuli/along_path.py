@@ -29,7 +29,7 @@ class SpeedProfile(Described):
 
 @dataclass(frozen=True)
 class SteadySpeed(SpeedProfile):
-    """One speed."""
+    """A constant speed."""
 
     kind = "steady-speed"
     speed_mm_per_s: Positive
@@ -74,7 +74,7 @@ def speed_from(table: Any, place: str = "speed") -> SpeedProfile:
     Raises
     ------
     InputError
-        If it is none.
+        If the table is not a speed profile.
     """
     if isinstance(table, SpeedProfile):
         return table

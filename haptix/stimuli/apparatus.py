@@ -54,7 +54,7 @@ class Population:
         finger : Finger
             The median of every field.
         size, seed : int
-            How many, 2 or more; and what decides the draw.
+            Number of fingers, 2 or more, and seed of the draw.
         spread : mapping
             Standard deviation of the logarithm, by field: ``{"youngs_modulus_pa": 0.3,
             "roughness.h_rms_m": 0.1}``. There is no default.
@@ -175,7 +175,7 @@ class Apparatus:
         return Column.median(each), each
 
     def placeholders(self) -> list[str]:
-        """Names of the placeholders (unmeasured values) that the predictions use."""
+        """Names of the placeholders that the predictions use."""
         return sorted({name for model in self.models for name in model.placeholders()})
 
     def profiles(self) -> dict[str, Any]:

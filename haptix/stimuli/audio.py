@@ -27,7 +27,7 @@ HIGHEST_RATE_HZ = 1_000_000
 
 
 def check_format(container: str, encoding: str) -> None:
-    """Refuse what cannot be written."""
+    """Raise `InputError` for a combination that cannot be written."""
     choice("format", container, get_args(Container))
     choice("encoding", encoding, get_args(Encoding))
     if (container, encoding) == ("flac", "float32"):
@@ -53,7 +53,7 @@ class AudioWriter:
     full_scale_v : float
         Voltage of sample 1.0; must be above every sample.
     samples : int
-        How many will come, to refuse what a file cannot hold.
+        Number of samples to come; more than a file can hold are refused.
     trigger : bool
         Whether a second channel holds triggers.
     """
@@ -162,7 +162,7 @@ def read_drive(
     Raises
     ------
     FileFormatError
-        If it is no audio file of one or two channels.
+        If it is not an audio file of one or two channels.
     """
     data, rate = read_audio(path, first, count)
     if data.shape[1] not in (1, 2):

@@ -15,7 +15,7 @@ from haptix.checks import check_fields, choice, increasing, row
 from haptix.errors import InputError
 
 KINDS: dict[str, Callable[..., Any]] = {}
-"""What makes a value of each kind, by the name that recipes use."""
+"""Constructor of each kind of value, by the name that recipes use."""
 
 Made = TypeVar("Made")
 

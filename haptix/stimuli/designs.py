@@ -47,7 +47,7 @@ def constant_stimuli(
     threshold: float,
     steps_db: Sequence[float],
 ) -> list[Stimulus]:
-    """Levels ``20 log10(amplitude / threshold)`` in dB about a threshold.
+    """Stimuli at levels ``20 log10(amplitude / threshold)`` about a detection threshold.
 
     ``make(name, amplitude)`` returns a stimulus. Names begin with `name`; a number follows.
     """
@@ -74,7 +74,7 @@ def matched_intensity(
     perception: Perception | None = None,
     fade_s: float = 0.05,
 ) -> list[Stimulus]:
-    """Tones of several felt frequencies at one level above threshold, by the rule of two channels.
+    """Tones of several felt frequencies at one sensation level, by the rule of two channels.
 
     Parameters
     ----------
@@ -91,9 +91,9 @@ def matched_intensity(
         felt frequency. The carrier takes sqrt(2) times the amplitude for the same attraction, if
         the dispersion of skin and insulator between the two frequencies is neglected.
     normal_force_n, carrier_hz : float
-        Of the touch and the drive.
+        Normal force of the touch, and frequency of the carrier.
     perception : Perception, optional
-        Detection thresholds; by default those that ship with haptix.
+        Detection thresholds; by default those of the package.
     """
     known = Perception.default() if perception is None else perception
     number("sensation_db", sensation_db)

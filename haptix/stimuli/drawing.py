@@ -138,7 +138,7 @@ def _summary(table: dict[str, Any]) -> str:
     heard, felt = table["audibility"], table["felt"]
     what = "AUDIBLE" if heard["audible"] else "not flagged as audible"
     level = "no threshold known" if felt is None else (
-        f"{felt['sensation_db']:+.1f} dB re threshold ({felt['channel']}"
+        f"{felt['sensation_db']:+.1f} dB SL ({felt['channel']}"
         f"{', placeholder' if felt['threshold_is_placeholder'] else ''})"
     )  # fmt: skip
     lines = (
@@ -227,7 +227,7 @@ def _thresholds(axes: Axes, drawn: Drawn, known: Perception) -> None:
 
 
 def _of_square(at: Array, amplitude: Sequence[float], mu: Sequence[float]) -> Array:
-    """Interpolate friction, which goes with the square of the amplitude."""
+    """Interpolate friction over the square of the amplitude."""
     return np.asarray(np.interp(np.square(at), np.square(amplitude), mu))
 
 

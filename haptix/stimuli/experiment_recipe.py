@@ -30,7 +30,7 @@ class ExperimentRecipe(Document):
     Parameters
     ----------
     name : str
-        What to call it.
+        Name of the experiment.
     stimulus : table
         A stimulus; the level multiplies its signal by ``10^(level / 20)``.
     pedestal : table, optional
@@ -63,7 +63,7 @@ class ExperimentRecipe(Document):
         return cls(**fields, folder=folder)
 
     def make_method(self) -> Method:
-        """Make the method."""
+        """Make the adaptive method that the table `method` describes."""
         return read(self.method, "method", METHODS)
 
     def presentation(self, sample_rate_hz: float) -> Presentation:
@@ -83,15 +83,15 @@ def presentation_of(
     sample_rate_hz: float,
     pedestal: Signal | None = None,
 ) -> Presentation:
-    """A stimulus whose level [dB] multiplies its signal by ``10^(level / 20)``.
+    """Return the presentation of a stimulus, whose level [dB] scales its signal.
 
-    It is in contrast or volts, which have a zero that a level can multiply from. The pedestal is
-    added to the target; alone it is the reference. A level that asks for more friction than is
-    reachable counts as above every ceiling.
+    The signal, in contrast or volts, is multiplied by ``10^(level / 20)``. The pedestal is added to
+    the target; alone it is the reference. A level that asks for more friction than is reachable
+    counts as above every ceiling.
     """
     if stimulus.quantity == "mu":
         raise InputError(
-            f'{stimulus.name}: a level in dB multiplies, so that "mu" has none; use "contrast"'
+            f'{stimulus.name}: a level in dB cannot scale a signal in "mu"; use "contrast"'
         )
     rate, unit = sample_rate_hz, stimulus.signal
     ground = Constant(0.0) if pedestal is None else pedestal

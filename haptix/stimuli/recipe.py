@@ -40,7 +40,7 @@ class FactorialDesign(Part):
     factors: dict[str, list[Any]] = Field(default={})
 
     def stimuli(self, known: Perception) -> list[Stimulus]:
-        """Make them; without factors the base alone, by the design's name."""
+        """Make the stimuli; without factors only the base, under the design's name."""
         if not self.factors:
             return [stimulus_from(self.name, self.base)]
         make = stimulus_maker(self.base, f"{self.name}.factors")
@@ -58,7 +58,7 @@ class ConstantStimuliDesign(Part):
     steps_db: list[float]
 
     def stimuli(self, known: Perception) -> list[Stimulus]:
-        """Make them."""
+        """Make the stimuli of the design."""
         make = stimulus_maker(self.base, f"{self.name}.vary")
         return constant_stimuli(
             self.name, lambda name, at: make(name, **{self.vary: at}), self.threshold, self.steps_db
@@ -66,7 +66,7 @@ class ConstantStimuliDesign(Part):
 
 
 class MatchedIntensityDesign(Part):
-    """Tones at one level above threshold."""
+    """Tones at one level above the detection threshold."""
 
     kind: Literal["matched-intensity"]
     name: str
@@ -79,7 +79,7 @@ class MatchedIntensityDesign(Part):
     fade_s: Annotated[float, Field(ge=0)] = 0.05
 
     def stimuli(self, known: Perception) -> list[Stimulus]:
-        """Make them."""
+        """Make the stimuli of the design."""
         return matched_intensity(**self.model_dump(exclude={"kind"}), perception=known)
 
 
@@ -89,7 +89,7 @@ Design = Annotated[
 
 
 class PopulationTable(Part):
-    """How fingers differ."""
+    """Table of a recipe: how its fingers differ."""
 
     size: Annotated[int, Field(le=1000)]  # each has a surface of its own
     seed: int = 0
@@ -97,7 +97,7 @@ class PopulationTable(Part):
 
 
 class TrialsTable(Part):
-    """The trial table."""
+    """Table of a recipe: its trial plan."""
 
     repeats: Annotated[int, Field(le=10_000)] = 1
     gap_s: float = 1.0
@@ -123,9 +123,9 @@ class Recipe(Document):
     designs : list of tables
         Designs, each with its `kind`.
     format, encoding, sample_rate_hz, full_scale_v, ceiling_v, trigger, unreachable, trials
-        As of `StimulusSet`.
+        As in `StimulusSet`.
     perception : str, optional
-        File of thresholds.
+        File of detection thresholds and JNDs.
     """
 
     name: str
@@ -154,7 +154,7 @@ class Recipe(Document):
     @classmethod
     def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
         if "folder" in fields:
-            raise InputError("Recipe.folder: a file has none; its paths start where it lies")
+            raise InputError("Recipe.folder: a file has none; its paths are relative to the file")
         return cls(**fields, folder=folder)
 
     def stimulus_set(self) -> StimulusSet:
@@ -192,7 +192,7 @@ class Recipe(Document):
         )  # fmt: skip
 
     def _with_folder(self, value: Any) -> Any:
-        """Let recordings start at the recipe's folder."""
+        """Make the paths of recordings relative to the recipe's folder."""
         if isinstance(value, list):
             return [self._with_folder(item) for item in value]
         if not isinstance(value, dict):

@@ -26,7 +26,7 @@ from haptix.waves import sine
 Array = npt.NDArray[np.float64]
 
 BLOCK = 1 << 16
-"""Samples of a block. Sums run block by block, so the last bits depend on it."""
+"""Samples per block. Sums run block by block, so that their last bits depend on it."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Rendering:
-    """A stimulus for one response, which decides volts for friction and friction for volts."""
+    """A stimulus with the response that converts between its volts and friction."""
 
     stimulus: Stimulus
     response: Column
@@ -72,7 +72,7 @@ class Rendering:
         return count
 
     def block(self, first: int, count: int) -> Block:
-        """Render some samples."""
+        """Render `count` samples from number `first` on."""
         stimulus, response = self.stimulus, self.response
         values = stimulus.signal.values(first, count, self.sample_rate_hz)
         if stimulus.quantity == "volts":
@@ -97,7 +97,7 @@ class Rendering:
         return sine(first, count, self.stimulus.carrier_hz, self.sample_rate_hz)
 
     def stream(self, threads: int = 1) -> Iterator[Block]:
-        """Blocks in their order, rendered by `threads` threads; the numbers do not depend on it."""
+        """Yield the blocks in order, rendered by `threads` threads, which change no number."""
         return in_order(
             lambda first: self.block(first, min(BLOCK, self.samples - first)),
             range(0, self.samples, BLOCK),
@@ -105,7 +105,7 @@ class Rendering:
         )
 
     def whole(self, threads: int = 1) -> Array:
-        """All drive samples [V] at once, for short stimuli."""
+        """Return all drive samples [V] at once, for short stimuli."""
         return np.concatenate([block.drive_v for block in self.stream(threads)])
 
 

@@ -1,4 +1,4 @@
-"""What a set of stimuli holds: the stimuli, who feels them, and the form of its files."""
+"""Content of a set: the stimuli, who feels them, and the form of its files."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class SetPlan:
     Parameters
     ----------
     name : str
-        What to call it.
+        Name of the set.
     stimuli : tuple of Stimulus
-        At least one; no two of one name.
+        One or more, with different names.
     finger : Finger or Population
         Who feels them.
     screens : tuple of Screen
@@ -44,9 +44,9 @@ class SetPlan:
         Whether friction outside the reachable range rejects the set, or becomes the nearest
         reachable.
     trials : TrialPlan
-        In which order they come.
+        Order of the trials.
     perception : Perception, optional
-        Thresholds; by default those that ship with haptix.
+        Detection thresholds; by default those of the package.
     """
 
     name: str
@@ -82,7 +82,7 @@ class SetPlan:
             raise InputError(f"stimuli: {taken[0]!r} is the name of a file of the set itself")
         screens = [screen.name for screen in self.screens]
         if len(set(screens)) < len(screens):
-            raise InputError("screens: two have one name; names tell their files apart")
+            raise InputError("screens: two have the same name, and so would their files")
         if self.full_scale_v <= self.limits.ceiling_v:
             raise InputError(
                 f"full_scale_v: expected more than the ceiling of {self.limits.ceiling_v:g} V, "
@@ -91,7 +91,7 @@ class SetPlan:
 
     @property
     def limits(self) -> DriveLimits:
-        """Limits that every sample must keep."""
+        """Limits that every sample is checked against."""
         lowest = min(screen.max_voltage_v for screen in self.screens)
         ceiling = lowest if self.ceiling_v is None else self.ceiling_v
         if ceiling > lowest:

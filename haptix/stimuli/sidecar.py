@@ -56,8 +56,8 @@ def predicted(tally: Tally, response: Column, each: Sequence[Column]) -> dict[st
 
 
 def felt(middle: Block, rate_hz: float, known: Perception) -> dict[str, Any] | None:
-    """Sensation level of the middle of a stimulus; None where no threshold is known."""
-    # The attraction of a carrier of amplitude a goes with a^2 / 4, of a voltage v with v^2 / 2.
+    """Sensation level of the middle of a stimulus; None outside the thresholds' data."""
+    # Attraction is proportional to a^2 / 4 for a carrier of amplitude a, v^2 / 2 for a voltage v.
     try:
         found = detection(components_of_pull(middle.amplitude_v / np.sqrt(2), rate_hz), known)
     except InputError:

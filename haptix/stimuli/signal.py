@@ -79,7 +79,7 @@ class Signal(Described):
         return Product((as_signal(other), self))
 
     def then(self, *others: Signal) -> Signal:
-        """One after the other; all but the last must be finite."""
+        """Play other signals after this one; all but the last must be finite."""
         return Concatenation((self, *others))
 
     def repeat(self, times: float = inf) -> Signal:
@@ -87,7 +87,7 @@ class Signal(Described):
         return Repetition(self, times)
 
     def lasting(self, length_s: float) -> Signal:
-        """Cut to a length, or filled up with 0."""
+        """Cut to a length, or fill up with 0."""
         return Excerpt(self, length_s)
 
     def window(
@@ -97,7 +97,7 @@ class Signal(Described):
         shape: Literal["raised-cosine", "linear"] = "raised-cosine",
         rest: float = 0.0,
     ) -> Signal:
-        """Faded in from `rest` and out to it; the signal must be finite."""
+        """Fade in from `rest` and out to it; the signal must be finite."""
         return Window(self, rise_s, rise_s if fall_s is None else fall_s, shape, rest)
 
 
@@ -128,7 +128,7 @@ def signal_from(table: Any, place: str = "signal") -> Signal:
 
 @dataclass(frozen=True)
 class Constant(Signal):
-    """One value."""
+    """A constant value."""
 
     kind = "constant"
     value: float

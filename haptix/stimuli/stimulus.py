@@ -1,4 +1,4 @@
-"""A stimulus: a signal, what it is a signal of, and the touch it is made for."""
+"""A stimulus: a signal, its quantity, and the touch that it is made for."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Stimulus:
     drive_hz : float, optional
         Without a carrier: the frequency at which skin and insulator are evaluated.
     speed : SpeedProfile, optional
-        How the finger moves; by default the speed of the signals in space within.
+        How the finger moves; by default the speed of the spatial signals within.
     h0_m : float, optional
         Effective thickness, where the surface spans several.
     conditions : mapping
@@ -94,7 +94,7 @@ class Stimulus:
         return self.drive_hz if self.carrier_hz is None else self.carrier_hz
 
     def describe(self) -> dict[str, Any]:
-        """Everything that determines it, as plain values."""
+        """Return everything that determines the stimulus, as plain values."""
         table = {one.name: plain(getattr(self, one.name)) for one in fields(self)}
         return table | {"conditions": dict(self.conditions)}
 
@@ -103,7 +103,7 @@ _IN_SPACE = ("along-path", "grating", "relief")
 
 
 def stimulus_from(name: str, table: Mapping[str, Any]) -> Stimulus:
-    """Read a stimulus from a table; a speed given here serves the signals in space within.
+    """Read a stimulus from a table; a speed given here applies to the spatial signals within.
 
     A table with a ``drive_hz`` and no ``carrier_hz`` has no carrier.
 

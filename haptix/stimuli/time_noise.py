@@ -1,4 +1,4 @@
-"""Noise with a given spectrum: stationary, without end, and random access."""
+"""Noise with a given spectrum: stationary, endless, and computed from any sample on."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class TimeNoise(Signal):
     deviation : float
         Standard deviation.
     frequency_hz : tuple of float
-        Corners of the spectrum, increasing; nothing outside.
+        Corners of the spectrum [Hz], increasing; no power outside.
     density : tuple of float
-        Power per hertz at the corners, relative; linear in between. Two equal numbers are a band.
+        Relative power per hertz at the corners, linear in between; by default a flat band.
     seed : int
         Same seed, same noise.
     mean : float
@@ -115,7 +115,7 @@ def _noise(
     offset: float = 0.0,
     length_s: float = inf,
 ) -> TimeNoise:
-    """Read the names that recipes of version 0.1 have."""
+    """Make a `TimeNoise` by the field names of recipes of version 0.1."""
     return TimeNoise(rms, frequency_hz, seed, density, offset, length_s)
 
 

@@ -20,7 +20,7 @@ LEVELS = 256
 
 @dataclass(frozen=True)
 class TrialPlan:
-    """In which order stimuli come.
+    """Order and timing of the trials.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class TrialPlan:
     gap_s : float
         Pause between two trials.
     seed : int or None
-        Of the orders; with None they stay as listed.
+        Seed of the orders; with None stimuli come as listed.
     """
 
     repeats: int = 1

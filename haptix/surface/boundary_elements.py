@@ -68,7 +68,7 @@ class MeasuringJob:
     Parameters
     ----------
     model : ContactModel
-        Of fidelity "boundary-element".
+        Model of fidelity "boundary-element".
     scene : Scene or mapping
         As for `FrictionSurface.build`.
     points : MeasuredPoints
@@ -204,7 +204,7 @@ def _corrected(
         log_ratio[:, level] = torch.where(stable, log_ratio[:, level], log_ratio[:, level - 1])
     if not bool(log_ratio.isfinite().all()):
         raise InputError(
-            "boundary_elements: expected some contact at every place, got a surface without; take "
+            "boundary_elements: expected contact at every place, got a surface that has none; take "
             "more points, or larger forces"
         )
     table = _refined(prior, job)
@@ -240,7 +240,7 @@ def _corrected(
 
 
 def _refined(table: Interpolant, job: MeasuringJob) -> Interpolant:
-    """The same interpolant with nodes where the correction has its own."""
+    """Return the interpolant with additional nodes, those of the correction."""
     columns, axes = table.columns.to("cpu", torch.float64), list(table.axes.each)
     for dim, (axis, known) in enumerate(zip(table.axes, job.nodes, strict=True)):
         if not axis.varies:

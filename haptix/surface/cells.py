@@ -31,7 +31,7 @@ class Cells:
     scale, offset : Tensor, shape (cells,)
         ``scale x + offset`` runs from 0 to 1 in the cell.
     steps : int
-        Most nodes between two even places.
+        Largest number of nodes between two even places.
     """
 
     start: float
@@ -65,7 +65,7 @@ class Cells:
         )
 
     def find(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Cell, and position in it from 0 to 1; values beyond the ends are held there."""
+        """Return cell, and position in it from 0 to 1; values beyond the ends are held there."""
         place = ((x.detach() - self.start) * self.per_width).long()
         cell = self.guide.index_select(0, place.clamp_(0, len(self.guide) - 1))
         for _ in range(self.steps):

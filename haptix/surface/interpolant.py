@@ -106,7 +106,7 @@ class Interpolant:
         return self._ask(self._limits, torch.zeros_like(self.drive[0]), places)[1]
 
     def at(self, places: Query) -> Interpolant:
-        """Slice axes away at one value each; None leaves an axis as it is."""
+        """Slice axes away at one value each; None keeps an axis."""
         axes, columns = self.axes.at(places, self.columns)
         return replace(self, axes=axes, columns=columns)
 

@@ -1,4 +1,4 @@
-"""What is asked of a surface: its ranges, its largest error, and the key of both."""
+"""Request for a surface: its ranges, its largest error, and the key of both."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def low_and_high(value: Any, zero: bool = False) -> tuple[float, float]:
 
 
 LARGEST_BYTES = 64_000_000
-"""Size that a surface may have unless told otherwise."""
+"""Default limit of the size of a surface."""
 
 Unit = Literal["mu", "JND", "percent of range"]
 

@@ -137,7 +137,7 @@ class Sampler:
         ]
 
     def positions(self, name: str, points: int) -> Tensor:
-        """Values along an axis: even in the logarithm, and at the corners of the model."""
+        """Values along an axis: evenly spaced in the logarithm, and the corners of the model."""
         low, high = self.span(name)
         even = torch.exp(torch.linspace(log(low), log(high), points, dtype=torch.float64))
         even[0], even[-1] = low, high

@@ -146,6 +146,6 @@ class Slice:
 
     @cached_property
     def _step(self) -> Array:
-        """From each column to the next; 0 where there is only one."""
+        """Difference of each column from the next; 0 where there is only one."""
         step = np.diff(self.columns, axis=0)
         return step if len(step) else np.zeros_like(self.columns)

@@ -96,7 +96,7 @@ class FrictionSurface:
         Raises
         ------
         InputError
-            If a range is not one, or lies past pull-in everywhere.
+            If a range is invalid, or lies past pull-in everywhere.
         ToleranceError
             If the tolerance cannot be met within the size; it carries the best surface reached.
         """
@@ -133,7 +133,7 @@ class FrictionSurface:
         Raises
         ------
         InputError, ToleranceError
-            As by `build`.
+            As in `build`.
         FileFormatError
             If the checkpoint is damaged or belongs to something else.
         """
@@ -207,7 +207,7 @@ class FrictionSurface:
     def response_hz_per_mm_per_s(self) -> float:
         """Cut-off of the finger's response per sliding speed; see `Finger`.
 
-        Surfaces of version 0.1 do not say it: theirs is that of the presets.
+        Surfaces of version 0.1 do not contain it, and get the value of the presets.
         """
         preset = Finger().response_hz_per_mm_per_s
         return float(self.info.get("response_hz_per_mm_per_s", preset))
@@ -299,7 +299,7 @@ class FrictionSurface:
     def at(self, frequency_hz: float | None = None, h0_m: float | None = None) -> FrictionSurface:
         """Slice at one frequency or thickness, for queries that do not vary them.
 
-        None leaves an axis as it is.
+        None keeps an axis.
         """
         return FrictionSurface(self.table.at(_places(None, frequency_hz, h0_m)), self.info)
 

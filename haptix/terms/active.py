@@ -20,7 +20,7 @@ _STEADY_HZ = 1e-9  # of a steady voltage: a period of 30 years, in which all tha
 
 
 class ActiveTerms:
-    """What the properties of finger and screen come to with the terms that are on, by name."""
+    """Properties of finger and screen with the terms that are on."""
 
     def __init__(self, given: Properties, names: Iterable[str]) -> None:
         on = set(names)
@@ -54,8 +54,8 @@ class ActiveTerms:
         """Complex effective thickness [m] of everything that insulates, from that of the film.
 
         Frequencies [Hz] broadcast with `h0_m`; 0 is a steady voltage. Without one the skin counts
-        as a conductor, and `h0_m` is returned as it is, unless a term needs a frequency: that is an
-        `InputError`.
+        as a conductor, and `h0_m` is returned unchanged, unless a term needs a frequency: that is
+        an `InputError`.
         """
         if frequency_hz is None:
             if needing := [term.name for term in self.all if term.needs_frequency]:

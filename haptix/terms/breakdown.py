@@ -1,4 +1,4 @@
-"""Breakdown: a status for fields that air or insulator do not bear."""
+"""Breakdown: a status for fields that air or insulator do not withstand."""
 
 import torch
 from torch import Tensor
@@ -10,14 +10,14 @@ from haptix.terms.term import FieldInGap, Properties, Term
 
 
 class Breakdown(Term):
-    """Reports `Status.BREAKDOWN`; friction stays as it is.
+    """Reports `Status.BREAKDOWN`; friction does not change.
 
     The model's breakdown is a spark at the edge of a contact spot. Laboratories use such voltages
-    every day, the paper's own 200 V on 1 um of SiO2 among them, so that it is off unless asked for.
+    every day, the paper's own 200 V on 1 um of SiO2 among them, so it is off unless requested.
     """
 
     name = "breakdown"
-    summary = "report states whose field exceeds what air or the insulator bears"
+    summary = "report states whose field exceeds what air or the insulator withstands"
     source = "physics page, section 3"
     uses = (
         "screen.insulator_thickness_m",

@@ -9,7 +9,7 @@ from haptix.terms.term import Term
 
 
 class FiniteSize(Term):
-    """The mean gap is at most ``h_rms sqrt(2 ln N)``, N waves of the roll-off in the contact."""
+    """The mean gap is at most ``h_rms sqrt(2 ln N)``, N squares of the roll-off wavelength."""
 
     name = "finite-size"
     summary = "the mean gap cannot exceed the highest asperity of the apparent contact"

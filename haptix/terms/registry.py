@@ -33,7 +33,7 @@ TERMS: dict[str, Term] = {
 
 
 class Honouring(Protocol):
-    """What terms ask of a fidelity, an object or a class."""
+    """Attributes of a fidelity, class or object, that terms need."""
 
     @property
     def name(self) -> str: ...
@@ -69,7 +69,7 @@ def chosen_terms(
     Raises
     ------
     InputError
-        If a name is unknown, a term lacks a value, or contradicts the fidelity.
+        If a name is unknown, or a term lacks a value or contradicts the fidelity.
     """
     possible = possible_terms(finger, screen, fidelity)
     usual = {name for name in possible if not TERMS[name].on_request}

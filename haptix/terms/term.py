@@ -37,7 +37,7 @@ class Stage(StrEnum):
 
 @dataclass(frozen=True)
 class Properties:
-    """What terms read."""
+    """Finger and screen, as terms read them."""
 
     finger: Finger
     screen: Screen
@@ -61,7 +61,7 @@ class Term:
     needs_frequency: ClassVar[bool] = False
     """Whether a drive of unknown frequency is an error, or just leaves the term out."""
     on_request: ClassVar[bool] = False
-    """Whether it is off unless asked for. Others are on wherever they are possible."""
+    """Whether it is off unless requested. Others are on wherever they are possible."""
     work: ClassVar[float] = 0.1
     """Share of a surface's build time that leaving it out saves, at most; planning weighs effects
     with it. Most save next to nothing, and get some credit for a simpler model."""

@@ -237,12 +237,12 @@ def _blended(blend: Blend, below: float | Array, felt: Array) -> Array:
 
 
 def _step(depth_mm: Array, ramp_mm: Array) -> Array:
-    """From 0 to 1 over a ramp around 0."""
+    """Return a step from 0 to 1, as a ramp around a depth of 0."""
     return np.asarray(np.clip(0.5 + depth_mm / ramp_mm, 0.0, 1.0))
 
 
 def _held(field: FrictionField) -> FrictionField:
-    """The field held beyond its edges: a sprite ends at its outline."""
+    """Return the field, held beyond its edges: a sprite ends at its outline."""
     if isinstance(field, Texture | RecordedProfile) and field.beyond == "outside":
         return replace(field, beyond="hold")
     return field

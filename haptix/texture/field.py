@@ -21,7 +21,7 @@ TargetKind = Literal["mu", "contrast", "share", "plain"]
 
 
 def check_target(target: str) -> None:
-    """Raise `InputError` unless `target` is one."""
+    """Raise `InputError` unless `target` is a `TargetKind`."""
     choice("target", target, get_args(TargetKind))
 
 
@@ -45,7 +45,7 @@ def as_mu(target: TargetKind, value: Floats, lowest_mu: Floats, highest_mu: Floa
     Parameters
     ----------
     target : {"mu", "contrast", "share"}
-        The field's own. Values are friction coefficients; relative changes from `lowest_mu`,
+        Target of the field. Values are friction coefficients; relative changes from `lowest_mu`,
         ``mu = lowest_mu (1 + value)``; or shares of the reachable range, 0 for `lowest_mu` and 1
         for `highest_mu`.
     value
@@ -121,7 +121,7 @@ class FrictionField(ABC):
         Raises
         ------
         InputError
-            If these are no numbers, or their shapes do not broadcast.
+            If these are not numbers, or their shapes do not broadcast.
         """
         try:
             x = np.asarray(x_mm, dtype=np.float64)

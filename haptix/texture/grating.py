@@ -71,7 +71,7 @@ class Grating(FrictionField):
         return self.low
 
     def _all_tables(self) -> tuple[tuple[Array, Array, Array], ...]:
-        """One period for every doubling of the number of harmonics, from none: flat, next, size."""
+        """Tabulate a period for 0, 1, 2, 4, ... harmonics: its values, the next ones, its size."""
         tables = []
         most = self._waveform.highest_harmonic or _MOST_HARMONICS
         series = self._waveform.harmonics(most)

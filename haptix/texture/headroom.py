@@ -42,9 +42,9 @@ class Headroom:
     """Integers of `Status`, shape (rows, columns)."""
     normal_force_n: float
     lowest_mu: float
-    """Without voltage."""
+    """Friction without voltage."""
     highest_mu: float
-    """At the highest voltage."""
+    """Friction at the highest voltage."""
 
     @property
     def below(self) -> float:
@@ -76,7 +76,7 @@ class Headroom:
         return np.clip(self.target_mu, self.lowest_mu, self.highest_mu)
 
     def numbers(self) -> dict[str, float]:
-        """Figures of the drawing, as plain numbers."""
+        """Key results, as plain numbers."""
         return {
             "normal_force_n": self.normal_force_n,
             "lowest_mu": self.lowest_mu,

@@ -31,7 +31,7 @@ def read_grey(image: str | Path | npt.ArrayLike, largest_bytes: int = LARGEST_BY
     """Return grey pixels, shape (rows, columns), from a file or from grey or colour pixels.
 
     `largest_bytes` limits the memory for reading it and making a texture of it. A larger image
-    raises `InputError` before more than its header is read. So does a file that is no image.
+    raises `InputError` before more than its header is read. So does a file that is not an image.
     """
     positive("largest_bytes", largest_bytes)
     if isinstance(image, str | Path):

@@ -54,7 +54,7 @@ class ProcessAt:
     """Numerator C, first 1."""
     gain: float
     variance: float
-    """Of the white noise e [(m/s^2)^2]."""
+    """Variance of the white noise e [(m/s^2)^2]."""
     sample_rate_hz: float
 
     def density(self, frequency_hz: npt.ArrayLike) -> Array:
@@ -92,7 +92,7 @@ class PennModel:
         Raises
         ------
         FileFormatError
-            If the file is missing, is no such XML, contradicts itself or has an unstable model.
+            If the file is missing, is not such XML, contradicts itself or has an unstable model.
         """
         root = root_of(Path(path))
         try:

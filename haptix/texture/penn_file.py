@@ -50,7 +50,7 @@ class Contents:
 
 
 def root_of(path: Path) -> ET.Element:
-    """Parse a file up to its root; `FileFormatError` for any other file."""
+    """Return the element ``modelSet`` of a file, or raise `FileFormatError`."""
     text = read_bytes(path)
     try:
         # Entities can be made to grow without bounds; the format has none.
@@ -128,7 +128,7 @@ def _triangles(root: ET.Element, speed: Array, force: Array) -> npt.NDArray[np.i
         except Exception:  # qhull has errors of its own
             raise ValueError("expected models that are not all in one line") from None
     if int(_number(root, "numTri", len(listed))) != len(listed):
-        raise ValueError(f"tri: expected numTri of them, got {len(listed)}")
+        raise ValueError(f"tri: expected numTri triangles, got {len(listed)}")
     if any(len(one) != 3 for one in listed):
         raise ValueError("tri: expected 3 vertices each")
     corners = np.array(listed)
@@ -170,7 +170,7 @@ def polynomial_of_lsf(lsf: npt.ArrayLike) -> Array:
     lsf = np.asarray(lsf, dtype=np.float64)
     order = len(lsf)
     sums, differences = _circle(lsf[0::2]), _circle(lsf[1::2])
-    # The roots at 1 and -1 that every such pair has besides.
+    # Every such pair also has roots at 1 and -1.
     if order % 2 == 0:
         sums, differences = np.convolve(sums, [1, 1]), np.convolve(differences, [1, -1])
     else:

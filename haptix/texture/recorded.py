@@ -108,7 +108,7 @@ class RecordedProfile(FrictionField):
         Raises
         ------
         FileFormatError
-            If the file cannot be read, a column is missing or a cell is no number.
+            If the file cannot be read, a column is missing or a cell is not a number.
         InputError
             If the numbers are not a profile.
         """

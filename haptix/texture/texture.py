@@ -66,7 +66,7 @@ class Sidecar(Document):
         return super().load(path)
 
 
-_COARSE_MM = 0.5  # of a pixel; a fingertip tells places of about a millimetre apart
+_COARSE_MM = 0.5  # of a pixel; a fingertip resolves about a millimetre
 _MOST_PIXELS = 4_000_000  # of a map that is refined
 
 
@@ -163,7 +163,7 @@ class Texture(FrictionField):
         Raises
         ------
         InputError
-            If the file is missing, no image or too large, or a value is outside its range.
+            If the file is missing, not an image or too large, or a value is outside its range.
         """
         choice("polarity", polarity, get_args(Polarity))
         level = stretched(read_grey(image, largest_bytes))
@@ -255,7 +255,7 @@ class Texture(FrictionField):
     def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
         if isinstance(footprint_mm, np.ndarray) or footprint_mm > 0 or self.beyond == "hold":
             return self._pyramid.sample(x_mm, y_mm, footprint_mm)
-        # At a point, a step is a step: the rim that the pyramid makes a ramp is held level.
+        # At a point the edge is a step: the rim, a ramp in the pyramid, is held level.
         half, width, height = self.pixel_mm / 2, self.width_mm, self.height_mm
         inside = (x_mm >= 0) & (x_mm <= width) & (y_mm >= 0) & (y_mm <= height)
         x_mm, y_mm = x_mm.clip(half, width - half), y_mm.clip(half, height - half)

@@ -31,11 +31,11 @@ class TouchEvent(NamedTuple):
     t_s : float
         Time stamp [s] on the renderer's clock.
     touch_id : int
-        Which finger; the same from "down" to "up".
+        Number of the finger's touch, the same from "down" to "up".
     x_mm, y_mm : float
         Place on the screen. That of an "up" is not used: it often repeats an old place.
     kind : {"down", "move", "up"}
-        What happened.
+        Kind of report.
     normal_force_n : float, optional
         Normal force [N], above 0, where the screen measures it.
     contact_area_m2 : float, optional
@@ -52,7 +52,7 @@ class TouchEvent(NamedTuple):
 
 
 def problem_of(event: Any, checks_force: bool = True) -> str | None:
-    """Return what is wrong with an event: field, expected and given value; None if nothing.
+    """Return what is wrong with an event: field, expected and given value; or None.
 
     Without `checks_force` any force and area pass.
     """
@@ -95,7 +95,7 @@ def _within(value: Any, low: float, high: float) -> bool:
 
 @dataclass(slots=True)
 class TouchCounts:
-    """Numbers of events by what became of them, over all touches."""
+    """Counts of events by outcome, over all touches."""
 
     taken: int = 0
     """Events that went into a filter, including the next two kinds."""
@@ -194,7 +194,7 @@ def paced(
     speed : float
         2 plays twice as fast.
     clock, sleep : callable
-        What to read, and how to wait [s].
+        Functions that return the time [s], and that wait [s].
     """
     checks.positive("speed", speed)
     offset_s: float | None = None

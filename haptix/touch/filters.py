@@ -40,15 +40,15 @@ class SingerKalman(PlaceFilter):
     prediction uses it for as long as it is likely to last: ahead by h the place is
     ``x + v h + a tau^2 (exp(-h/tau) - 1 + h/tau)``. The transition is Singer's. The noise of an
     interval is that of intervals much shorter than `correlation_s`. Both axes are alike and
-    independent. Its own state is ax, ay [mm/s^2] and the covariance of each axis.
+    independent. The rest of the state is ax, ay [mm/s^2] and the covariance of each axis.
 
     Parameters
     ----------
     acceleration_mm_s2 : float
         Standard deviation of the acceleration along each axis of a finger at rest.
     acceleration_per_speed_hz : float
-        How much that grows [mm/s^2] per speed [mm/s], as fast fingers turn in the same time as slow
-        ones. At 0 the filter is linear, as published.
+        Growth of that deviation [mm/s^2] per speed [mm/s], as fast fingers turn in the same time as
+        slow ones. At 0 the filter is linear, as published.
     correlation_s : float
         tau: after it 1/e of an acceleration is left.
     position_noise_mm : float
@@ -130,8 +130,8 @@ class ConstantVelocityKalman(PlaceFilter):
     The discretised continuous-time model, so intervals may be irregular: over dt the covariance
     grows by ``q [[dt^3/3, dt^2/2], [dt^2/2, dt]]`` (Bar-Shalom, Li and Kirubarajan, *Estimation
     with Applications to Tracking and Navigation*, 2001, section 6.2.2). Because both axes are
-    alike, one covariance serves them, and turning the screen turns the result. The filter's own
-    state is that covariance: of the place, of both, of the velocity.
+    alike, one covariance serves them, and turning the screen turns the result. The rest of the
+    state is that covariance: place with place, place with velocity, velocity with velocity.
 
     Parameters
     ----------
@@ -186,14 +186,14 @@ class OneEuroFilter(PlaceFilter):
     place with ``min_cutoff + beta * speed``. Two choices are ours. The speed is that of both axes
     together, so that turning the screen turns the result. And since dx over-estimates the velocity
     by ``1 / alpha``, where alpha is the weight of the newest report, the velocity given here is
-    alpha times the smoothed dx: that of the filtered place. Its own state is the smoothed dx, dy.
+    alpha times the smoothed dx: that of the filtered place. The rest is the smoothed dx, dy.
 
     Parameters
     ----------
     min_cutoff_hz : float
         Cut-off for a finger at rest.
     beta_per_mm : float
-        How much the cut-off rises [Hz] per speed [mm/s].
+        Rise of the cut-off [Hz] per speed [mm/s].
     derivative_cutoff_hz : float
         Cut-off for dx.
     """

@@ -23,7 +23,7 @@ class Touches:
     Parameters
     ----------
     settings : TouchSettings, optional
-        For every tracker.
+        Settings of every tracker.
     strict : bool
         Raise `InputError` for events that cannot be used.
     max_touches : int

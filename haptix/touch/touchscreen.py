@@ -36,7 +36,7 @@ class Touchscreen:
     Parameters
     ----------
     path : path
-        Such as "/dev/input/event5"; `find_touchscreens` lists them.
+        Device file, such as "/dev/input/event5"; `find_touchscreens` lists them.
     width_mm, height_mm : float, optional
         Size of the touch-sensitive area; needed if the driver gives no resolution, which it
         overrides.

@@ -1,14 +1,14 @@
 """Places in the gap at which the squared field is followed, for any voltage.
 
 A gap u divides a voltage with the insulators frequency by frequency, ``E(f) = V(f)/(u + h0(f))``.
-Its attraction goes with the square of their sum in time. With a real length h near the insulators'
-own, and ``s = h/(u + h)``, which runs from 0 in wide gaps to 1 at a contact spot,
+Its attraction is proportional to the square of their sum in time. With a real length h near the
+insulators' own, and ``s = h/(u + h)``, which runs from 0 in wide gaps to 1 at a contact spot,
 
     E = F^-1[ V(f) / (1 + d(f) s) ] / (u + h),    d(f) = h0(f)/h - 1.
 
 What is left under the transform is smooth in s: a polynomial through its squares at a few Chebyshev
 points holds it for all gaps, and without dispersion (d = 0) a single point is exact. Where the
-insulators span decades, as of a gap that leaks, the polynomial is in ``ln(u + |h0|)`` instead.
+insulators span decades, as in a leaking gap, the polynomial is in ``ln(u + |h0|)`` instead.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class GapField:
     reference_m : float
         h [m].
     points : int
-        Their number.
+        Number of points.
     span_m : (float, float), optional
         Thinnest insulator and widest gap [m] between which the points are even in
         ``ln(u + thinnest)``; without it they are even in s.
@@ -84,9 +84,9 @@ class GapField:
         thickness_m : ndarray of complex, shape (bands,)
             h0 [m] of each band of frequencies.
         attraction : ndarray, shape (bands,)
-            Attraction of each in a contact spot, in any unit.
+            Attraction of each band in a contact spot, in any unit.
         widest_gap_m : float
-            Gaps are no wider [m].
+            Widest gap [m].
 
         Raises
         ------
@@ -107,7 +107,7 @@ class GapField:
 
     @property
     def share(self) -> Array:
-        """S of the points."""
+        """Return s at each point."""
         even = np.asarray((1 + chebpts1(self.points)) / 2)
         if self.span_m is None:
             return even

@@ -59,7 +59,7 @@ class Samples:
         low, high = max(first, 0), min(first + count, len(self.volts))
         if low < high:
             volts[low - first : high - first] = self.volts[low:high]
-        # Faded in and out over half of the memory: a cut would ring as far as it is remembered.
+        # Faded in and out over half of the memory: a cut would ring over all of it.
         fade = np.hanning(2 * round(MEMORY_S / 2 * rate) + 1)
         half = len(fade) // 2
         volts[:half] *= fade[:half]
@@ -86,7 +86,7 @@ class Spectrum:
     start_s, rate_hz, samples
         Time of the first sample [s], rate [Hz] and number of the samples read.
     spectrum, thickness_m : ndarray of complex, shape (frequencies,)
-        Of the voltage, up to half of the rate that it was played at; and h0 [m] there.
+        Spectrum of the voltage, up to half of the rate that it was played at; and h0 [m] there.
     """
 
     start_s: float
@@ -153,16 +153,16 @@ class Amplitude:
         return GapField.for_bands(np.array([self.thickness_m]), np.ones(1), widest_gap_m)
 
     def excerpt(self, from_s: float, to_s: float) -> Amplitude:
-        """Return the whole: nothing is remembered."""
+        """Return the whole drive, since its attraction has no memory."""
         return self
 
     def squares(self, field: GapField, t_s: Array, output_rate_hz: float) -> Array:
-        """As `Spectrum.squares`; an amplitude is taken to be slower than the output."""
+        """As in `Spectrum.squares`; an amplitude is taken to be slower than the output."""
         divisor = np.abs(1 + (self.thickness_m / field.reference_m - 1) * field.share) ** 2
         return np.asarray(self._at(t_s) ** 2 / (2 * divisor[:, None]))
 
     def highest_field(self, gap_m: float, t_s: Array) -> Array:
-        """As `Spectrum.highest_field`."""
+        """As in `Spectrum.highest_field`."""
         ends = self._at(t_s)
         return np.asarray(np.maximum(ends[:-1], ends[1:]) / abs(gap_m + self.thickness_m))
 
@@ -173,7 +173,7 @@ class Amplitude:
 
 
 Drive = Samples | Amplitude
-"""What was played."""
+"""A played drive: its samples, or the amplitude of an ideal carrier."""
 
 Excerpt = Spectrum | Amplitude
 """The part of a drive that determines the field over some time."""

@@ -28,15 +28,15 @@ class Felt:
     mu: Array
     """Friction coefficient; NaN where the finger stands or is lifted, since nothing slides."""
     friction_force_n: Array
-    """Friction force against the motion [N]; 0 where nothing slides: no force is known to push a
-    standing finger, and friction is what it needs to be."""
+    """Friction force against the motion [N]; 0 where nothing slides, since static friction equals a
+    push that is not known."""
     status: npt.NDArray[np.int64]
     """`haptix.Status`: `PULL_IN` where the contact snaps in (values at the branch's end),
     `BREAKDOWN` where that term is on and the field too high, else `OK`."""
 
     @property
     def is_sliding(self) -> npt.NDArray[np.bool_]:
-        """Where there is friction to be felt."""
+        """Whether the finger slides, so that there is friction."""
         return np.isfinite(self.mu)
 
 

@@ -240,7 +240,7 @@ def test_logs_that_are_not_this_experiments_are_refused(device, tmp_path):
     with pytest.raises(HaptixError, match="another experiment"):
         experiment(device, path)
     path.write_bytes(b"\xff\xfe\n\xff\n")
-    with pytest.raises(HaptixError, match="no log"):
+    with pytest.raises(HaptixError, match="not a log"):
         experiment(device, path)
     with pytest.raises(HaptixError, match="as a log"):
         experiment(device, tmp_path)

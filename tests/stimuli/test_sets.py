@@ -349,7 +349,7 @@ def test_designs():
         ({"stimuli": (*tones(), tones()[0])}, "two are called 'sine'"),
         ({"stimuli": (Stimulus("events", Constant(0.1).lasting(1.0)),)}, "'events'"),
         ({"unreachable": "clip"}, "reject"),
-        ({"screens": (Screen(), Screen())}, "one name"),
+        ({"screens": (Screen(), Screen())}, "same name"),
     ],
 )
 def test_wrong_sets_are_refused(finger, screen, fields, pattern):

@@ -29,7 +29,7 @@ class ConstantStimuli(Method):
     seed : int
         Seed of the order; every repetition has all levels once.
     function, guess, lapse
-        Of the fitted function, see `fit`.
+        Form and fixed parameters of the fitted function, see `fit`.
     """
 
     levels: Sequence[float]

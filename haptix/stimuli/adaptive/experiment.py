@@ -38,7 +38,7 @@ class Touch:
 
 @dataclass(frozen=True)
 class Presentation:
-    """What a trial plays, from a level.
+    """Drive signals of a trial, for a level.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Experiment:
     method : Method
         Chooses the levels.
     presentation : Presentation
-        Makes drive signals of them.
+        Makes drive signals of the levels.
     device : Device
         Plays them; used as a context manager, once per interval.
     answer : callable
@@ -80,16 +80,16 @@ class Experiment:
     task : {"2ifc", "2afc"}
         How the two alternatives are presented.
     seed : int
-        Of the order of the alternatives.
+        Seed of the order of the alternatives.
     ceiling_v : float, optional
         Highest voltage; by default the device's, and never above that.
     pause_s : float
-        Between the intervals of "2ifc".
+        Pause between the intervals of "2ifc".
     touch : callable, optional
         Returns the `Touch` of the trial that was just played. None, for no touch, counts as a wrong
         one.
     normal_force_n, speed_mm_per_s : float, optional
-        What `touch` must keep.
+        Force and speed that `touch` is checked against.
     tolerance : float
         Relative tolerance of `touch`.
     clock, wait : callable

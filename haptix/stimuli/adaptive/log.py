@@ -21,7 +21,7 @@ COLUMNS = (
 class TrialLog:
     """A tab-separated table with a line per trial, on the disk before the next trial begins.
 
-    An existing log is continued, but not that of another `experiment`, as its description says. A
+    An existing log is continued, unless its description is that of another `experiment`. A
     last line that was cut off while it was written is dropped.
     """
 
@@ -44,7 +44,7 @@ class TrialLog:
         except OSError as error:
             raise InputError(f"cannot use {self.path} as a log: {error.strerror}") from None
         except UnicodeDecodeError:
-            raise FileFormatError(f"{self.path}: is no log of trials") from None
+            raise FileFormatError(f"{self.path}: is not a log of trials") from None
         if whole != known:
             write_whole(self.path, whole)
 

@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 
 @dataclass(frozen=True)
 class Estimate:
-    """The threshold that a method estimates."""
+    """Result of a method: threshold, spread and other parameters."""
 
     threshold: float
-    """In the units of its levels."""
+    """Detection threshold, in the units of the levels."""
     spread: float
     """Standard deviation of the threshold; NaN if unknown."""
     others: dict[str, float]

@@ -44,7 +44,7 @@ FUNCTIONS: dict[str, Psychometric] = {
     "normal": normal,
     "symmetric-normal": symmetric_normal,
 }
-"""By the names that recipes use."""
+"""Psychometric functions by the names that recipes use."""
 
 
 def function_named(name: str) -> Psychometric:

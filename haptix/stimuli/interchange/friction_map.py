@@ -37,7 +37,7 @@ class FrictionMap:
     Parameters
     ----------
     values : ndarray, shape (rows, columns)
-        In `quantity`.
+        Friction, as `quantity` says.
     width_mm : float
         Width on the screen; pixels are square.
     quantity : {"mu", "contrast"}

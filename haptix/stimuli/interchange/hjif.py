@@ -2,7 +2,7 @@
 
 The standard's modality "Friction" lies in space: positions are in metres times ten to the
 ``unit_exponent``, and a signal of -1 to 1 per position. One band of straight lines ("Curve",
-"Linear") keeps a profile of friction; mu is written as it is where it is at most 1. Field names
+"Linear") keeps a profile of friction; mu is written unchanged, and must be at most 1. Field names
 and their order follow the reference software of the standard (MPEGGroup/HapticReferenceSoftware).
 
 Lost: volts, force, speed, carrier, and what lies between the corners; positions are whole units.
@@ -42,7 +42,7 @@ def write_hjif(
     x_mm, mu : sequence of float
         Places of the corners [mm], 0 or more, increasing; friction there, 0 to 1.
     description, date : str
-        For the file's head; the date is in ISO 8601, by default today's.
+        Text and date for the file's head; the date is in ISO 8601, by default today's.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def write_hjif(
 def read_hjif(path: str | Path, speed: SpeedProfile | float) -> tuple[AlongPath, list[str]]:
     """Read the first profile of friction in a file, and say what of the file is not in it.
 
-    The file does not tell how the finger moves: `speed` does, a number in mm/s.
+    The file does not contain the finger's motion, which `speed` gives; a number is in mm/s.
 
     Raises
     ------
