@@ -7,8 +7,8 @@ contact conditions at any point over h_rms. It is what haptix' tolerance bounds.
 mean instead, ``sum p (g - min g) / (sum p h_rms)`` (g its gap before it is levelled), whose largest
 part is the deepest overlap, -min g: at a tolerance t it ends with overlaps between t/5 and 1.2 t.
 The column "violation" shows both; haptix' is never the larger by much. Times are the best of three
-(one for tamaas where it takes over 10 s), one process each on one core, then on two. On one core
-it is the time of the processor that counts, which a busy machine hardly disturbs.
+(one for tamaas where it takes over 10 s), one process each on one core, then on two. On one core,
+processor time is measured, which a busy machine hardly disturbs.
 """
 
 import argparse
@@ -117,7 +117,7 @@ def measure_batch(points):
     alone = [BoundaryElements(one, HalfSpace(1.0, 0.0)) for one in singles]
     for x in LOADS:
         pressure = x * float(batch.slope_rms.mean())
-        # In turns, so that what else the machine does falls on all of them.
+        # In turns, so that other load on the machine affects all of them.
         seconds, one_by_one, cores_within = fastest_of_turns(
             lambda p=pressure: together.solve(p),
             lambda p=pressure: [solver.solve(p) for solver in alone],
@@ -219,7 +219,7 @@ def main():
             )
         for row in in_a_process("memory", points, 1):
             print(
-                f"{points} points: {row['bytes_per_point']:.0f} bytes a point at the peak, "
+                f"{points} points: {row['bytes_per_point']:.0f} bytes per point at the peak, "
                 f"{row['estimated']:.0f} estimated"
             )
     if chosen.csv:

@@ -42,7 +42,7 @@ VOLTAGES_V = (200.0, 170.0, 140.0, 120.0, 100.0, 80.0, 60.0)
 
 @dataclass(frozen=True)
 class Trial:
-    """One truth, one protocol."""
+    """Results of one protocol for one true finger and screen."""
 
     truth: int
     protocol: str

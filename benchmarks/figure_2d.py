@@ -30,7 +30,7 @@ POINTS, SURFACES, SEED = 512, 6, 2
 
 
 def main() -> None:
-    """Solve and write."""
+    """Solve all surfaces, and write the CSV."""
     surfaces = Surfaces.random(SPECTRUM, POINTS, surfaces=SURFACES, seed=SEED)
     model = BoundaryElements(surfaces, SKIN)
     strengths = torch.tensor(VOLTAGES_V, dtype=torch.float64) ** 2

@@ -1,4 +1,4 @@
-"""Made-up fingers: paths as people move on a screen, and what a touchscreen reports of them.
+"""Synthetic fingers: paths like those of people on a screen, and a touchscreen's reports of them.
 
 For studies and tests that have to know where the finger truly is. Strokes follow the minimum-jerk
 law (Flash and Hogan, J. Neurosci. 5, 1688, 1985). All carry a physiological tremor of 8 to 12 Hz.
@@ -56,7 +56,7 @@ class FingerPath:
             "zigzag": to and fro at 1 to 2 Hz, drifting sideways; "circles": rounds of 8 to 20 mm
             radius.
         seed : int
-            Of everything random in it.
+            Seed of all randomness in the path.
         duration_s : float
             Length [s].
         speed_mm_s : float
@@ -79,20 +79,20 @@ class FingerPath:
         jitter_s: float = 0.0005,
         missing: float = 0.0,
     ) -> list[TouchEvent]:
-        """What a touchscreen says of it, in order: one touch, from "down" to "up".
+        """Reports of a touchscreen, in order: one touch, from "down" to "up".
 
         Parameters
         ----------
         seed : int
-            Of noise, jitter and what is missing.
+            Seed of noise, jitter and lost reports.
         rate_hz : float
-            Reports a second.
+            Reports per second.
         latency_s : float
             From the finger being at a place to the time stamp of the report.
         noise_mm : float
             Standard deviation of each coordinate.
         jitter_s : float
-            Reports are made up to this far from their regular times; the stamp knows it.
+            Reports come up to this far from their regular times; their time stamps are right.
         missing : float
             Share of the reports that are lost.
         """

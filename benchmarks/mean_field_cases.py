@@ -121,7 +121,7 @@ def pull_in_voltage(found: Balance) -> float:
 
 
 def _drawn(case: Case) -> Surfaces:
-    """Surfaces, whose h_rms is not quite the spectrum's: the waves of a box are lattice points."""
+    """Surfaces; their h_rms is not quite the spectrum's, as a box has discrete wavenumbers."""
     spectrum = case.spectrum(case.h_rms_m)
     return Surfaces.random(spectrum, case.points, 2 * pi / case.q0, SURFACES, SEED)
 
@@ -204,7 +204,7 @@ def _write(name: str, rows: list[dict[str, object]]) -> None:
 
 
 def main() -> None:
-    """Solve and write."""
+    """Solve all cases, and write their files."""
     FOLDER.mkdir(exist_ok=True)
     for name, cases, solve in (
         ("layered", LAYERED, _solve_layered),

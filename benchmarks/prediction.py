@@ -3,7 +3,7 @@
     .venv/bin/python benchmarks/prediction.py             # the defaults; half a minute
     .venv/bin/python benchmarks/prediction.py --sweep     # the filters' parameters too; minutes
 
-Made-up fingers (`made_up_fingers`) whose true place is known are reported by a touchscreen
+Synthetic fingers (`made_up_fingers`) whose true place is known are reported by a touchscreen
 with noise and latency; a tracker is asked for its path in blocks of 1 ms, and the distance to the
 true place counts. "held" is the place of the last report: what there is without prediction.
 """

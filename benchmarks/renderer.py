@@ -3,7 +3,7 @@
     .venv/bin/python benchmarks/renderer.py [--stalls SECONDS]
 
 A block is 1 ms at 48 kHz. Its time runs from asking the touches for the fingers' paths to the drive
-samples: prediction, texture, surface, fades, wave. Beside it, in the same run, stands the bare path
+samples: prediction, texture, surface, fades, wave. For comparison, the same run times the bare path
 (one texture row, one table row, the inverse, a sine, 16 bits) in numpy, in eager torch and, where
 numba is installed, compiled. With --stalls, the whole chain plays on a mock device in real time
 while the renderer's thread and the link each stop for 10 ms now and then.
@@ -81,7 +81,7 @@ def blocks(surface: Any, texture: Any) -> None:
 
 def bare(surface: Any, texture: Any) -> None:
     """One row of pixels under 48 places, one row of the surface, the sine, 16 bits."""
-    print("the bare path of it, one finger")
+    print("the bare path, one finger")
     level = np.ascontiguousarray(texture.level[100])
     row = Slice.of(surface.table).column(0.5)
     places = np.linspace(100.0, 110.0, BLOCK)
@@ -158,7 +158,7 @@ def offline(surface: Any, texture: Any) -> None:
 
 
 def errors(model: Any, texture: Any, path: Trajectory) -> None:
-    print("errors under the virtual finger: 95 % below, in JND")
+    print("errors felt by the virtual finger: 95 % are below, in JND")
     for name, drive in (
         ("carrier of 4 kHz", SineCarrier(4000.0)),
         ("direct sine of 125 Hz", DirectWave(125.0)),
@@ -194,7 +194,7 @@ class Stalling(FrictionField):
 
 def direct(model: Any) -> None:
     """Friction over a period of a direct sine at full voltage, against what was asked for."""
-    print("direct sine, 0.3 N, 200 V: mean friction less that of the mean attraction, and less")
+    print("direct sine, 0.3 N, 200 V: mean friction minus that of the mean attraction, and minus")
     print("what the renderer asks for, in JND")
     for frequency in (60.0, 125.0, 500.0):
         ranges = {"normal_force_n": (0.1, 1.0), "frequency_hz": frequency}
@@ -242,7 +242,7 @@ def stalls(surface: Any, texture: Any, seconds: float) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--stalls", type=float, metavar="SECONDS", help="play so long, with stalls")
+    parser.add_argument("--stalls", type=float, metavar="SECONDS", help="time to play, with stalls")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     model = haptix.ContactModel(

@@ -1,8 +1,8 @@
-"""Offline stimuli: an hour of drive, its memory, its peak, and its error by the virtual finger.
+"""Offline stimuli: time and memory for an hour of drive, its peak, and its felt error.
 
     python benchmarks/stimuli.py [minutes]
 
-Times are those of this machine as it is; run it on a quiet one.
+Times depend on the load of the machine: run it on a quiet one.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ def signals() -> dict[str, object]:
     return {
         "sine": Sine(0.07, 20.0, offset=0.08),
         "grating": grating(0.07, 2.0, 80.0, offset=0.08),
-        "noise": TimeNoise(0.014, (20.0, 200.0), seed=1, mean=0.1),  # 7 deviations: it is an hour
+        "noise": TimeNoise(0.014, (20.0, 200.0), seed=1, mean=0.1),  # 7 deviations above 0
     }
 
 
 def hour(kind: str, minutes: float, threads: int, encoding: str, container: str) -> None:
-    """One long file, in a process of its own so that its memory can be told."""
+    """Make one long file, in a process of its own so that its memory can be measured."""
     stimulus = Stimulus(kind, signals()[kind].lasting(60 * minutes))  # type: ignore[attr-defined]
     parts = StimulusSet(
         "hour", (stimulus,), FINGER, (SCREEN,), container=container, encoding=encoding
@@ -82,7 +82,7 @@ def in_a_process(*arguments: object) -> dict[str, float]:
 
 
 def evaluate_set() -> None:
-    """Friction under the virtual finger, which solves the contact and knows no surface."""
+    """Print the error of the friction felt by the virtual finger, which uses no surface."""
     length, force, speed = 4.0, 0.5, 80.0
     model = ContactModel(FINGER, SCREEN)
     for name, signal in signals().items():
@@ -100,7 +100,7 @@ def evaluate_set() -> None:
         inside = (felt.t_s > 0.05) & (felt.t_s < length - 0.02)
         error = np.abs(felt.mu - target)[inside] / (WEBER_FRACTION * target[inside])
         print(
-            f"{name}: under the virtual finger off by {np.percentile(error, 95):.3f} difference "
+            f"{name}: friction felt by the virtual finger is off by {np.percentile(error, 95):.3f} "
             f"JND (95 %), {error.max():.3f} at most"
         )
 

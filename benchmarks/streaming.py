@@ -1,6 +1,6 @@
 """Streaming in real time against the mock driver, with stalls injected; see --help.
 
-Plays a known signal for a minute, with stalls of 10 ms in what makes the samples and in the link,
+Plays a known signal for a minute, with stalls of 10 ms in the sample source and in the link,
 and compares every sample that the driver took with what was sent.
 """
 
@@ -20,7 +20,7 @@ from firmware_io.firmware.core import Output
 STALL_S = 0.010
 STALL_EVERY_S = (0.5, 0.7)  # in the link, and in what makes the samples
 
-# Address, samples in a block, and the second lead [s]: as short as three blocks or so.
+# Address, samples in a block, and the second lead [s]: about three blocks.
 CASES = {
     "48 kHz waveform, bytes": ("mock:pace=real", 48, 0.005),
     "16 kHz envelope, HID reports": ("mock:pace=real,reports=yes", 83, 0.016),
@@ -86,7 +86,7 @@ def play(
 
 
 def lost(driver, device, volts) -> int:
-    """Samples that were not played as they were put: compared one by one."""
+    """Samples that were not played as sent, compared one by one."""
     codes, what = driver.output
     streamed = codes[what == Output.STREAM]
     first = int(np.flatnonzero(streamed)[0])

@@ -2,8 +2,8 @@
 
     python benchmarks/surface.py
 
-Ratios are of times measured in turn in one run; every time is the best of several, which is what a
-machine that has other work to do can still show.
+Ratios compare times measured in turn in one run. Every time is the best of several, since other
+work slows the machine.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ POINTS = 1_000_000
 
 
 def best_s(work: Callable[[], object], repeats: int = 7) -> float:
-    """Shortest of some runs, after one that does not count."""
+    """Shortest time [s] of several runs, after a warm-up run."""
     work()
     times = []
     for _ in range(repeats):
@@ -48,7 +48,7 @@ def build() -> FrictionSurface:
 
 
 def draw(low: float, high: float, generator: torch.Generator) -> torch.Tensor:
-    """Points even in the logarithm."""
+    """Draw points log-uniformly."""
     share = torch.rand(POINTS, generator=generator, dtype=torch.float64)
     return (low * (high / low) ** share).clamp(low, high)
 
@@ -96,7 +96,7 @@ def queries(surface: FrictionSurface) -> None:
 
 
 def load(surface: FrictionSurface) -> None:
-    """Load a file of 20 MB: the surface's columns, many times over along the force."""
+    """Load a file of 20 MB, which repeats the surface's columns along the force."""
     table = surface.table
     forces = table.axes.shape[0]
     many = int(20e6 / table.columns.nbytes * forces) + 1
@@ -116,7 +116,7 @@ def load(surface: FrictionSurface) -> None:
 
 
 def main() -> None:
-    """Print all."""
+    """Measure and print everything."""
     torch.set_num_threads(2)
     seconds = best_s(build, 3)
     surface = build()

@@ -83,7 +83,7 @@ def main() -> None:
         print("  block of 48 [us]  ", "  ".join(f"{value:7.1f}" for value in times))
         print("  aliases [dB]      ", "  ".join(f"{value:7.0f}" for value in folded))
         print("  kept              ", "  ".join(f"{value:7.2f}" for value in kept))
-    print("making a photograph of")
+    print("making a texture from a photograph of")
     for side in (512, 2048, 4096):
         pixels = np.random.default_rng(0).integers(0, 256, (side, side)).astype(np.uint8)
         began = time.perf_counter()

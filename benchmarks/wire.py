@@ -74,7 +74,7 @@ def codec(samples: int) -> tuple[float, float, float]:
 
 
 def core_speed(which: CoreName, mode: StreamMode) -> float:
-    """Return output samples a second, receiving included, as multiples of real time at 48 kHz."""
+    """Return output samples per second, receiving included, over the 48 kHz of real time."""
     about = MockDriver(core=which).about
     core = open_core(about, which)
     is_envelope = mode is StreamMode.ENVELOPE

@@ -2,7 +2,7 @@
 
     python examples/calibrate_screen.py [folder]
 
-The finger is a virtual one, and its screen's insulator is 40 % thicker than believed. For a real
+The finger is a virtual one, and its screen's insulator is 40 % thicker than assumed. For a real
 finger replace `VirtualFingerSource` by `calibration.inputs.open_inputs("inputs.toml")`, the device
 by `haptix.open_device("usb:")`, and prompt the person in the `Watcher`.
 """
@@ -21,12 +21,12 @@ from calibration.virtual import VirtualFingerSource
 def main() -> None:
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp()) / "panel-7"
 
-    # What is believed of finger and screen: where the fit starts.
+    # The assumed finger and screen, from which the fit starts.
     finger = haptix.Finger.preset("semi-wet")
     screen = haptix.Screen.preset("3m-sct3250").replace(name="panel 7")
     truth = screen.replace(insulator_thickness_m=1.4e-6)
 
-    # Plan: three minutes of strokes, chosen by what they tell.
+    # Plan: three minutes of strokes, chosen for their information.
     predictor = StrokePredictor(haptix.ContactModel(finger, screen))
     protocol = short_protocol(predictor, Parameters.of(finger, screen), minutes=3.0)
 

@@ -1,4 +1,4 @@
-"""Constant stimuli about a threshold: make the set, play it to a simulated observer, fit.
+"""Constant stimuli about a detection threshold: make the set, play it to a simulated observer, fit.
 
     python examples/constant_stimuli.py [folder]
 
@@ -20,7 +20,7 @@ from haptix.stimuli.designs import constant_stimuli
 from haptix.stimuli.experiment_recipe import presentation_of
 
 STEPS_DB = [-9, -6, -3, 0, 3, 6]
-THRESHOLD = 0.03  # contrast of friction: what the experiment is about to find
+THRESHOLD = 0.03  # contrast of friction, which the experiment has to find
 
 
 def stimulus(name: str, contrast: float) -> Stimulus:

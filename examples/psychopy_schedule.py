@@ -1,6 +1,6 @@
-"""Schedule our device from a PsychoPy script: pictures and clocks are PsychoPy's, volts are ours.
+"""Play haptix stimuli from a PsychoPy script, which keeps its own pictures and clocks.
 
-    pip install psychopy        # yours to install; haptix does not depend on it
+    pip install psychopy        # haptix does not depend on it
     python examples/psychopy_schedule.py FOLDER participant-01.tsv
 
 FOLDER is a set made by ``haptix stimuli make``. The trial table says what comes when; every
@@ -37,10 +37,10 @@ def play(device: Device, file: Path) -> None:
 
 
 def run(folder: Path, log: Path, device: Device, show: Show, ask: Ask) -> int:
-    """Go through the set's trial table; returns the number of trials."""
+    """Run the trials of the set's table, and return their number."""
     wrong = check_manifest(folder)
     if wrong:
-        raise SystemExit(f"{folder}: not as it was made: {', '.join(wrong)}")
+        raise SystemExit(f"{folder}: files differ from the manifest: {', '.join(wrong)}")
     with (folder / "events.tsv").open(newline="") as file:
         trials = list(csv.DictReader(file, delimiter="\t"))
     with log.open("x") as answers:
@@ -56,7 +56,7 @@ def run(folder: Path, log: Path, device: Device, show: Show, ask: Ask) -> int:
 
 
 def main() -> None:
-    from psychopy import event, visual  # GPL: yours, not ours
+    from psychopy import event, visual  # GPL: not a dependency of haptix
 
     window = visual.Window()
     text = visual.TextStim(window)

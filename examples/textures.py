@@ -2,7 +2,7 @@
 
     python examples/textures.py [folder]
 
-writes textures.png, the target friction at two speeds of the finger, and headroom.png, the part
+Writes textures.png, the target friction at two speeds of the finger, and headroom.png, the part
 of it in the reachable range at 0.5 N.
 """
 

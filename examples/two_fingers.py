@@ -1,10 +1,10 @@
-"""Two fingers on two textures, over one electrode: what each wants, and what both feel.
+"""Two fingers on two textures, over one electrode: the target of each, and what both feel.
 
     python examples/two_fingers.py [--combination strongest] [--device mock:] [--out fingers.png]
 
 A screen has one voltage for all fingers on it, so two of them cannot feel two textures at once.
 `combination` says whose amplitude counts: the strongest, the first finger's, or the mean. A finger
-alone gets what it wants. The fingers are simulated. On the mock they move in virtual time and are
+alone gets its own target. The fingers are simulated. On the mock they move in virtual time and are
 reported 20 ms late, and a virtual finger in the place of each says what it felt; any other device
 plays them in real time.
 """
