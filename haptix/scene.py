@@ -133,7 +133,7 @@ class Override(Part):
         unknown = sorted(set(terms) - set(TERMS))
         if unknown:
             raise ValueError(
-                f"unknown {', '.join(map(repr, unknown))}; expected some of {', '.join(TERMS)}"
+                f"unknown {', '.join(map(repr, unknown))}; expected any of {', '.join(TERMS)}"
             )
         return terms
 

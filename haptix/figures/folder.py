@@ -103,6 +103,6 @@ def _chosen(names: Sequence[str]) -> list[str]:
     if unknown := found - set(FIGURES):
         raise InputError(
             f"figures: unknown {', '.join(sorted(n.removeprefix('fig') for n in unknown))}; "
-            f"expected some of {', '.join(name.removeprefix('fig') for name in FIGURES)}"
+            f"expected any of {', '.join(name.removeprefix('fig') for name in FIGURES)}"
         )
     return [name for name in FIGURES if name in found or not names]

@@ -72,7 +72,7 @@ def read(table: Any, place: str, kinds: Mapping[str, Callable[..., Made]] = KIND
     unknown = [name for name in given if name not in known]
     if unknown:
         raise InputError(
-            f"{place}.{unknown[0]}: {kind} has no such field; expected some of {', '.join(known)}"
+            f"{place}.{unknown[0]}: {kind} has no such field; expected any of {', '.join(known)}"
         )
     given = {name: _read_field(value, f"{place}.{name}") for name, value in given.items()}
     try:

@@ -116,7 +116,7 @@ def stimulus_from(name: str, table: Mapping[str, Any]) -> Stimulus:
     unknown = sorted(set(table) - known)
     if unknown:
         raise InputError(
-            f"{name}.{unknown[0]}: unknown; expected some of {', '.join(sorted(known))}"
+            f"{name}.{unknown[0]}: unknown; expected any of {', '.join(sorted(known))}"
         )
     if "signal" not in table:
         raise InputError(f"{name}.signal: missing; a stimulus needs one")

@@ -36,7 +36,7 @@ def read_ranges(model: ContactModel, scene: Any) -> dict[str, tuple[float, float
     unknown = set(given) - set(_NAMES)
     if unknown:
         raise InputError(
-            f"unknown range {', '.join(sorted(unknown))}: expected some of {', '.join(_NAMES)}"
+            f"unknown range {', '.join(sorted(unknown))}: expected any of {', '.join(_NAMES)}"
         )
     screen = model.screen
     ranges: dict[str, Any] = {"voltage_v": (0.0, screen.max_voltage_v), **given}

@@ -80,7 +80,7 @@ def chosen_terms(
     unknown = set(terms) - set(TERMS)
     if unknown:
         raise InputError(
-            f"terms: unknown {', '.join(map(repr, sorted(unknown)))}; expected some of "
+            f"terms: unknown {', '.join(map(repr, sorted(unknown)))}; expected any of "
             f"{', '.join(TERMS)}"
         )
     if isinstance(terms, Mapping):

@@ -86,7 +86,7 @@ class Quest(Method):
         weight = np.ones(self._shape)
         for name, given in self.prior.items():
             if name not in self.grids:
-                raise InputError(f"prior.{name}: expected some of {', '.join(_NAMES)}")
+                raise InputError(f"prior.{name}: expected any of {', '.join(_NAMES)}")
             p = row(f"prior.{name}", given)
             if p.shape != self.grids[name].shape or not (p >= 0).all() or not p.sum() > 0:
                 raise InputError(
