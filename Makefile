@@ -10,7 +10,7 @@ demo: .venv/.ready ## render a texture end to end, no hardware needed, into hapt
 	.venv/bin/haptix demo --out haptix-demo $(ARGS)
 
 test: .venv/.ready ## run the tests (ARGS='-k surface -x')
-	.venv/bin/python -m pytest -n auto --dist loadgroup $(ARGS)
+	.venv/bin/python -m pytest -n auto --dist loadfile $(ARGS)
 
 test-slow: .venv/.ready ## the tests that make test leaves out for their time
 	.venv/bin/python -m pytest -n auto --dist worksteal -m slow $(ARGS)

@@ -10,6 +10,8 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 import pytest
 import torch
+from xdist.remote import Producer
+from xdist.scheduler import LoadFileScheduling
 
 from haptix import ContactModel, Finger, Screen
 from tests.command_line import CommandLine, run_haptix
@@ -39,11 +41,17 @@ def pytest_runtest_makereport(
 ONE_PROCESS = ("calibration", "figures", "planning", "simulation", "stimuli", "surface")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    for item in items:
-        folder = item.path.parent.name
-        group = folder if folder in ONE_PROCESS else f"{folder}/{item.path.name}"
-        item.add_marker(pytest.mark.xdist_group(group))
+class ByFileOrFolder(LoadFileScheduling):  # type: ignore[misc]  # xdist has no types
+    """A process runs whole files, and of some folders all files."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        file: str = super()._split_scope(nodeid)
+        folder = file.split("/")[1]
+        return folder if folder in ONE_PROCESS else file
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> ByFileOrFolder | None:
+    return ByFileOrFolder(config, log) if config.getoption("dist") == "loadfile" else None
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -250,7 +250,7 @@ def test_doctor(haptix_cli, tmp_path):
     shown = haptix_cli("doctor", "--json")
     assert shown.code == 0
     rows = {row["check"]: row for row in json.loads(shown.out)}
-    buses = {"usb", "hid", "audio"}
+    buses = {"usb", "hid", "audio", "serial"}
     assert {"haptix", "torch", "cache", "solver", "udev rule", "mock driver"} | buses == set(rows)
     for name in ("haptix", "torch", "cache", "solver"):
         assert rows[name]["ok"] == "yes"

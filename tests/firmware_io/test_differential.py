@@ -110,7 +110,7 @@ def session(seed):
 
 @pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize(
-    "seeds", [range(200), pytest.param(range(200, 2500), marks=pytest.mark.slow)]
+    "seeds", [range(100), pytest.param(range(100, 700), marks=pytest.mark.slow)]
 )
 def test_both_cores_agree_at_the_limits(seeds):
     faults = set().union(*map(session, seeds))

@@ -242,7 +242,7 @@ def test_logs_that_are_not_this_experiments_are_refused(device, tmp_path):
     path.write_bytes(b"\xff\xfe\n\xff\n")
     with pytest.raises(HaptixError, match="not a log"):
         experiment(device, path)
-    with pytest.raises(HaptixError, match="as a log"):
+    with pytest.raises(HaptixError, match="Is a directory"):
         experiment(device, tmp_path)
 
 
