@@ -17,7 +17,7 @@ class Breakdown(Term):
     """
 
     name = "breakdown"
-    summary = "report states whose field exceeds what air or the insulator withstands"
+    summary = "report states whose field exceeds what air or the insulator bears"
     source = "physics page, section 3"
     uses = (
         "screen.insulator_thickness_m",

@@ -54,7 +54,7 @@ class Term:
     """
 
     name: ClassVar[str]
-    summary: ClassVar[str]
+    summary: ClassVar[str]  # part of a surface's model hash: another wording is another model
     source: ClassVar[str]
     uses: ClassVar[tuple[str, ...]]
     """Fields that it reads, such as "finger.hardness_pa"; it is possible where all have a value."""
