@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from numbers import Real
 
 from firmware_io.capabilities import Capabilities, Mode
@@ -99,7 +99,15 @@ def bounded_setup(setup: Setup, limits: DriveLimits, driver: Capabilities) -> Se
 
 
 def lowered_limits(limits: DriveLimits, driver: Capabilities, setup: Setup) -> DriveLimits:
-    """Return the tighter of the host's limits and the driver's."""
+    """Return the tighter of the host's limits and the driver's.
+
+    They are of `DriveLimits` itself: a class of the caller's could check less.
+    """
+    if not isinstance(limits, DriveLimits):
+        raise DeviceError(f"limits must be DriveLimits, but is {limits!r}; correct it.")
+    limits = DriveLimits(
+        **{field.name: getattr(limits, field.name) for field in fields(DriveLimits)}
+    )
     slew = driver.max_slew_v_per_s - _slew_of_a_step(driver, setup)
     if slew <= 0.0:
         raise DeviceError(

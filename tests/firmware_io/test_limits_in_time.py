@@ -7,6 +7,7 @@ from firmware_io import (
     Device,
     DeviceError,
     DeviceFaultError,
+    DriveLimits,
     HaptixError,
     LimitError,
     MockDriver,
@@ -94,3 +95,37 @@ def test_a_carrier_at_the_ceiling_passes_for_ever():
             device.write(np.full(800, 200.0))
     assert_within_limits(device.mock)
     assert worst(device.mock)[1] > 141.0
+
+
+class Lenient(DriveLimits):
+    """Limits that check nothing."""
+
+    def __post_init__(self):
+        pass
+
+    def check(self, *arguments):
+        pass
+
+    def check_envelope(self, *arguments):
+        pass
+
+    @property
+    def max_rms_slew_v_per_s(self):
+        return 1e12
+
+
+def test_a_subclass_of_the_limits_raises_none():
+    for raised in ("max_rms_v", "max_dc_share", "window_s", "max_rms_a", "max_peak_a"):
+        with pytest.raises(LimitError, match=raised):
+            Device(MockLink(), Lenient(**{raised: 1e9}))
+    device = Device(MockLink(), Lenient())
+    with pytest.raises(LimitError), device:
+        device.write([201.0])
+    with pytest.raises(LimitError, match=r"0\.5 mA"), Device(MockLink(), Lenient()) as device:
+        device.write(np.resize([0.0, 90.0, 0.0, -90.0], 96_000))
+
+
+@pytest.mark.parametrize("limits", [200.0, "low", {"ceiling_v": 50.0}, object()])
+def test_limits_that_are_none(limits):
+    with pytest.raises(DeviceError, match="DriveLimits"):
+        Device(MockLink(), limits)

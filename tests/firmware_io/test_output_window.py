@@ -79,6 +79,10 @@ class Attacker:
         self.played.append(codes)
         self.what.append(what)
 
+    def first_refused(self):
+        """Index of the first output sample whose place the safety ramp has taken."""
+        return int(np.argmax(np.concatenate(self.what) == Output.RAMP))
+
     @property
     def fault(self):
         fault = self.core.fault()
@@ -267,3 +271,65 @@ def test_at_other_rates_and_scales(host, rate_hz, full_scale_mv):
         mean = np.abs(sums[rate_hz:] - sums[:-rate_hz]).max() / rate_hz
         assert mean <= 1.01 * 0.05 * board.ceiling_mv / 1e3
         assert np.sqrt((squares[rate_hz:] - squares[:-rate_hz]).max() / rate_hz) <= MOST_RMS_V
+
+
+def blocks_of(codes, length):
+    """Return whole blocks of a signal, and the one under way."""
+    whole = len(codes) // length * length
+    return [codes[at : at + length] for at in range(0, whole, length)], codes[whole:]
+
+
+def refused_by_hand(codes, kind, begin):
+    """Index of the first code from `begin` on that the page's table refuses, at 8 kHz and 250 V."""
+    length, ramp = 63, 40  # 8000 / 128 rounded up, 5 ms
+    rms = 142_835 * 32_767 * 256 // 250_000
+    most_energy = rms * rms // 65_536 * (RATE_HZ + 2 * length)
+    most_sum = 26_213 * RATE_HZ // 20
+    for n in range(begin, len(codes)):
+        level = codes[n]
+        whole, rest = blocks_of(codes[: n + 1], length)
+        if not rest:  # the block is closed behind this sample
+            rest = whole.pop()
+        if kind is FaultCode.ENERGY:
+            each = [-(-sum(c * c for c in block) // 4096) * 4096 for block in whole[-128:]]
+            total = sum(each) + sum(c * c for c in rest)
+            if total + level * level * (ramp // 3 + 1) > most_energy:
+                return n
+        elif sum(map(sum, whole[-128:])) + sum(rest) + level * (ramp - 1) // 2 > most_sum:
+            return n
+    return None
+
+
+@pytest.mark.parametrize(
+    ("kind", "begin", "signs"),
+    [(FaultCode.MEAN, 63 * 129 - 330, [1]), (FaultCode.ENERGY, 63 * 129 - 4100, [1, -1])],
+)
+def test_the_oldest_block_counts(host, kind, begin, signs):
+    """A burst in the first block, silence, and another that ends when the first is the oldest."""
+    top = 26_213
+    codes = np.zeros(63 * 129, int)
+    codes[:63] = np.resize(signs, 63) * top
+    codes[begin:] = np.resize(signs, codes.size - begin) * top
+    refused = refused_by_hand(codes.tolist(), kind, begin)
+    assert 63 * 128 <= refused < 63 * 129  # the whole of the window is needed
+    host.arm()
+    for piece in np.split(codes, range(800, codes.size, 800)):
+        host.write((piece + 0.5 * np.sign(piece)) / 32767 * 250)
+        host.play(piece.size / RATE_HZ)
+    assert host.fault is kind
+    assert host.first_refused() == refused
+    host.check()
+
+
+def test_energy_is_rounded_up_in_each_block(host):
+    """Loud until the limit is near, then so quiet that the rounding of the blocks decides."""
+    codes = np.concatenate([np.full(4129, 26_213), np.full(3000, 2000)])
+    codes[1::2] *= -1
+    refused = refused_by_hand(codes.tolist(), FaultCode.ENERGY, 6700)
+    assert refused == 6832  # were they rounded down, it would be 6833
+    host.arm()
+    for piece in np.split(codes, range(800, codes.size, 800)):
+        host.write((piece + 0.5 * np.sign(piece)) / 32767 * 250)
+        host.play(piece.size / RATE_HZ)
+    assert host.fault is FaultCode.ENERGY
+    assert host.first_refused() == refused
