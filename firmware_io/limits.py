@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from numbers import Real
 from typing import Self
@@ -136,7 +137,7 @@ class DriveLimits:
         ):
             value = getattr(self, name)
             is_number = isinstance(value, Real) and not isinstance(value, bool)
-            if not (is_number and math.isfinite(value) and value > 0):
+            if not (is_number and 0 < value <= sys.float_info.max):
                 raise LimitError(
                     f"{name} must be a finite number above 0, but is {value!r}; correct it."
                 )

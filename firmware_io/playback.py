@@ -6,6 +6,7 @@ import signal
 import threading
 import weakref
 from dataclasses import dataclass
+from numbers import Real
 from types import FrameType, TracebackType
 from typing import Any, Self
 
@@ -110,7 +111,8 @@ class Playback:
         *,
         clock: Clock | None = None,
     ) -> None:
-        if not (0.003 <= lead_s <= LONGEST_LEAD_S):
+        is_number = isinstance(lead_s, Real)
+        if not (is_number and 0.003 <= lead_s <= LONGEST_LEAD_S):
             raise DeviceError(
                 f"lead_s must lie in 0.003..{LONGEST_LEAD_S:g}, but is {lead_s!r}; "
                 "0.025 is a usual lead."

@@ -206,7 +206,9 @@ def main(arguments: list[str] | None = None) -> int:
         return 1
     sys.stdout.write(f"{server.address}\n")
     sys.stdout.flush()
-    signal.signal(signal.SIGTERM, lambda *_: server.stop())
+    # SIGHUP: its terminal was closed.
+    for ending in (signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
+        signal.signal(ending, lambda *_: server.stop())
     with suppress(KeyboardInterrupt):
         server.serve()
     if options.record is not None:

@@ -45,7 +45,7 @@ class TcpLink(Link):
         self._socket: socket.socket | None = None
         try:
             self._socket = socket.create_connection((host, port), _CONNECT_S)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # Unicode: no name of a host
             raise DeviceNotFoundError(
                 f"No server listens at {self._name}: {error}; start one with "
                 f"`python -m firmware_io.serve --port {port}`."

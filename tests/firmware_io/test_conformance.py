@@ -15,6 +15,7 @@ import firmware_io
 from firmware_io import DeviceError
 from firmware_io.firmware.build import find_compiler
 from firmware_io.firmware.core import Output
+from firmware_io.firmware.native import NativeCore
 from firmware_io.firmware.opening import open_core
 from firmware_io.protocol import (
     Arm,
@@ -896,6 +897,22 @@ def test_golden_sessions(rig, path):
 def test_golden_sessions_are_those_of_an_independent_calculation(name):
     path = golden_sessions.FOLDER / f"{name}.json"
     assert path.read_text() == golden_sessions.SESSIONS[name]()
+
+
+@pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
+def test_codes_that_went_bad_in_memory_are_limited():
+    """What was checked as it came is changed in the queue: the output keeps to the hard ceiling."""
+    core = NativeCore(BOARD)
+    for number, message in enumerate((Hello(), PLAIN, Arm())):
+        core.receive(encode(Frame(message, number)))
+    sent = np.array([111, 222, 333, 444], np.int16)
+    core.receive(encode(Frame(StreamSamples(0, sent, PLAIN.mode), 3)))
+    memory = core._ffi.buffer(core._memory)
+    damaged = np.array([32767, -32767, 30000, -30000], np.int16).tobytes()
+    memory[:] = bytes(memory).replace(sent.tobytes(), damaged)
+    played, _ = core.play(4)
+    top = 32767 * BOARD.ceiling_mv // BOARD.full_scale_mv
+    assert played.tolist() == [top, -top, top, -top]
 
 
 def test_there_are_golden_sessions():

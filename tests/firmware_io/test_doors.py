@@ -40,14 +40,14 @@ def run_server(*arguments):
     )
 
 
-@pytest.mark.parametrize("end", ["terminate", "interrupt"])
+@pytest.mark.parametrize("end", ["terminate", "interrupt", "hang up"])
 def test_a_record_is_written_however_the_server_ends(tmp_path, end):
     record = tmp_path / "record.npy"
     server = run_server("--record", str(record))
     address = server.stdout.readline().strip()
     with open_device(address) as device:
         device.write(50 * np.sin(np.arange(4800) / 20))
-    server.terminate() if end == "terminate" else server.send_signal(2)
+    server.send_signal({"terminate": 15, "interrupt": 2, "hang up": 1}[end])
     assert server.wait(20) in (0, 128 + 15)
     assert np.abs(np.load(record)).max() > 45.0
 
@@ -77,6 +77,23 @@ def test_a_silent_stranger_does_not_keep_others_out():
 def test_a_port_that_is_none(port):
     with pytest.raises(DeviceError, match="host and a port"):
         open_device(f"tcp:127.0.0.1:{port}")
+
+
+@pytest.mark.parametrize("host", ["..", "x" * 300, "\ud800"])
+def test_a_name_that_no_host_has(host):
+    with pytest.raises(DeviceError, match="No server listens"):
+        open_device(f"tcp:{host}:7420")
+
+
+@pytest.mark.parametrize("lead_s", ["0.025", None, [0.025], 1 + 2j])
+def test_a_lead_that_is_no_number(lead_s):
+    with open_device("mock:pace=real") as device, pytest.raises(DeviceError, match="lead_s"):
+        Playback(device, lead_s=lead_s)
+
+
+def test_a_limit_beyond_every_float():
+    with pytest.raises(firmware_io.LimitError, match="capacitance_f"):
+        firmware_io.DriveLimits(capacitance_f=10**400)
 
 
 # --- the compiled firmware ---------------------------------------------------------------------
