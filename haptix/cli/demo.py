@@ -10,7 +10,15 @@ from typing import Annotated, Any
 
 import typer
 
-from haptix.cli.rendering import FingerName, FingerPath, Image, Range, ScreenName, setting_of
+from haptix.cli.rendering import (
+    FingerName,
+    FingerPath,
+    Image,
+    Range,
+    ScreenName,
+    current_of,
+    setting_of,
+)
 from haptix.terminal import AsJson, progress_bar, show
 
 
@@ -82,6 +90,7 @@ def _rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
         "error": _error(summary["evaluation"]),
         "out of reach": f"{shares['share_below']:.1%} too low, {shares['share_above']:.1%} too "
         f"high, {shares['share_outside_surface']:.1%} outside the surface",
+        "current": current_of(summary["current"]),
         "block times": f"median {stream['block_p50_ms']:.2f} ms, 99 % below "
         f"{stream['block_p99_ms']:.2f} ms, for {stream['block_length_ms']:.2f} ms of signal",
         "stream": f"{stream['frames_sent']} frames, {stream['bytes_sent']} bytes, "

@@ -94,6 +94,7 @@ def render(
         }
         summary = write(out, simulation, about)
     title = f"haptix render: outputs in {out}; {finger} finger on {screen}"
+    title += f"; current {current_of(summary['current'])}"
     title += placeholder_note(summary["placeholders"])
     show(title, [summary] if as_json else _rows(summary), as_json)
 
@@ -189,6 +190,15 @@ def setting_of(
     texture = _texture(image, width_mm, targets, polarity)
     model = ContactModel(Finger.named(finger), Screen.named(screen))
     return Setting(model, texture, path, drive), str(image or "scikit-image brick (CC0)")
+
+
+def current_of(current: Mapping[str, float]) -> str:
+    """Say the expected current through the person beside its limits."""
+    peak, rms = (
+        f"{current[f'{kind}_a'] * 1e3:.2g} mA (limit {current[f'limit_{kind}_a'] * 1e3:g})"
+        for kind in ("peak", "rms")
+    )
+    return f"at most {peak}, {rms} rms, through {current['capacitance_f'] * 1e12:.4g} pF"
 
 
 def _surface(setting: Setting, file: Path | None, on_progress: Any) -> FrictionSurface:

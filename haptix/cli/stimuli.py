@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import isnan
 from pathlib import Path
 from typing import Annotated, Any
@@ -75,7 +75,7 @@ def look(
             tables = [read_json((what / name).with_suffix(".json")) for name in names]
             rows = tables if as_json else [*map(_row, tables)]
             title = f"{manifest['set']}: all files are whole; sheet: {what / 'sheet.png'}"
-        show(title, rows, as_json)
+        show(title + _current(tables), rows, as_json)
         return
     from haptix.stimuli.drawing import draw_stimulus
 
@@ -84,7 +84,8 @@ def look(
     table = read_json(what.with_suffix(".json"))
     with reading(what.with_suffix(".json"), "the sidecar of a stimulus"):
         row = table if as_json else _row(table)
-    show(f"picture: {picture}", [row], as_json)
+        title = f"picture: {picture}{_current([table])}"
+    show(title, [row], as_json)
 
 
 @app.command()
@@ -131,6 +132,20 @@ def run(
     spread = None if isnan(found.spread) else found.spread
     row = {"trials": experiment.trials, "threshold_db": found.threshold, "spread_db": spread}
     show(f"{plan.name}: trials in {log}", [{**row, **found.others}], as_json)
+
+
+def _current(tables: Sequence[Mapping[str, Any]]) -> str:
+    """Say the largest current that is expected beside its limits."""
+    # Sidecars of earlier versions have none.
+    currents = [table["current"] for table in tables if "current" in table]
+    if not currents:
+        return ""
+    peak, rms = (
+        f"{max(one[f'expected_{kind}_a'] for one in currents) * 1e3:.2g} mA "
+        f"(limit {currents[0][f'limit_{kind}_a'] * 1e3:g})"
+        for kind in ("peak", "rms")
+    )
+    return f"; current at most {peak}, {rms} rms"
 
 
 def _row(table: Mapping[str, Any]) -> dict[str, Any]:

@@ -53,6 +53,7 @@ def summary_of(simulation: Simulation) -> dict[str, Any]:
             "error_p99_mu": info.get("error_p99"),
             "key": info["key"],
         },
+        "current": _current(simulation),
         "stream": {
             "blocks": len(stats.block_s),
             "block_length_ms": 1e3 * rendered_s / len(stats.block_s),
@@ -133,10 +134,6 @@ def _wave(simulation: Simulation) -> bytes:
 def _sidecar(simulation: Simulation) -> dict[str, Any]:
     played = simulation.played
     drive = played.renderer.drive
-    limits = played.device.limits
-    current = Current.of_drive(
-        played.driver.played_v, played.renderer.sample_rate_hz, limits.capacitance_f
-    )
     frequency = "carrier_hz" if isinstance(drive, SineCarrier) else "direct_hz"
     return {
         "what": "drive signal as the mock driver played it",
@@ -146,9 +143,23 @@ def _sidecar(simulation: Simulation) -> dict[str, Any]:
         "start_s": played.start_s,
         frequency: drive.frequency_hz,
         "voltage_limit_v": simulation.surface.voltage_limit_v,
-        "expected_current": {**asdict(current), "capacitance_f": limits.capacitance_f},
+        "expected_current": _current(simulation),
         "surface_key": simulation.surface.info["key"],
         "model": simulation.setting.model.describe(),
+    }
+
+
+def _current(simulation: Simulation) -> dict[str, float]:
+    """Current through the person that the played drive makes, and its limits."""
+    played, limits = simulation.played, simulation.played.device.limits
+    expected = Current.of_drive(
+        played.driver.played_v, played.renderer.sample_rate_hz, limits.capacitance_f
+    )
+    return {
+        **asdict(expected),
+        "capacitance_f": limits.capacitance_f,
+        "limit_peak_a": limits.max_peak_a,
+        "limit_rms_a": limits.max_rms_a,
     }
 
 

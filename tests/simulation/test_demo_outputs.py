@@ -68,6 +68,9 @@ def test_the_counts_agree_with_each_other(demo):
     assert stream["blocks"] * stream["block_length_ms"] == pytest.approx(100.0)
     assert stream["faults"] == 0
     assert set(summary["out_of_range"].values()) == {0.0}
+    current = summary["current"]
+    assert 0 < current["rms_a"] < current["limit_rms_a"] == 0.5e-3
+    assert current["rms_a"] < current["peak_a"] < current["limit_peak_a"] == 0.7e-3
     assert summary["is_surface_cached"] is False
     assert 0 < surface["error_p99_mu"] <= surface["error_max_mu"]
     assert len(surface["grid"]) == 4

@@ -60,7 +60,9 @@ def test_a_recipe_is_made_and_shown(haptix_stimuli):
     assert [row["conditions"]["normal_force_n"] for row in rows] == [0.5, 0.6, 0.5, 0.6]
     by_file = {row["file"]: row["peak_v"] for row in rows}
     assert by_file["same-01_on_thick.wav"] > by_file["same-01_on_3m-sct3250.wav"]
-    assert "all files are whole" in haptix_stimuli("show", "out").out
+    listed = " ".join(haptix_stimuli("show", "out").out.split())
+    assert "all files are whole" in listed
+    assert "mA (limit 0.7)" in listed and "mA (limit 0.5) rms" in listed
     shown = haptix_stimuli("show", "out/same-01_on_thick.wav")
     assert shown.code == 0 and Path("out/same-01_on_thick.png").is_file()
     Path("out/events_on_thick.tsv").write_text("changed")
