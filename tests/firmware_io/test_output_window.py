@@ -333,3 +333,15 @@ def test_energy_is_rounded_up_in_each_block(host):
         host.play(piece.size / RATE_HZ)
     assert host.fault is FaultCode.ENERGY
     assert host.first_refused() == refused
+
+
+def test_the_mean_is_exact_to_one_code(host):
+    """The sum and the ramp's reach 10,485,201, one more than the limit, with the last sample."""
+    codes = np.repeat([26_213, 2000, 100, 2], [380, 240, 423, 961])
+    assert codes.sum() + 2 * 39 // 2 == 26_213 * RATE_HZ // 20 + 1
+    host.arm()
+    for piece in np.split(codes, [1000]):
+        host.write((piece + 0.5) / 32767 * 250)
+        host.play(piece.size / RATE_HZ)
+    assert host.fault is FaultCode.MEAN
+    assert host.first_refused() == codes.size - 1
