@@ -122,10 +122,13 @@ def wave(samples, rate_hz, seed=1):
 
 
 def envelope(samples, rate_hz, seed=2):
-    """Amplitudes between 0 and 190 V whose every stretch is its own, from 0 to 0."""
+    """Amplitudes between 0 and 170 V whose every stretch is its own, from 0 to 0.
+
+    With their changes they keep the limit of the current on a carrier of 4 kHz.
+    """
     t = np.arange(samples) / rate_hz
     noise = np.random.default_rng(seed).uniform(-1.0, 1.0, samples)
-    volts = 100.0 + 70.0 * np.sin(2 * np.pi * 31.0 * t) + 15.0 * noise
+    volts = 95.0 + 62.0 * np.sin(2 * np.pi * 31.0 * t) + 9.0 * noise
     ramp = min(200, samples // 4)
     volts[:ramp] *= np.arange(ramp) / ramp
     volts[-2 - ramp : -2] *= np.arange(ramp, 0, -1) / ramp
