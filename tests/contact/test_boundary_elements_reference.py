@@ -145,7 +145,6 @@ def check_coupled(
         check(f"{at} spots", solved.attraction_spots_pa[0, j], spots, relative * spots)
 
 
-@pytest.mark.slow
 def test_coupled_contact() -> None:
     check_coupled("S1", 512, 2e-7, 30000.0, 2, most_v=100.0)
 
