@@ -73,10 +73,10 @@ def seconds_per_byte(data, piece):
     best = np.inf
     for _ in range(7):
         core = open_core(BOARD, "c")
-        began = time.perf_counter()
+        began = time.process_time()  # the parser's own, whatever else runs
         for start in range(0, len(data), piece):
             core.receive(data[start : start + piece])
-        best = min(best, time.perf_counter() - began)
+        best = min(best, time.process_time() - began)
     return best / len(data)
 
 
@@ -122,8 +122,10 @@ class Flood(MockLink):
     """A device that sends touches whenever it is read, and never an end."""
 
     floods = False
+    reads = 0
 
     def receive(self, timeout_s=0.0):
+        self.reads += 1
         data = super().receive(timeout_s)
         touch = TouchReport(0, 1, 1, 1, 0, TouchPhase.MOVE)
         return data + encode(Frame(touch, 0)) * 400 if self.floods else data
@@ -135,9 +137,10 @@ def test_a_flood_of_touches_does_not_hold_a_write():
     with device:
         device.write(np.zeros(10))
         link.floods = True
-        began = time.perf_counter()
+        before = link.reads
         device.write(np.zeros(10))
-        assert time.perf_counter() - began < 0.5
+        # 4 reads whenever it looks for answers, before the samples and behind them.
+        assert link.reads - before <= 8
         assert len(device.touches()) <= 1024
         link.floods = False
     assert Output.STREAM in link.driver.output[1]
