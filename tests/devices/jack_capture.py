@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -30,10 +31,26 @@ def xrun(microseconds):
     xruns.append(microseconds)
 
 
+longest_stall_s, ended = 0.0, threading.Event()
+
+
+def watch():
+    """Note for how long the machine stood still, whatever JACK and the player did."""
+    global longest_stall_s
+    before = time.monotonic()
+    while not ended.wait(0.002):
+        now = time.monotonic()
+        longest_stall_s, before = max(longest_stall_s, now - before), now
+
+
+watching = threading.Thread(target=watch)
 with client:
+    watching.start()
     sys.stdout.write("ready\n")
     sys.stdout.flush()
     sys.stdin.read()
+    ended.set()
+    watching.join()
     period_s = client.blocksize / client.samplerate
 heard = [b"".join(block[number] for block in blocks) for number in range(2)]
 folder = Path(sys.argv[1])
@@ -41,5 +58,11 @@ np.save(folder / "heard.npy", [np.frombuffer(channel, np.float32) for channel in
 late_s = np.array(times) - np.arange(len(times)) * period_s
 late_s -= np.median(late_s)
 (folder / "capture.json").write_text(
-    json.dumps({"xruns": len(xruns), "late_p99_s": float(np.percentile(late_s, 99))})
+    json.dumps(
+        {
+            "xruns": len(xruns),
+            "late_p99_s": float(np.percentile(late_s, 99)),
+            "longest_stall_s": longest_stall_s,
+        }
+    )
 )

@@ -29,7 +29,12 @@ def played(tmp_path_factory):
     """What was played, heard and told."""
     if missing():
         pytest.skip(f"missing: {missing()}")
-    return _play(tmp_path_factory.mktemp("jack"))
+    for _ in range(3):
+        volts, heard, told = _play(tmp_path_factory.mktemp("jack"))
+        # A machine that stood still for the lead says nothing about the link: play again.
+        if told["capture"]["longest_stall_s"] < LEAD_S / 2:
+            break
+    return volts, heard, told
 
 
 def _play(folder):
