@@ -7,6 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from numbers import Real
 from typing import Literal
 
 import numpy as np
@@ -114,20 +115,22 @@ class MockDriver:
             newest_version=VERSION,
             report_bytes=REPORT_BYTES,
             output_rate_hz=rate_hz,
-            full_scale_mv=_whole("full_scale_v", full_scale_v * 1e3, 1, 1_000_000, "mV"),
+            full_scale_mv=_whole("full_scale_v", full_scale_v, 1, 1_000_000, "mV", 1e3),
             # Rounded down: no limit grows on its way into whole numbers.
             ceiling_mv=math.floor(limits.ceiling_v * 1e3),
             max_slew_v_per_s=min(math.floor(limits.max_slew_v_per_s), 2**32 - 1),
-            queue_samples=max(8 * frame, 8192) if queue_samples is None else queue_samples,
+            queue_samples=max(8 * frame, 8192)
+            if queue_samples is None
+            else _whole("queue_samples", queue_samples, 1, 2**32 - 1),
             max_frame_samples=frame,
             max_watchdog_ms=_whole(
-                "max_watchdog_s", max_watchdog_s * 1e3, 10, round(WATCHDOG_S * 1e3), "ms"
+                "max_watchdog_s", max_watchdog_s, 10, round(WATCHDOG_S * 1e3), "ms", 1e3
             ),
             name="mock",
             serial=serial,
             calibration_id=calibration_id,
             reports_touch=True,
-            rates=tuple(Rate(rate, _BOTH) for rate in rates_hz),
+            rates=tuple(Rate(_whole("rates_hz", rate, 1, rate_hz), _BOTH) for rate in rates_hz),
         )
         self.pace = pace
         self.clock = clock
@@ -313,9 +316,13 @@ def _is_played(what: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
     return is_played
 
 
-def _whole(name: str, value: float, least: int, most: int, unit: str = "") -> int:
-    """Return a number as the integer that the wire carries, or raise DeviceError."""
-    unit = unit and f" {unit}"
+def _whole(
+    name: str, value: float, least: int, most: int, unit: str = "", factor: float = 1.0
+) -> int:
+    """Return a number, times a factor, as the integer of the wire, or raise DeviceError."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        raise DeviceError(f"{name} must be a number, but is {value!r}; correct it.")
+    value, unit = float(value) * factor, unit and f" {unit}"
     if not (math.isfinite(value) and least <= round(value) <= most):
         raise DeviceError(
             f"{name} must lie in {least} to {most}{unit}, but is {value:g}{unit}; correct it."

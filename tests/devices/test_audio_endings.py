@@ -35,3 +35,13 @@ def test_the_output_ends_in_a_ramp(tmp_path, way):
     assert np.abs(np.diff(volts)).max() <= STEEPEST_STEP_V
     # Nothing is left on the interface.
     assert not volts[np.flatnonzero(volts)[-1] + 1 :].any()
+
+
+def test_a_killed_program_leaves_silence_on_jack(tmp_path):
+    if missing():
+        pytest.skip(f"missing: {missing()}")
+    volts = heard_at_the_end(tmp_path, "SIGKILL")
+    assert np.abs(volts).max() > 160.0
+    # JACK drops the client with its cycle of 480 samples: a step, and then nothing.
+    after = volts[np.flatnonzero(volts)[-1] + 1 :]
+    assert after.size >= 480
