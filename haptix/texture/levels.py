@@ -129,7 +129,7 @@ def _check_size(name: str, shape: tuple[int, ...], kind: int, largest_bytes: int
         raise InputError(
             f"{name} has {' x '.join(map(str, shape[1::-1]))} pixels, a texture of some "
             f"{needed / 1e9:.3g} GB; expected at most {largest_bytes / 1e9:.3g} GB: scale it down, "
-            "since a fingertip feels nothing below some 0.05 mm"
+            "since a fingertip feels nothing below some 0.05 mm, or raise largest_bytes"
         )
 
 

@@ -22,7 +22,7 @@ def heard_at_the_end(folder, way):
         program = str(Path(__file__).parent / "audio_ending.py")
         address = f"audio:device=cap,full_scale_v={FULL_SCALE_V}"
         command = [sys.executable, program, address, way]
-        subprocess.run(command, env=hearing.environment, capture_output=True, timeout=60)
+        subprocess.run(command, env=hearing.environment, capture_output=True, timeout=300)
     return hearing.samples[0] * FULL_SCALE_V
 
 
