@@ -106,6 +106,9 @@ class Fidelity(ABC):
     def prepare(self, applied_pa: Tensor, widest_gap_m: Tensor | None) -> None:  # noqa: B027
         """Compute once what all loads to be solved share, such as tables; by default nothing."""
 
+    def release(self) -> None:  # noqa: B027
+        """Drop what must not outlive the loads that it was prepared for; by default nothing."""
+
     def borrow(self, other: Fidelity) -> bool:
         """Use what another has prepared for the same elastic contact; return whether it had any."""
         return False

@@ -40,9 +40,15 @@ class MeanFieldBalance(Fidelity):
         return True
 
     def prepare(self, applied_pa: Tensor, widest_gap_m: Tensor | None) -> None:
-        """Solve the table for all of these loads, where it is kept."""
-        if self._keeps_table:
-            self._table(applied_pa, widest_gap_m)
+        """Solve the table for all of these loads."""
+        table = self._table(applied_pa, widest_gap_m)
+        if not self._keeps_table:
+            self._kept = table  # until `release`: one table for all blocks, not one for each
+
+    def release(self) -> None:
+        """Drop a table that autograd records."""
+        if not self._keeps_table:
+            self._kept = None
 
     def solve(self, load: Load) -> Balance:
         """Return the equilibrium of every state on the lowest branch."""
@@ -79,7 +85,8 @@ class MeanFieldBalance(Fidelity):
         high *= LIGHT_CONTACT_LIMIT
         if self._kept is not None:
             if self._kept.covers(low, high):
-                return self._kept.part(low, high)
+                # A part would leave out the stencil through which gradients pass.
+                return self._kept.part(low, high) if self._keeps_table else self._kept
             nodes = self._kept.log_pressure.exp()
             low, high = min(low, float(nodes[0])), max(high, float(nodes[-1]))
         table = AttractionTable.solve(self.contact.field, low, high)

@@ -33,7 +33,7 @@ from haptix.screen import Screen
 from haptix.states import ContactState, PeriodState
 from haptix.status import Status
 from haptix.terms import TERMS, ActiveTerms, Properties, chosen_terms
-from haptix.threads import one_thread
+from haptix.threads import backward_on_one_thread, one_thread
 from haptix.waves import Waveform
 
 LOWEST_FORCE_N, HIGHEST_FORCE_N = 1e-9, 1e6
@@ -285,7 +285,10 @@ class ContactModel:
         }
         status = self.solver.terms.status(found.is_stable, lambda gap: voltage / (gap + own).abs())
         return ContactState(
-            **{name: value.to(self.dtype).reshape(shape) for name, value in solved.items()},
+            **{
+                name: backward_on_one_thread(value.to(self.dtype).reshape(shape))
+                for name, value in solved.items()
+            },
             status=status.reshape(shape),
         )
 

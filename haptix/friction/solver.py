@@ -42,7 +42,10 @@ class FrictionSolver:
         # Blocks come in the order of the forces: a table that grew with each would be solved often.
         self.prepare(normal_force_n)
         blocks = [slice(i, i + _BLOCK) for i in range(0, len(normal_force_n), _BLOCK)]
-        solved = [self.solve(normal_force_n[at], pull_of(at)) for at in blocks]
+        try:
+            solved = [self.solve(normal_force_n[at], pull_of(at)) for at in blocks]
+        finally:
+            self.fidelity.release()
         mu, found = zip(*solved, strict=True)
         return torch.cat(mu), Balance.joined(found)
 

@@ -1,10 +1,13 @@
 """Gradients of mu by inputs and by the finger's own materials, against central differences."""
 
+from collections.abc import Iterator
+
 import pytest
 import torch
 from torch import Tensor
 
 from haptix import ContactModel, ContactState, Finger, Screen, Status
+from haptix.electro import AttractionTable
 from haptix.finger import Roughness
 
 AT = {
@@ -154,3 +157,54 @@ def test_past_the_end_mu_follows_the_load() -> None:
     )
     at = float(mu.detach())
     assert float(slope) * 0.5 / at == pytest.approx((up - down) / 2e-4 / at, abs=1e-3)
+
+
+@pytest.fixture
+def two_threads() -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_backward_runs_on_one_thread_and_gives_the_others_back(
+    two_threads: None, fails: bool
+) -> None:
+    # On two threads a backward pass took ten times the forward, since they wait by spinning.
+    force = torch.tensor([0.3, 0.5], dtype=torch.float64).requires_grad_()
+    seen: list[int] = []
+
+    def watch(_: Tensor) -> None:
+        seen.append(torch.get_num_threads())
+        if fails:
+            raise RuntimeError("stop")
+
+    given = force * 1.0
+    given.register_hook(watch)  # the last to be reached
+    state = solve({**AT, "normal_force_n": given}, 10.0, "closed form")
+    total = (state.mu + state.area_fraction).sum()
+    if fails:
+        with pytest.raises(RuntimeError, match="stop"):
+            total.backward()
+    else:
+        total.backward()
+    assert seen == [1]
+    assert torch.get_num_threads() == 2
+
+
+def test_one_table_serves_all_blocks_of_a_material_that_is_differentiated(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("haptix.friction.solver._BLOCK", 2)
+    counted: list[object] = []
+    solve_table = AttractionTable.solve
+    monkeypatch.setattr(
+        AttractionTable, "solve", lambda *given: counted.append(given) or solve_table(*given)
+    )
+    modulus = torch.tensor(40e6, dtype=torch.float64).requires_grad_()
+    voltages = torch.linspace(0.0, 5.0, 4, dtype=torch.float64)
+    for _ in range(2):  # each call has a graph of its own, so a table too
+        state = solve({**AT, "youngs_modulus_pa": modulus}, voltages, "plain")
+        state.mu.sum().backward()
+    assert len(counted) == 2
