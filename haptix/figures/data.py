@@ -44,7 +44,7 @@ class FigureData:
 
 def numbers(values: Tensor) -> Array:
     """Values of a tensor as a column."""
-    return np.asarray(values, dtype=float)
+    return np.asarray(values.cpu(), dtype=float)
 
 
 def light_contact(values: Tensor, status: Tensor) -> Array:

@@ -379,7 +379,9 @@ class ContactModel:
         )
         return PeriodState(
             t_s=(phase / (2 * torch.pi * frequency)).to(self.dtype),
-            drive_v=(voltage * torch.from_numpy(waveform.at(turns))).to(self.dtype),
+            drive_v=(voltage * torch.from_numpy(waveform.at(turns)).to(phase.device)).to(
+                self.dtype
+            ),
             attraction_pa=(found.gap_attraction_pa + found.spot_attraction_pa).to(self.dtype),
             pressure_pa=found.pressure_pa.to(self.dtype),
             mu=mu.to(self.dtype),

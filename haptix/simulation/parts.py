@@ -67,13 +67,13 @@ def _without_surface(known: Played, sent_v: Array, h0_m: float) -> Array:
     at_s = known.start_s + known.collected("sample") / renderer.sample_rate_hz
     force = known.setting.path.at(at_s)[2]
     found = renderer.surface.evaluate(torch.from_numpy(force), torch.from_numpy(sent_v))
-    can_mend = (found.status.numpy() == Status.OK) & (sent_v > 0)
+    can_mend = (found.status.cpu().numpy() == Status.OK) & (sent_v > 0)
     exact = sent_v.copy()
     if can_mend.any():
         has_frequency = not renderer.surface.frequency_hz.is_absent
         exact[can_mend] = exact_amplitude(
             model,
-            found.mu.numpy()[can_mend],
+            found.mu.cpu().numpy()[can_mend],
             force[can_mend],
             renderer.drive.frequency_hz if has_frequency else None,
             h0_m,
@@ -98,7 +98,7 @@ def exact_amplitude(
     most = model.screen.max_voltage_v**2
 
     def miss(square: Tensor) -> Tensor:
-        return 1 / model.solve(force, square.sqrt(), frequency_hz, h0_m).mu - goal
+        return 1 / model.solve(force, square.sqrt(), frequency_hz, h0_m).mu.cpu() - goal
 
     before = torch.from_numpy(near_v**2).clamp(1e-6, most)
     square = (before * 0.999).clamp(min=1e-6)
