@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -46,6 +47,7 @@ def plan(
     as_json: AsJson = False,
 ) -> None:
     """Write the protocol, that is which strokes to make, and print the errors to expect."""
+    from calibration.fitting import REPORTED_WITHIN
     from calibration.steps import plan_strokes
     from haptix.finger import Finger
     from haptix.screen import Screen
@@ -57,8 +59,8 @@ def plan(
         f"{out}: {found.protocol.name}, {len(found.protocol.strokes)} strokes, some "
         f"{found.protocol.duration_s / 60:.1f} minutes; expected errors"
     )
-    rows = [
-        {"parameter": name, "expected error": f"{sd:.1%}", "reported": "no" if sd > 0.1 else "yes"}
+    rows: list[dict[str, object]] = [
+        {"name": name, "expected_spread": _rounded(sd), "is_reported": sd <= REPORTED_WITHIN}
         for name, sd in found.expected_spread.items()
     ]
     show(title, rows, as_json)
@@ -137,10 +139,10 @@ def measure(
             Conditions({}, temperature_c, humidity_percent, operator),
             most_tries=1 if source == "csv" else 5,
         )
-    still_open = ", ".join(str(one.number) for one in done.still_open) or "none"
+    numbers = [one.number for one in done.still_open]
     show(
         f"{folder}: {done.accepted} of {count} strokes on disk",
-        [{"accepted": done.accepted, "rejected": done.rejected, "still open": still_open}],
+        [{"accepted": done.accepted, "rejected": done.rejected, "still_open": numbers}],
         as_json,
     )
     if done.still_open:
@@ -156,13 +158,15 @@ def reduce_(folder: Folder, as_json: AsJson = False) -> None:
     rows = [
         {
             "stroke": one.number,
-            "force [N]": _rounded(one.normal_force_n),
-            "volts": _rounded(one.voltage_v),
-            "hertz": one.frequency_hz,
+            "normal_force_n": _rounded(one.normal_force_n),
+            "voltage_v": _rounded(one.voltage_v),
+            "frequency_hz": one.frequency_hz,
             "mu": _rounded(one.mu),
-            "error": _rounded(one.mu_sd),
+            "mu_sd": _rounded(one.mu_sd),
             "ripple": _rounded(one.ripple),
-            "": one.outlier or ("held out" if one.held_out else "; ".join(one.notes)),
+            "ripple_sd": _rounded(one.ripple_sd),
+            "held_out": one.held_out,
+            "remarks": "; ".join(filter(None, (one.outlier, *one.notes))),
         }
         for one in found.points
     ]
@@ -217,7 +221,11 @@ def fit(
             "advice": advice,
             "left_out": found.left_out,
             "repeatability": vars(found.repeatability),
-            "terms": [vars(one) for one in needs],
+            "terms": [
+                {**vars(one), "evidence": _rounded(one.evidence)}
+                | {"effect_thresholds": _rounded(one.effect_thresholds)}
+                for one in needs
+            ],
         }
         sys.stdout.write(json_text(document))
         return
@@ -327,5 +335,5 @@ def _numbers(
 
 
 def _rounded(value: float) -> float | None:
-    """Four digits; None for NaN."""
-    return float(f"{value:.4g}") if value == value else None
+    """Four digits; None where there is no finite number."""
+    return float(f"{value:.4g}") if isfinite(value) else None

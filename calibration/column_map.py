@@ -11,6 +11,9 @@ A column map is a TOML file::
     tangential_force_n = { column = "Fx (mN)", unit = "mN" }
     x_mm = { speed_mm_per_s = 50 }                                     # where no position was kept
     drive_v = { column = "Monitor", unit = "V", scale = 50 }           # 1:50 divider
+
+Where the instrument kept no drive, leave ``drive_v`` out: the planned voltage takes its place. What
+was not measured is kept with the recording, and the profile says so.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from pydantic import Field, model_validator
 
 from calibration.parameters import Array
 from calibration.recording import SIGNALS
+from calibration.segmentation import position_at_speed
 from haptix.documents import Document, Part
 from haptix.errors import FileFormatError, InputError
 from haptix.files import read_text
@@ -33,7 +37,7 @@ _UNITS = {
     "t_s": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
     "normal_force_n": _FORCE,
     "tangential_force_n": _FORCE,
-    "x_mm": {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3},
+    "x_mm": {"mm": 1.0, "m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3},
     "drive_v": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
 }
 _FEWEST_SAMPLES = 8
@@ -47,14 +51,15 @@ class CsvColumn(Part):
     column : str or None
         Heading of the column, without blanks at its ends; None where there is no column.
     unit : str or None
-        Unit of the column: s, ms or us; N, mN, gf, kgf or lbf; mm, m, cm or um; V, mV or kV. "raw"
-        keeps the numbers of a signal without a unit.
+        Unit of the column: s, ms or us; N, mN, gf, kgf or lbf; mm, m, cm, inch or um; V, mV or kV.
+        "raw" keeps the numbers of a signal without a unit.
     scale : float
         Further factor: the gain of a divider, or -1 for a sign.
     speed_mm_per_s : float or None
-        For x_mm alone, where no position was kept: constant speed from the first sample.
+        For x_mm alone, where no position was kept: constant speed. In a stroke the finger slides
+        while the tangential force shows friction; without forces, from the first sample on.
     value : float or None
-        Constant value, such as 0 V.
+        Constant value. A constant drive_v is none: the planned voltage takes its place.
     """
 
     column: str | None = None
@@ -101,21 +106,34 @@ class ColumnMap(Document):
             raise ValueError("expected t_s among the columns")
         return self
 
+    @property
+    def assumed(self) -> tuple[str, ...]:
+        """Signals of a recording that no column of the file gives."""
+        columns = {name for name, one in self.columns.items() if one.column is not None}
+        return tuple(name for name in ("x_mm", "drive_v") if name not in columns)
+
     def signals(self, path: str | Path) -> dict[str, Array]:
-        """Read a CSV file as the signals of a recording.
+        """Read a CSV file as the signals of a recording; without drive_v where it was not kept.
 
         Raises
         ------
         FileFormatError, InputError
             As `read`; or if the map lacks a signal.
         """
-        missing = [name for name in SIGNALS if name not in self.columns]
+        missing = [name for name in SIGNALS if name not in (*self.columns, "drive_v")]
         if missing:
             raise InputError(
                 f"column map: expected {', '.join(missing)} as well; where the instrument kept no "
-                "position give speed_mm_per_s, where it kept no drive give value = 0"
+                "position give x_mm = { speed_mm_per_s = 50 }"
             )
-        return self.read(path)
+        found = self.read(path)
+        if "drive_v" in self.assumed:
+            found.pop("drive_v", None)
+        speed = self.columns["x_mm"].speed_mm_per_s
+        if speed is not None:
+            forces = found["normal_force_n"], found["tangential_force_n"]
+            found["x_mm"] = position_at_speed(found["t_s"], *forces, speed)
+        return found
 
     def read(self, path: str | Path) -> dict[str, Array]:
         """Read every mapped signal of a CSV file, in SI units and mm.

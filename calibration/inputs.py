@@ -103,8 +103,8 @@ class SampleReader(Protocol):
 class AnalogSource(ForceSource):
     """A force sensor and a position sensor on analog inputs.
 
-    The reader's inputs are the `channels`, in order. Without one for the drive, the drive that was
-    played takes its place. `sensor` is the serial number of the force sensor.
+    The reader's inputs are the `channels`, in order. `sensor` is the serial number of the force
+    sensor.
     """
 
     is_live = True
@@ -116,19 +116,28 @@ class AnalogSource(ForceSource):
             raise InputError(f"channels: expected {', '.join(sorted(missing))} as well")
         self._reader, self._channels, self._sensor = reader, tuple(channels), sensor
         self._blocks: list[Array] = []
-        self._played: StrokeDrive | None = None
+        self._stroke: Stroke | None = None
+        has_drive = any(channel.signal == "drive_v" for channel in channels)
+        self.assumed = () if has_drive else ("drive_v",)
 
     @property
     def instruments(self) -> Mapping[str, str]:
         return {"force sensor": self._sensor, "inputs": self._reader.serial}
 
     def start(self, stroke: Stroke, played: StrokeDrive) -> None:
-        self._blocks, self._played = [], played
+        self._blocks, self._stroke = [], stroke
         self._reader.start()
 
     def live(self, t_s: float) -> Live | None:
         signals = self._signals()
-        return None if signals is None else Live.at(signals, float(signals["t_s"][-1]))
+        if signals is None:
+            return None
+        if self._stroke is not None and (dead := _dead_channels(signals, self._stroke)):
+            raise DeviceError(
+                f"{', '.join(dead)}: the channel does not change at all while the finger slides; "
+                "check sensor, cable and the channels' order, then continue with --resume"
+            )
+        return Live.at(signals, float(signals["t_s"][-1]))
 
     def finish(self) -> dict[str, Array]:
         signals = self._signals()
@@ -149,10 +158,18 @@ class AnalogSource(ForceSource):
         found: dict[str, Array] = {"t_s": np.arange(len(volts)) / self._reader.sample_rate_hz}
         for index, channel in enumerate(self._channels):
             found[channel.signal] = channel.scale * volts[:, index] + channel.offset
-        if "drive_v" not in found:
-            assert self._played is not None, "start comes first"
-            found["drive_v"] = self._played.at(found["t_s"])
         return found
+
+
+def _dead_channels(signals: Mapping[str, Array], stroke: Stroke) -> list[str]:
+    """Names of the signals that stand still while the others show a slide."""
+    normal = signals["normal_force_n"]
+    if np.ptp(signals["x_mm"]) > 0.25 * stroke.length_mm:
+        forces = ("normal_force_n", "tangential_force_n")
+        return [name for name in forces if not np.ptp(signals[name]) > 0]
+    pressed = np.abs(normal - normal[0]) > 0.5 * stroke.normal_force_n
+    lasted = pressed.sum() * (signals["t_s"][-1] / max(len(normal) - 1, 1))
+    return ["x_mm"] if lasted > 1.0 and not np.ptp(signals["x_mm"]) > 0 else []
 
 
 class AudioReader:

@@ -13,6 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+from calibration.parameters import Array
 from calibration.protocol import Protocol, Stroke
 from calibration.recording import Conditions, StrokeRecording
 from calibration.recording_checks import Finding, check_recording
@@ -151,6 +152,14 @@ def measure(
     """
     whole("most_tries", most_tries, 1)
     _check_voltages(session, device)
+    unmeasured = set(getattr(source, "assumed", ()))
+    if source.is_live and device is None and "drive_v" in unmeasured:
+        driven = [one.number for one in session.open_strokes if one.voltage_v > 0]
+        if driven:
+            raise InputError(
+                f"stroke {driven[0]} has a voltage, but nothing plays it and nothing measures it: "
+                "give --device, or a channel drive_v in --inputs that reads the screen's voltage"
+            )
     watcher = watcher or Watcher()
     protocol, room = session.protocol, conditions or Conditions()
     rejected = 0
@@ -163,8 +172,13 @@ def measure(
                 operator=room.operator or session.info.operator,
                 started=datetime.now(UTC).isoformat(timespec="seconds"),
             )
-            signals = _record(stroke, protocol, source, device, watcher.live, clock, sleep)
-            recording = StrokeRecording.of(stroke, signals, began)
+            signals, played = _record(stroke, protocol, source, device, watcher.live, clock, sleep)
+            if "drive_v" not in signals:
+                signals["drive_v"] = played.at(signals["t_s"] - signals["t_s"][0])
+                unmeasured.add("drive_v")
+            recording = replace(
+                StrokeRecording.of(stroke, signals, began), assumed=tuple(sorted(unmeasured))
+            )
             findings = check_recording(recording, protocol.idle_s, protocol.tolerance)
             fatal = tuple(str(one) for one in findings if one.is_fatal)
             session.keep(replace(recording, findings=fatal))
@@ -197,8 +211,8 @@ def _record(
     live: Callable[[Stroke, float, Live], None],
     clock: Callable[[], float],
     sleep: Callable[[float], None],
-) -> dict[str, np.ndarray]:
-    """Play and record one stroke, and return its signals."""
+) -> tuple[dict[str, Array], StrokeDrive]:
+    """Play and record one stroke; return its signals and what was played."""
     rate = _WITHOUT_DEVICE_HZ if device is None else device.capabilities.sample_rate_hz
     lead_s = 0.0 if device is None else _LEAD_S
     played = drive_for(stroke, protocol, rate)
@@ -225,4 +239,4 @@ def _record(
         with suppress(HaptixError):
             source.finish()
         raise
-    return source.finish()
+    return source.finish(), played

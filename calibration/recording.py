@@ -5,7 +5,7 @@ One stroke is one HDF5 file. Layout, schema 1::
     /            attributes: format = "haptix stroke", schema_version, stroke (JSON of the planned
                  stroke), instruments (JSON: name to serial number), temperature_c,
                  humidity_percent, operator, started (ISO 8601), is_accepted, findings (JSON;
-                 "complaints" in version 0.1)
+                 "complaints" in version 0.1), assumed (JSON; absent in version 0.1)
     /signals     t_s, normal_force_n, tangential_force_n, x_mm, drive_v: float64, one length,
                  each with an attribute "unit"
 
@@ -81,6 +81,9 @@ class StrokeRecording:
         Instruments and room.
     findings : tuple of str
         Why it was not accepted; empty where it was.
+    assumed : tuple of str
+        Signals that no instrument has measured: a drive as it was planned, a position from a
+        stated speed.
     """
 
     stroke: Stroke
@@ -91,6 +94,7 @@ class StrokeRecording:
     drive_v: Array
     conditions: Conditions = field(default_factory=Conditions)
     findings: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         shapes = {name: np.shape(getattr(self, name)) for name in SIGNALS}
@@ -131,6 +135,7 @@ class StrokeRecording:
             "instruments": json.dumps(dict(room.instruments)),
             "is_accepted": not self.findings,
             "findings": json.dumps(self.findings),
+            "assumed": json.dumps(self.assumed),
         }
 
         def write(draft: Path) -> None:
@@ -185,13 +190,14 @@ class StrokeRecording:
             room["instruments"] = parse_json(_attribute(file, "instruments"))
             conditions = TypeAdapter(Conditions).validate_python(room)
             name = "findings" if "findings" in file.attrs else "complaints"
-            findings = TypeAdapter(tuple[str, ...]).validate_python(
-                parse_json(_attribute(file, name))
-            )
+            texts = TypeAdapter(tuple[str, ...]).validate_python
+            findings = texts(parse_json(_attribute(file, name)))
+            stated = _attribute(file, "assumed") if "assumed" in file.attrs else "[]"
+            assumed = texts(parse_json(stated))
         except ValidationError as error:
             raise FileFormatError(f"{path}: {first_error('stroke', error)}") from None
         values = {name: _signal(signals[name]) for name in SIGNALS}
-        return replace(cls.of(stroke, values, conditions), findings=findings)
+        return replace(cls.of(stroke, values, conditions), findings=findings, assumed=assumed)
 
 
 def _attribute(file: h5py.File, name: str) -> Any:

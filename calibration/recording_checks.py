@@ -19,9 +19,16 @@ _PARTS = 8  # of the untouched time
 _EARLY_SHARE = 0.3  # of the planned force, while nothing should touch
 _DRIVE_TOLERANCE = 0.05
 _FULL_LENGTH = 0.9  # of the planned length
+_LOWEST_MU = 0.1  # of a finger: below it lbf or kgf were read as N
+_DEAD_MU = 0.02  # of a tangential channel that shows no friction
+_LOWEST_RATE_HZ = 1000.0  # ripples of the usual 125 Hz, and every start and stop, are seen above it
+_LEAST_ALIAS_HZ = 20.0  # a ripple that looks slower than this does not average out in a slide
+_HELD_SHARE = 0.4  # of repeated samples: every other one gives 0.5
+_RIGID = 0.15  # of the tremor of the normal force: friction under voltage shows a third or more
+_FLAT_SKEW = -0.5  # of the tangential force's fast part: a sine has 0, a spike above it
 
 _FORCE_UNITS = {"mN": 1e3, "gf": 101.97, "kgf": 0.10197, "lbf": 0.22481, "uN": 1e6}
-_LENGTH_UNITS = {"m": 1e-3, "cm": 0.1, "um": 1e3}
+_LENGTH_UNITS = {"m": 1e-3, "cm": 0.1, "inch": 1 / 25.4, "um": 1e3}
 _FORCES = ("normal_force_n", "tangential_force_n")
 
 
@@ -78,7 +85,10 @@ def check_recording(
     if not segments:
         return [*found, _too_short(recording, 0.0)]
     checks = _SlidingChecks(recording, segments, idle_s)
+    if dead := list(checks.dead()):
+        return found + dead
     found += checks.end()
+    found += checks.held()
     if early := list(checks.touched_early()):
         return found + early  # without a zero the forces mean nothing
     forces = list(checks.force_axes())
@@ -86,7 +96,10 @@ def check_recording(
     if not forces:  # in a wrong unit no other check of the forces means anything
         found += checks.zero()
         found += checks.off_target(tolerance)
-    found += checks.drive()
+        if not any(one.kind == "clipped force" for one in found):
+            found += checks.flattened()
+    if "drive_v" not in recording.assumed:
+        found += checks.drive()
     return found
 
 
@@ -129,6 +142,20 @@ def _times(recording: StrokeRecording) -> Iterator[Finding]:
     lasted = float(recording.t_s[-1] - recording.t_s[0])
     if lasted > 300 * planned:
         yield _wrong_unit(f"a recording of some {planned + 1:.1f} s", lasted, "ms")
+        return
+    rate, ripple = 1 / usual, 2 * recording.stroke.frequency_hz
+    alias = abs(ripple - round(ripple / rate) * rate)
+    if rate < 0.99 * _LOWEST_RATE_HZ:
+        yield Finding(
+            "slow sampling",
+            f"expected {_LOWEST_RATE_HZ:g} samples a second or more, got {rate:.4g}; record faster",
+        )
+    elif recording.stroke.voltage_v and alias < _LEAST_ALIAS_HZ:
+        yield Finding(
+            "slow sampling",
+            f"at {rate:.6g} samples a second the ripple at {ripple:g} Hz looks like one of "
+            f"{alias:.2g} Hz and does not average out; record at another rate",
+        )
     gaps = step > 1.5 * usual
     if gaps.any():
         lost = float((step[gaps] - usual).sum())
@@ -163,13 +190,20 @@ def _sliding(recording: StrokeRecording) -> Iterator[Finding]:
     planned = recording.stroke.length_mm
     length = float(np.ptp(recording.x_mm))
     is_long = length >= _FULL_LENGTH * planned
-    bounds = (0.7, 1.4) if is_long else (0.85, 1.2)
+    bounds = (0.9, 1.12) if is_long else (0.85, 1.2)
     # In a stroke the position moves; in place it trembles.
     distance = float(np.abs(np.diff(recording.x_mm)).sum())
     is_smooth = distance < 1.5 * recording.stroke.slides * length
     unit = _unit(length / planned, _LENGTH_UNITS, *bounds)
     if unit and (is_long or is_smooth):
         yield _wrong_unit(f"a stroke of {planned:g} mm", length, unit)
+    elif length > 3 * planned:
+        yield Finding(
+            "wrong units",
+            f"expected a stroke of {planned:g} mm, got {length:.4g}: are these counts of an "
+            f"encoder? Give the column the millimetres of one count as its scale, some "
+            f"{planned / length:.2g}",
+        )
     elif is_long:
         return
     elif _still_sliding(recording):
@@ -187,6 +221,10 @@ def _wrong_unit(expected: str, got: float, unit: str) -> Finding:
         "wrong units",
         f"expected {expected}, got {got:.3g}: is it in {unit}? Say so in the column map",
     )
+
+
+def _dead(name: str, what: str) -> Finding:
+    return Finding("dead channel", f"{name} {what}; check sensor, cable and channel")
 
 
 def _too_short(recording: StrokeRecording, length_mm: float) -> Finding:
@@ -226,6 +264,66 @@ class _SlidingChecks:
         """Mean in full slip, of one direction or of all."""
         chosen = [one for one in self.segments if direction in (None, one.direction)]
         return float(np.concatenate([values[one.samples] for one in chosen]).mean())
+
+    def dead(self) -> Iterator[Finding]:
+        for name in _FORCES:
+            if not np.ptp(getattr(self.recording, name)) > 0:
+                yield _dead(name, "does not change at all")
+
+    def held(self) -> Iterator[Finding]:
+        """Values that stand for several samples: the ripple is lower than it was."""
+        for name in _FORCES:
+            values = getattr(self.recording, name)
+            steps = np.abs(np.concatenate([np.diff(values[one.samples]) for one in self.segments]))
+            moved = steps[steps > 0]
+            # Where the resolution is coarse, neighbours are equal too, but differ by one level.
+            if len(moved) and np.median(moved) > 3 * moved.min():
+                share = 1 - len(moved) / len(steps)
+                if share > _HELD_SHARE:
+                    yield Finding(
+                        "held samples",
+                        f"{share:.0%} of the samples of {name} repeat the one before: it was "
+                        f"recorded {1 / (1 - share):.2g} times more slowly than its times say, and "
+                        "the ripple is blurred; export the instrument's own rate",
+                    )
+
+    def flattened(self) -> Iterator[Finding]:
+        """A tangential force that stands still at a level, with the noise of what follows it.
+
+        Friction goes with the normal force, so it shows that force's tremor; and it rises more
+        than it falls within a ripple. A saturated channel does neither.
+        """
+        rate = self.recording.sample_rate_hz
+        ripple = 2 * self.stroke.frequency_hz
+        block = max(round(rate / ripple), round(0.01 * rate), 1)
+        noise = float(self.recording.tangential_force_n[self.before].std())
+        for one in self.segments:
+            shear = one.direction * self.recording.tangential_force_n[one.samples]
+            press = self.recording.normal_force_n[one.samples]
+            count = len(shear) // block
+            if count < 8:
+                continue
+            slow_shear, slow_press = (
+                values[: count * block].reshape(count, block).mean(-1) for values in (shear, press)
+            )
+            expected = float(slow_press.std() * slow_shear.mean() / slow_press.mean())
+            own = noise / np.sqrt(block)
+            left = max(float(slow_shear.var()) - own**2, 0.0)
+            is_rigid = expected > 4 * own and left < (_RIGID * expected) ** 2
+            fast = shear[: count * block] - np.repeat(slow_shear, block)
+            spread = float(fast.std())
+            skew = float((fast**3).mean()) / max(spread, 1e-30) ** 3
+            # Stick-slip is skewed too, but has no noise alone on one side.
+            above = float(np.diff(np.percentile(fast, [50, 99]))[0])
+            is_flat = skew < _FLAT_SKEW and spread > 2 * noise and above < 5 * noise
+            if is_rigid or is_flat:
+                yield Finding(
+                    "clipped force",
+                    f"tangential_force_n stays near {slow_shear.mean():.3g} N where the normal "
+                    "force or the voltage changes it: the channel is saturated before its noise is "
+                    "added; choose a wider range of the sensor or a smaller force",
+                )
+                return
 
     def end(self) -> Iterator[Finding]:
         if len({segment.direction for segment in self.segments}) < self.stroke.slides:
@@ -288,14 +386,21 @@ class _SlidingChecks:
             )
         elif unit := _unit(normal / planned, _FORCE_UNITS):
             yield _wrong_unit(f"a normal force of {planned:g} N", normal, unit)
+        elif abs(normal) < _DEAD_MU * planned < abs(drag):
+            yield _dead("normal_force_n", f"reads {normal:.2g} N in a slide with friction")
         elif normal <= 0.3 * planned:
             return
+        elif abs(drag) < _DEAD_MU * normal:
+            yield _dead("tangential_force_n", f"shows a friction of {drag / normal:.2g}")
         elif (mu := drag / normal) < 0:
             yield Finding(
                 "wrong sign",
                 f"the tangential force pulls the finger along (mu {mu:.3g}); give the column scale "
                 "= -1, or turn x around",
             )
+        elif mu < _LOWEST_MU:
+            unit = "kgf" if mu < _LOWEST_MU / 2 else "lbf"
+            yield _wrong_unit(f"mu above {_LOWEST_MU:g}, with a tangential force in N", mu, unit)
         elif mu > _HIGHEST_MU:
             yield _wrong_unit(f"mu below {_HIGHEST_MU:g}, with a tangential force in N", mu, "mN")
 

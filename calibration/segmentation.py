@@ -57,6 +57,27 @@ def sliding_speed(t_s: Array, x_mm: Array) -> Array:
     return np.asarray(covariance / np.maximum(variance, 1e-30))
 
 
+def position_at_speed(
+    t_s: Array, normal_force_n: Array, tangential_force_n: Array, speed_mm_per_s: float
+) -> Array:
+    """Position [mm], shape (samples,), of a finger that slides at a known speed.
+
+    It slides where it presses and the tangential force, without its untouched level, is above half
+    of its usual size; towards the side to which that force points.
+    """
+    zero = float(np.percentile(normal_force_n, 5))
+    usual = float(np.percentile(normal_force_n - zero, 75))
+    pressed = normal_force_n - zero > _TOUCHING * usual
+    if not pressed.any() or pressed.all():
+        return np.zeros_like(t_s)
+    step = float(np.median(np.diff(t_s)))
+    width = max(1, round(_SMOOTHING_S / step)) if step > 0 else 1
+    drag = uniform_filter1d(tangential_force_n - np.median(tangential_force_n[~pressed]), width)
+    slides = pressed & (np.abs(drag) > 0.5 * np.percentile(np.abs(drag[pressed]), 75))
+    velocity = np.where(slides, np.sign(drag) * speed_mm_per_s, 0.0)
+    return np.concatenate([[0.0], np.cumsum(velocity[:-1] * np.diff(t_s))])
+
+
 def full_slip(
     t_s: Array,
     x_mm: Array,

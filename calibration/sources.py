@@ -66,6 +66,9 @@ class ForceSource(Protocol):
     is_live: bool
     """Whether it records in real time, so that playing must keep to the clock."""
 
+    assumed: tuple[str, ...] = ()
+    """Signals that no instrument measures; where it gives no drive_v, the played one is kept."""
+
     def start(self, stroke: Stroke, played: StrokeDrive) -> None:
         """Begin to record one stroke."""
 
@@ -73,7 +76,10 @@ class ForceSource(Protocol):
         """Force and speed at a time since the start, if known already."""
 
     def finish(self) -> dict[str, Array]:
-        """End the recording and return its signals, by the names of `SIGNALS`."""
+        """End the recording and return its signals, by the names of `SIGNALS`.
+
+        Without a drive_v the voltage that was played takes its place.
+        """
 
 
 class CsvSource(ForceSource):
@@ -87,6 +93,7 @@ class CsvSource(ForceSource):
     def __init__(self, folder: str | Path, columns: ColumnMap) -> None:
         self._folder, self._columns = Path(folder), columns
         self._number = 0
+        self.assumed = columns.assumed
         if not self._folder.is_dir():
             raise FileFormatError(f"expected a folder of CSV files, got {self._folder}")
 

@@ -1,6 +1,7 @@
 """All steps as a technician takes them, on the virtual finger; and what they say to nonsense."""
 
 import json
+import re
 
 import pytest
 from typer.testing import CliRunner
@@ -19,6 +20,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("calibration")
     made = run.invoke(app, ["plan", str(folder / "plan.toml"), "--minutes", "1.5", "--json"])
     assert made.exit_code == 0, made.output
+    assert_for_machines(made.stdout)
     plan = Protocol.load(folder / "plan.toml")
     short = [one.model_copy(update={"length_mm": 14.0}) for one in plan.strokes]
     plan.model_copy(update={"strokes": tuple(short)}).save(folder / "plan.toml")
@@ -26,8 +28,26 @@ def folder(tmp_path_factory):
     arguments += ["--source", "virtual", "--device", "mock:", "--name", "panel 7", "--json"]
     made = run.invoke(app, arguments)
     assert made.exit_code == 0, made.output
-    assert json.loads(made.stdout)[0]["still open"] == "none"
+    assert json.loads(made.stdout)[0]["still_open"] == []
     return folder
+
+
+def assert_for_machines(text):
+    """Keys are snake_case; a numeric field has a number or null in every row."""
+
+    def walk(value):
+        if isinstance(value, dict):
+            for key, one in value.items():
+                assert re.fullmatch(r"[a-z][a-z0-9_]*|\d+", key), key
+                words = ("name", "verdict", "advice", "remarks", "term", "need", "what", "failures")
+                if isinstance(one, str):
+                    assert key.startswith(words), (key, one)
+                walk(one)
+        elif isinstance(value, list):
+            for one in value:
+                walk(one)
+
+    walk(json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON")))
 
 
 def test_all_the_way_to_a_surface(folder):
@@ -35,15 +55,18 @@ def test_all_the_way_to_a_surface(folder):
     made = run.invoke(app, ["reduce", session, "--json"])
     assert made.exit_code == 0, made.output
     assert len(json.loads(made.stdout)) == 10
+    assert_for_machines(made.stdout)
     # Seven strokes are few: the finger is known from elsewhere.
     knowledge = ["--fix", "youngs_modulus_pa=4e7", "--fix", "h_rms_m=22e-6"]
     knowledge += ["--prior", "apparent_area_at_1n_m2=45.65e-6,0.05", "--no-compare"]
     made = run.invoke(app, ["fit", session, *knowledge, "--json"])
     assert made.exit_code == 0, made.exception
+    assert_for_machines(made.stdout)
     found = {one["name"]: one for one in json.loads(made.stdout)["estimates"]}
     assert found["h0_m"]["value"] == pytest.approx(1.25e-7, rel=0.1)
     done = run.invoke(app, ["verify", session, "--json"])
     assert json.loads(done.stdout)["verdict"] == "passed", done.output
+    assert_for_machines(done.stdout)
     assert done.exit_code == 0
     for name in ("screen.toml", "finger.toml", "report.html", "archive.zip"):
         assert (folder / "s" / name).stat().st_size > 100

@@ -198,8 +198,8 @@ class Inputs:
     sample_rate_hz = 1000.0
     serial = "fake"
 
-    def __init__(self, clock):
-        self.clock, self.given, self.stopped = clock, 0, False
+    def __init__(self, clock, dead=None):
+        self.clock, self.given, self.stopped, self.dead = clock, 0, False, dead
 
     def start(self):
         self.begun, self.given = self.clock(), 0
@@ -208,35 +208,67 @@ class Inputs:
         due = int((self.clock() - self.begun) * self.sample_rate_hz)
         t = np.arange(self.given, due) / self.sample_rate_hz
         self.given = due
-        return np.stack([0.25 + 0 * t, 0.1 + 0 * t, 5 * t], axis=-1)
+        wave = 1e-6 * np.sin(70 * t)
+        columns = [0.25 + wave, 0.1 + wave, 5 * t]
+        if self.dead is not None:
+            columns[self.dead] = np.full(len(t), 0.1)
+        return np.stack(columns, axis=-1)
 
     def stop(self):
         self.stopped = True
 
 
+THREE_CHANNELS = (
+    InputChannel(signal="normal_force_n", scale=2.0),
+    InputChannel(signal="tangential_force_n", scale=1.0, offset=-0.1),
+    InputChannel(signal="x_mm", scale=10.0),
+)
+
+
+def test_a_voltage_that_nothing_plays_and_nothing_measures_is_refused(session):
+    source = AnalogSource(Inputs(lambda: 0.0), THREE_CHANNELS, "FT1")
+    with pytest.raises(haptix.InputError, match=r"stroke 1 has a voltage.*--device, or a channel"):
+        measure(session, source)
+    assert session.recordings == []
+    monitored = (*THREE_CHANNELS, InputChannel(signal="drive_v", scale=100.0))
+    assert AnalogSource(None, monitored, "FT1").assumed == ()
+
+
+@pytest.mark.parametrize(("dead", "name"), [(0, "normal_force_n"), (1, "tangential_force_n")])
+def test_a_dead_channel_ends_the_stroke_while_the_finger_slides(session, dead, name):
+    now = [0.0]
+
+    def sleep(seconds):
+        now[0] += seconds
+
+    source = AnalogSource(Inputs(lambda: now[0], dead), THREE_CHANNELS, "FT1")
+    device = firmware_io.open_device("mock:")
+    with pytest.raises(firmware_io.DeviceError, match=f"{name}: the channel does not change"):
+        measure(session, source, device, clock=lambda: now[0], sleep=sleep)
+    assert now[0] < drive_for(protocol().strokes[0], protocol(), 48_000.0).duration_s / 2
+    assert not device.is_armed
+
+
 def test_analog_inputs_are_scaled_and_paced_by_the_clock(session):
     now = [0.0]
     inputs = Inputs(lambda: now[0])
-    channels = [
-        InputChannel(signal="normal_force_n", scale=2.0),
-        InputChannel(signal="tangential_force_n", scale=1.0, offset=-0.1),
-        InputChannel(signal="x_mm", scale=10.0),
-    ]
-    source = AnalogSource(inputs, channels, "FT1")
+    source = AnalogSource(inputs, THREE_CHANNELS, "FT1")
     seen = []
 
     def sleep(seconds):
         now[0] += seconds
 
     watcher = Watcher(live=lambda stroke, t_s, live: seen.append(live))
-    measure(session, source, watcher=watcher, most_tries=1, clock=lambda: now[0], sleep=sleep)
+    device = firmware_io.open_device("mock:")
+    measure(session, source, device, watcher, most_tries=1, clock=lambda: now[0], sleep=sleep)
     assert inputs.stopped
-    assert seen[-1].normal_force_n == pytest.approx(0.5)
+    assert seen[-1].normal_force_n == pytest.approx(0.5, rel=1e-5)
     assert seen[-1].speed_mm_per_s == pytest.approx(50.0)
     # Never lifted, so rejected: but kept.
     (path, *_) = sorted((session.folder / "rejected").iterdir())
     made = StrokeRecording.load(path)
-    np.testing.assert_allclose(made.tangential_force_n, 0.0, atol=1e-12)
+    np.testing.assert_allclose(made.tangential_force_n, 0.0, atol=2e-6)
+    assert made.assumed == ("drive_v",)
     assert np.abs(made.drive_v).max() == pytest.approx(100.0, rel=0.01)
     assert made.conditions.instruments == {"force sensor": "FT1", "inputs": "fake"}
 

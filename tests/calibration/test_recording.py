@@ -1,14 +1,16 @@
 """Raw recordings on disk, and CSV files of other instruments."""
 
 import json
+from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
 
 import haptix
-from calibration import ColumnMap, Stroke, StrokeRecording
+from calibration import ColumnMap, CsvSource, Stroke, StrokeRecording
 from calibration.recording import SIGNALS, Conditions
+from calibration.recording_checks import check_recording
 
 MAP = """
 skip_rows = 1
@@ -17,7 +19,7 @@ t_s = { column = "time", unit = "ms" }
 normal_force_n = { column = "Fz", unit = "mN", scale = -1 }
 tangential_force_n = { column = "Fx", unit = "N" }
 x_mm = { column = "pos", unit = "cm" }
-drive_v = { value = 0 }
+drive_v = { column = "monitor", unit = "V" }
 """
 
 
@@ -104,11 +106,11 @@ def csv_of(tmp_path, text, columns=MAP):
     return ColumnMap.load(tmp_path / "map.toml"), tmp_path / "x.csv"
 
 
-ROWS = "\n".join(f"{i}, {-100 - i}, 0.0{i}, {i / 10}" for i in range(9))
+ROWS = "\n".join(f"{i}, {-100 - i}, 0.0{i}, {i / 10}, 0" for i in range(9))
 
 
 def test_units_signs_and_constants(tmp_path, stroke):
-    columns, path = csv_of(tmp_path, f"made by a rig\ntime, Fz , Fx, pos\n{ROWS}\n")
+    columns, path = csv_of(tmp_path, f"made by a rig\ntime, Fz , Fx, pos, monitor\n{ROWS}\n")
     found = columns.signals(path)
     np.testing.assert_allclose(found["t_s"], np.arange(9) / 1000)
     np.testing.assert_allclose(found["normal_force_n"], (100 + np.arange(9)) / 1000)
@@ -119,27 +121,61 @@ def test_units_signs_and_constants(tmp_path, stroke):
 
 def test_a_known_speed_makes_a_position(tmp_path):
     text = '[columns]\nt_s = {column="time", unit="s"}\nx_mm = {speed_mm_per_s = 20}\n'
-    names = ("normal_force_n", "tangential_force_n", "drive_v")
-    text += "".join(f"{name} = {{value = 0}}\n" for name in names)
     columns, path = csv_of(tmp_path, "time\n" + "\n".join(map(str, range(5, 15))), text)
-    np.testing.assert_allclose(columns.signals(path)["x_mm"], 20.0 * np.arange(10))
+    np.testing.assert_allclose(columns.read(path)["x_mm"], 20.0 * np.arange(10))
+
+
+def as_csv(path, recording, names):
+    columns = [getattr(recording, name) for name in names]
+    rows = [",".join(f"{v:.6g}" for v in row) for row in zip(*columns, strict=True)]
+    path.write_text("\n".join([",".join(names), *rows]))
+
+
+@pytest.mark.parametrize("both", [True, False], ids=["there and back", "one way"])
+@pytest.mark.parametrize("drive", ["", "drive_v = { value = 0 }"])
+def test_forces_alone_are_enough(tmp_path, stroke, recorded, both, drive):
+    """What the column map advises where no position and no drive were kept is accepted."""
+    one = stroke.model_copy(update={"there_and_back": both})
+    made = recorded(one, 0.3, 0.1, crosstalk=0.02, tremor=0.03, offset_n=0.02)
+    as_csv(tmp_path / "1.csv", made, ("t_s", "normal_force_n", "tangential_force_n"))
+    units = {"t_s": "s", "normal_force_n": "N", "tangential_force_n": "N"}
+    text = "[columns]\nx_mm = { speed_mm_per_s = 50 }\n" + drive
+    text += "".join(f'\n{name} = {{column = "{name}", unit = "{u}"}}' for name, u in units.items())
+    (tmp_path / "map.toml").write_text(text)
+    source = CsvSource(tmp_path, ColumnMap.load(tmp_path / "map.toml"))
+    assert source.assumed == ("x_mm", "drive_v")
+    source.start(one, None)
+    signals = source.finish()
+    assert "drive_v" not in signals
+    # Within 1 mm: 20 ms of smoothing at each end of the slide, at 50 mm/s.
+    np.testing.assert_allclose(signals["x_mm"], made.x_mm, atol=1.0)
+    found = replace(
+        StrokeRecording.of(one, {**signals, "drive_v": made.drive_v}), assumed=source.assumed
+    )
+    assert check_recording(found, 0.3) == []
+    found.save(tmp_path / "1.h5")
+    assert StrokeRecording.load(tmp_path / "1.h5").assumed == ("x_mm", "drive_v")
 
 
 def test_a_last_line_cut_short_is_left_out(tmp_path, stroke):
-    columns, path = csv_of(tmp_path, f"rig\ntime,Fz,Fx,pos\n{ROWS}\n9, -1")
+    columns, path = csv_of(tmp_path, f"rig\ntime,Fz,Fx,pos,monitor\n{ROWS}\n9, -1")
     assert len(columns.signals(path)["t_s"]) == 9
 
 
 @pytest.mark.parametrize(
     ("head", "rows", "said"),
     [
-        ("time,Fz,Fy,pos", ROWS, r"missing columns 'Fx'; the file has 'time', 'Fz', 'Fy', 'pos'"),
         (
-            "time,Fz,Fx,pos",
+            "time,Fz,Fy,pos,monitor",
+            ROWS,
+            r"missing columns 'Fx'; the file has 'time', 'Fz', 'Fy', 'pos', 'monitor'",
+        ),
+        (
+            "time,Fz,Fx,pos,monitor",
             ROWS.replace("-104,", "off,"),
             r"sample 5 \(about line 7\).*column 'Fz', got ' off'",
         ),
-        ("time,Fz,Fx,pos", "1,2,3,4", "8 samples or more"),
+        ("time,Fz,Fx,pos,monitor", "1,2,3,4", "8 samples or more"),
     ],
 )
 def test_wrong_files_are_named(tmp_path, stroke, head, rows, said):
@@ -166,10 +202,9 @@ def test_wrong_maps_are_named(tmp_path, columns, said):
 
 
 def test_a_map_that_leaves_a_signal_out(tmp_path, stroke):
-    columns, path = csv_of(
-        tmp_path, "rig\ntime,Fz,Fx,pos\n" + ROWS, MAP.replace("drive_v = { value = 0 }", "")
-    )
-    with pytest.raises(haptix.InputError, match="expected drive_v as well"):
+    text = MAP.replace('x_mm = { column = "pos", unit = "cm" }', "")
+    columns, path = csv_of(tmp_path, "rig\ntime,Fz,Fx,pos,monitor\n" + ROWS, text)
+    with pytest.raises(haptix.InputError, match="expected x_mm as well"):
         columns.signals(path)
 
 

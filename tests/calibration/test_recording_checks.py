@@ -22,7 +22,7 @@ def kinds(recording, fatal=True):
 
 @settings(deadline=None, max_examples=25)
 @given(
-    mu=st.floats(0.05, 3.0),
+    mu=st.floats(0.12, 3.0),  # below 0.1 a force is taken for one in lbf
     ripple=st.floats(0.0, 0.9),
     force=st.sampled_from([0.1, 0.5, 0.9]),
     both=st.booleans(),
@@ -96,6 +96,26 @@ def backwards(recording):
     return replace(recording, t_s=t)
 
 
+def held(recording, times=3):
+    at = np.arange(len(recording.t_s)) // times * times
+    names = ("normal_force_n", "tangential_force_n")
+    return replace(recording, **{name: getattr(recording, name)[at] for name in names})
+
+
+def every(step):
+    def apply(recording):
+        names = ("t_s", "normal_force_n", "tangential_force_n", "x_mm", "drive_v")
+        return replace(recording, **{name: getattr(recording, name)[::step] for name in names})
+
+    return apply
+
+
+def constant(name, level):
+    return lambda recording: replace(
+        recording, **{name: np.full(len(recording.t_s), level), "findings": ()}
+    )
+
+
 FAULTS = {
     "swapped axes": swapped,
     "sign of the normal force": times(normal_force_n=-1),
@@ -105,6 +125,17 @@ FAULTS = {
     "normal force in gram-force": times(normal_force_n=101.97, tangential_force_n=101.97),
     "position in m": times(x_mm=1e-3),
     "position in um": times(x_mm=1e3),
+    "position in inches": times(x_mm=1 / 25.4),
+    "position in counts": times(x_mm=163.84),
+    "position in other counts": times(x_mm=800),
+    "tangential force in lbf": times(tangential_force_n=0.22481),
+    "tangential force in kgf": times(tangential_force_n=0.10197),
+    "normal force in lbf": times(normal_force_n=0.22481),
+    "held samples": held,
+    "100 samples a second": every(100),
+    "dead normal force": constant("normal_force_n", 0.0),
+    "dead tangential force": constant("tangential_force_n", 0.2),
+    "tangential noise alone": times(tangential_force_n=1e-3),
     "times in ms": times(t_s=1e3),
     "clipped": clipped,
     "stops half-way": cut(0.4),
@@ -119,6 +150,11 @@ NAMES = {
     "sign of the normal force": "wrong sign",
     "sign of the tangential force": "wrong sign",
     "clipped": "clipped force",
+    "held samples": "held samples",
+    "100 samples a second": "slow sampling",
+    "dead normal force": "dead channel",
+    "dead tangential force": "dead channel",
+    "tangential noise alone": "dead channel",
     "stops half-way": "stopped half-way",
     "samples dropped": "dropped samples",
     "no numbers": "no numbers",
@@ -138,6 +174,25 @@ def test_each_fault_has_its_name(recorded, fault, force, both):
     found = kinds(FAULTS[fault](recorded(stroke, mu, crosstalk=0.01, tremor=0.02)))
     assert NAMES.get(fault, "wrong units") in found
     assert len(found) <= 2  # not everything at once
+
+
+@pytest.mark.parametrize(("ripple", "share"), [(0.3, 0.95), (0.05, 0.9), (0.0, 0.9)])
+def test_a_channel_that_is_full_before_its_noise_is_added(recorded, stroke, ripple, share):
+    """No sample repeats another; mu is some 12 % too low."""
+    clean = recorded(stroke, 0.3, ripple, noise_n=0.0, tremor=0.03)
+    full = share * 0.3 * stroke.normal_force_n
+    noise = np.random.default_rng(1).normal(0, 3e-3, len(clean.t_s))
+    for limit, expected in ((full, ["clipped force"]), (np.inf, [])):
+        shear = np.clip(clean.tangential_force_n, -limit, limit) + noise
+        assert kinds(replace(clean, tangential_force_n=shear)) == expected
+
+
+@pytest.mark.parametrize("sharp", [1, 4])
+def test_stick_slip_is_no_saturation(recorded, stroke, sharp):
+    made = recorded(stroke, 0.3, 0.0, tremor=0.02)
+    phase = (40 * made.t_s) % 1.0
+    saw = 1 + 0.3 * (phase ** (1 / sharp) - 0.5)  # loads, and the sharper the sooner, then slips
+    assert kinds(replace(made, tangential_force_n=made.tangential_force_n * saw)) == []
 
 
 @pytest.mark.parametrize("way", [0.0, 0.3])
@@ -165,6 +220,33 @@ def test_a_sensor_that_was_never_zeroed_is_made_up_for_and_named(recorded, strok
     (found, other) = check_recording(recorded(stroke, offset_n=3.0), 0.3)
     assert {found.kind, other.kind} == {"never zeroed"}
     assert not found.is_fatal
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (1 / 25.4, "is it in inch?"),
+        (163.84, "some 0.0061"),
+        (800.0, "counts of an encoder"),
+        (1000.0, "is it in um?"),
+    ],
+)
+def test_the_unit_of_the_position_is_named(recorded, stroke, factor, said):
+    (found,) = check_recording(times(x_mm=factor)(recorded(stroke)), 0.3)
+    assert said in found.message
+
+
+def test_a_ripple_that_looks_like_standing_still_is_refused(recorded):
+    """At 2 kHz a ripple at 2 x 1 kHz is a constant: the mean friction would be off by its size."""
+    one = ONE_WAY.model_copy(update={"frequency_hz": 1000.0})
+    assert kinds(recorded(one, rate_hz=2000.0)) == ["slow sampling"]
+    assert kinds(recorded(one, rate_hz=2300.0)) == []
+
+
+def test_a_drive_that_was_not_measured_is_not_compared_with_the_plan(recorded, stroke):
+    silent = replace(recorded(stroke), drive_v=np.zeros(len(recorded(stroke).t_s)))
+    assert kinds(silent) == ["drive off"]
+    assert kinds(replace(silent, assumed=("drive_v",))) == []
 
 
 def test_the_unit_that_fits_is_named(recorded, stroke):
