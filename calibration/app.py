@@ -82,9 +82,13 @@ def measure(
     device: Annotated[
         str | None, typer.Option(help="Driver, such as usb: or mock:; by default, nothing plays.")
     ] = None,
-    screen: ScreenOption = "3m-sct3250",
-    name: Annotated[str | None, typer.Option(help="Name of this screen alone.")] = None,
-    finger: FingerOption = "semi-wet",
+    screen: Annotated[
+        str | None, typer.Option(help="Assumed screen: a preset or a file. [default: 3m-sct3250]")
+    ] = None,
+    name: Annotated[str | None, typer.Option(help="Name of this screen alone; required.")] = None,
+    finger: Annotated[
+        str | None, typer.Option(help="Finger: a preset or a file. [default: semi-wet]")
+    ] = None,
     operator: Annotated[str, typer.Option(help="Who measures.")] = "",
     csv: Annotated[Path | None, typer.Option(help="For csv: folder of stroke-001.csv ...")] = None,
     columns: Annotated[Path | None, typer.Option(help="For csv: column map, as TOML.")] = None,
@@ -115,18 +119,28 @@ def measure(
     from haptix.finger import Finger
     from haptix.screen import Screen
 
-    if protocol is not None:
-        believed = Screen.named(screen)
-        own_screen = believed if name is None else believed.replace(name=name)
-        check_name(own_screen)
-        info = SessionInfo(
-            screen=own_screen, finger=Finger.named(finger), operator=operator, crosstalk=crosstalk
+    plan = None if protocol is None else Protocol.load(protocol)
+    if resume and (plan is None or (folder / "session.json").exists()):
+        there = Session.open(folder)
+        own_screen = there.info.screen if screen is None else Screen.named(screen)
+        info = there.info.replace(
+            screen=own_screen.replace(name=there.info.screen.name if name is None else name),
+            finger=there.info.finger if finger is None else Finger.named(finger),
         )
-        session = Session.begin(folder, Protocol.load(protocol), info, resume)
-    elif resume:
-        session = Session.open(folder)
-    else:
+        session = Session.begin(folder, plan or there.protocol, info, resume)
+    elif plan is None:
         raise InputError("--plan: expected a protocol; write one with `haptix calibrate plan`")
+    else:
+        own_screen = Screen.named(screen or "3m-sct3250")
+        if name is None and (own_screen.name in Screen.presets or screen is None):
+            raise InputError('--name: expected a name of this panel alone, such as "panel 7"')
+        own_screen = own_screen if name is None else own_screen.replace(name=name)
+        check_name(own_screen)
+        own_finger = Finger.named(finger or "semi-wet")
+        info = SessionInfo(
+            screen=own_screen, finger=own_finger, operator=operator, crosstalk=crosstalk
+        )
+        session = Session.begin(folder, plan, info)
     count = len(session.protocol.strokes)
     chosen = _source(source, session.info, csv, columns, inputs, seed)
     with ExitStack() as stack:

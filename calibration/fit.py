@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
+from hashlib import sha256
 from math import exp, inf
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -13,6 +16,7 @@ from calibration.parameters import PER_FINGER, Array, FingerPrior
 from calibration.residuals import Repeatability
 from haptix.documents import Document, Part
 from haptix.errors import InputError
+from haptix.version import __version__
 
 Verdict = Literal["determined", "prior", "undetermined", "fixed"]
 
@@ -117,6 +121,12 @@ class Fit(Document):
         Strokes that were not used, with reasons.
     terms : tuple of str
         Terms of the model that were on.
+    made_from : mapping of str to str
+        SHA-256 of each file of the session that the fit rests on; empty before version 0.2.
+    made_by : str
+        Version of haptix.
+    content_hash : str
+        SHA-256 of everything else.
     """
 
     format: Literal["haptix fit"] = "haptix fit"
@@ -130,6 +140,9 @@ class Fit(Document):
     strokes: tuple[int, ...]
     left_out: dict[int, str]
     terms: tuple[str, ...]
+    made_from: dict[str, str] = Field(default={})
+    made_by: str = ""
+    content_hash: str = ""
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -153,6 +166,34 @@ class Fit(Document):
             if one.name == name:
                 return one
         raise InputError(f"parameter {name!r}: expected one of {', '.join(self.names)}")
+
+    def signed(self, made_from: Mapping[str, str]) -> Self:
+        """Return a copy that is bound to the files with these hashes."""
+        bound = self.replace(made_from=dict(made_from), made_by=__version__, content_hash="")
+        return bound.replace(content_hash=bound._own_hash())
+
+    def check_unchanged(self, made_from: Mapping[str, str]) -> None:
+        """Raise `InputError` unless this fit is what `signed` made, of files with these hashes."""
+        again = "; make it anew with `haptix calibrate fit`"
+        if not self.content_hash:
+            raise InputError(f"fit.json is not bound to its session{again}")
+        if self.content_hash != self._own_hash():
+            raise InputError(f"fit.json was edited after the fit{again}")
+        if self.made_by != __version__:
+            raise InputError(
+                f"fit.json was made by haptix {self.made_by}, this is {__version__}{again}"
+            )
+        for name in sorted({*self.made_from, *made_from}):
+            before, now = self.made_from.get(name), made_from.get(name)
+            if now is None:
+                raise InputError(f"{name} was deleted after the fit: restore it, or fit again")
+            if before != now:
+                what = "added" if before is None else "changed"
+                raise InputError(f"{name} was {what} after the fit: reduce and fit again")
+
+    def _own_hash(self) -> str:
+        fields = self.model_dump(mode="json", exclude={"content_hash"})
+        return sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()
 
     @property
     def undetermined(self) -> list[ParameterEstimate]:

@@ -29,15 +29,18 @@ def check_name(screen: Screen) -> None:
 def calibrated_screen(
     screen: Screen,
     fit: Fit,
-    verification: Verification,
+    verification: Verification | None,
     predictor: StrokePredictor,
     operator: str = "",
     instruments: Iterable[str] = (),
     measured_on: date | None = None,
+    assumed: Iterable[str] = (),
 ) -> Screen:
     """Return the screen with the fitted numbers; name, permittivity and limits are kept.
 
-    `instruments` are names with serial numbers. Without `measured_on` the date is today's.
+    Without a `verification` its verdict is "failed": it is what is still to be verified.
+    `instruments` are names with serial numbers, `assumed` signals that none of them measured.
+    Without `measured_on` the date is today's.
 
     Raises
     ------
@@ -56,9 +59,12 @@ def calibrated_screen(
         date=measured_on or datetime.now(UTC).date(),
         operator=operator,
         instruments=tuple(sorted(set(instruments))),
-        verdict=verification.verdict,
+        verdict="failed" if verification is None else verification.verdict,
         spread={one.name: one.spread for one in found if one.value is not None},
-        rests_on=tuple(_assumptions(fit, predictor)),
+        rests_on=(
+            *_assumptions(fit, predictor),
+            *(f"{name} (not measured)" for name in sorted(set(assumed))),
+        ),
     )
     calibrated = screen.replace(**changed, is_placeholder=False, calibration=calibration)
     signed = calibration.model_copy(update={"content_hash": calibrated.content_hash()})

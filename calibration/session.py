@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from hashlib import sha256
 from itertools import count
 from pathlib import Path
 
@@ -59,7 +60,8 @@ class Session:
         Raises
         ------
         InputError
-            If the folder has a session and `resume` is False, or one of another protocol.
+            If the folder has a session and `resume` is False, or one of another protocol, screen or
+            finger.
         FileFormatError
             If the folder cannot be written.
         """
@@ -79,6 +81,14 @@ class Session:
                 f"{folder} was measured by another protocol ({there.protocol.name}, "
                 f"{len(there.protocol.strokes)} strokes); resume with that one"
             )
+        for what in ("screen", "finger"):
+            before, now = getattr(there.info, what), getattr(info, what)
+            if before != now:
+                raise InputError(
+                    f"{folder} is a session of the {what} {before.name!r}, got "
+                    + (repr(now.name) if now.name != before.name else "one with other numbers")
+                    + "; resume with that one, or choose another folder"
+                )
         return there
 
     @classmethod
@@ -110,9 +120,36 @@ class Session:
 
     @property
     def recordings(self) -> list[StrokeRecording]:
-        """All accepted strokes on disk."""
-        paths = map(self.path_of, self.protocol.strokes)
-        return [StrokeRecording.load(path) for path in paths if path.exists()]
+        """All accepted strokes on disk.
+
+        Raises
+        ------
+        FileFormatError
+            If a file is no recording, or one of another stroke than its name and the plan say.
+        """
+        found = []
+        for stroke in self.protocol.strokes:
+            path = self.path_of(stroke)
+            if not path.exists():
+                continue
+            one = StrokeRecording.load(path)
+            if one.stroke != stroke:
+                raise FileFormatError(
+                    f"{path}: expected {stroke.label}, got {one.stroke.label}: it was copied here, "
+                    "or the protocol was changed; measure it again"
+                )
+            found.append(one)
+        return found
+
+    def hashes(self, *results: str) -> dict[str, str]:
+        """SHA-256 of the plan, of who and what, of the strokes, and of further files."""
+        strokes = [self.path_of(one) for one in self.protocol.strokes]
+        named = [self.folder / name for name in ("protocol.toml", "session.json", *results)]
+        return {
+            path.relative_to(self.folder).as_posix(): sha256(path.read_bytes()).hexdigest()
+            for path in (*named, *strokes)
+            if path.exists()
+        }
 
     def keep(self, recording: StrokeRecording) -> Path:
         """Write a recording among the strokes, or with findings among the rejected ones."""

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import date
+from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,6 +33,7 @@ from calibration.protocol import (
     paper_protocol,
     short_protocol,
 )
+from calibration.recording import StrokeRecording
 from calibration.reduction import Reduced, reduce_session
 from calibration.report import write_report
 from calibration.session import Session
@@ -38,7 +42,7 @@ from haptix.errors import InputError
 from haptix.files import json_text, parse_json, read_text, reading, write_whole
 from haptix.finger import Finger
 from haptix.friction import ContactModel
-from haptix.screen import Screen
+from haptix.screen import CalibrationWarning, Screen
 from haptix.terms import TERMS
 
 REDUCED, FIT, NEEDS = "reduced.csv", "fit.json", "terms.json"
@@ -117,7 +121,7 @@ def fit_folder(
     if finger_fit is not None:
         parameters = parameters.with_finger(Fit.load(finger_fit).finger_prior())
     parameters = parameters.known(**priors or {}).fixed(**fixed or {})
-    fit = fit_strokes(reduced, predictor, parameters)
+    fit = fit_strokes(reduced, predictor, parameters).signed(session.hashes(REDUCED))
     fit.save(session.folder / FIT)
     needs = compare_terms(fit, reduced, predictor, parameters) if compare else []
     write_whole(session.folder / NEEDS, json_text([asdict(one) for one in needs]))
@@ -127,28 +131,42 @@ def fit_folder(
 def verify_folder(
     folder: str | Path, tolerance_thresholds: float = TOLERANCE_THRESHOLDS
 ) -> tuple[Verification, Screen | None]:
-    """Verify ``fit.json`` by the held-out strokes and write profiles, report and archive.
+    """Verify profiles by the held-out strokes; write them, report and archive.
 
-    Where the insulator is not determined there is a report, but no profile: None.
+    What is verified is what is written: the held-out strokes are predicted by the contact model of
+    ``screen.toml`` and ``finger.toml``, read back from the disk, where the verdict is "failed"
+    until then. Where the insulator is not determined there is a report, but no profile: None.
+
+    Raises
+    ------
+    FileFormatError, InputError
+        If the fit was edited, or plan, strokes or code are not those that it was made from.
     """
     session = Session.open(folder)
     check_name(session.info.screen)
+    recordings = session.recordings
     reduced = Reduced.load(session.folder / REDUCED)
     fit = Fit.load(session.folder / FIT)
+    fit.check_unchanged(session.hashes(REDUCED))
+    _check_reduced(session, reduced, recordings)
     finger, believed = session.info.finger, session.info.screen
     # A term whose parameter is fitted is on even where the profile has no value for it.
     terms = {n: n in fit.terms and not term.missing(finger, believed) for n, term in TERMS.items()}
     predictor = StrokePredictor(ContactModel(finger, believed, terms=terms))
-    found = verify(fit, reduced, predictor, tolerance_thresholds)
     screen: Screen | None = None
     if fit["h0_m"].value is not None:
-        recordings = session.recordings
         started = min((one.conditions.started[:10] for one in recordings), default="")
         by_whom = session.info.operator, instruments_of(recordings), _date(started)
-        screen = calibrated_screen(believed, fit, found, predictor, *by_whom)
-        screen.save(session.folder / SCREEN)
+        assumed = {name for one in recordings for name in one.assumed}
+        make = partial(calibrated_screen, believed, fit)
+        make(None, predictor, *by_whom, assumed).save(session.folder / SCREEN)
         calibrated_finger(finger, fit).save(session.folder / FINGER)
+        written = StrokePredictor(profile_model(session.folder))
+        found = verify(fit, reduced, written, tolerance_thresholds)
+        screen = make(found, predictor, *by_whom, assumed)
+        screen.save(session.folder / SCREEN)
     else:
+        found = verify(fit, reduced, predictor, tolerance_thresholds)
         # Profiles of an earlier fit would be taken for this one's.
         for name in (SCREEN, FINGER):
             (session.folder / name).unlink(missing_ok=True)
@@ -157,6 +175,35 @@ def verify_folder(
     write_report(path, shown, fit, reduced, found, predictor, needs, screen is not None)
     write_archive(session.folder, session.folder / ARCHIVE)
     return found, screen
+
+
+def profile_model(folder: Path) -> ContactModel:
+    """Return the contact model that a renderer builds from the two profiles of a folder."""
+    with warnings.catch_warnings():
+        # Of a profile that is not verified yet.
+        warnings.simplefilter("ignore", CalibrationWarning)
+        return ContactModel(Finger.load(folder / FINGER), Screen.load(folder / SCREEN))
+
+
+def _check_reduced(session: Session, reduced: Reduced, recordings: list[StrokeRecording]) -> None:
+    """Raise `InputError` unless ``reduced.csv`` is what the recordings of all its strokes give."""
+    there = {one.stroke.number for one in recordings}
+    for stroke in session.protocol.strokes:
+        if stroke.number not in there and (
+            stroke.held_out or any(one.number == stroke.number for one in reduced.points)
+        ):
+            raise InputError(
+                f"stroke {stroke.number} has no recording "
+                f"({session.path_of(stroke).relative_to(session.folder)}): restore it, or measure "
+                "it with --resume"
+            )
+    again = reduce_session(recordings, session.protocol.idle_s, session.info.crosstalk)
+    for old, new in zip_longest(reduced.points, again.points):
+        if repr(old) != repr(new):  # which takes NaN for equal to itself
+            raise InputError(
+                f"{REDUCED}: stroke {(new or old).number} is not what its recording gives; "
+                "make it anew with `haptix calibrate reduce`, and fit again"
+            )
 
 
 def _needs(path: Path) -> list[TermNeed]:

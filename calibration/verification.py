@@ -8,6 +8,7 @@ from math import isfinite
 import numpy as np
 
 from calibration.fit import Fit
+from calibration.parameters import Parameters
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.reduction import Point, Reduced
 from haptix.perception import WEBER_FRACTION
@@ -102,7 +103,9 @@ def verify(
     """
     points, rows = reduced.held_out, tuple[HeldOutStroke, ...]()
     if points:
-        found = predictor(StrokeConditions.of(points), fit.names, fit.log_values, jacobian=False)
+        model = predictor.model
+        own = Parameters.of(model.finger, model.screen)
+        found = predictor(StrokeConditions.of(points), own.names, own.log_values, jacobian=False)
         predicted = zip(points, np.exp(found.log_mu).tolist(), found.ripple.tolist(), strict=True)
         rows = tuple(HeldOutStroke(*one) for one in predicted)
     failures = []

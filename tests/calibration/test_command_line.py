@@ -2,13 +2,15 @@
 
 import json
 import re
+import shutil
 
 import pytest
 from typer.testing import CliRunner
 
 import haptix
-from calibration import Protocol
+from calibration import Fit, Protocol, Session
 from calibration.app import app
+from calibration.steps import fit_folder, reduce_folder, verify_folder
 from haptix.cli import app as whole
 
 run = CliRunner()
@@ -30,6 +32,18 @@ def folder(tmp_path_factory):
     assert made.exit_code == 0, made.output
     assert json.loads(made.stdout)[0]["still_open"] == []
     return folder
+
+
+@pytest.fixture(scope="module")
+def fitted(folder, tmp_path_factory):
+    """A copy of the session, reduced and fitted."""
+    copy = tmp_path_factory.mktemp("fitted") / "s"
+    shutil.copytree(folder / "s", copy, ignore=shutil.ignore_patterns("*.toml", "*.zip"))
+    shutil.copy(folder / "s" / "protocol.toml", copy)
+    reduce_folder(copy)
+    known = {"youngs_modulus_pa": 4e7, "h_rms_m": 22e-6}
+    fit_folder(copy, known, {"apparent_area_at_1n_m2": (45.65e-6, 0.05)}, compare=False)
+    return copy
 
 
 def assert_for_machines(text):
@@ -113,6 +127,74 @@ def test_sources_need_what_they_need(tmp_path, folder, source, said):
     plan = ["--plan", str(folder / "plan.toml"), "--name", "panel 8"]
     made = run.invoke(app, ["measure", str(tmp_path / "s"), *plan, *source])
     assert said in str(made.exception)
+
+
+def test_a_name_is_required(tmp_path, folder):
+    arguments = ["measure", str(tmp_path / "s"), "--plan", str(folder / "plan.toml")]
+    made = run.invoke(app, [*arguments, "--source", "virtual"])
+    assert "--name: expected a name" in str(made.exception)
+
+
+def test_another_panel_is_refused_on_resume(folder):
+    plan = ["--plan", str(folder / "plan.toml"), "--source", "virtual", "--resume"]
+    made = run.invoke(app, ["measure", str(folder / "s"), *plan, "--name", "panel 8"])
+    assert "is a session of the screen 'panel 7', got 'panel 8'" in str(made.exception)
+    made = run.invoke(app, ["measure", str(folder / "s"), *plan, "--finger", "wet"])
+    assert "is a session of the finger 'semi-wet', got 'wet'" in str(made.exception)
+    # Nothing is left to be measured: what is named, or nothing, may be resumed.
+    for name in ([], ["--name", "panel 7"]):
+        made = run.invoke(app, ["measure", str(folder / "s"), *plan, *name, "--json"])
+        assert made.exit_code == 0, made.output
+
+
+def edit_estimate(folder):
+    fit = json.loads((folder / "fit.json").read_text())
+    fit["log_values"][0] += 0.05
+    (folder / "fit.json").write_text(json.dumps(fit))
+
+
+def another_version(folder):
+    fit = Fit.load(folder / "fit.json").replace(made_by="0.0.9", content_hash="")
+    fit.replace(content_hash=fit._own_hash()).save(folder / "fit.json")
+
+
+def copy_over(folder):
+    shutil.copy(folder / "strokes" / "stroke-003.h5", folder / "strokes" / "stroke-007.h5")
+
+
+def edit_table(folder):
+    lines = (folder / "reduced.csv").read_text().splitlines()
+    cells = lines[4].split(",")
+    cells[5] = f"{1.05 * float(cells[5]):.17g}"  # mu
+    (folder / "reduced.csv").write_text("\n".join([*lines[:4], ",".join(cells), *lines[5:]]))
+    session = Session.open(folder)  # a fit of the edited table
+    Fit.load(folder / "fit.json").signed(session.hashes("reduced.csv")).save(folder / "fit.json")
+
+
+def edit_plan(folder):
+    plan = (folder / "protocol.toml").read_text()
+    (folder / "protocol.toml").write_text(plan.replace("idle_s = 0.3", "idle_s = 0.25"))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (edit_estimate, r"fit\.json was edited"),
+        (another_version, r"made by haptix 0\.0\.9"),
+        (copy_over, r"stroke-007\.h5: expected stroke 7: .* got stroke 3: "),
+        (lambda s: (s / "strokes" / "stroke-002.h5").unlink(), r"stroke-002\.h5 was deleted"),
+        (edit_table, r"reduced\.csv: stroke 4 is not what its recording gives"),
+        (edit_plan, r"protocol\.toml was changed after the fit"),
+    ],
+    ids=["estimate", "version", "copied", "deleted", "table", "plan"],
+)
+def test_a_fit_is_bound_to_its_session(tmp_path, fitted, spoil, said):
+    copy = tmp_path / "s"
+    shutil.copytree(fitted, copy)
+    spoil(copy)
+    with pytest.raises(haptix.HaptixError, match=said):
+        verify_folder(copy)
+    assert not (copy / "screen.toml").exists()
 
 
 def test_a_preset_has_to_be_given_a_name_of_its_own(tmp_path, folder):

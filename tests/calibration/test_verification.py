@@ -40,8 +40,16 @@ def fit(predictor, strokes, finger, screen):
 
 
 @pytest.fixture(scope="module")
-def passed(fit, strokes, predictor):
-    return verify(fit, strokes, predictor)
+def written(fit, finger, screen, predictor):
+    """A predictor of the profiles that are to be signed."""
+    panel = calibrated_screen(screen, fit, None, predictor)
+    assert panel.calibration.verdict == "failed"
+    return StrokePredictor(haptix.ContactModel(calibrated_finger(finger, fit), panel))
+
+
+@pytest.fixture(scope="module")
+def passed(fit, strokes, written):
+    return verify(fit, strokes, written)
 
 
 @pytest.fixture
@@ -58,14 +66,22 @@ def test_good_strokes_pass(passed, strokes):
     assert np.sqrt(np.mean(np.square(error))) < 0.02
 
 
-def test_one_stroke_that_is_off_fails_and_is_named(fit, strokes, predictor):
+def test_the_profiles_are_verified_and_not_the_fit(fit, strokes, finger, written, screen):
+    """A number that the profiles drop fails, however well the fit predicts."""
+    dropped = calibrated_finger(finger, fit).replace(dielectric=finger.dielectric)
+    doubled = dropped.replace(dielectric=dropped.dielectric.model_copy(update={"scale": 2.0}))
+    model = haptix.ContactModel(doubled, written.model.screen)
+    assert not verify(fit, strokes, StrokePredictor(model)).passed
+
+
+def test_one_stroke_that_is_off_fails_and_is_named(fit, strokes, written):
     points = list(strokes.points)
     index = next(i for i, point in enumerate(points) if point.held_out)
     points[index] = replace(points[index], mu=1.1 * points[index].mu)
-    found = verify(fit, Reduced(tuple(points)), predictor)
+    found = verify(fit, Reduced(tuple(points)), written)
     assert not found.passed
     assert re.search(rf"stroke {points[index].number}: mu is \+[\d.]+ ", found.failures[0])
-    assert verify(fit, Reduced(tuple(points)), predictor, tolerance_thresholds=3.0).passed
+    assert verify(fit, Reduced(tuple(points)), written, tolerance_thresholds=3.0).passed
 
 
 def test_without_held_out_strokes_nothing_passes(fit, strokes, predictor):
