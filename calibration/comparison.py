@@ -131,5 +131,5 @@ def _switched(
         return predictor, parameters.without(optional)
     model = predictor.model
     terms = {name: name in model.terms for name in comparable_terms()} | {term: on}
-    changed = ContactModel(model.finger, model.screen, theory=model.theory, terms=terms)
+    changed = ContactModel(model.finger, model.screen, terms=terms)
     return StrokePredictor(changed, predictor), parameters

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import Discriminator, Field, PositiveFloat, Tag, model_validator
 from torch import Tensor
 
-from haptix.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum
+from haptix.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum, TheoryName
 from haptix.documents import Document, Part, Quantity
 from haptix.electro import SkinDielectric
 
@@ -91,7 +91,8 @@ AnyRoughness = Annotated[
 class Finger(Document):
     """One fingertip: presets "semi-wet" (the paper's Fig. 3C), "dry" and "wet".
 
-    Sources: physics page, section 3 (Ayyildiz et al., PNAS 2018).
+    Sources: physics page, section 3 (Ayyildiz et al., PNAS 2018). Their tau_f is the paper's,
+    carried over to the theory "corrected" by `haptix.friction.in_theory`.
 
     Parameters
     ----------
@@ -105,6 +106,10 @@ class Finger(Document):
         Penetration hardness of dry skin, or None for elastic contact.
     frictional_shear_stress_pa
         tau_f, the friction force per real contact area.
+    theory
+        The form of the mean field that tau_f was fitted with, see `haptix.contact.THEORIES`; a
+        `ContactModel` of the finger uses it. A finger that names none is of before this field, and
+        keeps its friction: "open-gaps".
     apparent_area_at_1n_m2, apparent_area_exponent
         ``A0 = area * (F_N / 1 N)^exponent``, from 3 kPa at 0.1 N and 20 kPa at 0.9 N.
     response_hz_per_mm_per_s
@@ -115,8 +120,13 @@ class Finger(Document):
     """
 
     presets: ClassVar = {
-        "semi-wet": {"bulk_modulus_pa": 10e3},
+        "semi-wet": {
+            "bulk_modulus_pa": 10e3,
+            "frictional_shear_stress_pa": 5.544289e6,
+            "theory": "corrected",
+        },
         "dry": {
+            "theory": "corrected",
             "bulk_modulus_pa": 10e3,
             "youngs_modulus_pa": 1e9,
             "poisson_ratio": 0.3,
@@ -126,7 +136,8 @@ class Finger(Document):
         "wet": {
             "bulk_modulus_pa": 10e3,
             "youngs_modulus_pa": 10e6,
-            "frictional_shear_stress_pa": 5e6,
+            "frictional_shear_stress_pa": 3.468414e6,
+            "theory": "corrected",
         },
     }
 
@@ -138,6 +149,7 @@ class Finger(Document):
     bulk_poisson_ratio: PoissonRatio = 0.5
     hardness_pa: Quantity | None = None
     frictional_shear_stress_pa: Quantity = 8e6
+    theory: TheoryName = Field(default="open-gaps", exclude_if=lambda value: value == "open-gaps")
     apparent_area_at_1n_m2: PositiveFloat = 45.65e-6
     apparent_area_exponent: Annotated[float, Field(ge=0, lt=1)] = 0.1366
     response_hz_per_mm_per_s: PositiveFloat = 13.8

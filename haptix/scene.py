@@ -17,6 +17,7 @@ from pydantic import (
     model_validator,
 )
 
+from haptix.contact import TheoryName
 from haptix.documents import Document, Part
 from haptix.errors import InputError
 from haptix.fidelity import FIDELITIES, FidelityName
@@ -114,15 +115,17 @@ class Override(Part):
     ----------
     terms : mapping of str to bool
         Terms to switch on or off.
-    fidelity, dtype, tolerance : optional
-        How the contact is solved, the precision of the surface, and its largest error against the
-        planned model (a number in mu, ``"0.05 JND"`` or ``"0.2 %"``).
+    fidelity, theory, dtype, tolerance : optional
+        How the contact is solved, the form of its mean field (by default the finger's), the
+        precision of the surface, and its largest error against the planned model (a number in mu,
+        ``"0.05 JND"`` or ``"0.2 %"``).
     axes : mapping of str to {"keep", "collapse"}
         Whether the surface keeps the axis ``frequency_hz`` or ``h0_m``.
     """
 
     terms: dict[str, Annotated[bool, Field(strict=True)]] = Field(default={})
     fidelity: FidelityName | None = None
+    theory: TheoryName | None = None
     dtype: DtypeName | None = None
     tolerance: Annotated[float, Field(strict=True)] | str | None = None
     axes: dict[AxisName, Literal["keep", "collapse"]] = Field(default={})
@@ -264,5 +267,11 @@ class Scene(Document):
         """Return the contact model of the scene, with `terms` or all possible terms."""
         on = self.possible_terms(fidelity) if terms is None else terms
         return ContactModel(
-            self.finger, self.screen, fidelity=fidelity, dtype=dtype, device=device, terms=on
+            self.finger,
+            self.screen,
+            fidelity=fidelity,
+            dtype=dtype,
+            device=device,
+            terms=on,
+            theory=self.override.theory,
         )

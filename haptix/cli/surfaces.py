@@ -29,8 +29,11 @@ Fidelity = Annotated[
     ),
 ]
 Theory = Annotated[
-    str,
-    typer.Option(help="Mean field: open-gaps, as-published, or corrected by boundary elements."),
+    str | None,
+    typer.Option(
+        help="Mean field: corrected by boundary elements, open-gaps or as-published; tau_f is "
+        "carried over. [default: the finger's]"
+    ),
 ]
 With = Annotated[
     list[str] | None,
@@ -98,7 +101,7 @@ def build(
     ] = False,
     overwrite: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
     fidelity: Fidelity = "mean-field",
-    theory: Theory = "open-gaps",
+    theory: Theory = None,
     with_terms: With = None,
     without_terms: Without = None,
     as_json: AsJson = False,
@@ -160,7 +163,7 @@ def query(
     finger: Finger = "semi-wet",
     screen: Screen = "3m-sct3250",
     fidelity: Fidelity = "mean-field",
-    theory: Theory = "open-gaps",
+    theory: Theory = None,
     with_terms: With = None,
     without_terms: Without = None,
     as_json: AsJson = False,
@@ -284,7 +287,7 @@ def _model(
     finger: str,
     screen: str,
     fidelity: str,
-    theory: str,
+    theory: str | None,
     with_terms: list[str] | None,
     without_terms: list[str] | None,
 ) -> ContactModel:
@@ -296,7 +299,7 @@ def _model(
         Finger.named(finger),
         Screen.named(screen),
         fidelity=fidelity,  # type: ignore[arg-type]  # checked by the model
-        theory=theory,
+        theory=theory,  # type: ignore[arg-type]
         terms=dict.fromkeys(with_terms or [], True) | dict.fromkeys(without_terms or [], False),
     )
 

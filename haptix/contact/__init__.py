@@ -5,7 +5,7 @@ from haptix.contact.area import AreaLaw
 from haptix.contact.elasticity import ElasticSolid, HalfSpace, Layered
 from haptix.contact.meanfield import ContactSpots, GapDistribution, MeanField
 from haptix.contact.roughness import RoughnessSpectrum
-from haptix.contact.theory import THEORIES, Theory
+from haptix.contact.theory import THEORIES, Theory, TheoryName
 
 __all__ = [
     "THEORIES",
@@ -18,6 +18,7 @@ __all__ = [
     "MeanField",
     "RoughnessSpectrum",
     "Theory",
+    "TheoryName",
 ]
 
 keep_freed_memory()

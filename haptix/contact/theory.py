@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from haptix.contact.area import AreaLaw
 from haptix.contact.meanfield import ContactSpots, GapDistribution
+
+TheoryName = Literal["corrected", "open-gaps", "as-published"]
 
 
 @dataclass(frozen=True)

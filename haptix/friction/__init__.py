@@ -1,6 +1,7 @@
 """Friction of a finger on a screen: a solver of loads, and the contact model around it."""
 
+from haptix.friction.carry_over import in_theory
 from haptix.friction.model import HIGHEST_FORCE_N, LOWEST_FORCE_N, ContactModel
 from haptix.friction.solver import FrictionSolver
 
-__all__ = ["HIGHEST_FORCE_N", "LOWEST_FORCE_N", "ContactModel", "FrictionSolver"]
+__all__ = ["HIGHEST_FORCE_N", "LOWEST_FORCE_N", "ContactModel", "FrictionSolver", "in_theory"]

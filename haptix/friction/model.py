@@ -9,8 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from haptix import checks
-from haptix.contact import THEORIES, ContactSpots, GapDistribution, MeanField
+from haptix.contact import THEORIES, ContactSpots, GapDistribution, MeanField, TheoryName
 from haptix.contact.meanfield import check_contact_spots
 from haptix.electro import Pull, drive_voltage
 from haptix.electro.breakdown import breakdown_voltage, peak_field
@@ -27,6 +26,7 @@ from haptix.fidelity import (
     Scatter,
 )
 from haptix.finger import Finger
+from haptix.friction.carry_over import REFERENCE_FORCE_N, in_theory
 from haptix.friction.solver import FrictionSolver
 from haptix.inputs import broadcast_shape, checked
 from haptix.screen import Screen
@@ -41,7 +41,6 @@ LOWEST_FORCE_N, HIGHEST_FORCE_N = 1e-9, 1e6
 
 _FAINT_V = 1e-9  # in place of 0 V: attraction is tabulated by its logarithm
 _COSINE = Waveform(shift_turns=0.25)  # the drive of the paper
-_USUAL_FORCE_N = 0.5  # where the closed form is exact; the middle of the paper's range
 
 
 class ContactModel:
@@ -62,9 +61,11 @@ class ContactModel:
         Precision of the results. The arithmetic is float64: float32 is within 6e-8, relative.
     device : str
         Device of the tables.
-    theory : {"open-gaps", "as-published", "corrected"}
-        Form of the mean field: the paper's without the attraction inside the contact spots; the
-        paper as printed; or what agrees with boundary elements, see `haptix.contact.THEORIES`.
+    theory : {"corrected", "open-gaps", "as-published"}, optional
+        Form of the mean field: what agrees with boundary elements; the paper's without the
+        attraction inside the contact spots; or the paper as printed, see
+        `haptix.contact.THEORIES`. By default the finger's; in another, the model's `finger` has
+        the tau_f of `haptix.friction.in_theory`.
     contact_spots : {"excluded", "included"}, optional
         Whether the attraction inside the contact spots loads the contact; by default the theory's.
     gap_distribution : {"plain", "combined"}, optional
@@ -99,16 +100,16 @@ class ContactModel:
         gap_distribution: GapDistribution | None = None,
         gamma: float | None = None,
         terms: Iterable[str] | Mapping[str, bool] | None = None,
-        theory: str = "open-gaps",
+        theory: TheoryName | None = None,
         boundary_elements: BoundaryElementBox | None = None,
         on_progress: Callable[[float], None] | None = None,
     ) -> None:
         if fidelity not in FIDELITIES:
             names = ", ".join(f'"{name}"' for name in FIDELITIES)
             raise InputError(f"fidelity: expected one of {names}, got {fidelity!r}")
-        chosen = THEORIES[checks.choice("theory", theory, THEORIES)]
-        how = FIDELITIES[fidelity]
-        self.theory = theory
+        finger = finger if theory is None else in_theory(finger, theory)
+        self.theory: TheoryName = finger.theory
+        chosen, how = THEORIES[self.theory], FIDELITIES[fidelity]
         self.contact_spots: ContactSpots = contact_spots or chosen.contact_spots
         check_contact_spots(self.contact_spots)
         self.boxed: BoxedFinger | None = None
@@ -133,7 +134,7 @@ class ContactModel:
             device=device,
             area=chosen.area,
         )
-        usual = torch.tensor(_USUAL_FORCE_N, dtype=torch.float64)
+        usual = torch.tensor(REFERENCE_FORCE_N, dtype=torch.float64)
         contact = Contact(
             self.contact,
             self.contact_spots,
@@ -158,8 +159,9 @@ class ContactModel:
 
     def describe(self) -> dict[str, Any]:
         """Everything that determines the model's numbers, as plain values for files and hashes."""
-        # The response smooths friction in time: it changes none of the model's numbers.
-        finger = self.finger.model_dump(mode="json", exclude={"response_hz_per_mm_per_s"})
+        # The response smooths friction in time: it changes none of the model's numbers. The theory
+        # has an entry of its own.
+        finger = self.finger.model_dump(mode="json", exclude={"response_hz_per_mm_per_s", "theory"})
         screen = self.screen.model_dump(mode="json")
         values = {"finger": finger, "screen": screen}
         terms = {}

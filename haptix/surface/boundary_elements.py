@@ -120,7 +120,6 @@ class MeasuringJob:
             gap_distribution=model.contact.gap_distribution,
             gamma=model.contact.gamma,
             terms=model.terms,
-            theory=model.theory,
         )
 
 

@@ -114,7 +114,12 @@ def run_tradeoff(
     if boundary_elements:
         terms = _terms(scene, "boundary-element")
         boxed = ContactModel(
-            scene.finger, scene.screen, "boundary-element", terms=terms, boundary_elements=_BOX
+            scene.finger,
+            scene.screen,
+            "boundary-element",
+            terms=terms,
+            theory=scene.override.theory,
+            boundary_elements=_BOX,
         )
     began = perf_counter()
     plan = plan_scene(scene, lambda share: on_progress("plan", share))

@@ -30,7 +30,7 @@ GAP = 1e-3  # asked of the mean gap, as in test_independent_mean_field
 AREA = 1e-6
 
 SCREEN = Screen(max_voltage_v=5000.0)
-FINGER = Finger.preset("semi-wet")
+FINGER = Finger.preset("semi-wet").replace(theory="open-gaps")  # the theory of the oracle
 STIFF = Finger(
     youngs_modulus_pa=1e9,
     poisson_ratio=0.3,

@@ -9,3 +9,9 @@ from haptix import ContactModel, Finger, Screen
 def semi_wet() -> ContactModel:
     """Semi-wet skin on a screen whose own limit lies far beyond pull-in."""
     return ContactModel(Finger.preset("semi-wet"), Screen(max_voltage_v=1e4))
+
+
+@pytest.fixture(scope="session")
+def published(semi_wet: ContactModel) -> ContactModel:
+    """The same by the paper's area and gaps, for what is compared with published numbers."""
+    return ContactModel(semi_wet.finger, semi_wet.screen, theory="open-gaps")

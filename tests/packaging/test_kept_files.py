@@ -25,6 +25,11 @@ def kept(tmp_path, monkeypatch):
     """A copy, since some commands write beside what they read."""
     folder = tmp_path / "kept"
     shutil.copytree(KEPT, folder)
+    # A preset is today's. That of then is a finger file of then, which names no theory.
+    (folder / "then.toml").write_text('name = "semi-wet"\nbulk_modulus_pa = 10e3\n')
+    for name in ("carrier.toml", "gratings.toml"):
+        text = (folder / name).read_text()
+        (folder / name).write_text(text.replace('finger = "semi-wet"', 'finger = "then.toml"'))
     monkeypatch.chdir(folder)
     return folder
 
@@ -68,8 +73,17 @@ def test_a_recipe_makes_the_same_stimuli(kept):
 
 
 def test_a_photograph_is_felt_as_the_file_beside_it_says(kept):
-    command = ["render", "--image", "texture.png", "--out", "felt", "--json"]
-    result = CliRunner().invoke(app, command)
+    command = [
+        "render",
+        "--image",
+        "texture.png",
+        "--out",
+        "felt",
+        "--finger",
+        "then.toml",
+        "--json",
+    ]
+    result = CliRunner().invoke(app, [*command, "--json"])
     assert result.exit_code == 0, result.output
     found = re.search(r'"error_rms_mu": ([0-9.e-]+)', result.stdout)
     # The error of the whole way, friction asked for against friction felt, as 0.1.0 printed it.
