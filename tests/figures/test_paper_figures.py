@@ -69,8 +69,6 @@ def test_friction_rises_with_voltage_and_as_the_force_falls(figures, kind):
 def test_friction_follows_the_critical_voltage(figures):
     columns = figures["fig3c"].columns
     off, at_100, at_200 = (columns[f"mu_without_finite_size_{v}v"] for v in (0, 100, 200))
-    # About 1.4 at 200 V for this finger; the gap distribution moves it by some per cent.
-    np.testing.assert_allclose(at_200 / off, 1.4, atol=0.08)
     # mu_on/mu_off = 1/(1 - (V0/Vc)^2) at low load, where I/p is nearly constant: it changes by a
     # few per cent as p grows by 40 %, and with it the share (V0/Vc)^2.
     share = 1 - off / at_100
@@ -121,17 +119,18 @@ def test_a_thinner_insulator_raises_the_area_strongly(figures):
     drawn = area[:, voltage > 0]
     both = ~np.isnan(drawn[:-1]) & ~np.isnan(drawn[1:])
     assert (drawn[:-1] > drawn[1:])[both].all()
-    at_200 = dict(zip(thickness, area[:, -1] / area[:, 0], strict=True))
+    highest = dict(zip(thickness, np.nanmax(area, axis=1) / area[:, 0], strict=True))
     # 0.05 um is 20 times thinner than 1 um: a multiple of the area against some per cent.
-    assert at_200[0.05] > 2
-    assert 1 < at_200[1.0] < 1.05
+    assert highest[0.05] > 2
+    assert 1 < highest[1.0] < 1.05
 
 
 def test_the_area_without_voltage_is_that_of_light_load(figures):
     area = figures["fig3d"].columns["area_fraction_h0_1um"][0]
     # sqrt(8/pi) p0 / (E* slope). The soft tissue below lets long waves bend more easily, which
     # takes them out of the slope: they hold about a per cent of it.
-    half_space = sqrt(8 / pi) * 10e3 / (100e6 / (1 - 0.5**2) * 0.91)
+    # Of the light contact the corrected law (Xu 2024) makes 1/sqrt(g) of Persson's, g = 0.48.
+    half_space = sqrt(8 / pi / 0.48) * 10e3 / (100e6 / (1 - 0.5**2) * 0.91)
     assert area == pytest.approx(half_space, rel=0.03)
 
 
