@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +23,11 @@ from haptix.texture import FrictionField
 CONTROL_HZ = 12_000.0
 """Rate at which friction is asked for and inverted; the amplitude is a line in between. Skin feels
 up to 1 kHz, and a line between points 12 times as dense follows that within 3 %."""
+
+_SHARES = 8
+"""Parts of the ripple's square, from none to all of it followed, between which lines will do."""
+
+_PARTS = 5  # places of the texture in half a period
 
 DEFAULT_CARRIER_HZ = 4000.0
 """Above what skin feels, and a whole twelfth of the usual 48 kHz."""
@@ -104,8 +111,8 @@ class RenderCore:
 
     The contact is too slow for a carrier and follows the mean attraction. It follows part of the
     ripple of a direct drive, at twice the drive's frequency: this raises the mean friction of a
-    period, the more the faster the finger slides. To second order the rise goes with the square of
-    the ripple that the finger follows.
+    period, the more the faster the finger slides. Friction is that mean, with the finger's
+    response: nearly linear in the square of the ripple that the finger follows.
 
     Parameters
     ----------
@@ -153,7 +160,14 @@ class RenderCore:
         highest_v = drive.highest_v(slew, change_v_per_s, rate)
         highest_v = min(surface.voltage_limit_v / max(peak, 1.0), highest_v)
         self._slice = Slice.of(surface.table, highest_v)
-        self._averaged = None if ripple is None else self._slice.averaged(ripple)
+        self._averaged = (
+            []
+            if ripple is None
+            else [
+                self._slice.averaged(1 + sqrt(share / _SHARES) * (ripple - 1))
+                for share in range(_SHARES + 1)
+            ]
+        )
         self._response = FingerResponse(surface.response_hz_per_mm_per_s)
         # The drive stays below the limit, rounding included.
         self._most_v = highest_v / (1.0 if peak <= 1 else 1 + 1e-12)
@@ -198,32 +212,54 @@ class RenderCore:
     def reachable(self, normal_force_n: Array, speed_mm_per_s: Array) -> tuple[Array, Array]:
         """Lowest and highest friction coefficient at forces and speeds, shape (points,)."""
         column = self._slice.columns_at(normal_force_n)
-        high = column.highest_mu
-        if self._averaged is not None:
-            ripples = self._averaged.columns_at(normal_force_n).highest_mu
-            high = high + self._followed(speed_mm_per_s) * (ripples - high)
-        return column.lowest_mu, high
+        if not self._averaged:
+            return column.lowest_mu, column.highest_mu
+        highs = np.array([one.columns_at(normal_force_n).highest_mu for one in self._averaged])
+        cell, part = self._followed(speed_mm_per_s)
+        at = np.arange(highs.shape[1])
+        return column.lowest_mu, (1 - part) * highs[cell, at] + part * highs[cell + 1, at]
 
     def _amplitudes(self, motion: Motion) -> Amplitudes:
         """Amplitudes for each finger at each point."""
         texture, target = self._texture_and_target
-        value = texture.friction(motion.x_mm, motion.y_mm, motion.footprint_mm)
-        found = _inverted(self._slice, motion, target, value)
-        if self._averaged is None:
-            return found
-        ripples = _inverted(self._averaged, motion, target, value)
+        if not self._averaged:
+            value = texture.friction(motion.x_mm, motion.y_mm, motion.footprint_mm)
+            return _inverted(self._slice, motion, target, value)
+        value = self._over_half_a_period(texture, motion)
         speed = motion.footprint_mm * self.sample_rate_hz / self.step
-        share = self._followed(np.float64(speed))
+        cell, part = self._followed(np.float64(speed))
+        less, more = (
+            _inverted(one, motion, target, value) for one in self._averaged[cell : cell + 2]
+        )
         return Amplitudes(
-            found.voltage_v + share * (ripples.voltage_v - found.voltage_v),
-            found.target_mu + share * (ripples.target_mu - found.target_mu),
-            np.where(found.status == Status.OK, ripples.status, found.status),
+            less.voltage_v + part * (more.voltage_v - less.voltage_v),
+            less.target_mu + part * (more.target_mu - less.target_mu),
+            np.where(less.status == Status.OK, more.status, less.status),
         )
 
-    def _followed(self, speed_mm_per_s: Array | np.float64) -> Array | np.float64:
-        """Square of the share of the ripple that the contact of a sliding finger follows."""
+    def _over_half_a_period(self, texture: FrictionField, motion: Motion) -> Array:
+        """Numbers of the texture, averaged over the way of half a period of the drive.
+
+        The attraction comes in pulses, two in a period. What the texture changes faster would be
+        felt as a slow change that it does not have.
+        """
+        shape = (motion.fingers, motion.points)
+        x, y = motion.x_mm.reshape(shape), motion.y_mm.reshape(shape)
+        steps = self.sample_rate_hz / self.step / (2 * self.drive.frequency_hz)
+        ahead = steps * ((np.arange(_PARTS) + 0.5) / _PARTS - 0.5)[:, None, None]
+        # One point has no direction; its footprint alone is left.
+        moved = motion.points > 1
+        x, y = (one + ahead * (np.gradient(one, axis=1) if moved else 0.0) for one in (x, y))
+        footprint_mm = motion.footprint_mm * max(1.0, steps / _PARTS)
+        value = texture.friction(x.ravel(), y.ravel(), footprint_mm)
+        return np.asarray(value.reshape(_PARTS, -1).mean(axis=0))
+
+    def _followed(self, speed_mm_per_s: Array | np.float64) -> tuple[Any, Any]:
+        """Place among the averaged slices, by the share of the ripple that the finger follows."""
         gain = self._response.gain(2 * self.drive.frequency_hz, speed_mm_per_s)
-        return np.square(gain.real) + np.square(gain.imag)
+        place = _SHARES * (np.square(gain.real) + np.square(gain.imag))
+        cell = np.minimum(place.astype(int), _SHARES - 1)
+        return cell, place - cell
 
     def _combined(self, each: Array) -> Array:
         if len(each) == 1 or self.settings.combination == "first":

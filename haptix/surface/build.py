@@ -106,7 +106,9 @@ class _Build:
         self._check_reach(held_out)
         self.low, self.high = float(held_out.mu.min()), float(held_out.mu.max())
         # With a margin for states between the points.
-        self.last_drive = min(1.05 * float(held_out.end_drive.max()), PULL_IN_DRIVE)
+        end_drive = 1.05 * float(held_out.end_drive.max())
+        self.end_drive = min(end_drive, PULL_IN_DRIVE)
+        self.last_drive = min(self.sampler.peak_attraction * end_drive, PULL_IN_DRIVE)
         report(0.3)
         share, best = _FIRST_SHARE, None
         fits, exceeds = inf, 0.0  # smallest share that fits into the size, largest that does not
@@ -184,7 +186,7 @@ class _Build:
                 self.sampler.along_drive(points, self.last_drive, self._unit)
                 if name == "drive"
                 else self.sampler.along(
-                    name, points, self.last_drive, self._unit, _BOUNDARY / self.tolerance.value
+                    name, points, self.end_drive, self._unit, _BOUNDARY / self.tolerance.value
                 )
             )
         return self.pilots[name]

@@ -22,6 +22,8 @@ _NARROWEST = 1e-5  # relative width of an axis that single precision still divid
 _LINES = 6  # along an axis at random, besides those at all corners of the others
 _LEVELS = 5  # of drive on each line
 _INSULATORS = 512  # pairs of f and h0 held out; each has its own table of attraction
+_DIRECT_BELOW_HZ = 1000.0  # skin feels up to here: slower drives are felt themselves
+_INSTANTS_SHARE = 0.5  # a sine's squared voltage is above its mean for half of the period
 _HELD_OUT = 8192  # points of an error estimate; 80 of them lie above the 99th percentile
 
 UnitInMu = Callable[[Tensor], Tensor]
@@ -100,6 +102,15 @@ class Sampler:
         return self.span("voltage_v")[1]
 
     @property
+    def peak_attraction(self) -> float:
+        """Largest attraction within a period over its mean: 2 for a direct sine, 1 for a carrier.
+
+        Friction over a period of a direct drive is averaged from the friction of its instants.
+        """
+        frequency = self.ranges["frequency_hz"]
+        return 2.0 if frequency is not None and frequency[0] < _DIRECT_BELOW_HZ else 1.0
+
+    @property
     def ends_at_breakdown(self) -> bool:
         """Whether breakdown ends a column."""
         return self.model.reports(Status.BREAKDOWN)
@@ -174,17 +185,25 @@ class Sampler:
         return Pilot(at, error)
 
     def along_drive(self, points: int, last_drive: float, unit: UnitInMu) -> Pilot:
-        """Solve columns finely along the drive; errors beyond their ends do not count."""
+        """Solve columns finely along the drive.
+
+        Beyond its end a column holds the instants of a direct drive: there an error counts by its
+        share of friction, as it does in the mean of a period.
+        """
         drive = torch.linspace(0, last_drive, points, dtype=torch.float64)
         columns = self.columns(self._lines(), drive)
         top, inverse = self.top(columns), columns.inverse.T
+        last = self.peak_attraction * top
         in_mu = unit(-1 / inverse)
+        at_top = inverse.gather(0, torch.searchsorted(drive, top).clamp(max=points - 1)[None])
+        instants = in_mu * (at_top / inverse) / _INSTANTS_SHARE
+        in_mu = torch.where(drive[:, None] <= top, in_mu, instants)
 
         def error(start: int, end: int) -> float:
             inner = slice(start + 1, end)
             wrong = chord_error(inverse, drive, start, end).abs()
             wrong = wrong / inverse[inner] ** 2 / in_mu[inner]
-            return float(torch.where(drive[inner, None] <= top, wrong, 0.0).max())
+            return float(torch.where(drive[inner, None] <= last, wrong, 0.0).max())
 
         return Pilot(drive, error)
 

@@ -134,7 +134,12 @@ def test_the_virtual_finger_feels_what_was_wanted(model, surface, name):
 def test_a_population_has_its_spread_and_a_median_that_is_reached(finger, screen):
     spread = {"frictional_shear_stress_pa": 0.2, "roughness.h_rms_m": 0.1}
     people = Population.around(finger, 300, spread, seed=3)
-    tau = np.log([one.frictional_shear_stress_pa / 8e6 for one in people.fingers])
+    tau = np.log(
+        [
+            one.frictional_shear_stress_pa / finger.frictional_shear_stress_pa
+            for one in people.fingers
+        ]
+    )
     rough = np.log([one.roughness.h_rms_m / 22e-6 for one in people.fingers])
     # 300 draws: the standard deviation is known to 4 %, the mean to 0.012.
     assert tau.std() == pytest.approx(0.2, rel=0.15)

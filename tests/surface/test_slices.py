@@ -86,7 +86,7 @@ def test_a_surface_that_was_not_sliced(model):
 
 
 @pytest.mark.parametrize("force", [0.3, 1.0])
-@pytest.mark.parametrize("frequency_hz", [125.0, 500.0])
+@pytest.mark.parametrize("frequency_hz", [60.0, 500.0])
 def test_friction_is_averaged_over_the_period_of_a_direct_drive(model, force, frequency_hz):
     """Against the model solved through the period, which knows no surface and no average."""
     scene = {"normal_force_n": (0.2, 1.0), "frequency_hz": frequency_hz}
@@ -94,16 +94,18 @@ def test_friction_is_averaged_over_the_period_of_a_direct_drive(model, force, fr
     drive = DirectWave(frequency_hz)
     column = Slice.of(surface.table).averaged(drive.attraction).column(force)
     naive = Slice.of(surface.table).column(force)
-    for share in (0.25, 0.5, 0.75):
+    for share in (0.25, 0.5, 0.75, 1.0):
         target = column.lowest_mu + share * (column.highest_mu - column.lowest_mu)
         felt = []
         for one in (column, naive):
             ((voltage,), _) = one.voltage(np.array([target]))
             period = model.over_period(force, min(voltage, 200.0), frequency_hz)
             felt.append(float(period.mu.mean()))
-        # A twentieth of what can be felt: beyond the surface's end the column is a straight line.
+        # A twentieth of what can be felt. All gaps are taken to pull at the same time of a period,
+        # which is worth up to 0.04 of it where the insulators are thinnest.
         assert felt[0] == pytest.approx(target, rel=0.05 * 0.11)
-        assert abs(felt[0] - target) < 0.3 * abs(felt[1] - target)
+        if share < 1.0:  # both end at the screen's limit
+            assert abs(felt[0] - target) < 0.3 * abs(felt[1] - target)
 
 
 def test_a_square_wave_has_no_ripple():

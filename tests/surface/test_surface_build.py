@@ -244,7 +244,7 @@ def test_the_key_tells_apart_all_that_decides_the_numbers(model: ContactModel) -
         surface_key(ContactModel(finger.replace(layer_thickness_m=1e-4), screen), SMALL, 1e-3),
         surface_key(ContactModel(finger, screen.replace(max_voltage_v=150.0)), SMALL, 1e-3),
         surface_key(ContactModel(finger, screen, contact_spots="included"), SMALL, 1e-3),
-        surface_key(ContactModel(finger, screen, gap_distribution="combined"), SMALL, 1e-3),
+        surface_key(ContactModel(finger, screen, gap_distribution="plain"), SMALL, 1e-3),
     ]
     assert len(set(keys)) == len(keys)
     assert surface_key(ContactModel(finger, screen), dict(reversed(SMALL.items())), 1e-3) == keys[0]
