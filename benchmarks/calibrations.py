@@ -1,11 +1,12 @@
 """Calibration of 20 random fingers and screens, with known truth, on the virtual finger.
 
-    python benchmarks/calibrations.py [--truths 20] [--processes 2] [--seed 0]
+    python benchmarks/calibrations.py [--truths 20] [--processes 2] [--seed 0] [--hold-skin]
 
 Each truth is measured by the full and by the short protocol: played by the contact model in time,
 read with noise, drift and cross-talk by a finger that cannot hold force and speed, reduced, and
-fitted from the same start. Fingers are drawn from the priors that the fits have, screens of 70 to
-300 nm evenly in the logarithm.
+fitted from the same start. Fingers, their skin's dielectric included, are drawn from the priors of
+the fits, screens of 70 to 300 nm evenly in the logarithm. With ``--hold-skin`` the fits hold the
+dielectric at the assumed one, as those of version 0.1.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ import argparse
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from math import exp
 
 import numpy as np
 import torch
@@ -31,12 +31,11 @@ from calibration import (
     short_protocol,
 )
 from calibration.measuring import drive_for
+from calibration.practice import draw_parameters
 from calibration.predict import StrokeConditions
-from calibration.profile import calibrated_finger
+from calibration.profile import finger_at
 from calibration.recording import StrokeRecording
 
-SCREENS_M = (70e-9, 300e-9)
-SHEAR_SPREAD = 0.3
 VOLTAGES_V = (200.0, 170.0, 140.0, 120.0, 100.0, 80.0, 60.0)
 
 
@@ -50,23 +49,12 @@ class Trial:
     h0_nm: float
     h0_error: float
     h0_determined: bool
+    h0_width: float
+    skin_scale: float
     mu_error: float
     covered: dict[str, bool]
     fit_s: float
     measure_s: float
-
-
-def draw_truth(number: int, seed: int, start: Parameters) -> Parameters:
-    rng = np.random.default_rng([seed, number])
-    values = {
-        name: start[name].value * exp(rng.normal(0, start[name].prior))
-        for name in start.free
-        if start[name].prior is not None
-    }
-    values["h0_m"] = exp(rng.uniform(*np.log(SCREENS_M)))
-    shear = start["frictional_shear_stress_pa"].value
-    values["frictional_shear_stress_pa"] = shear * exp(rng.normal(0, SHEAR_SPREAD))
-    return start.started_at(**values)
 
 
 def highest_voltage(predictor: StrokePredictor, truth: Parameters) -> float:
@@ -87,17 +75,17 @@ def play(protocol: Protocol, source: VirtualFingerSource) -> list[StrokeRecordin
     return made
 
 
-def run(number: int, seed: int) -> list[Trial]:
+def run(number: int, seed: int, hold_skin: bool) -> list[Trial]:
     torch.set_num_threads(1)
     finger = haptix.Finger.preset("semi-wet")
     screen = haptix.Screen.preset("3m-sct3250").replace(name="panel")
     start = Parameters.of(finger, screen)
     predictor = StrokePredictor(haptix.ContactModel(finger, screen))
-    truth = draw_truth(number, seed, start)
+    truth = draw_parameters(start, np.random.default_rng([seed, number]))
     values = {name: truth[name].value for name in truth.names}
     volts = highest_voltage(predictor, truth)
     # The truth is a model of its own, not the predictor's scaled table.
-    own = calibrated_finger(finger, _as_fit(truth))
+    own = finger_at(finger, values)
     thickness = values["h0_m"] * screen.insulator_permittivity
     model = haptix.ContactModel(own, screen.replace(insulator_thickness_m=thickness))
     force, level, hertz = (
@@ -114,7 +102,8 @@ def run(number: int, seed: int) -> list[Trial]:
         began = time.perf_counter()
         reduced = reduce_session(play(protocol, source), protocol.idle_s)
         measured = time.perf_counter()
-        fit = fit_strokes(reduced, predictor, start)
+        assumed = start.fixed(skin_dielectric_scale=1.0) if hold_skin else start
+        fit = fit_strokes(reduced, predictor, assumed)
         fitted = time.perf_counter()
         mu = predictor(places, fit.names, fit.log_values, jacobian=False)
         off = np.abs(np.expm1(mu.log_mu - expected.log_mu))[expected.is_light]
@@ -126,6 +115,8 @@ def run(number: int, seed: int) -> list[Trial]:
                 1e9 * values["h0_m"],
                 fit.best("h0_m") / values["h0_m"] - 1,
                 fit["h0_m"].value is not None,
+                float(np.log(fit["h0_m"].high / fit["h0_m"].low)) / 2,
+                values["skin_dielectric_scale"],
                 float(np.median(off)),
                 {
                     one.name: one.low <= values[one.name] <= one.high
@@ -139,33 +130,27 @@ def run(number: int, seed: int) -> list[Trial]:
     return found
 
 
-class _as_fit:
-    """The part of `Fit` that `calibrated_finger` needs."""
-
-    def __init__(self, parameters: Parameters) -> None:
-        self._parameters = parameters
-
-    def best(self, name: str) -> float:
-        return self._parameters[name].value
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--truths", type=int, default=20)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--hold-skin", action="store_true")
     asked = parser.parse_args()
     print(
-        "truth protocol strokes  d1/eps1 nm  error %  reported  mu error %  covered  fit s  play s"
+        "truth protocol strokes  skin  d1/eps1 nm  error %  +-90 %  reported  mu error %  covered  "
+        "fit s  play s"
     )
     trials: list[Trial] = []
     with ProcessPoolExecutor(asked.processes) as pool:
-        for made in pool.map(run, range(asked.truths), [asked.seed] * asked.truths):
+        count = asked.truths
+        for made in pool.map(run, range(count), [asked.seed] * count, [asked.hold_skin] * count):
             trials += made
             for one in made:
                 print(
-                    f"{one.truth:5} {one.protocol:8} {one.strokes:7} {one.h0_nm:11.1f} "
-                    f"{100 * one.h0_error:8.2f} {'yes' if one.h0_determined else 'no':>9} "
+                    f"{one.truth:5} {one.protocol:8} {one.strokes:7} {one.skin_scale:5.2f} "
+                    f"{one.h0_nm:11.1f} {100 * one.h0_error:8.2f} {100 * one.h0_width:7.2f} "
+                    f"{'yes' if one.h0_determined else 'no':>9} "
                     f"{100 * one.mu_error:11.2f} {sum(one.covered.values()):3} of "
                     f"{len(one.covered)} {one.fit_s:6.1f} {one.measure_s:7.1f}",
                     flush=True,

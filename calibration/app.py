@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calibration import profile_app
+from calibration.profile_app import rounded
 from haptix.errors import InputError
 from haptix.files import json_text
 from haptix.terminal import AsJson, run, show
 
 if TYPE_CHECKING:
-    from calibration.session import SessionInfo
+    from calibration.session import Session
     from calibration.sources import ForceSource
 
 app = typer.Typer(
@@ -47,7 +48,7 @@ def plan(
     as_json: AsJson = False,
 ) -> None:
     """Write the protocol, that is which strokes to make, and print the errors to expect."""
-    from calibration.fitting import REPORTED_WITHIN
+    from calibration.fitting import reported_within
     from calibration.steps import plan_strokes
     from haptix.finger import Finger
     from haptix.screen import Screen
@@ -60,7 +61,7 @@ def plan(
         f"{found.protocol.duration_s / 60:.1f} minutes; expected errors"
     )
     rows: list[dict[str, object]] = [
-        {"name": name, "expected_spread": _rounded(sd), "is_reported": sd <= REPORTED_WITHIN}
+        {"name": name, "expected_spread": rounded(sd), "is_reported": sd <= reported_within(name)}
         for name, sd in found.expected_spread.items()
     ]
     show(title, rows, as_json)
@@ -102,6 +103,7 @@ def measure(
     yes: Annotated[bool, typer.Option("--yes", help="Do not wait before each stroke.")] = False,
     seed: Annotated[int, typer.Option(help="Of the virtual finger.")] = 0,
     as_json: AsJson = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print no table.")] = False,
 ) -> None:
     """Play the protocol stroke by stroke. A stroke with a fault is repeated, a good one is kept.
 
@@ -142,7 +144,7 @@ def measure(
         )
         session = Session.begin(folder, plan, info)
     count = len(session.protocol.strokes)
-    chosen = _source(source, session.info, csv, columns, inputs, seed)
+    chosen = _source(source, session, csv, columns, inputs, seed)
     with ExitStack() as stack:
         watcher = stack.enter_context(terminal_watcher(count, not yes and source == "inputs"))
         done = measure_session(
@@ -154,11 +156,12 @@ def measure(
             most_tries=1 if source == "csv" else 5,
         )
     numbers = [one.number for one in done.still_open]
-    show(
-        f"{folder}: {done.accepted} of {count} strokes on disk",
-        [{"accepted": done.accepted, "rejected": done.rejected, "still_open": numbers}],
-        as_json,
-    )
+    if not quiet or numbers:
+        show(
+            f"{folder}: {done.accepted} of {count} strokes on disk",
+            [{"accepted": done.accepted, "rejected": done.rejected, "still_open": numbers}],
+            as_json,
+        )
     if done.still_open:
         raise typer.Exit(1)
 
@@ -172,13 +175,13 @@ def reduce_(folder: Folder, as_json: AsJson = False) -> None:
     rows = [
         {
             "stroke": one.number,
-            "normal_force_n": _rounded(one.normal_force_n),
-            "voltage_v": _rounded(one.voltage_v),
+            "normal_force_n": rounded(one.normal_force_n),
+            "voltage_v": rounded(one.voltage_v),
             "frequency_hz": one.frequency_hz,
-            "mu": _rounded(one.mu),
-            "mu_sd": _rounded(one.mu_sd),
-            "ripple": _rounded(one.ripple),
-            "ripple_sd": _rounded(one.ripple_sd),
+            "mu": rounded(one.mu),
+            "mu_sd": rounded(one.mu_sd),
+            "ripple": rounded(one.ripple),
+            "ripple_sd": rounded(one.ripple_sd),
             "held_out": one.held_out,
             "remarks": "; ".join(filter(None, (one.outlier, *one.notes))),
         }
@@ -236,8 +239,8 @@ def fit(
             "left_out": found.left_out,
             "repeatability": vars(found.repeatability),
             "terms": [
-                {**vars(one), "evidence": _rounded(one.evidence)}
-                | {"effect_thresholds": _rounded(one.effect_thresholds)}
+                {**vars(one), "evidence": rounded(one.evidence)}
+                | {"effect_thresholds": rounded(one.effect_thresholds)}
                 for one in needs
             ],
         }
@@ -267,24 +270,25 @@ def verify_(
 
     Exit code 1 if it fails.
     """
-    from calibration.steps import REPORT, SCREEN, verify_folder
+    from calibration.profile import SCREEN
+    from calibration.steps import REPORT, verify_folder
 
     found, screen = verify_folder(folder, tolerance_thresholds)
     if as_json:
         rows = [
             {
                 "number": one.point.number,
-                "mu": _rounded(one.point.mu),
-                "predicted_mu": _rounded(one.predicted_mu),
-                "residual_thresholds": _rounded(one.residual_thresholds),
-                "ripple_residual_thresholds": _rounded(one.ripple_residual_thresholds),
+                "mu": rounded(one.point.mu),
+                "predicted_mu": rounded(one.predicted_mu),
+                "residual_thresholds": rounded(one.residual_thresholds),
+                "ripple_residual_thresholds": rounded(one.ripple_residual_thresholds),
             }
             for one in found.rows
         ]
         document = {
             "verdict": found.verdict,
             "failures": found.failures,
-            "worst_thresholds": _rounded(found.worst_thresholds),
+            "worst_thresholds": rounded(found.worst_thresholds),
             "strokes": rows,
         }
         sys.stdout.write(json_text(document))
@@ -297,6 +301,108 @@ def verify_(
         raise typer.Exit(1)
 
 
+@app.command("run")
+def run_(
+    folder: Folder,
+    name: Annotated[str | None, typer.Option(help="Name of this screen alone; required.")] = None,
+    source: Annotated[str, typer.Option(help="Of the forces: virtual, csv or inputs.")] = "inputs",
+    device: Annotated[str | None, typer.Option(help="Driver, such as usb: or mock:.")] = None,
+    inputs: Annotated[Path | None, typer.Option(help="For inputs: channels, as TOML.")] = None,
+    csv: Annotated[Path | None, typer.Option(help="For csv: folder of stroke-001.csv ...")] = None,
+    columns: Annotated[Path | None, typer.Option(help="For csv: column map, as TOML.")] = None,
+    protocol: Annotated[str, typer.Option(help="paper, full or short.")] = "short",
+    minutes: Annotated[float, typer.Option(help="Time for a short one.")] = 3.0,
+    max_voltage_v: Annotated[float | None, typer.Option(help="Highest amplitude [V].")] = None,
+    screen: ScreenOption = "3m-sct3250",
+    finger: FingerOption = "semi-wet",
+    operator: Annotated[str, typer.Option(help="Who measures.")] = "",
+    practice: Annotated[
+        bool, typer.Option("--practice", help="On a virtual finger and screen, drawn at random.")
+    ] = False,
+    seed: Annotated[int | None, typer.Option(help="Of a practice. [default: a new one]")] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not wait before each stroke.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Plan, measure, reduce, fit and verify. The same command again continues where it stopped.
+
+    Exit code 1 if strokes are still open, or the verification fails.
+    """
+    from secrets import randbelow
+
+    from calibration.practice import TRUTH, compare_with_truth, draw_truth
+    from calibration.profile import SCREEN
+    from calibration.session import Session
+    from calibration.steps import REPORT, fit_folder, plan_strokes, reduce_folder, verify_folder
+    from haptix.finger import Finger
+    from haptix.screen import Screen
+
+    own_name = "practice" if practice and name is None else name
+    is_new = not (folder / "session.json").exists()
+    if not is_new and practice != (folder / TRUTH).exists():
+        kind = "a measured one" if practice else "a practice"
+        raise InputError(f"{folder} is {kind}: choose another folder, or continue it as it began")
+    if is_new:
+        if own_name is None:
+            raise InputError('--name: expected a name of this panel alone, such as "panel 7"')
+        own_screen, own_finger = Screen.named(screen), Finger.named(finger)
+        planned = plan_strokes(protocol, own_finger, own_screen, minutes, max_voltage_v).protocol
+        if practice:
+            drawn = randbelow(2**31) if seed is None else seed
+            panel = own_screen.replace(name=own_name)
+            draw_truth(own_finger, panel, planned, drawn).save(folder / TRUTH)
+        plan_file = folder / "plan.toml"
+        planned.save(plan_file)
+    # What is not given again is that of the session.
+    measure(
+        folder,
+        plan_file if is_new else None,
+        "virtual" if practice else source,
+        device or ("mock:" if practice else None),
+        screen=screen if is_new else None,
+        name=own_name if is_new else name,
+        finger=finger if is_new else None,
+        operator=operator,
+        csv=csv,
+        columns=columns,
+        inputs=inputs,
+        resume=not is_new,
+        yes=yes,
+        quiet=True,
+    )
+    reduce_folder(folder)
+    found_fit, _ = fit_folder(folder)
+    found, made = verify_folder(folder)
+    document: dict[str, object] = {
+        "verdict": found.verdict,
+        "failures": found.failures,
+        "worst_thresholds": rounded(found.worst_thresholds),
+        "strokes_used": len(found_fit.strokes),
+        "h0_m": None if made is None else made.h0_m,
+        "screen": None if made is None else str(folder / SCREEN),
+        "report": str(folder / REPORT),
+        "practice": None,
+    }
+    if practice and made is not None:
+        highest = max(one.voltage_v for one in Session.open(folder).protocol.strokes)
+        off = compare_with_truth(folder, highest)
+        document["practice"] = {key: rounded(value) for key, value in vars(off).items()}
+    if as_json:
+        sys.stdout.write(json_text(document))
+    else:
+        show(f"{found.verdict}: {folder / REPORT}", [one.row() for one in found.rows], False)
+        sys.stdout.writelines(f"{line}\n" for line in found.failures)
+        if document["practice"]:
+            show("how far the practice was off", [vars(off)], False)
+    if not found.passed:
+        raise typer.Exit(1)
+
+
+app.command("check")(profile_app.check)
+app.command("match")(profile_app.match)
+app.command("install")(profile_app.install)
+app.command("period")(profile_app.period)
+
+
 def main() -> None:
     """Run the steps as a program."""
     run(app, "calibration")
@@ -304,17 +410,24 @@ def main() -> None:
 
 def _source(
     kind: str,
-    info: SessionInfo,
+    session: Session,
     csv: Path | None,
     columns: Path | None,
     inputs: Path | None,
     seed: int,
 ) -> ForceSource:
     if kind == "virtual":
+        from calibration.practice import TRUTH, Truth
         from calibration.virtual import VirtualFingerSource
         from haptix.friction import ContactModel
 
-        return VirtualFingerSource(ContactModel(info.finger, info.screen), seed=seed)
+        # A resumed session goes on with other noise, not with the same again.
+        done = len(session.protocol.strokes) - len(session.open_strokes)
+        if (session.folder / TRUTH).exists():
+            truth = Truth.load(session.folder / TRUTH)
+            return VirtualFingerSource(truth.model, seed=truth.seed + done)
+        own = ContactModel(session.info.finger, session.info.screen)
+        return VirtualFingerSource(own, seed=seed + done)
     if kind == "csv":
         from calibration.column_map import ColumnMap
         from calibration.sources import CsvSource
@@ -346,8 +459,3 @@ def _numbers(
             raise InputError(f"{option}: expected {form}, such as h0_m=1.2e-7, got {text!r}")
         found.append((name.strip(), numbers))
     return found
-
-
-def _rounded(value: float) -> float | None:
-    """Four digits; None where there is no finite number."""
-    return float(f"{value:.4g}") if isfinite(value) else None

@@ -47,6 +47,8 @@ _SPREAD = {
     "h_rms_m": 0.2,
     "apparent_area_at_1n_m2": 0.1,
     "apparent_area_exponent": 0.2,
+    # A factor of two either way: the built-in table is a placeholder, and skin takes up water.
+    "skin_dielectric_scale": 0.7,
     "response_hz_per_mm_per_s": 0.1,
 }
 
@@ -174,10 +176,7 @@ class Parameters:
             "skin_dielectric_scale": finger.dielectric.scale,
             "response_hz_per_mm_per_s": finger.response_hz_per_mm_per_s,
         }
-        found = [
-            Parameter(name, value, _SPREAD.get(name), name == "skin_dielectric_scale")
-            for name, value in values.items()
-        ]
+        found = [Parameter(name, value, _SPREAD.get(name)) for name, value in values.items()]
         if leaky_gap or screen.gap_resistivity_ohm_m is not None:
             start, prior = OPTIONAL["gap_resistivity_ohm_m"]
             value = screen.gap_resistivity_ohm_m or start

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from datetime import UTC, date, datetime
 from pathlib import Path
 
 from calibration.fit import Fit
+from calibration.parameters import PER_FINGER
 from calibration.predict import StrokePredictor
 from calibration.recording import StrokeRecording
 from calibration.verification import Verification
@@ -15,6 +16,9 @@ from haptix.errors import InputError
 from haptix.files import write_whole
 from haptix.finger import Finger, Roughness
 from haptix.screen import Calibration, Screen
+
+SCREEN, FINGER = "screen.toml", "finger.toml"
+"""Names of the two profiles in a session's folder."""
 
 
 def check_name(screen: Screen) -> None:
@@ -84,28 +88,26 @@ def calibrated_finger(finger: Finger, fit: Fit) -> Finger:
 
     Its numbers belong together: a single one is measured only if the fit determines it.
     """
+    return finger_at(finger, {name: fit.best(name) for name in PER_FINGER})
+
+
+def finger_at(finger: Finger, values: Mapping[str, float]) -> Finger:
+    """Return a finger with the values of all parameters of `PER_FINGER`; others are ignored."""
     roughness = finger.roughness
     if isinstance(roughness, Roughness):
-        roughness = roughness.model_copy(update={"h_rms_m": fit.best("h_rms_m")})
+        roughness = roughness.model_copy(update={"h_rms_m": values["h_rms_m"]})
     else:
-        share = fit.best("h_rms_m") / float(roughness.spectrum().h_rms_m)
+        share = values["h_rms_m"] / float(roughness.spectrum().h_rms_m)
         roughness = roughness.model_copy(
             update={"density_m4": tuple(share**2 * c for c in roughness.density_m4)}
         )
-    modulus = fit.best("youngs_modulus_pa")
     bulk = finger.bulk_modulus_pa
     if bulk is not None:  # in proportion: see calibration.predict
-        bulk = float(bulk) * modulus / float(finger.youngs_modulus_pa)
-    scale = {"scale": fit.best("skin_dielectric_scale")}
-    same = (
-        "youngs_modulus_pa",
-        "frictional_shear_stress_pa",
-        "apparent_area_at_1n_m2",
-        "apparent_area_exponent",
-        "response_hz_per_mm_per_s",
-    )
+        bulk = float(bulk) * values["youngs_modulus_pa"] / float(finger.youngs_modulus_pa)
+    scale = {"scale": values["skin_dielectric_scale"]}
+    same = set(PER_FINGER) - {"h_rms_m", "skin_dielectric_scale"}
     return finger.replace(
-        **{name: fit.best(name) for name in same},
+        **{name: values[name] for name in same},
         bulk_modulus_pa=bulk,
         roughness=roughness,
         dielectric=finger.dielectric.model_copy(update=scale),

@@ -19,7 +19,7 @@ _PARTS = 8  # of the untouched time
 _EARLY_SHARE = 0.3  # of the planned force, while nothing should touch
 _DRIVE_TOLERANCE = 0.05
 _FULL_LENGTH = 0.9  # of the planned length
-_LOWEST_MU = 0.1  # of a finger: below it lbf or kgf were read as N
+_LOWEST_MU = 0.08  # of a finger: below it lbf or kgf were read as N
 _DEAD_MU = 0.02  # of a tangential channel that shows no friction
 _LOWEST_RATE_HZ = 1000.0  # ripples of the usual 125 Hz, and every start and stop, are seen above it
 _LEAST_ALIAS_HZ = 20.0  # a ripple that looks slower than this does not average out in a slide
@@ -399,7 +399,7 @@ class _SlidingChecks:
                 "= -1, or turn x around",
             )
         elif mu < _LOWEST_MU:
-            unit = "kgf" if mu < _LOWEST_MU / 2 else "lbf"
+            unit = "kgf" if mu < 0.05 else "lbf"
             yield _wrong_unit(f"mu above {_LOWEST_MU:g}, with a tangential force in N", mu, unit)
         elif mu > _HIGHEST_MU:
             yield _wrong_unit(f"mu below {_HIGHEST_MU:g}, with a tangential force in N", mu, "mN")

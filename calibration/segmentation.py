@@ -1,4 +1,4 @@
-"""Segments of full slip in a recording, and the spatial period of a signal along them."""
+"""Segments of full slip in a recording."""
 
 from __future__ import annotations
 
@@ -111,60 +111,3 @@ def full_slip(
         if len(inside) >= 8:
             found.append(Segment(int(inside[0]), int(inside[-1]) + 1, int(sign[start])))
     return found
-
-
-def spatial_period_mm(
-    t_s: Array,
-    x_mm: Array,
-    signals: Array,
-    shortest_mm: float = 1.0,
-    longest_mm: float = 6.0,
-    normal_force_n: Array | None = None,
-) -> float:
-    """Spatial period [mm] of signals along the stroke, over the parts of full slip.
-
-    Parameters
-    ----------
-    t_s, x_mm, normal_force_n : array, shape (samples,)
-        As for `full_slip`.
-    signals : array, shape (samples,) or (samples, channels)
-        Signals of any sensor that touches the surface; each channel is scaled to unit variance.
-    shortest_mm, longest_mm : float
-        Range of periods.
-
-    Raises
-    ------
-    InputError
-        If nothing slides for four of the longest periods.
-    """
-    if not 0 < shortest_mm < longest_mm:
-        raise InputError("expected 0 < shortest_mm < longest_mm")
-    columns = signals[:, None] if signals.ndim == 1 else signals
-    segments = full_slip(t_s, x_mm, normal_force_n)
-    longest = max((float(np.ptp(x_mm[s.samples])) for s in segments), default=0.0)
-    if longest < 4 * longest_mm:
-        raise InputError(
-            f"expected a stroke that slides for {4 * longest_mm:g} mm or more, got {longest:.3g} mm"
-        )
-    long_enough = [s for s in segments if np.ptp(x_mm[s.samples]) >= 4 * longest_mm]
-    # Sampled more coarsely than half a period, a wave would look like another one.
-    apart = max(float(np.median(np.abs(np.diff(x_mm[s.samples])))) for s in long_enough)
-    shortest_mm = min(max(shortest_mm, 2.2 * apart), longest_mm / 2)
-    # Steps of a fiftieth of the resolution: the parabola through the peak is then exact to 1e-4.
-    waves = np.arange(1 / longest_mm, 1 / shortest_mm, 0.02 / longest)
-    power = np.zeros(len(waves))
-    for segment in long_enough:
-        x = x_mm[segment.samples]
-        y = columns[segment.samples]
-        scaled = 2 * (x - x.min()) / np.ptp(x) - 1
-        trend = np.polynomial.chebyshev.chebvander(scaled, 5)
-        y = y - trend @ np.linalg.lstsq(trend, y, rcond=None)[0]
-        spread = y.std(0)
-        y = y[:, spread > 0] / spread[spread > 0]
-        window = 0.5 * (1 + np.cos(np.pi * scaled))
-        turn = np.exp(-2j * np.pi * waves[:, None] * x)
-        power += (np.abs(turn @ (y * window[:, None])) ** 2).sum(-1)
-    peak = int(np.clip(power.argmax(), 1, len(waves) - 2))
-    low, middle, high = power[peak - 1 : peak + 2]
-    shift = 0.5 * (low - high) / (low - 2 * middle + high)
-    return float(1 / (waves[peak] + shift * (waves[1] - waves[0])))

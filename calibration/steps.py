@@ -19,6 +19,8 @@ from calibration.fitting import fit_strokes
 from calibration.parameters import Parameters
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.profile import (
+    FINGER,
+    SCREEN,
     calibrated_finger,
     calibrated_screen,
     check_name,
@@ -46,7 +48,7 @@ from haptix.screen import CalibrationWarning, Screen
 from haptix.terms import TERMS
 
 REDUCED, FIT, NEEDS = "reduced.csv", "fit.json", "terms.json"
-SCREEN, FINGER, REPORT, ARCHIVE = "screen.toml", "finger.toml", "report.html", "archive.zip"
+REPORT, ARCHIVE = "report.html", "archive.zip"
 
 
 class PlannedSession(NamedTuple):
@@ -166,7 +168,11 @@ def verify_folder(
         screen = make(found, predictor, *by_whom, assumed)
         screen.save(session.folder / SCREEN)
     else:
-        found = verify(fit, reduced, predictor, tolerance_thresholds)
+        # What would have been written, so that the report shows how well the fit predicts.
+        thickness = fit.best("h0_m") * believed.insulator_permittivity
+        panel = believed.replace(insulator_thickness_m=thickness)
+        best = StrokePredictor(ContactModel(calibrated_finger(finger, fit), panel))
+        found = verify(fit, reduced, best, tolerance_thresholds)
         # Profiles of an earlier fit would be taken for this one's.
         for name in (SCREEN, FINGER):
             (session.folder / name).unlink(missing_ok=True)

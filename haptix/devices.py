@@ -1,5 +1,25 @@
-"""`open_device` of `firmware_io` for ``haptix/__init__.pyi``, which can only name own modules."""
+"""Opening of devices, with the profile that is installed for them."""
 
-from firmware_io import open_device
+from __future__ import annotations
 
-__all__ = ["open_device"]
+import firmware_io
+from firmware_io import Device
+from haptix.profiles import profile_of
+
+
+def open_device(address: str) -> Device:
+    """Open the device at an address; see `firmware_io.open_device`.
+
+    Warns
+    -----
+    CalibrationWarning
+        If the device names a calibration other than the profile that is installed for its serial
+        number (`haptix.profiles`).
+    """
+    device = firmware_io.open_device(address)
+    try:
+        profile_of(device)
+    except BaseException:
+        device.close()
+        raise
+    return device

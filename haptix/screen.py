@@ -133,6 +133,11 @@ class Screen(Document):
         return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()
 
     @property
+    def calibration_id(self) -> str:
+        """Name of this profile that a driver can hold: the start of its content's hash."""
+        return self.content_hash()[:16]
+
+    @property
     def h0_m(self) -> float:
         """Effective thickness d1/eps1 of the screen's insulator [m]."""
         return self.insulator_thickness_m / self.insulator_permittivity

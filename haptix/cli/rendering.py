@@ -36,6 +36,14 @@ Surface = Annotated[
 ]
 FingerName = Annotated[str, typer.Option(help="Finger: a preset's name or a TOML file.")]
 ScreenName = Annotated[str, typer.Option(help="Screen: a preset's name or a TOML file.")]
+OwnFinger = Annotated[
+    str | None,
+    typer.Option(help="Finger. [default: the device's installed profile, or semi-wet]"),
+]
+OwnScreen = Annotated[
+    str | None,
+    typer.Option(help="Screen. [default: the device's installed profile, or 3m-sct3250]"),
+]
 CarrierHz = Annotated[float | None, typer.Option(help="Frequency of the carrier. [default: 4000]")]
 DirectHz = Annotated[float | None, typer.Option(help="Drive at this frequency, without a carrier.")]
 Waveform = Annotated[str, typer.Option(help="Waveform of the direct drive: sine or square.")]
@@ -49,8 +57,8 @@ def render(
     mu_range: Range = None,
     trajectory: FingerPath = None,
     surface: Surface = None,
-    finger: FingerName = "semi-wet",
-    screen: ScreenName = "3m-sct3250",
+    finger: OwnFinger = None,
+    screen: OwnScreen = None,
     carrier_hz: CarrierHz = None,
     direct_hz: DirectHz = None,
     waveform: Waveform = "sine",
@@ -72,6 +80,7 @@ def render(
         from haptix.virtual_finger import TouchPanel
 
         check_folder(out, ("simulation.png", *FILES))
+        finger, screen = profiles_for(device, finger, screen)
         setting, photograph = setting_of(
             image, width_mm, mu_range, trajectory, finger, screen, carrier_hz, direct_hz, waveform
         )
@@ -105,8 +114,8 @@ def play(
     mu_range: Range = None,
     trajectory: FingerPath = None,
     surface: Surface = None,
-    finger: FingerName = "semi-wet",
-    screen: ScreenName = "3m-sct3250",
+    finger: OwnFinger = None,
+    screen: OwnScreen = None,
     carrier_hz: CarrierHz = None,
     direct_hz: DirectHz = None,
     waveform: Waveform = "sine",
@@ -121,10 +130,11 @@ def play(
         update("surface", 0.0)
         import time
 
-        from firmware_io import open_device
+        from haptix.devices import open_device
         from haptix.render import LiveRenderer, LiveSettings
         from haptix.touch import events_of, paced
 
+        finger, screen = profiles_for(device, finger, screen)
         setting, _ = setting_of(
             image, width_mm, mu_range, trajectory, finger, screen, carrier_hz, direct_hz, waveform
         )
@@ -158,6 +168,21 @@ def play(
         row["advice"] = stats.advice
     title = f"haptix play: {device}"
     show(f"{title}; {stats.advice}" if stats.advice else title, [row], as_json)
+
+
+def profiles_for(device: str, finger: str | None, screen: str | None) -> tuple[str, str]:
+    """Names or files of finger and screen: as given, installed for the device, or presets."""
+    from haptix.devices import open_device
+    from haptix.profiles import installed_profile
+
+    found = None
+    if finger is None or screen is None:
+        opened = open_device(device)
+        found = installed_profile(opened.capabilities.serial)
+        opened.close()
+    if found is None:
+        return finger or "semi-wet", screen or "3m-sct3250"
+    return finger or str(found.finger), screen or str(found.screen)
 
 
 def setting_of(

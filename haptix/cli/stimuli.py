@@ -103,7 +103,7 @@ def run(
 
     With --simulate-db a simulated observer answers and nothing waits.
     """
-    from firmware_io import open_device
+    from haptix.devices import open_device
     from haptix.stimuli.adaptive import Experiment, Keys, SimulatedObserver
     from haptix.stimuli.experiment_recipe import ExperimentRecipe
 

@@ -1,0 +1,238 @@
+"""``haptix calibrate check``, ``match``, ``install`` and ``period``: beside the steps."""
+
+from __future__ import annotations
+
+import sys
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from haptix.errors import InputError
+from haptix.files import json_text
+from haptix.terminal import AsJson, show
+
+if TYPE_CHECKING:
+    from calibration.parameters import Array
+    from haptix.finger import Finger
+    from haptix.screen import Screen
+
+FingerFile = Annotated[
+    str | None,
+    typer.Option(help="Finger: a preset or a file. [default: finger.toml beside the profile]"),
+]
+
+
+def check(
+    folder: Annotated[Path, typer.Argument(help="Folder of a session with new strokes.")],
+    profile: Annotated[Path, typer.Option(help="screen.toml of an earlier calibration.")],
+    finger: FingerFile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare new strokes with an existing profile: the drift since then, in JND.
+
+    Passes if the mean change of friction, with its uncertainty, is within half a JND. Exit code 1
+    if not.
+    """
+    from calibration.drift import check_profile
+    from calibration.predict import StrokePredictor
+    from calibration.steps import reduce_folder
+    from haptix.friction import ContactModel
+
+    screen, own_finger = _profiles(profile, finger)
+    found = check_profile(reduce_folder(folder), StrokePredictor(ContactModel(own_finger, screen)))
+    verdict = "passed" if found.passed else "failed"
+    days = _days_between(screen, folder)
+    drifts = {
+        name: {key: rounded(value) for key, value in vars(one).items()}
+        for name, one in found.drifts.items()
+    }
+    if as_json:
+        strokes = [
+            {
+                "number": one.point.number,
+                "mu": rounded(one.point.mu),
+                "predicted_mu": rounded(one.predicted_mu),
+                "residual_thresholds": rounded(one.residual_thresholds),
+            }
+            for one in found.rows
+        ]
+        document = {"verdict": verdict, "days": days, "drift": drifts, "strokes": strokes}
+        sys.stdout.write(json_text(document))
+    else:
+        since = "" if days is None else f", {days} days after its calibration"
+        rows = [{"strokes": name.replace("_", " "), **one} for name, one in drifts.items()]
+        for row, one in zip(rows, found.drifts.values(), strict=True):
+            row["strokes"] = f"{row['strokes']} ({one.strokes})"
+        show(f"{verdict}: {screen.name}{since}; drift in JND", rows, False)
+    if not found.passed:
+        raise typer.Exit(1)
+
+
+def match(
+    a: Annotated[Path, typer.Argument(help="screen.toml of the first screen.")],
+    b: Annotated[Path, typer.Argument(help="screen.toml of the second one.")],
+    normal_force_n: Annotated[
+        list[float] | None, typer.Option(help="May be repeated. [default: 0.2, 0.5, 0.8]")
+    ] = None,
+    frequency_hz: Annotated[float, typer.Option(help="Of the drive.")] = 4000.0,
+    levels: Annotated[int, typer.Option(help="Frictions in the common range.")] = 5,
+    finger: FingerFile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Find the friction that two screens can both give, and the voltages for it.
+
+    difference: of the friction at equal voltages, B minus A; uncertainty: 90 %, of equal friction.
+    """
+    from calibration.matching import match_profiles
+
+    forces = normal_force_n or (0.2, 0.5, 0.8)
+    one, other = _profiles(a, finger), _profiles(b, finger)
+    found = match_profiles(one, other, forces, frequency_hz, levels)
+    if as_json:
+        document = [
+            {
+                "normal_force_n": place.normal_force_n,
+                "mu_low": rounded(place.mu_low),
+                "mu_high": rounded(place.mu_high),
+                "levels": [{k: rounded(v) for k, v in vars(row).items()} for row in place.rows],
+            }
+            for place in found
+        ]
+        sys.stdout.write(json_text(document))
+        return
+    for place in found:
+        common = f"both give mu {place.mu_low:.3g} to {place.mu_high:.3g}"
+        if not place.rows:
+            common = f"no friction that both give: {place.mu_low:.3g} is above {place.mu_high:.3g}"
+        rows = [
+            {
+                "mu": f"{row.mu:.3g}",
+                "A [V]": f"{row.voltage_a_v:.1f}",
+                "B [V]": f"{row.voltage_b_v:.1f}",
+                "difference [JND]": f"{row.difference_thresholds:+.2f}",
+                "uncertainty [JND]": f"{row.uncertainty_thresholds:.2f}",
+            }
+            for row in place.rows
+        ]
+        show(f"at {place.normal_force_n:g} N and {frequency_hz:g} Hz: {common}", rows, False)
+
+
+def install(
+    profile: Annotated[Path, typer.Argument(help="screen.toml of a calibration that passed.")],
+    serial: Annotated[str | None, typer.Option(help="Serial number of the driver.")] = None,
+    device: Annotated[str | None, typer.Option(help="The driver itself, such as usb:.")] = None,
+    finger: Annotated[
+        Path | None, typer.Option(help="[default: finger.toml beside the profile]")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Install a profile for a driver, by whose serial number `haptix render` and `play` find it."""
+    from contextlib import closing
+
+    from firmware_io import open_device
+    from haptix.profiles import install_profile
+    from haptix.screen import Screen
+
+    if (serial is None) == (device is None):
+        raise InputError("expected --serial or --device, one of the two")
+    if device is not None:
+        with closing(open_device(device)) as opened:
+            serial = opened.capabilities.serial
+    made = install_profile(serial or "", profile, finger or profile.with_name("finger.toml"))
+    row = {"serial": serial, "calibration_id": Screen.load(made.screen).calibration_id}
+    show("installed", [{**row, "screen": str(made.screen), "finger": str(made.finger)}], as_json)
+
+
+def period(
+    files: Annotated[
+        list[Path], typer.Argument(help="Recordings: CSV files, or a session's stroke-001.h5.")
+    ],
+    columns: Annotated[Path | None, typer.Option(help="For CSV: column map, as TOML.")] = None,
+    speed_mm_per_s: Annotated[
+        float | None, typer.Option(help="Of the slide, in place of that in the column map.")
+    ] = None,
+    shortest_mm: Annotated[float, typer.Option(help="Shortest period.")] = 1.0,
+    longest_mm: Annotated[float, typer.Option(help="Longest period.")] = 6.0,
+    as_json: AsJson = False,
+) -> None:
+    """Find the spatial period of what was touched, with its significance and its harmonic.
+
+    Every mapped column but time, place, normal force and drive is a signal; of a session's stroke
+    it is the tangential force. Exit code 1 if a file shows no significant period.
+    """
+    from calibration.spatial_period import spatial_period
+
+    rows, is_sure = [], True
+    for file in files:
+        t, x, signals = _signals_of(file, columns, speed_mm_per_s)
+        found = spatial_period(t, x, signals, shortest_mm, longest_mm)
+        is_sure &= found.is_significant
+        row: dict[str, object] = {
+            "file": file.name,
+            **{
+                key: value if isinstance(value, int) else rounded(value)
+                for key, value in vars(found).items()
+            },
+            "is_significant": found.is_significant,
+        }
+        rows.append(row if as_json else {"file": file.name, "period": found.summary})
+    show("spatial period", rows, as_json)
+    if not is_sure:
+        raise typer.Exit(1)
+
+
+def _signals_of(
+    file: Path, columns: Path | None, speed_mm_per_s: float | None
+) -> tuple[Array, Array, Array]:
+    """Times, places and signals of a recording."""
+    import numpy as np
+
+    if file.suffix == ".h5":
+        from calibration.recording import StrokeRecording
+
+        stroke = StrokeRecording.load(file)
+        return stroke.t_s, stroke.x_mm, stroke.tangential_force_n
+    from calibration.column_map import ColumnMap, CsvColumn
+
+    if columns is None:
+        raise InputError(f"--columns: expected a column map, to read {file}")
+    known = ColumnMap.load(columns)
+    if speed_mm_per_s is not None:
+        x_mm = CsvColumn(speed_mm_per_s=speed_mm_per_s)
+        known = known.replace(columns={**known.columns, "x_mm": x_mm})
+    if "x_mm" not in known.columns:
+        raise InputError("--speed-mm-per-s: expected a speed, or x_mm in the column map")
+    found = known.read(file)
+    names = [one for one in found if one not in ("t_s", "x_mm", "normal_force_n", "drive_v")]
+    if not names:
+        raise InputError(f"{columns}: expected a signal beside time and place")
+    return found["t_s"], found["x_mm"], np.stack([found[name] for name in names], axis=-1)
+
+
+def rounded(value: float) -> float | None:
+    """Four digits; None where there is no finite number."""
+    return float(f"{value:.4g}") if isfinite(value) else None
+
+
+def _profiles(path: Path, finger: str | None) -> tuple[Screen, Finger]:
+    from haptix.finger import Finger
+    from haptix.screen import Screen
+
+    beside = path.with_name("finger.toml")
+    if finger is None and not beside.exists():
+        raise InputError(f"--finger: expected a finger, since there is no {beside}")
+    return Screen.load(path), Finger.named(str(beside) if finger is None else finger)
+
+
+def _days_between(screen: Screen, folder: Path) -> int | None:
+    """Days from a calibration to the strokes of a session."""
+    from datetime import date
+
+    from calibration.session import Session
+
+    started = min((one.conditions.started for one in Session.open(folder).recordings), default="")
+    if screen.calibration is None or not started:
+        return None
+    return (date.fromisoformat(started[:10]) - screen.calibration.date).days

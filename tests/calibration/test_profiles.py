@@ -1,0 +1,207 @@
+"""What becomes of profiles: installed for a driver, checked by new strokes, matched, practised."""
+
+import json
+from dataclasses import replace
+from datetime import date
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import firmware_io
+import haptix
+from calibration import Parameters, StrokePredictor, full_protocol
+from calibration.app import app
+from calibration.drift import Drift, check_profile
+from calibration.matching import match_profiles
+from calibration.practice import TRUTH, compare_with_truth, draw_truth
+from calibration.reduction import Reduced
+from firmware_io import Device, MockDriver, MockLink
+from haptix.cli.rendering import profiles_for
+from haptix.profiles import install_profile, installed_profile, profile_of
+from haptix.screen import Calibration, CalibrationWarning
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("HAPTIX_PROFILES", str(tmp_path / "profiles"))
+
+
+def calibrated(screen, **changes):
+    """A screen as a calibration of today leaves it."""
+    made = Calibration(date=date.today(), verdict="passed", spread={"h0_m": 0.05}, **changes)
+    own = screen.replace(calibration=made)
+    return own.replace(calibration=made.model_copy(update={"content_hash": own.content_hash()}))
+
+
+@pytest.fixture
+def files(tmp_path, screen, finger):
+    calibrated(screen).save(tmp_path / "screen.toml")
+    finger.save(tmp_path / "finger.toml")
+    return tmp_path / "screen.toml", tmp_path / "finger.toml"
+
+
+def test_a_driver_finds_its_own_profile_and_no_other(files):
+    install_profile("A/../7", *files)
+    found = installed_profile("A/../7")
+    assert haptix.Screen.load(found.screen) == haptix.Screen.load(files[0])
+    assert found.finger.read_bytes() == files[1].read_bytes()
+    assert installed_profile("A") is installed_profile("") is None
+    assert profiles_for("mock:serial=A/../7", None, None) == (str(found.finger), str(found.screen))
+    assert profiles_for("mock:serial=A/../7", "wet", None) == ("wet", str(found.screen))
+    assert profiles_for("mock:serial=B", None, None) == ("semi-wet", "3m-sct3250")
+
+
+def test_installed_by_the_command(files):
+    made = CliRunner().invoke(
+        app, ["install", str(files[0]), "--device", "mock:serial=S1", "--json"]
+    )
+    assert made.exit_code == 0, made.exception
+    (row,) = json.loads(made.stdout)
+    assert (row["serial"], row["calibration_id"]) == (
+        "S1",
+        haptix.Screen.load(files[0]).calibration_id,
+    )
+    assert installed_profile("S1") is not None
+
+
+def test_what_is_not_to_be_trusted_is_not_installed(files, screen):
+    for spoilt, said in (
+        (screen, "expected a profile of a calibration"),
+        (calibrated(screen).replace(insulator_thickness_m=2e-6), "changed after the calibration"),
+    ):
+        spoilt.save(files[0])
+        with pytest.raises(haptix.InputError, match=said):
+            install_profile("S1", *files)
+    assert installed_profile("S1") is None
+
+
+def opened(calibration_id):
+    driver = MockDriver(serial="S1", calibration_id=calibration_id)
+    return Device(MockLink(driver))
+
+
+def test_the_device_s_own_calibration_is_compared(files, recwarn):
+    own = haptix.Screen.load(files[0]).calibration_id
+    assert len(own) == 16  # bytes of the field in the driver's report (PROTOCOL.md)
+    with pytest.warns(CalibrationWarning, match="calibrated as 'other', but none is installed"):
+        assert profile_of(opened("other")) is None
+    install_profile("S1", *files)
+    with pytest.warns(CalibrationWarning, match=f"calibrated as 'other', but '{own}' is installed"):
+        assert profile_of(opened("other")) is not None
+    recwarn.clear()
+    assert profile_of(opened(own)) == profile_of(opened("")) == installed_profile("S1")
+    assert not recwarn.list
+
+
+def test_every_opening_compares(monkeypatch):
+    monkeypatch.setattr(firmware_io, "open_device", lambda address: opened("other"))
+    with pytest.warns(CalibrationWarning, match="calibrated as 'other'"):
+        haptix.open_device("usb:").close()
+
+
+@pytest.fixture(scope="module")
+def strokes(predictor, reduced_of, finger, screen):
+    truth = Parameters.of(finger, screen)
+    return reduced_of(predictor, full_protocol(), truth, np.random.default_rng(2))
+
+
+def test_strokes_of_the_same_screen_show_no_drift(strokes, predictor):
+    found = check_profile(strokes, predictor)
+    assert found.passed
+    # Strokes repeat within 1 % or 0.09 JND: the mean of 55 within three times 0.09 / sqrt(55).
+    assert abs(found.drifts["all"].mean_thresholds) < 0.04
+    assert found.drifts["all"].strokes == 55
+
+
+def test_a_thicker_insulator_shows_under_voltage_alone(strokes, finger, screen):
+    thin = screen.replace(insulator_thickness_m=0.6e-6)
+    found = check_profile(strokes, StrokePredictor(haptix.ContactModel(finger, thin)))
+    assert not found.passed
+    assert found.drifts["with_voltage"].mean_thresholds < -0.5
+    assert abs(found.drifts["without_voltage"].mean_thresholds) < 0.1
+
+
+def test_a_drift_s_uncertainty_is_that_of_its_mean():
+    rng = np.random.default_rng(0)
+    drawn = [Drift.of(rng.normal(0.2, 0.3, 8)) for _ in range(500)]
+    held = [abs(one.mean_thresholds - 0.2) <= one.uncertainty_thresholds for one in drawn]
+    assert np.mean(held) == pytest.approx(0.90, abs=0.04)  # three times sqrt(0.9 0.1 / 500)
+    assert not Drift.of(np.array([0.1])).is_within
+
+
+def test_too_few_strokes_for_a_check(strokes, predictor):
+    still = Reduced(tuple(replace(one, voltage_v=0.0) for one in strokes.points))
+    with pytest.raises(haptix.InputError, match="2 good strokes with a voltage or more, got 0"):
+        check_profile(still, predictor)
+
+
+def test_matched_screens_give_the_same_friction(finger, screen):
+    thick = screen.replace(insulator_thickness_m=1.6e-6, name="other")
+    found = match_profiles((calibrated(screen), finger), (thick, finger), (0.3,), 4000.0, 4)
+    (place,) = found
+    assert len(place.rows) == 4
+    for row in place.rows:
+        for panel, volts in ((screen, row.voltage_a_v), (thick, row.voltage_b_v)):
+            mu = float(haptix.ContactModel(finger, panel).solve(0.3, volts, 4000.0).mu)
+            assert mu == pytest.approx(row.mu, rel=2e-4)  # 81 voltages, straight between
+        assert np.isnan(row.uncertainty_thresholds)  # one of the profiles states no spread
+    assert place.rows[-1].voltage_b_v > place.rows[-1].voltage_a_v
+    assert place.rows[-1].difference_thresholds < -0.05
+    assert place.rows[0].difference_thresholds == pytest.approx(0.0, abs=0.01)
+
+
+def test_the_uncertainty_of_a_match_is_that_of_both_profiles(finger, screen):
+    one = calibrated(screen)
+    (place,) = match_profiles((one, finger), (one, finger), (0.3,), 4000.0, 3)
+    row = place.rows[-1]
+    assert row.difference_thresholds == pytest.approx(0.0, abs=1e-9)
+    low, high = (
+        float(haptix.ContactModel(finger, screen).solve(0.3, row.voltage_a_v, 4000.0, h0).mu)
+        for h0 in (screen.h0_m * np.exp(0.05), screen.h0_m * np.exp(-0.05))
+    )
+    of_one = np.log(high / low) / 2
+    expected = 1.645 * np.sqrt(2) * of_one / 0.11  # two independent profiles, in JND
+    assert row.uncertainty_thresholds == pytest.approx(expected, rel=0.02)
+
+
+def test_match_and_its_json(files):
+    command = ["match", str(files[0]), str(files[0]), "--levels", "2", "--normal-force-n", "0.5"]
+    made = CliRunner().invoke(app, [*command, "--json"])
+    assert made.exit_code == 0, made.exception
+    (place,) = json.loads(made.stdout)
+    assert place["levels"][1]["voltage_a_v"] == place["levels"][1]["voltage_b_v"]
+    files[1].unlink()
+    assert "--finger: expected a finger" in str(CliRunner().invoke(app, command).exception)
+
+
+def test_a_practice_s_truth_is_its_own_and_light(tmp_path, finger, screen, predictor):
+    plan = full_protocol(120.0)
+    truth = draw_truth(finger, screen, plan, 3)
+    assert truth == draw_truth(finger, screen, plan, 3) != draw_truth(finger, screen, plan, 4)
+    truth.save(tmp_path / TRUTH)
+    truth.screen.save(tmp_path / "screen.toml")
+    truth.finger.save(tmp_path / "finger.toml")
+    exact = compare_with_truth(tmp_path, 120.0)
+    assert exact.h0_error == exact.friction_error_worst_thresholds == 0
+    stiff = truth.finger.replace(
+        frictional_shear_stress_pa=1.11 * truth.finger.frictional_shear_stress_pa
+    )
+    stiff.save(tmp_path / "finger.toml")
+    found = compare_with_truth(tmp_path, 120.0)
+    assert found.friction_error_median_thresholds == pytest.approx(1.0, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_practice_from_nothing_to_a_verdict(tmp_path):
+    command = ["run", str(tmp_path / "s"), "--practice", "--seed", "6", "--yes", "--json"]
+    for _ in range(2):  # the second time everything is there
+        made = CliRunner().invoke(app, command)
+        assert made.exit_code == 0, made.output
+        off = json.loads(made.stdout)["practice"]
+        assert off["friction_error_worst_thresholds"] < 0.5
+
+
+def test_a_run_needs_a_name_and_its_own_folder(tmp_path, monkeypatch):
+    made = CliRunner().invoke(app, ["run", str(tmp_path / "s")])
+    assert "--name: expected a name" in str(made.exception)
