@@ -26,7 +26,7 @@ from haptix.electro import drive_strength
 
 sys.path.insert(0, str(Path(__file__).parent))
 from mean_field_cases import FOLDER as OWN
-from mean_field_cases import Case, end_of_light_contact, pull_in_voltage
+from mean_field_cases import Case, end_of_light_contact, mean_gap, pull_in_voltage
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "boundary-elements"
 SURFACE_OF_BASE = {"A": "S1", "C": "S6"}
@@ -67,13 +67,8 @@ class Reference:
         spectrum = RoughnessSpectrum.self_affine(
             h_rms, *(float(row[key]) for key in ("H", "q0", "qr", "q1"))
         )
-        contact = MeanField(
-            spectrum,
-            HalfSpace(float(row["E"]), float(row["nu"])),
-            theory.gamma,
-            theory.gap_distribution,
-            area=theory.area,
-        )
+        skin = HalfSpace(float(row["E"]), float(row["nu"]))
+        contact = theory.mean_field(spectrum, skin)
         return cls(contact, float(row["Estar"]), h_rms, theory.contact_spots == "included")
 
     def scale_pa(self) -> float:
@@ -97,7 +92,7 @@ def pure_contact(theory: Theory) -> dict[str, np.ndarray]:
             if row["base"] != base or x < LEAST_X:
                 continue
             pressure = x * ours.scale_pa()
-            gap = float(ours.contact.mean_gap(pressure)) / ours.h_rms_m
+            gap = float(mean_gap(ours.contact, pressure)) / ours.h_rms_m
             found["x"].append(x)
             found["area"].append(float(ours.contact.area_fraction(pressure)) / float(row["A_corr"]))
             found["gap"].append(gap / float(row["ubar/h"]))
@@ -130,7 +125,7 @@ def coupled_contact(theory: Theory) -> dict[str, np.ndarray]:
         found["voltage"].append(voltage)
         found["area"].append(area / float(row["A_corr"]))
         found["attraction"].append(own_attraction / gaps)
-        found["gap"].append(float(ours.contact.mean_gap(pressure)) / float(row["ubar_m"]))
+        found["gap"].append(float(mean_gap(ours.contact, pressure)) / float(row["ubar_m"]))
         found["ratio"].append(area / own_off / (float(row["A_corr"]) / off))
     return {name: np.array(values) for name, values in found.items()}
 
@@ -226,7 +221,7 @@ def endings(theory: str, most_cases: int | None = None) -> list[Ending]:
                 continue  # past an end, of ours or of theirs: ends are compared by themselves
             attractions.append(float(row["gaps_pa"]) / case.pressure_pa)
             areas.append(float(contact.area_fraction(state.pressure_pa)) / float(row["area"]))
-            gaps.append(float(contact.mean_gap(state.pressure_pa)) / float(row["gap_m"]))
+            gaps.append(float(mean_gap(contact, state.pressure_pa)) / float(row["gap_m"]))
         end = float(given[0]["pull_in_v"])
         own = pull_in_voltage(end_of_light_contact(contact, case.pressure_pa, 0, case.h0_m, spots))
         scatter = float(given[0]["pull_in_v_std"]) / end
@@ -279,7 +274,7 @@ def by_layer() -> str:
         pressure = float(row["pressure_pa"])
         fields_of = [case.mean_field(name, case.h_rms_m) for name in ("open-gaps", "corrected")]
         cells = [float(c.area_fraction(pressure)) / float(row["area"]) for c in fields_of]
-        cells += [float(c.mean_gap(pressure)) / float(row["gap_m"]) for c in fields_of]
+        cells += [float(mean_gap(c, pressure)) / float(row["gap_m"]) for c in fields_of]
         lines.append(
             f"| {case.name} | {float(row['x']):.0e} | "
             + " | ".join(f"{cell:.2f}" for cell in cells)

@@ -64,10 +64,7 @@ class Case:
 
     def mean_field(self, theory: str, h_rms_m: float) -> MeanField:
         """The mean field of the surfaces that were drawn, by their roughness."""
-        form = THEORIES[theory]
-        return MeanField(
-            self.spectrum(h_rms_m), self.solid(), form.gamma, form.gap_distribution, area=form.area
-        )
+        return THEORIES[theory].mean_field(self.spectrum(h_rms_m), self.solid())
 
 
 _S1 = (1e-6, 0.8, 22525.449219252594, 90101.79677701038, 1441628.750032166, 4e7, 0.5)
@@ -103,6 +100,24 @@ def _solver(contact: MeanField, applied_pa: float, spots_load: bool) -> MeanFiel
     )
 
 
+def box_gap(contact: MeanField) -> torch.Tensor | None:
+    """Largest mean gap [m] in a box of the longest wave, where the theory has it by default."""
+    if contact.size == "capped":
+        return None
+    side = 2 * pi / contact.spectrum.q0
+    return contact.highest_asperity(torch.tensor([side**2], dtype=torch.float64))
+
+
+def mean_gap(contact: MeanField, pressure_pa: float | torch.Tensor) -> torch.Tensor:
+    """The mean field's mean gap [m] in such a box."""
+    pressure = torch.as_tensor(pressure_pa, dtype=torch.float64)
+    widest = box_gap(contact)
+    if widest is not None:
+        touching = contact.touching(widest)
+        pressure = torch.exp(touching.of_gap(torch.log(pressure)))
+    return contact.mean_gap(pressure)
+
+
 def end_of_light_contact(
     contact: MeanField, applied_pa: float, voltage_v: float, h0_m: float, spots_load: bool
 ) -> Balance:
@@ -112,7 +127,7 @@ def end_of_light_contact(
     )
     column = torch.zeros(1, dtype=torch.long)
     pull = Pull.of_sine(contact.gap_edges_m, voltage, h0, column)
-    return _solver(contact, applied_pa, spots_load).solve(Load(applied, pull))
+    return _solver(contact, applied_pa, spots_load).solve(Load(applied, pull, box_gap(contact)))
 
 
 def pull_in_voltage(found: Balance) -> float:

@@ -56,8 +56,8 @@ def lowest_branch(applied_pa: Tensor, strength: Tensor, attraction: Attraction) 
         I(p) of each state.
     """
     light = torch.log(applied_pa)
-    if attraction.floor is not None:
-        light = torch.maximum(light, attraction.floor)
+    if attraction.touching is not None:
+        light = attraction.touching.of_gap(light)
     log_limit = light + log(LIGHT_CONTACT_LIMIT)
     log_fold = _first_fold(applied_pa, attraction, log_limit)
     log_end = log_limit if log_fold is None else torch.minimum(log_fold, log_limit)
@@ -85,15 +85,16 @@ def _first_fold(applied_pa: Tensor, attraction: Attraction, log_limit: Tensor) -
     with torch.no_grad():
         nodes, step = attraction.nodes, attraction.log_gaps.step
         slopes = attraction.log_slopes()
-        # 1 - p0/p is at most 1 - 1/31 on the branch, and below 1 with a floor: the usual case has
-        # no fold, and is spared the search.
-        least = 1.0 if attraction.floor is not None else 1 / (1 - 1 / LIGHT_CONTACT_LIMIT)
+        # 1 - p0/p is at most 1 - 1/31 on the branch, and below 1 for a finite size: the usual case
+        # has no fold, and is spared the search.
+        least = 1.0 if attraction.touching is not None else 1 / (1 - 1 / LIGHT_CONTACT_LIMIT)
         if float(slopes.max()) <= least:
             return None
         share = (1 - applied_pa[:, None] * torch.exp(-nodes)).clamp(min=0.0)
-        falling = (share * slopes.T[attraction.column] > 1) & (nodes < log_limit[:, None] + step)
-        if attraction.floor is not None:
-            falling &= nodes > attraction.floor[:, None]
+        own = slopes.T[attraction.column]
+        if attraction.touching is not None:
+            own = torch.stack([_log_slope(attraction, node) for node in nodes], -1)
+        falling = (share * own > 1) & (nodes < log_limit[:, None] + step)
         has_fold, first = falling.max(dim=-1)
         if not bool(has_fold.any()):
             return None
@@ -109,6 +110,12 @@ def _first_fold(applied_pa: Tensor, attraction: Attraction, log_limit: Tensor) -
     drift = _rise(applied_pa, attraction, low) / curvature.clamp(max=-_LEAST_CURVATURE)
     fold = low - (drift - drift.detach())
     return torch.where(has_fold, fold, torch.full_like(fold, inf))
+
+
+def _log_slope(attraction: Attraction, log_pressure: Tensor) -> Tensor:
+    """dlnI/dlnp of every state at one ln p."""
+    value, slope = attraction(log_pressure.expand(attraction.column.shape))
+    return slope / value
 
 
 def _rise(applied_pa: Tensor, attraction: Attraction, log_pressure: Tensor) -> Tensor:

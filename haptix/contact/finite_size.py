@@ -1,20 +1,70 @@
 """Finite size of the contact: its surfaces cannot be further apart than its highest asperity.
 
-Below the pressure at which the infinite theory's mean gap reaches that height, a finite contact
-rests on its highest asperity, and its gaps widen no further. This is the kink of the paper's
-Fig. 3C, and what makes friction under voltage rise as the force falls.
+The mean gap of an infinite contact grows without end as the load falls. A finite one rests on its
+highest asperity alone in the end. Let that height be the infinite theory's mean gap at a pressure
+p_N. Two laws lead there:
+
+- ``"capped"``: below p_N the gaps are those at p_N. It has the kink of the paper's Fig. 3C.
+- ``"smooth"``: the mean gap is that of the infinite theory at ``(p^b + p_N^b)^(1/b)``, b = 2/3. Its
+  slope ``du/dlnp`` then is the infinite one times ``1 / (1 + (p_N/p)^b)``, after Pastewka et al.,
+  PRE 87, 062809 (2013); b = 2/3 is Hertz' law for the last tip, ``u(0) - u ~ p^(2/3)``. Near the
+  spots the gaps follow the area, which goes on falling with p: the attraction takes the gaps'
+  distribution at a pressure in between.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import pi
+from typing import Literal
 
 import torch
 from torch import Tensor
 
+from haptix.contact.roughness import RoughnessSpectrum
 from haptix.interpolation import UniformCubic
 
-_BISECTIONS = 60
+SizeLaw = Literal["capped", "smooth"]
+
+_HERTZ = 2 / 3
+# Of ln p, how far the attraction goes from the load to the pressure of the mean gap: boundary
+# elements say 0.5 for insulators of h_rms/200, and up to 1 for those of h_rms/3.
+_OF_GAP = 0.6
+_LONG_WAVES = 16.0  # times the roll-off: what makes an asperity; shorter waves have no height
+_NEWTON_STEPS = 4
+_PEAK_STEPS = 60
+_EULER = 0.5772156649015329
+
+
+@dataclass(frozen=True)
+class Touching:
+    """Finite size of a batch of states.
+
+    Parameters
+    ----------
+    log_pressure : Tensor, shape (states,)
+        ln p_N [Pa].
+    law : {"capped", "smooth"}
+        What happens around it.
+    """
+
+    log_pressure: Tensor
+    law: SizeLaw
+
+    def of_gap(self, log_pressure: Tensor) -> Tensor:
+        """Return ln p [Pa] at which an infinite contact has the mean gap, given ln p."""
+        if self.law == "capped":
+            return torch.maximum(log_pressure, self.log_pressure)
+        return torch.logaddexp(_HERTZ * log_pressure, _HERTZ * self.log_pressure) / _HERTZ
+
+    def of_pull(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+        """Return ln p [Pa] at which an infinite contact has the attraction, and its slope."""
+        if self.law == "capped":
+            free = (log_pressure >= self.log_pressure).to(log_pressure.dtype)
+            return self.of_gap(log_pressure), free
+        free = torch.sigmoid(_HERTZ * (log_pressure - self.log_pressure))
+        at = torch.lerp(log_pressure, self.of_gap(log_pressure), _OF_GAP)
+        return at, 1 + _OF_GAP * (free - 1)
 
 
 def highest_asperity(h_rms_m: Tensor, rolloff_per_m: float, apparent_area_m2: Tensor) -> Tensor:
@@ -27,16 +77,47 @@ def highest_asperity(h_rms_m: Tensor, rolloff_per_m: float, apparent_area_m2: Te
     return h_rms_m * torch.sqrt(2 * torch.log(number.clamp(min=2.0)))
 
 
+def highest_peak(spectrum: RoughnessSpectrum, apparent_area_m2: Tensor) -> Tensor:
+    """Mean height [m] of the highest of all points of a random surface, for A0 [m^2].
+
+    The expected number of separate regions above a height ``x h_rms`` is ``k x exp(-x^2/2)``,
+    ``k = (2 pi)^(-3/2) A0 slope^2 / (2 h_rms^2)`` (Adler, The Geometry of Random Fields, 1981). It
+    is 1 at x, and the mean of the maximum lies Euler's constant over x above (Gumbel). The slope
+    is that of waves up to 16 times the roll-off: drawn surfaces peak within 4 % of it
+    (docs/mean-field.md). For small k the 1 added in the logarithm keeps x above 0.
+    """
+    end = min(_LONG_WAVES * spectrum.q_rolloff, spectrum.q1)
+    beyond = spectrum.moment(3, torch.as_tensor([end], dtype=torch.float64).to(apparent_area_m2))
+    slope_squared = spectrum.moment(3) - (beyond[0] if end < spectrum.q1 else 0.0)
+    h_rms = spectrum.h_rms_m
+    number = apparent_area_m2 * slope_squared / (2 * h_rms**2 * (2 * pi) ** 1.5)
+    with torch.no_grad():
+        x = torch.sqrt(2 * torch.log1p(number))
+        for _ in range(_PEAK_STEPS):
+            x = torch.sqrt(2 * torch.log1p(number * x)).clamp(min=1e-6)
+    # One Newton step, recorded by autograd: the area and the roughness move the height.
+    mismatch = x * x / 2 - torch.log1p(number * x)
+    slope = (x - number / (1 + number * x)).detach().clamp(min=1e-9)
+    x = x - mismatch / slope
+    height: Tensor = h_rms * (x + _EULER * x / (1 + x * x))
+    return height
+
+
 def touching_log_pressure(log_mean_gap: UniformCubic, log_height: Tensor) -> Tensor:
     """Return ln p [Pa] at which the mean gap equals heights, of any shape; all are logarithms."""
-    step = log_mean_gap.step
-    low = torch.zeros_like(log_height) + torch.as_tensor(log_mean_gap.start).detach()
-    high = low + step * (log_mean_gap.values.shape[0] - 1)
+    step, values = log_mean_gap.step, log_mean_gap.values.detach()
+    start = torch.as_tensor(log_mean_gap.start).detach()
     with torch.no_grad():
-        for _ in range(_BISECTIONS):
-            middle = (low + high) / 2
-            wider = log_mean_gap(middle) > log_height
-            low, high = torch.where(wider, middle, low), torch.where(wider, high, middle)
+        # The gap falls with the pressure: the cell, its chord, and Newton inside the cell.
+        cell = torch.searchsorted(-values, -log_height.detach().contiguous())
+        cell = cell.clamp(1, len(values) - 1) - 1
+        share = (log_height - values[cell]) / (values[cell + 1] - values[cell])
+        low = start + step * cell
+        at = low + step * share.clamp(0, 1)
+        for _ in range(_NEWTON_STEPS):
+            value, slope = log_mean_gap.with_slope(at)
+            at = at + (log_height - value) / slope.clamp(max=-1e-12)
+            at = torch.minimum(torch.maximum(at, low), low + step)
     # One Newton step, recorded by autograd: the height moves the pressure.
-    value, slope = log_mean_gap.with_slope(low)
-    return low + (log_height - value) / slope.detach().clamp(max=-1e-12)
+    value, slope = log_mean_gap.with_slope(at)
+    return at + (log_height - value) / slope.detach().clamp(max=-1e-12)

@@ -9,7 +9,7 @@ waves, where a light contact breaks up within 1e-4 of q0, and the last ones, whe
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import log, pi, sqrt
+from math import inf, log, pi, sqrt
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -18,11 +18,18 @@ from torch import Tensor
 
 from haptix.contact.area import AreaLaw
 from haptix.contact.elasticity import ElasticSolid
+from haptix.contact.finite_size import (
+    SizeLaw,
+    Touching,
+    highest_asperity,
+    highest_peak,
+    touching_log_pressure,
+)
 from haptix.contact.gaps import GapHistogram
 from haptix.contact.roughness import RoughnessSpectrum
 from haptix.contact.separation import Y_MAX, SeparationIntegral
 from haptix.errors import InputError
-from haptix.interpolation import PiecewiseLinear
+from haptix.interpolation import PiecewiseLinear, UniformCubic
 from haptix.threads import one_thread
 
 GapDistribution = Literal["plain", "combined"]
@@ -34,6 +41,11 @@ _STRIPS = 512  # strips in magnification
 _DENSE_AT, _DENSE_WIDTH = 1.5, 2.0  # in ln(T / (T1 - T))
 _LAST_LOGIT = 56.0  # there T1 - T is below rounding
 _PER_WAVE = 0.2  # strips in ln(q/q0 - 1) for one in asinh(ln(T / (T1 - T)))
+_TINY = 1e-300
+_TOUCHING_RANGE, _TOUCHING_STEP = (-46.0, 2.0), log(10) / 12  # of ln p/tau
+_LEAST_EXCESS = 1e-7  # q/q0 - 1 from which a separation with a reach is integrated
+_SPOT_RANGE = -30.0, 40.0  # of ln (q_s/q_c)^2: all waves count, or none
+_SPOT_NODES = 351  # of the share that counts, on steps of 0.2: the cubic is right to 1e-6
 _SEPARATION_POINTS = 32  # Gauss points in each panel of one mean separation
 _MOST_BENDS = 20  # of a spectrum that is integrated from bend to bend
 _LEAST_BAND = 3.0  # q1/q0; the theory is one of many waves, two decades of them are usual
@@ -78,6 +90,13 @@ class MeanField:
         Device of the tensors. The arithmetic is float64 throughout.
     area : AreaLaw, optional
         Law of the area; by default Persson's.
+    power : float
+        Power of the area with which the rest of the elastic energy grows, above 1.
+    reach : float
+        The energy of a wave follows the area in contact as waves this many times shorter leave it,
+        1 or more: its own share of the stress is lost where they break the contact up.
+    size : {"capped", "smooth"}
+        How a contact of finite size leaves that of infinite size (`haptix.contact.finite_size`).
     """
 
     def __init__(
@@ -88,7 +107,14 @@ class MeanField:
         gap_distribution: GapDistribution = "plain",
         device: torch.device | str = "cpu",
         area: AreaLaw | None = None,
+        power: float = 3.0,
+        reach: float = 1.0,
+        size: SizeLaw = "capped",
     ) -> None:
+        if not 1 <= reach < inf:
+            raise InputError(f"reach: expected a number of 1 or more, got {reach:g}")
+        if size not in get_args(SizeLaw):
+            raise InputError(f'size: expected "capped" or "smooth", got {size!r}')
         if gap_distribution not in get_args(GapDistribution):
             raise InputError(
                 f'gap_distribution: expected "plain" or "combined", got {gap_distribution!r}'
@@ -107,7 +133,9 @@ class MeanField:
         self.gamma = gamma
         self.device = torch.device(device)
         self.area = area or AreaLaw()
-        self._separation_integral = SeparationIntegral(gamma, device, self.area)
+        self.reach = reach
+        self.size: SizeLaw = size
+        self._separation_integral = SeparationIntegral(gamma, device, self.area, power)
         self._tabulate_waves()
         h_rms = float(self.spectrum.h_rms_m.detach())
         decades = np.geomspace(_GAP_RANGE[0] * h_rms, _GAP_RANGE[1] * h_rms, _GAP_BINS)
@@ -119,7 +147,10 @@ class MeanField:
         top = log(q1 / q0 - 1)
         even = torch.linspace(top - _WAVE_RANGE, top, _WAVE_NODES, dtype=torch.float64)
         near_q1 = torch.log(q1 * (1 - torch.logspace(-4, -2, 16, dtype=torch.float64)) / q0 - 1)
-        kinks = torch.log(self.spectrum.wavenumber[1:-1].detach().cpu() / q0 - 1)
+        bent = self.spectrum.wavenumber[1:-1].detach().cpu()
+        if self.reach > 1:
+            bent = torch.cat([bent, bent / self.reach, bent.new_tensor([q1 / self.reach])])
+        kinks = torch.log(bent[bent > q0] / q0 - 1)
         excess = torch.cat([even, near_q1[near_q1.isfinite()], kinks]).unique().to(self.device)
         points, weights = (
             torch.from_numpy(a).to(self.device) for a in np.polynomial.legendre.leggauss(6)
@@ -131,6 +162,9 @@ class MeanField:
         first = torch.exp(excess[:1]) * q0 * self._variance_per_wave(excess.new_tensor([q0]))
         below = torch.cat([first, cells]).cumsum(0)
         above = cells.flip(0).cumsum(0).flip(0)  # summed from q1 down: T1 - T keeps its digits
+        self.stress_variance = below[-1]
+        if self.area.tips:
+            self._tabulate_spots(cells, q0 * (1 + torch.exp((excess[1:] + excess[:-1]) / 2)))
         logit = torch.log(below[:-1]) - torch.log(above)
         self._log_excess = PiecewiseLinear.through(logit, excess[:-1])
         self._logit_range = float(logit[0].detach()), float(logit[-1].detach())
@@ -143,9 +177,11 @@ class MeanField:
         # dT/dw / (2 q E*) with w = ln(q/q0 - 1)
         opening = pi / 2 * q**2 * self.spectrum(q) * self.modulus.effective_modulus(q)
         log_opening = torch.log(opening * q0) + excess
-        self._log_waves = PiecewiseLinear.through(
-            excess, torch.stack([torch.log(below), log_opening], -1)
-        )
+        log_below = torch.log(below)
+        if self.reach > 1:
+            shorter = torch.log(self.reach * (1 + torch.exp(excess)) - 1).clamp(max=top)
+            log_below = PiecewiseLinear.through(excess, log_below)(shorter)
+        self._log_waves = PiecewiseLinear.through(excess, torch.stack([log_below, log_opening], -1))
         # Panels of the separation integral: up to where q doubles q0, then from bend to bend of the
         # spectrum, or evenly where a measured one has many.
         last = float(excess[-1])
@@ -153,11 +189,25 @@ class MeanField:
         if len(bends) > _MOST_BENDS:
             bends = np.arange(0.0, last, 0.5).tolist()
         self._panel_ends = [*sorted(bend for bend in bends if bend < last), last]
-        count = _SEPARATION_POINTS // 2 if len(bends) > 4 else _SEPARATION_POINTS
+        # With a reach no wave's tau vanishes, and the integrand is smoother.
+        fewer = len(bends) > 4 or self.reach > 1
+        count = _SEPARATION_POINTS // 2 if fewer else _SEPARATION_POINTS
         self._points, self._weights = (
             torch.from_numpy(a).to(self.device) for a in np.polynomial.legendre.leggauss(count)
         )
-        self.stress_variance = below[-1]
+
+    def _tabulate_spots(self, variance: Tensor, q: Tensor) -> None:
+        """Tabulate ``ln T_s / T1`` against ``ln (q_s/q_c)^2``, given the waves' variances."""
+        scaled = (q / q[-1]) ** -2
+        second, fourth = (variance * scaled).sum(), (variance * scaled**2).sum()
+        curved = second / fourth
+        self._log_tip_stress = torch.log(second * curved) / 3 + log(self.area.tips)
+        start, end = _SPOT_RANGE
+        nodes = torch.linspace(start, end, _SPOT_NODES, dtype=torch.float64, device=q.device)
+        kept = 1 / (1 + torch.exp(nodes)[:, None] * (curved * scaled))
+        share = torch.log(kept @ variance / self.stress_variance)
+        step = (end - start) / (_SPOT_NODES - 1)
+        self._log_spot_share = UniformCubic.through(start, step, share)
 
     def _variance_per_wave(self, q: Tensor) -> Tensor:
         return pi * q**3 * self.spectrum(q) * self.modulus.effective_modulus(q) ** 2
@@ -165,7 +215,10 @@ class MeanField:
     def equals(self, other: MeanField) -> bool:
         """Whether another has the same numbers, and so the same gaps at every pressure."""
         own, theirs = (
-            (field.gamma, field.gap_distribution, field.area, field.device)
+            (
+                *(field.gamma, field.gap_distribution, field.area, field.device),
+                *(field._separation_integral.power, field.reach),
+            )
             for field in (self, other)
         )
         pairs = (
@@ -182,8 +235,43 @@ class MeanField:
 
     def area_fraction(self, pressure_pa: Any) -> Tensor:
         """A/A0 at full magnification, for pressures [Pa] of any shape: erf(p / tau) by Persson."""
-        y = self._pressures(pressure_pa) / self.stress_rms_pa
-        return torch.erf(self.area.argument(y))
+        return torch.erf(self.area_argument(self._pressures(pressure_pa)))
+
+    def area_argument(self, pressure_pa: Tensor) -> Tensor:
+        """Return t at pressures [Pa] of any shape, of which the area fraction is ``erf(t)``."""
+        y = pressure_pa / self.stress_rms_pa
+        if self.area.tips:
+            at = self._log_tip_stress - 2 / 3 * torch.log(pressure_pa)
+            low, high = _SPOT_RANGE
+            # Beyond the table all waves count, or T_s is proportional to q_s^-2.
+            inside = self._log_spot_share(at.clamp(low, high))
+            y = y * torch.exp((at.clamp(min=high) - high - inside) / 2)
+        return self.area.argument(y)
+
+    def highest_asperity(self, apparent_area_m2: Tensor) -> Tensor:
+        """Height [m] that the mean gap of unloaded surfaces has, for A0 [m^2] of any shape."""
+        if self.size == "capped":
+            return highest_asperity(
+                self.spectrum.h_rms_m, self.spectrum.q_rolloff, apparent_area_m2
+            )
+        return highest_peak(self.spectrum, apparent_area_m2)
+
+    def touching(self, height_m: Tensor, log_mean_gap: UniformCubic | None = None) -> Touching:
+        """Finite size of states whose highest asperity is given, in any shape.
+
+        The table of `log_mean_gap` may be given as well, where it is needed often.
+        """
+        table = log_mean_gap or self.log_mean_gap()
+        return Touching(touching_log_pressure(table, torch.log(height_m)), self.size)
+
+    @one_thread()
+    def log_mean_gap(self) -> UniformCubic:
+        """Tabulate ln of the mean gap [m] against ln p [Pa], down to the lightest contacts."""
+        low, high = _TOUCHING_RANGE
+        nodes = torch.arange(low, high, _TOUCHING_STEP, dtype=torch.float64, device=self.device)
+        at = torch.log(self.stress_rms_pa) + nodes
+        gap = torch.log(self.mean_gap(torch.exp(at)).clamp(min=_TINY))
+        return UniformCubic.through(at[0], _TOUCHING_STEP, gap)
 
     @one_thread()
     def mean_gap(self, pressure_pa: Any) -> Tensor:
@@ -293,6 +381,10 @@ class MeanField:
         open_ = rest > start
         above = torch.where(open_, rest - start, torch.ones_like(rest))
         low = self._log_excess_at(variance + start, above)
+        if self.reach > 1:  # from where the shorter waves reach that stress, or from this wave on
+            low = torch.log(((1 + torch.exp(low)) / self.reach - 1).clamp(min=_LEAST_EXCESS))
+            whole = torch.where(open_, rest, torch.ones_like(rest))
+            low = torch.maximum(low, self._log_excess_at(variance.clamp(min=_TINY), whole))
         least = 0.5 * start  # rounding must not take tau below where the integral starts
         total = torch.zeros_like(rest)
         # Loops over panels and points, not over the batch, keep every array within the cache.

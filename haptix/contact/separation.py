@@ -20,11 +20,11 @@ _NODES = 2048
 
 
 class SeparationIntegral:
-    """``J(y) = int_y^inf dx/x [gamma + 3 (1 - gamma) erf(t)^2] exp(-t^2) dt/dx``; Persson: t = x.
+    """``J(y) = int_y^inf dx/x [gamma + n (1 - gamma) erf(t)^(n-1)] exp(-t^2) dt/dx``.
 
     Source: Yang & Persson, J. Phys.: Condens. Matter 20, 215214 (2008); physics page, section 2.
-    The elastic energy depends on the area A as ``gamma A + (1 - gamma) A^3``; with another law of
-    the area than erf(x) it follows that one.
+    The elastic energy depends on the area A as ``gamma A + (1 - gamma) A^n``; Persson has n = 3 and
+    t = x. With another law of the area than erf(x) it follows that one.
 
     Parameters
     ----------
@@ -34,15 +34,23 @@ class SeparationIntegral:
         Device of the table.
     area : AreaLaw
         Gives t at x.
+    power : float
+        n, above 1.
     """
 
     def __init__(
-        self, gamma: float, device: torch.device | str = "cpu", area: AreaLaw | None = None
+        self,
+        gamma: float,
+        device: torch.device | str = "cpu",
+        area: AreaLaw | None = None,
+        power: float = 3.0,
     ) -> None:
         self._area = area or AreaLaw()
         if not 0 < gamma <= 1:
             raise InputError(f"gamma: expected a number in (0, 1], got {gamma:g}")
-        self.gamma = gamma
+        if not power > 1:
+            raise InputError(f"power: expected a number above 1, got {power:g}")
+        self.gamma, self.power = gamma, power
         log_y = torch.linspace(log(_Y_MIN), log(Y_MAX), _NODES, dtype=torch.float64)
         # Six-point Gauss in every cell, summed from the far end so that small J keep their digits;
         # the tail from Y_MAX on is summed the same way on an extension of the grid.
@@ -58,7 +66,8 @@ class SeparationIntegral:
 
     def _integrand(self, x: Tensor) -> Tensor:
         t = self._area.argument(x)
-        energy = self.gamma + 3 * (1 - self.gamma) * torch.erf(t) ** 2
+        rest = self.power * (1 - self.gamma)
+        energy = self.gamma + rest * torch.erf(t) ** (self.power - 1)
         return energy * torch.exp(-t * t) * self._area.growth(x)
 
     def __call__(self, y: Tensor) -> Tensor:

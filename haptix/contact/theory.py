@@ -6,8 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+import torch
+
 from haptix.contact.area import AreaLaw
-from haptix.contact.meanfield import ContactSpots, GapDistribution
+from haptix.contact.elasticity import ElasticSolid
+from haptix.contact.finite_size import SizeLaw
+from haptix.contact.meanfield import ContactSpots, GapDistribution, MeanField
+from haptix.contact.roughness import RoughnessSpectrum
 
 TheoryName = Literal["corrected", "open-gaps", "as-published"]
 
@@ -26,6 +31,35 @@ class Theory:
     """Whether the attraction inside the contact spots presses on the contact."""
     source: str
     """Where the choices come from."""
+    power: float = 3.0
+    """Power of the area in the rest of the elastic energy."""
+    reach: float = 1.0
+    """How many times shorter the waves are that a wave's own energy follows."""
+    size: SizeLaw = "capped"
+    """How a contact of finite size leaves that of infinite size."""
+    usual_terms: frozenset[str] = frozenset()
+    """Terms on request that this form has on by default."""
+
+    def mean_field(
+        self,
+        spectrum: RoughnessSpectrum,
+        modulus: ElasticSolid,
+        gamma: float | None = None,
+        gap_distribution: GapDistribution | None = None,
+        device: torch.device | str = "cpu",
+    ) -> MeanField:
+        """Contact of a rough solid in this form, unless gamma or the gaps are given."""
+        return MeanField(
+            spectrum,
+            modulus,
+            gamma=self.gamma if gamma is None else gamma,
+            gap_distribution=gap_distribution or self.gap_distribution,
+            device=device,
+            area=self.area,
+            power=self.power,
+            reach=self.reach,
+            size=self.size,
+        )
 
 
 THEORIES: Mapping[str, Theory] = {
@@ -44,11 +78,15 @@ THEORIES: Mapping[str, Theory] = {
         "the same, without the attraction inside the contact spots (physics page, section 1)",
     ),
     "corrected": Theory(
-        AreaLaw(0.48),
-        0.24,
+        AreaLaw(0.48, tips=0.022),
+        0.35,
         "combined",
         "excluded",
-        "area after Xu (2024); gamma from boundary elements' mean gap (docs/mean-field.md)",
+        "area after Xu (2024); gamma, reach, power, tips by boundary elements (docs/mean-field.md)",
+        power=2.25,
+        reach=1.3,
+        size="smooth",
+        usual_terms=frozenset({"finite-size"}),
     ),
 }
 """Forms of the mean field by name."""

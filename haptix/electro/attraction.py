@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from haptix.contact import MeanField
+from haptix.contact.finite_size import Touching
 from haptix.contact.gaps import GapHistogram
 from haptix.electro.pull import Pull
 from haptix.interpolation import UniformCubic
@@ -75,14 +76,14 @@ class AttractionTable:
         )
 
     def attraction(
-        self, pull: Pull, spots: AreaFraction | None = None, floor: Tensor | None = None
+        self, pull: Pull, spots: AreaFraction | None = None, touching: Touching | None = None
     ) -> Attraction:
         """Attraction of a batch of states against pressure, with the fields of `Attraction`."""
         log_gaps = UniformCubic.through(
             self.log_pressure[0], _STEP, torch.log(pull.on_gaps(self.gaps.mass))
         )
         spot_pull = None if spots is None else pull.on_spots()
-        return Attraction(log_gaps, pull.own_column, spot_pull, spots, floor)
+        return Attraction(log_gaps, pull.own_column, spot_pull, spots, touching)
 
 
 @dataclass(frozen=True)
@@ -97,8 +98,8 @@ class Attraction:
     """Attraction of a contact spot in each column, such as ``1/|h0|^2``."""
     spots: AreaFraction | None = None
     """A/A0 at pressures [Pa], where the attraction inside the spots loads the contact."""
-    floor: Tensor | None = None
-    """ln p of each state below which finite size keeps its gaps constant."""
+    touching: Touching | None = None
+    """Finite size of each state, of which its gaps are narrower than those of an infinite one."""
 
     def gaps(self, log_pressure: Tensor) -> Tensor:
         """I of the gaps alone at ln p, shape (states,)."""
@@ -116,12 +117,11 @@ class Attraction:
         return value, slope
 
     def _log_gaps(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
-        if self.floor is None:
+        if self.touching is None:
             return self.log_gaps.with_slope(log_pressure, self.column)
-        value, slope = self.log_gaps.with_slope(
-            torch.maximum(log_pressure, self.floor), self.column
-        )
-        return value, torch.where(log_pressure < self.floor, torch.zeros_like(slope), slope)
+        at, share = self.touching.of_pull(log_pressure)
+        value, slope = self.log_gaps.with_slope(at, self.column)
+        return value, slope * share
 
     @property
     def nodes(self) -> Tensor:
@@ -131,9 +131,10 @@ class Attraction:
         return self.log_gaps.start + self.log_gaps.step * steps
 
     def log_slopes(self) -> Tensor:
-        """dlnI/dlnp at the nodes of each column, shape (nodes, columns), as if without a floor.
+        """dlnI/dlnp at the nodes of each column, shape (nodes, columns), for infinite size.
 
-        Below a floor the spots alone change, whose share of the slope is below 1: never a fold.
+        Finite size lets the gaps' share of the slope fall; that of the spots is below 1: neither
+        makes a fold where there was none.
         """
         slope = self.log_gaps.slopes
         if self.spot_pull is not None and self.spots is not None:

@@ -47,8 +47,7 @@ class Contact:
         """A/A0 at pressures [Pa]: elastic, or elastoplastic where there is a hardness."""
         if self.hardness_pa is None:
             return self.field.area_fraction(pressure_pa)
-        y = pressure_pa / self.field.stress_rms_pa
-        spread = pressure_pa / self.field.area.argument(y)
+        spread = pressure_pa / self.field.area_argument(pressure_pa)
         return elastoplastic_area(pressure_pa, spread, self.hardness_pa).total
 
 

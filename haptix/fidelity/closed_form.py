@@ -33,7 +33,8 @@ class ClosedForm(Fidelity):
         gap = field.mean_gap(pressure)
         self._gap_m = gap[0]
         self._gap_fall_m = (gap[0] - gap[1]) / torch.log(pressure[1] / pressure[0])
-        self._area_per_pa = 2 / sqrt(pi) * field.area.light / field.stress_rms_pa
+        at = pressure[:1]
+        self._area_per_pa = (2 / sqrt(pi) * field.area_argument(at) / at)[0]
 
     def solve(self, load: Load) -> Balance:
         """Return the equilibrium of every state on the lowest branch."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from math import log
+
 import torch
 from torch import Tensor
 
-from haptix.contact.finite_size import touching_log_pressure
+from haptix.contact.finite_size import Touching
 from haptix.electro import AttractionTable
 from haptix.equilibrium import LIGHT_CONTACT_LIMIT, lowest_branch
 from haptix.fidelity.balance import Ability, Balance, Contact, Fidelity, Load
+from haptix.interpolation import UniformCubic
 from haptix.terms import Stage
 
 
@@ -25,7 +28,7 @@ class MeanFieldBalance(Fidelity):
         # A table belongs to one autograd graph, and must not outlive it.
         self._keeps_table = not contact.field.stress_variance.requires_grad
         self._kept: AttractionTable | None = None
-        self._touching: tuple[tuple[float, float], tuple[float, float]] | None = None
+        self._log_mean_gap: UniformCubic | None = None
 
     def borrow(self, other: Fidelity) -> bool:
         """Use what another has tabulated, where its mean field is equal to this one's.
@@ -36,34 +39,35 @@ class MeanFieldBalance(Fidelity):
             return False
         if not self.contact.field.equals(other.contact.field):
             return False
-        self._kept, self._touching = other._kept, other._touching
+        self._kept, self._log_mean_gap = other._kept, other._log_mean_gap
         return True
 
     def prepare(self, applied_pa: Tensor, widest_gap_m: Tensor | None) -> None:
         """Solve the table for all of these loads."""
-        table = self._table(applied_pa, widest_gap_m)
+        if not self._keeps_table and widest_gap_m is not None:
+            self._log_mean_gap = self.contact.field.log_mean_gap()
+        table = self._table(applied_pa, self._touching_of(widest_gap_m))
         if not self._keeps_table:
             self._kept = table  # until `release`: one table for all blocks, not one for each
 
     def release(self) -> None:
         """Drop a table that autograd records."""
         if not self._keeps_table:
-            self._kept = None
+            self._kept, self._log_mean_gap = None, None
 
     def solve(self, load: Load) -> Balance:
         """Return the equilibrium of every state on the lowest branch."""
-        widest, pull = load.widest_gap_m, load.pull
-        table = self._table(load.applied_pa, widest)
-        floor = None
-        if widest is not None:
-            floor = touching_log_pressure(table.log_mean_gap, torch.log(widest))
+        pull, touching = load.pull, self._touching_of(load.widest_gap_m)
+        table = self._table(load.applied_pa, touching)
         counts = self.contact.contact_spots == "included"
-        attraction = table.attraction(pull, self.contact.area_fraction if counts else None, floor)
+        attraction = table.attraction(
+            pull, self.contact.area_fraction if counts else None, touching
+        )
         found = lowest_branch(load.applied_pa, pull.strength, attraction)
         pressure = found.pressure_pa
         area = self.contact.area_fraction(pressure)
         log_pressure = torch.log(pressure)
-        mean_gap = torch.exp(table.log_mean_gap(log_pressure))
+        of_gap = log_pressure if touching is None else touching.of_gap(log_pressure)
         # Past its end a state has the values of the end, and so its voltage too.
         strength = torch.minimum(pull.strength, found.strength_at_end)
         return Balance(
@@ -71,18 +75,19 @@ class MeanFieldBalance(Fidelity):
             area_fraction=area,
             gap_attraction_pa=strength * attraction.gaps(log_pressure),
             spot_attraction_pa=strength * area * pull.on_spots()[pull.own_column],
-            mean_gap_m=mean_gap if widest is None else torch.minimum(mean_gap, widest),
+            mean_gap_m=torch.exp(table.log_mean_gap(of_gap)),
             strength_at_end=found.strength_at_end,
             is_stable=found.is_stable,
         )
 
-    def _table(self, applied_pa: Tensor, widest_gap_m: Tensor | None) -> AttractionTable:
+    def _table(self, applied_pa: Tensor, touching: Touching | None) -> AttractionTable:
         """Table that covers these loads up to the end of light contact."""
         low, high = map(float, applied_pa.detach().aminmax())
-        if widest_gap_m is not None:
-            touching = self._touching_pressures(*map(float, widest_gap_m.detach().aminmax()))
-            low, high = min(low, *touching), max(high, *touching)
         high *= LIGHT_CONTACT_LIMIT
+        if touching is not None:
+            with torch.no_grad():
+                light = touching.of_gap(torch.log(applied_pa)) + log(LIGHT_CONTACT_LIMIT)
+                high = max(high, float(torch.exp(touching.of_gap(light).max())))
         if self._kept is not None:
             if self._kept.covers(low, high):
                 # A part would leave out the stencil through which gradients pass.
@@ -94,22 +99,13 @@ class MeanFieldBalance(Fidelity):
             self._kept = table
         return table
 
-    def _touching_pressures(self, low_m: float, high_m: float) -> tuple[float, float]:
-        """Pressures that enclose those at which the mean gap equals heights from low to high."""
-        if self._touching is not None:
-            (known_low, known_high), pressures = self._touching
-            if known_low <= low_m and high_m <= known_high:
-                return pressures
-        scale = torch.log(self.contact.field.stress_rms_pa.detach())
-        heights = scale.new_tensor([high_m, low_m])
-        low, high = scale.expand_as(heights) - 40.0, scale.expand_as(heights) + 1.0
-        with torch.no_grad():
-            for _ in range(12):  # to some per cent: only to size the table
-                middle = (low + high) / 2
-                is_wider = self.contact.field.mean_gap(torch.exp(middle)) > heights
-                low = torch.where(is_wider, middle, low)
-                high = torch.where(is_wider, high, middle)
-        of_high, of_low = torch.exp(low).tolist()
-        if self._keeps_table:
-            self._touching = (low_m, high_m), (of_high, of_low)
-        return of_high, of_low
+    def _touching_of(self, widest_gap_m: Tensor | None) -> Touching | None:
+        """Finite size of states with these heights of the highest asperity."""
+        if widest_gap_m is None:
+            return None
+        table = self._log_mean_gap
+        if table is None:
+            table = self.contact.field.log_mean_gap()
+            if self._keeps_table:
+                self._log_mean_gap = table
+        return self.contact.field.touching(widest_gap_m, table)

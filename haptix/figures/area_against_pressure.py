@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from matplotlib.axes import Axes
 
-from haptix.contact import THEORIES, HalfSpace, MeanField, RoughnessSpectrum, Theory
+from haptix.contact import THEORIES, HalfSpace, RoughnessSpectrum, Theory
 from haptix.electro import Pull
 from haptix.fidelity import Contact, Load, MeanFieldBalance
 from haptix.figures.data import COLD_TO_HOT, Array, FigureData
@@ -75,7 +75,7 @@ def area_against_pressure() -> FigureData:
 
 
 def _area(theory: Theory, voltage_v: float) -> Array:
-    contact = MeanField(SPECTRUM, SKIN, theory.gamma, theory.gap_distribution, area=theory.area)
+    contact = theory.mean_field(SPECTRUM, SKIN)
     applied = torch.from_numpy(_PRESSURE_PA)
     solver = MeanFieldBalance(Contact(contact, theory.contact_spots, None, float(applied[0])))
     pull = Pull.of_sine(

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from haptix.contact import THEORIES, ContactSpots, GapDistribution, MeanField, TheoryName
+from haptix.contact import THEORIES, ContactSpots, GapDistribution, TheoryName
 from haptix.contact.meanfield import check_contact_spots
 from haptix.electro import Pull, drive_voltage
 from haptix.electro.breakdown import breakdown_voltage, peak_field
@@ -120,19 +120,18 @@ class ContactModel:
                 f'boundary_elements: expected none with fidelity "{fidelity}", got a box; leave it '
                 f"out, or use {_able(Ability.SCATTER)}"
             )
-        self.terms = chosen_terms(terms, finger, screen, how)
+        self.terms = chosen_terms(terms, finger, screen, how, chosen.usual_terms)
         self.finger = finger
         self.screen = screen
         self.fidelity = fidelity
         self.dtype = dtype
         active = ActiveTerms(Properties(finger, screen), self.terms)
-        self.contact = MeanField(
+        self.contact = chosen.mean_field(
             (finger.roughness if self.boxed is None else self.boxed.roughness).spectrum(),
             active.solid(),
-            gamma=chosen.gamma if gamma is None else gamma,
-            gap_distribution=gap_distribution or chosen.gap_distribution,
+            gamma=gamma,
+            gap_distribution=gap_distribution,
             device=device,
-            area=chosen.area,
         )
         usual = torch.tensor(REFERENCE_FORCE_N, dtype=torch.float64)
         contact = Contact(

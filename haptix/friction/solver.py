@@ -56,5 +56,5 @@ class FrictionSolver:
     def _at_rest(self, normal_force_n: Tensor) -> tuple[Tensor, Tensor | None]:
         """Applied pressure in the fidelity's unit, and widest mean gap [m]."""
         area = self.terms.apparent_area_m2(normal_force_n)
-        widest = self.terms.widest_gap_m(area, self.fidelity.contact.field.spectrum)
+        widest = self.terms.widest_gap_m(area, self.fidelity.contact.field)
         return normal_force_n / area / self.terms.given.unit_pa, widest

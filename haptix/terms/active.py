@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from haptix.contact import ElasticSolid, HalfSpace, RoughnessSpectrum
+from haptix.contact import ElasticSolid, HalfSpace, MeanField
 from haptix.errors import InputError
 from haptix.status import Status
 from haptix.terms.registry import TERMS
@@ -45,10 +45,10 @@ class ActiveTerms:
             lambda area, term: term.size(area, normal_force_n, self.given), self.all, at_1n
         )
 
-    def widest_gap_m(self, area_m2: Tensor, spectrum: RoughnessSpectrum) -> Tensor | None:
+    def widest_gap_m(self, area_m2: Tensor, contact: MeanField) -> Tensor | None:
         """Largest mean gap [m] at apparent areas [m^2]; None for no limit."""
         none: Tensor | None = None
-        return reduce(lambda widest, term: term.gaps(widest, area_m2, spectrum), self.all, none)
+        return reduce(lambda widest, term: term.gaps(widest, area_m2, contact), self.all, none)
 
     def thickness(self, h0_m: Tensor, frequency_hz: Tensor | None) -> Tensor:
         """Complex effective thickness [m] of everything that insulates, from that of the film.

@@ -57,6 +57,7 @@ def chosen_terms(
     finger: Finger,
     screen: Screen,
     fidelity: Honouring,
+    of_theory: frozenset[str] = frozenset(),
 ) -> frozenset[str]:
     """Return the names of the terms that are on.
 
@@ -65,6 +66,8 @@ def chosen_terms(
     terms : iterable of str, mapping, or None
         Names of all that are on; or a mapping that switches single ones, name to bool; or None for
         all possible ones that need no request.
+    of_theory : frozenset of str
+        Names that count as needing none in the theory of the contact.
 
     Raises
     ------
@@ -72,7 +75,7 @@ def chosen_terms(
         If a name is unknown, or a term lacks a value or contradicts the fidelity.
     """
     possible = possible_terms(finger, screen, fidelity)
-    usual = {name for name in possible if not TERMS[name].on_request}
+    usual = {name for name in possible if not TERMS[name].on_request or name in of_theory}
     if terms is None:
         return frozenset(usual)
     if isinstance(terms, str):

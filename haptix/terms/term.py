@@ -12,7 +12,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from haptix.contact import ElasticSolid, RoughnessSpectrum
+from haptix.contact import ElasticSolid, MeanField
 from haptix.finger import Finger
 from haptix.screen import Screen
 from haptix.states import ContactState
@@ -99,9 +99,7 @@ class Term:
         """Complex effective thickness [m] at frequencies [Hz]; from that of the screen's film."""
         return h0_m
 
-    def gaps(
-        self, widest_m: Tensor | None, area_m2: Tensor, spectrum: RoughnessSpectrum
-    ) -> Tensor | None:
+    def gaps(self, widest_m: Tensor | None, area_m2: Tensor, contact: MeanField) -> Tensor | None:
         """Largest mean gap [m] of an apparent area [m^2]; from None, for no limit."""
         return widest_m
 

@@ -1,0 +1,250 @@
+"""Boundary elements of contacts with few spots: boxes of 4 to 64 roll-off waves, growing bands.
+
+    OMP_NUM_THREADS=1 python benchmarks/few_spots.py [--partial FILE] [--only solid ...]
+
+Each cell of the grid is a solid, a box and a band; its surfaces of one seed have the same long
+waves in every band. Loads are x_long = p/(E* slope) of the waves up to 16 q_r, each wave with its
+own modulus. Cells are solved in the order of `CELLS`, the most wanted first; finished surfaces are
+kept in the partial file, and the means over surfaces are written to tests/data/few-spots.csv, with
+"fit" or "test": which rows a theory may be fitted to was decided before any was solved.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+import time
+import warnings
+from dataclasses import dataclass
+from math import pi, sqrt
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from haptix.contact import HalfSpace, Layered, RoughnessSpectrum
+from haptix.contact.boundary_elements import BoundaryElements, Surfaces
+from haptix.contact.boundary_elements.results import corrected_area
+from haptix.contact.boundary_elements.surfaces import _on_grid
+from haptix.contact.elasticity import ElasticSolid
+
+FILE = Path(__file__).parents[1] / "tests" / "data" / "few-spots.csv"
+SEED = 16
+Q_ROLLOFF, H_RMS = 2 * pi / 0.25e-3, 5e-6
+LOADS = (2e-5, 5e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
+H0 = (0.005, 0.01, 0.02, 0.05, 0.1, 0.3)  # over h_rms
+QUANTILES = (0.001, 0.01, 0.03, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 0.97)
+LONG = 16  # q/q_r up to which waves count in x_long
+PIXELS = 4  # in the shortest wave
+WIDEST_BAND = 128
+# Solids by name: thickness over the roll-off's 1/q, and E/E_bulk; the layer is of 40 MPa.
+SOLIDS = {
+    "half-space": (0.0, 1.0),
+    "layer 0.3": (0.3, 4000.0),
+    "layer 0.8": (0.8, 4000.0),
+    "layer 3": (3.0, 4000.0),
+    "layer 0.8 on E/100": (0.8, 100.0),
+}
+FIT_SOLIDS, FIT_WAVES, FIT_BANDS, FIT_HURST = ("half-space", "layer 0.8"), (2, 4), (16, 64), 0.86
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A solid, the roll-off waves along a side of the box, the band, and how many surfaces."""
+
+    solid: str
+    waves: int
+    band: int
+    surfaces: int = 12
+    hurst: float = 0.86
+
+    @property
+    def use(self) -> str:
+        """Whether a theory may be fitted to its rows."""
+        fit = (
+            self.solid in FIT_SOLIDS
+            and self.waves in FIT_WAVES
+            and self.band in FIT_BANDS
+            and self.hurst == FIT_HURST
+        )
+        return "fit" if fit else "test"
+
+    @property
+    def modulus(self) -> ElasticSolid:
+        """The solid."""
+        thickness, contrast = SOLIDS[self.solid]
+        if not thickness:
+            return HalfSpace(4e7, 0.5)
+        return Layered(4e7, 0.5, thickness / Q_ROLLOFF, 4e7 / contrast, 0.5)
+
+    def spectrum(self, band: float | None = None) -> RoughnessSpectrum:
+        """C(q) from the box's wave to the end of a band, with the same long waves in each."""
+        q0 = Q_ROLLOFF / self.waves
+        long = RoughnessSpectrum.self_affine(H_RMS, self.hurst, q0, Q_ROLLOFF, LONG * Q_ROLLOFF)
+        q1 = (band or self.band) * Q_ROLLOFF
+        q = torch.tensor([q0, Q_ROLLOFF, q1], dtype=torch.float64)
+        low = float(long.density[0])
+        falling = (q[2] / Q_ROLLOFF) ** (-2 * (1 + self.hurst))
+        return RoughnessSpectrum(q, low * torch.stack([q[0] * 0 + 1, q[1] * 0 + 1, falling]))
+
+    def scale_pa(self) -> float:
+        """``E* slope`` [Pa] of the waves up to `LONG` q_r, each with its own modulus."""
+        spectrum = self.spectrum(LONG)
+        edges = torch.logspace(0, 1, 4001, dtype=torch.float64)
+        q = spectrum.q0 * edges ** np.log10(spectrum.q1 / spectrum.q0)
+        q = q.clamp(spectrum.q0, spectrum.q1)
+        density = 2 * pi * q**4 * spectrum(q) * self.modulus.effective_modulus(q) ** 2
+        return sqrt(float(torch.trapezoid(density, torch.log(q))))
+
+    def surface(self, number: int) -> Surfaces:
+        """Draw the widest band, and take the waves of this one."""
+        points = PIXELS * self.waves * self.band
+        finest = 2 * self.waves * WIDEST_BAND
+        side = 2 * pi * self.waves / Q_ROLLOFF
+        drawn = Surfaces.random(self.spectrum(WIDEST_BAND), finest, side, 1, SEED + number)
+        if points == 2 * finest:  # the widest band: all waves, on twice the points
+            height = _on_grid(torch.fft.rfft2(drawn.height_m[0]) / finest**2, points)
+        else:
+            waves = torch.fft.rfft2(drawn.height_m[0]) / finest**2
+            j = torch.fft.fftfreq(finest, 1 / finest, dtype=torch.float64)[:, None]
+            i = torch.arange(finest // 2 + 1, dtype=torch.float64)
+            waves = torch.where(torch.hypot(i, j) <= self.waves * self.band + 1e-6, waves, 0)
+            height = _on_grid(waves, points)
+        return Surfaces(height[None], side, drawn.q_low, self.band * Q_ROLLOFF, self.waves)
+
+
+def grid() -> list[Cell]:
+    """All cells, the most wanted first."""
+    main, thin, thick, soft = "layer 0.8", "layer 0.3", "layer 3", "layer 0.8 on E/100"
+    half = "half-space"
+    cells = [Cell(half, 4, 16, 16), Cell(main, 4, 16), Cell(half, 2, 16), Cell(half, 8, 16, 6)]
+    cells += [Cell(main, 8, 16, 4)]
+    cells += [Cell(half, 4, 64, 6), Cell(thick, 4, 16, 6), Cell(thin, 4, 16, 6)]
+    cells += [Cell(main, 4, 64, 4), Cell(main, 2, 16)]
+    cells += [Cell(half, 4, 32, 6), Cell(main, 4, 32, 4), Cell(half, 4, 16, 6, 0.7)]
+    cells += [Cell(soft, 4, 16, 6), Cell(main, 4, 16, 6, 0.7), Cell(half, 4, 128, 4)]
+    cells += [Cell(thick, 4, 32, 4), Cell(thin, 4, 32, 4), Cell(main, 2, 64, 4)]
+    # Not run: some hours each on one core.
+    cells += [Cell(half, 2, 64), Cell(thick, 8, 16, 8), Cell(thin, 8, 16, 8)]
+    cells += [Cell(main, 4, 128, 4), Cell(half, 8, 32, 8), Cell(main, 8, 32, 8)]
+    cells += [Cell(s, 8, 64, 8) for s in (main, half)]
+    cells += [Cell(s, 8, 128, 8) for s in (main, half)]
+    return cells
+
+
+def measured(gap: torch.Tensor, pressure: torch.Tensor) -> dict[str, float]:
+    """Area, mean gap, pull of the open gaps and quantiles of the gap, of one solved surface."""
+    contact = pressure > 0
+    gap = gap.clamp(min=0.0).masked_fill(contact, 0.0) / H_RMS
+    rising = gap.flatten().sort().values
+    row = {
+        "area": float(corrected_area(contact)),
+        "area_raw": float(contact.to(torch.float64).mean()),
+        "gap": float(gap.mean()),
+    }
+    for h0 in H0:
+        row[f"pull_{h0:g}"] = float((~contact / (gap + h0) ** 2).mean())
+    for share in QUANTILES:
+        row[f"gap_at_{share:g}"] = float(rising[int(share * len(rising))])
+    return row
+
+
+def solve(cell: Cell, number: int) -> list[dict[str, object]]:
+    """One surface of a cell at all loads."""
+    surface = cell.surface(number)
+    solver = BoundaryElements(surface, cell.modulus)
+    scale = cell.scale_pa()
+    rows = []
+    for x in LOADS:
+        start = time.process_time()
+        found = solver.fields(x * scale)
+        rows.append(
+            {
+                **key(cell),
+                "surface": number,
+                "x_long": x,
+                "pressure_pa": x * scale,
+                "h_rms": float(surface.h_rms_m) / H_RMS,
+                "peak": float(surface.height_m.max()) / H_RMS,
+                "converged": int(found.converged.all()),
+                "seconds": time.process_time() - start,
+                **measured(found.gap_m[0], found.pressure_pa[0]),
+            }
+        )
+    return rows
+
+
+def key(cell: Cell) -> dict[str, object]:
+    """What identifies a cell in a table."""
+    return {name: getattr(cell, name) for name in ("solid", "waves", "band", "hurst")}
+
+
+def summary(rows: list[dict[str, str]]) -> list[dict[str, object]]:
+    """Means over surfaces, and standard deviations of one surface."""
+    found = []
+    for cell in grid():
+        own = {name: str(value) for name, value in key(cell).items()}
+        here = [row for row in rows if all(row[name] == own[name] for name in own)]
+        for x in LOADS:
+            at = [row for row in here if float(row["x_long"]) == x]
+            if len(at) < 4:
+                continue
+            line: dict[str, object] = {**own, "use": cell.use, "x_long": x}
+            line["surfaces"] = len(at)
+            line["converged"] = sum(int(row["converged"]) for row in at)
+            for name in list(at[0])[list(at[0]).index("pressure_pa") :]:
+                if name in ("converged", "seconds", "area_raw"):
+                    continue
+                values = np.array([float(row[name]) for row in at])
+                line[name] = f"{values.mean():.5g}"
+                if name in ("area", "gap", "pull_0.005", "pull_0.02", "pull_0.1"):
+                    line[f"{name}_std"] = f"{values.std(ddof=1):.3g}"
+            found.append(line)
+    return found
+
+
+def main() -> None:
+    """Solve what is not yet in the partial file, and write the means."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--partial", type=Path, default=FILE.with_suffix(".partial.csv"))
+    parser.add_argument("--only", nargs="*", help="solids")
+    chosen = parser.parse_args()
+    warnings.simplefilter("ignore")  # the box and its pixels are what is studied
+    rows = read(chosen.partial)
+    done = {(r["solid"], r["waves"], r["band"], r["hurst"], r["surface"]) for r in rows}
+    for cell in grid():
+        if chosen.only and cell.solid not in chosen.only:
+            continue
+        own = tuple(str(value) for value in key(cell).values())
+        for number in range(cell.surfaces):
+            if (*own, str(number)) in done:
+                continue
+            found = solve(cell, number)
+            new = not chosen.partial.exists()
+            with chosen.partial.open("a", newline="") as file:
+                writer = csv.DictWriter(file, list(found[0]), lineterminator="\n")
+                if new:
+                    writer.writeheader()
+                for row in found:
+                    writer.writerow(
+                        {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()}
+                    )
+        lines = summary(read(chosen.partial))
+        with FILE.open("w", newline="") as file:
+            writer = csv.DictWriter(file, list(lines[0]), lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(lines)
+        sys.stderr.write(f"{time.strftime('%H:%M:%S')} {cell}\n")
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    """Rows of a table, none where it does not exist yet."""
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+if __name__ == "__main__":
+    main()
