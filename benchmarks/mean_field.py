@@ -198,6 +198,8 @@ class Ending:
     relative_scatter: float
     ratio: float
     """Voltage at which the light contact ends, over that by boundary elements."""
+    applied_x: float
+    """p0/(E* slope), each wave with its own modulus."""
     attractions: tuple[float, ...]
     """Attraction of the gaps over p0, by boundary elements, at each voltage."""
     area: tuple[float, ...]
@@ -226,7 +228,11 @@ def endings(theory: str, most_cases: int | None = None) -> list[Ending]:
         own = pull_in_voltage(end_of_light_contact(contact, case.pressure_pa, 0, case.h0_m, spots))
         scatter = float(given[0]["pull_in_v_std"]) / end
         found.append(
-            Ending(case, end, scatter, own / end, tuple(attractions), tuple(areas), tuple(gaps))
+            Ending(
+                *(case, end, scatter, own / end),
+                case.pressure_pa / (2**0.5 * float(contact.stress_rms_pa)),
+                *(tuple(attractions), tuple(areas), tuple(gaps)),
+            )
         )
     return found
 

@@ -122,7 +122,7 @@ class Finger(Document):
     presets: ClassVar = {
         "semi-wet": {
             "bulk_modulus_pa": 10e3,
-            "frictional_shear_stress_pa": 5.544289e6,
+            "frictional_shear_stress_pa": 5.531446e6,
             "theory": "corrected",
         },
         "dry": {
@@ -136,7 +136,7 @@ class Finger(Document):
         "wet": {
             "bulk_modulus_pa": 10e3,
             "youngs_modulus_pa": 10e6,
-            "frictional_shear_stress_pa": 3.468414e6,
+            "frictional_shear_stress_pa": 3.46451e6,
             "theory": "corrected",
         },
     }

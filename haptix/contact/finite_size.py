@@ -29,7 +29,7 @@ SizeLaw = Literal["capped", "smooth"]
 _HERTZ = 2 / 3
 # Of ln p, how far the attraction goes from the load to the pressure of the mean gap: boundary
 # elements say 0.5 for insulators of h_rms/200, and up to 1 for those of h_rms/3.
-_OF_GAP = 0.6
+_OF_GAP = 0.5
 _LONG_WAVES = 16.0  # times the roll-off: what makes an asperity; shorter waves have no height
 _NEWTON_STEPS = 4
 _PEAK_STEPS = 60

@@ -79,11 +79,11 @@ THEORIES: Mapping[str, Theory] = {
     ),
     "corrected": Theory(
         AreaLaw(0.48, tips=0.022),
-        0.35,
+        0.315,
         "combined",
         "excluded",
         "area after Xu (2024); gamma, reach, power, tips by boundary elements (docs/mean-field.md)",
-        power=2.25,
+        power=2.0,
         reach=1.3,
         size="smooth",
         usual_terms=frozenset({"finite-size"}),

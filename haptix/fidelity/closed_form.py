@@ -7,8 +7,6 @@ pressure, so there is no table, and its slow fall with pressure is the error of 
 
 from __future__ import annotations
 
-from math import pi, sqrt
-
 import torch
 
 from haptix.equilibrium import LIGHT_CONTACT_LIMIT
@@ -33,8 +31,7 @@ class ClosedForm(Fidelity):
         gap = field.mean_gap(pressure)
         self._gap_m = gap[0]
         self._gap_fall_m = (gap[0] - gap[1]) / torch.log(pressure[1] / pressure[0])
-        at = pressure[:1]
-        self._area_per_pa = (2 / sqrt(pi) * field.area_argument(at) / at)[0]
+        self._area_per_pa = field.area_fraction(pressure[0]) / pressure[0]
 
     def solve(self, load: Load) -> Balance:
         """Return the equilibrium of every state on the lowest branch."""

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from haptix import checks
-from haptix.contact import THEORIES, MeanField, TheoryName
+from haptix.contact import THEORIES, TheoryName
 from haptix.fidelity import Contact, MeanFieldBalance
 from haptix.finger import Finger
 from haptix.screen import Screen
@@ -49,10 +49,7 @@ def _area_at_rest(finger: Finger, theory: TheoryName) -> Tensor:
     screen, form = Screen(), THEORIES[theory]
     terms = chosen_terms(None, finger, screen, MeanFieldBalance)
     active = ActiveTerms(Properties(finger, screen), terms)
-    field = MeanField(
-        finger.roughness.spectrum(), active.solid(), form.gamma, form.gap_distribution,
-        area=form.area,
-    )  # fmt: skip
+    field = form.mean_field(finger.roughness.spectrum(), active.solid())
     force = torch.tensor(REFERENCE_FORCE_N, dtype=torch.float64)
     applied = force / active.apparent_area_m2(force)
     contact = Contact(field, form.contact_spots, active.hardness_pa(), float(applied))
