@@ -17,7 +17,7 @@ import mpmath
 import numpy as np
 from scipy import special
 from scipy.integrate import quad, simpson
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.optimize import brentq
 
 EPS0 = 8.8541878128e-12
@@ -109,10 +109,13 @@ def thickness(
 ) -> complex:
     """``eps_g (h0 + d2/eps2)`` [m] with `skin` d2; `table` has f, eps and rho of the skin."""
     omega = 2 * pi * frequency
-    f, eps, rho = (np.log(column) for column in table)
-    eps2 = np.exp(np.interp(np.log(frequency), f, eps)) + 1j / (
-        omega * EPS0 * np.exp(np.interp(np.log(frequency), f, rho))
-    )
+    f, *columns = np.log(table)
+    # A row held on either side: scipy's slopes at the ends are 0 then.
+    f = np.concatenate([[f[0] - 1], f, [f[-1] + 1]])
+    held = [np.concatenate([column[:1], column, column[-1:]]) for column in columns]
+    at = np.clip(np.log(frequency), f[0], f[-1])
+    eps, rho = (np.exp(PchipInterpolator(f, column)(at)) for column in held)
+    eps2 = eps + 1j / (omega * EPS0 * rho)
     leak = 0.0 if gap_resistivity is None else 1 / (omega * EPS0 * gap_resistivity)
     return complex((h0 + skin / eps2) * (1 + 1j * leak))
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from haptix.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum, TheoryName
 from haptix.documents import Document, Part, Quantity
-from haptix.electro import SkinDielectric
+from haptix.electro.dielectric import AnySkinDielectric, SkinDielectric
 
 PoissonRatio = Annotated[float, Field(gt=-1, le=0.5)]
 
@@ -116,7 +116,8 @@ class Finger(Document):
         Friction follows the attraction like a first-order system whose cut-off frequency rises in
         proportion to the sliding speed: this much per mm/s (2025; physics page, section 7).
     roughness, dielectric
-        Roughness spectrum, and the skin's permittivity and resistivity.
+        Roughness spectrum, and the skin's permittivity and resistivity: a table, or a name of
+        `haptix.electro.SKIN_DIELECTRICS`.
     """
 
     presets: ClassVar = {
@@ -154,7 +155,7 @@ class Finger(Document):
     apparent_area_exponent: Annotated[float, Field(ge=0, lt=1)] = 0.1366
     response_hz_per_mm_per_s: PositiveFloat = 13.8
     roughness: AnyRoughness = Roughness()
-    dielectric: SkinDielectric = SkinDielectric()
+    dielectric: AnySkinDielectric = SkinDielectric()
 
     def solid(self) -> ElasticSolid:
         """Return the elastic solid: the layered skin, or a half-space without a bulk modulus."""

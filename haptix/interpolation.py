@@ -1,4 +1,4 @@
-"""One-dimensional tables for torch, batched and differentiable: linear, and uniform cubic.
+"""One-dimensional tables for torch, batched and differentiable: linear and cubic.
 
 The contact model looks up the same smooth tables (the waves against their stress, the separation
 integral, the attraction against pressure) millions of times.
@@ -33,6 +33,44 @@ class PiecewiseLinear:
         cell = torch.searchsorted(inner, x.detach().contiguous(), right=True)
         x = x if self.slope.ndim == 1 else x[..., None]
         return self.intercept[cell] + self.slope[cell] * x
+
+
+@dataclass(frozen=True)
+class MonotoneCubic:
+    """A C1 cubic that rises and falls only where its values do, and holds its ends beyond them.
+
+    Source of the slopes: Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5, 300 (1984); 0 at the
+    ends, so that nothing has a corner there either.
+    """
+
+    nodes: Tensor
+    values: Tensor
+    slopes: Tensor
+
+    @classmethod
+    def through(cls, nodes: Tensor, values: Tensor) -> MonotoneCubic:
+        """Connect `values`, shape (nodes, columns), at increasing `nodes`."""
+        width = nodes.diff()[:, None]
+        rise = values.diff(dim=0) / width
+        before, after = width[:-1] + 2 * width[1:], 2 * width[:-1] + width[1:]
+        turns = rise[:-1] * rise[1:] <= 0
+        one, two = (r.masked_fill(turns, 1.0) for r in (rise[:-1], rise[1:]))
+        inner = ((before + after) / (after / one + before / two)).masked_fill(turns, 0.0)
+        end = torch.zeros_like(values[:1])
+        return cls(nodes, values, torch.cat([end, inner, end])[: len(nodes)])
+
+    def __call__(self, x: Tensor) -> Tensor:
+        """Values at `x` of any shape, with the columns as the last axis."""
+        if len(self.nodes) == 1:
+            return self.values[0].expand(*x.shape, -1)
+        x = x.clamp(self.nodes[0], self.nodes[-1])
+        cell = torch.searchsorted(self.nodes[1:-1], x.detach().contiguous(), right=True)
+        width = self.nodes.diff()[cell][..., None]
+        t = (x[..., None] - self.nodes[cell][..., None]) / width
+        low, high = self.values[cell], self.values[cell + 1]
+        rise = high - low
+        a, b = self.slopes[cell] * width - rise, rise - self.slopes[cell + 1] * width
+        return low + t * (rise + (1 - t) * (a * (1 - t) + b * t))
 
 
 @dataclass(frozen=True)

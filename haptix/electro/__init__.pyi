@@ -1,7 +1,9 @@
 from .attraction import AreaFraction as AreaFraction
 from .attraction import Attraction as Attraction
 from .attraction import AttractionTable as AttractionTable
+from .dielectric import SKIN_DIELECTRICS as SKIN_DIELECTRICS
 from .dielectric import VACUUM_PERMITTIVITY as VACUUM_PERMITTIVITY
+from .dielectric import ColeCole as ColeCole
 from .dielectric import SkinDielectric as SkinDielectric
 from .pull import Pull as Pull
 from .pull import drive_strength as drive_strength

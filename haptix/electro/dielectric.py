@@ -1,25 +1,46 @@
-"""Dielectric of the stratum corneum."""
+"""Dielectric of the stratum corneum: tables, and the sums of relaxations of whole skin."""
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from collections.abc import Mapping
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Annotated, Any, Self
 
 import torch
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    NonNegativeFloat,
+    PositiveFloat,
+    Tag,
+    model_validator,
+)
 from torch import Tensor
 
 from haptix.documents import Part
-from haptix.interpolation import PiecewiseLinear
+from haptix.interpolation import MonotoneCubic
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12
 """eps0 [F/m], CODATA 2018."""
+
+_NOISE = 1.05  # a measured column may rise by this factor from row to row
+
+# Left out where it is 1: a skin without it is written and hashed as it was before there was one.
+_Scale = Annotated[PositiveFloat, Field(exclude_if=lambda scale: scale == 1)]
 
 
 class SkinDielectric(Part):
     """Permittivity and resistivity of the stratum corneum against frequency.
 
-    ``eps2(w) = eps_SC + i / (w eps0 rho_SC)`` (paper, Eq. 4), log-log interpolated; beyond its ends
-    the table holds its last values. The built-in table is an order of magnitude only and says so.
+    ``eps2(w) = eps_SC + i / (w eps0 rho_SC)`` (paper, Eq. 4), by a monotone cubic over logarithms;
+    beyond its ends the table holds its last values. The built-in table is an order of magnitude
+    only and says so.
+
+    A table must be one of relaxations, which is what causality allows for skin at these
+    frequencies: by the relations of Kramers and Kronig, neither permittivity nor resistivity then
+    rises with frequency (5 % from row to row is taken for noise).
 
     Parameters
     ----------
@@ -37,8 +58,7 @@ class SkinDielectric(Part):
     frequency_hz: tuple[PositiveFloat, ...] = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6)
     permittivity: tuple[PositiveFloat, ...] = (1e4, 3e3, 1.5e3, 1e3, 6e2, 3e2)
     resistivity_ohm_m: tuple[PositiveFloat, ...] = (1e5, 1e5, 3e4, 8e3, 2e3, 3e2)
-    # A table as it stands is written and hashed as it was before there was a scale.
-    scale: Annotated[PositiveFloat, Field(exclude_if=lambda scale: scale == 1)] = 1.0
+    scale: _Scale = 1.0
     is_placeholder: bool = True
     source: str = "order of magnitude after Yamamoto & Yamamoto (1976); not measured values"
 
@@ -49,18 +69,115 @@ class SkinDielectric(Part):
             raise ValueError("expected three columns of one length, 1 or more")
         if list(self.frequency_hz) != sorted(set(self.frequency_hz)):
             raise ValueError("expected frequencies in increasing order")
+        for name in ("permittivity", "resistivity_ohm_m"):
+            for number, (one, two) in enumerate(pairwise(getattr(self, name)), start=1):
+                if two > _NOISE * one:
+                    raise ValueError(
+                        f"{name}: expected a causal table, whose {name.split('_')[0]} does not "
+                        f"rise with frequency, but it rises from {one:g} in row {number} to "
+                        f"{two:g}; check the rows, or drop them"
+                    )
         return self
 
     def relative_permittivity(self, frequency_hz: Tensor) -> Tensor:
         """Complex eps2 at frequencies [Hz] of any shape, the scale included."""
         log_f = torch.log(frequency_hz)
-        permittivity = torch.exp(self._interpolate(log_f, self.permittivity))
-        resistivity = torch.exp(self._interpolate(log_f, self.resistivity_ohm_m))
-        loss = 1 / (2 * torch.pi * frequency_hz * VACUUM_PERMITTIVITY * resistivity)
-        return torch.complex(permittivity, loss) / self.scale
+        nodes, *columns = log_f.new_tensor(
+            [self.frequency_hz, self.permittivity, self.resistivity_ohm_m]
+        ).log()
+        permittivity, resistivity = MonotoneCubic.through(nodes, torch.stack(columns, -1))(
+            log_f
+        ).unbind(-1)
+        loss = 1 / (2 * torch.pi * frequency_hz * VACUUM_PERMITTIVITY * torch.exp(resistivity))
+        return torch.complex(torch.exp(permittivity), loss) / self.scale
 
-    def _interpolate(self, log_f: Tensor, column: tuple[float, ...]) -> Tensor:
-        nodes, values = log_f.new_tensor([self.frequency_hz, column]).log().unbind()
-        if len(nodes) == 1:
-            return values[0].expand_as(log_f)
-        return PiecewiseLinear.through(nodes, values)(log_f.clamp(nodes[0], nodes[-1]))
+
+class ColeCole(Part):
+    """Permittivity as a sum of relaxations after Cole and Cole.
+
+    ``eps2(w) = eps_inf + sum D / (1 + (i w tau)^(1-a)) + sigma / (i w eps0)``, whose complex
+    conjugate is meant where, as here, a loss is positive.
+
+    Parameters
+    ----------
+    infinite_permittivity : float
+        eps_inf, 1 or more.
+    relaxations : tuple of (float, float, float)
+        D, tau [s] and a of each, a in [0, 1).
+    conductivity_s_per_m : float
+        sigma [S/m].
+    scale, is_placeholder, source
+        As for `SkinDielectric`.
+    """
+
+    infinite_permittivity: Annotated[float, Field(ge=1)]
+    relaxations: tuple[
+        tuple[PositiveFloat, PositiveFloat, Annotated[float, Field(ge=0, lt=1)]], ...
+    ]
+    conductivity_s_per_m: NonNegativeFloat
+    scale: _Scale = 1.0
+    is_placeholder: bool = True
+    source: str = ""
+
+    def relative_permittivity(self, frequency_hz: Tensor) -> Tensor:
+        """Complex eps2 at frequencies [Hz] of any shape, the scale included."""
+        omega = 2 * torch.pi * frequency_hz
+        loss = self.conductivity_s_per_m / (omega * VACUUM_PERMITTIVITY)
+        total = torch.complex(torch.full_like(loss, self.infinite_permittivity), loss)
+        for drop, time_s, broadening in self.relaxations:
+            power = 1 - broadening
+            turn = omega.new_tensor(-torch.pi / 2 * power)  # of (-i)^power
+            spread = (omega * time_s) ** power
+            total = total + drop / (1 + torch.polar(spread, turn.expand_as(spread)))
+        return total / self.scale
+
+
+_WHOLE_SKIN = (
+    "Gabriel, Lau, Gabriel, Phys. Med. Biol. 41, 2271 (1996), {} skin; of whole skin, which "
+    "conducts better: it bounds the impedance of the stratum corneum from below"
+)
+
+SKIN_DIELECTRICS: Mapping[str, SkinDielectric | ColeCole] = MappingProxyType(
+    {
+        "order-of-magnitude": SkinDielectric(),
+        "gabriel-dry": ColeCole(
+            infinite_permittivity=4.0,
+            relaxations=((32.0, 7.234e-12, 0.0), (1100.0, 32.481e-9, 0.2)),
+            conductivity_s_per_m=2e-4,
+            source=_WHOLE_SKIN.format("dry"),
+        ),
+        "gabriel-wet": ColeCole(
+            infinite_permittivity=4.0,
+            relaxations=(
+                (39.0, 7.958e-12, 0.1),
+                (280.0, 79.577e-9, 0.0),
+                (3e4, 1.592e-6, 0.16),
+                (3e4, 1.592e-3, 0.2),
+            ),
+            conductivity_s_per_m=4e-4,
+            source=_WHOLE_SKIN.format("wet"),
+        ),
+    }
+)
+"""Skin dielectrics by name; none was measured on stratum corneum in contact."""
+
+
+def _named(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    if value not in SKIN_DIELECTRICS:
+        raise ValueError(f"expected a table, or one of {', '.join(SKIN_DIELECTRICS)}")
+    return SKIN_DIELECTRICS[value]
+
+
+def _kind(value: Any) -> str:
+    table = value if isinstance(value, dict) else getattr(type(value), "model_fields", ())
+    return "of-relaxations" if "relaxations" in table else "by-rows"
+
+
+AnySkinDielectric = Annotated[
+    Annotated[SkinDielectric, Tag("by-rows")] | Annotated[ColeCole, Tag("of-relaxations")],
+    Discriminator(_kind),
+    BeforeValidator(_named),
+]
+"""A skin's dielectric in a document: a name of `SKIN_DIELECTRICS`, or a table."""

@@ -1,7 +1,5 @@
 """Skin dielectric: the insulation of the stratum corneum, which falls with frequency."""
 
-from collections.abc import Mapping
-
 from torch import Tensor
 
 from haptix.terms.term import PNAS_2018, Properties, Term
@@ -18,9 +16,6 @@ class SkinInsulation(Term):
     def insulators(self, h0_m: Tensor, frequency_hz: Tensor, given: Properties) -> Tensor:
         skin = given.finger.dielectric
         return h0_m + given.finger.layer_thickness_m / skin.relative_permittivity(frequency_hz)
-
-    def bends(self, given: Properties) -> Mapping[str, tuple[float, ...]]:
-        return {"frequency_hz": given.finger.dielectric.frequency_hz}
 
     def placeholders(self, given: Properties) -> list[str]:
         return ["dielectric of the skin"] if given.finger.dielectric.is_placeholder else []

@@ -2,24 +2,31 @@
 
 import cmath
 import math
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy import constants
+from scipy.interpolate import PchipInterpolator
 
 from haptix import Finger, Screen
 from haptix.contact import MeanField
 from haptix.electro import (
+    SKIN_DIELECTRICS,
     VACUUM_PERMITTIVITY,
     AttractionTable,
+    ColeCole,
     Pull,
     SkinDielectric,
     drive_strength,
     drive_voltage,
 )
+from haptix.errors import InputError
 from haptix.terms import ActiveTerms, Properties
 
 CONSTANT = SkinDielectric(
@@ -107,11 +114,22 @@ def test_the_table_at_its_nodes(f: float, eps: float, rho: float) -> None:
     assert permittivity_and_resistivity(f) == pytest.approx((eps, rho), rel=1e-9)  # eps0's digits
 
 
-@pytest.mark.parametrize("row", range(5))
-def test_midway_the_table_gives_geometric_means(row: int) -> None:
-    (f1, eps1, rho1), (f2, eps2, rho2) = TABLE[row], TABLE[row + 1]
-    expected = (math.sqrt(eps1 * eps2), math.sqrt(rho1 * rho2))
-    assert permittivity_and_resistivity(math.sqrt(f1 * f2)) == pytest.approx(expected, rel=1e-9)
+def test_between_its_nodes_the_table_is_scipys_monotone_cubic() -> None:
+    # With a row held on either side scipy's slopes at the ends are 0, as ours are.
+    nodes, *columns = np.log(np.array([(1e0, 1e4, 1e5), *TABLE, (1e7, 3e2, 3e2)]).T)
+    f = np.geomspace(10, 1e6, 97)
+    expected = np.exp([PchipInterpolator(nodes, column)(np.log(f)) for column in columns])
+    found = np.array([permittivity_and_resistivity(one) for one in f]).T
+    np.testing.assert_allclose(found, expected, rtol=1e-9)  # eps0's digits
+
+
+@pytest.mark.parametrize("f", [row[0] for row in TABLE])
+def test_nothing_has_a_corner_at_a_node(f: float) -> None:
+    log_f = (math.log(f) + torch.tensor([-1e-7, 1e-7], dtype=torch.float64)).requires_grad_()
+    eps = SkinDielectric().relative_permittivity(torch.exp(log_f))
+    (slope,) = torch.autograd.grad(eps.real.log().sum() + eps.imag.log().sum(), log_f)
+    # Curvature is of the order of 1 per unit of ln f; a straight line turned by 0.1 to 0.8.
+    assert abs(float(slope.diff())) < 1e-5
 
 
 @pytest.mark.parametrize(("f", "row"), [(1.0, 0), (1e7, -1)])
@@ -122,6 +140,80 @@ def test_beyond_its_ends_the_table_holds(f: float, row: int) -> None:
 def test_the_built_in_table_says_that_it_is_not_measured() -> None:
     assert Finger.preset("semi-wet").dielectric.is_placeholder
     assert "order of magnitude" in SkinDielectric().source
+
+
+# Page, section 9: |d/eps| of 200 um in um at these frequencies, to the digits that are printed.
+WHOLE_SKIN = {
+    "gabriel-dry": (0.007, 0.053, 0.138, 0.174),
+    "gabriel-wet": (0.0025, 0.006, 0.0065, 0.007),
+}
+
+
+@pytest.mark.parametrize("name", WHOLE_SKIN)
+def test_whole_skin_by_name(name: str) -> None:
+    frequency = torch.tensor([125.0, 1e3, 4e3, 2e4], dtype=torch.float64)
+    eps = Finger(dielectric=name).dielectric.relative_permittivity(frequency)
+    assert bool((eps.imag > 0).all())  # a loss
+    expected = torch.tensor(WHOLE_SKIN[name], dtype=torch.float64)
+    torch.testing.assert_close((200 / eps).abs(), expected, rtol=0, atol=5e-4)
+
+
+def test_one_relaxation_by_hand() -> None:
+    skin = ColeCole(
+        infinite_permittivity=4.0, relaxations=((30.0, 1e-3, 0.25),), conductivity_s_per_m=1e-4
+    )
+    omega = 2 * math.pi * 300.0
+    by_hand = 4 + 30 / (1 + (1j * omega * 1e-3) ** 0.75) + 1e-4 / (1j * omega * constants.epsilon_0)
+    found = skin.relative_permittivity(torch.tensor(300.0, dtype=torch.float64))
+    assert abs(complex(found) - by_hand.conjugate()) < 1e-9 * abs(by_hand)  # eps0's digits
+    twice = skin.model_copy(update={"scale": 2.0})
+    assert complex(twice.relative_permittivity(torch.tensor(300.0))) == pytest.approx(
+        by_hand.conjugate() / 2,
+        rel=1e-5,  # float32
+    )
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    st.floats(0, 8).map(lambda e: 10**e), st.sampled_from(sorted(SKIN_DIELECTRICS)), st.booleans()
+)
+def test_what_is_built_in_is_causal(f: float, name: str, is_loss: bool) -> None:
+    # Relaxations: permittivity falls with frequency, and conductivity rises.
+    skin = SKIN_DIELECTRICS[name]
+    eps = skin.relative_permittivity(torch.tensor([f, 1.1 * f], dtype=torch.float64))
+    conductivity = eps.imag * torch.tensor([1.0, 1.1], dtype=torch.float64)
+    low, high = (conductivity if is_loss else -eps.real).tolist()
+    assert low <= high + 1e-9 * abs(high)
+
+
+@pytest.mark.parametrize("name", SKIN_DIELECTRICS)
+def test_a_name_is_kept_as_its_numbers(name: str, tmp_path: Path) -> None:
+    (tmp_path / "named.toml").write_text(f'dielectric = "{name}"\n')
+    finger = Finger.load(tmp_path / "named.toml")
+    assert finger.dielectric == SKIN_DIELECTRICS[name]
+    finger.save(tmp_path / "kept.toml")
+    assert Finger.load(tmp_path / "kept.toml") == finger
+    assert finger.dielectric.is_placeholder
+
+
+def test_an_unknown_name_says_which_there_are() -> None:
+    with pytest.raises(InputError, match=r"Finger\.dielectric: expected .*gabriel-dry.*'glove'"):
+        Finger(dielectric="glove")
+
+
+@pytest.mark.parametrize(
+    ("column", "rising", "noisy"),
+    [
+        ("permittivity", (1e4, 3e3, 4e3, 1e3, 6e2, 3e2), (1e4, 3e3, 3.1e3, 1e3, 6e2, 3e2)),
+        ("resistivity_ohm_m", (1e5, 1e5, 3e4, 8e3, 2e3, 3e3), (1e5, 1.04e5, 3e4, 8e3, 2e3, 3e2)),
+    ],
+)
+def test_a_table_that_is_not_causal_is_refused_by_name(
+    column: str, rising: Any, noisy: Any
+) -> None:
+    with pytest.raises(InputError, match=rf"Finger\.dielectric: {column}: expected a causal table"):
+        Finger(dielectric={column: rising})
+    Finger(dielectric={column: noisy})
 
 
 BAD_TABLES = {
