@@ -55,9 +55,18 @@ def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
     Console().print(table)
 
 
-def placeholder_note(placeholders: Sequence[str]) -> str:
-    """Return what a title says about inputs that were not measured."""
-    return f", with placeholders for {' and '.join(placeholders)}" if placeholders else ""
+def placeholder_note(
+    placeholders: Sequence[str], spread_jnd: Mapping[str, float] | None = None
+) -> str:
+    """Return what a title says about inputs that were not measured.
+
+    `spread_jnd` is the difference that others in their place make.
+    """
+    if not placeholders:
+        return ""
+    note = f", with placeholders for {' and '.join(placeholders)}"
+    parts = [f"{name} {jnd:.2g} JND" for name, jnd in (spread_jnd or {}).items()]
+    return f"{note} (others in their place: {', '.join(parts)})" if parts else note
 
 
 def _text(value: Any) -> str:

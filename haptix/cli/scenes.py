@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptix.terminal import AsJson, progress_bar, show
+from haptix.terminal import AsJson, placeholder_note, progress_bar, show
 
 if TYPE_CHECKING:
     from haptix.planning import Plan
@@ -47,6 +47,7 @@ def plan(
         f"tolerance {found.tolerance.value:.3g} {found.tolerance.unit}; left out "
         f"{found.effect.thresholds_max:.2g} of {found.scene.budget_thresholds:g} JND"
     )
+    title += placeholder_note(found.model.placeholders(), found.placeholder_spread_jnd)
     show(title, _full_rows(found) if as_json else _rows(found), as_json)
 
 
@@ -84,6 +85,15 @@ def _full_rows(plan: Plan) -> list[dict[str, Any]]:
             "savings": row.savings,
         }
         for row in plan.rows
+    ] + [
+        {
+            "kind": "placeholder",
+            "name": name,
+            "decision": "kept",
+            "why": "not measured",
+            "spread_jnd": spread,
+        }
+        for name, spread in plan.placeholder_spread_jnd.items()
     ]
 
 

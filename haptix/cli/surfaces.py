@@ -35,6 +35,13 @@ Theory = Annotated[
         "carried over. [default: the finger's]"
     ),
 ]
+Skin = Annotated[
+    str | None,
+    typer.Option(
+        help="Skin dielectric: order-of-magnitude, gabriel-dry or gabriel-wet. [default: the "
+        "finger's own]"
+    ),
+]
 With = Annotated[
     list[str] | None,
     typer.Option("--with", help="Switch a term on, such as finite-size; may be repeated."),
@@ -55,8 +62,8 @@ Thickness = Annotated[
 
 # Options of `build` that a scene sets itself.
 _IN_A_SCENE = (
-    "finger", "screen", "fidelity", "theory", "normal_force_n", "voltage_v", "frequency_hz", "h0_m",
-    "with_terms", "without_terms",
+    "finger", "screen", "skin_dielectric", "fidelity", "theory", "normal_force_n", "voltage_v",
+    "frequency_hz", "h0_m", "with_terms", "without_terms",
 )  # fmt: skip
 
 
@@ -74,6 +81,7 @@ def build(
     ] = None,
     finger: Finger = "semi-wet",
     screen: Screen = "3m-sct3250",
+    skin_dielectric: Skin = None,
     normal_force_n: Annotated[
         str | None,
         typer.Option(help="Range of normal force [N]: LOW,HIGH or one value. [default: 0.1,1]"),
@@ -139,7 +147,9 @@ def build(
                 plan = plan_scene(Scene.load(scene), partial(update, "plan"))
                 surface = plan.build(on_progress, tolerance, largest_bytes)
             else:
-                model = _model(finger, screen, fidelity, theory, with_terms, without_terms)
+                model = _model(
+                    finger, screen, skin_dielectric, fidelity, theory, with_terms, without_terms
+                )
                 tolerance = tolerance or "0.002"
                 surface = _built(model, ranges, tolerance, target, largest_bytes, on_progress)
     except ToleranceError as error:
@@ -148,7 +158,7 @@ def build(
             raise typer.Exit(3) from None
         surface = error.best
     surface.save(target)
-    title = f"friction surface{placeholder_note(surface.info['model']['placeholders'])}"
+    title = f"friction surface{_note(surface, target)}"
     show(title, [_summary(target, surface)], as_json)
 
 
@@ -162,6 +172,7 @@ def query(
     ] = None,
     finger: Finger = "semi-wet",
     screen: Screen = "3m-sct3250",
+    skin_dielectric: Skin = None,
     fidelity: Fidelity = "mean-field",
     theory: Theory = None,
     with_terms: With = None,
@@ -169,20 +180,25 @@ def query(
     as_json: AsJson = False,
 ) -> None:
     """Friction for a force and a voltage, from the model or from a surface."""
+    from haptix.friction import placeholder_spread
     from haptix.surface import FrictionSurface
 
     inputs = _product(
         normal_force_n=normal_force_n, voltage_v=voltage_v, frequency_hz=frequency_hz, h0_m=h0_m
     )
     if surface is None:
-        model = _model(finger, screen, fidelity, theory, with_terms, without_terms)
-        state, placeholders = model.solve(**inputs), model.placeholders()
+        model = _model(finger, screen, skin_dielectric, fidelity, theory, with_terms, without_terms)
+        state, spread = model.solve(**inputs), placeholder_spread(model, **inputs)
+        largest = {name: float(jnd.max()) for name, jnd in spread.items()}
+        note = placeholder_note(model.placeholders(), largest)
         outputs = {
             "mu": state.mu,
             "area_fraction": state.area_fraction,
             "attraction_pa": state.attraction_pa,
             "pull_in_voltage_v": state.pull_in_voltage_v,
         }
+        if as_json:
+            outputs |= {f"{name.replace(' ', '_')}_spread_jnd": jnd for name, jnd in spread.items()}
         status = state.status
     else:
         table = FrictionSurface.load(surface)
@@ -194,9 +210,9 @@ def query(
                 f"voltage_v: {highest:g} V is above the limit of {limit:g} V of the "
                 "surface's screen; lower it (it is rejected, not clamped)"
             )
-        sample, placeholders = table.evaluate(**inputs), _placeholders(table, surface)
+        sample, note = table.evaluate(**inputs), _note(table, surface)
         outputs, status = {"mu": sample.mu}, sample.status
-    show(f"friction{placeholder_note(placeholders)}", _rows(inputs, outputs, status), as_json)
+    show(f"friction{note}", _rows(inputs, outputs, status), as_json)
 
 
 def invert(
@@ -213,13 +229,16 @@ def invert(
     inputs = _product(mu=mu, normal_force_n=normal_force_n, frequency_hz=frequency_hz, h0_m=h0_m)
     table = FrictionSurface.load(surface)
     found = table.voltage(**inputs)
-    title = f"voltage{placeholder_note(_placeholders(table, surface))}"
+    title = f"voltage{_note(table, surface)}"
     show(title, _rows(inputs, {"voltage_v": found.voltage_v}, found.status), as_json)
 
 
-def _placeholders(table: FrictionSurface, file: Path) -> list[str]:
+def _note(table: FrictionSurface, file: Path) -> str:
     with reading(file, "a surface with its model"):
-        return [str(one) for one in table.info["model"]["placeholders"]]
+        placeholders = [str(one) for one in table.info["model"]["placeholders"]]
+        # A surface of an earlier version, or one made in Python, does not have it.
+        spread = table.info.get("notes", {}).get("placeholder_spread_jnd", {})
+        return placeholder_note(placeholders, {str(k): float(v) for k, v in spread.items()})
 
 
 def check_writable(path: Path, overwrite: bool) -> None:
@@ -257,7 +276,8 @@ def _built(
     from haptix.surface import FrictionSurface, MeasuringJob
 
     if model.boxed is None:
-        return FrictionSurface.build(model, ranges, tolerance, on_progress, largest_bytes)
+        notes = {"placeholder_spread_jnd": _spread_at_corners(model, ranges)}
+        return FrictionSurface.build(model, ranges, tolerance, on_progress, largest_bytes, notes)
     job = MeasuringJob(model, ranges)
     kept = target.with_name(target.name + ".partial.npz")
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -268,6 +288,23 @@ def _built(
     surface = FrictionSurface.measured(job, tolerance, on_progress, largest_bytes, checkpoint=kept)
     kept.unlink(missing_ok=True)
     return surface
+
+
+def _spread_at_corners(model: ContactModel, ranges: dict[str, Any]) -> dict[str, float]:
+    """Largest placeholder spread [JND] at the corners of a surface, at its highest voltage."""
+    import torch
+
+    from haptix.friction.placeholders import largest_spread
+    from haptix.surface.axes import AXIS_NAMES
+    from haptix.surface.request import read_ranges
+
+    whole = read_ranges(model, ranges)
+    ends = {name: whole[name] for name in (*AXIS_NAMES, "voltage_v")}
+    given = {name: sorted(set(pair)) for name, pair in ends.items() if pair is not None}
+    given["voltage_v"] = given["voltage_v"][-1:]
+    corners = torch.tensor(list(product(*given.values())), dtype=torch.float64).T
+    places = dict(zip(given, corners, strict=True))
+    return largest_spread(model, places, places.pop("voltage_v"))
 
 
 def _summary(path: Path, surface: FrictionSurface) -> dict[str, Any]:
@@ -286,6 +323,7 @@ def _summary(path: Path, surface: FrictionSurface) -> dict[str, Any]:
 def _model(
     finger: str,
     screen: str,
+    skin_dielectric: str | None,
     fidelity: str,
     theory: str | None,
     with_terms: list[str] | None,
@@ -295,8 +333,11 @@ def _model(
     from haptix.friction import ContactModel
     from haptix.screen import Screen
 
+    chosen = Finger.named(finger)
+    if skin_dielectric is not None:
+        chosen = chosen.replace(dielectric=skin_dielectric)
     return ContactModel(
-        Finger.named(finger),
+        chosen,
         Screen.named(screen),
         fidelity=fidelity,  # type: ignore[arg-type]  # checked by the model
         theory=theory,  # type: ignore[arg-type]

@@ -2,6 +2,14 @@
 
 from haptix.friction.carry_over import in_theory
 from haptix.friction.model import HIGHEST_FORCE_N, LOWEST_FORCE_N, ContactModel
+from haptix.friction.placeholders import placeholder_spread
 from haptix.friction.solver import FrictionSolver
 
-__all__ = ["HIGHEST_FORCE_N", "LOWEST_FORCE_N", "ContactModel", "FrictionSolver", "in_theory"]
+__all__ = [
+    "HIGHEST_FORCE_N",
+    "LOWEST_FORCE_N",
+    "ContactModel",
+    "FrictionSolver",
+    "in_theory",
+    "placeholder_spread",
+]

@@ -12,6 +12,7 @@ import torch
 from haptix.errors import ToleranceError
 from haptix.fidelity import FIDELITIES, Ability
 from haptix.friction import ContactModel
+from haptix.friction.placeholders import largest_spread
 from haptix.perception import WEBER_FRACTION
 from haptix.planning.choices import (
     Choice,
@@ -71,6 +72,8 @@ class Plan:
     """States at which effects were measured."""
     nodes: Mapping[str, int]
     """Estimated nodes of each axis."""
+    placeholder_spread_jnd: Mapping[str, float]
+    """Largest difference that others in place of unmeasured values make, at the same states."""
 
     def record(self) -> dict[str, Any]:
         """Return the decisions as plain values, to be stored in the surface.
@@ -127,7 +130,10 @@ class Plan:
                 self.tolerance if tolerance is None else tolerance,
                 on_progress,
                 largest_bytes,
-                {"plan": self.record()},
+                {
+                    "plan": self.record(),
+                    "placeholder_spread_jnd": dict(self.placeholder_spread_jnd),
+                },
             )
         except ToleranceError as error:
             if error.best is not None:
@@ -203,6 +209,9 @@ def plan_scene(
         effect=joint,
         points=len(trials.voltage_v),
         nodes=nodes,
+        placeholder_spread_jnd=largest_spread(
+            trials.model(base), trials.points.places, trials.voltage_v
+        ),
     )
     on_progress(1.0)
     return plan

@@ -89,7 +89,7 @@ def test_query_of_the_model(haptix_cli):
     for row in rows:
         state = model().solve(row["normal_force_n"], row["voltage_v"])
         assert row.pop("status") == "OK"
-        del row["normal_force_n"], row["voltage_v"]
+        del row["normal_force_n"], row["voltage_v"], row["roughness_spread_jnd"]
         for name, value in row.items():
             # The tables of attraction are laid out for the forces asked for, and so differ between
             # one force and two by their interpolation, some 1e-6.
@@ -114,6 +114,19 @@ def test_query_with_frequency_and_thickness(haptix_cli):
     for row in rows:
         state = model("wet").solve(0.5, 50.0, row["frequency_hz"], row["h0_m"])
         assert row["mu"] == pytest.approx(float(state.mu), rel=1e-6)
+
+
+def test_query_with_another_skin_dielectric(haptix_cli):
+    given = ("query", "--normal-force-n", 0.5, "--voltage-v", 100, "--frequency-hz", 125)
+    named = (*given, "--skin-dielectric", "gabriel-dry")
+    (row,) = json.loads(haptix_cli(*named, "--json").out)
+    skin = haptix.Finger.preset("semi-wet").replace(dielectric="gabriel-dry")
+    screen = haptix.Screen.preset("3m-sct3250")
+    state = haptix.ContactModel(skin, screen).solve(0.5, 100.0, 125.0)
+    assert row["mu"] == pytest.approx(float(state.mu), rel=1e-12)
+    assert row["skin_dielectric_spread_jnd"] > 0.1
+    assert row["roughness_spread_jnd"] > 0.1
+    assert "others in their place: skin dielectric" in " ".join(haptix_cli(*named).out.split())
 
 
 def test_query_says_pull_in(haptix_cli):
