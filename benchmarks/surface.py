@@ -3,7 +3,8 @@
     python benchmarks/surface.py
 
 Ratios compare times measured in turn in one run. Every time is the best of several, since other
-work slows the machine.
+work slows the machine. interpn is a peer too where it is installed (pip install interpn): linear
+interpolation in Rust, without gradients, statuses or a pull-in voltage for each point.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -54,7 +56,7 @@ def draw(low: float, high: float, generator: torch.Generator) -> torch.Tensor:
 
 
 def queries(surface: FrictionSurface) -> None:
-    """Evaluation and inversion against scipy's interpolator on the same table."""
+    """Evaluation and inversion against other interpolators on the same table."""
     generator = torch.Generator().manual_seed(1)
     force, frequency, h0 = (draw(*RANGES[name], generator) for name in RANGES)
     voltage = 40 * torch.rand(POINTS, generator=generator, dtype=torch.float64)
@@ -65,6 +67,12 @@ def queries(surface: FrictionSurface) -> None:
     points = torch.stack([force.log(), frequency.log(), h0.log(), drive], -1).numpy()
     ends = [axis[0] for axis in theirs.grid], [axis[-1] for axis in theirs.grid]
     points = points.clip(*ends)
+    with suppress(ImportError):
+        from interpn import MultilinearRectilinear
+
+        peer = MultilinearRectilinear.new(list(theirs.grid), table.mu.numpy().reshape(-1))
+        columns, out = [np.ascontiguousarray(column) for column in points.T], np.empty(POINTS)
+        print(f"interpn, float64, 1 thread: {best_s(lambda: peer.eval(columns, out)) * 1e3:.0f} ms")
 
     for dtype in (torch.float64, torch.float32):
         for threads in (1, 2):

@@ -169,6 +169,38 @@ class Axis:
 
 
 @dataclass(frozen=True)
+class Corners:
+    """The columns around each point: what `Axes.blend` blends, number by number.
+
+    Parameters
+    ----------
+    row : Tensor of int, shape (points,)
+        Number of the first column, whose place is the lower end of every cell.
+    parts : tuple of Tensor, shape (points,)
+        Position in the cell (0 to 1) along each axis that varies.
+    offsets : tuple of int
+        Numbers of all columns after the first, the last axis running fastest.
+    """
+
+    row: Tensor
+    parts: tuple[Tensor, ...]
+    offsets: tuple[int, ...]
+
+    def blend(self, columns: Tensor, first: Tensor, entry: int) -> Tensor:
+        """Blend one number of each column, at `first` + `entry` in its flat table."""
+        flat, width = columns.reshape(-1), columns.shape[-1]
+        # Views that begin at each corner: one row of indices serves all of them.
+        starts = [entry + offset * width for offset in self.offsets]
+        found = [flat.narrow(0, at, len(flat) - at).index_select(0, first) for at in starts]
+        for part in reversed(self.parts):
+            found = [
+                torch.lerp(low, high, part)
+                for low, high in zip(found[::2], found[1::2], strict=True)
+            ]
+        return found[0]
+
+
+@dataclass(frozen=True)
 class Axes:
     """The axes of one surface, in the order of `AXES`.
 
@@ -217,6 +249,29 @@ class Axes:
                 columns = torch.lerp(low, high, part)
             axes[dim] = Axis(axis.name, axis.nodes.new_tensor([float(value)]))
         return Axes(tuple(axes)), columns
+
+    def corners(self, places: Sequence[Tensor | None], like: Tensor) -> tuple[Corners, Tensor]:
+        """Columns around each point, and whether it is on all axes; see `blend`."""
+        inside: Tensor | None = None
+        row: Tensor | None = None
+        parts: list[Tensor] = []
+        offsets = [0]
+        for axis, place in zip(self.each, places, strict=True):
+            if place is None:
+                continue
+            on_axis = axis.contains(place)
+            inside = on_axis if inside is None else inside.logical_and_(on_axis)
+            if not axis.varies:
+                continue
+            cell, part = axis.locate(place)
+            row = cell if row is None else row.mul_(len(axis.nodes)).add_(cell)
+            parts.append(part)
+            offsets = [one * len(axis.nodes) + end for one in offsets for end in (0, 1)]
+        if inside is None:
+            inside = torch.ones_like(like, dtype=torch.bool)
+        if row is None:
+            row = torch.zeros_like(like, dtype=torch.long)
+        return Corners(row, tuple(parts), tuple(offsets)), inside
 
     def blend(
         self, places: Sequence[Tensor | None], columns: Tensor, like: Tensor
