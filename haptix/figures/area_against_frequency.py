@@ -7,6 +7,7 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.ticker import EngFormatter
 
+from haptix.electro import SkinDielectric
 from haptix.figures import data, drawing
 from haptix.finger import Finger
 from haptix.friction import ContactModel
@@ -57,6 +58,7 @@ def area_against_frequency() -> data.FigureData:
         f"{ratios[n][top]:.3f} at {_with_unit(_FREQUENCY_HZ[top])}" for n, top in tops.items()
     ]
     broken = _FREQUENCY_HZ[columns["status_dry_gap"] == Status.BREAKDOWN]
+    assert isinstance(finger.dielectric, SkinDielectric)  # that of the presets
     table = finger.dielectric.frequency_hz
     caption = (
         "Real contact area with voltage over that without, against the frequency of the drive, at "
@@ -67,8 +69,7 @@ def area_against_frequency() -> data.FigureData:
         f"appears: {data.sentence_list(highest)} for 1e7, 1e6 and 1e5 Ohm m. "
         f"Up to {_with_unit(broken[-1])} the field in the dry gap passes {data.NARROW_GAPS_BEAR}, "
         "and its curve holds without sparks. The table of the skin's dielectric reaches from "
-        f"{_with_unit(table[0])} to {_with_unit(table[-1])} and is held at its last values beyond; "
-        "its nodes are the bends of the upper curve. "
+        f"{_with_unit(table[0])} to {_with_unit(table[-1])} and is held at its last values beyond. "
         f"{data.basis(models['dry_gap'], also_on='leaky-gap for the gaps that leak')}"
     )
     title, legend = "Contact area against frequency", "resistivity of the gap"

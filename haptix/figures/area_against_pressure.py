@@ -54,6 +54,9 @@ def area_against_pressure() -> FigureData:
                 pressure, columns[column], columns[f"{column}_scatter"], fmt="o", color=color,
                 ms=4, elinewidth=1.5, capsize=2, zorder=4,
             )  # fmt: skip
+        for name, style in _LINES.items():
+            axes.plot([], [], style, color="0.35", label=name.replace("-", " "))
+        axes.errorbar([], [], [], fmt="o", color="0.35", ms=4, label="boundary\nelements")
         axes.set(xlabel="applied pressure $p_\\mathrm{0}$ (Pa)", ylabel="$A/A_\\mathrm{0}$")
         axes.set(xscale="log", yscale="log", xlim=(2e3, 1.5e6))
 
@@ -65,9 +68,9 @@ def area_against_pressure() -> FigureData:
             f"and h0 = {H0_M * 1e6:g} µm. Circles: boundary elements, the attraction acting on "
             "every point, mean and standard deviation over random surfaces "
             "(benchmarks/figure_2d.py). Dashed: the mean field as published, whose contact spots "
-            "attract too; solid: corrected (docs/mean-field.md). A line ends where its light "
-            f"contact does. Placeholder of a finger: half-space of 40 MPa, {SPECTRUM.statement()},"
-            " which is what the grid can hold."
+            "attract too; solid: corrected, as all else uses it (docs/mean-field.md). A line ends "
+            f"where its light contact does. Placeholder of a finger: half-space of "
+            f"40 MPa, {SPECTRUM.statement()}, which is what the grid can hold."
         ),
         columns=columns,
         plot=plot,

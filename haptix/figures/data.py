@@ -15,6 +15,14 @@ from haptix.status import Status
 
 Array = npt.NDArray[np.float64]
 
+H0_M = 0.2e-6
+"""d1/eps1 + d2/eps2 of the paper at 125 Hz, for figures at one frequency."""
+AT_H0 = {"skin-dielectric": False, "breakdown": True}
+"""Terms that differ from the usual ones where h0 is given: the skin is in it."""
+AS_QUERIED = (
+    "`haptix query --h0-m 2e-7 --with breakdown` gives the same friction at the mean attraction."
+)
+
 COLD_TO_HOT = ("#4477aa", "#66a9c9", "#228833", "#ccaa22", "#ee6677", "#882255")
 """Colours of a family of curves, distinct for the colour-blind too (after P. Tol)."""
 

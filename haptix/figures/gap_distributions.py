@@ -54,8 +54,9 @@ def gap_distributions(finger: Finger | None = None) -> FigureData:
         f"{', '.join(f'{p / 1e3:g}' for p in PRESSURES_PA)} kPa, contact spots excluded: each "
         "curve integrates to 1 - A/A0. Solid: plain, each strip of area has the variance of the "
         "shorter waves (Almqvist et al. 2011); dashed: combined with the strip's own mean gap "
-        f"(later papers). From 1 nm to 10 µm they differ by at most {apart:.0%}. Below 1e-5 per µm "
-        "the far tail shows the single strips into which the contact is divided. "
+        "(later papers). Nothing is drawn below 0.1 nm, less than an atom, where a gap has no "
+        f"sense. From 1 nm to 10 µm they differ by at most {apart:.0%}. Below 1e-5 per "
+        "µm the far tail shows the single strips into which the contact is divided. "
         f"{placeholders(model)} Terms on: {', '.join(sorted(model.terms))}; gamma "
         f"{model.contact.gamma:g}."
     )

@@ -67,8 +67,8 @@ def test_the_captions_lie_beside_the_tables(drawn, figures):
 @pytest.mark.parametrize(
     ("name", "placeholders", "terms"),
     [
-        ("fig3b", BOTH, {"skin-dielectric", "layered-skin", "apparent-area"}),
-        ("fig3c", ROUGHNESS, {"finite-size", "layered-skin", "apparent-area", "breakdown"}),
+        ("fig3b", ROUGHNESS, {"layered-skin", "apparent-area", "breakdown"}),
+        ("fig3c", ROUGHNESS, {"layered-skin", "apparent-area", "breakdown"}),
         ("fig3d", ROUGHNESS, {"layered-skin", "breakdown"}),
         ("fig4", BOTH, {"leaky-gap", "skin-dielectric", "layered-skin"}),
         ("gaps", ROUGHNESS, {"layered-skin"}),
