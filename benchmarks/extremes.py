@@ -128,7 +128,8 @@ REGIONS = (
     Region("everything at once, spots included", WIDEST, INCLUDED),
     Region("everything at once, every term on, combined gaps, spots included", WIDEST, EVERY_TERM),
 )
-FLOATS = [f.name for f in fields(ContactState) if f.name != "status"]
+FLOATS = [f.name for f in fields(ContactState) if f.name not in ("status", "sum_gaps")]
+FLOATS += ["pull_past_breakdown", "capacitance_f", "conductance_s"]
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,11 @@ waves, J by quadrature, the separation by Simpson's rule in ln(q/q0 - 1), I as t
 ``P(u)/|u + h0|^2`` over the gaps, a layer's response from its textbook form in 40 digits, and the
 equilibrium by the secant method on I itself, with no table in between. The terms: both gap
 distributions, finite size by a root of the mean gap, plasticity by mirror images in 50 digits, the
-skin's and a leaking gap's impedance in complex numbers, and the critical-voltage formula. It shares
-no code with the package.
+skin's and a leaking gap's impedance in complex numbers, gaps held at what they bear, the body's
+impedance in series, and the critical-voltage formula. It shares no code with the package.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from math import pi, sqrt
@@ -86,7 +87,9 @@ class SelfAffine:
 class State:
     """Pressure p0 [Pa], amplitude [V], complex h0 [m], and the strength of the attraction.
 
-    `touching` [Pa] is the pressure below which finite size keeps the gaps constant.
+    `touching` [Pa] is the pressure below which finite size keeps the gaps constant. Gaps that are
+    `held` have the field that they bear at most. A `body` [F] stands in series with `fingers`
+    contacts of apparent `area` [m^2] each.
     """
 
     applied: float
@@ -94,6 +97,10 @@ class State:
     h0: complex
     spots: bool = False
     touching: float = 0.0
+    held: bool = False
+    body: float | None = None
+    fingers: int = 1
+    area: float = 0.0
 
     @property
     def strength(self) -> float:
@@ -130,6 +137,24 @@ def breaks_down(voltage: float, h0: complex, permittivity: float, strength: floa
     field = voltage / abs(h0)
     paschen = voltage * 7.5e-6 / abs(7.5e-6 + h0)
     return field > 350e6 or paschen > 327 or field / permittivity > strength
+
+
+def field_borne(gap: np.ndarray) -> np.ndarray:
+    """Field [V/m] that dry gaps [m] bear: 350 V/um, or Paschen's law where that is less."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        paschen = 327 / 7.5e-6 / (1 + np.log(gap / 7.5e-6))
+    return np.where((paschen > 0) & (paschen < 350e6), paschen, 350e6)
+
+
+def held_square(gap: np.ndarray, h0: complex, voltage: float) -> np.ndarray:
+    """Squared field of held gaps over that of the voltage: ``min(1/|u + h0|^2, (E_b/V)^2)``."""
+    return np.minimum(abs(gap + h0) ** -2, (field_borne(gap) / voltage) ** 2)
+
+
+def voltage_left(contact: complex, body: float, fingers: int) -> complex:
+    """Share of a voltage over contacts side by side, in series with a body; capacitances [F]."""
+    impedance = 1 / (fingers * contact)
+    return impedance / (impedance + 1 / body)
 
 
 def two_walls(mean: float, spread: float) -> tuple[float, float]:
@@ -277,6 +302,18 @@ class Oracle:
 
     def gap_attraction(self, pressure: float, h0: complex) -> float:
         """``<1/|u + h0|^2>`` of the open gaps."""
+        return self.gap_mean(pressure, h0, lambda u: abs(u + h0) ** -2).real
+
+    def capacitance(self, pressure: float, state: State) -> complex:
+        """``eps0 A0 <1/(u + h0)>`` [F] of gaps and spots."""
+        near = max(pressure, state.touching)
+        gaps = self.gap_mean(near, state.h0, lambda u: 1 / (u + state.h0))
+        return EPS0 * state.area * (gaps + self.area_fraction(pressure) / state.h0)
+
+    def gap_mean(
+        self, pressure: float, h0: complex, of_gap: Callable[[np.ndarray], np.ndarray]
+    ) -> complex:
+        """Mean of a function of the gap over the open gaps; smooth below 1e-6 h0."""
         total = self.total
         start = min((pressure / 6.0) ** 2, total / 4)
         # First half of the magnifications graded towards q0, second towards q1.
@@ -310,7 +347,7 @@ class Oracle:
                 opened, u1, s = opened[is_open], u1[is_open], s[is_open]
             s = s * u1 / np.hypot(s, u1)
         if len(s) == 0:  # complete contact
-            return 0.0
+            return 0j
         u = np.geomspace(1e-6 * abs(h0), (u1 + 8 * s).max(), self.gaps)
         density = np.zeros_like(u)
         for some in np.array_split(np.arange(len(s)), parts):
@@ -318,17 +355,27 @@ class Oracle:
                 np.exp(-(((u[:, None] - side * u1[some]) / s[some]) ** 2) / 2) for side in (1, -1)
             )
             density += (peaks * opened[some] / (sqrt(2 * pi) * s[some])).sum(1)
-        kernel = 1 / ((u + h0.real) ** 2 + h0.imag**2)
+        kernel = of_gap(u)
         # Gaps below the first node attract as a gap of zero does, to 1e-6.
         width = sqrt(2) * s
         below = special.erf((u[0] - u1) / width) + special.erf((u[0] + u1) / width)
         closed = float((opened * below).sum()) / 2 * kernel[0]
-        return closed + float(simpson(density * kernel * u, x=np.log(u)))
+        return complex(closed + simpson(density * kernel * u, x=np.log(u)))
 
     def attraction(self, pressure: float, state: State) -> float:
         """``<1/|u + h0|^2>`` that loads the contact."""
-        gaps = self.gap_attraction(max(pressure, state.touching), state.h0)
-        return gaps + self.area_fraction(pressure) / abs(state.h0) ** 2 if state.spots else gaps
+        left = 1.0
+        if state.body is not None:
+            left = abs(voltage_left(self.capacitance(pressure, state), state.body, state.fingers))
+        volts = state.voltage * left
+
+        def squared(u: np.ndarray) -> np.ndarray:
+            return held_square(u, state.h0, volts) if state.held else abs(u + state.h0) ** -2
+
+        total = self.gap_mean(max(pressure, state.touching), state.h0, squared).real
+        if state.spots:
+            total += self.area_fraction(pressure) / abs(state.h0) ** 2
+        return total * left**2
 
     def equilibrium(self, state: State, near: float) -> float:
         """Root of ``p = p0 + eps0 V^2 I(p)/4`` by the secant method from a pressure near it."""
@@ -373,6 +420,8 @@ TERMS = {
     "plasticity": two_walls,
     "skin-dielectric": thickness,
     "leaky-gap": thickness,
+    "field-limit": held_square,
+    "body-return": voltage_left,
     "breakdown": breaks_down,
 }
 """Independent implementation of each term of the package."""

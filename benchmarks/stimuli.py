@@ -51,7 +51,7 @@ def hour(kind: str, minutes: float, threads: int, encoding: str, container: str)
         "hour", (stimulus,), FINGER, (SCREEN,), container=container, encoding=encoding
     )
     apparatus = parts.apparatus(SCREEN)  # the surface, which a cache keeps
-    apparatus.capacitance_f(stimulus, 100.0)
+    apparatus.state(stimulus, 100.0)
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
         (table,) = parts.make(folder, threads).sidecars

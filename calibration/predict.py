@@ -14,7 +14,7 @@ proportion to the stratum corneum's.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,7 +22,7 @@ import torch
 from torch import Tensor
 
 from calibration.parameters import REQUIRED, Array, Mask, fitted_terms
-from haptix.electro import Pull
+from haptix.electro import Circuit, Pull
 from haptix.errors import InputError
 from haptix.fidelity import Ability
 from haptix.finger import Finger
@@ -170,18 +170,25 @@ class StrokePredictor:
             for column in vars(strokes).values()
         )
         higher = values["h_rms_m"] / self._h_rms_m
-        thickness = self._terms(values).thickness(values["h0_m"], frequency)
+        terms = self._terms(values)
+        thickness = terms.thickness(values["h0_m"], frequency)
         cutoff = values["response_hz_per_mm_per_s"] * speed
         response = 1 / torch.complex(torch.ones_like(cutoff), -2 * frequency / cutoff)
+        limit = terms.field_limit()
         pull = Pull.of_ripple(
             self.model.contact.gap_edges_m,
             voltage / higher,
             thickness / higher,
             response[:, None] * torch.exp(-2j * self._phase),
+            None if limit is None else lambda gap_m: limit(gap_m * higher[..., None]),
         )
+        medium = torch.ones_like(thickness) * terms.gap_permittivity(frequency)
+        # Lengths are counted in units of `higher`.
+        stroke = torch.arange(count).repeat_interleave(_INSTANTS)
+        circuit = Circuit(thickness / higher, medium / higher, stroke)
         of_instant = {name: each(value) for name, value in values.items()}
         solver = FrictionSolver(self._terms(of_instant), self.model.solver.fidelity)
-        found, balance = solver.solve(each(force), pull)
+        found, balance = solver.solve(each(force), replace(pull, circuit=circuit))
         mu = found.reshape(count, _INSTANTS)
         turn = 2 * self._phase
         return (

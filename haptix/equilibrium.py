@@ -12,6 +12,7 @@ its own attraction, so the light branch is taken to end at `LIGHT_CONTACT_LIMIT`
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf, log
 
@@ -24,6 +25,7 @@ LIGHT_CONTACT_LIMIT = 31.0
 """Largest p/p0 that counts as light contact: the bound of the reference solver (section 5)."""
 
 _BISECTIONS = 48
+_FURTHEST = 1e4  # of a strength: a hundred times the voltage
 _NEARBY = 1e-4  # in ln p: distance of the difference that gives the fold its curvature
 _LEAST_CURVATURE = 1e-6
 _NEWTON_STEPS = 80
@@ -75,6 +77,40 @@ def lowest_branch(applied_pa: Tensor, strength: Tensor, attraction: Attraction) 
     usable = stable & (stiffness > 1e-9)
     step = mismatch / torch.where(usable, stiffness, torch.ones_like(stiffness))
     return Equilibrium(torch.where(usable, pressure - step, end), bearable, stable)
+
+
+def end_of_voltage(applied_pa: Tensor, attraction: Callable[[Tensor], Attraction]) -> Tensor:
+    """Strength at which light contact ends where I(p) itself falls with the strength.
+
+    Parameters
+    ----------
+    applied_pa : Tensor, shape (states,)
+        p0 [Pa].
+    attraction : callable
+        I(p) of each state at strengths [N], shape (states,).
+
+    Returns
+    -------
+    Tensor, shape (states,)
+        The strength c [N] at which `lowest_branch` with I of c ends; infinite where light contact
+        bears `_FURTHEST` times the strength at which it would end without that fall. No gradients.
+    """
+    none = torch.zeros_like(applied_pa)
+
+    def bearable(log_strength: Tensor) -> Tensor:
+        found = lowest_branch(applied_pa, none, attraction(torch.exp(log_strength)))
+        return torch.log(found.strength_at_end)
+
+    with torch.no_grad():
+        low = bearable(torch.full_like(applied_pa, -inf))  # I of no strength is the largest
+        high = low + log(_FURTHEST)
+        for_ever = bearable(high) > high
+        if not bool(for_ever.all()):
+            for _ in range(_BISECTIONS):
+                middle = (low + high) / 2
+                is_light = bearable(middle) > middle
+                low, high = torch.where(is_light, middle, low), torch.where(is_light, high, middle)
+        return torch.where(for_ever, torch.full_like(low, inf), torch.exp(low))
 
 
 def _first_fold(applied_pa: Tensor, attraction: Attraction, log_limit: Tensor) -> Tensor | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import Discriminator, Field, PositiveFloat, Tag, model_validator
+from pydantic import Discriminator, Field, PositiveFloat, PositiveInt, Tag, model_validator
 from torch import Tensor
 
 from haptix.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum, TheoryName
@@ -112,6 +112,9 @@ class Finger(Document):
         keeps its friction: "open-gaps".
     apparent_area_at_1n_m2, apparent_area_exponent
         ``A0 = area * (F_N / 1 N)^exponent``, from 3 kPa at 0.1 N and 20 kPa at 0.9 N.
+    fingers_on_screen : int
+        Fingers of the person that touch the electrode at once, alike. They share the body's return
+        to earth (term "body-return"); friction is that of each.
     response_hz_per_mm_per_s
         Friction follows the attraction like a first-order system whose cut-off frequency rises in
         proportion to the sliding speed: this much per mm/s (2025; physics page, section 7).
@@ -154,6 +157,8 @@ class Finger(Document):
     apparent_area_at_1n_m2: PositiveFloat = 45.65e-6
     apparent_area_exponent: Annotated[float, Field(ge=0, lt=1)] = 0.1366
     response_hz_per_mm_per_s: PositiveFloat = 13.8
+    # One finger is written and hashed as it was before there could be more.
+    fingers_on_screen: Annotated[PositiveInt, Field(exclude_if=lambda count: count == 1)] = 1
     roughness: AnyRoughness = Roughness()
     dielectric: AnySkinDielectric = SkinDielectric()
 

@@ -257,6 +257,11 @@ class Scene(Document):
         """Names of all terms that finger, screen and fidelity allow to be on."""
         return possible_terms(self.finger, self.screen, FIDELITIES[fidelity])
 
+    def terms(self, fidelity: FidelityName = "mean-field") -> frozenset[str]:
+        """Names of the possible terms; of those that are left to the scene, what it asks for."""
+        asked, possible = self.override.terms, self.possible_terms(fidelity)
+        return frozenset(t for t in possible if asked.get(t) or not TERMS[t].left_to_scene)
+
     def model(
         self,
         fidelity: FidelityName = "mean-field",
@@ -264,8 +269,8 @@ class Scene(Document):
         device: torch.device | str = "cpu",
         terms: frozenset[str] | None = None,
     ) -> ContactModel:
-        """Return the contact model of the scene, with `terms` or all possible terms."""
-        on = self.possible_terms(fidelity) if terms is None else terms
+        """Return the contact model of the scene, with some terms or its own."""
+        on = self.terms(fidelity) if terms is None else terms
         return ContactModel(
             self.finger,
             self.screen,

@@ -73,8 +73,10 @@ class Screen(Document):
     max_voltage_v
         Highest amplitude [V] the screen may carry; anything above is rejected, never clamped.
     body_capacitance_f
-        Capacitance [F] from a finger on this rig through the person to earth, where it is above
-        150 pF: a person who is earthed, or leans on the frame. It lowers the highest amplitude.
+        Capacitance [F] from a finger on this rig through the person to earth, 100 to 150 pF for a
+        person who stands free; more for one who is earthed or leans on the frame. It closes the
+        circuit (term "body-return"). Above 150 pF it lowers the highest amplitude of every drive;
+        below, it raises none.
     is_placeholder : bool
         True where the numbers are a guess; everything that is made with it says so.
     calibration : Calibration or None
@@ -89,11 +91,9 @@ class Screen(Document):
     insulator_strength_v_per_m: Plain = 500e6
     gap_resistivity_ohm_m: Plain | None = None
     max_voltage_v: Plain = 200.0
-    # The least is that of every drive's limit (firmware_io.limits). Left out where it is unknown:
-    # files and hashes of earlier versions have no such field.
-    body_capacitance_f: Annotated[float, Field(ge=150e-12)] | None = Field(
-        default=None, exclude_if=lambda value: value is None
-    )
+    # The body of IEC 61000-4-2, by which every drive is limited (firmware_io.limits). Left out
+    # where it is that: files and hashes of earlier versions have no such field.
+    body_capacitance_f: Annotated[Plain, Field(exclude_if=lambda value: value == 150e-12)] = 150e-12
     is_placeholder: bool = False
     calibration: Calibration | None = None
 

@@ -2,9 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
 
 from torch import Tensor
+
+
+@dataclass(frozen=True)
+class GapSums:
+    """Sums over the gap distribution of solved states, of the shape of the states.
+
+    `ContactState` says what they are.
+    """
+
+    pull_past_breakdown: Tensor
+    capacitance_f: Tensor
+    conductance_s: Tensor
+    current_a: Tensor | None
 
 
 @dataclass(frozen=True)
@@ -34,11 +49,40 @@ class ContactState:
     """Amplitude from which gap or insulator break down; a status where that term is on."""
     status: Tensor
     """Integers of `Status`."""
+    sum_gaps: Callable[[], GapSums] = field(repr=False, compare=False)
+    """Makes what most callers do without; use the properties."""
 
     @property
     def attraction_pa(self) -> Tensor:
         """Total time-averaged attraction, gaps and spots."""
         return self.gap_attraction_pa + self.spot_attraction_pa
+
+    @property
+    def pull_past_breakdown(self) -> Tensor:
+        """Share of the gaps' attraction that comes from gaps whose field is past what they bear.
+
+        Such gaps spark or leak: from a half on friction is likely to be lower than the model says.
+        """
+        return self._sums.pull_past_breakdown
+
+    @property
+    def capacitance_f(self) -> Tensor:
+        """Capacitance of one finger's contact [F], ``Re eps0 A0 <1/(u + h0)>``."""
+        return self._sums.capacitance_f
+
+    @property
+    def conductance_s(self) -> Tensor:
+        """Conductance of one finger's contact [S], parallel to the capacitance; 0 at 0 Hz."""
+        return self._sums.conductance_s
+
+    @property
+    def current_a(self) -> Tensor | None:
+        """Amplitude of the current through one finger [A]; None without a frequency."""
+        return self._sums.current_a
+
+    @cached_property
+    def _sums(self) -> GapSums:
+        return self.sum_gaps()
 
 
 @dataclass(frozen=True)

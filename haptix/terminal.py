@@ -69,6 +69,20 @@ def placeholder_note(
     return f"{note} (others in their place: {', '.join(parts)})" if parts else note
 
 
+PULL_PAST_BREAKDOWN = 0.5
+"""Share of the attraction beyond what gaps bear from which outputs warn."""
+
+
+def breakdown_note(share: float) -> str:
+    """Return what a title says of a `ContactState.pull_past_breakdown`, the largest of many."""
+    if share < PULL_PAST_BREAKDOWN:
+        return ""
+    return (
+        f"; warning: up to {share:.0%} of the attraction comes from gaps whose field is past what "
+        "they bear: they spark or leak, and friction is likely to be lower"
+    )
+
+
 def _text(value: Any) -> str:
     if value is None:
         return "-"

@@ -19,7 +19,7 @@ from haptix.cli.rendering import (
     current_of,
     setting_of,
 )
-from haptix.terminal import AsJson, progress_bar, show
+from haptix.terminal import AsJson, breakdown_note, progress_bar, show
 
 
 def demo(
@@ -73,7 +73,8 @@ def demo(
         }
         update("write", 0.0)
         summary = write(out, simulation, about, "demo.png")
-    show(f"haptix demo: outputs in {out}", [summary] if as_json else _rows(summary), as_json)
+    title = f"haptix demo: outputs in {out}{breakdown_note(summary['pull_past_breakdown'])}"
+    show(title, [summary] if as_json else _rows(summary), as_json)
 
 
 def _rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
@@ -90,6 +91,8 @@ def _rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
         "error": _error(summary["evaluation"]),
         "out of reach": f"{shares['share_below']:.1%} too low, {shares['share_above']:.1%} too "
         f"high, {shares['share_outside_surface']:.1%} outside the surface",
+        "past breakdown": f"{summary['pull_past_breakdown']:.0%} of the attraction at its "
+        "strongest, from gaps whose field is past what they bear",
         "current": current_of(summary["current"]),
         "block times": f"median {stream['block_p50_ms']:.2f} ms, 99 % below "
         f"{stream['block_p99_ms']:.2f} ms, for {stream['block_length_ms']:.2f} ms of signal",

@@ -12,7 +12,7 @@ import typer
 
 from haptix.cli.numbers import read_pair
 from haptix.errors import InputError, OverloadWarning
-from haptix.terminal import AsJson, placeholder_note, progress_bar, show
+from haptix.terminal import AsJson, breakdown_note, placeholder_note, progress_bar, show
 
 if TYPE_CHECKING:
     from haptix.simulation import Setting
@@ -104,6 +104,7 @@ def render(
         summary = write(out, simulation, about)
     title = f"haptix render: outputs in {out}; {finger} finger on {screen}"
     title += f"; current {current_of(summary['current'])}"
+    title += breakdown_note(summary["pull_past_breakdown"])
     title += placeholder_note(summary["placeholders"])
     show(title, [summary] if as_json else _rows(summary), as_json)
 

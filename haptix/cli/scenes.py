@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptix.terminal import AsJson, placeholder_note, progress_bar, show
+from haptix.terminal import AsJson, breakdown_note, placeholder_note, progress_bar, show
 
 if TYPE_CHECKING:
     from haptix.planning import Plan
@@ -48,6 +48,7 @@ def plan(
         f"{found.effect.thresholds_max:.2g} of {found.scene.budget_thresholds:g} JND"
     )
     title += placeholder_note(found.model.placeholders(), found.placeholder_spread_jnd)
+    title += breakdown_note(found.pull_past_breakdown)
     show(title, _full_rows(found) if as_json else _rows(found), as_json)
 
 

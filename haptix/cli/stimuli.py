@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from haptix.errors import InputError
-from haptix.terminal import AsJson, progress_bar, show
+from haptix.terminal import AsJson, breakdown_note, progress_bar, show
 
 app = typer.Typer(
     help="Stimuli for perception experiments: make sets, look at them, run trials.",
@@ -75,7 +75,7 @@ def look(
             tables = [read_json((what / name).with_suffix(".json")) for name in names]
             rows = tables if as_json else [*map(_row, tables)]
             title = f"{manifest['set']}: all files are whole; sheet: {what / 'sheet.png'}"
-        show(title + _current(tables), rows, as_json)
+        show(title + _current(tables) + breakdown_note(_past(tables)), rows, as_json)
         return
     from haptix.stimuli.drawing import draw_stimulus
 
@@ -85,7 +85,7 @@ def look(
     with reading(what.with_suffix(".json"), "the sidecar of a stimulus"):
         row = table if as_json else _row(table)
         title = f"picture: {picture}{_current([table])}"
-    show(title, [row], as_json)
+    show(title + breakdown_note(_past([table])), [row], as_json)
 
 
 @app.command()
@@ -148,6 +148,11 @@ def _current(tables: Sequence[Mapping[str, Any]]) -> str:
     return f"; current at most {peak}, {rms} rms"
 
 
+def _past(tables: Sequence[Mapping[str, Any]]) -> float:
+    """Largest share of the attraction past what gaps bear; earlier sidecars have none."""
+    return max((float(table.get("pull_past_breakdown", 0.0)) for table in tables), default=0.0)
+
+
 def _row(table: Mapping[str, Any]) -> dict[str, Any]:
     prediction, felt = table["predicted"], table["felt"]
     return {
@@ -157,6 +162,7 @@ def _row(table: Mapping[str, Any]) -> dict[str, Any]:
         "mu": f"{prediction['mu_low']:.3f}-{prediction['mu_high']:.3f}",
         "dB SL": "-" if felt is None else f"{felt['sensation_db']:+.1f}"
         + ("*" if felt["threshold_is_placeholder"] else ""),
+        "past %": f"{100 * table.get('pull_past_breakdown', 0.0):.0f}",
         "audible": "yes" if table["audibility"]["audible"] else "no",
         "placeholders": "yes" if table["is_placeholder"] else "no",
     }  # fmt: skip

@@ -14,7 +14,7 @@ import typer
 from haptix.cli.numbers import read_numbers, read_pair
 from haptix.errors import InputError, LimitError, ToleranceError
 from haptix.files import reading
-from haptix.terminal import AsJson, placeholder_note, progress_bar, show
+from haptix.terminal import AsJson, breakdown_note, placeholder_note, progress_bar, show
 
 if TYPE_CHECKING:
     from haptix.friction import ContactModel
@@ -159,7 +159,11 @@ def build(
         surface = error.best
     surface.save(target)
     title = f"friction surface{_note(surface, target)}"
-    show(title, [_summary(target, surface)], as_json)
+    title += breakdown_note(surface.info["pull_past_breakdown"])
+    row = _summary(target, surface)
+    if as_json:  # the title says it in a table, which has no room for more
+        row["pull_past_breakdown"] = surface.info["pull_past_breakdown"]
+    show(title, [row], as_json)
 
 
 def query(
@@ -191,14 +195,16 @@ def query(
         state, spread = model.solve(**inputs), placeholder_spread(model, **inputs)
         largest = {name: float(jnd.max()) for name, jnd in spread.items()}
         note = placeholder_note(model.placeholders(), largest)
-        outputs = {
+        outputs: dict[str, Any] = {
             "mu": state.mu,
             "area_fraction": state.area_fraction,
             "attraction_pa": state.attraction_pa,
             "pull_in_voltage_v": state.pull_in_voltage_v,
+            "pull_past_breakdown": state.pull_past_breakdown,
         }
         if as_json:
             outputs |= {f"{name.replace(' ', '_')}_spread_jnd": jnd for name, jnd in spread.items()}
+        share = float(state.pull_past_breakdown.max())
         status = state.status
     else:
         table = FrictionSurface.load(surface)
@@ -212,7 +218,9 @@ def query(
             )
         sample, note = table.evaluate(**inputs), _note(table, surface)
         outputs, status = {"mu": sample.mu}, sample.status
-    show(f"friction{note}", _rows(inputs, outputs, status), as_json)
+        # Surfaces of earlier versions do not know.
+        share = float(table.info.get("pull_past_breakdown", 0.0))
+    show(f"friction{note}{breakdown_note(share)}", _rows(inputs, outputs, status), as_json)
 
 
 def invert(

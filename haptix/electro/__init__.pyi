@@ -1,10 +1,13 @@
 from .attraction import AreaFraction as AreaFraction
 from .attraction import Attraction as Attraction
 from .attraction import AttractionTable as AttractionTable
+from .attraction import VoltageShare as VoltageShare
+from .circuit import Circuit as Circuit
 from .dielectric import SKIN_DIELECTRICS as SKIN_DIELECTRICS
 from .dielectric import VACUUM_PERMITTIVITY as VACUUM_PERMITTIVITY
 from .dielectric import ColeCole as ColeCole
 from .dielectric import SkinDielectric as SkinDielectric
+from .pull import FieldLimit as FieldLimit
 from .pull import Pull as Pull
 from .pull import drive_strength as drive_strength
 from .pull import drive_voltage as drive_voltage

@@ -12,6 +12,7 @@ from torch import Tensor
 from haptix.contact import MeanField
 from haptix.contact.finite_size import Touching
 from haptix.contact.gaps import GapHistogram
+from haptix.electro.circuit import Circuit, bin_inverse
 from haptix.electro.pull import Pull
 from haptix.interpolation import UniformCubic
 
@@ -24,6 +25,9 @@ _TINY = 1e-300
 
 AreaFraction = Callable[[Tensor], Tensor]
 """A/A0 at pressures [Pa]: elastic, or elastoplastic."""
+
+VoltageShare = Callable[[Tensor], Tensor]
+"""Share of the drive's voltage that is left for a contact of given capacitance [F], complex."""
 
 
 @dataclass(frozen=True)
@@ -75,15 +79,68 @@ class AttractionTable:
             log_mean_gap=UniformCubic(log_pressure[0], _STEP, gap.values[at], gap.slopes[at]),
         )
 
+    def mass_at(self, log_pressure: Tensor) -> Tensor:
+        """Share of the area in each bin of gaps at ln p, shape (states, bins)."""
+        place = (log_pressure - self.log_pressure[0]) / _STEP
+        cell = place.detach().floor().clamp(0, len(self.log_pressure) - 2).long()
+        low, high = (self.gaps.mass.index_select(0, cell + k) for k in (0, 1))
+        return torch.lerp(low, high, (place - cell)[:, None])
+
     def attraction(
-        self, pull: Pull, spots: AreaFraction | None = None, touching: Touching | None = None
+        self,
+        pull: Pull,
+        spots: AreaFraction | None = None,
+        touching: Touching | None = None,
+        supply: Tensor | None = None,
     ) -> Attraction:
-        """Attraction of a batch of states against pressure, with the fields of `Attraction`."""
-        log_gaps = UniformCubic.through(
-            self.log_pressure[0], _STEP, torch.log(pull.on_gaps(self.gaps.mass))
-        )
+        """Attraction of a batch of states against pressure, with the fields of `Attraction`.
+
+        `supply` has ln of the squared share of the voltage, shape (nodes, states), see `supply`.
+        """
+        log_gaps, column = torch.log(pull.on_gaps(self.gaps.mass)), pull.own_column
         spot_pull = None if spots is None else pull.on_spots()
-        return Attraction(log_gaps, pull.own_column, spot_pull, spots, touching)
+        log_supply = None
+        if supply is not None:  # every state has a column of its own
+            log_supply = self._against_pressure(supply)
+            log_gaps = log_gaps[:, column]
+            spot_pull = None if spot_pull is None else spot_pull[column]
+            column = torch.arange(len(column), device=column.device)
+        gaps = self._against_pressure(log_gaps)
+        return Attraction(gaps, column, spot_pull, spots, touching, log_supply)
+
+    def supply(
+        self,
+        circuit: Circuit,
+        area_m2: Tensor,
+        share: VoltageShare,
+        area_fraction: AreaFraction,
+        touching: Touching | None,
+    ) -> Tensor:
+        """Return ln of the squared share of the voltage at each node, shape (nodes, states)."""
+        mass, edges = self.gaps.mass, self.gaps.edges_m
+        inverse = bin_inverse(edges, circuit.thickness_m)
+        gaps = mass.to(inverse.dtype) @ inverse.T
+        if touching is None:
+            gaps = gaps[:, circuit.column]
+        else:
+            at, _ = touching.of_pull(self.log_pressure[:, None])
+            place = at - self.log_pressure[0]
+            cell = (place / _STEP).detach().floor().clamp(0, len(gaps) - 2).long()
+            low, high = (gaps[cell + k, circuit.column] for k in (0, 1))
+            gaps = torch.lerp(low, high, (place / _STEP - cell).to(gaps.dtype))
+        spots = area_fraction(torch.exp(self.log_pressure))[:, None]
+        left = share(circuit.capacitance_f(gaps, spots, area_m2))
+        return 2 * torch.log(left.abs())
+
+    def at(self, supply: Tensor | None, pressure_pa: Tensor) -> Tensor:
+        """Squared share of the voltage of each state at a pressure [Pa], see `supply`."""
+        if supply is None:
+            return torch.ones_like(pressure_pa)
+        states = torch.arange(len(pressure_pa), device=pressure_pa.device)
+        return torch.exp(self._against_pressure(supply)(torch.log(pressure_pa), states))
+
+    def _against_pressure(self, values: Tensor) -> UniformCubic:
+        return UniformCubic.through(self.log_pressure[0], _STEP, values)
 
 
 @dataclass(frozen=True)
@@ -100,10 +157,18 @@ class Attraction:
     """A/A0 at pressures [Pa], where the attraction inside the spots loads the contact."""
     touching: Touching | None = None
     """Finite size of each state, of which its gaps are narrower than those of an infinite one."""
+    log_supply: UniformCubic | None = None
+    """ln of the squared share of the drive's voltage that the contact has, against ln p."""
 
     def gaps(self, log_pressure: Tensor) -> Tensor:
         """I of the gaps alone at ln p, shape (states,)."""
-        return torch.exp(self._log_gaps(log_pressure)[0])
+        return torch.exp(self._log_gaps(log_pressure)[0]) * self.supply(log_pressure)
+
+    def supply(self, log_pressure: Tensor) -> Tensor:
+        """Squared share of the drive's voltage that the contact has at ln p, shape (states,)."""
+        if self.log_supply is None:
+            return torch.ones_like(log_pressure)
+        return torch.exp(self.log_supply(log_pressure, self.column))
 
     def __call__(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
         """I and dI/dlnp at ln p, shape (states,)."""
@@ -114,6 +179,10 @@ class Attraction:
             area, area_slope = _with_slope(self.spots, log_pressure)
             weight = self.spot_pull[self.column]
             value, slope = value + weight * area, slope + weight * area_slope
+        if self.log_supply is not None:
+            log_share, log_slope = self.log_supply.with_slope(log_pressure, self.column)
+            share = torch.exp(log_share)
+            value, slope = value * share, (slope + value * log_slope) * share
         return value, slope
 
     def _log_gaps(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
@@ -142,7 +211,7 @@ class Attraction:
             area, area_slope = _with_slope(self.spots, self.nodes)
             area, area_slope = area[:, None] * self.spot_pull, area_slope[:, None] * self.spot_pull
             slope = (gaps * slope + area_slope) / (gaps + area)
-        return slope
+        return slope if self.log_supply is None else slope + self.log_supply.slopes
 
 
 def _with_slope(area_fraction: AreaFraction, log_pressure: Tensor) -> tuple[Tensor, Tensor]:

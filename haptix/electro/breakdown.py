@@ -20,6 +20,28 @@ def peak_field(voltage_v: Tensor, thickness_m: Tensor) -> Tensor:
     return voltage_v / thickness_m.abs()
 
 
+def bearable_field(
+    gap_m: Tensor, insulator_permittivity: float, insulator_strength_v_per_m: float
+) -> Tensor:
+    """Largest field [V/m] that gaps of given widths [m], and the insulator beside them, bear.
+
+    Paschen's law scaled to its minimum, ``V = 327 V x / (1 + ln x)`` with ``x = u / 7.5 um``; gaps
+    under some 3 um, where it would give more, bear 350 V/um until electrons leave the surface.
+
+    Parameters
+    ----------
+    gap_m : Tensor
+        Widths [m] of 0 or more, any shape; 0 is the edge of a contact spot.
+    insulator_permittivity, insulator_strength_v_per_m : float
+        eps1, and the field that the insulator withstands [V/m].
+    """
+    least = PASCHEN_MINIMUM_V / PASCHEN_MINIMUM_GAP_M
+    # Below some picometres nothing changes any more: a gap of 0 has a gradient too.
+    law = 1 + torch.log((gap_m / PASCHEN_MINIMUM_GAP_M).clamp(min=1e-6))
+    air = least / law.clamp(min=least / NARROW_GAP_FIELD_V_PER_M)
+    return air.clamp(max=insulator_strength_v_per_m * insulator_permittivity)
+
+
 def breakdown_voltage(
     thickness_m: Tensor, insulator_permittivity: float, insulator_strength_v_per_m: float
 ) -> Tensor:
@@ -30,12 +52,11 @@ def breakdown_voltage(
     thickness_m : Tensor
         Effective thickness h0 [m], real or complex, any shape.
     insulator_permittivity, insulator_strength_v_per_m : float
-        eps1, and the field that the insulator withstands [V/m].
+        As for `bearable_field`.
     """
-    narrow = _bearable_field(insulator_permittivity, insulator_strength_v_per_m) * thickness_m.abs()
-    # The share of the voltage that falls over such a gap is u / |u + h0|.
-    wide = (PASCHEN_MINIMUM_GAP_M + thickness_m).abs() / PASCHEN_MINIMUM_GAP_M * PASCHEN_MINIMUM_V
-    return torch.minimum(narrow, wide)
+    gaps, borne = _weakest(insulator_permittivity, insulator_strength_v_per_m)
+    each = [field * (gap + thickness_m).abs() for gap, field in zip(gaps, borne, strict=True)]
+    return torch.minimum(*each)
 
 
 def breaks_down(
@@ -50,13 +71,34 @@ def breaks_down(
     field : callable
         Magnitude of the field [V/m], any shape, in a gap of given width [m].
     insulator_permittivity, insulator_strength_v_per_m : float
-        As for `breakdown_voltage`.
+        As for `bearable_field`.
     """
-    bearable = _bearable_field(insulator_permittivity, insulator_strength_v_per_m)
-    wide_v = field(PASCHEN_MINIMUM_GAP_M) * PASCHEN_MINIMUM_GAP_M
-    return (field(0.0) > bearable) | (wide_v > PASCHEN_MINIMUM_V)
+    gaps, borne = _weakest(insulator_permittivity, insulator_strength_v_per_m)
+    narrow, wide = (field(gap) > most for gap, most in zip(gaps, borne, strict=True))
+    return narrow | wide
 
 
-def _bearable_field(insulator_permittivity: float, insulator_strength_v_per_m: float) -> float:
-    """Field [V/m] at a spot's edge up to which narrow gap and insulator both hold."""
-    return min(NARROW_GAP_FIELD_V_PER_M, insulator_strength_v_per_m * insulator_permittivity)
+def _weakest(permittivity: float, strength_v_per_m: float) -> tuple[tuple[float, ...], list[float]]:
+    """Gaps [m] that break down first, and the fields [V/m] that they bear."""
+    gaps = (0.0, PASCHEN_MINIMUM_GAP_M)
+    borne = bearable_field(torch.tensor(gaps, dtype=torch.float64), permittivity, strength_v_per_m)
+    return gaps, borne.tolist()
+
+
+def share_past(attraction: Tensor, field_at_edges: Tensor, bearable_at_edges: Tensor) -> Tensor:
+    """Share of an attraction that comes from gaps whose field is past what they bear.
+
+    Parameters
+    ----------
+    attraction : Tensor, shape (..., bins)
+        Attraction of the gaps in each bin, in any unit.
+    field_at_edges, bearable_at_edges : Tensor, shape (..., bins + 1)
+        Field [V/m], and what a gap bears, at the bins' edges.
+    """
+    # A bin that the boundary crosses counts in part, as if the excess were linear across it.
+    excess = field_at_edges - bearable_at_edges
+    low, high = excess[..., :-1], excess[..., 1:]
+    span = (low.abs() + high.abs()).clamp(min=1e-300)
+    part = (low.clamp(min=0) + high.clamp(min=0)) / span
+    total = attraction.sum(-1)
+    return (attraction * part).sum(-1) / total.clamp(min=1e-300)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import torch
 from torch import Tensor
 
 from haptix.contact.gaps import bin_inverse_square
+from haptix.electro.circuit import Circuit
 from haptix.electro.dielectric import VACUUM_PERMITTIVITY
+
+FieldLimit = Callable[[Tensor], Tensor]
+"""Largest field [V/m] in gaps of given widths [m]."""
 
 # In complete contact no gap is left to attract, and at no voltage nothing does; this share of what
 # a gap of zero would add keeps logarithms finite there.
@@ -45,35 +49,65 @@ class Pull:
     kernel, of weight 1."""
     thickness_m: Tensor | None = None
     """h0 [m] of each column, real or complex, for the mean of a sine; None for other drives."""
+    circuit: Circuit | None = None
+    """The contact as part of a circuit, for terms of the supply."""
+    most_pa: Tensor | None = None
+    """Largest attraction [Pa] of each bin of gaps, shape (bins,), for `held`; None for no limit."""
 
     @classmethod
     def of_sine(
-        cls, gap_edges_m: Tensor, voltage_v: Tensor, thickness_m: Tensor, column: Tensor
+        cls,
+        gap_edges_m: Tensor,
+        voltage_v: Tensor,
+        thickness_m: Tensor,
+        column: Tensor,
+        limit: FieldLimit | None = None,
     ) -> Self:
-        """Mean over the period of a sine of amplitude V0 [V], with h0 [m] for each column."""
+        """Mean over the period of a sine of amplitude V0 [V], with h0 [m] for each column.
+
+        Its dependence on the voltage, where a `limit` makes one, is left to `held`.
+        """
         used, column = column.unique(return_inverse=True)
         thickness_m = thickness_m[used]
         kernel = bin_inverse_square(gap_edges_m, thickness_m)[:, None]
         spot = thickness_m.abs()[:, None] ** -2
-        return cls(drive_strength(voltage_v), kernel, spot, column, None, thickness_m)
+        most = None
+        if limit is not None:
+            most = drive_strength(limit(representative_gaps(gap_edges_m)[:-1]))
+        return cls(drive_strength(voltage_v), kernel, spot, column, None, thickness_m, None, most)
 
     @classmethod
-    def of_field(cls, gap_edges_m: Tensor, field: Callable[[Tensor], Tensor]) -> Self:
+    def of_field(
+        cls,
+        gap_edges_m: Tensor,
+        field: Callable[[Tensor], Tensor],
+        limit: FieldLimit | None = None,
+    ) -> Self:
         """Attraction ``eps0 E^2 / 2`` at instants.
 
         Parameters
         ----------
         field : callable
             E [V/m] in gaps [m], shape (instants, gaps); 0 is a contact spot.
+        limit : callable, optional
+            Field [V/m] at which the largest of these instants is held, in gaps [m].
         """
-        stress = VACUUM_PERMITTIVITY / 2 * field(representative_gaps(gap_edges_m)) ** 2
+        gaps = representative_gaps(gap_edges_m)
+        stress = VACUUM_PERMITTIVITY / 2 * field(gaps) ** 2
+        if limit is not None:
+            stress = stress * _held(stress.amax(0) / (VACUUM_PERMITTIVITY / 2), limit(gaps) ** 2)
         column = torch.arange(len(stress), device=stress.device)
         kernel, spot = stress[:, None, :-1], stress[:, -1:]
         return cls(torch.ones_like(spot[:, 0]), kernel, spot, column)
 
     @classmethod
     def of_ripple(
-        cls, gap_edges_m: Tensor, voltage_v: Tensor, thickness_m: Tensor, swing: Tensor
+        cls,
+        gap_edges_m: Tensor,
+        voltage_v: Tensor,
+        thickness_m: Tensor,
+        swing: Tensor,
+        limit: FieldLimit | None = None,
     ) -> Self:
         """Attraction of sines whose part at twice the frequency is given, at instants of each.
 
@@ -85,17 +119,28 @@ class Pull:
             Amplitude [V] and complex h0 [m] of each.
         swing : Tensor of complex, shape (sines, instants)
             ``exp(-2 i w t)``, times what a response leaves of it.
+        limit : callable, optional
+            Field [V/m] at which amplitudes are held, in gaps [m].
         """
         inverse = 1 / (representative_gaps(gap_edges_m) + thickness_m[:, None])
         square = inverse * inverse
         kernel = torch.stack([inverse.real**2 + inverse.imag**2, square.real, square.imag], 1)
+        if limit is not None:
+            amplitude = voltage_v[:, None] ** 2 * kernel[:, 0]
+            held = _held(amplitude, limit(representative_gaps(gap_edges_m)) ** 2)
+            kernel = kernel * held[:, None]
         weight = torch.stack([torch.ones_like(swing.real), swing.real, -swing.imag], -1)
         strength = drive_strength(voltage_v)[:, None].expand(swing.shape).reshape(-1)
         return cls(strength, kernel[..., :-1], kernel[..., -1], weight=weight)
 
     @classmethod
     def of_squares(
-        cls, gap_edges_m: Tensor, squares: Tensor, basis: Tensor, reference_m: float
+        cls,
+        gap_edges_m: Tensor,
+        squares: Tensor,
+        basis: Tensor,
+        reference_m: float,
+        limit: FieldLimit | None = None,
     ) -> Self:
         """Attraction by the squared field at a few points in the gap, ``eps0 E^2 / 2``.
 
@@ -107,11 +152,36 @@ class Pull:
             Weight of each point in `representative_gaps`.
         reference_m : float
             The length that `squares` are referred to [m].
+        limit : callable, optional
+            Amplitude of the field [V/m] in gaps [m] at whose mean square, half of its square, the
+            squares are held: exact for a carrier, whose squares are means.
         """
         stress = VACUUM_PERMITTIVITY / 2 * basis[None]
         gaps = bin_inverse_square(gap_edges_m, gap_edges_m.new_tensor(reference_m))
         kernel, spot = stress[..., :-1] * gaps, stress[..., -1] / reference_m**2
-        return cls(squares.new_ones(len(squares)), kernel, spot, weight=squares[None])
+        ones = squares.new_ones(len(squares))
+        if limit is None:
+            return cls(ones, kernel, spot, weight=squares[None])
+        most = drive_strength(limit(representative_gaps(gap_edges_m)[:-1]))
+        each = torch.minimum((squares @ kernel[0]).clamp(min=0.0), most)
+        column = torch.arange(len(squares), device=squares.device)
+        return cls(ones, each[:, None], (squares @ spot[0])[:, None].clamp(min=0.0), column)
+
+    def held(self, strength: Tensor) -> Self:
+        """Return the attraction whose gaps have `most_pa` at most, at strengths, shape (states,).
+
+        Every state then has a column of its own: a drive of another strength has another kernel.
+        """
+        if self.most_pa is None or self.column is None:
+            return self
+        kernel = self.kernel[self.column]
+        # Written so that no drive at all has a gradient too.
+        kernel = kernel * (
+            self.most_pa / torch.maximum(strength[:, None, None] * kernel, self.most_pa)
+        )
+        column = torch.arange(len(strength), device=strength.device)
+        spot = self.spot[self.column]
+        return replace(self, kernel=kernel, spot=spot, column=column, most_pa=None)
 
     def on_gaps(self, mass: Tensor) -> Tensor:
         """Attraction per strength, shape (distributions, own columns), for masses of gap bins.
@@ -140,6 +210,12 @@ class Pull:
         if self.column is not None:
             return self.column
         return torch.arange(len(self.strength), device=self.strength.device)
+
+
+def _held(square: Tensor, most: Tensor) -> Tensor:
+    """Factor of squared fields that holds these at most; the last of each, a spot, is no gap."""
+    factor = most / torch.maximum(square, most)
+    return torch.cat([factor[..., :-1], torch.ones_like(factor[..., -1:])], -1)
 
 
 def _weighted(each: Tensor, weight: Tensor) -> Tensor:

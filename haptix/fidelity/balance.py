@@ -13,7 +13,7 @@ from torch import Tensor
 
 from haptix.contact import ContactSpots, MeanField
 from haptix.contact.plasticity import elastoplastic_area
-from haptix.electro import Pull
+from haptix.electro import Pull, VoltageShare
 from haptix.fidelity.box import BoxedFinger
 from haptix.terms import Stage
 
@@ -60,6 +60,10 @@ class Load:
     pull: Pull
     widest_gap_m: Tensor | None = None
     """Largest mean gap [m], shape (states,); None for no limit."""
+    area_m2: Tensor | None = None
+    """Apparent area A0, shape (states,), where the next one is given."""
+    voltage_share: VoltageShare | None = None
+    """What the contact has of the drive's voltage; None for all of it."""
 
 
 Join = Callable[[list[Tensor]], Tensor]
@@ -77,6 +81,8 @@ class Balance:
     strength_at_end: Tensor
     """``eps0 V0^2/4`` [N] at which the light contact ends."""
     is_stable: Tensor
+    voltage_share: Tensor
+    """Size of the share of the drive's voltage that the contact has."""
 
     @classmethod
     def joined(cls, parts: Sequence[Self], join: Join = torch.cat) -> Self:
@@ -101,6 +107,17 @@ class Fidelity(ABC):
     @abstractmethod
     def solve(self, load: Load) -> Balance:
         """Return the equilibrium of every state on the lowest branch."""
+
+    def gap_mass(
+        self, applied_pa: Tensor, widest_gap_m: Tensor | None, pressure_pa: Tensor
+    ) -> Tensor:
+        """Share of the area in each bin of the field's `gap_edges_m`, shape (states, bins).
+
+        Of solved states: their applied pressure, widest gap, and pressure [Pa]. By default that of
+        the mean field.
+        """
+        pressure, state = pressure_pa.unique(return_inverse=True)
+        return self.contact.field.gap_histogram(pressure).mass[state]
 
     def prepare(self, applied_pa: Tensor, widest_gap_m: Tensor | None) -> None:  # noqa: B027
         """Compute once what all loads to be solved share, such as tables; by default nothing."""

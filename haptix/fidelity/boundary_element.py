@@ -53,8 +53,8 @@ class BoundaryElementBalance(Fidelity):
     """
 
     name = "boundary-element"
-    assumes = "has a highest asperity of its own in its box"
-    honours = frozenset(Stage) - {Stage.GAPS}
+    assumes = "has a highest asperity of its own in its box, and the drive's voltage on every gap"
+    honours = frozenset(Stage) - {Stage.GAPS, Stage.PULL, Stage.SUPPLY}
     can = frozenset({Ability.SCATTER})
 
     def __init__(self, contact: Contact) -> None:
@@ -196,5 +196,6 @@ def _row(found: ContactSolution, strength: int) -> Scatter:
         found.mean_gap_m[at],
         torch.where(end.isnan(), inf, end),
         found.status[at] == int(Status.OK),
+        torch.ones_like(found.mean_gap_m[at]),
         found.converged[at],
     )

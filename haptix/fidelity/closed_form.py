@@ -8,6 +8,7 @@ pressure, so there is no table, and its slow fall with pressure is the error of 
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from haptix.equilibrium import LIGHT_CONTACT_LIMIT
 from haptix.fidelity.balance import Ability, Balance, Contact, Fidelity, Load
@@ -18,8 +19,8 @@ class ClosedForm(Fidelity):
     """Equilibria by the critical-voltage formula, without a table."""
 
     name = "closed-form"
-    assumes = "assumes light elastic contact of infinite size"
-    honours = frozenset(Stage) - {Stage.GAPS, Stage.HARDNESS}
+    assumes = "assumes light elastic contact of infinite size, attracted in proportion to its load"
+    honours = frozenset(Stage) - {Stage.GAPS, Stage.HARDNESS, Stage.PULL, Stage.SUPPLY}
     can = frozenset({Ability.TABULATE, Ability.INSTANTS})
 
     def __init__(self, contact: Contact) -> None:
@@ -32,6 +33,12 @@ class ClosedForm(Fidelity):
         self._gap_m = gap[0]
         self._gap_fall_m = (gap[0] - gap[1]) / torch.log(pressure[1] / pressure[0])
         self._area_per_pa = field.area_fraction(pressure[0]) / pressure[0]
+
+    def gap_mass(
+        self, applied_pa: Tensor, widest_gap_m: Tensor | None, pressure_pa: Tensor
+    ) -> Tensor:
+        """Return the masses at the reference pressure: light contact keeps their proportions."""
+        return self._mass.expand(len(pressure_pa), -1)
 
     def solve(self, load: Load) -> Balance:
         """Return the equilibrium of every state on the lowest branch."""
@@ -54,4 +61,5 @@ class ClosedForm(Fidelity):
             mean_gap_m=(self._gap_m - fall).clamp(min=0.0),
             strength_at_end=end / loading,
             is_stable=share <= end,
+            voltage_share=torch.ones_like(pressure),
         )

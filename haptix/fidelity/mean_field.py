@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from haptix.contact.finite_size import Touching
-from haptix.electro import AttractionTable
-from haptix.equilibrium import LIGHT_CONTACT_LIMIT, lowest_branch
+from haptix.electro import Attraction, AttractionTable
+from haptix.equilibrium import LIGHT_CONTACT_LIMIT, end_of_voltage, lowest_branch
 from haptix.fidelity.balance import Ability, Balance, Contact, Fidelity, Load
 from haptix.interpolation import UniformCubic
 from haptix.terms import Stage
@@ -60,24 +60,54 @@ class MeanFieldBalance(Fidelity):
         pull, touching = load.pull, self._touching_of(load.widest_gap_m)
         table = self._table(load.applied_pa, touching)
         counts = self.contact.contact_spots == "included"
-        attraction = table.attraction(
-            pull, self.contact.area_fraction if counts else None, touching
-        )
+        area_fraction = self.contact.area_fraction
+        supply = None
+        if load.voltage_share is not None:
+            assert pull.circuit is not None and load.area_m2 is not None  # the solver sees to it
+            supply = table.supply(
+                pull.circuit, load.area_m2, load.voltage_share, area_fraction, touching
+            )
+        spots = area_fraction if counts else None
+        # Gaps are held by the voltage that the contact has at rest, the largest share of all.
+        rest = table.at(supply, load.applied_pa)
+
+        def at(strength: Tensor) -> Attraction:
+            return table.attraction(pull.held(strength * rest), spots, touching, supply)
+
+        attraction = at(pull.strength)
         found = lowest_branch(load.applied_pa, pull.strength, attraction)
+        end = found.strength_at_end
+        if pull.most_pa is not None:
+            end = end_of_voltage(load.applied_pa, at)
         pressure = found.pressure_pa
-        area = self.contact.area_fraction(pressure)
+        area = area_fraction(pressure)
         log_pressure = torch.log(pressure)
         of_gap = log_pressure if touching is None else touching.of_gap(log_pressure)
         # Past its end a state has the values of the end, and so its voltage too.
         strength = torch.minimum(pull.strength, found.strength_at_end)
+        left = attraction.supply(log_pressure)
         return Balance(
             pressure_pa=pressure,
             area_fraction=area,
             gap_attraction_pa=strength * attraction.gaps(log_pressure),
-            spot_attraction_pa=strength * area * pull.on_spots()[pull.own_column],
+            spot_attraction_pa=strength * left * area * pull.on_spots()[pull.own_column],
             mean_gap_m=torch.exp(table.log_mean_gap(of_gap)),
-            strength_at_end=found.strength_at_end,
+            strength_at_end=end,
             is_stable=found.is_stable,
+            voltage_share=left.sqrt(),
+        )
+
+    def gap_mass(
+        self, applied_pa: Tensor, widest_gap_m: Tensor | None, pressure_pa: Tensor
+    ) -> Tensor:
+        """Return the masses that the table holds at the pressures of solved states.
+
+        With finite size those that attract.
+        """
+        touching, log_pressure = self._touching_of(widest_gap_m), torch.log(pressure_pa)
+        table = self._table(applied_pa, touching)
+        return table.mass_at(
+            log_pressure if touching is None else touching.of_pull(log_pressure)[0]
         )
 
     def _table(self, applied_pa: Tensor, touching: Touching | None) -> AttractionTable:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,14 +12,18 @@ import torch
 from torch import Tensor
 
 from haptix.contact import THEORIES, ContactSpots, GapDistribution, TheoryName
+from haptix.contact.gaps import bin_inverse_square
 from haptix.contact.meanfield import check_contact_spots
 from haptix.electro import Pull, drive_voltage
-from haptix.electro.breakdown import breakdown_voltage, peak_field
+from haptix.electro.breakdown import bearable_field, breakdown_voltage, peak_field, share_past
+from haptix.electro.circuit import Circuit, bin_inverse
+from haptix.electro.pull import representative_gaps
 from haptix.electro.waveform import field_in_time
 from haptix.errors import InputError, LimitError
 from haptix.fidelity import (
     FIDELITIES,
     Ability,
+    Balance,
     BoundaryElementBalance,
     BoundaryElementBox,
     BoxedFinger,
@@ -30,9 +36,9 @@ from haptix.friction.carry_over import REFERENCE_FORCE_N, in_theory
 from haptix.friction.solver import FrictionSolver
 from haptix.inputs import broadcast_shape, checked
 from haptix.screen import Screen
-from haptix.states import ContactState, PeriodState
+from haptix.states import ContactState, GapSums, PeriodState
 from haptix.status import Status
-from haptix.terms import TERMS, ActiveTerms, Properties, chosen_terms
+from haptix.terms import TERMS, ActiveTerms, Properties, Stage, chosen_terms
 from haptix.threads import backward_on_one_thread, one_thread
 from haptix.waves import Waveform
 
@@ -41,6 +47,8 @@ LOWEST_FORCE_N, HIGHEST_FORCE_N = 1e-9, 1e6
 
 _FAINT_V = 1e-9  # in place of 0 V: attraction is tabulated by its logarithm
 _COSINE = Waveform(shift_turns=0.25)  # the drive of the paper
+_BEYOND = 2.0  # times the screen's limit: past it, the end of light contact is of no use
+_BLOCK = 1024  # states whose gaps are summed together: bounds the memory
 
 
 class ContactModel:
@@ -170,7 +178,10 @@ class ContactModel:
                 "on": name in self.terms,
                 "what": term.summary,
                 "source": term.source,
-                "parameters": {field: values[owner][key] for field, owner, key in places},
+                "parameters": {
+                    field: values[owner].get(key, getattr(getattr(self, owner), key))
+                    for field, owner, key in places
+                },
             }
         boxed = {} if self.boxed is None else {"boundary_elements": self.boxed.describe()}
         return {
@@ -241,7 +252,12 @@ class ContactModel:
         share = self._checked("drive", drive, "of 0 or more", zero=True)
         places = self._places(normal_force_n, frequency_hz, h0_m)
         pull_in = self._solve(share.new_zeros(()), *places).pull_in_voltage_v
-        return self._solve(pull_in.to(torch.float64) * share.sqrt(), *places)
+        if Stage.PULL not in self.solver.terms.stages:
+            return self._solve(pull_in.to(torch.float64) * share.sqrt(), *places)
+        # Light contact may have no end: one that no drive reaches takes its place.
+        unit = pull_in.to(torch.float64).clamp(max=_BEYOND * self.screen.max_voltage_v)
+        state = self._solve(unit * share.sqrt(), *places)
+        return replace(state, pull_in_voltage_v=unit.to(self.dtype).expand(state.mu.shape))
 
     def bends(self) -> dict[str, tuple[float, ...]]:
         """Values of an input at which the model has a corner: where a surface needs a node."""
@@ -265,11 +281,12 @@ class ContactModel:
     def _solve(
         self, voltage: Tensor, force: Tensor, frequency_hz: Tensor | None, h0: Tensor
     ) -> ContactState:
-        force, voltage, column, thickness, shape = self._flat(voltage, force, frequency_hz, h0)
+        force, voltage, circuit, shape = self._flat(voltage, force, frequency_hz, h0)
         mu, found = self.solver.solve_in_blocks(
-            force, lambda at: self._pull(voltage[at], thickness, column[at])
+            force, lambda at: self._pull(voltage[at], circuit.part(at))
         )
-        own = thickness[column]
+        own = circuit.thickness_m[circuit.column]
+        at_contact = voltage * found.voltage_share
         breakdown = breakdown_voltage(
             own, self.screen.insulator_permittivity, self.screen.insulator_strength_v_per_m
         )
@@ -281,31 +298,92 @@ class ContactModel:
             "spot_attraction_pa": found.spot_attraction_pa,
             "mean_gap_m": found.mean_gap_m,
             "pull_in_voltage_v": drive_voltage(found.strength_at_end),
-            "peak_field_v_per_m": peak_field(voltage, own),
-            "breakdown_voltage_v": breakdown,
+            "peak_field_v_per_m": peak_field(at_contact, own),
+            "breakdown_voltage_v": breakdown / found.voltage_share,
         }
-        status = self.solver.terms.status(found.is_stable, lambda gap: voltage / (gap + own).abs())
+        status = self.solver.terms.status(
+            found.is_stable, lambda gap: at_contact / (gap + own).abs()
+        )
         return ContactState(
             **{
                 name: backward_on_one_thread(value.to(self.dtype).reshape(shape))
                 for name, value in solved.items()
             },
             status=status.reshape(shape),
+            sum_gaps=partial(
+                self._gap_sums, force, at_contact, circuit, frequency_hz, found, shape
+            ),
         )
+
+    @one_thread()
+    def _gap_sums(
+        self,
+        force: Tensor,
+        voltage: Tensor,
+        circuit: Circuit,
+        frequency_hz: Tensor | None,
+        found: Balance,
+        shape: torch.Size,
+    ) -> GapSums:
+        """Sum over the gaps of solved states under voltages of their own, given flat.
+
+        The frequency has the shape of the input.
+        """
+        edges, screen = self.contact.gap_edges_m, self.screen
+        borne = bearable_field(
+            edges, screen.insulator_permittivity, screen.insulator_strength_v_per_m
+        )
+        limit = self.solver.terms.field_limit()
+        held = None if limit is None else limit(representative_gaps(edges)[:-1]) ** 2
+        rows = []
+        states = torch.arange(len(force), device=force.device).split(_BLOCK)
+        masses = self.solver.gap_masses(force, found, _BLOCK)
+        for at, mass in zip(states, masses, strict=True):
+            parts = circuit.part(at)
+            own = circuit.thickness_m[parts.column]
+            field = voltage[at, None] / (edges + own[:, None]).abs()
+            kernel = bin_inverse_square(edges, own)
+            if held is not None:
+                reached = voltage[at, None] ** 2 * kernel
+                kernel = kernel * (held / torch.maximum(reached, held))
+            past = share_past(mass * kernel, field, borne)
+            farads = parts.capacitance_f(
+                (mass * bin_inverse(edges, own)).sum(-1),
+                found.area_fraction[at],
+                self.solver.terms.apparent_area_m2(force[at]),
+            )
+            rows.append(torch.stack([past + 0j, farads + 0j]))
+        past, capacitance = torch.cat(rows, -1)
+        current, angular = None, torch.zeros_like(force)
+        if frequency_hz is not None:
+            angular = 2 * torch.pi * frequency_hz.expand(shape).reshape(-1)
+            current = (angular * voltage * capacitance.abs()).to(self.dtype).reshape(shape)
+        share, farads, siemens = (
+            one.to(self.dtype).reshape(shape)
+            for one in (past.real, capacitance.real, angular * capacitance.imag)
+        )
+        return GapSums(share, farads, siemens, current)
 
     def _flat(
         self, voltage: Tensor, force: Tensor, frequency_hz: Tensor | None, h0: Tensor
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor, torch.Size]:
-        """Force, voltage and column of every state, h0 of every column, and the states' shape."""
+    ) -> tuple[Tensor, Tensor, Circuit, torch.Size]:
+        """Force, voltage and circuit of every state, and the states' shape."""
         given = [force, voltage, h0] + ([] if frequency_hz is None else [frequency_hz])
         shape = broadcast_shape(*given)
         thickness = self.solver.terms.thickness(h0, frequency_hz)
         column = torch.arange(thickness.numel(), device=thickness.device).reshape(thickness.shape)
         force, voltage, column = (t.expand(shape).reshape(-1) for t in (force, voltage, column))
-        return force, voltage, column, thickness.reshape(-1), shape
+        medium = torch.ones_like(thickness)
+        if frequency_hz is not None:
+            medium = medium * self.solver.terms.gap_permittivity(frequency_hz)
+        circuit = Circuit(thickness.reshape(-1), medium.reshape(-1), column)
+        return force, voltage, circuit, shape
 
-    def _pull(self, voltage: Tensor, thickness: Tensor, column: Tensor) -> Pull:
-        return Pull.of_sine(self.contact.gap_edges_m, voltage, thickness, column)
+    def _pull(self, voltage: Tensor, circuit: Circuit) -> Pull:
+        edges = self.contact.gap_edges_m
+        limit = self.solver.terms.field_limit()
+        pull = Pull.of_sine(edges, voltage, circuit.thickness_m, circuit.column, limit)
+        return replace(pull, circuit=circuit)
 
     @one_thread()
     def scatter(
@@ -321,8 +399,8 @@ class ContactModel:
         assert isinstance(fidelity, BoundaryElementBalance)
         voltage = self._voltage(voltage_v)
         places = self._places(normal_force_n, frequency_hz, h0_m)
-        force, voltage, column, thickness, shape = self._flat(voltage, *places)
-        found = fidelity.scatter(self.solver.load(force, self._pull(voltage, thickness, column)))
+        force, voltage, circuit, shape = self._flat(voltage, *places)
+        found = fidelity.scatter(self.solver.load(force, self._pull(voltage, circuit)))
         return Scatter(*(column.reshape(*shape, -1) for column in vars(found).values()))
 
     @one_thread()
@@ -374,9 +452,17 @@ class ContactModel:
                 phase,
             )
 
-        mu, found = self.solver.solve(force, Pull.of_field(self.contact.gap_edges_m, field))
+        # The circuit divides the voltage as at the drive's own frequency.
+        thickness = self.solver.terms.thickness(h0, frequency)
+        medium = thickness.new_ones(()) * self.solver.terms.gap_permittivity(frequency)
+        pull = replace(
+            Pull.of_field(self.contact.gap_edges_m, field, self.solver.terms.field_limit()),
+            circuit=Circuit.of_one(thickness, medium, samples),
+        )
+        mu, found = self.solver.solve(force, pull)
         status = self.solver.terms.status(
-            found.is_stable, lambda gap_m: field(h0.new_tensor([gap_m])).abs()[:, 0]
+            found.is_stable,
+            lambda gap_m: field(h0.new_tensor([gap_m])).abs()[:, 0] * found.voltage_share,
         )
         return PeriodState(
             t_s=(phase / (2 * torch.pi * frequency)).to(self.dtype),

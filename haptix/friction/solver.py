@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import torch
@@ -10,7 +10,7 @@ from torch import Tensor
 
 from haptix.electro import Pull
 from haptix.fidelity import Balance, Fidelity, Load
-from haptix.terms import ActiveTerms
+from haptix.terms import ActiveTerms, Stage
 
 _BLOCK = 4096  # states solved together: bounds the memory, and fits the cache
 
@@ -32,8 +32,11 @@ class FrictionSolver:
     def load(self, normal_force_n: Tensor, pull: Pull) -> Load:
         """Return what the fidelity is given for these states."""
         applied, widest = self._at_rest(normal_force_n)
-        strength = pull.strength / self.terms.given.unit_pa
-        return Load(applied, replace(pull, strength=strength), widest)
+        pull = replace(pull, strength=pull.strength / self.terms.given.unit_pa)
+        if Stage.SUPPLY not in self.terms.stages:
+            return Load(applied, pull, widest)
+        area = self.terms.apparent_area_m2(normal_force_n)
+        return Load(applied, pull, widest, area, self.terms.voltage_share)
 
     def solve_in_blocks(
         self, normal_force_n: Tensor, pull_of: Callable[[slice], Pull]
@@ -52,6 +55,16 @@ class FrictionSolver:
     def prepare(self, normal_force_n: Tensor) -> None:
         """Make what all states of these normal forces [N] share, such as tables."""
         self.fidelity.prepare(*self._at_rest(normal_force_n))
+
+    def gap_masses(self, normal_force_n: Tensor, found: Balance, block: int) -> Iterator[Tensor]:
+        """Share of the area in each bin of gaps of solved states, (block, bins) at a time."""
+        self.prepare(normal_force_n)
+        parts = zip(normal_force_n.split(block), found.pressure_pa.split(block), strict=True)
+        try:
+            for force, pressure in parts:
+                yield self.fidelity.gap_mass(*self._at_rest(force), pressure)
+        finally:
+            self.fidelity.release()
 
     def _at_rest(self, normal_force_n: Tensor) -> tuple[Tensor, Tensor | None]:
         """Applied pressure in the fidelity's unit, and widest mean gap [m]."""

@@ -84,13 +84,14 @@ def middle(low: float, high: float) -> float:
 
 
 def friction_terms(scene: Scene, fidelity: FidelityName = FULL) -> frozenset[str]:
-    """Names of the possible terms that change friction."""
-    return frozenset(t for t in scene.possible_terms(fidelity) if TERMS[t].changes_friction)
+    """Names of the terms that change friction, of those that a scene has (`Scene.terms`)."""
+    return frozenset(t for t in scene.terms(fidelity) if TERMS[t].changes_friction)
 
 
 def reporting_terms(scene: Scene) -> list[Term]:
     """The possible terms that report a status and change no friction."""
-    return [TERMS[name] for name in sorted(scene.possible_terms() - friction_terms(scene))]
+    possible = sorted(scene.possible_terms())
+    return [TERMS[name] for name in possible if not TERMS[name].changes_friction]
 
 
 def kept_reports(scene: Scene) -> frozenset[str]:
@@ -101,11 +102,15 @@ def kept_reports(scene: Scene) -> frozenset[str]:
 
 
 def omissions(scene: Scene) -> list[Omission]:
-    """Everything that could be left out of a scene's model, in the order of its table."""
+    """Everything that could be left out of a scene's model, in the order of its table.
+
+    So too what the scene could have, and leaves out.
+    """
+    terms = [t for t in sorted(scene.possible_terms()) if TERMS[t].changes_friction]
     ranges = scene.ranges()
     varying = [axis for axis in COLLAPSIBLE if ranges[axis][0] < ranges[axis][1]]
     return [
-        *(Omission("term", name) for name in sorted(friction_terms(scene))),
+        *(Omission("term", name) for name in terms),
         *(Omission("axis", axis, middle(*ranges[axis])) for axis in varying),
         Omission("fidelity", FULL, possible=friction_terms(scene, COARSE)),
         Omission("dtype", "float64"),

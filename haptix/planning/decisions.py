@@ -10,7 +10,8 @@ from haptix.fidelity import FIDELITIES
 from haptix.planning.choices import COARSE, FULL, Choice, Omission, friction_terms, kept_reports
 from haptix.planning.effects import Effect, Trials
 from haptix.scene import Scene
-from haptix.terms import Term, chosen_terms
+from haptix.status import Status
+from haptix.terms import TERMS, Term, chosen_terms
 
 MODELLING_SHARE = 0.5
 """Share of the budget that may go into what is left out; the surface's tolerance gets the rest."""
@@ -41,6 +42,8 @@ def with_overrides(
         if kept is not None:
             settled[one] = Decision(kept, f"{'kept' if kept else 'dropped'} by the scene")
             base = base if kept else one.of(base)
+        elif one.kind == "term" and TERMS[one.name].left_to_scene:
+            settled[one] = Decision(False, "on request, and the scene does not ask for it")
     for one in everything:
         if one.kind == "term" and one.name not in base.terms and one not in settled:
             settled[one] = Decision(False, "contradicts the scene's fidelity")
@@ -144,6 +147,9 @@ def decide_report(scene: Scene, trials: Trials, chosen: Choice, term: Term) -> D
     is_kept = term.name in kept_reports(scene)
     share = trials.share_of_limit(chosen, term)
     why = f"voltages reach {share:.0%} of its voltage"
+    if term.reports == Status.BREAKDOWN:
+        past = trials.pull_past_breakdown(chosen)
+        why += f", {past:.0%} of the attraction is past what gaps bear"
     if term.name in scene.override.terms:
         why = f"{'kept' if is_kept else 'dropped'} by the scene; {why}"
     return Decision(is_kept, why + (": the surface ends there" if is_kept and share >= 1 else ""))

@@ -158,6 +158,11 @@ class Trials:
         state = self._rest(choice, self.points)
         return float((self._end(state) / term.voltage_limit(state)).max())
 
+    def pull_past_breakdown(self, choice: Choice) -> float:
+        """Largest share of the attraction that no gap bears, see `ContactState`, at the points."""
+        highest = self.highest_voltage(choice, self.points)
+        return float(self._solve(choice, self.points, highest).pull_past_breakdown.max())
+
     def seconds_per_state(self, choice: Choice) -> float:
         """Time to solve one of many states, without the time for tables."""
         key = (choice.terms, choice.fidelity)

@@ -74,6 +74,8 @@ class Plan:
     """Estimated nodes of each axis."""
     placeholder_spread_jnd: Mapping[str, float]
     """Largest difference that others in place of unmeasured values make, at the same states."""
+    pull_past_breakdown: float
+    """Largest share of the attraction that comes from gaps past what they bear."""
 
     def record(self) -> dict[str, Any]:
         """Return the decisions as plain values, to be stored in the surface.
@@ -88,6 +90,7 @@ class Plan:
             "tolerance": str(self.tolerance),
             "dtype": str(self.dtype).removeprefix("torch."),
             "points": self.points,
+            "pull_past_breakdown": self.pull_past_breakdown,
             "rows": [
                 {
                     "kind": row.kind,
@@ -212,6 +215,7 @@ def plan_scene(
         placeholder_spread_jnd=largest_spread(
             trials.model(base), trials.points.places, trials.voltage_v
         ),
+        pull_past_breakdown=trials.pull_past_breakdown(chosen),
     )
     on_progress(1.0)
     return plan
@@ -242,7 +246,7 @@ def _saved(
     if one.kind == "fidelity":
         full = Choice(friction_terms(trials.scene))
         tables_s = trials.seconds_to_prepare(full) - trials.seconds_to_prepare(chosen)
-    elif one.name in trials.scene.possible_terms(chosen.fidelity):
+    elif one.name in trials.scene.terms(chosen.fidelity):
         full, tables_s = one.into(chosen), 0.0
     else:
         return 0.0, 0, "none"

@@ -53,6 +53,7 @@ def summary_of(simulation: Simulation) -> dict[str, Any]:
             "error_p99_mu": info.get("error_p99"),
             "key": info["key"],
         },
+        "pull_past_breakdown": simulation.pull_past_breakdown,
         "current": _current(simulation),
         "stream": {
             "blocks": len(stats.block_s),
@@ -144,6 +145,7 @@ def _sidecar(simulation: Simulation) -> dict[str, Any]:
         frequency: drive.frequency_hz,
         "voltage_limit_v": simulation.surface.voltage_limit_v,
         "expected_current": _current(simulation),
+        "pull_past_breakdown": simulation.pull_past_breakdown,
         "surface_key": simulation.surface.info["key"],
         "model": simulation.setting.model.describe(),
     }

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+import torch
 
 from haptix.checks import Array
+from haptix.motion import LIFTED_BELOW_N
 from haptix.render import LiveSettings
 from haptix.simulation.parts import felt_in_steps
 from haptix.simulation.played import Played, Setting, play_known, play_live
@@ -22,6 +25,8 @@ from haptix.virtual_finger import (
     VirtualFinger,
     evaluate,
 )
+
+_LOOKED_AT = 200  # periods of a path
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,31 @@ class Simulation:
     is_reachable: npt.NDArray[np.bool_]
     evaluation: Evaluation
     parts: Mapping[str, Evaluation]
+
+    @cached_property
+    def pull_past_breakdown(self) -> float:
+        """Largest share of the attraction that no gap bears, see `ContactState`, on the path."""
+        played, rate = self.played, self.played.renderer.sample_rate_hz
+        frequency = played.renderer.drive.frequency_hz
+        # The amplitude of each period, where the finger presses and something is played.
+        period = max(1, round(rate / frequency))
+        volts = np.abs(played.driver.played_v)
+        peaks = volts[: len(volts) // period * period].reshape(-1, period).max(axis=1)
+        t_s = played.start_s + (np.arange(len(peaks)) + 0.5) * period / rate
+        force = np.interp(t_s, self.felt.t_s, self.felt.normal_force_n)
+        used = np.flatnonzero((peaks > 0) & (force >= LIFTED_BELOW_N))
+        if len(used) == 0:
+            return 0.0
+        # From the strongest on, thinned.
+        strongest = used[np.argsort(peaks[used])[::-1]][:: max(1, len(used) // _LOOKED_AT)]
+        model = self.setting.model
+        limit = min(model.screen.max_voltage_v, float(peaks.max()))
+        state = model.solve(
+            torch.from_numpy(force[strongest]),
+            torch.from_numpy(peaks[strongest].clip(max=limit)),
+            frequency,
+        )
+        return float(state.pull_past_breakdown.max())
 
     @property
     def setting(self) -> Setting:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.constants import epsilon_0
 
 from firmware_io.limits import BODY_CAPACITANCE_F, DriveLimits
 from haptix.checks import positive, whole
@@ -17,6 +16,7 @@ from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
+from haptix.states import ContactState
 from haptix.stimuli.stimulus import Stimulus
 from haptix.surface import Column, FrictionSurface, cached_surface
 
@@ -164,7 +164,7 @@ class Apparatus:
     def responses(self, stimulus: Stimulus) -> tuple[Column, tuple[Column, ...]]:
         """Return the median finger's response to a stimulus's drive, and that of each."""
         # The current through a person limits fast carriers below the ceiling.
-        limits = DriveLimits(capacitance_f=self.screen.body_capacitance_f or BODY_CAPACITANCE_F)
+        limits = DriveLimits(capacitance_f=max(self.screen.body_capacitance_f, BODY_CAPACITANCE_F))
         highest_v = limits.highest_sine_v(stimulus.frequency_hz or 0.0)
         each = tuple(
             surface.column(stimulus.normal_force_n, stimulus.frequency_hz, stimulus.h0_m).limited(
@@ -193,20 +193,8 @@ class Apparatus:
         """Hashes of everything that decides the surfaces' numbers."""
         return [str(surface.info["key"]) for surface in self.surfaces]
 
-    def capacitance_f(self, stimulus: Stimulus, amplitude_v: float) -> float:
-        """Upper bound of the capacitance between finger and screen [F], of the first finger.
-
-        ``<1/|u + h0|> <= sqrt(<1/|u + h0|^2>)``, and the mean square follows from the attraction:
-        ``p_a = eps0 V0^2 I / 4``.
-        """
-        model = self.models[0]
-        amplitude = max(amplitude_v, 1.0)
-        state = model.solve(
-            stimulus.normal_force_n, amplitude, stimulus.frequency_hz, stimulus.h0_m
+    def state(self, stimulus: Stimulus, amplitude_v: float) -> ContactState:
+        """Contact of the first finger at a stimulus's force, drive and an amplitude [V]."""
+        return self.models[0].solve(
+            stimulus.normal_force_n, amplitude_v, stimulus.frequency_hz, stimulus.h0_m
         )
-        inverse_square = 4 * float(state.attraction_pa) / (epsilon_0 * amplitude**2)
-        import torch
-
-        force = torch.tensor(stimulus.normal_force_n, dtype=torch.float64)
-        area = float(model.finger.apparent_area_m2(force))
-        return float(epsilon_0 * area * np.sqrt(inverse_square))

@@ -98,8 +98,8 @@ class SetPlan:
             raise LimitError(
                 f"ceiling_v: {ceiling:g} V is above the {lowest:g} V that the screens may carry"
             )
-        bodies = [screen.body_capacitance_f or BODY_CAPACITANCE_F for screen in self.screens]
-        return DriveLimits(ceiling_v=ceiling, capacitance_f=max(bodies))
+        bodies = [screen.body_capacitance_f for screen in self.screens]
+        return DriveLimits(ceiling_v=ceiling, capacitance_f=max(BODY_CAPACITANCE_F, *bodies))
 
     def apparatus(self, screen: Screen) -> Apparatus:
         """Build what the stimuli are rendered through, on one screen."""

@@ -7,12 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from firmware_io.limits import (
-    BODY_CAPACITANCE_F,
-    MAX_PEAK_A,
-    MAX_RMS_A,
-    series_capacitance_f,
-)
+from firmware_io.limits import MAX_PEAK_A, MAX_RMS_A, series_capacitance_f
 from haptix.errors import InputError
 from haptix.perception import Perception, components_of_pull, detection
 from haptix.status import Status
@@ -138,15 +133,15 @@ def reach(name: str, tally: Tally, response: Column) -> str:
 def _current(
     apparatus: Apparatus, tally: Tally, rate_hz: float, contact_f: float
 ) -> dict[str, float]:
-    """Current through the person: through the contact and the body in series."""
-    body_f = apparatus.screen.body_capacitance_f or BODY_CAPACITANCE_F
+    """Current through the person: through the contact, leaks included, and the body in series."""
+    body_f = apparatus.screen.body_capacitance_f
     capacitance_f = series_capacitance_f(contact_f, body_f)
     expected = tally.current(rate_hz, capacitance_f)
     return {
         "expected_peak_a": expected.peak_a,
         "expected_rms_a": expected.rms_a,
         "capacitance_f": capacitance_f,
-        "contact_capacitance_f_at_most": contact_f,
+        "contact_capacitance_f": contact_f,
         "body_capacitance_f": body_f,
         "limit_peak_a": MAX_PEAK_A,
         "limit_rms_a": MAX_RMS_A,
@@ -184,7 +179,10 @@ def sidecar(
     rate = rendering.sample_rate_hz
     count = min(round(_LOOK_S * rate), rendering.samples)
     middle = rendering.block((rendering.samples - count) // 2, count)
-    capacitance = apparatus.capacitance_f(stimulus, min(tally.highest_amplitude_v, response.end_v))
+    state = apparatus.state(stimulus, min(tally.highest_amplitude_v, response.end_v))
+    assert stimulus.frequency_hz is not None  # the apparatus has asked for it
+    leak = float(state.conductance_s) / (2 * np.pi * stimulus.frequency_hz)
+    capacitance = float(np.hypot(float(state.capacitance_f), leak))
     return {
         "name": stimulus.name,
         "stimulus": stimulus.describe(),
@@ -214,6 +212,7 @@ def sidecar(
         "wanted": target,
         "predicted": prediction,
         "felt": felt(middle, rate, known),
+        "pull_past_breakdown": float(state.pull_past_breakdown),
         "current": _current(apparatus, tally, rate, capacitance),
         "audibility": heard(middle, rate, capacitance, known),
         "placeholders": apparatus.placeholders(),

@@ -68,6 +68,7 @@ def build_table(
         "tolerance_met": found.is_met,
         "mu_low": build.low,
         "mu_high": build.high,
+        "pull_past_breakdown": build.sampler.pull_past_breakdown(),
         "error_max": float(found.error.max()),
         "error_p99": float(found.error.quantile(0.99)),
         "error_max_in_units": found.worst,

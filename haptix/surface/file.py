@@ -182,7 +182,15 @@ def _check_model(path: Path, info: Info, model: ContactModel | None) -> None:
     stored = info.get("model_hash")
     if stored != digest(info.get("model", {})):
         raise FileFormatError(f"{path} is damaged: its model does not match its hash")
-    if model is not None and stored != digest(model.describe()):
+    if model is None:
+        return
+    # Terms that are off change nothing: those that a file does not know were added since.
+    described = model.describe()
+    known = info["model"]["terms"]
+    described["terms"] = {
+        name: term for name, term in described["terms"].items() if term["on"] or name in known
+    }
+    if stored != digest(described):
         raise FileFormatError(
             f"{path} was built from another model than the one given; build it again, or load it "
             "without naming a model"

@@ -132,6 +132,15 @@ class Sampler:
             end = torch.minimum(end, columns.log_breakdown)
         return torch.exp(2 * (end - columns.log_pull_in)).clamp(max=PULL_IN_DRIVE)
 
+    def pull_past_breakdown(self) -> float:
+        """Largest share of the attraction that no gap bears, see `ContactState`, at columns' ends.
+
+        At all corners of the axes and a few random places; the thinnest insulator has the most.
+        """
+        places = self._lines()
+        drive = self.top(self.columns(places, torch.zeros(1, dtype=torch.float64)))
+        return float(self.model.at_drive(drive=drive, **places).pull_past_breakdown.max())
+
     def span(self, name: str) -> tuple[float, float]:
         """``(low, high)`` of a range that is not absent."""
         found = self.ranges[name]

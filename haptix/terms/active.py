@@ -11,10 +11,11 @@ import torch
 from torch import Tensor
 
 from haptix.contact import ElasticSolid, HalfSpace, MeanField
+from haptix.electro import FieldLimit
 from haptix.errors import InputError
 from haptix.status import Status
 from haptix.terms.registry import TERMS
-from haptix.terms.term import FieldInGap, Properties
+from haptix.terms.term import FieldInGap, Properties, Stage
 
 _STEADY_HZ = 1e-9  # of a steady voltage: a period of 30 years, in which all that leaks conducts
 
@@ -26,6 +27,7 @@ class ActiveTerms:
         on = set(names)
         self.given = given
         self.all = tuple(term for name, term in TERMS.items() if name in on)
+        self.stages = frozenset[Stage]().union(*(term.stages for term in self.all))
 
     def solid(self) -> ElasticSolid:
         """The elastic solid, from a half-space of the stratum corneum."""
@@ -69,6 +71,25 @@ class ActiveTerms:
         for term in self.all:
             thickness = term.insulators(thickness, frequency, self.given)
         return thickness.expand(np.broadcast_shapes(h0_m.shape, frequency.shape))
+
+    def field_limit(self) -> FieldLimit | None:
+        """Field [V/m] at which gaps are held; None for no limit."""
+        none: FieldLimit | None = None
+        return reduce(lambda limit, term: term.pull(limit, self.given), self.all, none)
+
+    def gap_permittivity(self, frequency_hz: Tensor) -> Tensor | float:
+        """Complex eps_g of what fills the gap, at frequencies [Hz]."""
+        one: Tensor | float = 1.0
+        return reduce(
+            lambda eps, term: eps * term.gap_permittivity(frequency_hz, self.given), self.all, one
+        )
+
+    def voltage_share(self, capacitance_f: Tensor) -> Tensor:
+        """Complex share of the drive's voltage that contacts of a capacitance [F] have."""
+        whole = torch.ones_like(capacitance_f)
+        return reduce(
+            lambda share, term: term.supply(share, capacitance_f, self.given), self.all, whole
+        )
 
     def status(self, is_stable: Tensor, field: FieldInGap) -> Tensor:
         """`haptix.Status` of states whose light contact holds or not, given their field."""

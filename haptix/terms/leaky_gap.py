@@ -20,7 +20,10 @@ class LeakyGap(Term):
     needs_frequency = True
 
     def insulators(self, h0_m: Tensor, frequency_hz: Tensor, given: Properties) -> Tensor:
+        return h0_m * self.gap_permittivity(frequency_hz, given)
+
+    def gap_permittivity(self, frequency_hz: Tensor, given: Properties) -> Tensor:
         resistivity = given.screen.gap_resistivity_ohm_m
         assert resistivity is not None  # the term is not possible without
         leak = 1 / (2 * torch.pi * frequency_hz * VACUUM_PERMITTIVITY * resistivity)
-        return h0_m * torch.complex(torch.ones_like(leak), leak)
+        return torch.complex(torch.ones_like(leak), leak)

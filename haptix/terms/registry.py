@@ -9,7 +9,9 @@ from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.screen import Screen
 from haptix.terms.apparent_area import ApparentArea
+from haptix.terms.body_return import BodyReturn
 from haptix.terms.breakdown import Breakdown
+from haptix.terms.field_limit import FieldLimited
 from haptix.terms.finite_size import FiniteSize
 from haptix.terms.layered_skin import LayeredSkin
 from haptix.terms.leaky_gap import LeakyGap
@@ -26,6 +28,8 @@ TERMS: dict[str, Term] = {
         Plasticity(),
         SkinInsulation(),
         LeakyGap(),
+        FieldLimited(),
+        BodyReturn(),
         Breakdown(),
     )
 }

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from haptix.contact import ElasticSolid, MeanField
+from haptix.electro import FieldLimit
 from haptix.finger import Finger
 from haptix.screen import Screen
 from haptix.states import ContactState
@@ -30,8 +31,10 @@ class Stage(StrEnum):
     SOLID = "solid"
     SIZE = "size"
     INSULATORS = "insulators"
+    PULL = "pull"
     GAPS = "gaps"
     HARDNESS = "hardness"
+    SUPPLY = "supply"
     STATUS = "status"
 
 
@@ -62,6 +65,8 @@ class Term:
     """Whether a drive of unknown frequency is an error, or just leaves the term out."""
     on_request: ClassVar[bool] = False
     """Whether it is off unless requested. Others are on wherever they are possible."""
+    left_to_scene: ClassVar[bool] = False
+    """Whether planning measures what it does, and has it on only where the scene asks for it."""
     work: ClassVar[float] = 0.1
     """Share of a surface's build time that leaving it out saves, at most; planning weighs effects
     with it. Most save next to nothing, and get some credit for a simpler model."""
@@ -99,6 +104,17 @@ class Term:
         """Complex effective thickness [m] at frequencies [Hz]; from that of the screen's film."""
         return h0_m
 
+    def pull(self, limit: FieldLimit | None, given: Properties) -> FieldLimit | None:
+        """Field [V/m] at which gaps are held; from None, for no limit."""
+        return limit
+
+    def gap_permittivity(self, frequency_hz: Tensor, given: Properties) -> Tensor | float:
+        """Complex eps_g of what fills the gap, at frequencies [Hz]; 1 for dry air.
+
+        It is for the current, and belongs to `insulators`, where it acts on the field.
+        """
+        return 1.0
+
     def gaps(self, widest_m: Tensor | None, area_m2: Tensor, contact: MeanField) -> Tensor | None:
         """Largest mean gap [m] of an apparent area [m^2]; from None, for no limit."""
         return widest_m
@@ -108,6 +124,13 @@ class Term:
     ) -> float | Tensor | None:
         """Stress [Pa] at which the skin yields; from None, for elastic skin."""
         return hardness_pa
+
+    def supply(self, share: Tensor, capacitance_f: Tensor, given: Properties) -> Tensor:
+        """Complex share of the drive's voltage that a contact has; from all of it.
+
+        The contact's own complex capacitance is given [F], see `haptix.electro.circuit`.
+        """
+        return share
 
     def status(self, status: Tensor, field: FieldInGap, given: Properties) -> Tensor:
         """`haptix.Status` of states; from OK, or PULL_IN where the light contact has ended."""

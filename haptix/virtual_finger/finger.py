@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import torch
 
 from haptix import checks
 from haptix.checks import Array
+from haptix.electro import Circuit
 from haptix.electro.pull import Pull, representative_gaps
 from haptix.errors import InputError, LimitError
 from haptix.fidelity import Ability
@@ -242,8 +245,15 @@ class VirtualFinger:
         )
         basis = field.basis_of_gaps(representative_gaps(edges).cpu().numpy())
         of_gap = torch.from_numpy(basis).to(edges.device)
+        # By the insulators' own length: the drive has many frequencies, the circuit one division.
+        reference = edges.new_tensor(field.reference_m)
+        limit = self.model.solver.terms.field_limit()
         mu, found = self.model.solver.solve_in_blocks(
-            force, lambda at: Pull.of_squares(edges, weight[at], of_gap, field.reference_m)
+            force,
+            lambda at: replace(
+                Pull.of_squares(edges, weight[at], of_gap, field.reference_m, limit),
+                circuit=Circuit.of_one(reference, torch.ones_like(reference), len(weight[at])),
+            ),
         )
         return mu.detach().cpu().numpy(), found.is_stable.cpu().numpy()
 

@@ -99,6 +99,7 @@ def test_query_of_the_model(haptix_cli):
             "area_fraction",
             "attraction_pa",
             "pull_in_voltage_v",
+            "pull_past_breakdown",
         }
 
 

@@ -226,6 +226,55 @@ def test_insulators_skin_and_a_leaking_gap(slow: ModuleType) -> None:
         assert complex(found[0]) == pytest.approx(expected, rel=1e-12)  # rounding
 
 
+# --- what gaps bear, and the circuit
+
+
+@pytest.mark.parametrize(
+    ("terms", "spots"),
+    [
+        ({"field-limit"}, "included"),
+        ({"body-return"}, "excluded"),
+        pytest.param({"body-return", "finite-size"}, "included", marks=pytest.mark.slow),
+        ({"field-limit", "body-return"}, "excluded"),
+    ],
+)
+def test_gaps_that_are_held_and_a_body_in_series(
+    terms: set[str], spots: Any, slow: ModuleType
+) -> None:
+    finger = FINGER.replace(fingers_on_screen=2)
+    screen = SCREEN.replace(body_capacitance_f=80e-12)
+    oracle, force, voltage = oracle_of(slow, finger), 0.2, 260.0
+    on = dict.fromkeys(terms, True)
+    model = ContactModel(finger, screen, contact_spots=spots, terms=on, theory="open-gaps")
+    state = model.solve(force, voltage, 1e3, 1e-7)
+    skin, area = finger.dielectric, nominal(finger, force)
+    table = skin.frequency_hz, skin.permittivity, skin.resistivity_ohm_m
+    touching = 0.0
+    if "finite-size" in terms:
+        height = self_affine(slow, finger.roughness).highest_asperity(area)
+        touching = oracle.touching_pressure(height)
+    told = slow.State(
+        force / area,
+        voltage,
+        slow.thickness(1e-7, 1e3, finger.layer_thickness_m, table),
+        spots == "included",
+        touching,
+        "field-limit" in terms,
+        80e-12 if "body-return" in terms else None,
+        2,
+        area,
+    )
+    root = oracle.equilibrium(told, float(state.pressure_pa))
+    assert apart(state.area_fraction, oracle.area_fraction(root)) < FRICTION
+    capacitance = oracle.capacitance(root, told)
+    # A capacitance is of the first power in the gaps, an attraction of the second.
+    assert apart(state.capacitance_f, capacitance.real) < ATTRACTION
+    assert apart(state.conductance_s, 2 * math.pi * 1e3 * capacitance.imag) < 2 * ATTRACTION
+    # Far enough from doing nothing.
+    plain = ContactModel(finger, screen, contact_spots=spots, terms={}, theory="open-gaps")
+    assert apart(plain.solve(force, voltage, 1e3, 1e-7).mu, float(state.mu)) > 20 * FRICTION
+
+
 @pytest.mark.parametrize("spots", ["excluded", "included"])
 def test_critical_voltage(spots: Any, slow: ModuleType) -> None:
     oracle = oracle_of(slow, FINGER)

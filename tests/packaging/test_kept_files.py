@@ -47,6 +47,9 @@ def test_a_command_prints_what_it_printed(kept, case):
     assert result.exit_code == 0, result.output
     rows = json.loads(result.stdout)
     rows = rows["estimates"] if isinstance(rows, dict) else rows
+    if case["command"][0] == "plan":  # terms that were added since have rows of their own
+        before = {row["name"] for row in case["prints"]}
+        rows = [row for row in rows if row["name"] in before]
     assert len(rows) == len(case["prints"])
     for row, expected in zip(rows, case["prints"], strict=True):
         for old_name, value in expected.items():

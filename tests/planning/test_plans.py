@@ -46,7 +46,7 @@ def other_points(scene, seed):
 
 
 def full_model(scene):
-    return ContactModel(scene.finger, scene.screen, terms=scene.possible_terms())
+    return ContactModel(scene.finger, scene.screen, terms=scene.terms())
 
 
 def test_terms_without_effect_are_dropped_and_those_with_a_large_one_kept(carrier_plan, plain_plan):
@@ -67,7 +67,7 @@ def test_terms_without_effect_are_dropped_and_those_with_a_large_one_kept(carrie
 
 def test_an_effect_is_the_difference_that_switching_makes(carrier, carrier_plan):
     with_it, without = (
-        ContactModel(carrier.finger, carrier.screen, terms=carrier.possible_terms() - off)
+        ContactModel(carrier.finger, carrier.screen, terms=carrier.terms() - off)
         for off in (set(), {"finite-size"})
     )
     force, frequency, h0, share = other_points(carrier, seed=1)
@@ -242,7 +242,7 @@ def test_breakdown_is_told_and_ends_a_surface_only_if_asked(plain):
 
 
 def test_points_end_where_a_surface_does(plain):
-    everything = Choice(plain.possible_terms() - {"breakdown"})
+    everything = Choice(plain.terms() - {"breakdown"})
     trials = Trials(plain.replace(override={"terms": {"breakdown": False}}), everything, 100)
     end = trials.highest_voltage(everything, trials.points)
     state = full_model(plain).solve(voltage_v=0.0, **trials.points.places)
@@ -252,3 +252,21 @@ def test_points_end_where_a_surface_does(plain):
         trials.points, places={**trials.points.places, "h0_m": trials.points.places["h0_m"] / 100}
     )
     assert float(trials.highest_voltage(everything, thin).max()) <= 60.0
+
+
+def test_what_is_left_to_the_scene_is_measured_and_off(plain):
+    plan = plan_scene(plain, points=50)
+    for name in ("field-limit", "body-return"):
+        row = rows(plan)[name]
+        assert not row.kept
+        assert "the scene does not ask" in row.why
+        assert name not in plan.model.terms
+    # 60 V are 0.9 times breakdown: no gap is held, but the body takes a tenth of the voltage.
+    assert rows(plan)["field-limit"].effect.thresholds_max == 0
+    assert rows(plan)["body-return"].effect.thresholds_max > 0
+    assert plan.pull_past_breakdown == plan.record()["pull_past_breakdown"] == 0
+    asking = plain.replace(
+        override={"terms": {"body-return": True}},
+        screen=plain.screen.replace(body_capacitance_f=20e-12),
+    )
+    assert "body-return" in plan_scene(asking, points=50).model.terms

@@ -6,7 +6,7 @@ import pytest
 
 import haptix
 from haptix import Finger, InputError, Scene, Screen
-from haptix.scene import CarrierDrive, DirectDrive
+from haptix.scene import CarrierDrive, DirectDrive, Override
 
 EXAMPLES = Path(haptix.__file__).parents[1] / "examples" / "scenes"
 SMALL = """
@@ -84,11 +84,17 @@ def test_the_terms_are_all_that_the_profiles_and_the_fidelity_allow():
         "plasticity",
         "skin-dielectric",
         "leaky-gap",
+        "field-limit",
+        "body-return",
         "breakdown",
     }
     assert scene.possible_terms() == everything
-    assert scene.possible_terms("closed-form") == everything - {"finite-size", "plasticity"}
-    assert scene.model().terms == everything
+    not_closed = {"finite-size", "plasticity", "field-limit", "body-return"}
+    assert scene.possible_terms("closed-form") == everything - not_closed
+    left = {"field-limit", "body-return"}
+    assert scene.model().terms == everything - left
+    asking = scene.replace(override=Override(terms=dict.fromkeys(left, True)))
+    assert asking.model().terms == everything
     bare = scene.replace(finger=Finger(), screen=Screen())
     assert bare.possible_terms() == everything - {"layered-skin", "plasticity", "leaky-gap"}
 
