@@ -84,17 +84,9 @@ def _full_rows(plan: Plan) -> list[dict[str, Any]]:
             "time_saved_s": row.time_saved_s,
             "memory_saved_bytes": row.memory_saved_bytes,
             "savings": row.savings,
+            "placeholder_spread_jnd": dict(plan.placeholder_spread_jnd),
         }
         for row in plan.rows
-    ] + [
-        {
-            "kind": "placeholder",
-            "name": name,
-            "decision": "kept",
-            "why": "not measured",
-            "spread_jnd": spread,
-        }
-        for name, spread in plan.placeholder_spread_jnd.items()
     ]
 
 
