@@ -18,13 +18,16 @@ from calibration.fit import Fit
 from calibration.parameters import Array
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.protocol import FORCES_N
+from calibration.recording import StrokeRecording
 from calibration.reduction import Point, Reduced
+from calibration.segmentation import full_slip
 from calibration.verification import Verification
 from haptix.files import write_whole
 from haptix.perception import WEBER_FRACTION
 from haptix.screen import Screen
 
 _STYLE = """
+@media print{body{max-width:none;font-size:11px}img,table{break-inside:avoid}}
 body{font:14px/1.4 system-ui,sans-serif;max-width:60em;margin:1em auto;padding:0 1em;color:#222}
 table{border-collapse:collapse;margin:.5em 0}td,th{padding:.1em .7em;text-align:left;
 border-bottom:1px solid #ddd}h1{font-size:1.4em}h2{font-size:1.1em}
@@ -42,13 +45,15 @@ def write_report(
     predictor: StrokePredictor,
     needs: Sequence[TermNeed] = (),
     profile_is_written: bool = True,
+    worst: StrokeRecording | None = None,
 ) -> None:
     """Write the page, or raise `FileFormatError`.
 
     The screen is as calibrated, or as it was assumed where no profile was written since the
-    insulator is not determined.
+    insulator is not determined. `worst` is a stroke whose raw trace is shown.
     """
     picture = _picture(fit, reduced, verification, predictor)
+    causes = _residuals_over_causes(fit, reduced, predictor)
     calibration, verdict = screen.calibration, verification.verdict
     about, rests_on = "", tuple[str, ...]()
     if calibration is not None:
@@ -64,6 +69,8 @@ def write_report(
         "" if profile_is_written else "<p class=failed>No profile was written.</p>",
         _list("Why it failed", verification.failures),
         f'<img alt="friction and residuals" src="{picture}">',
+        f'<img alt="residuals over force, voltage, frequency and order" src="{causes}">',
+        _trace(worst),
         _table("Results", [one.row() for one in fit.estimates]),
         _list("Not determined", [one.refusal() for one in fit.undetermined]),
         _table("Strokes kept out of the fit", [one.row() for one in verification.rows]),
@@ -149,9 +156,77 @@ def _picture(
     _residuals(rest, fit, good, verification, predictor)
     for axes in (by_force, by_frequency, rest):
         axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return _data_uri(figure)
+
+
+def _data_uri(figure: Figure) -> str:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=110)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
+
+
+def _residuals_over_causes(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> str:
+    """Residuals over what could cause them: a slope or a step in one of them is no noise."""
+    figure = Figure(figsize=(12.5, 2.6), layout="constrained")
+    panels = figure.subplots(1, 4, sharey=True)
+    good = [point for point in reduced.points if not point.outlier]
+    causes = (
+        ("normal_force_n", "normal force [N]"),
+        ("voltage_v", "voltage [V]"),
+        ("frequency_hz", "frequency [Hz]"),
+        ("number", "order"),
+    )
+    residuals = _residuals_of(good, fit, predictor)
+    for axes, (name, label) in zip(panels, causes, strict=True):
+        at = np.array([getattr(point, name) for point in good], dtype=float)
+        for held_out, colour in ((False, "#777"), (True, "#b40426")):
+            chosen = np.array([point.held_out is held_out for point in good], dtype=bool)
+            axes.plot(at[chosen], residuals[chosen], ".", color=colour)
+        axes.axhline(0, color="#222", lw=0.6)
+        axes.set(xlabel=label)
+    panels[2].set_xscale("log")
+    panels[0].set_ylabel("residual [JND]")
+    return _data_uri(figure)
+
+
+def _residuals_of(points: Sequence[Point], fit: Fit, predictor: StrokePredictor) -> Array:
+    """Measured minus predicted friction [JND], shape (points,)."""
+    if not points:
+        return np.empty(0)
+    strokes = StrokeConditions.of(points)
+    log_mu = predictor(strokes, fit.names, fit.log_values, jacobian=False).log_mu
+    measured = np.array([point.mu for point in points])
+    return np.asarray((measured / np.exp(log_mu) - 1) / WEBER_FRACTION)
+
+
+def _trace(recording: StrokeRecording | None) -> str:
+    """The raw forces and the place of one stroke, with the parts of full slip shaded."""
+    if recording is None:
+        return ""
+    figure = Figure(figsize=(12.5, 2.8), layout="constrained")
+    axes = figure.subplots()
+    step = max(len(recording.t_s) // 4000, 1)
+    t = recording.t_s - recording.t_s[0]
+    axes.plot(t[::step], recording.normal_force_n[::step], lw=0.6, label="normal force [N]")
+    axes.plot(t[::step], recording.tangential_force_n[::step], lw=0.6, label="tangential force [N]")
+    for one in full_slip(recording.t_s, recording.x_mm, recording.normal_force_n):
+        axes.axvspan(t[one.start], t[one.stop - 1], color="#1b9e77", alpha=0.15)
+    place = axes.twinx()
+    place.plot(t[::step], recording.x_mm[::step], color="#a6761d", lw=0.8)
+    place.set_ylabel("x [mm]")
+    axes.set(xlabel="time [s]")
+    axes.legend(fontsize=7, loc="upper right")
+    title = f"The stroke farthest from the fit: {escape(recording.stroke.label)}"
+    picture = f'<img alt="raw trace of stroke {recording.stroke.number}" src="{_data_uri(figure)}">'
+    return f"<h2>{title}</h2><p>Full slip, which alone counts, is shaded.</p>{picture}"
+
+
+def farthest_stroke(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> int | None:
+    """Number of the good stroke with the largest residual; None without strokes."""
+    good = [point for point in reduced.points if not point.outlier]
+    if not good:
+        return None
+    return good[int(np.abs(_residuals_of(good, fit, predictor)).argmax())].number
 
 
 def _curves(
@@ -175,10 +250,8 @@ def _residuals(
     axes: Axes, fit: Fit, good: list[Point], verification: Verification, predictor: StrokePredictor
 ) -> None:
     if good:
-        strokes = StrokeConditions.of(good)
-        log_mu = predictor(strokes, fit.names, fit.log_values, jacobian=False).log_mu
         numbers = np.array([point.number for point in good])
-        residual = (np.array([point.mu for point in good]) / np.exp(log_mu) - 1) / WEBER_FRACTION
+        residual = _residuals_of(good, fit, predictor)
         held_out = np.array([point.held_out for point in good])
         axes.plot(numbers[~held_out], residual[~held_out], ".", color="#777", label="fitted")
         axes.plot(numbers[held_out], residual[held_out], "o", color="#b40426", label="kept out")

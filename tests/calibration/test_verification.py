@@ -23,6 +23,7 @@ from calibration import (
 from calibration.predict import StrokeConditions
 from calibration.profile import write_archive
 from calibration.reduction import Reduced
+from calibration.report import farthest_stroke
 from haptix.screen import CALIBRATION_VALID_DAYS, CalibrationWarning
 
 H0_M = 1.6e-7
@@ -181,17 +182,30 @@ def test_the_finger_has_the_fitted_response_and_skin(predictor, finger, screen, 
     np.testing.assert_allclose(found.ripple, expected.ripple, rtol=1e-5)
 
 
-def test_the_report_stands_alone(tmp_path, calibrated, fit, strokes, passed, predictor):
+def test_the_report_stands_alone(
+    tmp_path, calibrated, fit, strokes, passed, predictor, recorded, stroke
+):
     path = tmp_path / "report.html"
-    write_report(path, calibrated.replace(name="<panel & 7>"), fit, strokes, passed, predictor)
+    named = calibrated.replace(name="<panel & 7>")
+    worst = recorded(stroke)
+    write_report(path, named, fit, strokes, passed, predictor, worst=worst)
     page = path.read_text()
     assert "http" not in page
     assert not re.search(r'(src|href)="(?!data:)', page)
     assert "&lt;panel &amp; 7&gt;" in page
     assert "<script" not in page
+    assert page.count("<img alt=") == 3
+    assert "raw trace of stroke 1" in page
+    assert "@media print" in page
     assert 'src="data:image/png;base64,iVBOR' in page
     for one in fit.estimates:
         assert one.name in page
+
+
+def test_the_stroke_whose_trace_is_shown_is_the_worst(fit, strokes, predictor):
+    points = list(strokes.points)
+    points[11] = replace(points[11], mu=0.8 * points[11].mu)
+    assert farthest_stroke(fit, Reduced(tuple(points)), predictor) == points[11].number
 
 
 def test_the_archive_holds_the_folder(tmp_path):
