@@ -80,7 +80,10 @@ def render(
         from haptix.virtual_finger import TouchPanel
 
         check_folder(out, ("simulation.png", *FILES))
-        finger, screen = profiles_for(device, finger, screen)
+        # `simulate` refuses what is no mock; a mock may have another driver's serial number.
+        finger, screen = profiles_for(
+            device if device.startswith("mock:") else "mock:", finger, screen
+        )
         setting, photograph = setting_of(
             image, width_mm, mu_range, trajectory, finger, screen, carrier_hz, direct_hz, waveform
         )
