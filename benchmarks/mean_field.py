@@ -25,8 +25,9 @@ from haptix.contact import THEORIES, AreaLaw, HalfSpace, MeanField, RoughnessSpe
 from haptix.electro import drive_strength
 
 sys.path.insert(0, str(Path(__file__).parent))
+import few_spots
 from mean_field_cases import FOLDER as OWN
-from mean_field_cases import Case, end_of_light_contact, mean_gap, pull_in_voltage
+from mean_field_cases import Case, box_gap, end_of_light_contact, mean_gap, pull_in_voltage
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "boundary-elements"
 SURFACE_OF_BASE = {"A": "S1", "C": "S6"}
@@ -289,6 +290,66 @@ def by_layer() -> str:
     return "\n".join(lines)
 
 
+def by_cell(use: str) -> str:
+    """Corrected theory over boundary elements in rows that were fitted to, or not ("test")."""
+    lines = [
+        "| solid | waves, q1/q_r, H | surfaces | x_long | 5e-5 | 1e-4 | 3e-4 | 1e-3 | 3e-3 "
+        "| 1e-2 |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    of_cell: dict[tuple[str, ...], list[dict[str, str]]] = {}
+    for row in few_spots.read(few_spots.FILE):
+        if row["use"] == use and float(row["x_long"]) > 3e-5:
+            name = tuple(row[key] for key in ("solid", "waves", "band", "hurst"))
+            of_cell.setdefault(name, []).append(row)
+    errors: dict[str, list[np.ndarray]] = {"A/A0": [], "mean gap": []}
+    for (solid, waves, band, hurst), given in of_cell.items():
+        cell = few_spots.Cell(solid, int(waves), int(band), hurst=float(hurst))
+        drawn = cell.spectrum()
+        density = (
+            drawn.density * (float(given[0]["h_rms"]) * few_spots.H_RMS / float(drawn.h_rms_m)) ** 2
+        )
+        contact = CORRECTED.mean_field(RoughnessSpectrum(drawn.wavenumber, density), cell.modulus)
+        pressure = torch.tensor([float(row["pressure_pa"]) for row in given], dtype=torch.float64)
+        touching = contact.touching(box_gap(contact))
+        at_pull = torch.exp(touching.of_pull(torch.log(pressure))[0])
+        unit = few_spots.H_RMS
+        whole = np.array([int(row["converged"]) == int(row["surfaces"]) for row in given])
+        ours = {
+            "A/A0": contact.area_fraction(pressure),
+            "mean gap": mean_gap(contact, pressure) / unit,
+            "pull 0.02": contact.inverse_square_gap(at_pull, 0.02 * unit, "excluded") * unit**2,
+            "pull 0.1": contact.inverse_square_gap(at_pull, 0.1 * unit, "excluded") * unit**2,
+        }
+        columns = {
+            "A/A0": "area",
+            "mean gap": "gap",
+            "pull 0.02": "pull_0.02",
+            "pull 0.1": "pull_0.1",
+        }
+        for name, values in ours.items():
+            ratio = values.numpy() / np.array([float(row[columns[name]]) for row in given])
+            if name in errors:
+                errors[name].append(np.where(whole, ratio, np.nan))
+            shown = " | ".join(
+                f"{one:.2f}" if ok else "-" for one, ok in zip(ratio, whole, strict=True)
+            )
+            head = f"{solid} | {waves}, {band}, {hurst} | {given[0]['surfaces']}"
+            lines.append(f"| {head if name == 'A/A0' else ' | | '} | {name} | {shown} |")
+    for name, found in errors.items():
+        wrong = np.abs(np.stack(found) - 1)
+        light, usual = wrong[:, :3], wrong[:, 3:]
+        lines.append(
+            f"| median / largest error [%] | | | {name} | {_spread(light)} | | | "
+            f"{_spread(usual)} | | |"
+        )
+    return "\n".join(lines)
+
+
+def _spread(wrong: np.ndarray) -> str:
+    return f"{100 * np.nanmedian(wrong):.0f} / {100 * np.nanmax(wrong):.0f}"
+
+
 def _put(page: str, mark: str, tables: str) -> str:
     start, end = f"<!-- {mark} -->\n", f"<!-- end of {mark} -->\n"
     before, _, rest = page.partition(start)
@@ -307,6 +368,8 @@ def main() -> None:
         "tables": f"{table()}\n\n{by_load()}",
         "voltage": by_voltage(),
         "layers": by_layer(),
+        "fit": by_cell("fit"),
+        "test": by_cell("test"),
     }
     if arguments.out is None:
         sys.stdout.write("\n\n".join(parts.values()) + "\n")
