@@ -8,6 +8,8 @@ from functools import cached_property
 
 from torch import Tensor
 
+from haptix.contact import beyond_validation
+
 
 @dataclass(frozen=True)
 class GapSums:
@@ -30,7 +32,12 @@ class ContactState:
     """
 
     mu: Tensor
-    """Friction coefficient, ``tau_f A / F_N``."""
+    """Friction coefficient, ``tau_f A / F_N``, at the period's mean attraction: that of a carrier,
+    which a contact is too slow to follow. `ContactModel.over_period` has that of a slow drive."""
+    x: Tensor
+    """``p0/(E* slope)``, with the slope of all waves: how lightly the contact is loaded."""
+    rolloff_waves: Tensor
+    """Waves of the roll-off under the contact, ``A0 (q_r/2 pi)^2``."""
     area_fraction: Tensor
     """Real over apparent contact area, A/A0."""
     pressure_pa: Tensor
@@ -51,6 +58,11 @@ class ContactState:
     """Integers of `Status`."""
     sum_gaps: Callable[[], GapSums] = field(repr=False, compare=False)
     """Makes what most callers do without; use the properties."""
+
+    def warnings(self) -> list[str]:
+        """Where the states lie below what was validated, as outputs quote it."""
+        lowest = (float(one.detach().min()) for one in (self.x, self.rolloff_waves))
+        return beyond_validation(*lowest)
 
     @property
     def attraction_pa(self) -> Tensor:

@@ -83,6 +83,11 @@ def breakdown_note(share: float) -> str:
     )
 
 
+def warning_note(warnings: Sequence[str]) -> str:
+    """Return what a title says about results below what was validated."""
+    return f"; beyond what was validated: {'; '.join(warnings)}" if warnings else ""
+
+
 def _text(value: Any) -> str:
     if value is None:
         return "-"

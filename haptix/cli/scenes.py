@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptix.terminal import AsJson, breakdown_note, placeholder_note, progress_bar, show
+from haptix.terminal import (
+    AsJson,
+    breakdown_note,
+    placeholder_note,
+    progress_bar,
+    show,
+    warning_note,
+)
 
 if TYPE_CHECKING:
     from haptix.planning import Plan
@@ -45,7 +52,8 @@ def plan(
     title = (
         f"{found.scene.name}: {found.model.fidelity}, {dtype}, at most some {nodes} nodes, "
         f"tolerance {found.tolerance.value:.3g} {found.tolerance.unit}; left out "
-        f"{found.effect.thresholds_max:.2g} of {found.scene.budget_thresholds:g} JND"
+        f"{found.effect.thresholds_max:.2g} of {found.scene.budget_thresholds:g} JND; "
+        f"x = p0/(E* slope) from {found.lowest_x:.2g}{warning_note(found.warnings)}"
     )
     title += placeholder_note(found.model.placeholders(), found.placeholder_spread_jnd)
     title += breakdown_note(found.pull_past_breakdown)

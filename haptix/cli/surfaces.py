@@ -14,7 +14,14 @@ import typer
 from haptix.cli.numbers import read_numbers, read_pair
 from haptix.errors import InputError, LimitError, ToleranceError
 from haptix.files import reading
-from haptix.terminal import AsJson, breakdown_note, placeholder_note, progress_bar, show
+from haptix.terminal import (
+    AsJson,
+    breakdown_note,
+    placeholder_note,
+    progress_bar,
+    show,
+    warning_note,
+)
 
 if TYPE_CHECKING:
     from haptix.friction import ContactModel
@@ -197,6 +204,7 @@ def query(
         note = placeholder_note(model.placeholders(), largest)
         outputs: dict[str, Any] = {
             "mu": state.mu,
+            "x": state.x,
             "area_fraction": state.area_fraction,
             "attraction_pa": state.attraction_pa,
             "pull_in_voltage_v": state.pull_in_voltage_v,
@@ -205,7 +213,7 @@ def query(
         if as_json:
             outputs |= {f"{name.replace(' ', '_')}_spread_jnd": jnd for name, jnd in spread.items()}
         share = float(state.pull_past_breakdown.max())
-        status = state.status
+        status, warnings = state.status, state.warnings()
     else:
         table = FrictionSurface.load(surface)
         with reading(surface, "a surface with its model"):
@@ -217,10 +225,12 @@ def query(
                 "surface's screen; lower it (it is rejected, not clamped)"
             )
         sample, note = table.evaluate(**inputs), _note(table, surface)
-        outputs, status = {"mu": sample.mu}, sample.status
+        outputs, status, warnings = {"mu": sample.mu}, sample.status, []
         # Surfaces of earlier versions do not know.
         share = float(table.info.get("pull_past_breakdown", 0.0))
-    show(f"friction{note}{breakdown_note(share)}", _rows(inputs, outputs, status), as_json)
+    title = f"friction at the period's mean attraction{note}"
+    title += breakdown_note(share) + warning_note(warnings)
+    show(title, _rows(inputs, outputs, status), as_json)
 
 
 def invert(

@@ -5,7 +5,7 @@ from haptix.contact.area import AreaLaw
 from haptix.contact.elasticity import ElasticSolid, HalfSpace, Layered
 from haptix.contact.meanfield import ContactSpots, GapDistribution, MeanField
 from haptix.contact.roughness import RoughnessSpectrum
-from haptix.contact.theory import THEORIES, Theory, TheoryName
+from haptix.contact.theory import THEORIES, Theory, TheoryName, beyond_validation
 
 __all__ = [
     "THEORIES",
@@ -19,6 +19,7 @@ __all__ = [
     "RoughnessSpectrum",
     "Theory",
     "TheoryName",
+    "beyond_validation",
 ]
 
 keep_freed_memory()

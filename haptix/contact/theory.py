@@ -90,3 +90,22 @@ THEORIES: Mapping[str, Theory] = {
     ),
 }
 """Forms of the mean field by name."""
+
+VALIDATED_X = 5e-4
+"""Lowest ``x = p0/(E* slope)`` at which the forms were compared with boundary elements that they
+were not fitted to (docs/mean-field.md)."""
+
+VALIDATED_WAVES = 16.0
+"""Fewest waves of the roll-off, ``A0 (q_r/2 pi)^2``, under a contact of that comparison."""
+
+
+def beyond_validation(x: float, rolloff_waves: float) -> list[str]:
+    """Say what of a contact lies below what was validated; lowest values are given."""
+    found = []
+    if x < VALIDATED_X:
+        found.append(f"x = p0/(E* slope) from {x:.2g}: validated from {VALIDATED_X:g}")
+    if rolloff_waves < VALIDATED_WAVES:
+        found.append(
+            f"{rolloff_waves:.3g} waves of the roll-off: validated from {VALIDATED_WAVES:g}"
+        )
+    return found

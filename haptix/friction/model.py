@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
+from math import pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -290,8 +291,11 @@ class ContactModel:
         breakdown = breakdown_voltage(
             own, self.screen.insulator_permittivity, self.screen.insulator_strength_v_per_m
         )
+        area = self.solver.terms.apparent_area_m2(force)
         solved = {
             "mu": mu,
+            "x": force / area / (sqrt(2) * self.contact.stress_rms_pa),
+            "rolloff_waves": area * (self.contact.spectrum.q_rolloff / (2 * pi)) ** 2,
             "area_fraction": found.area_fraction,
             "pressure_pa": found.pressure_pa,
             "gap_attraction_pa": found.gap_attraction_pa,

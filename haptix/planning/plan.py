@@ -76,6 +76,10 @@ class Plan:
     """Largest difference that others in place of unmeasured values make, at the same states."""
     pull_past_breakdown: float
     """Largest share of the attraction that comes from gaps past what they bear."""
+    lowest_x: float
+    """Lowest ``p0/(E* slope)`` of the scene."""
+    warnings: tuple[str, ...]
+    """Where the scene lies below what was validated, see `ContactState.warnings`."""
 
     def record(self) -> dict[str, Any]:
         """Return the decisions as plain values, to be stored in the surface.
@@ -91,6 +95,8 @@ class Plan:
             "dtype": str(self.dtype).removeprefix("torch."),
             "points": self.points,
             "pull_past_breakdown": self.pull_past_breakdown,
+            "lowest_x": self.lowest_x,
+            "warnings": list(self.warnings),
             "rows": [
                 {
                     "kind": row.kind,
@@ -202,6 +208,9 @@ def plan_scene(
     model, asked_for = trials.model(chosen), scene.override.fidelity
     if asked_for is not None and Ability.TABULATE not in FIDELITIES[asked_for].can:
         model = scene.model(asked_for, model.dtype, terms=model.terms)
+    lightest = trials.model(chosen).solve(
+        scene.normal_force_n[0], 0.0, scene.ranges()["frequency_hz"][0]
+    )
     plan = Plan(
         scene=scene,
         rows=tuple(rows),
@@ -216,6 +225,8 @@ def plan_scene(
             trials.model(base), trials.points.places, trials.voltage_v
         ),
         pull_past_breakdown=trials.pull_past_breakdown(chosen),
+        lowest_x=float(lightest.x),
+        warnings=tuple(lightest.warnings()),
     )
     on_progress(1.0)
     return plan

@@ -60,6 +60,7 @@ def build_table(
         "key": surface_key(model, scene, tolerance, largest_bytes),
         "model": model.describe(),
         "model_hash": digest(model.describe()),
+        "friction": "at the period's mean attraction",
         "ranges": ranges,
         "screen_h0_m": model.screen.h0_m,
         "response_hz_per_mm_per_s": model.finger.response_hz_per_mm_per_s,
