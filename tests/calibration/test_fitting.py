@@ -54,9 +54,10 @@ def paper_fit(predictor, truth, reduced_of, finger, screen):
 def test_the_insulator_is_found(full_fit):
     one = full_fit["h0_m"]
     assert one.verdict == "determined"
-    # Its own error: three standard deviations, which are some 6 % with an unknown skin.
+    # Its own error: three standard deviations, which are some 15 % with an unknown skin (6 % by
+    # the theory "open-gaps", whose friction rises more with the voltage).
     assert abs(log(one.value / TRUTH["h0_m"])) < 3 * one.spread
-    assert 0.005 < one.spread < 0.1
+    assert 0.005 < one.spread < 0.2
     assert one.low < TRUTH["h0_m"] < one.high
     assert 0.005 < full_fit.repeatability.log_mu < 0.015  # 0.01 was put in, 50 strokes are left
     assert full_fit["skin_dielectric_scale"].low < 1.0 < full_fit["skin_dielectric_scale"].high
