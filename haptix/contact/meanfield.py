@@ -239,6 +239,10 @@ class MeanField:
 
     def area_argument(self, pressure_pa: Tensor) -> Tensor:
         """Return t at pressures [Pa] of any shape, of which the area fraction is ``erf(t)``."""
+        return self.area.argument(self.relative_pressure(pressure_pa))
+
+    def relative_pressure(self, pressure_pa: Tensor) -> Tensor:
+        """Return ``y = p / tau`` of the waves that count at pressures [Pa] of any shape."""
         y = pressure_pa / self.stress_rms_pa
         if self.area.tips:
             at = self._log_tip_stress - 2 / 3 * torch.log(pressure_pa)
@@ -246,7 +250,7 @@ class MeanField:
             # Beyond the table all waves count, or T_s is proportional to q_s^-2.
             inside = self._log_spot_share(at.clamp(low, high))
             y = y * torch.exp((at.clamp(min=high) - high - inside) / 2)
-        return self.area.argument(y)
+        return y
 
     def highest_asperity(self, apparent_area_m2: Tensor) -> Tensor:
         """Height [m] that the mean gap of unloaded surfaces has, for A0 [m^2] of any shape."""

@@ -7,6 +7,8 @@ pressure, so there is no table, and its slow fall with pressure is the error of 
 
 from __future__ import annotations
 
+from math import pi, sqrt
+
 import torch
 from torch import Tensor
 
@@ -32,7 +34,9 @@ class ClosedForm(Fidelity):
         gap = field.mean_gap(pressure)
         self._gap_m = gap[0]
         self._gap_fall_m = (gap[0] - gap[1]) / torch.log(pressure[1] / pressure[0])
-        self._area_per_pa = field.area_fraction(pressure[0]) / pressure[0]
+        # Light contact, even where the reference pressure would close it: erf t = 2 t / sqrt(pi).
+        light = 2 / sqrt(pi) * field.area.light
+        self._area_per_pa = light * field.relative_pressure(pressure[0]) / pressure[0]
 
     def gap_mass(
         self, applied_pa: Tensor, widest_gap_m: Tensor | None, pressure_pa: Tensor

@@ -42,9 +42,10 @@ def test_the_mean_gap_never_exceeds_the_highest_asperity(finite: ContactModel) -
     gap = finite.solve(force, voltage, None, 2e-7).mean_gap_m
     number = FINGER.apparent_area_m2(force) * (3992.9 / (2 * math.pi)) ** 2
     height = 22e-6 * torch.sqrt(2 * torch.log(number))
-    assert bool((gap <= height * (1 + 1e-12)).all())  # rounding
+    # p_N is found in a table of its own, states in another: each is interpolated to 1e-7.
+    assert bool((gap <= height * (1 + 2e-7)).all())
     # Light contacts rest on it.
-    assert gap[0, 0] == pytest.approx(float(height[0]), rel=1e-12)
+    assert gap[0, 0] == pytest.approx(float(height[0]), rel=2e-7)
 
 
 def test_size_does_not_matter_to_a_heavy_load(finite: ContactModel, infinite: ContactModel) -> None:
@@ -293,10 +294,9 @@ def test_the_closed_form_at_light_load(infinite: ContactModel) -> None:
     closed = ContactModel(FINGER, SCREEN, fidelity="closed-form", theory="open-gaps")
     force = tensor(0.1, 0.5, 1.0)
     off, full = closed.solve(force, 0.0), infinite.solve(force, 0.0)
-    # erf(y) = 2y/sqrt(pi) (1 - y^2/3): its cubic term, y = p/tau, and nothing else. The closed form
-    # is exact at 0.5 N.
+    # erf(y) = 2y/sqrt(pi) (1 - y^2/3): its cubic term, y = p/tau, and nothing else.
     y = full.pressure_pa / infinite.contact.stress_rms_pa
-    cubic = (y**2 - y[1] ** 2) / 3
+    cubic = y**2 / 3
     assert (off.mu / full.mu - 1 - cubic).abs().max() < 1e-3 * float(y.max() ** 2)
     # The light branch ends at 31 p0, where (V/Vc)^2 = 30/31.
     critical = float(closed.solve(0.5, 0.0, None, 2e-7).pull_in_voltage_v) * (31 / 30) ** 0.5
