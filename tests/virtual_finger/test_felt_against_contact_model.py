@@ -143,14 +143,16 @@ def test_a_carrier_is_felt_as_its_amplitude_is_solved(model, stroke, carrier):
     time = np.arange(RATE) / RATE
     slow = 110.0 + 70.0 * np.sin(2 * np.pi * 2.0 * time)
     drive = slow * np.sin(2 * np.pi * carrier * time)
-    felt = VirtualFinger(model).feel(drive, RATE, **stroke(1.0, speed_mm_per_s=100.0))
+    # Where a drive begins or ends at once, the band's edge rings on for some 10 ms at 3 kHz.
+    path = stroke(0.8, speed_mm_per_s=100.0, start_s=0.1)
+    felt = VirtualFinger(model).feel(drive, RATE, **path)
     # The response lags 11.5 um behind, 0.12 ms here: the amplitude of that much earlier.
     lag = 1 / (2 * np.pi * 13.8 * 100.0)
     amplitude = 110.0 + 70.0 * np.sin(2 * np.pi * 2.0 * (felt.t_s - lag))
     wanted = model.solve(FORCE, amplitude, carrier).mu.numpy()
-    # Where a drive begins or ends at once, the band's edge is felt for a millisecond.
-    inside = (felt.t_s > 0.002) & (felt.t_s < 0.998)
-    assert np.abs(felt.mu / wanted - 1)[inside].max() < 0.1 * JUDGED
+    # It begins without a past, and lags so only after a few times 11.5 um.
+    begun = felt.t_s > 0.102
+    assert np.abs(felt.mu / wanted - 1)[begun].max() < 0.1 * JUDGED
 
 
 def test_an_ideal_carrier_is_the_sampled_one_without_its_modulation(model, stroke):

@@ -53,16 +53,16 @@ def test_a_standing_finger_has_no_friction_coefficient_and_needs_no_friction(mod
 
 
 def test_a_lifted_finger_feels_nothing(model):
-    felt = VirtualFinger(model).feel(
-        DRIVE, RATE, [0.0, 0.1, 0.2, 0.3], [0.0, 5.0, 10.0, 15.0], 0.0, [0.5, 0.0, 0.0, 0.5]
-    )
+    path = [0.0, 0.1, 0.2, 0.3], [0.0, 5.0, 10.0, 15.0], 0.0, [0.5, 0.0, 0.0, 0.5]
+    # The drive has been on for a tenth of a second: as it begins, friction rises.
+    felt = VirtualFinger(model).feel(DRIVE, RATE, *path, start_s=-0.1)
     lifted = (felt.t_s >= 0.1) & (felt.t_s <= 0.2)
     assert np.isnan(felt.mu[lifted]).all()
     assert (felt.friction_force_n[lifted] == 0).all()
     pressed = felt.normal_force_n > 2e-3
     assert np.isfinite(felt.mu[pressed]).all()
     # Friction force falls with the force that presses.
-    assert (np.diff(felt.friction_force_n[:995]) < 1e-3).all()
+    assert (np.diff(felt.friction_force_n[:995]) < 0).all()
 
 
 @pytest.mark.parametrize(
