@@ -64,10 +64,13 @@ def test_the_gap_densities_hold_all_that_is_not_in_contact(figures, form):
 
 def test_the_two_forms_agree_where_the_mean_gap_is_wide(figures):
     columns = figures["gaps"].columns
-    # Around the peak u1 is four times the roughness left: 1/s^2 + 1/u1^2 is 6 % off 1/s^2.
     plain, combined = (columns[f"density_{f}_3kpa_per_um"] for f in ("plain", "combined"))
     top = np.where(columns["gap_um"] > 5, plain, 0).argmax()
-    assert combined[top] == pytest.approx(plain[top], rel=0.06)
+    # Around the peak u1 is the gap, and the roughness left no more than h_rms, 22 um: combined, the
+    # strips' normal distributions are narrower by sqrt(1 + (s/u1)^2), and as much higher.
+    narrower = np.sqrt(1 + (22 / columns["gap_um"][top]) ** 2)
+    assert narrower < 1.1
+    assert 1 < combined[top] / plain[top] < narrower
     # Where gaps close u1 goes to zero, and combining narrows them onto zero; at a picometre, since
     # nothing is drawn below 0.1 nm.
     assert columns["gap_um"][0] == pytest.approx(1e-4)
