@@ -6,7 +6,8 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -38,21 +39,56 @@ def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(title=title, title_justify="left", box=SIMPLE, padding=0)
-    for name, value in rows[0].items() if rows else ():
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        # Headings may break at underscores, numbers not: so tables fit a terminal.
-        widest = max(len(_text(row[name])) for row in rows)
-        table.add_column(
-            name.replace("_", " "),
-            justify="right" if number else "left",
-            overflow="fold",
-            min_width=widest if number else min(widest, 8),
-        )
+    console = Console()
+    console.print(Text(title, "table.title"))
+    # The box: a line on each side, and one between two columns.
+    columns = [_Column.of(name, [row[name] for row in rows]) for name in rows[0]] if rows else []
+    widths = _widths(columns, console.width - len(columns) - 1)
+    table = Table(box=SIMPLE, padding=0)
+    for column, width in zip(columns, widths, strict=True):
+        justify: Literal["left", "right"] = "right" if column.is_number else "left"
+        table.add_column(column.heading, justify=justify, overflow="fold", width=width)
     for row in rows:
         table.add_row(*(escape(_text(value)) for value in row.values()))
-    Console().print(table)
+    # A terminal folds lines that are too long; cut off, they would lose values.
+    console.width = max(console.width, sum(widths) + len(columns) + 1)
+    console.print(table)
+
+
+@dataclass(frozen=True)
+class _Column:
+    """Widths that a column may have."""
+
+    heading: str
+    is_number: bool
+    least: int
+    """Numbers are never broken, and headings may be, at underscores first."""
+    with_words: int
+    """With the words of its heading whole."""
+    whole: int
+
+    @classmethod
+    def of(cls, name: str, values: Sequence[Any]) -> _Column:
+        is_number = isinstance(values[0], int | float) and not isinstance(values[0], bool)
+        heading = name.replace("_", " ")
+        widest = max(len(_text(value)) for value in values)
+        least = widest if is_number else min(widest, 8)
+        words = max(least, *map(len, heading.split(" ")))
+        return cls(heading, is_number, least, words, max(widest, len(heading)))
+
+
+def _widths(columns: Sequence[_Column], room: int) -> list[int]:
+    """Widths within `room`, or the least ones: first words become whole, then all the rest."""
+    widths = [column.least for column in columns]
+    for wanted in ([column.with_words for column in columns], [column.whole for column in columns]):
+        while sum(widths) < room:
+            short = [at for at, width in enumerate(widths) if width < wanted[at]]
+            if not short:
+                break
+            widths[min(short, key=lambda at: widths[at])] += 1  # the narrowest
+    return widths
 
 
 def placeholder_note(

@@ -10,6 +10,7 @@ import pytest
 
 import haptix
 from haptix.surface import FrictionSurface
+from haptix.terminal import show
 
 ROOT = Path(haptix.__file__).parents[1]
 COMMANDS = ["demo", "build", "query", "invert", "devices", "doctor"]
@@ -314,6 +315,10 @@ def test_a_table_fits_its_terminal_whole(haptix_cli, more):
     assert shown.code == 0
     lines = shown.out.splitlines()
     assert max(map(len, lines)) <= 80
+    # What others in place of placeholders change has no columns: the title says it, whole.
+    spreads = [[row.pop(name) for row in rows] for name in [*rows[0]] if name.endswith("_jnd")]
+    assert all(f"{max(spread):.2g} JND" in " ".join(lines) for spread in spreads)
+    assert "from gaps whose field is past what they bear:" in " ".join(shown.out.split())
     # Every word of the headings, where there is room for words, and every value in one piece.
     heading = " ".join(lines[: next(i for i, line in enumerate(lines) if "──" in line)])
     for name in rows[0] if not more else ():
@@ -325,6 +330,17 @@ def test_a_table_fits_its_terminal_whole(haptix_cli, more):
         *numbers, status = row.values()
         assert cells[-1] == status
         assert [float(cell) for cell in cells[:-1]] == pytest.approx(numbers, rel=1e-3)
+
+
+def test_a_table_wider_than_its_terminal_loses_no_value(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "20")
+    title = "a title of [m] that is longer than a line"
+    show(
+        title, [{"one_column": 1.25e-08, "another": 123.4, "a_third": -9876.5, "last": "OK"}], False
+    )
+    lines = capsys.readouterr().out.splitlines()
+    assert " ".join(" ".join(lines[:3]).split()).startswith(title)
+    assert any(line.split() == ["1.25e-08", "123.4", "-9876", "OK"] for line in lines)
 
 
 def test_demo_prints_its_summary(haptix_cli, things):
