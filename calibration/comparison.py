@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Literal
@@ -78,6 +78,7 @@ def compare_terms(
     start = parameters.restarted_at({name: fit.best(name) for name in fit.free})
     base = Residuals(predictor, start, points, fit.repeatability)
     at = solve(base, base.start)
+    fitted = dict(zip(start.free, at, strict=True))
     base_score, base_mu = _score(base, at), base.predict(at).log_mu
     found = []
     on = fitted_terms(predictor.model.terms, parameters.names)
@@ -88,7 +89,7 @@ def compare_terms(
         except InputError:
             continue  # the profiles lack what the term needs
         other = Residuals(switched, changed, points, fit.repeatability)
-        there = solve(other, other.start)
+        there = min((solve(other, one) for one in _starts(other, fitted)), key=other.cost)
         evidence = (_score(other, there) - base_score) * (1 if is_on else -1)
         change = np.abs(np.expm1(other.predict(there).log_mu - base_mu)).max() / WEBER_FRACTION
         found.append(TermNeed(term, is_on, _need(evidence, change), evidence, float(change)))
@@ -118,6 +119,22 @@ def _score(residuals: Residuals, free: Array) -> float:
     spare = residuals.data_rows - used - 1
     small = 2 * used * (used + 1) / spare if spare > 0 else inf
     return residuals.cost(free) + 2 * used + small
+
+
+def _starts(residuals: Residuals, fitted: Mapping[str, float]) -> list[Array]:
+    """Return where to start: at what was fitted, and at two values of a parameter that is new.
+
+    From a gap that leaks much the way to one that hardly leaks, one standard deviation of the prior
+    up, may lead through a worse fit.
+    """
+    parameters, own = residuals.parameters, residuals.start
+    pairs = zip(parameters.free, own, strict=True)
+    starts = [np.array([fitted.get(name, value) for name, value in pairs])]
+    for number, name in enumerate(parameters.free):
+        spread = parameters.prior_spread(name)
+        if name not in fitted and spread is not None:
+            starts.append(starts[0] + spread * (np.arange(len(own)) == number))
+    return starts
 
 
 def _switched(
