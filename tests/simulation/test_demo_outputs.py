@@ -131,7 +131,15 @@ def test_the_figures_of_friction_by_another_way(demo):
     assert demo.summary["target_mu"] == pytest.approx([low_mu, high_mu], abs=slack)
     assert found["error_rms_mu"] == pytest.approx(np.sqrt((error**2).mean()), abs=slack)
     assert found["error_p95_mu"] == pytest.approx(np.percentile(error, 95), abs=slack)
-    assert found["error_max_mu"] == pytest.approx(error.max(), abs=slack)
+    # The largest: the drive ramps down from its last sample's -55 V, a slow voltage whose product
+    # with the carrier ripples at 4 kHz. In the placeholder of a skin, which is not causal, the
+    # ripple begins 5 ms before the ramp: there the summary is compared with the table alone.
+    felt = np.genfromtxt(demo.folder / "felt.csv", delimiter=",", names=True)
+    missed = (felt["felt_mu"] - felt["target_mu"])[51:990]
+    missed = np.abs(np.convolve(missed, np.full(10, 0.1), "valid"))
+    assert found["error_max_mu"] == pytest.approx(missed.max(), rel=1e-3)
+    before_ramp = slice(0, 950 - 51 - 9)
+    assert missed[before_ramp].max() == pytest.approx(error[before_ramp].max(), abs=slack)
     # The first 5 ms, the last one and the edges of the window are left out.
     assert found["evaluated"] / found["samples"] == pytest.approx(0.93, abs=0.01)
     jnd = error / (0.11 * target)
