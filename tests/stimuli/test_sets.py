@@ -260,12 +260,12 @@ def test_unreachable_friction_is_reported_for_each_with_the_nearest(finger, scre
     high, low = (line for line in str(caught.value).splitlines() if ".wav" in line)
     assert "high.wav" in high and "voltage limit, 186 V" in high
     assert "low.wav" in low
-    # As the model says without a surface, to the 5 % of a JND that a surface may be off.
+    # As the model says without a surface, to the 2 % of a JND that a surface may be off.
     jnd = 0.11 * lowest
     said = float(re.search(r"highest is ([0-9.]+)", high)[1])
-    assert said == pytest.approx(highest, abs=0.05 * jnd)
+    assert said == pytest.approx(highest, abs=0.02 * jnd)
     said = float(re.search(r"lowest is ([0-9.]+)", low)[1])
-    assert said == pytest.approx(lowest, abs=0.05 * jnd)
+    assert said == pytest.approx(lowest, abs=0.02 * jnd)
     assert tree(tmp_path) == {}
     nearest = StimulusSet("set", stimuli, finger, (screen,), unreachable="nearest")
     tables = {table["name"]: table for table in nearest.make(tmp_path).sidecars}
