@@ -315,7 +315,7 @@ class ContactModel:
             },
             status=status.reshape(shape),
             sum_gaps=partial(
-                self._gap_sums, force, at_contact, circuit, frequency_hz, found, shape
+                self._gap_sums, force, at_contact, circuit, frequency_hz, found, shape, self.dtype
             ),
         )
 
@@ -328,6 +328,7 @@ class ContactModel:
         frequency_hz: Tensor | None,
         found: Balance,
         shape: torch.Size,
+        dtype: torch.dtype,
     ) -> GapSums:
         """Sum over the gaps of solved states under voltages of their own, given flat.
 
@@ -361,9 +362,9 @@ class ContactModel:
         current, angular = None, torch.zeros_like(force)
         if frequency_hz is not None:
             angular = 2 * torch.pi * frequency_hz.expand(shape).reshape(-1)
-            current = (angular * voltage * capacitance.abs()).to(self.dtype).reshape(shape)
+            current = (angular * voltage * capacitance.abs()).to(dtype).reshape(shape)
         share, farads, siemens = (
-            one.to(self.dtype).reshape(shape)
+            one.to(dtype).reshape(shape)
             for one in (past.real, capacitance.real, angular * capacitance.imag)
         )
         return GapSums(share, farads, siemens, current)
