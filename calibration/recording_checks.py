@@ -260,6 +260,11 @@ class _SlidingChecks:
         values = getattr(self.recording, name)
         return self.mean(values, direction) - float(np.median(values[self.before]))
 
+    def drift(self, name: str) -> float:
+        """Change of a signal from before the touch to the middle of the stroke."""
+        values = getattr(self.recording, name)
+        return float(np.median(values[self.after]) - np.median(values[self.before])) / 2
+
     def mean(self, values: Array, direction: int | None = None) -> float:
         """Mean in full slip, of one direction or of all."""
         chosen = [one for one in self.segments if direction in (None, one.direction)]
@@ -363,7 +368,8 @@ class _SlidingChecks:
         normal = self.level("normal_force_n")
         there = self.segments[0].direction
         drag = self.level("tangential_force_n", there) * there
-        if any(one.direction == -there for one in self.segments):
+        is_one_way = all(one.direction == there for one in self.segments)
+        if not is_one_way:
             # Friction turns with the direction, the normal force does not.
             drag_back = self.level("tangential_force_n", -there) * -there
             one_way, back = (self.level("normal_force_n", way) for way in (there, -there))
@@ -398,7 +404,7 @@ class _SlidingChecks:
                 f"the tangential force pulls the finger along (mu {mu:.3g}); give the column scale "
                 "= -1, or turn x around",
             )
-        elif mu < _LOWEST_MU:
+        elif mu - is_one_way * self.drift("tangential_force_n") * there / normal < _LOWEST_MU:
             unit = "kgf" if mu < 0.05 else "lbf"
             yield _wrong_unit(f"mu above {_LOWEST_MU:g}, with a tangential force in N", mu, unit)
         elif mu > _HIGHEST_MU:

@@ -22,7 +22,8 @@ def kinds(recording, fatal=True):
 
 @settings(deadline=None, max_examples=25)
 @given(
-    mu=st.floats(0.09, 3.0),  # below 0.08 a force is taken for one in lbf
+    # Below 0.08 a force is taken for one in lbf, and one way 2 % of cross-talk take 0.02 of mu.
+    mu=st.floats(0.11, 3.0),
     ripple=st.floats(0.0, 0.9),
     force=st.sampled_from([0.1, 0.5, 0.9]),
     both=st.booleans(),
