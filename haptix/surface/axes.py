@@ -186,6 +186,22 @@ class Corners:
     parts: tuple[Tensor, ...]
     offsets: tuple[int, ...]
 
+    def whole(self, columns: Tensor) -> Tensor:
+        """Blend all numbers of each column, shape (points, entries)."""
+        table = columns.reshape(-1, columns.shape[-1])
+        if not self.parts:
+            return table.expand(len(self.row), -1).contiguous()
+        weight = torch.ones_like(self.parts[0])[:, None]
+        for part in self.parts:
+            high = weight * part[:, None]
+            weight = torch.stack([weight - high, high], -1).reshape(len(part), -1)
+        rows = self.row[:, None] + self.row.new_tensor(self.offsets)
+        first = torch.arange(0, rows.numel(), rows.shape[1], device=rows.device)
+        column: Tensor = torch.nn.functional.embedding_bag(
+            rows.reshape(-1), table, first, per_sample_weights=weight.reshape(-1), mode="sum"
+        )
+        return column
+
     def blend(self, columns: Tensor, first: Tensor, entry: int) -> Tensor:
         """Blend one number of each column, at `first` + `entry` in its flat table."""
         flat, width = columns.reshape(-1), columns.shape[-1]
@@ -294,32 +310,5 @@ class Axes:
         is_inside : Tensor of bool, shape (points,)
             Whether the point is on all axes.
         """
-        inside: Tensor | None = None
-        row: Tensor | None = None
-        weight: Tensor | None = None
-        for axis, place in zip(self.each, places, strict=True):
-            if place is None:
-                continue
-            on_axis = axis.contains(place)
-            inside = on_axis if inside is None else inside.logical_and_(on_axis)
-            if not axis.varies:
-                continue
-            cell, part = axis.locate(place)
-            if row is None or weight is None:
-                row, weight = torch.stack([cell, cell + 1], -1), torch.stack([1 - part, part], -1)
-                continue
-            first = row * len(axis.nodes) + cell[:, None]
-            high = weight * part[:, None]
-            row = torch.cat([first, first + 1], -1)
-            weight = torch.cat([weight - high, high], -1)
-        if inside is None:
-            inside = torch.ones_like(like, dtype=torch.bool)
-        table = columns.reshape(-1, columns.shape[-1])
-        if row is None or weight is None:
-            return table.expand(len(like), -1).contiguous(), inside
-        each = row.shape[1]
-        offsets = torch.arange(0, row.numel(), each, device=row.device)
-        column: Tensor = torch.nn.functional.embedding_bag(
-            row.reshape(-1), table, offsets, per_sample_weights=weight.reshape(-1), mode="sum"
-        )
-        return column, inside
+        corners, inside = self.corners(places, like)
+        return corners.whole(columns), inside
