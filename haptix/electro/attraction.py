@@ -81,10 +81,9 @@ class AttractionTable:
 
     def mass_at(self, log_pressure: Tensor) -> Tensor:
         """Share of the area in each bin of gaps at ln p, shape (states, bins)."""
-        place = (log_pressure - self.log_pressure[0]) / _STEP
-        cell = place.detach().floor().clamp(0, len(self.log_pressure) - 2).long()
+        cell, part = self._cell(log_pressure)
         low, high = (self.gaps.mass.index_select(0, cell + k) for k in (0, 1))
-        return torch.lerp(low, high, (place - cell)[:, None])
+        return torch.lerp(low, high, part[:, None])
 
     def attraction(
         self,
@@ -123,11 +122,9 @@ class AttractionTable:
         if touching is None:
             gaps = gaps[:, circuit.column]
         else:
-            at, _ = touching.of_pull(self.log_pressure[:, None])
-            place = at - self.log_pressure[0]
-            cell = (place / _STEP).detach().floor().clamp(0, len(gaps) - 2).long()
+            cell, part = self._cell(touching.of_pull(self.log_pressure[:, None])[0])
             low, high = (gaps[cell + k, circuit.column] for k in (0, 1))
-            gaps = torch.lerp(low, high, (place / _STEP - cell).to(gaps.dtype))
+            gaps = torch.lerp(low, high, part.to(gaps.dtype))
         spots = area_fraction(torch.exp(self.log_pressure))[:, None]
         left = share(circuit.capacitance_f(gaps, spots, area_m2))
         return 2 * torch.log(left.abs())
@@ -138,6 +135,12 @@ class AttractionTable:
             return torch.ones_like(pressure_pa)
         states = torch.arange(len(pressure_pa), device=pressure_pa.device)
         return torch.exp(self._against_pressure(supply)(torch.log(pressure_pa), states))
+
+    def _cell(self, log_pressure: Tensor) -> tuple[Tensor, Tensor]:
+        """Node below ln p of any shape, and the share of the step to the next one."""
+        place = (log_pressure - self.log_pressure[0]) / _STEP
+        cell = place.detach().floor().clamp(0, len(self.log_pressure) - 2).long()
+        return cell, place - cell
 
     def _against_pressure(self, values: Tensor) -> UniformCubic:
         return UniformCubic.through(self.log_pressure[0], _STEP, values)
