@@ -13,18 +13,15 @@ import torch
 from torch import Tensor
 
 from haptix.contact import THEORIES, ContactSpots, GapDistribution, TheoryName
-from haptix.contact.gaps import bin_inverse_square
 from haptix.contact.meanfield import check_contact_spots
 from haptix.electro import Pull, drive_voltage
-from haptix.electro.breakdown import bearable_field, breakdown_voltage, peak_field, share_past
-from haptix.electro.circuit import Circuit, bin_inverse
-from haptix.electro.pull import representative_gaps
+from haptix.electro.breakdown import breakdown_voltage, peak_field
+from haptix.electro.circuit import Circuit
 from haptix.electro.waveform import field_in_time
 from haptix.errors import InputError, LimitError
 from haptix.fidelity import (
     FIDELITIES,
     Ability,
-    Balance,
     BoundaryElementBalance,
     BoundaryElementBox,
     BoxedFinger,
@@ -34,10 +31,11 @@ from haptix.fidelity import (
 )
 from haptix.finger import Finger
 from haptix.friction.carry_over import REFERENCE_FORCE_N, in_theory
+from haptix.friction.gap_sums import sum_gaps
 from haptix.friction.solver import FrictionSolver
 from haptix.inputs import broadcast_shape, checked
 from haptix.screen import Screen
-from haptix.states import ContactState, GapSums, PeriodState
+from haptix.states import ContactState, PeriodState
 from haptix.status import Status
 from haptix.terms import TERMS, ActiveTerms, Properties, Stage, chosen_terms
 from haptix.threads import backward_on_one_thread, one_thread
@@ -260,10 +258,6 @@ class ContactModel:
         state = self._solve(unit * share.sqrt(), *places)
         return replace(state, pull_in_voltage_v=unit.to(self.dtype).expand(state.mu.shape))
 
-    def bends(self) -> dict[str, tuple[float, ...]]:
-        """Values of an input at which the model has a corner: where a surface needs a node."""
-        return self.solver.terms.bends()
-
     def _places(
         self, normal_force_n: Any, frequency_hz: Any, h0_m: Any
     ) -> tuple[Tensor, Tensor | None, Tensor]:
@@ -308,66 +302,26 @@ class ContactModel:
         status = self.solver.terms.status(
             found.is_stable, lambda gap: at_contact / (gap + own).abs()
         )
+        solved = {
+            name: backward_on_one_thread(value.to(self.dtype).reshape(shape))
+            for name, value in solved.items()
+        }
         return ContactState(
-            **{
-                name: backward_on_one_thread(value.to(self.dtype).reshape(shape))
-                for name, value in solved.items()
-            },
+            **solved,
             status=status.reshape(shape),
             sum_gaps=partial(
-                self._gap_sums, force, at_contact, circuit, frequency_hz, found, shape, self.dtype
+                sum_gaps,
+                self.solver,
+                self.screen,
+                force,
+                at_contact,
+                None if frequency_hz is None else frequency_hz.expand(shape).reshape(-1),
+                circuit,
+                self._pull,
+                found,
+                solved["mu"],
             ),
         )
-
-    @one_thread()
-    def _gap_sums(
-        self,
-        force: Tensor,
-        voltage: Tensor,
-        circuit: Circuit,
-        frequency_hz: Tensor | None,
-        found: Balance,
-        shape: torch.Size,
-        dtype: torch.dtype,
-    ) -> GapSums:
-        """Sum over the gaps of solved states under voltages of their own, given flat.
-
-        The frequency has the shape of the input.
-        """
-        edges, screen = self.contact.gap_edges_m, self.screen
-        borne = bearable_field(
-            edges, screen.insulator_permittivity, screen.insulator_strength_v_per_m
-        )
-        limit = self.solver.terms.field_limit()
-        held = None if limit is None else limit(representative_gaps(edges)[:-1]) ** 2
-        rows = []
-        states = torch.arange(len(force), device=force.device).split(_BLOCK)
-        masses = self.solver.gap_masses(force, found, _BLOCK)
-        for at, mass in zip(states, masses, strict=True):
-            parts = circuit.part(at)
-            own = circuit.thickness_m[parts.column]
-            field = voltage[at, None] / (edges + own[:, None]).abs()
-            kernel = bin_inverse_square(edges, own)
-            if held is not None:
-                reached = voltage[at, None] ** 2 * kernel
-                kernel = kernel * (held / torch.maximum(reached, held))
-            past = share_past(mass * kernel, field, borne)
-            farads = parts.capacitance_f(
-                (mass * bin_inverse(edges, own)).sum(-1),
-                found.area_fraction[at],
-                self.solver.terms.apparent_area_m2(force[at]),
-            )
-            rows.append(torch.stack([past + 0j, farads + 0j]))
-        past, capacitance = torch.cat(rows, -1)
-        current, angular = None, torch.zeros_like(force)
-        if frequency_hz is not None:
-            angular = 2 * torch.pi * frequency_hz.expand(shape).reshape(-1)
-            current = (angular * voltage * capacitance.abs()).to(dtype).reshape(shape)
-        share, farads, siemens = (
-            one.to(dtype).reshape(shape)
-            for one in (past.real, capacitance.real, angular * capacitance.imag)
-        )
-        return GapSums(share, farads, siemens, current)
 
     def _flat(
         self, voltage: Tensor, force: Tensor, frequency_hz: Tensor | None, h0: Tensor

@@ -157,13 +157,11 @@ class Sampler:
         ]
 
     def positions(self, name: str, points: int) -> Tensor:
-        """Values along an axis: evenly spaced in the logarithm, and the corners of the model."""
+        """Values along an axis, evenly spaced in the logarithm."""
         low, high = self.span(name)
         even = torch.exp(torch.linspace(log(low), log(high), points, dtype=torch.float64))
         even[0], even[-1] = low, high
-        bends = [bend for bend in self.model.bends().get(name, ()) if low < bend < high]
-        both: Tensor = torch.cat([even, even.new_tensor(bends)]).unique()
-        return both
+        return even
 
     def along(
         self, name: str, points: int, last_drive: float, unit: UnitInMu, boundary_error: float

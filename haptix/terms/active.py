@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterable
 from functools import reduce
 
@@ -95,14 +94,6 @@ class ActiveTerms:
         """`haptix.Status` of states whose light contact holds or not, given their field."""
         light = torch.where(is_stable, int(Status.OK), int(Status.PULL_IN))
         return reduce(lambda status, term: term.status(status, field, self.given), self.all, light)
-
-    def bends(self) -> dict[str, tuple[float, ...]]:
-        """Values of an input at which friction has a corner: where a surface needs a node."""
-        found: defaultdict[str, set[float]] = defaultdict(set)
-        for term in self.all:
-            for name, values in term.bends(self.given).items():
-                found[name].update(values)
-        return {name: tuple(sorted(values)) for name, values in found.items()}
 
     def placeholders(self) -> list[str]:
         """Names of the unmeasured values that the terms rest on."""

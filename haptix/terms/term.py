@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from math import inf
@@ -139,10 +139,6 @@ class Term:
     def voltage_limit(self, state: ContactState) -> Tensor:
         """Amplitude [V] from which it reports its status; infinite without a status."""
         return torch.full_like(state.mu, inf)
-
-    def bends(self, given: Properties) -> Mapping[str, tuple[float, ...]]:
-        """Values of an input at which friction has a corner: a surface needs nodes there."""
-        return {}
 
     def placeholders(self, given: Properties) -> list[str]:
         """Names of the unmeasured values that it rests on."""
