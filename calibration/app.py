@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibration import profile_app
-from calibration.profile_app import rounded
+from calibration.profile_app import rounded, stroke_rows
 from haptix.errors import InputError
 from haptix.files import json_text
 from haptix.terminal import AsJson, run, show
@@ -275,21 +275,11 @@ def verify_(
 
     found, screen = verify_folder(folder, tolerance_thresholds)
     if as_json:
-        rows = [
-            {
-                "number": one.point.number,
-                "mu": rounded(one.point.mu),
-                "predicted_mu": rounded(one.predicted_mu),
-                "residual_thresholds": rounded(one.residual_thresholds),
-                "ripple_residual_thresholds": rounded(one.ripple_residual_thresholds),
-            }
-            for one in found.rows
-        ]
         document = {
             "verdict": found.verdict,
             "failures": found.failures,
             "worst_thresholds": rounded(found.worst_thresholds),
-            "strokes": rows,
+            "strokes": stroke_rows(found.rows),
         }
         sys.stdout.write(json_text(document))
     else:

@@ -8,8 +8,8 @@ from math import inf, sqrt
 import numpy as np
 from scipy.stats import t as student
 
-from calibration.parameters import Array, Parameters
-from calibration.predict import StrokeConditions, StrokePredictor
+from calibration.parameters import Array
+from calibration.predict import StrokePredictor
 from calibration.reduction import Reduced
 from calibration.verification import FEWEST_HELD_OUT, TOLERANCE_THRESHOLDS, HeldOutStroke
 from haptix.errors import InputError
@@ -87,11 +87,7 @@ def check_profile(reduced: Reduced, predictor: StrokePredictor) -> ProfileCheck:
         raise InputError(
             f"expected {FEWEST_HELD_OUT} good strokes with a voltage or more, got {driven.sum()}"
         )
-    model = predictor.model
-    own = Parameters.of(model.finger, model.screen)
-    found = predictor(StrokeConditions.of(points), own.names, own.log_values, jacobian=False)
-    predicted = zip(points, np.exp(found.log_mu).tolist(), found.ripple.tolist(), strict=True)
-    rows = tuple(HeldOutStroke(*one) for one in predicted)
+    rows = HeldOutStroke.predicted(points, predictor)
     residuals = np.array([one.residual_thresholds for one in rows])
     groups = {"all": residuals, "with_voltage": residuals[driven]}
     groups["without_voltage"] = residuals[~driven]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,6 +16,7 @@ from haptix.terminal import AsJson, show
 
 if TYPE_CHECKING:
     from calibration.parameters import Array
+    from calibration.verification import HeldOutStroke
     from haptix.finger import Finger
     from haptix.screen import Screen
 
@@ -49,15 +51,7 @@ def check(
         for name, one in found.drifts.items()
     }
     if as_json:
-        strokes = [
-            {
-                "number": one.point.number,
-                "mu": rounded(one.point.mu),
-                "predicted_mu": rounded(one.predicted_mu),
-                "residual_thresholds": rounded(one.residual_thresholds),
-            }
-            for one in found.rows
-        ]
+        strokes = stroke_rows(found.rows)
         document = {"verdict": verdict, "days": days, "drift": drifts, "strokes": strokes}
         sys.stdout.write(json_text(document))
     else:
@@ -209,6 +203,11 @@ def _signals_of(
     if not names:
         raise InputError(f"{columns}: expected a signal beside time and place")
     return found["t_s"], found["x_mm"], np.stack([found[name] for name in names], axis=-1)
+
+
+def stroke_rows(strokes: Iterable[HeldOutStroke]) -> list[dict[str, float | None]]:
+    """Strokes and their predictions, for JSON."""
+    return [{k: rounded(v) for k, v in stroke.values().items()} for stroke in strokes]
 
 
 def rounded(value: float) -> float | None:

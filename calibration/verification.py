@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
+from typing import Self
 
 import numpy as np
 
@@ -40,6 +42,26 @@ class HeldOutStroke:
         """The same of the ripple's amplitude in mu; NaN where no ripple is seen."""
         measured = self.point.ripple * self.point.mu
         return (measured / self.predicted_mu - self.predicted_ripple) / WEBER_FRACTION
+
+    @classmethod
+    def predicted(cls, points: Sequence[Point], predictor: StrokePredictor) -> tuple[Self, ...]:
+        """Predict strokes with the finger and the screen of a predictor."""
+        if not points:
+            return ()
+        own = Parameters.of(predictor.model.finger, predictor.model.screen)
+        found = predictor(StrokeConditions.of(points), own.names, own.log_values, jacobian=False)
+        each = zip(points, np.exp(found.log_mu).tolist(), found.ripple.tolist(), strict=True)
+        return tuple(cls(*one) for one in each)
+
+    def values(self) -> dict[str, float]:
+        """Return a row of numbers."""
+        return {
+            "number": self.point.number,
+            "mu": self.point.mu,
+            "predicted_mu": self.predicted_mu,
+            "residual_thresholds": self.residual_thresholds,
+            "ripple_residual_thresholds": self.ripple_residual_thresholds,
+        }
 
     def row(self) -> dict[str, str]:
         """Return a row of a table for people."""
@@ -101,13 +123,7 @@ def verify(
     It fails where a residual is above the tolerance, where fewer than two strokes were kept out,
     or where the strokes do not determine the screen's insulator.
     """
-    points, rows = reduced.held_out, tuple[HeldOutStroke, ...]()
-    if points:
-        model = predictor.model
-        own = Parameters.of(model.finger, model.screen)
-        found = predictor(StrokeConditions.of(points), own.names, own.log_values, jacobian=False)
-        predicted = zip(points, np.exp(found.log_mu).tolist(), found.ripple.tolist(), strict=True)
-        rows = tuple(HeldOutStroke(*one) for one in predicted)
+    rows = HeldOutStroke.predicted(reduced.held_out, predictor)
     failures = []
     if len(rows) < FEWEST_HELD_OUT:
         failures.append(
