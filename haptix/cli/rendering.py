@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,6 +16,7 @@ from haptix.errors import InputError, OverloadWarning
 from haptix.terminal import AsJson, breakdown_note, placeholder_note, progress_bar, show
 
 if TYPE_CHECKING:
+    from firmware_io import Device
     from haptix.simulation import Setting
     from haptix.surface import FrictionSurface
     from haptix.texture import FrictionField
@@ -74,6 +76,7 @@ def render(
     """
     with progress_bar({"surface": "build the surface", "render": "play and feel"}) as update:
         update("surface", 0.0)
+        from haptix.devices import open_device
         from haptix.files import check_folder
         from haptix.render import LiveSettings
         from haptix.simulation import FILES, simulate, write
@@ -81,9 +84,8 @@ def render(
 
         check_folder(out, ("simulation.png", *FILES))
         # `simulate` refuses what is no mock; a mock may have another driver's serial number.
-        finger, screen = profiles_for(
-            device if device.startswith("mock:") else "mock:", finger, screen
-        )
+        with closing(open_device(device if device.startswith("mock:") else "mock:")) as opened:
+            finger, screen = profiles_for(opened, finger, screen)
         setting, photograph = setting_of(
             image, width_mm, mu_range, trajectory, finger, screen, carrier_hz, direct_hz, waveform
         )
@@ -138,14 +140,14 @@ def play(
         from haptix.render import LiveRenderer, LiveSettings
         from haptix.touch import events_of, paced
 
-        finger, screen = profiles_for(device, finger, screen)
-        setting, _ = setting_of(
-            image, width_mm, mu_range, trajectory, finger, screen, carrier_hz, direct_hz, waveform
-        )
-        found = _surface(setting, surface, partial(update, "surface"))
-        events = events_of(setting.path)
-        opened = open_device(device)
-        try:
+        with closing(open_device(device)) as opened:
+            finger, screen = profiles_for(opened, finger, screen)
+            setting, _ = setting_of(
+                image, width_mm, mu_range, trajectory, finger, screen, carrier_hz, direct_hz,
+                waveform,
+            )  # fmt: skip
+            found = _surface(setting, surface, partial(update, "surface"))
+            events = events_of(setting.path)
             renderer = LiveRenderer(
                 found, setting.texture, opened, setting.drive, LiveSettings(lead_s=lead_ms / 1e3)
             )
@@ -155,8 +157,6 @@ def play(
                     renderer.event(event)
                     update("play", number / len(events))
                 time.sleep(2 * lead_ms / 1e3)
-        finally:
-            opened.close()
     stats = renderer.stats
     row: dict[str, float | str] = {
         "seconds": stats.samples / renderer.sample_rate_hz,
@@ -174,16 +174,11 @@ def play(
     show(f"{title}; {stats.advice}" if stats.advice else title, [row], as_json)
 
 
-def profiles_for(device: str, finger: str | None, screen: str | None) -> tuple[str, str]:
+def profiles_for(device: Device, finger: str | None, screen: str | None) -> tuple[str, str]:
     """Names or files of finger and screen: as given, installed for the device, or presets."""
-    from haptix.devices import open_device
     from haptix.profiles import installed_profile
 
-    found = None
-    if finger is None or screen is None:
-        opened = open_device(device)
-        found = installed_profile(opened.capabilities.serial)
-        opened.close()
+    found = installed_profile(device.capabilities.serial)
     if found is None:
         return finger or "semi-wet", screen or "3m-sct3250"
     return finger or str(found.finger), screen or str(found.screen)
