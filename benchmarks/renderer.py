@@ -161,6 +161,7 @@ def errors(model: Any, texture: Any, path: Trajectory) -> None:
     print("errors felt by the virtual finger: 95 % are below, in JND")
     for name, drive in (
         ("carrier of 4 kHz", SineCarrier(4000.0)),
+        ("direct sine of 60 Hz", DirectWave(60.0)),
         ("direct sine of 125 Hz", DirectWave(125.0)),
         ("direct square of 125 Hz", DirectWave(125.0, "square")),
     ):
