@@ -47,9 +47,13 @@ def test_a_driver_finds_its_own_profile_and_no_other(files):
     assert haptix.Screen.load(found.screen) == haptix.Screen.load(files[0])
     assert found.finger.read_bytes() == files[1].read_bytes()
     assert installed_profile("A") is installed_profile("") is None
-    assert profiles_for("mock:serial=A/../7", None, None) == (str(found.finger), str(found.screen))
-    assert profiles_for("mock:serial=A/../7", "wet", None) == ("wet", str(found.screen))
-    assert profiles_for("mock:serial=B", None, None) == ("semi-wet", "3m-sct3250")
+    with (
+        haptix.open_device("mock:serial=A/../7") as own,
+        haptix.open_device("mock:serial=B") as other,
+    ):
+        assert profiles_for(own, None, None) == (str(found.finger), str(found.screen))
+        assert profiles_for(own, "wet", None) == ("wet", str(found.screen))
+        assert profiles_for(other, None, None) == ("semi-wet", "3m-sct3250")
 
 
 def test_installed_by_the_command(files):
