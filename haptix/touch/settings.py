@@ -29,8 +29,11 @@ class TouchSettings:
         Time constant with which a path follows the correction of a new report.
     slide_above_mm_s, rest_below_mm_s : float
         A finger starts to slide above the first and comes to rest below the second.
+    turn_above_mm_s, turn_s : float
+        A finger whose velocity averages to less, since it turns, still slides for `turn_s` at most
+        while its averaged speed is above the first.
     slide_smoothing_s : float
-        Time constant over which velocity, as a vector, is averaged for that decision.
+        Time constant over which velocity, as a vector, and speed are averaged for that decision.
     reorder_s : float
         An event that is late by at most this is put in its place. Later ones are dropped.
     least_interval_s : float
@@ -45,6 +48,8 @@ class TouchSettings:
     blend_s: Positive = 0.003
     slide_above_mm_s: float = 8.0
     rest_below_mm_s: NotNegative = 4.0
+    turn_above_mm_s: Positive = 8.0
+    turn_s: NotNegative = 0.1
     slide_smoothing_s: Positive = 0.05
     reorder_s: NotNegative = 0.02
     least_interval_s: Positive = 0.001

@@ -70,7 +70,10 @@ class _Entry(NamedTuple):
     filtered: FilterState
     slow_vx: float
     slow_vy: float
+    slow_speed: float
     is_sliding: bool
+    moved_s: float
+    """Time of the last report whose averaged velocity was that of a sliding finger."""
 
 
 # What the renderer reads: time of the last report, the filter after it, the force, sliding or not.
@@ -281,10 +284,15 @@ class TouchTracker:
         weight = dt / (dt + settings.slide_smoothing_s)
         slow_vx = last.slow_vx + weight * (vx - last.slow_vx)
         slow_vy = last.slow_vy + weight * (vy - last.slow_vy)
-        threshold = settings.rest_below_mm_s if last.is_sliding else settings.slide_above_mm_s
-        return _Entry(
-            t_s, x_mm, y_mm, filtered, slow_vx, slow_vy, hypot(slow_vx, slow_vy) > threshold
+        slow_speed = last.slow_speed + weight * (hypot(vx, vy) - last.slow_speed)
+        moved = hypot(slow_vx, slow_vy) > (
+            settings.rest_below_mm_s if last.is_sliding else settings.slide_above_mm_s
         )
+        moved_s = t_s if moved else last.moved_s
+        # Where a finger turns, its velocity averages to nothing and its speed does not.
+        turns = slow_speed > settings.turn_above_mm_s and t_s - moved_s < settings.turn_s
+        slides = moved or (last.is_sliding and turns)
+        return _Entry(t_s, x_mm, y_mm, filtered, slow_vx, slow_vy, slow_speed, slides, moved_s)
 
     def _add(self, t_s: float, x_mm: float, y_mm: float) -> None:
         if self._history:
@@ -295,7 +303,7 @@ class TouchTracker:
     def _restart(self, t_s: float, x_mm: float, y_mm: float) -> None:
         self._history.clear()
         start = self._filter.start(t_s, x_mm, y_mm)
-        self._history.append(_Entry(t_s, x_mm, y_mm, start, 0.0, 0.0, False))
+        self._history.append(_Entry(t_s, x_mm, y_mm, start, 0.0, 0.0, 0.0, False, t_s))
 
     def _insert(self, t_s: float, x_mm: float, y_mm: float) -> None:
         """Undo the later reports, add the late one, and add the others again."""

@@ -351,3 +351,37 @@ def test_a_force_that_cannot_be_is_counted_and_the_touch_goes_on(force):
 def test_settings_that_cannot_be(field, value):
     with pytest.raises(InputError, match=field):
         TouchSettings(**{field: value})
+
+
+@pytest.mark.parametrize("place_filter", FILTERS, ids=lambda f: type(f).__name__)
+@pytest.mark.parametrize("rate", [60, 100, 240])
+@pytest.mark.parametrize("length_mm, stroke_s", [(10, 0.2), (20, 0.4), (40, 0.4), (60, 0.6)])
+def test_a_finger_that_scrubs_slides_while_it_turns(place_filter, rate, length_mm, stroke_s):
+    # Minimum-jerk strokes to and fro, which before had a gap of 50 ms at each turn.
+    random = np.random.default_rng(5)
+    t = np.arange(1, 10 * stroke_s * rate) / rate
+    u = t / stroke_s % 1
+    x = length_mm * (10 * u**3 - 15 * u**4 + 6 * u**5)
+    x = np.where(t / stroke_s % 2 < 1, x, length_mm - x) + random.normal(0, 0.1, t.size)
+    tracker = TouchTracker(TouchSettings(filter=place_filter), 0.0, 0.0, 0.0)
+    slides = []
+    for at, place in zip(t.tolist(), x.tolist(), strict=True):
+        tracker.push(at, place, 0.0)
+        slides.append(tracker.at(at).is_sliding)
+    assert all(slides[slides.index(True) :])
+
+
+@pytest.mark.parametrize("place_filter", FILTERS, ids=lambda f: type(f).__name__)
+def test_a_finger_that_stops_comes_to_rest_on_a_noisy_panel_too(place_filter):
+    # 0.3 mm at 240 Hz: the speed of the noise alone is 9 to 31 mm/s (measured), by filter.
+    random = np.random.default_rng(6)
+    settings = TouchSettings(filter=place_filter, slide_above_mm_s=40.0, rest_below_mm_s=30.0)
+    tracker = TouchTracker(settings, 0.0, 0.0, 0.0)
+    for i in range(1, 480):
+        t = i / 240
+        tracker.push(t, 100 * min(t, 1.0) + float(random.normal(0, 0.3)), 0.0)
+        if 0.3 < t < 1:
+            assert tracker.at(t).is_sliding
+        # The velocity averages out within 4 of its 50 ms, and a turn lasts 100 ms at most.
+        if t > 1.4:
+            assert not tracker.at(t).is_sliding
