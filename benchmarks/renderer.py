@@ -72,7 +72,7 @@ def blocks(surface: Any, texture: Any) -> None:
 
         def one(touches: Any = touches, core: Any = core, clock: Any = clock) -> None:
             first = clock["sample"]
-            motion = touches.motion(0.3 + 1e-6 * first, STEP / RATE, POINTS)
+            motion = touches.motion(0.3 + 1e-6 * first, STEP / RATE, POINTS, first / RATE)
             block = core.block(motion, first, clock["amplitude_v"])
             clock["sample"], clock["amplitude_v"] = first + BLOCK, float(block.amplitude_v[-1])
 

@@ -1,4 +1,4 @@
-from .core import Motion as Motion
+from .core import Fingers as Fingers
 from .core import RenderCore as RenderCore
 from .core import RenderedBlock as RenderedBlock
 from .drive import DirectWave as DirectWave

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,12 +13,13 @@ from firmware_io import Device
 from haptix.checks import Array
 from haptix.errors import InputError
 from haptix.finger_response import FingerResponse
+from haptix.motion import Motion
 from haptix.render.drive import Drive, DriverCarrier, SineCarrier
 from haptix.render.settings import RenderSettings
 from haptix.render.target import Amplitudes, Target
 from haptix.status import Status
 from haptix.surface import FrictionSurface, Slice
-from haptix.texture import FrictionField
+from haptix.texture import Evaluator, Feelable
 
 CONTROL_HZ = 12_000.0
 """Rate at which friction is asked for and inverted; the amplitude is a line in between. Skin feels
@@ -33,39 +34,20 @@ DEFAULT_CARRIER_HZ = 4000.0
 """Above what skin feels, and a whole twelfth of the usual 48 kHz."""
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Fingers at the control points of a block; arrays of shape (fingers * points,).
+class Fingers(NamedTuple):
+    """Fingers of a block, and what each gets of the drive."""
 
-    Parameters
-    ----------
-    fingers, points : int
-        How many fingers touch, and at how many control points.
-    x_mm, y_mm : ndarray
-        Places [mm].
-    normal_force_n : ndarray
-        Normal forces [N].
-    gain : ndarray
-        Share of its amplitude that each finger gets, 0 to 1: it fades in and out.
-    footprint_mm : float
-        Longest distance that a finger slides from one control point to the next [mm].
-    finger_force_n : list of float, optional
-        One force for each finger [N], where it hardly changes during the block.
-    """
-
-    fingers: int
-    points: int
-    x_mm: Array
-    y_mm: Array
-    normal_force_n: Array
+    motion: Motion
+    """Where they are, at the control points."""
     gain: Array
-    footprint_mm: float
-    finger_force_n: list[float] | None = None
+    """Share of its amplitude that each finger gets, 0 to 1, of the motion's shape."""
+    force_n: list[float] | None = None
+    """One force for each finger [N], where it hardly changes during the block."""
 
     @classmethod
-    def none(cls, points: int) -> Motion:
+    def none(cls, points: int) -> Fingers:
         """No finger touches."""
-        return cls(0, points, *(np.empty(0),) * 4, 0.0)
+        return cls(Motion.none(points), np.empty(0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +100,7 @@ class RenderCore:
     ----------
     surface : FrictionSurface
         Must hold the drive's frequency and the thickness; it is sliced at these.
-    texture : FrictionField
+    texture : FrictionField, Material or Layout
         What to feel.
     device : Device
         Gives the sample rate, and says whether the driver makes the carrier itself.
@@ -137,7 +119,7 @@ class RenderCore:
     def __init__(
         self,
         surface: FrictionSurface,
-        texture: FrictionField,
+        texture: Feelable,
         device: Device,
         drive: Drive | None = None,
         settings: RenderSettings | None = None,
@@ -175,27 +157,29 @@ class RenderCore:
         self._share = np.arange(self.step) / self.step
 
     @property
-    def texture(self) -> FrictionField:
+    def texture(self) -> Feelable:
         """What to feel. Another one may be given at any time, and counts from the next block."""
-        return self._texture_and_target[0]
+        return self._felt[0]
 
     @texture.setter
-    def texture(self, texture: FrictionField) -> None:
-        # One tuple, so that a thread that renders sees the old pair or the new one.
-        self._texture_and_target = (texture, Target(texture.target, self.settings.compress))
+    def texture(self, texture: Feelable) -> None:
+        # One tuple, so that a thread that renders sees the old one or the new one.
+        evaluator = texture.evaluator
+        self._felt = (texture, evaluator, Target(evaluator.target, self.settings.compress))
 
     @property
     def step_s(self) -> float:
         """Time from one control point to the next."""
         return self.step / self.sample_rate_hz
 
-    def block(self, motion: Motion, first_sample: int, amplitude_v: float = 0.0) -> RenderedBlock:
+    def block(self, fingers: Fingers, first_sample: int, amplitude_v: float = 0.0) -> RenderedBlock:
         """Render the steps that end at a motion's points, from the amplitude before them."""
+        motion, gain, _ = fingers
         line = np.empty(motion.points + 1)
         line[0] = amplitude_v
         if motion.fingers:
-            found = self._amplitudes(motion)
-            each = (found.voltage_v * motion.gain).reshape(motion.fingers, motion.points)
+            found = self._amplitudes(fingers)
+            each = (found.voltage_v * gain).reshape(motion.fingers, motion.points)
             np.minimum(self._combined(each), self._most_v, out=line[1:])
             target, status = found.target_mu, found.status
         else:
@@ -207,7 +191,7 @@ class RenderCore:
         amplitude = (line[:-1, None] + change[:, None] * self._share).ravel()
         drive_v = self.drive.modulate(amplitude, first_sample, self.sample_rate_hz)
         counts = (first_sample, self.step, motion.fingers)
-        return RenderedBlock(*counts, target, status, motion.gain, line[1:], drive_v)
+        return RenderedBlock(*counts, target, status, gain, line[1:], drive_v)
 
     def reachable(self, normal_force_n: Array, speed_mm_per_s: Array) -> tuple[Array, Array]:
         """Lowest and highest friction coefficient at forces and speeds, shape (points,)."""
@@ -219,17 +203,17 @@ class RenderCore:
         at = np.arange(highs.shape[1])
         return column.lowest_mu, (1 - part) * highs[cell, at] + part * highs[cell + 1, at]
 
-    def _amplitudes(self, motion: Motion) -> Amplitudes:
+    def _amplitudes(self, fingers: Fingers) -> Amplitudes:
         """Amplitudes for each finger at each point."""
-        texture, target = self._texture_and_target
+        _, evaluator, target = self._felt
+        motion = fingers.motion.within(self.reachable)
         if not self._averaged:
-            value = texture.friction(motion.x_mm, motion.y_mm, motion.footprint_mm)
-            return _inverted(self._slice, motion, target, value)
-        value = self._over_half_a_period(texture, motion)
+            return _inverted(self._slice, fingers, target, evaluator.wanted(motion))
+        value = self._over_half_a_period(evaluator, motion)
         speed = motion.footprint_mm * self.sample_rate_hz / self.step
         cell, part = self._followed(np.float64(speed))
         less, more = (
-            _inverted(one, motion, target, value) for one in self._averaged[cell : cell + 2]
+            _inverted(one, fingers, target, value) for one in self._averaged[cell : cell + 2]
         )
         return Amplitudes(
             less.voltage_v + part * (more.voltage_v - less.voltage_v),
@@ -237,21 +221,16 @@ class RenderCore:
             np.where(less.status == Status.OK, more.status, less.status),
         )
 
-    def _over_half_a_period(self, texture: FrictionField, motion: Motion) -> Array:
+    def _over_half_a_period(self, evaluator: Evaluator, motion: Motion) -> Array:
         """Numbers of the texture, averaged over the way of half a period of the drive.
 
         The attraction comes in pulses, two in a period. What the texture changes faster would be
         felt as a slow change that it does not have.
         """
-        shape = (motion.fingers, motion.points)
-        x, y = motion.x_mm.reshape(shape), motion.y_mm.reshape(shape)
         steps = self.sample_rate_hz / self.step / (2 * self.drive.frequency_hz)
-        ahead = steps * ((np.arange(_PARTS) + 0.5) / _PARTS - 0.5)[:, None, None]
-        # One point has no direction; its footprint alone is left.
-        moved = motion.points > 1
-        x, y = (one + ahead * (np.gradient(one, axis=1) if moved else 0.0) for one in (x, y))
+        ahead = steps * ((np.arange(_PARTS) + 0.5) / _PARTS - 0.5)
         footprint_mm = motion.footprint_mm * max(1.0, steps / _PARTS)
-        value = texture.friction(x.ravel(), y.ravel(), footprint_mm)
+        value = evaluator.wanted(motion.ahead(ahead, footprint_mm))
         return np.asarray(value.reshape(_PARTS, -1).mean(axis=0))
 
     def _followed(self, speed_mm_per_s: Array | np.float64) -> tuple[Any, Any]:
@@ -278,12 +257,13 @@ class RenderCore:
         return np.diff(line)
 
 
-def _inverted(slice_: Slice, motion: Motion, target: Target, value: Array) -> Amplitudes:
-    if motion.finger_force_n is None:
+def _inverted(slice_: Slice, fingers: Fingers, target: Target, value: Array) -> Amplitudes:
+    motion, _, force_n = fingers
+    if force_n is None:
         return Amplitudes.of(slice_.columns_at(motion.normal_force_n), target, value)
     each = [
         Amplitudes.of(slice_.column(force), target, row)
-        for force, row in zip(motion.finger_force_n, value.reshape(-1, motion.points), strict=True)
+        for force, row in zip(force_n, value.reshape(-1, motion.points), strict=True)
     ]
     return each[0] if len(each) == 1 else Amplitudes(*map(np.concatenate, zip(*each, strict=True)))
 

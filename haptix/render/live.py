@@ -12,13 +12,14 @@ import numpy as np
 from firmware_io import Device
 from haptix.checks import Array
 from haptix.errors import InputError, OverloadWarning
-from haptix.render.core import Motion
+from haptix.motion import Motion
+from haptix.render.core import Fingers
 from haptix.render.drive import Drive
 from haptix.render.producer import Producer
 from haptix.render.session import LONGEST_GAP_S, RenderSession, VirtualTimeSession
 from haptix.render.settings import LiveSettings
 from haptix.surface import FrictionSurface
-from haptix.texture import FrictionField
+from haptix.texture import Feelable
 from haptix.touch import TouchCounts, Touches, TouchEvent, TouchTracker
 
 _MOST_ROWS = 3
@@ -36,18 +37,23 @@ class LiveFingers:
         self._gains: dict[TouchTracker, float] = {}
         self._steps: Array = np.empty(0)
 
-    def motion(self, t0_s: float, step_s: float, points: int) -> Motion:
-        """Fingers at ``t0_s + step_s * (1 ... points)``."""
+    def motion(self, t0_s: float, step_s: float, points: int, since_s: float) -> Fingers:
+        """Fingers at ``t0_s + step_s * (1 ... points)``.
+
+        Touches have a clock of their own; `since_s` is `t0_s` on that of samples, see `Motion`.
+        """
         down = [tracker for _, tracker in self.touches.active]
         gains = self._gains
         if not down and not gains:
-            return Motion.none(points)
+            return Fingers.none(points)
         for tracker in down:
             gains.setdefault(tracker, 0.0)
         most = step_s * points / self._sliding.fade_s
         starts: list[tuple[float, ...]] = []
         slopes: list[tuple[float, ...]] = []
         forces: list[float] = []
+        velocities: list[tuple[float, float]] = []
+        known: list[bool] = []
         fastest = 0.0
         for tracker, gain in list(gains.items()):
             part = tracker.path(t0_s, step_s, points)
@@ -64,9 +70,11 @@ class LiveFingers:
             gain_slope = (end - gain) / (step_s * points)
             slopes.append((part.x_slope_mm_s, part.y_slope_mm_s, part.force_slope_n_s, gain_slope))
             forces.append(part.normal_force_n + part.force_slope_n_s * step_s * points / 2)
+            velocities.append((part.vx_mm_s, part.vy_mm_s))
+            known.append(part.force_known)
             fastest = max(fastest, part.speed_mm_s)
         if not starts:
-            return Motion.none(points)
+            return Fingers.none(points)
         if len(self._steps) != points:
             self._steps = np.arange(1.0, points + 1) * step_s
         start = np.array(starts, dtype=np.float64)
@@ -75,7 +83,11 @@ class LiveFingers:
         x, y, force, gain_at = lines.reshape(4, -1)
         # Rows of the surface pay for few fingers; for many, one batch of points is faster.
         rows = forces if len(forces) <= _MOST_ROWS else None
-        return Motion(len(starts), points, x, y, force, gain_at, fastest * step_s, rows)
+        motion = Motion(
+            len(starts), points, x, y, force, fastest * step_s, step_s, since_s,
+            lambda: _repeated(velocities, points), tuple(known),
+        )  # fmt: skip
+        return Fingers(motion, gain_at, rows)
 
     def take(self, event: TouchEvent) -> None:
         """Take a touch event; a move of an unknown finger brings it down."""
@@ -89,6 +101,11 @@ class LiveFingers:
         return max((tracker.last_t_s for _, tracker in self.touches.active), default=None)
 
 
+def _repeated(velocities: list[tuple[float, float]], points: int) -> tuple[Array, Array]:
+    vx, vy = np.repeat(np.array(velocities).T, points, axis=1)
+    return vx, vy
+
+
 class _LiveSession(RenderSession):
     """A session in which each block knows only the touches that have arrived, and predicts."""
 
@@ -97,7 +114,7 @@ class _LiveSession(RenderSession):
     def __init__(
         self,
         surface: FrictionSurface,
-        texture: FrictionField,
+        texture: Feelable,
         device: Device,
         drive: Drive | None = None,
         settings: LiveSettings | None = None,
@@ -147,7 +164,7 @@ class PredictingRenderer(_LiveSession, VirtualTimeSession):
             return
         while (t0_s := self._start_s + self._next_sample / self.sample_rate_hz) <= t_s:
             began = time.perf_counter()
-            self._send(self._fingers.motion(t0_s, self.step_s, self.points), began)
+            self._send(self._fingers.motion(t0_s, self.step_s, self.points, self._since_s), began)
 
 
 class LiveRenderer(_LiveSession):
@@ -206,7 +223,7 @@ class LiveRenderer(_LiveSession):
     def _take_block(self, t0_s: float) -> Array:
         """Render the samples that play from `t0_s` on."""
         began = time.perf_counter()
-        block = self._render(self._fingers.motion(t0_s, self.step_s, self.points))
+        block = self._render(self._fingers.motion(t0_s, self.step_s, self.points, self._since_s))
         self._count(block, time.perf_counter() - began)
         newest = self._fingers.newest_s
         if newest is not None:

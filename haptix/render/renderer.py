@@ -10,8 +10,8 @@ import numpy as np
 
 from haptix.checks import Array
 from haptix.errors import InputError
-from haptix.motion import Trajectory
-from haptix.render.core import Motion
+from haptix.motion import VELOCITY_OVER_S, Motion, Trajectory
+from haptix.render.core import Fingers
 from haptix.render.session import VirtualTimeSession
 from haptix.render.settings import Sliding
 from haptix.touch import ForceModel, TouchEvent, events_of
@@ -34,6 +34,7 @@ class Track:
     speed_mm_per_s: float = 0.0
     is_sliding: bool = False
     is_down: bool = True
+    force_known: bool = True
 
     def fade(self, start_s: float, end_s: float, goal: float, fade_s: float) -> None:
         """Move the gain towards a goal during an interval."""
@@ -47,8 +48,8 @@ class Track:
 
     def forget_before(self, t_s: float) -> None:
         """Drop what lies before `t_s`, except the start of the line through it."""
-        for knots in (self.touches, self.gains):
-            while len(knots) > 2 and knots[1][0] <= t_s:
+        for knots, until_s in ((self.touches, t_s - VELOCITY_OVER_S), (self.gains, t_s)):
+            while len(knots) > 2 and knots[1][0] <= until_s:
                 del knots[0]
 
 
@@ -61,7 +62,13 @@ class RecordedFingers:
         self._latest_s = -np.inf
 
     def touch(
-        self, touch_id: int, t_s: float, x_mm: float, y_mm: float, normal_force_n: float
+        self,
+        touch_id: int,
+        t_s: float,
+        x_mm: float,
+        y_mm: float,
+        normal_force_n: float,
+        force_known: bool = True,
     ) -> None:
         """Take a checked touch; `InputError` if its time does not advance."""
         track = self._tracks.get(touch_id)
@@ -70,7 +77,8 @@ class RecordedFingers:
                 raise InputError(
                     f"touch: time must advance, but {t_s:g} s follows {self._latest_s:g} s"
                 )
-            self._tracks[touch_id] = Track([(t_s, x_mm, y_mm, normal_force_n)], [(t_s, 0.0)])
+            track = Track([(t_s, x_mm, y_mm, normal_force_n)], [(t_s, 0.0)])
+            self._tracks[touch_id] = track
         else:
             before_s, before_x_mm, before_y_mm, _ = track.touches[-1]
             if t_s <= before_s:
@@ -80,6 +88,7 @@ class RecordedFingers:
             track.is_sliding = self._sliding.is_sliding(track.speed_mm_per_s, track.is_sliding)
             track.fade(before_s, t_s, float(track.is_sliding), self._sliding.fade_s)
             track.touches.append((t_s, x_mm, y_mm, normal_force_n))
+        track.force_known = force_known
         self._latest_s = max(self._latest_s, t_s)
 
     def lift(self, touch_id: int, t_s: float) -> None:
@@ -105,8 +114,11 @@ class RecordedFingers:
         down = [track.touches[-1][0] for track in self._tracks.values() if track.is_down]
         return min(down, default=self._latest_s)
 
-    def motion(self, t_s: Array, step_s: float) -> Motion:
-        """Fingers at times one step apart, shape (points,)."""
+    def motion(self, t_s: Array, step_s: float, since_s: float) -> Fingers:
+        """Fingers at times one step apart, shape (points,); the first ends a step from `since_s`.
+
+        Touches have a clock of their own; `since_s` is on that of samples, see `Motion`.
+        """
         start_s = float(t_s[0])
         self._tracks = {
             touch_id: track
@@ -115,16 +127,21 @@ class RecordedFingers:
         }
         tracks = list(self._tracks.values())
         if not tracks:
-            return Motion.none(len(t_s))
-        columns = []
+            return Fingers.none(len(t_s))
+        columns, paths = [], []
         for track in tracks:
             known_s, *places_and_force = zip(*track.touches, strict=True)
             lines = [np.interp(t_s, known_s, column) for column in places_and_force]
+            paths.append((known_s, *places_and_force[:2]))
             columns.append([*lines, self._gain(track, t_s)])
             track.forget_before(float(t_s[-1]))
         x, y, force, gain = map(np.concatenate, zip(*columns, strict=True))
         fastest = max(track.speed_mm_per_s for track in tracks)
-        return Motion(len(tracks), len(t_s), x, y, force, gain, fastest * step_s)
+        motion = Motion(
+            len(tracks), len(t_s), x, y, force, fastest * step_s, step_s, since_s,
+            lambda: _velocities(t_s, paths), tuple(track.force_known for track in tracks),
+        )  # fmt: skip
+        return Fingers(motion, gain)
 
     def _gain(self, track: Track, t_s: Array) -> Array:
         """Gain at times. A fade continues for a microsecond, which covers a clock's rounding."""
@@ -133,6 +150,22 @@ class RecordedFingers:
         end = (last_s + _ROUNDING_S, min(max(last + change * track.is_down, 0.0), 1.0))
         knots_s, gains = zip(*track.gains, end, strict=True)
         return np.asarray(np.interp(t_s, knots_s, gains, left=0.0))
+
+
+def _velocities(t_s: Array, paths: list[tuple[tuple[float, ...], ...]]) -> tuple[Array, Array]:
+    """Mean velocities over the time before each point: what comes after is not known yet."""
+    vx, vy = (
+        np.concatenate(
+            [
+                np.interp(t_s, path[0], path[axis])
+                - np.interp(t_s - VELOCITY_OVER_S, path[0], path[axis])
+                for path in paths
+            ]
+        )
+        / VELOCITY_OVER_S
+        for axis in (1, 2)
+    )
+    return vx, vy
 
 
 _FORCE = ForceModel()
@@ -173,7 +206,10 @@ class Renderer(VirtualTimeSession):
             return
         found = _FORCE.estimate(event.normal_force_n, event.contact_area_m2)
         force = _FORCE.assumed if found is None else found
-        self._fingers.touch(event.touch_id, event.t_s, event.x_mm, event.y_mm, force.normal_force_n)
+        place = (event.x_mm, event.y_mm)
+        self._fingers.touch(
+            event.touch_id, event.t_s, *place, force.normal_force_n, found is not None
+        )
         if self._start_s is None:
             self._start_s = event.t_s
 
@@ -188,4 +224,4 @@ class Renderer(VirtualTimeSession):
             began = time.perf_counter()
             ends = self._next_sample + step * np.arange(1, min(most, left) + 1)
             times = self._start_s + ends / rate
-            self._send(self._fingers.motion(times, self.step_s), began)
+            self._send(self._fingers.motion(times, self.step_s, self._since_s), began)

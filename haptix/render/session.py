@@ -12,12 +12,12 @@ import numpy as np
 
 from firmware_io import Device
 from haptix.errors import InputError, LimitError
-from haptix.render.core import Motion, RenderCore, RenderedBlock
+from haptix.render.core import Fingers, RenderCore, RenderedBlock
 from haptix.render.drive import Drive, DriverCarrier
 from haptix.render.settings import RenderSettings
 from haptix.status import Status
 from haptix.surface import FrictionSurface
-from haptix.texture import FrictionField
+from haptix.texture import Feelable
 from haptix.touch import TouchEvent
 
 LONGEST_GAP_S = 60.0
@@ -113,7 +113,7 @@ class RenderSession(RenderCore, ABC):
     def __init__(
         self,
         surface: FrictionSurface,
-        texture: FrictionField,
+        texture: Feelable,
         device: Device,
         drive: Drive | None = None,
         settings: RenderSettings | None = None,
@@ -190,9 +190,14 @@ class RenderSession(RenderCore, ABC):
             self.device.set_up(carrier_hz=self.drive.frequency_hz)
         self._reset()
 
-    def _render(self, motion: Motion) -> RenderedBlock:
+    @property
+    def _since_s(self) -> float:
+        """Time of the next sample since the first."""
+        return self._next_sample / self.sample_rate_hz
+
+    def _render(self, fingers: Fingers) -> RenderedBlock:
         """Render the next block."""
-        block = self.block(motion, self._next_sample, self._amplitude_v)
+        block = self.block(fingers, self._next_sample, self._amplitude_v)
         self._amplitude_v = float(block.amplitude_v[-1])
         self._next_sample += len(block.drive_v)
         return block
@@ -223,9 +228,9 @@ class VirtualTimeSession(RenderSession):
         super()._reset()
         self._start_s = None
 
-    def _send(self, motion: Motion, began: float) -> None:
+    def _send(self, fingers: Fingers, began: float) -> None:
         """Render a block whose computation began at a `perf_counter`, and write it."""
-        block = self._render(motion)
+        block = self._render(fingers)
         self.device.write(block.drive_v)
         self._count(block, time.perf_counter() - began)
 

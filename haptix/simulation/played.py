@@ -18,7 +18,7 @@ from haptix.render import Drive, LiveSettings, PredictingRenderer, Renderer
 from haptix.render.core import DEFAULT_CARRIER_HZ
 from haptix.render.session import VirtualTimeSession
 from haptix.surface import FrictionSurface, cached_surface
-from haptix.texture import FrictionField
+from haptix.texture import Feelable
 from haptix.touch import TouchEvent, events_of
 from haptix.virtual_finger import FELT_WITHIN_S, Felt, TouchPanel, VirtualFinger
 
@@ -37,7 +37,7 @@ class Setting:
     ----------
     model : ContactModel
         True finger and screen.
-    texture : FrictionField
+    texture : FrictionField or Material
         Target friction.
     path : Trajectory
         True path of the finger.
@@ -51,7 +51,7 @@ class Setting:
     """
 
     model: ContactModel
-    texture: FrictionField
+    texture: Feelable
     path: Trajectory
     drive: Drive | None = None
 

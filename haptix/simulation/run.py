@@ -11,7 +11,7 @@ import numpy.typing as npt
 import torch
 
 from haptix.checks import Array
-from haptix.motion import LIFTED_BELOW_N
+from haptix.motion import LIFTED_BELOW_N, Motion
 from haptix.render import LiveSettings
 from haptix.simulation.parts import felt_in_steps
 from haptix.simulation.played import Played, Setting, play_known, play_live
@@ -164,8 +164,11 @@ def _target(played: Played, felt: Felt) -> tuple[Array, Array, Array, npt.NDArra
     axis = played.renderer.surface.normal_force_n
     force = felt.normal_force_n.clip(axis.low, axis.high)
     low, high = played.renderer.reachable(force, felt.speed_mm_per_s)
-    texture = played.setting.texture
-    target = np.asarray(as_mu(texture.target, texture.friction(felt.x_mm, felt.y_mm), low, high))
+    evaluator = played.setting.texture.evaluator
+    velocity = played.setting.path.velocity_mm_per_s(felt.t_s)
+    motion = Motion.of(felt.x_mm, felt.y_mm, felt.t_s - played.start_s, *velocity, force)
+    value = evaluator.wanted(motion.within(played.renderer.reachable))
+    target = np.asarray(as_mu(evaluator.target, value, low, high))
     slack = 1e-9 * high
     on_axis = force == felt.normal_force_n
     return low, high, target, on_axis & (target >= low - slack) & (target <= high + slack)

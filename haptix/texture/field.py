@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from haptix.checks import Array, choice
 from haptix.errors import InputError
-from haptix.motion import FARTHEST_MM
+from haptix.motion import FARTHEST_MM, Depends, Motion
 
 Floats = Any
 """Numbers of any shape, or one number."""
@@ -66,9 +66,14 @@ def as_mu(target: TargetKind, value: Floats, lowest_mu: Floats, highest_mu: Floa
 class FrictionField(ABC):
     """Target friction at every place of the screen, band-limited to what the drive can follow.
 
+    It is its own `evaluator`: it depends on places alone.
+
     x points right and y down, in millimetres from the screen's corner. A field has no state, so any
     thread may use it.
     """
+
+    depends_on = Depends.PLACE
+    drives_at_rest = False
 
     @property
     @abstractmethod
@@ -97,6 +102,15 @@ class FrictionField(ABC):
         near = (np.abs(x_mm) <= FARTHEST_MM) & (np.abs(y_mm) <= FARTHEST_MM)
         value = self._sample(np.where(near, x_mm, 0.0), np.where(near, y_mm, 0.0), footprint_mm)
         return np.where(near, value, self.outside)
+
+    @property
+    def evaluator(self) -> FrictionField:
+        """Itself."""
+        return self
+
+    def wanted(self, motion: Motion) -> Array:
+        """`friction` under the fingers of a block."""
+        return self.friction(motion.x_mm, motion.y_mm, motion.footprint_mm)
 
     def friction(
         self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, footprint_mm: npt.ArrayLike = 0.0

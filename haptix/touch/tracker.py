@@ -59,6 +59,11 @@ class PathSegment(NamedTuple):
     is_sliding: bool
     is_lost: bool
     is_down: bool
+    vx_mm_s: float
+    """Estimated velocity, as `speed_mm_s`; 0 once the touch is lost."""
+    vy_mm_s: float
+    force_known: bool
+    """Whether the force was measured, or comes from the area; otherwise it is assumed."""
 
 
 class _Entry(NamedTuple):
@@ -252,6 +257,7 @@ class TouchTracker:
             t0_s, t1, x0, y0, (x1 - x0) / length, (y1 - y0) / length,
             force0, (force1 - force0) / length,
             0.0 if lost else hypot(vx, vy), slides and down and not lost, lost, down,
+            0.0 if lost else vx, 0.0 if lost else vy, estimate.source != "assumed",
         )  # fmt: skip
 
     def _up_to(self, t0_s: float, end: _End, now: _Now) -> _End:

@@ -24,6 +24,10 @@ LIFTED_BELOW_N = 1e-3
 STANDING_BELOW_MM_PER_S = 0.1
 """A slower finger stands: its friction would take more than 0.1 s to follow the voltage."""
 
+VELOCITY_OVER_S = 0.01
+"""The velocity of a recorded path is the mean over this time: the noise of touches does not become
+speed, and what a hand does in 10 ms is small."""
+
 _COLUMNS = ("t_s", "x_mm", "y_mm", "normal_force_n")
 
 
@@ -131,6 +135,15 @@ class Trajectory:
         speed = self._steps_mm / np.diff(self.t_s)
         segment = np.searchsorted(self.t_s[1:-1], np.asarray(t_s, dtype=float), side="right")
         return np.asarray(speed[segment])
+
+    def velocity_mm_per_s(self, t_s: npt.ArrayLike) -> tuple[Array, Array]:
+        """Velocity along x and y [mm/s] at times of any shape: the mean over 10 ms around each."""
+        time = np.asarray(t_s, dtype=float)
+        before, after = (
+            self.at(time + half) for half in (-VELOCITY_OVER_S / 2, VELOCITY_OVER_S / 2)
+        )
+        vx, vy = ((b - a) / VELOCITY_OVER_S for a, b in zip(before[:2], after[:2], strict=True))
+        return vx, vy
 
     @cached_property
     def _steps_mm(self) -> Array:

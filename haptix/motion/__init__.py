@@ -1,0 +1,24 @@
+"""How fingers move: whole paths, and the blocks of them that a material is asked for."""
+
+from haptix.motion.block import Depends, Facts, Frame, History, Motion, Report
+from haptix.motion.trajectory import (
+    FARTHEST_MM,
+    LIFTED_BELOW_N,
+    STANDING_BELOW_MM_PER_S,
+    VELOCITY_OVER_S,
+    Trajectory,
+)
+
+__all__ = [
+    "FARTHEST_MM",
+    "LIFTED_BELOW_N",
+    "STANDING_BELOW_MM_PER_S",
+    "VELOCITY_OVER_S",
+    "Depends",
+    "Facts",
+    "Frame",
+    "History",
+    "Motion",
+    "Report",
+    "Trajectory",
+]

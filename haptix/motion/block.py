@@ -1,0 +1,408 @@
+"""One block of the fingers' motion: all that a material may depend on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Flag, auto
+from math import cos, inf, nan, sin
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.checks import Array
+from haptix.errors import InputError
+
+SLOW_MM_PER_S = 2.0
+"""A direction is that of the velocity, shortened where the finger is about as slow as this."""
+
+Velocity = Callable[[], tuple[Array, Array]]
+Reachable = Callable[[Array, Array], tuple[Array, Array]]
+"""Lowest and highest friction coefficient at forces [N] and speeds [mm/s]."""
+
+
+class Depends(Flag):
+    """What of a `Motion` an answer depends on."""
+
+    NOTHING = 0
+    PLACE = auto()
+    TIME = auto()
+    DIRECTION = auto()
+    SPEED = auto()
+    FORCE = auto()
+    FACTS = auto()
+
+
+class Facts(NamedTuple):
+    """What one finger has done on a material: times [s] on the clock of `Motion.t_s`.
+
+    NaN for what has not happened. Facts change with real reports of a touch, never by prediction.
+    """
+
+    down_s: float = nan
+    """It came down on the material."""
+    press_s: float = nan
+    """It pressed."""
+    release_s: float = nan
+    """It let go."""
+    detent: float = nan
+    """Number of the last detent that it crossed."""
+    detent_s: float = nan
+    """When it did."""
+
+
+class Report(NamedTuple):
+    """One real report of a touch, in the axes of the material that it is on."""
+
+    t_s: float
+    """On the clock of `Motion.t_s`."""
+    x_mm: float
+    y_mm: float
+    normal_force_n: float | None
+    """None where it was not measured."""
+    is_down: bool = True
+    """False once the finger is lifted, or has left the material."""
+
+
+History = tuple[tuple[float, Facts], ...]
+"""Facts of one finger, each from a time [s] on; in the order of time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Axes that lie, turn and move on the screen; numbers, or arrays of a motion's shape.
+
+    Parameters
+    ----------
+    x_mm, y_mm : float or ndarray
+        Their origin on the screen.
+    angle_rad : float or ndarray
+        How far they are turned, from x towards y.
+    scale : float
+        Millimetres on the screen for one of theirs.
+    vx_mm_s, vy_mm_s : float or ndarray
+        Velocity of the origin.
+    turn_rad_s : float or ndarray
+        How fast they turn.
+    """
+
+    x_mm: float | Array = 0.0
+    y_mm: float | Array = 0.0
+    angle_rad: float | Array = 0.0
+    scale: float = 1.0
+    vx_mm_s: float | Array = 0.0
+    vy_mm_s: float | Array = 0.0
+    turn_rad_s: float | Array = 0.0
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the axes neither move nor turn."""
+        return all(
+            isinstance(rate, float) and rate == 0.0
+            for rate in (self.vx_mm_s, self.vy_mm_s, self.turn_rad_s)
+        )
+
+
+class Motion:
+    """Fingers during a block, at points one step apart; it never changes.
+
+    Arrays have the shape (fingers * points,), finger after finger. Those of time and velocity are
+    made when they are first asked for, so what depends on places alone costs no more.
+
+    Parameters
+    ----------
+    fingers, points : int
+        How many fingers touch, and at how many points.
+    x_mm, y_mm : ndarray
+        Places [mm]: x to the right, y down.
+    normal_force_n : ndarray
+        Normal forces [N].
+    footprint_mm : float
+        Longest distance that a finger slides from one point to the next [mm]. Waves shorter than
+        two of them must be left out of an answer.
+    step_s : float
+        Time from one point to the next.
+    start_s : float or ndarray
+        Time one step before the first point, or the times of all points. It counts from the first
+        sample of the output, by samples.
+    velocity : callable, optional
+        Returns velocities along x and y [mm/s]; without it the fingers rest. Of live fingers it is
+        that of the prediction, of recorded ones the mean over the last 10 ms.
+    force_known : tuple of bool, optional
+        Of each finger: whether its force was measured, and not assumed. Without it, all were.
+    history : tuple, optional
+        Of each finger: its dated facts, see `History`.
+    """
+
+    __slots__ = (
+        "_facts",
+        "_history",
+        "_reachable",
+        "_speed",
+        "_t_s",
+        "_unit",
+        "_v",
+        "_velocity",
+        "fingers",
+        "footprint_mm",
+        "force_known",
+        "normal_force_n",
+        "points",
+        "start_s",
+        "step_s",
+        "x_mm",
+        "y_mm",
+    )
+
+    def __init__(
+        self,
+        fingers: int,
+        points: int,
+        x_mm: Array,
+        y_mm: Array,
+        normal_force_n: Array,
+        footprint_mm: float,
+        step_s: float,
+        start_s: float | Array = 0.0,
+        velocity: Velocity | None = None,
+        force_known: tuple[bool, ...] | None = None,
+        history: tuple[History, ...] = (),
+        reachable: Reachable | None = None,
+    ) -> None:
+        self.fingers = fingers
+        self.points = points
+        self.x_mm = x_mm
+        self.y_mm = y_mm
+        self.normal_force_n = normal_force_n
+        self.footprint_mm = footprint_mm
+        self.step_s = step_s
+        self.start_s = start_s
+        self.force_known = force_known
+        self._velocity = velocity
+        self._history = history
+        self._reachable = reachable
+        self._t_s: Array | None = start_s if isinstance(start_s, np.ndarray) else None
+        self._v: tuple[Array, Array] | None = None
+        self._speed: Array | None = None
+        self._unit: tuple[Array, Array] | None = None
+        self._facts: Facts | None = None
+
+    @classmethod
+    def none(cls, points: int) -> Motion:
+        """No finger touches."""
+        return cls(0, points, *(np.empty(0),) * 3, 0.0, 0.0)
+
+    @classmethod
+    def of(
+        cls,
+        x_mm: npt.ArrayLike,
+        y_mm: npt.ArrayLike,
+        t_s: npt.ArrayLike = 0.0,
+        vx_mm_s: npt.ArrayLike = 0.0,
+        vy_mm_s: npt.ArrayLike = 0.0,
+        normal_force_n: npt.ArrayLike = 0.5,
+        footprint_mm: float = 0.0,
+        history: History = (),
+    ) -> Motion:
+        """One finger, at places, times, velocities and forces that broadcast to one row.
+
+        Raises
+        ------
+        InputError
+            If these are not numbers, or are of shapes that do not broadcast.
+        """
+        given = (x_mm, y_mm, t_s, vx_mm_s, vy_mm_s, normal_force_n)
+        try:
+            rows = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in given))
+        except (TypeError, ValueError):
+            raise InputError("motion: expected numbers, or rows of them of one length") from None
+        x, y, t, vx, vy, force = (np.atleast_1d(a).ravel() for a in rows)
+        step_s = float(t[1] - t[0]) if len(t) > 1 else 0.0
+        whose = (history,) if history else ()
+        velocity = lambda: (vx, vy)  # noqa: E731
+        return cls(1, len(x), x, y, force, footprint_mm, step_s, t, velocity, None, whose)
+
+    @property
+    def t_s(self) -> Array:
+        """Times [s], counted in samples from the first of the output."""
+        if self._t_s is None:
+            ends = self.start_s + self.step_s * np.arange(1.0, self.points + 1)
+            self._t_s = np.tile(ends, self.fingers)
+        return self._t_s
+
+    @property
+    def _velocities(self) -> tuple[Array, Array]:
+        if self._v is None:
+            if self._velocity is None:
+                self._v = (np.zeros(self.x_mm.shape),) * 2
+            else:
+                self._v = self._velocity()
+        return self._v
+
+    @property
+    def vx_mm_s(self) -> Array:
+        """Velocities along x [mm/s]."""
+        return self._velocities[0]
+
+    @property
+    def vy_mm_s(self) -> Array:
+        """Velocities along y [mm/s]."""
+        return self._velocities[1]
+
+    @property
+    def speed_mm_s(self) -> Array:
+        """Speeds [mm/s]."""
+        if self._speed is None:
+            self._speed = np.hypot(*self._velocities)
+        return self._speed
+
+    @property
+    def _units(self) -> tuple[Array, Array]:
+        if self._unit is None:
+            vx, vy = self._velocities
+            size = np.hypot(self.speed_mm_s, SLOW_MM_PER_S)
+            self._unit = (vx / size, vy / size)
+        return self._unit
+
+    @property
+    def ux(self) -> Array:
+        """Directions along x, -1 to 1: ``v / hypot(v, 2 mm/s)``, so 0 at rest and smooth."""
+        return self._units[0]
+
+    @property
+    def uy(self) -> Array:
+        """Directions along y."""
+        return self._units[1]
+
+    @property
+    def history(self) -> tuple[History, ...]:
+        """Dated facts of each finger; empty where nobody keeps them."""
+        return self._history
+
+    @property
+    def facts(self) -> Facts:
+        """Facts as they stand at each point: arrays, in place of numbers."""
+        if self._facts is None:
+            rows = [
+                _facts_at(one, times)
+                for one, times in zip(
+                    self._history or ((),) * self.fingers,
+                    self.t_s.reshape(self.fingers, -1),
+                    strict=True,
+                )
+            ]
+            self._facts = Facts(*np.concatenate(rows, axis=1))
+        return self._facts
+
+    @property
+    def reach(self) -> tuple[Array, Array]:
+        """Lowest and highest friction coefficient that the screen gives at each point.
+
+        Raises
+        ------
+        InputError
+            If nobody renders, and it is not known.
+        """
+        if self._reachable is None:
+            raise InputError("motion.reach: known only while a renderer asks; give friction as mu")
+        return self._reachable(self.normal_force_n, self.speed_mm_s)
+
+    def within(self, reachable: Reachable) -> Motion:
+        """Take a motion that nobody else holds into a reach, and return it."""
+        self._reachable = reachable
+        return self
+
+    def with_history(self, history: tuple[History, ...]) -> Motion:
+        """Return the same motion with other facts, one history for each finger."""
+        return self._at(self.x_mm, self.y_mm, self.footprint_mm, lambda: self._velocities, history)
+
+    def with_footprint(self, footprint_mm: float) -> Motion:
+        """Return the same motion with another footprint."""
+        return self._at(self.x_mm, self.y_mm, footprint_mm, lambda: self._velocities, self._history)
+
+    def seen_from(self, frame: Frame) -> Motion:
+        """Return the motion in other axes; where they move, places and velocities are relative.
+
+        The footprint is the longest relative way from one point to the next; 0, which asks for all
+        detail, stays 0.
+        """
+        x, y = self.x_mm - frame.x_mm, self.y_mm - frame.y_mm
+        if frame.is_still:
+
+            def still() -> tuple[Array, Array]:
+                return _turned(*self._velocities, frame)
+
+            footprint_mm = self.footprint_mm / frame.scale
+            return self._at(*_turned(x, y, frame), footprint_mm, still, self._history)
+        vx = self.vx_mm_s - frame.vx_mm_s + frame.turn_rad_s * y
+        vy = self.vy_mm_s - frame.vy_mm_s - frame.turn_rad_s * x
+        relative = _turned(vx, vy, frame)
+        fastest = float(np.hypot(*relative).max(initial=0.0)) if self.footprint_mm > 0 else 0.0
+        return self._at(
+            *_turned(x, y, frame), fastest * self.step_s, lambda: relative, self._history
+        )
+
+    def ahead(self, steps: Array, footprint_mm: float) -> Motion:
+        """Return copies of each finger's points, moved along their paths by parts of a step.
+
+        The copies follow each other, shape (len(steps) * fingers * points,).
+        """
+        shape = (self.fingers, self.points)
+        by = steps[:, None, None]
+        # One point has no direction; its footprint alone is left.
+        moved = self.points > 1
+        x, y = (
+            (a + by * (np.gradient(a, axis=1) if moved else 0.0)).ravel()
+            for a in (self.x_mm.reshape(shape), self.y_mm.reshape(shape))
+        )
+        count = len(steps)
+        return Motion(
+            count * self.fingers,
+            self.points,
+            x,
+            y,
+            np.tile(self.normal_force_n, count),
+            footprint_mm,
+            self.step_s,
+            (self.t_s + self.step_s * steps[:, None]).ravel(),
+            lambda: (np.tile(self.vx_mm_s, count), np.tile(self.vy_mm_s, count)),
+            None if self.force_known is None else self.force_known * count,
+            self._history * count,
+            self._reachable,
+        )
+
+    def _at(
+        self,
+        x_mm: Array,
+        y_mm: Array,
+        footprint_mm: float,
+        velocity: Velocity,
+        history: tuple[History, ...],
+    ) -> Motion:
+        found = Motion(
+            self.fingers, self.points, x_mm, y_mm, self.normal_force_n, footprint_mm, self.step_s,
+            self.start_s, velocity, self.force_known, history, self._reachable,
+        )  # fmt: skip
+        found._t_s = self._t_s
+        return found
+
+
+def _turned(x: Array, y: Array, frame: Frame) -> tuple[Array, Array]:
+    angle, scale = frame.angle_rad, frame.scale
+    if isinstance(angle, np.ndarray):
+        c, s = np.cos(angle) / scale, np.sin(angle) / scale
+    elif angle != 0:
+        c, s = np.array(cos(angle) / scale), np.array(sin(angle) / scale)
+    elif scale == 1:
+        return x, y
+    else:
+        return x / scale, y / scale
+    return x * c + y * s, y * c - x * s
+
+
+def _facts_at(history: History, t_s: Array) -> Array:
+    """Facts of one finger at times, shape (fields, points)."""
+    rows = np.array([tuple(Facts()), *(tuple(facts) for _, facts in history)], dtype=np.float64)
+    since = np.array([-inf, *(from_s for from_s, _ in history)])
+    return np.asarray(rows[np.searchsorted(since, t_s, side="right") - 1].T)

@@ -1,0 +1,40 @@
+"""What the renderer asks, whatever a material is made of."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from haptix.checks import Array
+from haptix.motion import Depends, Motion
+from haptix.texture.field import TargetKind
+
+
+class Evaluator(Protocol):
+    """Answers for blocks of motion; any thread may ask. Every `FrictionField` is one."""
+
+    @property
+    def target(self) -> TargetKind:
+        """What the answers are, see `haptix.texture.as_mu`."""
+
+    @property
+    def outside(self) -> float:
+        """The answer where there is nothing to feel."""
+
+    @property
+    def depends_on(self) -> Depends:
+        """What the answers depend on: what has not changed need not be asked again."""
+
+    @property
+    def drives_at_rest(self) -> bool:
+        """Whether a finger that does not slide may get voltage."""
+
+    def wanted(self, motion: Motion) -> Array:
+        """Friction wanted under the fingers, of the motion's shape."""
+
+
+class Feelable(Protocol):
+    """What a renderer takes: a field of friction, a material, a layout."""
+
+    @property
+    def evaluator(self) -> Evaluator:
+        """What answers for it."""
