@@ -89,11 +89,11 @@ class LiveFingers:
         )  # fmt: skip
         return Fingers(motion, gain_at, rows)
 
-    def take(self, event: TouchEvent) -> None:
-        """Take a touch event; a move of an unknown finger brings it down."""
+    def take(self, event: TouchEvent, arrival_s: float) -> None:
+        """Take a touch event that arrives now; a move of an unknown finger brings it down."""
         if event.kind == "move" and event.touch_id not in self.touches:
             event = event._replace(kind="down")
-        self.touches.push(event)
+        self.touches.push(event, arrival_s)
 
     @property
     def newest_s(self) -> float | None:
@@ -148,7 +148,7 @@ class PredictingRenderer(_LiveSession, VirtualTimeSession):
             return
         # What plays within the lead was computed before the event arrived.
         self._render_until(arrival_s + self.settings.lead_s)
-        self._fingers.take(event)
+        self._fingers.take(event, arrival_s)
         if self._start_s is None:
             self._start_s = self._fingers.newest_s
 
@@ -218,7 +218,7 @@ class LiveRenderer(_LiveSession):
         if self._producer is None:
             raise InputError("touch: expected a renderer that was entered; use it in a with block")
         self._producer.raise_once()
-        self._fingers.take(event)
+        self._fingers.take(event, self.now_s())
 
     def _take_block(self, t0_s: float) -> Array:
         """Render the samples that play from `t0_s` on."""

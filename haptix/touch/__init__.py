@@ -1,5 +1,6 @@
 """Touch: from a touchscreen's reports to the finger's place and normal force now."""
 
+from haptix.touch.clock import AppClock
 from haptix.touch.events import TouchCounts, TouchEvent, events_of, paced, read_events
 from haptix.touch.filters import (
     ConstantVelocityKalman,
@@ -15,6 +16,7 @@ from haptix.touch.touchscreen import Touchscreen, find_touchscreens
 from haptix.touch.tracker import PathSegment, TouchState, TouchTracker
 
 __all__ = [
+    "AppClock",
     "AreaProxy",
     "AxisRange",
     "ConstantVelocityKalman",

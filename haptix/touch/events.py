@@ -107,6 +107,10 @@ class TouchCounts:
     """Dropped: too old to be sorted in, or of a touch that has ended."""
     clock_jumps: int = 0
     """Times that a touch was restarted because its clock ran backwards."""
+    from_the_future: int = 0
+    """Dropped: stamped later than they arrived, so by another clock."""
+    stale: int = 0
+    """Dropped: on arrival so old that the touch was lost; another clock, or a stall."""
     invalid: int = 0
     """Dropped: not finite, too large, or not an event."""
     bad_force: int = 0

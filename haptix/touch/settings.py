@@ -36,6 +36,8 @@ class TouchSettings:
         Time constant over which velocity, as a vector, and speed are averaged for that decision.
     reorder_s : float
         An event that is late by at most this is put in its place. Later ones are dropped.
+    clock_uncertainty_s : float
+        Known uncertainty of the stamps' clock, see `AppClock`.
     least_interval_s : float
         Reports that follow each other faster than this replace each other.
     force : ForceModel
@@ -52,6 +54,7 @@ class TouchSettings:
     turn_s: NotNegative = 0.1
     slide_smoothing_s: Positive = 0.05
     reorder_s: NotNegative = 0.02
+    clock_uncertainty_s: NotNegative = 0.0
     least_interval_s: Positive = 0.001
     force: ForceModel = field(default_factory=ForceModel)
 

@@ -6,6 +6,7 @@ from math import nan
 
 from haptix import checks
 from haptix.errors import InputError
+from haptix.touch.clock import about_clock, misplaced
 from haptix.touch.events import LARGEST_S, TouchCounts, TouchEvent, TouchKind, problem_of
 from haptix.touch.settings import TouchSettings
 from haptix.touch.tracker import TouchTracker
@@ -48,15 +49,26 @@ class Touches:
         """Id and tracker of each finger that is down, in the order in which they came down."""
         return self._active
 
-    def push(self, event: TouchEvent) -> bool:
+    def push(self, event: TouchEvent, arrival_s: float | None = None) -> bool:
         """Take an event; False if it was dropped.
+
+        Parameters
+        ----------
+        event : TouchEvent
+            The report.
+        arrival_s : float, optional
+            When it arrived, on the clock of its stamp. With it, a stamp that is from the future or
+            older than `TouchSettings.lost_after_s` is dropped; an "up" never is.
 
         Raises
         ------
         InputError
             Only if `strict`: a value is not finite or huge, a force or an area not above 0, the
-            event is too late, or the touch is not there or one too many.
+            event is too late or its stamp of another clock, or the touch is not there or one too
+            many.
         """
+        if arrival_s is not None and (problem := self._misplaced(event, arrival_s)) is not None:
+            return self._drop(problem)
         problem = problem_of(event, self.strict)
         if problem is not None:
             self.counts.invalid += 1
@@ -109,6 +121,18 @@ class Touches:
 
     def __len__(self) -> int:
         return len(self._trackers)
+
+    def _misplaced(self, event: TouchEvent, arrival_s: float) -> str | None:
+        """Count an event whose stamp cannot be, and say so; what is no event is found later."""
+        clock = (arrival_s, self.settings.lost_after_s, self.settings.clock_uncertainty_s)
+        try:
+            found = None if event.kind == "up" else misplaced(event.t_s, *clock)
+        except (AttributeError, TypeError, ValueError):
+            return None
+        if found is None:
+            return None
+        setattr(self.counts, found, getattr(self.counts, found) + 1)
+        return f"touch {event.touch_id}: {about_clock(event.t_s, *clock)}"
 
     def _begin(self, event: TouchEvent) -> bool:
         t_s, touch_id, x_mm, y_mm, kind, force, area = event
