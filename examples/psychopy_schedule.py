@@ -19,8 +19,8 @@ from pathlib import Path
 
 from firmware_io import Device, open_device
 from haptix.files import read_json
+from haptix.signals.audio import read_drive
 from haptix.stimuli import check_manifest
-from haptix.stimuli.audio import read_drive
 
 Show = Callable[[str], None]
 Ask = Callable[[], str]

@@ -1,6 +1,6 @@
 """How fingers move: whole paths, and the blocks of them that a material is asked for."""
 
-from haptix.motion.block import Depends, Facts, Frame, History, Motion, Report
+from haptix.motion.block import Depends, Facts, History, LocalFrame, Motion, Report
 from haptix.motion.trajectory import (
     FARTHEST_MM,
     LIFTED_BELOW_N,
@@ -16,8 +16,8 @@ __all__ = [
     "VELOCITY_OVER_S",
     "Depends",
     "Facts",
-    "Frame",
     "History",
+    "LocalFrame",
     "Motion",
     "Report",
     "Trajectory",

@@ -70,7 +70,7 @@ History = tuple[tuple[float, Facts], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class LocalFrame:
     """Axes that lie, turn and move on the screen; numbers, or arrays of a motion's shape.
 
     Parameters
@@ -321,7 +321,7 @@ class Motion:
         """Return the same motion with another footprint."""
         return self._at(self.x_mm, self.y_mm, footprint_mm, lambda: self._velocities, self._history)
 
-    def seen_from(self, frame: Frame) -> Motion:
+    def seen_from(self, frame: LocalFrame) -> Motion:
         """Return the motion in other axes; where they move, places and velocities are relative.
 
         The footprint is the longest relative way from one point to the next; 0, which asks for all
@@ -388,7 +388,7 @@ class Motion:
         return found
 
 
-def _turned(x: Array, y: Array, frame: Frame) -> tuple[Array, Array]:
+def _turned(x: Array, y: Array, frame: LocalFrame) -> tuple[Array, Array]:
     angle, scale = frame.angle_rad, frame.scale
     if isinstance(angle, np.ndarray):
         c, s = np.cos(angle) / scale, np.sin(angle) / scale

@@ -1,19 +1,7 @@
 """Offline stimuli: signals, sets, files, and the methods that choose among them."""
 
-from haptix.stimuli.along_path import (
-    AlongPath,
-    Path,
-    SpeedProfile,
-    SteadySpeed,
-    Strokes,
-    grating,
-    relief,
-)
-from haptix.stimuli.apparatus import Apparatus, Population
-from haptix.stimuli.in_time import Chirp, Points, Pulse, Ramp, Recorded, Sine, Square, Step
-from haptix.stimuli.making import SetResult, StimulusSet, check_manifest
-from haptix.stimuli.rendering import Rendering
-from haptix.stimuli.signal import (
+from haptix.signals.in_time import Chirp, Points, Pulse, Ramp, Recorded, Sine, Square, Step
+from haptix.signals.signal import (
     Concatenation,
     Constant,
     Excerpt,
@@ -24,8 +12,20 @@ from haptix.stimuli.signal import (
     Window,
     signal_from,
 )
+from haptix.signals.time_noise import TimeNoise
+from haptix.stimuli.along_path import (
+    AlongPath,
+    Path,
+    SpeedProfile,
+    SteadySpeed,
+    Strokes,
+    grating,
+    relief,
+)
+from haptix.stimuli.apparatus import Apparatus, Population
+from haptix.stimuli.making import SetResult, StimulusSet, check_manifest
+from haptix.stimuli.rendering import Rendering
 from haptix.stimuli.stimulus import Stimulus
-from haptix.stimuli.time_noise import TimeNoise
 from haptix.stimuli.trials import TrialPlan
 
 __all__ = [

@@ -11,8 +11,8 @@ import numpy as np
 
 from haptix.checks import Length, Positive, choice, increasing, number, positive, row
 from haptix.errors import InputError
-from haptix.stimuli.described import KINDS, Described, read, set_corners
-from haptix.stimuli.signal import Array, Signal
+from haptix.signals.described import KINDS, Described, read, set_corners
+from haptix.signals.signal import Array, Signal
 from haptix.texture import FrictionField, Grating, RecordedProfile
 
 KINDS["grating-texture"] = Grating

@@ -13,7 +13,7 @@ from haptix.checks import choice, number, positive
 from haptix.errors import InputError
 from haptix.perception import Perception
 from haptix.screen import Screen
-from haptix.stimuli.in_time import Sine
+from haptix.signals.in_time import Sine
 from haptix.stimuli.stimulus import DEFAULT_CARRIER_HZ, Stimulus, stimulus_from
 
 _MOST_STIMULI = 10_000  # of a design; an experiment has some hundreds

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from haptix.files import read_json, reading
 from haptix.perception import Perception, components_of_pull
 from haptix.render.drive import SineCarrier
-from haptix.stimuli.audio import Array, read_drive
+from haptix.signals.audio import Array, read_drive
 from haptix.stimuli.sidecar import spectrum
 from haptix.terminal import placeholder_note
 

@@ -14,12 +14,12 @@ from haptix.documents import Document
 from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.screen import Screen
+from haptix.signals.described import read
+from haptix.signals.signal import Array, Constant, Product, Signal, signal_from
 from haptix.status import Status
 from haptix.stimuli.adaptive import METHODS, Method, Presentation
 from haptix.stimuli.apparatus import Apparatus
-from haptix.stimuli.described import read
 from haptix.stimuli.rendering import Rendering
-from haptix.stimuli.signal import Array, Constant, Product, Signal, signal_from
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
 from haptix.surface import Column
 

@@ -12,8 +12,8 @@ from typing import Any
 
 from haptix.errors import FileFormatError, InputError, LimitError, RangeError
 from haptix.files import json_text, publish, read_json, reading
+from haptix.signals.audio import file_hash, step_v
 from haptix.stimuli.apparatus import TOLERANCE, Apparatus
-from haptix.stimuli.audio import file_hash, step_v
 from haptix.stimuli.drawing import contact_sheet
 from haptix.stimuli.rendering import Rendering, write_drive
 from haptix.stimuli.set_plan import SetPlan

@@ -12,8 +12,8 @@ from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.perception import Perception
 from haptix.screen import Screen
+from haptix.signals.audio import Container, Encoding
 from haptix.stimuli.apparatus import Population
-from haptix.stimuli.audio import Container, Encoding
 from haptix.stimuli.designs import (
     constant_stimuli,
     equal_friction,

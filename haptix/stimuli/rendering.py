@@ -15,8 +15,8 @@ import numpy.typing as npt
 from firmware_io.drive_window import DriveWindow
 from firmware_io.limits import Current
 from haptix.errors import InputError, LimitError
+from haptix.signals.audio import AudioWriter
 from haptix.status import Status
-from haptix.stimuli.audio import AudioWriter
 from haptix.stimuli.set_plan import SetPlan
 from haptix.stimuli.stimulus import Stimulus
 from haptix.stimuli.trials import Trigger

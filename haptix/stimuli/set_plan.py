@@ -10,8 +10,8 @@ from haptix.errors import InputError, LimitError
 from haptix.finger import Finger
 from haptix.perception import Perception
 from haptix.screen import Screen
+from haptix.signals.audio import Container, Encoding, check_format
 from haptix.stimuli.apparatus import Apparatus, Population
-from haptix.stimuli.audio import Container, Encoding, check_format
 from haptix.stimuli.stimulus import Stimulus
 from haptix.stimuli.trials import TrialPlan
 

@@ -10,9 +10,9 @@ from typing import Any, Literal, get_args
 
 from haptix.checks import Positive, check_fields, choice
 from haptix.errors import InputError
+from haptix.signals.described import plain
+from haptix.signals.signal import Signal, signal_from
 from haptix.stimuli.along_path import SpeedProfile, speed_from
-from haptix.stimuli.described import plain
-from haptix.stimuli.signal import Signal, signal_from
 
 Quantity = Literal["mu", "contrast", "volts"]
 

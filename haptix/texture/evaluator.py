@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from haptix.checks import Array
-from haptix.motion import Depends, Motion
+from haptix.motion import Depends, Facts, Motion, Report
 from haptix.texture.field import TargetKind
 
 
@@ -30,6 +30,9 @@ class Evaluator(Protocol):
 
     def wanted(self, motion: Motion) -> Array:
         """Friction wanted under the fingers, of the motion's shape."""
+
+    def react(self, facts: Facts, before: Report | None, now: Report) -> Facts:
+        """Return a finger's facts after a real report; without `before` it has come down."""
 
 
 class Feelable(Protocol):

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from haptix.checks import Array, choice
 from haptix.errors import InputError
-from haptix.motion import FARTHEST_MM, Depends, Motion
+from haptix.motion import FARTHEST_MM, Depends, Facts, Motion, Report
 
 Floats = Any
 """Numbers of any shape, or one number."""
@@ -111,6 +111,10 @@ class FrictionField(ABC):
     def wanted(self, motion: Motion) -> Array:
         """`friction` under the fingers of a block."""
         return self.friction(motion.x_mm, motion.y_mm, motion.footprint_mm)
+
+    def react(self, facts: Facts, before: Report | None, now: Report) -> Facts:
+        """Return the facts as they are."""
+        return facts
 
     def friction(
         self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, footprint_mm: npt.ArrayLike = 0.0

@@ -35,11 +35,11 @@ from haptix.finger import Finger
 from haptix.perception import Perception
 from haptix.scene import Scene
 from haptix.screen import Screen
+from haptix.signals.audio import read_drive
+from haptix.signals.in_time import Recorded
 from haptix.stimuli.adaptive.log import TrialLog
-from haptix.stimuli.audio import read_drive
 from haptix.stimuli.drawing import draw_stimulus, read_for_drawing
 from haptix.stimuli.experiment_recipe import ExperimentRecipe
-from haptix.stimuli.in_time import Recorded
 from haptix.stimuli.interchange.ahap import read_ahap
 from haptix.stimuli.interchange.friction_map import FrictionMap
 from haptix.stimuli.interchange.hjif import read_hjif

@@ -14,6 +14,7 @@ from firmware_io import LimitError
 from haptix import ContactModel, Screen
 from haptix.errors import FileFormatError, HaptixError, InputError, RangeError
 from haptix.finger import MeasuredRoughness
+from haptix.signals.audio import AudioWriter, read_drive
 from haptix.stimuli import (
     Constant,
     Excerpt,
@@ -27,7 +28,6 @@ from haptix.stimuli import (
     check_manifest,
     grating,
 )
-from haptix.stimuli.audio import AudioWriter, read_drive
 from haptix.stimuli.designs import constant_stimuli, equal_friction, full_factorial
 from haptix.stimuli.stimulus import stimulus_from
 from haptix.stimuli.trials import Trigger

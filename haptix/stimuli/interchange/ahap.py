@@ -16,8 +16,8 @@ import numpy as np
 from haptix.checks import number
 from haptix.errors import FileFormatError, InputError
 from haptix.files import json_text, read_json, reading, write_whole
-from haptix.stimuli.in_time import Points
-from haptix.stimuli.signal import Signal
+from haptix.signals.in_time import Points
+from haptix.signals.signal import Signal
 
 _CORNERS_PER_CURVE = 16  # more in one are not played by every version of Core Haptics
 _LONGEST_EVENT_S = 30.0  # of a continuous event

@@ -10,9 +10,9 @@ import numpy as np
 
 from haptix.checks import Length, NotNegative, Positive, choice
 from haptix.errors import FileFormatError, InputError
-from haptix.stimuli.audio import HIGHEST_RATE_HZ, MOST_SAMPLES, file_hash, read_audio
-from haptix.stimuli.described import set_corners
-from haptix.stimuli.signal import Array, Signal
+from haptix.signals.audio import HIGHEST_RATE_HZ, MOST_SAMPLES, file_hash, read_audio
+from haptix.signals.described import set_corners
+from haptix.signals.signal import Array, Signal
 from haptix.waves import Waveform, sine, turns
 
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from haptix.checks import Length, NotNegative, whole
 from haptix.errors import InputError
-from haptix.stimuli.described import KINDS, set_corners
-from haptix.stimuli.in_time import below_nyquist
-from haptix.stimuli.signal import Array, Signal
+from haptix.signals.described import KINDS, set_corners
+from haptix.signals.in_time import below_nyquist
+from haptix.signals.signal import Array, Signal
 
 _HOP = 1 << 16
 _FADE = np.sin(np.pi / 2 * (np.arange(_HOP) + 0.5) / _HOP)

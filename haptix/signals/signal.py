@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from haptix.checks import Length, NotNegative, Positive, choice, number
 from haptix.errors import InputError
-from haptix.stimuli.described import Described, read
+from haptix.signals.described import Described, read
 
 Array = npt.NDArray[np.float64]
 

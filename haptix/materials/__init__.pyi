@@ -1,0 +1,15 @@
+from .kinds import KINDS as KINDS
+from .kinds import load as load
+from .kinds import material_of as material_of
+from .kinds import schema as schema
+from .material import AnyAsset as AnyAsset
+from .material import AnyMaterial as AnyMaterial
+from .material import Material as Material
+from .material import Scaled as Scaled
+from .still import CompositionMaterial as CompositionMaterial
+from .still import GratingMaterial as GratingMaterial
+from .still import HeightsMaterial as HeightsMaterial
+from .still import NoiseMaterial as NoiseMaterial
+from .still import PennMaterial as PennMaterial
+from .still import PhotographMaterial as PhotographMaterial
+from .still import RecordingMaterial as RecordingMaterial

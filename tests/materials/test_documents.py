@@ -1,0 +1,173 @@
+"""Documents of materials: read, written and refused, and what they answer."""
+
+import re
+from hashlib import sha256
+from typing import Literal
+
+import jsonschema
+import numpy as np
+import pytest
+from skimage.io import imsave
+
+from haptix import materials
+from haptix.errors import FileFormatError, InputError
+from haptix.materials import KINDS, Material
+from haptix.motion import Depends, Motion
+from haptix.texture import Composition, Grating, Noise, RecordedProfile, Sprite, Texture, power_law
+
+GRATING = {"kind": "grating", "period_mm": 2.0, "wave": "square", "low": 0.1, "high": 0.9}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with a photograph and a recording."""
+    folder = tmp_path_factory.mktemp("materials")
+    pixels = np.random.default_rng(1).integers(0, 255, (40, 60), dtype=np.uint8)
+    imsave(folder / "stone.png", pixels, check_contrast=False)
+    (folder / "felt.csv").write_text("position_mm,mu\n0,0.2\n1,0.4\n2,0.3\n")
+    return folder
+
+
+def still(folder):
+    """Documents of kinds that stand still, and the field that each is."""
+    stone, grating = folder / "stone.png", Grating(2.0, "square", low=0.1, high=0.9)
+    photograph = {"kind": "photograph", "file": "stone.png", "width_mm": 30.0}
+    return {
+        "photograph": (photograph, Texture.from_image(stone, 30.0)),
+        "heights": (
+            {"kind": "heights", "file": "stone.png", "width_mm": 30.0, "rule": "slope-magnitude",
+             "target": "mu", "low": 0.2, "high": 0.4},
+            Texture.from_heights(stone, 30.0, "slope-magnitude", mu_range=(0.2, 0.4)),
+        ),
+        "grating": (GRATING, grating),
+        "noise": (
+            {"kind": "noise", "pixels": 64, "seed": 3},
+            Noise(power_law(2.0, 0.5, 10.0), pixels=64, seed=3),
+        ),
+        "recording": (
+            {"kind": "recording", "file": "felt.csv", "beyond": "hold"},
+            RecordedProfile.from_csv(folder / "felt.csv", beyond="hold"),
+        ),
+        "composition": (
+            {"kind": "composition", "background": photograph,
+             "sprites": [{"of": GRATING, "x_mm": 3.0, "width_mm": 9.0, "height_mm": 9.0}]},
+            Composition([Sprite(grating, 3.0, 0.0, 9.0, 9.0)], Texture.from_image(stone, 30.0)),
+        ),
+    }  # fmt: skip
+
+
+def written(folder, table, name="one.json"):
+    with materials.material.in_folder(folder):
+        materials.material_of(table).save(folder / name)
+    return folder / name
+
+
+@pytest.mark.parametrize("kind", ["photograph", "heights", "grating", "noise", "recording",
+                                  "composition"])  # fmt: skip
+@pytest.mark.parametrize("ending", ["toml", "json"])
+def test_a_still_kind_is_read_back_and_answers_as_its_field(folder, kind, ending):
+    table, field = still(folder)[kind]
+    path = written(folder, table, f"{kind}.{ending}")
+    read = materials.load(path)
+    assert materials.load(written(folder, table, f"again.{ending}")) == read
+    x = np.linspace(-2, 32, 500)
+    motion = Motion.of(x, 4.0, footprint_mm=0.05)
+    assert read.evaluator.target == field.target
+    assert read.evaluator.depends_on == Depends.PLACE
+    np.testing.assert_array_equal(read.wanted(motion), field.friction(x, 4.0, 0.05))
+
+
+def test_documents_of_one_photograph_share_its_levels(folder):
+    table = {"kind": "photograph", "file": "stone.png", "width_mm": 30.0}
+    here, there = written(folder, table), written(folder, table, "deeper.toml")
+    digest = sha256((folder / "stone.png").read_bytes()).hexdigest()
+    (folder / "assets").mkdir()
+    (folder / "stone.png").rename(folder / "assets" / f"{digest}.png")
+    try:
+        by_hash = written(folder, {**table, "file": f"sha256:{digest}"}, "hash.json")
+        one = materials.load(by_hash).evaluator
+        with pytest.raises(InputError, match="no file at"):
+            _ = materials.load(here).evaluator
+    finally:
+        (folder / "assets" / f"{digest}.png").rename(folder / "stone.png")
+    assert materials.load(here).evaluator is one
+    assert materials.load(there).evaluator is one
+    assert materials.load(there).replace(width_mm=20.0).evaluator is not one
+    (folder / f"{digest}.png").write_bytes(b"other")
+    with pytest.raises(FileFormatError, match="not that of its name"):
+        _ = materials.load(by_hash).evaluator
+
+
+def test_units_are_read_and_a_file_may_name_another(folder):
+    (folder / "ribs.toml").write_text('kind = "grating"\nperiod_mm = "0.2 cm"\n')
+    (folder / "all.toml").write_text('kind = "composition"\nbackground = "ribs.toml"\n')
+    assert dict(materials.load(folder / "all.toml"))["background"].period_mm == 2.0
+
+
+class Stripes(Material):
+    """Stripes that are felt to the right only."""
+
+    kind: Literal["test-stripes"] = "test-stripes"
+    period_mm: float = 2.0
+    depends_on = Depends.PLACE | Depends.DIRECTION
+
+    def wanted(self, motion):
+        """Friction where the finger goes right."""
+        wave = np.sin(2 * np.pi * motion.x_mm / self.period_mm)
+        return (0.5 + 0.5 * wave) * np.clip(motion.ux, 0, 1)
+
+
+def test_a_kind_of_ones_own_is_a_document_like_all_others(folder):
+    read = materials.load(written(folder, {"kind": "test-stripes", "period_mm": 3.0}))
+    assert read == Stripes(period_mm=3.0)
+    there, back = (read.wanted(Motion.of(0.75, 0.0, 0.0, v)) for v in (80.0, -80.0))
+    assert there == pytest.approx(1.0, abs=1e-3)
+    assert back == 0.0
+    assert read.evaluator.depends_on == Depends.PLACE | Depends.DIRECTION
+    with pytest.raises(TypeError, match="is that of"):
+
+        class Other(Material):
+            kind: Literal["grating"] = "grating"
+
+            def wanted(self, motion):
+                return motion.x_mm
+
+    with pytest.raises(TypeError, match="expected a method"):
+
+        class Mute(Material):
+            kind: Literal["test-mute"] = "test-mute"
+
+
+BAD = {
+    "expected one of .*grating.*, got 'gratin'": {"kind": "gratin"},
+    "expected one of .*, got None": {"period_mm": 3},
+    "grating.period_mm: field required": {"kind": "grating"},
+    "grating.period_mm: .*greater than 0, got -1": {"kind": "grating", "period_mm": -1},
+    "grating.width: extra": {"kind": "grating", "period_mm": 1, "width": 2},
+    "low, high: expected finite 0 <= low < high": {"kind": "grating", "period_mm": 1, "low": 1},
+    "expected low and high for a target of mu": {"kind": "grating", "period_mm": 1, "target": "mu"},
+    "expected 64 hex": {"kind": "photograph", "file": "sha256:12", "width_mm": 3},
+    "composition.background: .*period_mm": {
+        "kind": "composition", "background": {"kind": "grating", "period_mm": 0}
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("message", BAD)
+def test_a_wrong_document_is_one_sentence_naming_the_field(folder, message):
+    with pytest.raises(InputError) as error:
+        materials.material_of(BAD[message])
+    assert re.search(message, str(error.value)), error.value
+    assert "\n" not in str(error.value)
+
+
+def test_the_schema_accepts_and_refuses_what_the_models_do(folder):
+    schema = materials.schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    check = jsonschema.Draft202012Validator(schema)
+    for table, _ in still(folder).values():
+        check.validate({"schema_version": 1, **table})
+    nested = {"kind": "composition", "background": {"kind": "grating", "period_mm": 0}}
+    for bad in ({"kind": "gratin"}, {"kind": "grating"}, {**GRATING, "width": 2}, nested):
+        assert not check.is_valid(bad)
+    assert set(schema["$defs"]["material"]["discriminator"]["mapping"]) == set(KINDS)
