@@ -46,6 +46,9 @@ class Capabilities:
         Each sample rate, with the modes in which it is offered.
     reports_touch : bool
         Whether it reports where fingers are.
+    guard_s : float
+        Time ahead of the output from which queued samples can be revised, in seconds; 0 if they
+        cannot.
 
     Raises
     ------
@@ -65,6 +68,7 @@ class Capabilities:
     calibration_id: str
     rates: tuple[tuple[int, tuple[Mode, ...]], ...]
     reports_touch: bool
+    guard_s: float = 0.0
 
     def __post_init__(self) -> None:
         for field in ("sample_rate_hz", "full_scale_v", "ceiling_v", "max_slew_v_per_s"):
@@ -108,6 +112,7 @@ class Capabilities:
             calibration_id=report.calibration_id,
             rates=tuple((rate.sample_rate_hz, _modes(rate.modes)) for rate in report.rates),
             reports_touch=report.reports_touch,
+            guard_s=report.guard_ticks / report.output_rate_hz,
         )
 
     def best_rate_hz(self, mode: Mode, most_hz: float = math.inf) -> int:

@@ -15,7 +15,9 @@ from firmware_io.errors import (
 )
 from firmware_io.link import Link
 from firmware_io.protocol import (
+    OLDEST_VERSION,
     SEQUENCE_MODULUS,
+    VERSION,
     CapabilitiesReport,
     DeviceMessage,
     DeviceState,
@@ -60,6 +62,8 @@ class ProtocolClient:
         The latest touches of the panel, oldest first.
     frames_sent, bytes_sent : int
         Delivered frames and bytes.
+    version : int
+        That of the frames sent: the oldest until the handshake.
     """
 
     def __init__(self, link: Link, clock: Clock = HOST_CLOCK) -> None:
@@ -72,6 +76,7 @@ class ProtocolClient:
         self.touches: deque[TouchReport] = deque(maxlen=_KEPT_TOUCHES)
         self.frames_sent = 0
         self.bytes_sent = 0
+        self.version = OLDEST_VERSION
         self._sequence = 0
         self._token = 0
         self._parser = FrameParser(max_payload_bytes=1024)
@@ -88,12 +93,14 @@ class ProtocolClient:
         damage: ProtocolError | None = None
         # Twice: a report may be lost on the way, and HELLO is accepted in every state.
         for end_s in (self.clock() + ANSWER_S / 2, self.clock() + ANSWER_S):
-            self.send(Hello())
+            self.version = OLDEST_VERSION
+            self.send(Hello(OLDEST_VERSION, VERSION))
             while True:
                 items = self._read(max(0.0, end_s - self.clock()))
                 for item in items or ():
                     if isinstance(item, CapabilitiesReport):
                         self.fault = None
+                        self.version = min(item.newest_version, VERSION)
                         return item
                     if isinstance(item, FaultReport) and item.code is FaultCode.VERSION:
                         raise ProtocolError(
@@ -128,7 +135,7 @@ class ProtocolClient:
                 "of; open it after the fork, in the process that plays."
             )
         frames = [
-            encode(Frame(message, (self._sequence + place) % SEQUENCE_MODULUS))
+            encode(Frame(message, (self._sequence + place) % SEQUENCE_MODULUS), self.version)
             for place, message in enumerate(messages)
         ]
         try:

@@ -15,6 +15,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 #define RATE_HZ 16000u
 #define WATCHDOG_MS 40u
+#define GUARD_TICKS 16u
 #define CEILING_CODE 26213 /* 200 V of 250 V */
 #define MOST_SQUARE 357527000 /* (142.835 V / 250 V 32767)^2 and 2 % */
 
@@ -22,7 +23,7 @@ static hx_device device;
 
 static const hx_config config = {
     RATE_HZ, 250000, 200000, 4666666, 160, 150, WATCHDOG_MS, 64, 1, 2,
-    {{RATE_HZ, 3}, {RATE_HZ / 4, 3}}, "fuzzed", "1", "none"};
+    {{RATE_HZ, 3}, {RATE_HZ / 4, 3}}, "fuzzed", "1", "none", GUARD_TICKS};
 
 /* The last second of the output. */
 static int16_t second[RATE_HZ];
@@ -118,7 +119,7 @@ static void run(const uint8_t *data, size_t size) {
         uint32_t n = operand;
         at += 2;
         if (n > size - at) n = (uint32_t)(size - at);
-        switch (call % 12u) {
+        switch (call % 13u) {
         case 0:
             hx_device_receive(&device, data + at, n);
             at += n;
@@ -133,14 +134,14 @@ static void run(const uint8_t *data, size_t size) {
             uint8_t twist = n > 0 ? data[at] : 0;
             for (uint32_t i = 0; i < n; i++) payload[i] = data[at + i];
             at += n;
-            n = make_frame(frame, call / 12u % 8u,
+            n = make_frame(frame, call / 13u % 9u,
                            (uint16_t)(device.next_sequence + (twist == 1)), twist == 2, payload, n);
             if (twist == 3) frame[operand % n] ^= 4;
             if (twist == 4) { /* from the future */
                 frame[2] = HX_VERSION + 1;
                 hx_put_u16(frame + 10, hx_crc16(frame, 10));
             }
-            send(frame, n, call % 12u == 3);
+            send(frame, n, call % 13u == 3);
             break;
         }
         case 4:
@@ -153,7 +154,7 @@ static void run(const uint8_t *data, size_t size) {
             at += n;
             n = make_frame(frame, HX_STREAM, device.next_sequence,
                            (uint16_t)(device.mode ^ (call > 243)), payload, 4 + 2 * n);
-            send(frame, n, call % 12u == 5);
+            send(frame, n, call % 13u == 5);
             break;
         case 6: set_up(operand); break;
         case 7:
@@ -164,6 +165,23 @@ static void run(const uint8_t *data, size_t size) {
         case 10: {
             uint32_t written = hx_device_transmit(&device, frame, operand * 4u);
             demand(written <= operand * 4u);
+            break;
+        }
+        case 11: { /* queued samples revised, some of them too late or too far */
+            uint32_t first = call / 13u * 4u, queued = device.queued;
+            uint16_t revisions = device.revisions;
+            hx_put_u32(payload, device.samples_played + first);
+            hx_put_u16(payload + 4, (uint16_t)(revisions + (operand > 250)));
+            n /= 4;
+            for (uint32_t i = 0; i < n; i++) {
+                uint32_t code = (uint32_t)(data[at + i] << 8 | (data[at + i] ^ 0x55)) & 0xffffu;
+                hx_put_u16(payload + 6 + 2 * i, (uint16_t)code);
+            }
+            at += n;
+            n = make_frame(frame, HX_REVISE, device.next_sequence, device.mode, payload, 6 + 2 * n);
+            send(frame, n, operand & 1);
+            demand(device.queued == queued || device.queued == 0);
+            demand(device.revisions == revisions || first >= device.guard_samples);
             break;
         }
         default:

@@ -19,6 +19,10 @@ static void put_text(uint8_t *bytes, const char *text) {
     for (uint32_t i = 0; i < 16u; i++) bytes[i] = (uint8_t)text[i];
 }
 
+static uint32_t capabilities_bytes(const hx_device *d) {
+    return HX_CAPABILITIES_BYTES + d->config.rate_count * HX_RATE_BYTES + HX_GUARD_BYTES;
+}
+
 static uint32_t put_capabilities(const hx_device *d, uint8_t *p) {
     const hx_config *c = &d->config;
     p[0] = HX_VERSION;
@@ -41,7 +45,8 @@ static uint32_t put_capabilities(const hx_device *d, uint8_t *p) {
         hx_put_u32(rate, c->rates[i].sample_rate_hz);
         hx_put_u32(rate + 4, c->rates[i].modes);
     }
-    return HX_CAPABILITIES_BYTES + c->rate_count * HX_RATE_BYTES;
+    hx_put_u32(p + HX_CAPABILITIES_BYTES + c->rate_count * HX_RATE_BYTES, c->guard_ticks);
+    return capabilities_bytes(d);
 }
 
 static uint8_t state(const hx_device *d) {
@@ -60,6 +65,9 @@ void hx_device_status(const hx_device *d, uint8_t *p) {
     hx_put_u32(p + 20, d->underruns);
     hx_put_u32(p + 24, d->faults);
     hx_put_u64(p + 28, d->clock);
+    hx_put_u16(p + 36, d->revisions);
+    hx_put_u16(p + 38, d->refused);
+    hx_put_u32(p + 40, (uint32_t)d->margin);
 }
 
 void hx_device_fault(const hx_device *d, uint8_t *p) {
@@ -84,8 +92,7 @@ static void put_touch(const hx_touch *touch, uint8_t *p) {
 static uint32_t put_next(hx_device *d, uint8_t *bytes, uint32_t capacity) {
     uint8_t *payload = bytes + HX_HEADER_BYTES;
     if (d->capabilities_due) {
-        uint32_t length = HX_CAPABILITIES_BYTES + d->config.rate_count * HX_RATE_BYTES;
-        if (HX_FRAME_OVERHEAD_BYTES + length > capacity) return 0;
+        if (HX_FRAME_OVERHEAD_BYTES + capabilities_bytes(d) > capacity) return 0;
         d->capabilities_due = 0;
         return put_frame(d, bytes, HX_CAPABILITIES, put_capabilities(d, payload));
     }

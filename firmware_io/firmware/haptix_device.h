@@ -50,8 +50,8 @@
 /* And at most this many times the longest frame, which is where it begins. */
 #define HX_WORK_FRAMES 3u
 
-#define HX_BUFFER_BYTES (HX_FRAME_OVERHEAD_BYTES + HX_INDEX_BYTES + 2u * HX_MAX_FRAME_SAMPLES + 32u)
-#define HX_ANSWER_BYTES (HX_FRAME_OVERHEAD_BYTES + HX_CAPABILITIES_BYTES + HX_MAX_RATES * HX_RATE_BYTES)
+#define HX_BUFFER_BYTES (HX_FRAME_OVERHEAD_BYTES + HX_REVISE_HEAD_BYTES + 2u * HX_MAX_FRAME_SAMPLES + 32u)
+#define HX_ANSWER_BYTES (HX_FRAME_OVERHEAD_BYTES + HX_CAPABILITIES_BYTES + HX_MAX_RATES * HX_RATE_BYTES + HX_GUARD_BYTES)
 
 /* cffi: begin */
 typedef struct {
@@ -74,6 +74,9 @@ typedef struct {
     char name[16];
     char serial[16];
     char calibration_id[16];
+    /* Output samples, 1 to 65535: what the board plays at once and while it takes in a frame. A
+     * revision begins at least this far ahead of the output. */
+    uint32_t guard_ticks;
 } hx_config;
 
 typedef struct {
@@ -161,6 +164,7 @@ struct hx_device {
     uint32_t watchdog_ticks;
     uint32_t setup_lead_ticks;
     uint32_t status_ticks;
+    uint32_t guard_samples; /* of the stream */
 
     uint8_t is_armed;
     uint8_t has_begun;  /* the first STREAM has come */
@@ -173,6 +177,9 @@ struct hx_device {
     uint32_t silent_ticks;
     uint32_t since_status_ticks;
     uint32_t samples_played;
+    uint16_t revisions; /* obeyed since ARM */
+    uint16_t refused;   /* since ARM, without a fault */
+    int32_t margin;     /* of the last REVISE: samples from the output to its first */
 
     /* Output: a line from one sample to the next, times the carrier. */
     int16_t from;

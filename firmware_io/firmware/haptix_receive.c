@@ -37,7 +37,8 @@ static int is_header(hx_device *d, const uint8_t *bytes) {
         hx_meet_damage(d, 0, due, carried);
         return 0;
     }
-    if (bytes[2] != HX_VERSION) {
+    if (bytes[2] != HX_VERSION &&
+        (bytes[3] != HX_HELLO || bytes[2] < HX_OLDEST_HELLO || bytes[2] > HX_VERSION)) {
         hx_refuse(d, HX_FAULT_VERSION, 0, sequence, HX_VERSION, bytes[2]);
         return 0;
     }

@@ -26,6 +26,7 @@ static int describes_a_device(const hx_config *c) {
     if (c->max_watchdog_ms > HX_MAX_WATCHDOG_MS) return 0;
     if (c->report_bytes != 0 && (c->report_bytes < 8u || c->report_bytes > HX_MAX_REPORT_BYTES))
         return 0;
+    if (c->guard_ticks < 1u || c->guard_ticks > 65535u) return 0;
     if (c->rate_count < 1u || c->rate_count > HX_MAX_RATES) return 0;
     for (uint32_t i = 0; i < c->rate_count; i++) {
         uint32_t rate_hz = c->rates[i].sample_rate_hz;
@@ -147,6 +148,7 @@ static void take_setup(hx_device *d, uint16_t sequence, const uint8_t *payload) 
     d->mode = (uint8_t)mode;
     d->sample_rate_hz = rate_hz;
     d->ticks_per_sample = output_hz / rate_hz;
+    d->guard_samples = (d->config.guard_ticks + d->ticks_per_sample - 1u) / d->ticks_per_sample;
     d->ceiling_mv = ceiling_mv;
     d->max_slew_v_per_s = slew;
     d->phase_step = (uint32_t)(((uint64_t)carrier_mhz << 32) / ((uint64_t)output_hz * 1000u));
@@ -176,31 +178,65 @@ static void take_arm(hx_device *d, uint16_t sequence) {
     d->next_index = 0;
     d->last_queued = 0;
     d->samples_played = 0;
+    d->revisions = 0;
+    d->refused = 0;
+    d->margin = 0;
     d->since_status_ticks = 0;
     d->status_due = 1;
 }
 
-/* Index of the first sample that slews too much, or n. */
-static uint32_t first_too_steep(const hx_device *d, const uint8_t *samples, uint32_t n) {
-    uint32_t carrier = d->mode == HX_ENVELOPE ? d->carrier_rad_per_s : 0u;
-    int16_t before = d->last_queued;
+static int is_too_steep(const hx_device *d, int16_t before, int16_t code) {
+    int32_t step = (int32_t)code - before;
+    uint64_t slew = (uint64_t)(uint32_t)(step < 0 ? -step : step) * d->sample_rate_hz;
+    uint32_t a = magnitude(before), b = magnitude(code);
+    if (d->mode == HX_ENVELOPE) slew += (uint64_t)d->carrier_rad_per_s * (a > b ? a : b);
+    return slew > d->slew_codes_per_s;
+}
+
+/* Index of the first sample that slews too much behind the one before it, or n. */
+static uint32_t first_too_steep(const hx_device *d, int16_t before, const uint8_t *samples,
+                                uint32_t n) {
     for (uint32_t i = 0; i < n; i++) {
         int16_t code = hx_get_i16(samples + 2u * i);
-        int32_t step = (int32_t)code - before;
-        uint64_t slew = (uint64_t)(uint32_t)(step < 0 ? -step : step) * d->sample_rate_hz;
-        uint32_t a = magnitude(before), b = magnitude(code);
-        if (carrier > 0) slew += (uint64_t)carrier * (a > b ? a : b);
-        if (slew > d->slew_codes_per_s) return i;
+        if (is_too_steep(d, before, code)) return i;
         before = code;
     }
     return n;
+}
+
+/* Whether mode and ceiling hold for samples; refuse them if not. */
+static int may_be_queued(hx_device *d, uint16_t sequence, uint16_t mode, const uint8_t *samples,
+                         uint32_t n) {
+    uint32_t full_scale_mv = d->config.full_scale_mv, peak = 0;
+    if (mode != d->mode) {
+        hx_refuse(d, HX_FAULT_MODE, 0, sequence, d->mode, mode);
+        return 0;
+    }
+    for (uint32_t i = 0; i < n; i++) {
+        uint32_t size = magnitude(hx_get_i16(samples + 2u * i));
+        if (size > peak) peak = size;
+    }
+    if (peak > ceiling_code(d->ceiling_mv, full_scale_mv)) {
+        uint32_t peak_mv = (uint32_t)(((uint64_t)peak * full_scale_mv + 32766u) / 32767u);
+        hx_refuse(d, HX_FAULT_CEILING, 0, sequence, d->ceiling_mv, peak_mv);
+        return 0;
+    }
+    return 1;
+}
+
+/* Write samples to the queue, from a place in it on that may lie past its end. */
+static void put_samples(hx_device *d, uint32_t at, const uint8_t *samples, uint32_t n) {
+    if (at >= HX_QUEUE_SAMPLES) at -= HX_QUEUE_SAMPLES;
+    for (uint32_t i = 0; i < n; i++) {
+        d->queue[at] = hx_get_i16(samples + 2u * i);
+        at = at + 1u == HX_QUEUE_SAMPLES ? 0u : at + 1u;
+    }
 }
 
 static void take_stream(hx_device *d, uint16_t sequence, uint16_t mode, const uint8_t *payload,
                         uint32_t length) {
     uint32_t index = hx_get_u32(payload), n = (length - HX_INDEX_BYTES) / 2u;
     const uint8_t *samples = payload + HX_INDEX_BYTES;
-    uint32_t full_scale_mv = d->config.full_scale_mv;
 
     if (!d->is_armed) {
         hx_refuse(d, HX_FAULT_NOT_ARMED, 0, sequence, 0, 0);
@@ -210,21 +246,8 @@ static void take_stream(hx_device *d, uint16_t sequence, uint16_t mode, const ui
         hx_refuse(d, HX_FAULT_SAMPLE_INDEX, 0, sequence, d->next_index, index);
         return;
     }
-    if (mode != d->mode) {
-        hx_refuse(d, HX_FAULT_MODE, 0, sequence, d->mode, mode);
-        return;
-    }
-    uint32_t peak = 0;
-    for (uint32_t i = 0; i < n; i++) {
-        uint32_t size = magnitude(hx_get_i16(samples + 2u * i));
-        if (size > peak) peak = size;
-    }
-    if (peak > ceiling_code(d->ceiling_mv, full_scale_mv)) {
-        uint32_t peak_mv = (uint32_t)(((uint64_t)peak * full_scale_mv + 32766u) / 32767u);
-        hx_refuse(d, HX_FAULT_CEILING, 0, sequence, d->ceiling_mv, peak_mv);
-        return;
-    }
-    uint32_t steep = first_too_steep(d, samples, n);
+    if (!may_be_queued(d, sequence, mode, samples, n)) return;
+    uint32_t steep = first_too_steep(d, d->last_queued, samples, n);
     if (steep < n) {
         hx_refuse(d, HX_FAULT_SLEW, 0, sequence, d->max_slew_v_per_s, steep);
         return;
@@ -234,11 +257,7 @@ static void take_stream(hx_device *d, uint16_t sequence, uint16_t mode, const ui
         hx_refuse(d, HX_FAULT_QUEUE_FULL, 0, sequence, free, n);
         return;
     }
-    uint32_t at = (d->head + d->queued) % HX_QUEUE_SAMPLES;
-    for (uint32_t i = 0; i < n; i++) {
-        d->queue[at] = hx_get_i16(samples + 2u * i);
-        at = at + 1u == HX_QUEUE_SAMPLES ? 0u : at + 1u;
-    }
+    put_samples(d, d->head + d->queued, samples, n);
     d->queued += n;
     d->last_queued = hx_get_i16(samples + 2u * (n - 1u));
     d->next_index += n;
@@ -247,6 +266,52 @@ static void take_stream(hx_device *d, uint16_t sequence, uint16_t mode, const ui
         d->has_begun = 1;
         d->lead_ticks = d->setup_lead_ticks;
     }
+    accept(d, sequence);
+}
+
+static int16_t queued_code(const hx_device *d, uint32_t ahead) {
+    uint32_t at = d->head + ahead;
+    return d->queue[at < HX_QUEUE_SAMPLES ? at : at - HX_QUEUE_SAMPLES];
+}
+
+/* Replace samples that are queued and not yet due, all of them or none. */
+static void take_revise(hx_device *d, uint16_t sequence, uint16_t mode, const uint8_t *payload,
+                        uint32_t length) {
+    uint32_t index = hx_get_u32(payload), n = (length - HX_REVISE_HEAD_BYTES) / 2u;
+    uint16_t revision = hx_get_u16(payload + HX_INDEX_BYTES);
+    const uint8_t *samples = payload + HX_REVISE_HEAD_BYTES;
+
+    if (!d->is_armed) {
+        hx_refuse(d, HX_FAULT_NOT_ARMED, 0, sequence, 0, 0);
+        return;
+    }
+    uint32_t ahead = index - d->samples_played;  /* queued in front of the first of these */
+    uint32_t behind = d->next_index - index - n; /* and behind the last */
+    int is_past = ahead > 0x7fffffffu;
+    if (behind > 0x7fffffffu || (!is_past && ahead > d->queued)) {
+        hx_refuse(d, HX_FAULT_SAMPLE_INDEX, 0, sequence, d->next_index, index + n);
+        return;
+    }
+    if (!may_be_queued(d, sequence, mode, samples, n)) return;
+    d->margin = is_past ? -(int32_t)(0xffffffffu - ahead) - 1 : (int32_t)ahead;
+    if (d->margin < (int32_t)d->guard_samples || revision != d->revisions) {
+        /* Late, or made for a queue that an earlier refusal has left as it was: no fault. */
+        accept(d, sequence);
+        d->refused++;
+        d->status_due = 1;
+        return;
+    }
+    uint32_t steep = first_too_steep(d, queued_code(d, ahead - 1u), samples, n);
+    int16_t last = hx_get_i16(samples + 2u * (n - 1u));
+    int is_seam = steep == n && behind > 0;
+    if (steep < n || (is_seam && is_too_steep(d, last, queued_code(d, ahead + n)))) {
+        hx_refuse(d, HX_FAULT_SLEW, 0, sequence, d->max_slew_v_per_s, steep);
+        return;
+    }
+    put_samples(d, d->head + ahead, samples, n);
+    if (behind == 0) d->last_queued = last;
+    d->revisions++;
+    d->silent_ticks = 0;
     accept(d, sequence);
 }
 
@@ -265,8 +330,8 @@ static uint32_t fixed_length(uint8_t kind) {
 }
 
 uint32_t hx_longest_payload(const hx_device *d) {
-    uint32_t stream = longest_stream(d);
-    return stream > HX_SETUP_BYTES ? stream : HX_SETUP_BYTES;
+    uint32_t revise = longest_stream(d) + HX_REVISE_HEAD_BYTES - HX_INDEX_BYTES;
+    return revise > HX_SETUP_BYTES ? revise : HX_SETUP_BYTES;
 }
 
 void hx_take_frame(hx_device *d, const uint8_t *frame) {
@@ -275,13 +340,15 @@ void hx_take_frame(hx_device *d, const uint8_t *frame) {
     uint16_t sequence = hx_get_u16(frame + 4), mode = hx_get_u16(frame + 8);
     uint32_t length = hx_get_u16(frame + 6);
 
-    if (kind < HX_HELLO || kind > HX_PING) {
+    if (kind < HX_HELLO || kind > HX_REVISE) {
         hx_refuse(d, HX_FAULT_KIND, 0, sequence, 0, kind);
         return;
     }
-    if (kind == HX_STREAM) {
-        if (length < HX_INDEX_BYTES + 2u || length % 2u || length > longest_stream(d)) {
-            hx_refuse(d, HX_FAULT_LENGTH, 0, sequence, longest_stream(d), length);
+    if (kind == HX_STREAM || kind == HX_REVISE) {
+        uint32_t head = kind == HX_STREAM ? HX_INDEX_BYTES : HX_REVISE_HEAD_BYTES;
+        uint32_t longest = longest_stream(d) + head - HX_INDEX_BYTES;
+        if (length < head + 2u || length % 2u || length > longest) {
+            hx_refuse(d, HX_FAULT_LENGTH, 0, sequence, longest, length);
             return;
         }
     } else if (length != fixed_length(kind)) {
@@ -308,6 +375,7 @@ void hx_take_frame(hx_device *d, const uint8_t *frame) {
     case HX_SETUP: take_setup(d, sequence, payload); break;
     case HX_ARM: take_arm(d, sequence); break;
     case HX_STREAM: take_stream(d, sequence, mode, payload, length); break;
+    case HX_REVISE: take_revise(d, sequence, mode, payload, length); break;
     case HX_STOP:
         accept(d, sequence);
         hx_end_output(d);

@@ -4,7 +4,9 @@
 
 #include <stdint.h>
 
-#define HX_VERSION 3u
+#define HX_VERSION 4u
+/* HELLO is taken in this version as well, so that a host can ask before it knows. */
+#define HX_OLDEST_HELLO 3u
 #define HX_HEADER_BYTES 12u
 #define HX_CRC_BYTES 4u
 #define HX_FRAME_OVERHEAD_BYTES (HX_HEADER_BYTES + HX_CRC_BYTES)
@@ -16,6 +18,7 @@ enum hx_kind {
     HX_STREAM = 0x04,
     HX_STOP = 0x05,
     HX_PING = 0x06,
+    HX_REVISE = 0x07,
     HX_CAPABILITIES = 0x81,
     HX_STATUS = 0x82,
     HX_FAULT = 0x83,
@@ -52,9 +55,11 @@ enum hx_fault_code {
 #define HX_SETUP_BYTES 30u
 #define HX_PING_BYTES 4u
 #define HX_INDEX_BYTES 4u
+#define HX_REVISE_HEAD_BYTES 6u
 #define HX_CAPABILITIES_BYTES 80u
+#define HX_GUARD_BYTES 4u
 #define HX_RATE_BYTES 8u
-#define HX_STATUS_BYTES 36u
+#define HX_STATUS_BYTES 44u
 #define HX_FAULT_BYTES 20u
 #define HX_TOUCH_BYTES 20u
 

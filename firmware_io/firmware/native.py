@@ -93,6 +93,7 @@ class NativeCore:
                     "name": config.name.encode("ascii"),
                     "serial": config.serial.encode("ascii"),
                     "calibration_id": config.calibration_id.encode("ascii"),
+                    "guard_ticks": config.guard_ticks,
                 },
             )
         except (OverflowError, IndexError, UnicodeEncodeError) as error:

@@ -47,6 +47,8 @@ from firmware_io.protocol.payloads import LAYOUTS
 MAX_TOUCHES = 8
 
 _SETUP = LAYOUTS[FrameKind.SETUP].fields
+#: Bytes in front of the samples of a payload.
+_SAMPLE_HEADS: dict[FrameKind, int] = {FrameKind.STREAM: 4, FrameKind.REVISE: 6}
 
 
 class ReferenceCore:
@@ -82,13 +84,14 @@ class ReferenceCore:
         self._longest_stream = 4 + 2 * config.max_frame_samples
         self._receiver = Receiver(
             self,
-            max(self._longest_stream, _SETUP.size),
+            max(self._longest_stream + 2, _SETUP.size),
             config.output_rate_hz * PAUSE_MS // 1000,
         )
         self.is_armed = False
         self._next_sequence = 0
         self._next_index = 0
         self._last_queued = 0
+        self._revisions = self._refused = self._margin = 0
         self._silent_ticks = 0
         self._since_status_ticks = 0
         self._clock = 0
@@ -114,14 +117,13 @@ class ReferenceCore:
 
     def take_frame(self, head: Head, payload: bytes) -> None:
         """Obey a whole frame, or refuse it."""
-        if not FrameKind.HELLO <= head.kind <= FrameKind.PING:
+        if not FrameKind.HELLO <= head.kind <= FrameKind.REVISE:
             return self.refuse(FaultCode.KIND, head.sequence, 0, head.kind)
         kind = FrameKind(head.kind)
-        if kind is FrameKind.STREAM:
-            if head.length < 6 or head.length % 2 or head.length > self._longest_stream:
-                return self.refuse(
-                    FaultCode.LENGTH, head.sequence, self._longest_stream, head.length
-                )
+        if kind in _SAMPLE_HEADS:
+            least, longest = _SAMPLE_HEADS[kind] + 2, self._longest_stream - 4 + _SAMPLE_HEADS[kind]
+            if head.length < least or head.length % 2 or head.length > longest:
+                return self.refuse(FaultCode.LENGTH, head.sequence, longest, head.length)
         elif head.length != (length := LAYOUTS[kind].fields.size):
             return self.refuse(FaultCode.LENGTH, head.sequence, length, head.length)
         elif head.mode:
@@ -141,6 +143,8 @@ class ReferenceCore:
             self._take_arm(head.sequence)
         elif kind is FrameKind.STREAM:
             self._take_stream(head, payload)
+        elif kind is FrameKind.REVISE:
+            self._take_revise(head, payload)
         else:
             self._accept(head.sequence)
             self._status_due = True
@@ -223,6 +227,7 @@ class ReferenceCore:
         self._accept(sequence)
         self.is_armed = True
         self._next_index = self._last_queued = self._since_status_ticks = 0
+        self._revisions = self._refused = self._margin = 0
         self._output.samples_played = 0
         self._status_due = True
         return None
@@ -235,15 +240,9 @@ class ReferenceCore:
             return self.refuse(FaultCode.NOT_ARMED, sequence, 0, 0)
         if index != self._next_index:
             return self.refuse(FaultCode.SAMPLE_INDEX, sequence, self._next_index, index)
-        if head.mode != setup.mode:
-            return self.refuse(FaultCode.MODE, sequence, setup.mode, head.mode)
-        full_scale_mv = self._config.full_scale_mv
-        peak = int(np.abs(codes).max())
-        top = min(setup.ceiling_mv * FULL_SCALE_CODE // full_scale_mv, FULL_SCALE_CODE)
-        if peak > top:
-            peak_mv = -(-peak * full_scale_mv // FULL_SCALE_CODE)
-            return self.refuse(FaultCode.CEILING, sequence, setup.ceiling_mv, peak_mv)
-        steep = self._first_too_steep(codes, setup)
+        if not self._may_be_queued(head, codes, setup):
+            return None
+        steep = self._first_too_steep(codes, self._last_queued, setup)
         if steep is not None:
             return self.refuse(FaultCode.SLEW, sequence, setup.max_slew_v_per_s, steep)
         free = self._config.queue_samples - output.queue.size
@@ -265,8 +264,56 @@ class ReferenceCore:
         self._silent_ticks = 0
         return self._accept(sequence)
 
-    def _first_too_steep(self, codes: npt.NDArray[np.int64], setup: Setup) -> int | None:
-        before = np.concatenate([[self._last_queued], codes[:-1]])
+    def _take_revise(self, head: Head, payload: bytes) -> None:
+        sequence, setup, output = head.sequence, self._setup, self._output
+        index, revision = struct.unpack_from("<IH", payload)
+        codes = np.frombuffer(payload, "<i2", offset=6).astype(np.int64)
+        if not self.is_armed or setup is None:
+            return self.refuse(FaultCode.NOT_ARMED, sequence, 0, 0)
+        # Counted from the output, whole numbers of either sign.
+        ahead = _signed(index - output.samples_played)
+        end, queued = index + codes.size, output.queue.size
+        if ahead > queued or _signed(self._next_index - end) < 0:
+            got = end % INDEX_MODULUS
+            return self.refuse(FaultCode.SAMPLE_INDEX, sequence, self._next_index, got)
+        if not self._may_be_queued(head, codes, setup):
+            return None
+        self._margin = ahead
+        guard = -(-self._config.guard_ticks * setup.sample_rate_hz // self._config.output_rate_hz)
+        if ahead < guard or revision != self._revisions:
+            self._refused = (self._refused + 1) % SEQUENCE_MODULUS
+            self._status_due = True
+            return self._accept(sequence)
+        # With the sample behind, where there is one: that seam must hold as well.
+        seam = output.queue[ahead + codes.size : ahead + codes.size + 1]
+        steep = self._first_too_steep(
+            np.concatenate([codes, seam]), int(output.queue[ahead - 1]), setup
+        )
+        if steep is not None:
+            return self.refuse(FaultCode.SLEW, sequence, setup.max_slew_v_per_s, steep)
+        output.queue = output.queue.copy()
+        output.queue[ahead : ahead + codes.size] = codes
+        self._last_queued = int(output.queue[-1])
+        self._revisions = (self._revisions + 1) % SEQUENCE_MODULUS
+        self._silent_ticks = 0
+        return self._accept(sequence)
+
+    def _may_be_queued(self, head: Head, codes: npt.NDArray[np.int64], setup: Setup) -> bool:
+        """Whether mode and ceiling hold for samples; refuse them if not."""
+        full_scale_mv = self._config.full_scale_mv
+        peak = int(np.abs(codes).max())
+        top = min(setup.ceiling_mv * FULL_SCALE_CODE // full_scale_mv, FULL_SCALE_CODE)
+        if head.mode != setup.mode:
+            self.refuse(FaultCode.MODE, head.sequence, setup.mode, head.mode)
+        elif peak > top:
+            peak_mv = -(-peak * full_scale_mv // FULL_SCALE_CODE)
+            self.refuse(FaultCode.CEILING, head.sequence, setup.ceiling_mv, peak_mv)
+        else:
+            return True
+        return False
+
+    def _first_too_steep(self, codes: npt.NDArray[np.int64], last: int, setup: Setup) -> int | None:
+        before = np.concatenate([[last], codes[:-1]])
         volts_per_code = self._config.full_scale_mv  # in 1/32767 mV
         slews = np.abs(codes - before) * setup.sample_rate_hz * volts_per_code
         if setup.mode is StreamMode.ENVELOPE:
@@ -396,6 +443,9 @@ class ReferenceCore:
             output.underruns,
             self._faults,
             self._clock,
+            self._revisions,
+            self._refused,
+            self._margin,
         )
 
     def fault(self) -> FaultReport | None:
@@ -453,3 +503,8 @@ class ReferenceCore:
             self._status_due = False
             return self.status()
         return self._touches.pop(0) if self._touches else None
+
+
+def _signed(difference: int) -> int:
+    """Return a difference of sample indices as a number of either sign."""
+    return (difference + INDEX_MODULUS // 2) % INDEX_MODULUS - INDEX_MODULUS // 2

@@ -37,6 +37,7 @@ def check_board(config: CapabilitiesReport) -> None:
         and config.queue_samples <= QUEUE_SAMPLES
         and MIN_WATCHDOG_MS <= config.max_watchdog_ms <= MAX_WATCHDOG_MS
         and (config.report_bytes == 0 or 8 <= config.report_bytes <= MAX_REPORT_BYTES)
+        and 1 <= config.guard_ticks <= 65535
         and rates_are_possible
         and all(len(text) <= 16 and text.isascii() for text in texts)
     )

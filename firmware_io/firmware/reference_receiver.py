@@ -7,7 +7,15 @@ from binascii import crc32, crc_hqx
 from dataclasses import dataclass
 from typing import Protocol
 
-from firmware_io.protocol import FRAME_OVERHEAD_BYTES, MAGIC, REPORT_ID, VERSION, FaultCode
+from firmware_io.protocol import (
+    FRAME_OVERHEAD_BYTES,
+    MAGIC,
+    OLDEST_VERSION,
+    REPORT_ID,
+    VERSION,
+    FaultCode,
+    FrameKind,
+)
 from firmware_io.protocol.frames import HEADER_BYTES
 
 WORK_PER_BYTE = 2
@@ -195,7 +203,9 @@ class Receiver:
         due = crc_hqx(self._pending[:10], 0xFFFF)
         if carried != due:
             self._handler.meet_damage(0, due, carried)
-        elif version != VERSION:
+        elif version != VERSION and (
+            kind != FrameKind.HELLO or not OLDEST_VERSION <= version <= VERSION
+        ):
             self._handler.refuse(FaultCode.VERSION, sequence, VERSION, version)
         elif length > self._longest_payload:
             self._handler.refuse(FaultCode.LENGTH, sequence, self._longest_payload, length)

@@ -6,6 +6,7 @@ from .faults import FaultReport as FaultReport
 from .frames import FRAME_OVERHEAD_BYTES as FRAME_OVERHEAD_BYTES
 from .frames import INDEX_MODULUS as INDEX_MODULUS
 from .frames import MAGIC as MAGIC
+from .frames import OLDEST_VERSION as OLDEST_VERSION
 from .frames import SEQUENCE_MODULUS as SEQUENCE_MODULUS
 from .frames import STREAM_OVERHEAD_BYTES as STREAM_OVERHEAD_BYTES
 from .frames import VERSION as VERSION
@@ -23,6 +24,7 @@ from .messages import HostMessage as HostMessage
 from .messages import Message as Message
 from .messages import Ping as Ping
 from .messages import Rate as Rate
+from .messages import Revise as Revise
 from .messages import Setup as Setup
 from .messages import StatusReport as StatusReport
 from .messages import Stop as Stop

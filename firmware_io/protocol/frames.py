@@ -9,11 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from firmware_io.errors import ProtocolError
-from firmware_io.protocol.messages import FrameKind, Message, StreamMode, StreamSamples
+from firmware_io.protocol.messages import FrameKind, Message, Revise, StreamMode, StreamSamples
 from firmware_io.protocol.payloads import LAYOUTS, member, read_payload, write_payload
 
 MAGIC = b"HX"
-VERSION = 3
+VERSION = 4
+#: The oldest one that a host speaks, and sends HELLO in.
+OLDEST_VERSION = 3
 #: Sequence numbers count modulo this.
 SEQUENCE_MODULUS = 2**16
 #: Sample indices count modulo this.
@@ -22,6 +24,7 @@ INDEX_MODULUS = 2**32
 _HEADER = struct.Struct("<2sBBHHH")
 _HEADER_CHECK = struct.Struct("<H")
 _INDEX = struct.Struct("<I")
+_REVISION = struct.Struct("<H")
 _CRC = struct.Struct("<I")
 HEADER_BYTES = _HEADER.size + _HEADER_CHECK.size
 #: Header and CRC-32 around a payload.
@@ -46,8 +49,8 @@ class Frame:
     sequence: int
 
 
-def encode(frame: Frame) -> bytes:
-    """Return the bytes of a frame.
+def encode(frame: Frame, version: int = VERSION) -> bytes:
+    """Return the bytes of a frame, in a version of the protocol.
 
     Raises
     ------
@@ -60,10 +63,14 @@ def encode(frame: Frame) -> bytes:
         if isinstance(message, StreamSamples):
             kind = FrameKind.STREAM
             mode = message.mode
-            payload = _INDEX.pack(message.sample_index) + message.codes.astype("<i2").tobytes()
+            payload = _INDEX.pack(message.sample_index)
+            if isinstance(message, Revise):
+                kind = FrameKind.REVISE
+                payload += _REVISION.pack(message.revision)
+            payload += message.codes.astype("<i2").tobytes()
         else:
             kind, payload = write_payload(message)
-        header = _HEADER.pack(MAGIC, VERSION, kind, frame.sequence, len(payload), mode)
+        header = _HEADER.pack(MAGIC, version, kind, frame.sequence, len(payload), mode)
     except (struct.error, UnicodeEncodeError) as error:
         raise ProtocolError(
             f"{frame} does not fit the wire format: {error}; correct it."
@@ -78,7 +85,7 @@ def decode(data: bytes) -> Frame:
     Raises
     ------
     ProtocolError
-        If `data` is not exactly one valid frame of this protocol version.
+        If `data` is not exactly one valid frame of a version that hosts speak.
     """
     if len(data) < FRAME_OVERHEAD_BYTES:
         raise ProtocolError(
@@ -100,7 +107,7 @@ def read_header(data: bytes | bytearray | memoryview, offset: int = 0) -> tuple[
     Raises
     ------
     ProtocolError
-        If there is no valid header of this version.
+        If there is no valid header of a version that hosts speak.
     """
     magic, version, kind, sequence, length, mode = _HEADER.unpack_from(data, offset)
     if magic != MAGIC:
@@ -116,7 +123,7 @@ def read_header(data: bytes | bytearray | memoryview, offset: int = 0) -> tuple[
             "it was damaged on the way."
         )
     # After the check, so that a damaged byte is reported as damage, not as another version.
-    if version != VERSION:
+    if not OLDEST_VERSION <= version <= VERSION:
         raise ProtocolError(
             f"This side speaks protocol version {VERSION}, but version {version} came; "
             "bring host and firmware to the same version."
@@ -141,17 +148,23 @@ def read_frame(
             f"The frame's CRC-32 is {carried:#010x}, but its bytes give {check:#010x}; "
             "it was damaged on the way."
         )
-    if kind == FrameKind.STREAM:
-        if length < _INDEX.size + 2 or length % 2:
+    if kind in (FrameKind.STREAM, FrameKind.REVISE):
+        is_revision = kind == FrameKind.REVISE
+        first = _INDEX.size + (_REVISION.size if is_revision else 0)
+        if length < first + 2 or length % 2:
             raise ProtocolError(
-                f"A STREAM payload is a sample index and whole samples, 4 + 2 n bytes, but has "
-                f"{length} bytes; send at least one sample."
+                f"A {FrameKind(kind).name} payload is {first} bytes and whole samples, {first} + "
+                f"2 n bytes, but has {length} bytes; send at least one sample."
             )
         (index,) = _INDEX.unpack_from(data, HEADER_BYTES)
-        codes = np.frombuffer(data, "<i2", (length - 4) // 2, HEADER_BYTES + 4).astype(np.int16)
-        return Frame(StreamSamples(index, codes, member(StreamMode, mode, "stream mode")), sequence)
+        codes = np.frombuffer(data, "<i2", (length - first) // 2, HEADER_BYTES + first)
+        samples = (index, codes.astype(np.int16), member(StreamMode, mode, "stream mode"))
+        if not is_revision:
+            return Frame(StreamSamples(*samples), sequence)
+        (revision,) = _REVISION.unpack_from(data, HEADER_BYTES + _INDEX.size)
+        return Frame(Revise(*samples, revision), sequence)
     if mode != 0:
-        raise ProtocolError(f"Only STREAM has a mode, but mode {mode} came; send 0.")
+        raise ProtocolError(f"Only STREAM and REVISE have a mode, but mode {mode} came; send 0.")
     if kind not in LAYOUTS:
         raise ProtocolError(f"This protocol has no kind {kind:#04x}; send a known one.")
     payload = bytes(data[HEADER_BYTES : HEADER_BYTES + length])

@@ -21,6 +21,7 @@ class FrameKind(IntEnum):
     STREAM = 0x04
     STOP = 0x05
     PING = 0x06
+    REVISE = 0x07
     CAPABILITIES = 0x81
     STATUS = 0x82
     FAULT = 0x83
@@ -62,7 +63,7 @@ class Hello:
     """
 
     oldest_version: int = 3
-    newest_version: int = 3
+    newest_version: int = 4
 
 
 @dataclass(frozen=True)
@@ -151,6 +152,34 @@ class StreamSamples:
     __hash__ = None  # type: ignore[assignment]  # arrays have none
 
 
+@dataclass(frozen=True, eq=False)
+class Revise(StreamSamples):
+    """Host: replace samples that are queued and not yet due (kind REVISE).
+
+    Parameters
+    ----------
+    sample_index : int
+        Index of the first of them, counted as in `StreamSamples`.
+    codes : ndarray of int16, shape (n,)
+        Codes, 1 <= n <= `MAX_SAMPLES` - 1.
+    mode : StreamMode
+        Their meaning; as in the set-up.
+    revision : int
+        Revisions obeyed since ARM, modulo 2**16: another one is refused.
+    """
+
+    revision: int = 0
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, Revise)
+            and self.revision == other.revision
+            and super().__eq__(other) is True
+        )
+
+    __hash__ = None
+
+
 @dataclass(frozen=True)
 class Stop:
     """Host: ramp to 0 V and disarm."""
@@ -197,6 +226,8 @@ class CapabilitiesReport:
         Whether it sends TOUCH.
     rates : tuple of Rate
         1 to 8 sample rates.
+    guard_ticks : int
+        Output samples that a revision must begin ahead of the output; 0 if it takes none.
     """
 
     oldest_version: int
@@ -214,6 +245,7 @@ class CapabilitiesReport:
     calibration_id: str
     reports_touch: bool
     rates: tuple[Rate, ...] = field(default_factory=tuple)
+    guard_ticks: int = 16
 
 
 @dataclass(frozen=True)
@@ -238,6 +270,10 @@ class StatusReport:
         Counters since power-up.
     clock_ticks : int
         Output samples since power-up: the device's clock.
+    revisions, refused : int
+        Revisions obeyed and refused since ARM, modulo 2**16.
+    margin_samples : int
+        Samples from the output to the first of the last revision, when it came.
     """
 
     state: DeviceState
@@ -250,6 +286,9 @@ class StatusReport:
     underruns: int
     faults: int
     clock_ticks: int
+    revisions: int = 0
+    refused: int = 0
+    margin_samples: int = 0
 
 
 @dataclass(frozen=True)
@@ -278,7 +317,7 @@ class TouchReport:
     phase: TouchPhase
 
 
-HostMessage = Hello | Setup | Arm | StreamSamples | Stop | Ping
+HostMessage = Hello | Setup | Arm | StreamSamples | Revise | Stop | Ping
 DeviceMessage = CapabilitiesReport | StatusReport | FaultReport | TouchReport
 Message = HostMessage | DeviceMessage
 

@@ -1,4 +1,4 @@
-"""The bytes between a frame's header and its CRC, for every kind but STREAM (PROTOCOL.md)."""
+"""The bytes between header and CRC, for every kind but STREAM and REVISE (PROTOCOL.md)."""
 
 from __future__ import annotations
 
@@ -28,6 +28,8 @@ from firmware_io.protocol.messages import (
 )
 
 _RATE = struct.Struct("<II")
+_GUARD = struct.Struct("<I")
+_STATUS_3_BYTES = 36  # of version 3, which has no revisions
 _MAX_RATES = 8
 
 _Member = TypeVar("_Member", bound=IntEnum)
@@ -51,7 +53,7 @@ LAYOUTS: Mapping[int, Layout] = {
     FrameKind.CAPABILITIES: Layout(CapabilitiesReport, struct.Struct("<BBHIIIIIHH16s16s16sHH")),
     FrameKind.STATUS: Layout(
         StatusReport,
-        struct.Struct("<BBHIIIIIIQ"),
+        struct.Struct("<BBHIIIIIIQHHi"),
         {0: (DeviceState, "device state"), 1: (FaultCode, "fault code")},
     ),
     FrameKind.FAULT: Layout(FaultReport, struct.Struct("<BBHIIQ"), {0: (FaultCode, "fault code")}),
@@ -87,6 +89,8 @@ def read_payload(kind: FrameKind, payload: bytes) -> Any:
     layout = LAYOUTS[kind]
     if kind is FrameKind.CAPABILITIES:
         return _read_capabilities(payload, layout.fields)
+    if kind is FrameKind.STATUS and len(payload) == _STATUS_3_BYTES:
+        payload = payload.ljust(layout.fields.size, b"\0")
     values = list(layout.fields.unpack(payload))
     for place, (enumeration, what) in layout.enumerations.items():
         values[place] = member(enumeration, values[place], what)
@@ -99,29 +103,31 @@ def _write_capabilities(report: CapabilitiesReport) -> bytes:
             f"A device has 1 to {_MAX_RATES} sample rates, but {len(report.rates)} are given; "
             "correct the list."
         )
-    *numbers, name, serial, calibration_id, reports_touch, _ = vars(report).values()
+    *numbers, name, serial, calibration_id, reports_touch, _, guard = vars(report).values()
     texts = (_text_bytes(text) for text in (name, serial, calibration_id))
     head = LAYOUTS[FrameKind.CAPABILITIES].fields.pack(
         *numbers, *texts, reports_touch, len(report.rates)
     )
     rates = (_RATE.pack(r.sample_rate_hz, sum(1 << mode for mode in r.modes)) for r in report.rates)
-    return head + b"".join(rates)
+    return head + b"".join(rates) + _GUARD.pack(guard)
 
 
 def _read_capabilities(payload: bytes, fields: struct.Struct) -> CapabilitiesReport:
     *numbers, name, serial, calibration_id, flags, count = fields.unpack_from(payload)
-    if not 1 <= count <= _MAX_RATES or len(payload) != fields.size + count * _RATE.size:
+    rates_end = fields.size + count * _RATE.size
+    guard = payload[rates_end:] or bytes(_GUARD.size)  # version 3 has none
+    if not 1 <= count <= _MAX_RATES or len(payload) < rates_end or len(guard) != _GUARD.size:
         raise ProtocolError(
             f"CAPABILITIES of {count} sample rates came with {len(payload)} bytes; 1 to "
-            f"{_MAX_RATES} rates of {_RATE.size} bytes follow on {fields.size}."
+            f"{_MAX_RATES} rates of {_RATE.size} bytes follow on {fields.size}, and the guard."
         )
     rates = tuple(
         Rate(rate_hz, frozenset(mode for mode in StreamMode if modes >> mode & 1))
-        for rate_hz, modes in _RATE.iter_unpack(payload[fields.size :])
+        for rate_hz, modes in _RATE.iter_unpack(payload[fields.size : rates_end])
     )
     texts = (_text(data) for data in (name, serial, calibration_id))
     values: tuple[Any, ...] = (*numbers, *texts, bool(flags & 1), rates)
-    return CapabilitiesReport(*values)
+    return CapabilitiesReport(*values, *_GUARD.unpack(guard))
 
 
 def _text_bytes(text: str) -> bytes:

@@ -14,8 +14,8 @@ from pathlib import Path
 FOLDER = Path(__file__).parents[2] / "firmware_io/golden"
 OUTPUT_HZ, RAMP, LEAD, HOLD = 8000, 40, 8, 40
 BOARD = {
-    "oldest_version": 3,
-    "newest_version": 3,
+    "oldest_version": 4,
+    "newest_version": 4,
     "report_bytes": 64,
     "output_rate_hz": OUTPUT_HZ,
     "full_scale_mv": 250_000,
@@ -29,8 +29,9 @@ BOARD = {
     "calibration_id": "",
     "reports_touch": False,
     "rates": [[8000, [0, 1]], [2000, [0, 1]]],
+    "guard_ticks": 16,
 }
-HELLO, SETUP, ARM, STREAM, STOP, PING = range(1, 7)
+HELLO, SETUP, ARM, STREAM, STOP, PING, REVISE = range(1, 8)
 CAPABILITIES, STATUS, FAULT = 0x81, 0x82, 0x83
 
 
@@ -48,7 +49,7 @@ def crc32(data):
     return crc ^ 0xFFFFFFFF
 
 
-def frame(kind, sequence, payload=b"", mode=0, version=3):
+def frame(kind, sequence, payload=b"", mode=0, version=4):
     head = struct.pack("<2sBBHHH", b"HX", version, kind, sequence, len(payload), mode)
     body = head + struct.pack("<H", crc16(head)) + payload
     return body + struct.pack("<I", crc32(body))
@@ -77,7 +78,8 @@ class Session:
 
     def receive(self, kind, payload=b"", mode=0, sequence=None, damage=None):
         sequence = self.sent if sequence is None else sequence
-        data = bytearray(frame(kind, sequence, payload, mode))
+        # A host that speaks version 3 as well begins in it.
+        data = bytearray(frame(kind, sequence, payload, mode, 3 if kind == HELLO else 4))
         if damage is not None:
             data[damage] ^= 1
         self.sent = sequence + 1
@@ -93,17 +95,27 @@ class Session:
             report = bytes([1, len(piece) | 0x80 * (start == 0)]) + piece.ljust(62, b"\0")
             self.steps.append({"report": report.hex(" ")})
 
-    def hello(self, oldest=3, newest=3):
+    def hello(self, oldest=3, newest=4):
         self.receive(HELLO, bytes([oldest, newest]))
 
     def setup(
-        self, mode=0, watchdog_ms=100, rate_hz=8000, carrier_mhz=0, ceiling_mv=200_000, status_ms=5
+        self,
+        mode=0,
+        watchdog_ms=100,
+        rate_hz=8000,
+        carrier_mhz=0,
+        ceiling_mv=200_000,
+        status_ms=5,
+        slew_v_per_s=4_666_666,
     ):
-        fields = (mode, watchdog_ms, rate_hz, 250_000, ceiling_mv, 4_666_666)
+        fields = (mode, watchdog_ms, rate_hz, 250_000, ceiling_mv, slew_v_per_s)
         self.receive(SETUP, struct.pack("<HHIIIIIIH", *fields, carrier_mhz, 1000, status_ms))
 
     def stream(self, index, codes, mode=0, **how):
         return self.receive(STREAM, struct.pack(f"<I{len(codes)}h", index, *codes), mode, **how)
+
+    def revise(self, index, revision, codes):
+        self.receive(REVISE, struct.pack(f"<IH{len(codes)}h", index, revision, *codes))
 
     def transmit(self, *answers):
         data = b""
@@ -116,7 +128,7 @@ class Session:
         about = [*list(BOARD.values())[:10]]
         texts = [str(BOARD[name]).encode() for name in ("name", "serial", "calibration_id")]
         payload = struct.pack("<BBHIIIIIHH16s16s16sHH", *about, *texts, 0, 2)
-        self.transmit((CAPABILITIES, payload + struct.pack("<4I", 8000, 3, 2000, 3)))
+        self.transmit((CAPABILITIES, payload + struct.pack("<5I", 8000, 3, 2000, 3, 16)))
 
     def play(self, codes):
         self.steps.append({"play": list(codes)})
@@ -127,10 +139,10 @@ class Session:
         return f'{{\n{head} "steps": [\n{steps}\n ]\n}}\n'
 
 
-def status(state, fault, following, token, queued, played, underruns, faults, clock):
+def status(state, fault, following, token, queued, played, underruns, faults, clock, *revised):
     free = BOARD["queue_samples"] - queued
     fields = (state, fault, following, token, queued, free, played, underruns, faults, clock)
-    return STATUS, struct.pack("<BBHIIIIIIQ", *fields)
+    return STATUS, struct.pack("<BBHIIIIIIQHHi", *fields, *(revised or (0, 0, 0)))
 
 
 def fault(code, sequence, expected, got, clock, field=0):
@@ -231,17 +243,17 @@ def envelope():
 def edges():
     """What a reader of the page asked: faults repeated, silence, half frames, the mean."""
     session = Session()
-    # HELLO of a host that speaks version 2 only, then a frame of version 4: both faults, although
+    # HELLO of a host that speaks version 3 only, then a frame of version 5: both faults, although
     # nothing is armed, and the second FAULT repeats the first cause.
-    session.hello(2, 2)
-    session.transmit(fault(2, 0, 3, 2, 0))
-    session.receive_bytes(frame(HELLO, 1, bytes([3, 3]), version=4))
-    session.transmit(fault(2, 0, 3, 2, 0))
+    session.hello(3, 3)
+    session.transmit(fault(2, 0, 4, 3, 0))
+    session.receive_bytes(frame(HELLO, 1, bytes([3, 5]), version=5))
+    session.transmit(fault(2, 0, 4, 3, 0))
     session.hello()
     session.capabilities()
-    # The header of a PING of 500 bytes: above the longest payload, 4 + 2 * 200, of any kind.
+    # The header of a PING of 500 bytes: above the longest payload, 6 + 2 * 200, of any kind.
     session.receive_bytes(frame(PING, 9, bytes(500))[:12])
-    session.transmit(fault(4, 9, 404, 500, 0))
+    session.transmit(fault(4, 9, 406, 500, 0))
 
     # Silence: the line begins behind the lead; the ramp begins RAMP ticks before the 160 of 20 ms.
     session.setup(watchdog_ms=20, status_ms=0)
@@ -306,9 +318,129 @@ def edges():
     )
 
 
+def revise():
+    """Samples replaced while they wait, at the guard, up to the end, and what is refused."""
+    session = Session()
+    session.hello()
+    session.capabilities()
+    session.setup(watchdog_ms=20, status_ms=0, slew_v_per_s=400_000)  # 6553 codes a sample
+    session.transmit(status(0, 0, 2, 0, 0, 0, 0, 0, 0))
+    session.receive(ARM)
+    session.transmit(status(1, 0, 3, 0, 0, 0, 0, 0, 0))
+    session.stream(0, [1000] * 200)
+    session.play([0] * LEAD + [1000] * 10)
+    bump = [1100, 1200, 1300, 1200]
+    session.revise(26, 0, bump)  # 16 samples ahead of the output: the guard
+    session.receive(PING, struct.pack("<I", 9))
+    session.transmit(status(2, 0, 6, 9, 190, 10, 0, 0, 18, 1, 0, 16))
+    session.revise(25, 1, [0])  # late
+    session.transmit(status(2, 0, 7, 9, 190, 10, 0, 0, 18, 1, 1, 15))
+    session.revise(30, 2, [0])  # made for a queue that the one before had changed
+    session.transmit(status(2, 0, 8, 9, 190, 10, 0, 0, 18, 1, 2, 20))
+    # Up to the end: what is appended goes on from there, in a step that 1000 would not allow.
+    session.revise(140, 1, [2000] * 60)
+    session.stream(200, [8000] * 100)
+    session.play([1000] * 16 + bump + [1000] * 80)
+    session.revise(126, 2, [900] * 4)  # feeds the watchdog, which would end it after 20 ticks more
+    session.play([1000] * 16 + [900] * 4 + [1000] * 10 + [2000] * 60 + [8000] * 10)
+    # The seam behind the last sample is too steep.
+    session.revise(230, 3, [1500, 1000])
+    session.play([*ramp(8000), 0])
+    session.transmit(
+        fault(13, 11, 400_000, 2, 218),
+        status(0, 13, 11, 9, 0, 210, 0, 1, 218 + RAMP + 1, 3, 2, 20),
+    )
+    # Beyond the end, though late as well: the host has lost count.
+    session.receive(ARM)
+    session.transmit(status(1, 0, 13, 9, 0, 0, 0, 1, 259))
+    session.stream(0, [5] * 20)
+    session.revise(10, 0, [5] * 11)
+    session.transmit(fault(6, 14, 20, 21, 259))
+    return session.text(
+        "What a board of this description plays and answers when queued samples are revised: at "
+        "the guard, late, out of turn, up to the end, over a seam, beyond the end. Made by "
+        "tests/firmware_io/golden_sessions.py."
+    )
+
+
+def samples(kind, sequence, index, codes, mode=0, revision=None):
+    head = struct.pack("<I", index) + (b"" if revision is None else struct.pack("<H", revision))
+    fields = {"sample_index": index, "mode": mode, "codes": codes}
+    fields |= {} if revision is None else {"revision": revision}
+    return kind, sequence, fields, head + struct.pack(f"<{len(codes)}h", *codes), mode
+
+
+def row(kind, sequence, layout, fields):
+    packed = [v.encode() if isinstance(v, str) else v for v in fields.values()]
+    return kind, sequence, fields, struct.pack(layout, *packed), 0
+
+
+def frames():
+    """One frame of each kind, field by field and as bytes."""
+    about = dict(
+        zip(
+            (*list(BOARD)[:10], "name", "serial", "calibration_id", "reports_touch"),
+            (
+                *(4, 4, 64, 48_000, 250_000, 200_000, 26_389_378, 4096, 1024, 250),
+                *("golden board", "G-0001", "abcdefghijklmnop", True),
+            ),
+            strict=True,
+        )
+    )
+    kind, number, fields, head, _ = row(CAPABILITIES, 0, "<BBHIIIIIHH16s16s16sH", about)
+    fields |= {"rates": [[48_000, [0, 1]], [16_000, [1]]], "guard_ticks": 48}
+    told = head + struct.pack("<HIIIII", 2, 48_000, 3, 16_000, 2, 48)
+    setup = ("mode", "watchdog_ms", "sample_rate_hz", "full_scale_mv", "ceiling_mv")
+    setup += ("max_slew_v_per_s", "carrier_mhz", "lead_us", "status_ms")
+    state = ("state", "fault", "next_sequence", "token", "queued_samples", "free_samples")
+    state += ("samples_played", "underruns", "faults", "clock_ticks", "revisions", "refused")
+    cause = ("code", "field_offset", "sequence", "expected", "got", "clock_ticks")
+    touch = ("clock_ticks", "x_um", "y_um", "normal_force_mn", "contact", "phase")
+
+    def named(names, *values):
+        return dict(zip(names, values, strict=True))
+
+    played = (2, 0, 11, 3735928559, 1200, 2896, 480, 3, 1, 1099511627781, 65535, 2, -5)
+    rows = [
+        row(HELLO, 0, "<BB", named(("oldest_version", "newest_version"), 3, 4)),
+        row(
+            SETUP,
+            1,
+            "<HHIIIIIIH",
+            named(setup, 1, 250, 16_000, 250_000, 180_000, 20_000_000, 4_000_000, 25_000, 5),
+        ),
+        row(ARM, 65535, "<", {}),
+        samples(STREAM, 7, 480, [0, 1, -1, 32767, -32767]),
+        samples(STREAM, 8, 4294967295, [256], 1),
+        row(STOP, 9, "<", {}),
+        row(PING, 10, "<I", {"token": 3735928559}),
+        samples(REVISE, 11, 4294967290, [-2, 258], 1, 65534),
+        (kind, number, fields, told, 0),
+        row(STATUS, 1, "<BBHIIIIIIQHHi", named((*state, "margin_samples"), *played)),
+        row(FAULT, 2, "<BBHIIQ", named(cause, 12, 0, 7, 180_000, 180_007, 123_456_789)),
+        row(0x84, 3, "<QIIHBB", named(touch, 48_000, 60_000, 20_000, 500, 1, 2)),
+    ]
+    names = dict(enumerate(("HELLO", "SETUP", "ARM", "STREAM", "STOP", "PING", "REVISE"), 1))
+    names |= dict(enumerate(("CAPABILITIES", "STATUS", "FAULT", "TOUCH"), 0x81))
+    lines = [
+        json.dumps(
+            {
+                "kind": names[kind],
+                "sequence": number,
+                "fields": fields,
+                "bytes": frame(kind, number, payload, mode).hex(" "),
+            }
+        )
+        for kind, number, fields, payload, mode in rows
+    ]
+    return "[\n  " + ",\n  ".join(lines) + "\n]\n"
+
+
 SESSIONS = {
+    "frames": frames,
     "session-edges": edges,
     "session-envelope": envelope,
+    "session-revise": revise,
     "session-waveform": waveform,
 }
 

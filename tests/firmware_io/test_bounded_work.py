@@ -12,6 +12,7 @@ from firmware_io.firmware.build import find_compiler
 from firmware_io.firmware.core import Output
 from firmware_io.firmware.opening import open_core
 from firmware_io.protocol import (
+    VERSION,
     CapabilitiesReport,
     Frame,
     FrameParser,
@@ -25,8 +26,8 @@ from firmware_io.protocol import (
 )
 
 BOARD = CapabilitiesReport(
-    oldest_version=3,
-    newest_version=3,
+    oldest_version=4,
+    newest_version=4,
     report_bytes=64,
     output_rate_hz=48_000,
     full_scale_mv=250_000,
@@ -45,7 +46,7 @@ LONGEST = 4 + 2 * 32_765
 
 
 def header(length, kind=4):
-    head = struct.pack("<2sBBHHH", b"HX", 3, kind, 0, length, 0)
+    head = struct.pack("<2sBBHHH", b"HX", VERSION, kind, 0, length, 0)
     return head + struct.pack("<H", crc_hqx(head, 0xFFFF))
 
 
@@ -63,7 +64,7 @@ HOSTILE = {
     "headers that end one after the other": nest(130_000, False),
     "magic": b"HX" * 60_000,
     "halves of the magic": b"H" * 100_000,
-    "headers of no frame": (b"HX\x03\x04" + bytes(8)) * 9000,
+    "headers of no frame": (b"HX\x04\x04" + bytes(8)) * 9000,
     "one long damaged frame": header(LONGEST) + bytes(LONGEST + 4),
     "empty frames of an unknown kind": encode(Frame(Hello(), 0)).replace(b"\x01", b"\x7f") * 6000,
 }

@@ -12,7 +12,17 @@ import pytest
 
 from firmware_io.firmware.build import find_compiler
 from firmware_io.firmware.opening import open_core
-from firmware_io.protocol import Arm, Frame, Hello, Rate, Stop, StreamMode, StreamSamples, encode
+from firmware_io.protocol import (
+    Arm,
+    Frame,
+    Hello,
+    Rate,
+    Revise,
+    Stop,
+    StreamMode,
+    StreamSamples,
+    encode,
+)
 from tests.firmware_io.test_output_window import BOARD, BOTH, SETUP
 
 TOP = 26213
@@ -36,6 +46,7 @@ class Pair:
         self.cores = [open_core(board, which) for which in ("c", "python")]
         self.sequence = self.index = 0
         self.setup = None
+        self.revised = False
         self.is_steady = rng.random() < 0.3  # a square wave without pauses, for the energy
 
     def receive(self, data):
@@ -78,6 +89,14 @@ class Pair:
             codes = rng.choice([20, TOP, TOP]) * tone + rng.choice([0, 0, 0, 2000, TOP, -TOP])
         codes = np.clip(codes, -TOP, TOP).astype(np.int16)
         codes = np.abs(codes) if self.setup.mode is ENVELOPE else codes
+        status = self.cores[0].status()
+        if not self.is_steady and rng.random() < 0.4:
+            # Somewhere in the queue, at times too late, too far, or out of turn.
+            first = status.samples_played + int(rng.integers(-3, max(4, status.queued_samples)))
+            codes = codes[: max(1, self.index - first + int(rng.integers(-20, 2)))]
+            revision = (status.revisions + int(rng.random() < 0.1)) % 2**16
+            self.say(Revise(first % 2**32, codes, self.setup.mode, revision))
+            return
         self.say(StreamSamples(self.index, codes, self.setup.mode))
         self.index += n
 
@@ -99,13 +118,16 @@ class Pair:
         assert np.array_equal(played, expected)
         assert self.cores[0].transmit() == self.cores[1].transmit()
         fault = self.cores[0].fault()
+        if self.cores[0].status().revisions:
+            self.revised = True
         return "none" if fault is None else fault.code.name
 
 
 def session(seed):
     """Play one session; return the faults that it has met."""
     pair = Pair(seed)
-    return {pair.step() for _ in range(int(pair.rng.integers(5, 60)))}
+    met = {pair.step() for _ in range(int(pair.rng.integers(5, 60)))}
+    return met | ({"revised"} if pair.revised else set())
 
 
 @pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
@@ -114,7 +136,17 @@ def session(seed):
 )
 def test_both_cores_agree_at_the_limits(seeds):
     faults = set().union(*map(session, seeds))
-    assert {"ENERGY", "MEAN", "STARVED", "DAMAGED", "SLEW", "QUEUE_FULL", "none"} <= faults
+    assert {
+        "ENERGY",
+        "MEAN",
+        "STARVED",
+        "DAMAGED",
+        "SLEW",
+        "QUEUE_FULL",
+        "SAMPLE_INDEX",
+        "revised",
+        "none",
+    } <= faults
 
 
 if __name__ == "__main__":

@@ -199,12 +199,12 @@ def test_a_device_that_never_stops_talking(usb, monkeypatch):
 
 
 def test_a_version_from_the_future(usb):
-    header = b"HX" + bytes([4, FrameKind.CAPABILITIES]) + bytes([0, 0, 4, 0, 0, 0])
+    header = b"HX" + bytes([5, FrameKind.CAPABILITIES]) + bytes([0, 0, 4, 0, 0, 0])
     header += binascii.crc_hqx(header, 0xFFFF).to_bytes(2, "little")
     frame = header + b"news"
     frame += zlib.crc32(frame).to_bytes(4, "little")
     usb[0].driver.transmit = iter([b"", frame] + 10_000 * [b""]).__next__
-    with pytest.raises(ProtocolError, match=r"version 3, but version 4 came.*same version"):
+    with pytest.raises(ProtocolError, match=r"version 4, but version 5 came.*same version"):
         open_device("usb:")
 
 

@@ -31,6 +31,7 @@ from firmware_io.protocol import (
     Hello,
     Ping,
     Rate,
+    Revise,
     Setup,
     StatusReport,
     Stop,
@@ -70,16 +71,18 @@ messages = st.one_of(
     st.builds(Stop),
     st.builds(Ping, u32),
     st.builds(StreamSamples, u32, arrays(np.int16, st.integers(1, 300)), modes),
+    st.builds(Revise, u32, arrays(np.int16, st.integers(1, 300)), modes, u16),
     st.builds(
         CapabilitiesReport,
         *(st.integers(0, 255), st.integers(0, 255), u16, u32, u32, u32, u32, u32, u16, u16),
         *(texts, texts, texts, st.booleans()),
         st.lists(rates, min_size=1, max_size=8).map(tuple),
+        u32,
     ),
     st.builds(
         StatusReport,
         *(st.sampled_from(DeviceState), st.sampled_from(FaultCode), u16),
-        *(u32, u32, u32, u32, u32, u32, u64),
+        *(u32, u32, u32, u32, u32, u32, u64, u16, u16, st.integers(-(2**31), 2**31 - 1)),
     ),
     st.builds(FaultReport, st.sampled_from(FaultCode), st.integers(0, 255), u16, u32, u32, u64),
     st.builds(TouchReport, u64, u32, u32, u16, st.integers(0, 255), st.sampled_from(TouchPhase)),
@@ -98,10 +101,10 @@ def with_byte(position: int, value: int, frame: Frame = STREAM) -> bytes:
 def from_golden(golden):
     """The frame that a golden one stands for, made from its fields."""
     values = dict(golden["fields"])
-    if golden["kind"] == "STREAM":
-        message = StreamSamples(
-            values["sample_index"], np.array(values["codes"], np.int16), StreamMode(values["mode"])
-        )
+    if golden["kind"] in ("STREAM", "REVISE"):
+        kind = StreamSamples if golden["kind"] == "STREAM" else Revise
+        values["codes"] = np.array(values["codes"], np.int16)
+        message = kind(**values | {"mode": StreamMode(values["mode"])})
     else:
         kinds = {
             "HELLO": Hello,
@@ -208,13 +211,13 @@ def test_every_truncation_and_extension_is_rejected():
     [
         (b"HX", "at least 16 bytes, but 2 came"),
         (with_byte(0, 0x41), "begins with b'HX', but b'AX' came"),
-        (with_byte(2, 4), "version 3, but version 4 came"),
-        (with_byte(2, 255), "version 3, but version 255 came"),
+        (with_byte(2, 5), "version 4, but version 5 came"),
+        (with_byte(2, 255), "version 4, but version 255 came"),
         (with_byte(3, 9), "no kind 0x09"),
         (with_byte(3, 1), "HELLO frame cannot be read"),
         (with_byte(6, 16), "payload of 16 bytes has 32 bytes, but 30 came"),
         (with_byte(8, 7), "stream mode is one of 0, 1, but 7 came"),
-        (with_byte(8, 1, Frame(Arm(), 0)), "Only STREAM has a mode, but mode 1 came"),
+        (with_byte(8, 1, Frame(Arm(), 0)), "Only STREAM and REVISE have a mode, but mode 1 came"),
         (encode(STREAM)[:-1] + b"\0", "CRC-32"),
         (encode(STREAM)[:4] + b"\x08" + encode(STREAM)[5:], "CRC-16"),
     ],
@@ -314,8 +317,8 @@ def test_a_damaged_frame_is_told_once_and_the_next_one_is_found(frame, data):
 
 
 def test_a_frame_from_the_future_is_refused_by_name():
-    found = FrameParser().feed(with_byte(2, 4) + encode(STREAM))
-    assert "version 3, but version 4 came" in str(found[0])
+    found = FrameParser().feed(with_byte(2, 5) + encode(STREAM))
+    assert "version 4, but version 5 came" in str(found[0])
     assert found[1:] == [STREAM]
 
 

@@ -5,6 +5,7 @@
 #define SYSTICK_CONTROL (*(volatile uint32_t *)0xe000e010)
 #define SYSTICK_RELOAD (*(volatile uint32_t *)0xe000e014)
 #define SYSTICK (*(volatile uint32_t *)0xe000e018)
+#define PIECE_BYTES 32u
 #define NS_PER_TICK 40u /* the board's 25 MHz, counted down in 24 bits */
 
 static hx_device device;
@@ -12,7 +13,7 @@ static uint8_t frame[1024];
 static int16_t out[1024];
 
 static const hx_config config = {
-    48000, 250000, 200000, 4666666, 1000, 500, 250, 64, 0, 2, {{48000, 3}, {16000, 3}}, "m0", "1", ""};
+    48000, 250000, 200000, 4666666, 1000, 500, 250, 64, 0, 2, {{48000, 3}, {16000, 3}}, "m0", "1", "", 16};
 
 /* Make a frame of what stands in the payload. */
 static void seal(uint8_t kind, uint16_t mode, uint32_t length) {
@@ -54,6 +55,25 @@ static void say(const char *words, uint32_t number) {
     call_host(0x04, text + at);
 }
 
+/* A revision of n samples, in pieces as a board hands them over with the output's interrupt kept
+ * out: instructions of the longest piece, which completes the frame. */
+static uint32_t revise(uint16_t mode, uint32_t n) {
+    uint32_t length = HX_REVISE_HEAD_BYTES + 2 * n + HX_FRAME_OVERHEAD_BYTES, longest = 0;
+    hx_put_u32(frame + HX_HEADER_BYTES, 20);
+    hx_put_u16(frame + HX_HEADER_BYTES + 4, device.revisions);
+    for (uint32_t i = 0; i < n; i++)
+        hx_put_u16(frame + HX_HEADER_BYTES + 6 + 2 * i, (uint16_t)((i + 20) * 37 % 9000));
+    seal(HX_REVISE, mode, HX_REVISE_HEAD_BYTES + 2 * n);
+    for (uint32_t start = 0; start < length; start += PIECE_BYTES) {
+        uint32_t begin = SYSTICK, piece = length - start;
+        if (piece > PIECE_BYTES) piece = PIECE_BYTES;
+        hx_device_receive(&device, frame + start, piece);
+        uint32_t took = (begin - SYSTICK) & 0xffffff;
+        if (took > longest) longest = took;
+    }
+    return longest * NS_PER_TICK;
+}
+
 void board_main(void) {
     static const char *const words[2][2] = {{"waveform receive ", "waveform play "},
                                             {"envelope receive ", "envelope play "}};
@@ -71,12 +91,17 @@ void board_main(void) {
         uint32_t begin = SYSTICK;
         hx_device_receive(&device, frame, 4 + 2 * n + HX_FRAME_OVERHEAD_BYTES);
         uint32_t received = (begin - SYSTICK) & 0xffffff;
+        uint32_t revised = revise(mode, 32), revised_longer = revise(mode, 62);
+        if (device.revisions != 2) leave("a revision was refused\n", 0);
         begin = SYSTICK;
         hx_device_play(&device, out, 0, outputs);
         uint32_t played = (begin - SYSTICK) & 0xffffff;
         if (device.samples_played != n) leave("the stream was refused\n", 0);
         say(words[mode][0], received * NS_PER_TICK / outputs);
         say(words[mode][1], played * NS_PER_TICK / outputs);
+        uint32_t each = (revised_longer - revised) / 30u;
+        say(mode ? "envelope revise each " : "waveform revise each ", each);
+        say(mode ? "envelope revise besides " : "waveform revise besides ", revised - 32u * each);
     }
     leave("", 1);
 }

@@ -22,6 +22,7 @@ static const hx_config config = {
     .name = "stm32f405",
     .serial = "0",
     .calibration_id = "",
+    .guard_ticks = BOARD_HALF_SAMPLES, /* what the interrupt plays at once */
 };
 
 static void receive(void) {
