@@ -285,21 +285,31 @@ class Device:
         latest = self._stream.client.touches
         return [latest.popleft() for _ in range(len(latest))]
 
-    def arm(self) -> None:
+    def arm(self, *, revisable: bool = False) -> None:
         """Prepare the driver to play, from sample index 0; no effect if armed.
 
         A STOP still owed is delivered first.
+
+        Parameters
+        ----------
+        revisable : bool
+            Keep what was sent until it is played, for `revise`.
 
         Raises
         ------
         DeviceDisconnectedError
             If the device is closed or its link lost.
         DeviceError
-            If the driver refuses.
+            If the driver refuses, or cannot revise.
         """
+        if revisable and not self._capabilities.guard_s:
+            raise DeviceError(
+                f"{self.name} cannot revise samples that it was sent; update its firmware, or arm "
+                "it without revisable."
+            )
         if self._is_closed:
             raise DeviceDisconnectedError("The device is closed; open it again before arming.")
-        self._stream.arm()
+        self._stream.arm(revisable)
 
     def write(self, volts: npt.ArrayLike) -> None:
         """Send samples; they are played after those sent before.
@@ -331,6 +341,40 @@ class Device:
         except BaseException as error:
             self._stop_after(error)
             raise
+
+    def revise(self, first_sample: int, volts: npt.NDArray[np.float64]) -> None:
+        """Replace samples that were sent and have not been played.
+
+        They keep all limits, over both seams; energy and mean are those of what is played. A
+        revision that reaches the driver too late changes nothing there, as do those sent behind
+        it; `progress` tells. On any error the output is brought to 0 V, as from `write`.
+
+        Parameters
+        ----------
+        first_sample : int
+            Index of the first of them, in samples since the device was armed.
+        volts : ndarray of float64, shape (n,)
+            At most `most_revised_samples`; the last sample sent stays.
+
+        Raises
+        ------
+        LimitError
+            If a sample breaks a limit.
+        DeviceError
+            If the device is not armed for it, the samples are not queued, or the driver fails.
+        """
+        if not self._stream.is_armed:
+            raise DeviceError("The device must be armed to revise its samples; call arm() first.")
+        try:
+            self._stream.revise(first_sample, _as_samples(volts))
+        except BaseException as error:
+            self._stop_after(error)
+            raise
+
+    @property
+    def most_revised_samples(self) -> int:
+        """Samples in the longest revision."""
+        return self._stream.most_revised_samples
 
     def stop(self) -> None:
         """Play the samples sent, bring the output to 0 V and disarm. Idempotent.

@@ -14,8 +14,10 @@ from firmware_io.errors import DeviceDisconnectedError, DeviceError, DeviceFault
 from firmware_io.limits import DriveLimits
 from firmware_io.protocol import (
     INDEX_MODULUS,
+    SEQUENCE_MODULUS,
     Arm,
     DeviceState,
+    Revise,
     Setup,
     StatusReport,
     StreamMode,
@@ -24,9 +26,11 @@ from firmware_io.protocol import (
     volts_to_codes,
 )
 from firmware_io.protocol_client import ProtocolClient
+from firmware_io.revisable import Revisable
 
 #: Reports in a frame: the fewest with less than 15 % overhead (PROTOCOL.md).
 _REPORTS_PER_FRAME = 3
+_REPORTS_PER_REVISION = 4
 #: Samples in one write to a link without reports: 64 KiB; longer writes delay a stop.
 _SAMPLES_PER_WRITE = 32_000
 _STANDS_S = 2.0  # without progress; a driver that waits for its lead plays within a watchdog time
@@ -50,6 +54,10 @@ class Progress:
         Its clock, in samples since its power-up.
     underruns : int
         Since its power-up.
+    revisions, revisions_undone : int
+        Revisions that it has obeyed, and those that it has refused or will, since it was armed.
+    margin_samples : int
+        Samples from its output to the first of the last revision, when it came.
     """
 
     reported_s: float
@@ -59,6 +67,9 @@ class Progress:
     is_playing: bool
     clock_samples: float
     underruns: int
+    revisions: int = 0
+    revisions_undone: int = 0
+    margin_samples: int = 0
 
 
 class Stream:
@@ -112,9 +123,14 @@ class Stream:
         if self.link.report_bytes is not None:
             fitting = samples_per_frame(_REPORTS_PER_FRAME, self.link.report_bytes)
             self._max_frame_samples = min(max_frame_samples, fitting)
+        self._most_samples = max_frame_samples
         self.setup = setup
         self._is_in_doubt = False
         self._sent = 0  # since armed
+        self._queued: Revisable | None = None  # what the driver holds, if it may be revised
+        self._before_v = 0.0  # the sample before those
+        self._seen: StatusReport | None = None
+        self._revised = self._obeyed = self._refused = self._undone = 0
         self._rested_s = client.clock()
         # Of one sample of an envelope the window counts every output sample, times the carrier.
         is_envelope = setup.mode is StreamMode.ENVELOPE
@@ -128,13 +144,22 @@ class Stream:
         lasting = setup.watchdog_ms * setup.sample_rate_hz // 4000
         return max(1, min(self._max_frame_samples, lasting))
 
-    def arm(self) -> None:
+    @property
+    def most_revised_samples(self) -> int:
+        """Samples in the longest revision: in reports, of four of them."""
+        setup, most = self.setup, self._most_samples
+        if self.link.report_bytes is not None:
+            most = min(most, samples_per_frame(_REPORTS_PER_REVISION, self.link.report_bytes) - 1)
+        return max(1, min(most, setup.watchdog_ms * setup.sample_rate_hz // 4000))
+
+    def arm(self, revisable: bool = False) -> None:
         """Deliver a STOP still owed, set the driver up, then arm it; no effect if armed."""
         if self.is_armed:
             return
         self.stop(play_out=False)
         # Each time: a driver that was reset since then has lost its set-up.
         self.client.ask(self.setup)
+        self._take_played(self._sent)  # as if all had been played: the window is not underrated
         self._sent = 0
         rate_hz = self.setup.sample_rate_hz * self._each
         rested_s = self.client.clock() - self._rested_s
@@ -150,20 +175,96 @@ class Stream:
             raise
         self._is_in_doubt = False
         self.is_armed = True
+        self._queued = Revisable() if revisable else None
+        self._before_v = 0.0
+        self._seen = self.client.status
+        self._revised = self._obeyed = self._refused = self._undone = 0
 
     def write(self, volts: npt.NDArray[np.float64]) -> None:
         """Check all samples, then send them as the driver has room for them."""
+        self._check(volts, self.last_v)
+        driven = self._driven(volts, self._sent, self.last_v)
+        if self._queued is None:
+            self._check_window(driven)
+        else:
+            waiting = self._driven(self._queued.values, self._queued.first, self._before_v)
+            self._check_window(np.concatenate([waiting, driven]))
+        self._send(volts, driven)
+        self.poll()
+
+    def revise(self, first: int, volts: npt.NDArray[np.float64]) -> None:
+        """Check samples, then send them in the place of those queued from index `first` on."""
+        queued, end = self._queued, first + volts.size
+        if queued is None:
+            raise DeviceError(
+                "The device was armed for samples that stay; arm it with revisable=True."
+            )
+        if not (0 < volts.size <= self.most_revised_samples):
+            raise DeviceError(
+                f"A revision has 1 to {self.most_revised_samples} samples, but {volts.size} came; "
+                "split it."
+            )
+        # The last one queued stays: what is appended goes on from it, whatever becomes of this.
+        if not queued.first < first <= end < queued.end:
+            raise DeviceError(
+                f"Samples {queued.first + 1} to {queued.end - 2} can be revised, but {first} to "
+                f"{end - 1} came; begin later, or end earlier."
+            )
+        self._check(np.append(volts, queued[end]), queued[first - 1])
+        changed = queued.with_values(first, volts)
+        self._check_window(self._driven(changed, queued.first, self._before_v))
+        codes = volts_to_codes(volts, self.setup.full_scale_mv / 1e3, self.limits.ceiling_v)
+        message = Revise(
+            first % INDEX_MODULUS, codes, self.setup.mode, self._revised % SEQUENCE_MODULUS
+        )
+        before_v = self.last_v
+        self._is_in_doubt = True
+        self.last_v = max(before_v, float(volts[-1]), key=abs)
+        self.client.send(message)
+        self._is_in_doubt = False
+        self.last_v = before_v
+        self._revised += 1
+        queued.replace(first, volts)
+
+    def _check(self, volts: npt.NDArray[np.float64], before_v: float) -> None:
+        """Reject samples that break ceiling or slew behind the one before them."""
         setup = self.setup
         rate_hz = float(setup.sample_rate_hz)
         if setup.mode is StreamMode.WAVEFORM:
-            self.limits.check(volts, self.last_v, rate_hz)
+            self.limits.check(volts, before_v, rate_hz)
         else:
-            carrier_hz = setup.carrier_mhz / 1e3
-            self.limits.check_envelope(volts, self.last_v, rate_hz, carrier_hz)
-        driven = self._driven(volts)
-        self._window.check(driven, self._each, setup.mode is StreamMode.ENVELOPE)
-        self._send(volts, driven)
-        self.poll()
+            self.limits.check_envelope(volts, before_v, rate_hz, setup.carrier_mhz / 1e3)
+
+    def _check_window(self, driven: npt.NDArray[np.float64]) -> None:
+        self._window.check(driven, self._each, self.setup.mode is StreamMode.ENVELOPE)
+
+    def _settle(self) -> None:
+        """Learn from the last report which revisions were obeyed, and what was played."""
+        status, queued = self.client.status, self._queued
+        if queued is None or status is None or status is self._seen:
+            return
+        self._seen = status
+        obeyed = (status.revisions - self._obeyed) % SEQUENCE_MODULUS
+        self._obeyed += obeyed
+        queued.accept(obeyed)
+        # Those sent behind a refused one are refused as well, whenever they come: counted already.
+        if 0 < (status.refused - self._refused) % SEQUENCE_MODULUS < SEQUENCE_MODULUS // 2:
+            undone = queued.undo()
+            self._refused += undone
+            self._undone += undone
+            self._revised = self._obeyed
+        self._take_played(self._sent - (self._sent - status.samples_played) % INDEX_MODULUS)
+
+    def _take_played(self, index: int) -> None:
+        """Take samples before an index into the window: nothing can replace them any more."""
+        queued = self._queued
+        if queued is None:
+            return
+        first = queued.first
+        volts = queued.drop_before(index)
+        if volts.size:
+            self._window.take(self._driven(volts, first, self._before_v))
+            self._before_v = float(volts[-1])
 
     def poll(self) -> None:
         """Read what the driver has sent; raise its fault.
@@ -177,6 +278,7 @@ class Stream:
             self.client.poll()
         finally:
             self._follow_fault()
+        self._settle()
         silent_s = self.client.clock() - self.client.status_s
         if interval_s and self.is_armed and silent_s > self.setup.watchdog_ms / 1e3:
             raise DeviceDisconnectedError(
@@ -198,6 +300,9 @@ class Stream:
             status.state is DeviceState.PLAYING,
             status.clock_ticks * self.setup.sample_rate_hz / self._output_rate_hz,
             status.underruns,
+            self._obeyed,
+            self._undone,
+            status.margin_samples,
         )
 
     @property
@@ -248,7 +353,7 @@ class Stream:
         rate_hz = self.setup.sample_rate_hz
         if self.last_v != 0.0:
             ramp = self.limits.ramp_to_zero(self.last_v, rate_hz)
-            self._send(ramp, self._driven(ramp))
+            self._send(ramp, self._driven(ramp, self._sent, self.last_v))
         lead_s = self.setup.lead_us / 1e6
         end_s = self.client.clock() + self._status().queued_samples / rate_hz + lead_s + 1.0
         while self.stop_is_owed:
@@ -295,22 +400,28 @@ class Stream:
             self.last_v = reached_v
             self._sent += count
             self.samples_sent += count
-            self._window.take(driven[start * self._each : (start + count) * self._each])
+            if self._queued is None:
+                self._window.take(driven[start * self._each : (start + count) * self._each])
+            else:
+                self._queued.append(volts[start : start + count])
             start += count
 
-    def _driven(self, volts: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Return what leaves the driver for the next samples, if they come without a pause."""
+    def _driven(
+        self, volts: npt.NDArray[np.float64], first: int, before_v: float
+    ) -> npt.NDArray[np.float64]:
+        """Return what leaves the driver for samples from index `first` on, without a pause."""
         if self.setup.mode is StreamMode.WAVEFORM:
             return volts
         each = self._each
         levels = volts
         if each > 1:
-            points = np.concatenate([[self.last_v], volts])
+            points = np.concatenate([[before_v], volts])
             at = np.arange(1, each * volts.size + 1) / each
             levels = np.interp(at, np.arange(points.size), points)
         turns = self.setup.carrier_mhz / 1e3 / self._output_rate_hz
-        first = self._sent * each  # the carrier begins at phase 0 with the line to the first sample
-        carrier = np.sin(2 * np.pi * turns * np.arange(first, first + levels.size))
+        # The carrier begins at phase 0 with the line to the first sample.
+        tick = np.arange(first * each, first * each + levels.size)
+        carrier = np.sin(2 * np.pi * turns * tick)
         return np.asarray(levels * carrier)
 
     def _room(self, wanted: int) -> int:
