@@ -18,6 +18,7 @@ from haptix.terminal import AsJson, run, show
 if TYPE_CHECKING:
     from calibration.session import Session
     from calibration.sources import ForceSource
+    from calibration.verification import Verification
 
 app = typer.Typer(
     name="calibrate",
@@ -262,7 +263,7 @@ def fit(
 def verify_(
     folder: Folder,
     tolerance_thresholds: Annotated[
-        float, typer.Option(help="Largest residual, in just-noticeable differences (JND).")
+        float, typer.Option(help="Largest error, in just-noticeable differences (JND).")
     ] = 0.5,
     as_json: AsJson = False,
 ) -> None:
@@ -275,19 +276,12 @@ def verify_(
 
     found, screen = verify_folder(folder, tolerance_thresholds)
     if as_json:
-        document = {
-            "verdict": found.verdict,
-            "failures": found.failures,
-            "worst_thresholds": rounded(found.worst_thresholds),
-            "strokes": stroke_rows(found.rows),
-        }
+        document = {**_verdict(found), "strokes": stroke_rows(found.rows)}
         sys.stdout.write(json_text(document))
     else:
         written = "no profile" if screen is None else folder / SCREEN
-        title = f"{found.verdict}: {written}, {folder / REPORT}"
-        show(title, [one.row() for one in found.rows], False)
-        sys.stdout.writelines(f"{line}\n" for line in found.failures)
-    if not found.passed:
+        _show_verdict(f"{found.verdict}: {written}, {folder / REPORT}", found)
+    if found.failures:
         raise typer.Exit(1)
 
 
@@ -363,9 +357,7 @@ def run_(
     found_fit, _ = fit_folder(folder)
     found, made = verify_folder(folder)
     document: dict[str, object] = {
-        "verdict": found.verdict,
-        "failures": found.failures,
-        "worst_thresholds": rounded(found.worst_thresholds),
+        **_verdict(found),
         "strokes_used": len(found_fit.strokes),
         "h0_m": None if made is None else made.h0_m,
         "screen": None if made is None else str(folder / SCREEN),
@@ -379,11 +371,10 @@ def run_(
     if as_json:
         sys.stdout.write(json_text(document))
     else:
-        show(f"{found.verdict}: {folder / REPORT}", [one.row() for one in found.rows], False)
-        sys.stdout.writelines(f"{line}\n" for line in found.failures)
+        _show_verdict(f"{found.verdict}: {folder / REPORT}", found)
         if document["practice"]:
             show("how far the practice was off", [vars(off)], False)
-    if not found.passed:
+    if found.failures:
         raise typer.Exit(1)
 
 
@@ -396,6 +387,37 @@ app.command("period")(profile_app.period)
 def main() -> None:
     """Run the steps as a program."""
     run(app, "calibration")
+
+
+def _verdict(found: Verification) -> dict[str, object]:
+    """A verdict for JSON."""
+    return {
+        "verdict": found.verdict,
+        "failures": found.failures,
+        "untested": found.untested,
+        "worst_thresholds": rounded(found.worst_thresholds),
+        "bound_thresholds": rounded(found.bound_thresholds),
+        "fit_bound_thresholds": rounded(found.fit_bound_thresholds),
+        "groups": [
+            {
+                "group": one.group,
+                "strokes": one.strokes,
+                "mean_thresholds": rounded(one.mean_thresholds),
+                "uncertainty_thresholds": rounded(one.uncertainty_thresholds),
+                "rig_thresholds": rounded(one.rig_thresholds),
+                "bound_thresholds": rounded(one.bound_thresholds),
+            }
+            for one in found.groups
+        ],
+    }
+
+
+def _show_verdict(title: str, found: Verification) -> None:
+    """Show a verdict to people: what was tested, every stroke, and what failed or is missing."""
+    show(title, [one.row() for one in found.groups], False)
+    show("strokes kept out of the fit", [one.row() for one in found.rows], False)
+    sys.stdout.writelines(f"{line}\n" for line in found.failures)
+    sys.stdout.writelines(f"not tested: {line}\n" for line in found.untested)
 
 
 def _source(

@@ -11,7 +11,7 @@ from scipy.stats import t as student
 from calibration.parameters import Array
 from calibration.predict import StrokePredictor
 from calibration.reduction import Reduced
-from calibration.verification import FEWEST_HELD_OUT, TOLERANCE_THRESHOLDS, HeldOutStroke
+from calibration.verification import FEWEST_OF_GROUP, TOLERANCE_THRESHOLDS, HeldOutStroke
 from haptix.errors import InputError
 
 _LEVEL = 0.95  # one side: both sides of an equivalence at 5 %
@@ -83,9 +83,9 @@ def check_profile(reduced: Reduced, predictor: StrokePredictor) -> ProfileCheck:
     """
     points = [point for point in reduced.points if not point.outlier]
     driven = np.array([point.voltage_v > 0 for point in points], dtype=bool)
-    if driven.sum() < FEWEST_HELD_OUT:
+    if driven.sum() < FEWEST_OF_GROUP:
         raise InputError(
-            f"expected {FEWEST_HELD_OUT} good strokes with a voltage or more, got {driven.sum()}"
+            f"expected {FEWEST_OF_GROUP} good strokes with a voltage or more, got {driven.sum()}"
         )
     rows = HeldOutStroke.predicted(points, predictor)
     residuals = np.array([one.residual_thresholds for one in rows])

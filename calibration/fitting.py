@@ -76,10 +76,7 @@ def fit_strokes(
         residuals, free = _fitted(predictor, parameters.restarted_at(found), points)
     covariance = np.asarray(np.linalg.inv(residuals.information(free)))
     if bootstraps:
-        # The larger spreads, with the correlations of the curvature.
-        other = np.diag(_bootstrap(residuals, free, seed, bootstraps))
-        ratio = np.sqrt(np.maximum(other / np.diag(covariance), 1.0))
-        covariance = covariance * np.outer(ratio, ratio)
+        covariance = _larger(covariance, _bootstrap(residuals, free, seed, bootstraps))
     return Fit(
         estimates=tuple(_estimate(residuals, free, covariance, one) for one in parameters.all),
         names=parameters.names,
@@ -177,6 +174,19 @@ def _bootstrap(residuals: Residuals, free: Array, seed: int, count: int) -> Arra
     # Means of a few strokes vary less than those of all possible strokes would.
     spare = max(residuals.data_rows - residuals.parameters_used(free), 1.0)
     return np.asarray(np.atleast_2d(np.cov(np.array(found).T)) * residuals.data_rows / spare)
+
+
+def _larger(covariance: Array, other: Array) -> Array:
+    """The larger of two covariances in every direction.
+
+    Larger spreads of single parameters with the correlations kept would be larger errors of what
+    the parameters predict together, which is known far better than each.
+    """
+    root = np.linalg.cholesky(covariance)
+    inverse = np.linalg.inv(root)
+    values, vectors = np.linalg.eigh(inverse @ other @ inverse.T)
+    spread = root @ vectors * np.sqrt(np.maximum(values, 1.0))
+    return np.asarray(spread @ spread.T)
 
 
 def _estimate(

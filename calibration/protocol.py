@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import chain, product
+from math import pi
 from typing import Annotated, Self
 
 import numpy as np
@@ -14,6 +15,7 @@ from pydantic import Field, PositiveFloat, model_validator
 
 from calibration.parameters import Array, Mask, Parameters
 from calibration.predict import StrokeConditions, StrokePredictor
+from firmware_io import DriveLimits
 from haptix.checks import positive
 from haptix.documents import Document, Part
 from haptix.errors import InputError
@@ -26,12 +28,26 @@ FREQUENCY_HZ = 125.0
 SWEEP_HZ = (30.0, 60.0, 300.0, 1000.0, 4000.0)
 """Frequencies that separate the screen's insulator from the skin's: each at every force."""
 
-_HELD_OUT = ((0.4, 175.0, FREQUENCY_HZ), (0.2, 125.0, FREQUENCY_HZ), (0.8, 150.0, FREQUENCY_HZ))
+CARRIER_HZ = 4000.0
+"""Frequency at which `haptix render` plays."""
+
+# Normal force [N], share of the highest voltage, frequency [Hz]: where the screen is used, light
+# and firm, at the carrier and at the highest voltage. A short protocol takes the first ones.
+_HELD_OUT = (
+    (0.2, 1.0, CARRIER_HZ),
+    (0.8, 1.0, CARRIER_HZ),
+    (0.2, 0.75, FREQUENCY_HZ),
+    (0.8, 0.75, FREQUENCY_HZ),
+    (0.4, 0.875, CARRIER_HZ),
+    (0.6, 1.0, FREQUENCY_HZ),
+    (0.6, 0.875, 60.0),
+    (0.4, 0.875, 500.0),
+)
 # Of a short protocol.
 _FREQUENCIES_HZ = (30.0, 60.0, 125.0, 300.0, 1000.0, 4000.0)
 _VOLTAGE_SHARES = (0.0, 0.5, 0.75, 1.0)
-_SHORT_HELD_OUT = ((0.4, 0.85), (0.2, 0.65), (0.8, 0.75), (0.6, 0.95))  # [N], share of V
 _FEWEST_FITTED = 6
+_PLAYABLE_V_PER_S = 0.98 * DriveLimits().max_slew_v_per_s  # a driver's limit may be a little lower
 
 MU_ERROR = 0.01
 """Expected repeatability of mu from stroke to stroke, relative: that of a good laboratory."""
@@ -129,7 +145,8 @@ class Protocol(Document):
     ) -> Self:
         """Number strokes in random order, so that a finger that dries does not look like a force.
 
-        `fitted` and `held_out` have normal force [N], amplitude [V] and frequency [Hz] of each.
+        `fitted` and `held_out` have normal force [N], amplitude [V] and frequency [Hz] of each; an
+        amplitude whose current no driver may play is lowered to one that it may.
         """
         rows = [(row, False) for row in fitted] + [(row, True) for row in held_out]
         order = np.random.default_rng(_SHUFFLE_SEED).permutation(len(rows)).tolist()
@@ -137,7 +154,7 @@ class Protocol(Document):
             Stroke(
                 number=number,
                 normal_force_n=force,
-                voltage_v=round(volts, 3),
+                voltage_v=round(min(volts, _PLAYABLE_V_PER_S / (2 * pi * hertz)), 3),
                 frequency_hz=hertz,
                 there_and_back=there_and_back,
                 held_out=is_held_out,
@@ -154,9 +171,9 @@ class Protocol(Document):
 
 
 def paper_protocol(max_voltage_v: float = 200.0) -> Protocol:
-    """Return the paper's 25 strokes, one way each, and 3 more that are held out."""
+    """Return the paper's 25 strokes, one way each, and 6 more that are held out."""
     grid = product(FORCES_N, VOLTAGES_V, [FREQUENCY_HZ])
-    rows = _scaled(grid, max_voltage_v), _scaled(_HELD_OUT, max_voltage_v)
+    rows = _scaled(grid, max_voltage_v), _held_out(6, max_voltage_v)
     return Protocol.shuffled("paper", *rows, there_and_back=False)
 
 
@@ -164,8 +181,7 @@ def full_protocol(max_voltage_v: float = 200.0) -> Protocol:
     """Return the paper's strokes and a frequency sweep at the highest voltage, there and back."""
     grid = product(FORCES_N, VOLTAGES_V, [FREQUENCY_HZ])
     sweep = product(FORCES_N, VOLTAGES_V[-1:], SWEEP_HZ)
-    held_out = (*_HELD_OUT, (0.6, 175.0, 60.0), (0.4, 175.0, 500.0))
-    rows = _scaled(chain(grid, sweep), max_voltage_v), _scaled(held_out, max_voltage_v)
+    rows = _scaled(chain(grid, sweep), max_voltage_v), _held_out(8, max_voltage_v)
     return Protocol.shuffled("full", *rows)
 
 
@@ -173,6 +189,11 @@ def _scaled(rows: Iterable[Sequence[float]], max_voltage_v: float) -> list[Seque
     """Lower the paper's voltages in proportion for a screen that withstands less."""
     share = min(positive("max_voltage_v", max_voltage_v) / VOLTAGES_V[-1], 1.0)
     return [(force, share * volts, hertz) for force, volts, hertz in rows]
+
+
+def _held_out(count: int, max_voltage_v: float) -> list[Sequence[float]]:
+    highest = min(max_voltage_v, VOLTAGES_V[-1])
+    return [(force, share * highest, hertz) for force, share, hertz in _HELD_OUT[:count]]
 
 
 def expected_rows(
@@ -207,7 +228,7 @@ def short_protocol(
     parameters: Parameters,
     minutes: float = 3.0,
     max_voltage_v: float = 200.0,
-    held_out: int = 3,
+    held_out: int = 4,
 ) -> Protocol:
     """Choose strokes one by one, each time the most informative one (D-optimal, greedy).
 
@@ -261,11 +282,5 @@ def short_protocol(
         gain[~usable] = -np.inf
         chosen.append(int(gain.argmax()))
         information += added[:, chosen[-1]]
-    return Protocol.shuffled(
-        "short",
-        places[chosen].tolist(),
-        [
-            (force, share * max_voltage_v, FREQUENCY_HZ)
-            for force, share in _SHORT_HELD_OUT[:held_out]
-        ],
-    )
+    held = [(force, share * max_voltage_v, hertz) for force, share, hertz in _HELD_OUT[:held_out]]
+    return Protocol.shuffled("short", places[chosen].tolist(), held)

@@ -31,7 +31,7 @@ _STYLE = """
 body{font:14px/1.4 system-ui,sans-serif;max-width:60em;margin:1em auto;padding:0 1em;color:#222}
 table{border-collapse:collapse;margin:.5em 0}td,th{padding:.1em .7em;text-align:left;
 border-bottom:1px solid #ddd}h1{font-size:1.4em}h2{font-size:1.1em}
-.passed{color:#1a6e1a}.failed{color:#a81111}img{max-width:100%}small{color:#555}
+.passed{color:#1a6e1a}.provisional{color:#8a5a00}.failed{color:#a81111}img{max-width:100%}small{color:#555}
 """
 _COLOURS = ("#3b4cc0", "#7b9ff9", "#8a8a8a", "#f4987a", "#b40426", "#1b9e77", "#7570b3", "#a6761d")
 
@@ -68,14 +68,19 @@ def write_report(
         f"<p>{escape(about)}</p>",
         "" if profile_is_written else "<p class=failed>No profile was written.</p>",
         _list("Why it failed", verification.failures),
+        _list("Not tested", verification.untested),
+        _table(
+            "Errors of friction, by the strokes kept out", [g.row() for g in verification.groups]
+        ),
         f'<img alt="friction and residuals" src="{picture}">',
         f'<img alt="residuals over force, voltage, frequency and order" src="{causes}">',
         _trace(worst),
         _table("Results", [one.row() for one in fit.estimates]),
         _list("Not determined", [one.refusal() for one in fit.undetermined]),
         _table("Strokes kept out of the fit", [one.row() for one in verification.rows]),
-        f"<p>Residuals in just-noticeable differences (JND, {WEBER_FRACTION:.0%} of mu); "
-        f"{verification.tolerance_thresholds:g} are allowed.</p>",
+        f"<p>Residuals in just-noticeable differences (JND, {WEBER_FRACTION:.0%} of mu). Each "
+        "group's mean, with its 90 % uncertainty, is to lie within "
+        f"{verification.tolerance_thresholds:g}.</p>",
         _table("Which terms the strokes need", [one.row() for one in needs]),
         _list("Strokes that were not used", left_out),
         _list("Rests on", rests_on),

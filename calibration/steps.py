@@ -38,6 +38,7 @@ from calibration.protocol import (
 from calibration.recording import StrokeRecording
 from calibration.reduction import Reduced, reduce_session
 from calibration.report import farthest_stroke, write_report
+from calibration.rig import RIG, RigCheck
 from calibration.session import Session
 from calibration.verification import TOLERANCE_THRESHOLDS, Verification, verify
 from haptix.errors import InputError
@@ -151,6 +152,7 @@ def verify_folder(
     fit = Fit.load(session.folder / FIT)
     fit.check_unchanged(session.hashes(REDUCED))
     _check_reduced(session, reduced, recordings)
+    rig = RigCheck.load(session.folder / RIG) if (session.folder / RIG).exists() else None
     finger, believed = session.info.finger, session.info.screen
     # A term whose parameter is fitted is on even where the profile has no value for it.
     terms = {n: n in fit.terms and not term.missing(finger, believed) for n, term in TERMS.items()}
@@ -164,7 +166,7 @@ def verify_folder(
         make(None, predictor, *by_whom, assumed).save(session.folder / SCREEN)
         calibrated_finger(finger, fit).save(session.folder / FINGER)
         written = StrokePredictor(profile_model(session.folder))
-        found = verify(fit, reduced, written, tolerance_thresholds)
+        found = verify(fit, reduced, written, tolerance_thresholds, rig)
         screen = make(found, predictor, *by_whom, assumed)
         screen.save(session.folder / SCREEN)
     else:
@@ -172,7 +174,7 @@ def verify_folder(
         thickness = fit.best("h0_m") * believed.insulator_permittivity
         panel = believed.replace(insulator_thickness_m=thickness)
         best = StrokePredictor(ContactModel(calibrated_finger(finger, fit), panel))
-        found = verify(fit, reduced, best, tolerance_thresholds)
+        found = verify(fit, reduced, best, tolerance_thresholds, rig)
         # Profiles of an earlier fit would be taken for this one's.
         for name in (SCREEN, FINGER):
             (session.folder / name).unlink(missing_ok=True)

@@ -1,36 +1,58 @@
-"""Verify a fit by strokes that were kept out of it."""
+"""Verify a fit by strokes that were kept out of it: equivalence within half a JND.
+
+Each group of held-out strokes (all, light and firm ones, those at the carrier, those at the highest
+voltage) has a mean error and, from the scatter of all strokes, its uncertainty. Equivalence is
+shown where the whole interval lies within the tolerance: two one-sided t tests at 5 % (Schuirmann
+1987). All groups must show it, so that the level holds for the whole verdict (intersection-union,
+Berger 1982). No single stroke decides.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import isfinite
-from typing import Self
+from dataclasses import dataclass, replace
+from math import hypot, isfinite
+from typing import Literal, Self
 
 import numpy as np
+from scipy.stats import t as student
 
 from calibration.fit import Fit
-from calibration.parameters import Parameters
+from calibration.parameters import Array, Mask, Parameters
 from calibration.predict import StrokeConditions, StrokePredictor
+from calibration.protocol import CARRIER_HZ, FREQUENCY_HZ
 from calibration.reduction import Point, Reduced
+from calibration.rig import RigCheck
 from haptix.perception import WEBER_FRACTION
 
 TOLERANCE_THRESHOLDS = 0.5
-"""Largest residual that passes [JND]."""
+"""Largest error of friction that passes, its uncertainty included [JND]."""
 
-FEWEST_HELD_OUT = 2
+FEWEST_HELD_OUT = 4
+FEWEST_OF_GROUP = 2
+_LEVEL = 0.95  # one side: both sides of an equivalence at 5 %
+_LIGHT_BELOW_N = 0.45  # the middle of the protocols' forces
+_AT_CARRIER = 0.5  # of the carrier's frequency, from which a stroke counts as one at the carrier
+_AT_HIGHEST = 0.9  # of the highest voltage that was held out: the carrier's is limited by current
+# Where friction is to be known: the range of the held-out strokes.
+_USED_N = (0.2, 0.5, 0.8)
+_USED_SHARES = (0.0, 0.5, 0.9)  # of the highest voltage
+_SPEED_MM_PER_S = 50.0  # that of the protocols
+_VOLTS_STEP = 0.01  # relative, of a numerical derivative
 
 
 @dataclass(frozen=True)
 class HeldOutStroke:
     """A stroke kept out of the fit, and what the fit predicts for it.
 
-    The ripple is the amplitude of the friction at 2f over its mean.
+    The ripple is the amplitude of the friction at 2f over its mean; `is_light` is False where the
+    contact snaps in by the prediction.
     """
 
     point: Point
     predicted_mu: float
     predicted_ripple: float
+    is_light: bool = True
 
     @property
     def residual_thresholds(self) -> float:
@@ -50,8 +72,8 @@ class HeldOutStroke:
             return ()
         own = Parameters.of(predictor.model.finger, predictor.model.screen)
         found = predictor(StrokeConditions.of(points), own.names, own.log_values, jacobian=False)
-        each = zip(points, np.exp(found.log_mu).tolist(), found.ripple.tolist(), strict=True)
-        return tuple(cls(*one) for one in each)
+        numbers = np.exp(found.log_mu).tolist(), found.ripple.tolist(), found.is_light.tolist()
+        return tuple(cls(*one) for one in zip(points, *numbers, strict=True))
 
     def values(self) -> dict[str, float]:
         """Return a row of numbers."""
@@ -79,6 +101,45 @@ class HeldOutStroke:
 
 
 @dataclass(frozen=True)
+class Equivalence:
+    """Mean error of friction in one group of held-out strokes.
+
+    Parameters
+    ----------
+    group : str
+        Which strokes.
+    strokes : tuple of int
+        Their numbers.
+    mean_thresholds : float
+        Mean of measured minus predicted friction [JND].
+    uncertainty_thresholds : float
+        The true mean is within it, either side, at 90 % [JND]: scatter, and the rig's gains.
+    rig_thresholds : float
+        Size of the error that the rig's gains have [JND], which no stroke shows.
+    """
+
+    group: str
+    strokes: tuple[int, ...]
+    mean_thresholds: float
+    uncertainty_thresholds: float
+    rig_thresholds: float = 0.0
+
+    @property
+    def bound_thresholds(self) -> float:
+        """Largest error of friction that the strokes leave possible [JND]."""
+        return abs(self.mean_thresholds) + self.uncertainty_thresholds + self.rig_thresholds
+
+    def row(self) -> dict[str, str]:
+        """Return a row of a table for people."""
+        return {
+            "held-out strokes": f"{self.group} ({len(self.strokes)})",
+            "error [JND]": f"{self.mean_thresholds:+.2f} ± {self.uncertainty_thresholds:.2f}",
+            "of the rig [JND]": f"{self.rig_thresholds:.2f}",
+            "at most [JND]": f"{self.bound_thresholds:.2f}",
+        }
+
+
+@dataclass(frozen=True)
 class Verification:
     """Verdict on a calibration.
 
@@ -87,29 +148,46 @@ class Verification:
     rows : tuple of HeldOutStroke
         Strokes kept out of the fit.
     tolerance_thresholds : float
-        Largest residual that passes [JND].
+        Largest error that passes, its uncertainty included [JND].
     failures : tuple of str
-        Why it fails; empty where it passes.
+        Why it fails; empty where it does not.
+    groups : tuple of Equivalence
+        What was tested.
+    untested : tuple of str
+        What was not, so that the verdict is provisional.
+    fit_bound_thresholds : float
+        Largest error [JND], at 95 %, that the fit's own uncertainty leaves where the screen is
+        used.
     """
 
     rows: tuple[HeldOutStroke, ...]
     tolerance_thresholds: float
     failures: tuple[str, ...]
+    groups: tuple[Equivalence, ...] = ()
+    untested: tuple[str, ...] = ()
+    fit_bound_thresholds: float = float("nan")
 
     @property
     def passed(self) -> bool:
         """Whether the calibration may be used without a warning."""
-        return not self.failures
+        return self.verdict == "passed"
 
     @property
-    def verdict(self) -> str:
-        """Return "passed" or "failed"."""
-        return "passed" if self.passed else "failed"
+    def verdict(self) -> Literal["passed", "provisional", "failed"]:
+        """Return "failed"; "provisional" where nothing failed but something was not tested."""
+        if self.failures:
+            return "failed"
+        return "provisional" if self.untested else "passed"
 
     @property
     def worst_thresholds(self) -> float:
         """Largest residual of mu [JND]; NaN without strokes."""
         return max((abs(row.residual_thresholds) for row in self.rows), default=float("nan"))
+
+    @property
+    def bound_thresholds(self) -> float:
+        """Largest error of friction that is left possible [JND]; NaN without strokes."""
+        return max((one.bound_thresholds for one in self.groups), default=float("nan"))
 
 
 def verify(
@@ -117,28 +195,145 @@ def verify(
     reduced: Reduced,
     predictor: StrokePredictor,
     tolerance_thresholds: float = TOLERANCE_THRESHOLDS,
+    rig: RigCheck | None = None,
 ) -> Verification:
-    """Predict the held-out strokes and compare.
+    """Predict the held-out strokes, compare, and test for equivalence.
 
-    It fails where a residual is above the tolerance, where fewer than two strokes were kept out,
-    or where the strokes do not determine the screen's insulator.
+    It fails where a group's mean error, its uncertainty included, may be above the tolerance, where
+    the fit's own uncertainty of friction is, where fewer than four strokes were kept out, or where
+    the strokes do not determine the screen's insulator. It is provisional without a `rig` check and
+    where no two held-out strokes are at the carrier.
     """
-    rows = HeldOutStroke.predicted(reduced.held_out, predictor)
+    predicted = HeldOutStroke.predicted(reduced.held_out, predictor)
+    rows = tuple(one for one in predicted if one.is_light)
     failures = []
     if len(rows) < FEWEST_HELD_OUT:
         failures.append(
             f"expected {FEWEST_HELD_OUT} good strokes kept out of the fit or more, got {len(rows)}"
+            + " in light contact" * (len(rows) < len(predicted))
         )
-    for row in rows:
-        for what, value in (
-            ("mu", row.residual_thresholds),
-            ("the ripple", row.ripple_residual_thresholds),
-        ):
-            if abs(value) > tolerance_thresholds:
-                failures.append(
-                    f"stroke {row.point.number}: {what} is {value:+.2g} JND from the prediction, "
-                    f"{tolerance_thresholds:g} are allowed"
-                )
+    groups = _groups(rows, fit, predictor, rig)
+    for one in groups:
+        if one.bound_thresholds > tolerance_thresholds:
+            failures.append(
+                f"{one.group} (strokes {', '.join(map(str, one.strokes))}): friction is "
+                f"{one.mean_thresholds:+.2g} ± {one.uncertainty_thresholds:.2g} JND from the "
+                f"prediction{_of_rig(one)}, which may be more than {tolerance_thresholds:g}"
+            )
+    bound = _fit_bound(fit, reduced, rows, predictor)
+    if bound > tolerance_thresholds:
+        failures.append(
+            f"the fit knows friction within {bound:.2g} JND only, somewhere in the range of use; "
+            f"expected {tolerance_thresholds:g}: measure more strokes"
+        )
     if fit["h0_m"].value is None:
         failures.append(fit["h0_m"].refusal())
-    return Verification(rows, tolerance_thresholds, tuple(failures))
+    untested = []
+    if rig is None:
+        untested.append("the rig's gains: no known weight, no second reading of the volts")
+    elif faults := rig.faults():
+        failures += faults
+    if rows and not any(one.group == "at the carrier" for one in groups):
+        untested.append(f"the carrier: no two held-out strokes near {CARRIER_HZ:g} Hz")
+    return Verification(rows, tolerance_thresholds, tuple(failures), groups, tuple(untested), bound)
+
+
+def _of_rig(one: Equivalence) -> str:
+    return f", and {one.rig_thresholds:.2g} JND by the rig's gains" if one.rig_thresholds else ""
+
+
+def _groups(
+    rows: tuple[HeldOutStroke, ...], fit: Fit, predictor: StrokePredictor, rig: RigCheck | None
+) -> tuple[Equivalence, ...]:
+    """Mean errors of the groups that have two strokes or more."""
+    if len(rows) < FEWEST_OF_GROUP:
+        return ()
+    points = [row.point for row in rows]
+    residual = np.array([row.residual_thresholds for row in rows])
+    ripple = np.array([row.ripple_residual_thresholds for row in rows])
+    sd = _spreads(rows, fit) / WEBER_FRACTION
+    # The fit's own strokes and these tell the scatter together; a misfit here makes it larger,
+    # never smaller.
+    freedom = max(len(fit.strokes) - sum(one.value is not None for one in fit.estimates), 3)
+    own = len(rows) - 1
+    spread = float(((residual - residual.mean()) ** 2 / sd**2).sum())
+    sd *= np.sqrt(max((freedom + spread) / (freedom + own), 1.0))
+    quantile = float(student.ppf(_LEVEL, freedom + own))
+    size, gain_sd = np.zeros(len(rows)), np.zeros(len(rows))
+    if rig is not None:
+        size, gain_sd = rig.friction_error(_volts_power(points, predictor))
+    force, volts, hertz = np.array(
+        [(p.normal_force_n, p.voltage_v, p.frequency_hz) for p in points]
+    ).T
+    chosen = {
+        "all": np.ones(len(rows), dtype=bool),
+        "light strokes": force < _LIGHT_BELOW_N,
+        "firm strokes": force >= _LIGHT_BELOW_N,
+        "at the carrier": hertz >= _AT_CARRIER * CARRIER_HZ,
+        "at the highest voltage": volts >= _AT_HIGHEST * volts.max(),
+    }
+    found = []
+    for name, inside in chosen.items():
+        if (count := int(inside.sum())) >= FEWEST_OF_GROUP:
+            error = hypot(float(np.linalg.norm(sd[inside])) / count, float(gain_sd[inside].max()))
+            numbers = tuple(p.number for p, one in zip(points, inside, strict=True) if one)
+            mean, largest = float(residual[inside].mean()), float(size[inside].max())
+            found.append(Equivalence(name, numbers, mean, quantile * error, largest))
+    seen = np.isfinite(ripple)
+    if (count := int(seen.sum())) >= FEWEST_OF_GROUP:
+        mean = float(ripple[seen].mean())
+        error = max(float(ripple[seen].std(ddof=1)), float(sd[seen].mean())) / np.sqrt(count)
+        numbers = tuple(p.number for p, one in zip(points, seen, strict=True) if one)
+        found.append(Equivalence("the ripple at 2f", numbers, mean, quantile * error))
+    return tuple(found)
+
+
+def _volts_power(points: Sequence[Point], predictor: StrokePredictor) -> Array:
+    """Power of the voltage with which mu rises at strokes, d ln mu / d ln V, shape (strokes,)."""
+    more = [replace(one, voltage_v=(1 + _VOLTS_STEP) * one.voltage_v) for one in points]
+    own = Parameters.of(predictor.model.finger, predictor.model.screen)
+    low, high = (
+        predictor(StrokeConditions.of(some), own.names, own.log_values, jacobian=False).log_mu
+        for some in (points, more)
+    )
+    return np.asarray((high - low) / np.log1p(_VOLTS_STEP))
+
+
+def _fit_bound(
+    fit: Fit, reduced: Reduced, rows: tuple[HeldOutStroke, ...], predictor: StrokePredictor
+) -> float:
+    """Largest error of friction [JND] that the fit's covariance leaves, at 95 %, in use.
+
+    Over the range of the held-out strokes, at the carrier and at 125 Hz, where the contact is
+    light. What the held-out strokes have shown is known there as well: the covariance is that after
+    them.
+    """
+    highest = max((one.voltage_v for one in reduced.points if not one.outlier), default=0.0)
+    axes = np.meshgrid(
+        _USED_N, highest * np.array(_USED_SHARES), (FREQUENCY_HZ, CARRIER_HZ), _SPEED_MM_PER_S
+    )
+    own = Parameters.of(predictor.model.finger, predictor.model.screen)
+    fitted = [(at, own.names.index(n)) for at, n in enumerate(fit.free) if n in own.names]
+    free, columns = (list(one) for one in zip(*fitted, strict=True))
+
+    def by_log(strokes: StrokeConditions) -> tuple[Array, Mask]:
+        found = predictor(strokes, own.names, own.log_values)
+        return found.log_mu_jacobian[:, columns], found.is_light
+
+    used, is_light = by_log(StrokeConditions(*(axis.ravel() for axis in axes)))
+    covariance = fit.covariance[np.ix_(free, free)]
+    if rows:
+        seen, _ = by_log(StrokeConditions.of(row.point for row in rows))
+        noise = np.diag(_spreads(rows, fit) ** 2)
+        gain = covariance @ seen.T @ np.linalg.inv(seen @ covariance @ seen.T + noise)
+        covariance = covariance - gain @ seen @ covariance
+    variance = np.einsum("sp,pq,sq->s", used, covariance, used)[is_light]
+    quantile = float(student.ppf(_LEVEL, max(len(fit.strokes) + len(rows) - len(free), 3)))
+    return quantile * float(np.sqrt(variance.max(initial=0.0))) / WEBER_FRACTION
+
+
+def _spreads(rows: tuple[HeldOutStroke, ...], fit: Fit) -> Array:
+    """Standard deviation of ln mu of each stroke: its own error and the repeatability."""
+    points = [row.point for row in rows]
+    own = np.array([p.mu_sd / p.mu for p in points])
+    return np.asarray(np.maximum(np.hypot(own, fit.repeatability.log_mu), 1e-9))

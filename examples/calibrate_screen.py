@@ -49,7 +49,7 @@ def main() -> None:
     for need in needs:
         print(f"term {need.term}: {need.need}")
     verification, _ = verify_folder(folder)
-    print("passed" if verification.passed else verification.failures)
+    print(verification.verdict, *verification.failures, *verification.untested, sep="; ")
 
     # Use it.
     calibrated = haptix.Screen.load(folder / "screen.toml")

@@ -36,8 +36,9 @@ class Calibration(Part):
         Name of the person who measured.
     instruments : tuple of str
         Names and serial numbers.
-    verdict : {"passed", "failed"}
-        Result of the verification on strokes kept out of the fit.
+    verdict : {"passed", "provisional", "failed"}
+        Result of the verification on strokes kept out of the fit; "provisional" where they agree
+        but the rig, or the carrier, was not checked.
     spread : mapping of str to float
         Standard deviation of the logarithm of each number that was found, such as 0.02 for 2 %.
     rests_on : tuple of str
@@ -49,7 +50,7 @@ class Calibration(Part):
     date: date
     operator: str = ""
     instruments: tuple[str, ...] = ()
-    verdict: Literal["passed", "failed"]
+    verdict: Literal["passed", "provisional", "failed"]
     spread: dict[str, float] = Field(default={})
     rests_on: tuple[str, ...] = ()
     content_hash: str = ""
@@ -117,6 +118,11 @@ class Screen(Document):
         if (made := self.calibration) is not None:
             if made.verdict == "failed":
                 found.append("its calibration failed verification")
+            if made.verdict == "provisional":
+                found.append(
+                    "its calibration is provisional: add `haptix calibrate rig`, and held-out "
+                    "strokes at the carrier, and verify again"
+                )
             if (datetime.now(UTC).date() - made.date).days > CALIBRATION_VALID_DAYS:
                 found.append(
                     f"its calibration of {made.date} is more than {CALIBRATION_VALID_DAYS} days old"

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 import haptix
 from calibration import Fit, Protocol, Session
 from calibration.app import app
+from calibration.rig import RigCheck
 from calibration.steps import fit_folder, reduce_folder, verify_folder
 from haptix.cli import app as whole
 
@@ -53,7 +54,17 @@ def assert_for_machines(text):
         if isinstance(value, dict):
             for key, one in value.items():
                 assert re.fullmatch(r"[a-z][a-z0-9_]*|\d+", key), key
-                words = ("name", "verdict", "advice", "remarks", "term", "need", "what", "failures")
+                words = (
+                    "name",
+                    "verdict",
+                    "advice",
+                    "remarks",
+                    "term",
+                    "need",
+                    "what",
+                    "failures",
+                    "group",
+                )
                 if isinstance(one, str):
                     assert key.startswith(words), (key, one)
                 walk(one)
@@ -70,7 +81,7 @@ def test_all_the_way_to_a_surface(folder):
     assert made.exit_code == 0, made.output
     assert len(json.loads(made.stdout)) == 10
     assert_for_machines(made.stdout)
-    # Seven strokes are few: the finger is known from elsewhere.
+    # Six strokes are few: the finger is known from elsewhere.
     knowledge = ["--fix", "youngs_modulus_pa=4e7", "--fix", "h_rms_m=22e-6"]
     knowledge += ["--prior", "apparent_area_at_1n_m2=45.65e-6,0.05", "--no-compare"]
     made = run.invoke(app, ["fit", session, *knowledge, "--json"])
@@ -78,6 +89,10 @@ def test_all_the_way_to_a_surface(folder):
     assert_for_machines(made.stdout)
     found = {one["name"]: one for one in json.loads(made.stdout)["estimates"]}
     assert found["h0_m"]["value"] == pytest.approx(1.25e-7, rel=0.1)
+    done = run.invoke(app, ["verify", session, "--json"])
+    assert json.loads(done.stdout)["verdict"] == "provisional", done.output
+    right = RigCheck(normal_gain=1.0, tangential_gain=1.0, voltage_gain=1.0)
+    right.save(folder / "s" / "rig.toml")
     done = run.invoke(app, ["verify", session, "--json"])
     assert json.loads(done.stdout)["verdict"] == "passed", done.output
     assert_for_machines(done.stdout)

@@ -5,6 +5,7 @@ import pytest
 
 import haptix
 from calibration import Protocol, full_protocol, paper_protocol, short_protocol
+from calibration.measuring import drive_for
 from calibration.predict import StrokeConditions
 from calibration.protocol import expected_spread
 
@@ -93,5 +94,16 @@ def test_a_screen_that_bears_less(predictor, parameters):
 
 
 def test_no_time_at_all(predictor, parameters):
-    with pytest.raises(haptix.InputError, match="minutes: expected time for 9 strokes"):
+    with pytest.raises(haptix.InputError, match="minutes: expected time for 10 strokes"):
         short_protocol(predictor, parameters, minutes=0.1)
+
+
+def test_every_stroke_can_be_played(predictor, parameters):
+    """The current through a body limits the carrier below 200 V, and a driver plays all."""
+    for plan in (full_protocol(), short_protocol(predictor, parameters)):
+        carrier = max(s.voltage_v for s in plan.strokes if s.frequency_hz == 4000.0)
+        # 0.7 mA through 150 pF: 185.7 V.
+        assert 175.0 < carrier < 0.7e-3 / (2 * np.pi * 4000.0 * 150e-12)
+        limits = haptix.open_device("mock:").limits
+        for stroke in plan.strokes:
+            limits.check(drive_for(stroke, plan, 48_000.0).volts, 0.0, 48_000.0)

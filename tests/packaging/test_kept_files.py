@@ -96,7 +96,11 @@ def test_a_command_prints_what_it_printed(kept, case):
             name = old_name if old_name in row else RENAMED[old_name]
             if isinstance(value, float):
                 # Tolerances: rounding for what is read; the solver's own for what is solved anew.
-                close = pytest.approx(value, rel=case["relative_tolerance"], abs=1e-7)
+                # Errors of a fit are the larger of curvature and bootstrap in every direction now;
+                # they were of each parameter alone.
+                is_error = case["command"][1] == "fit" and name in ("low", "high", "spread")
+                tolerance = 0.03 if is_error else case["relative_tolerance"]
+                close = pytest.approx(value, rel=tolerance, abs=1e-7)
                 assert row[name] == close, name
             else:
                 assert row[name] == value, name
