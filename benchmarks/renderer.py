@@ -169,6 +169,8 @@ def errors(model: Any, texture: Any, path: Trajectory) -> None:
         found = simulate(setting, setting.surface()[0], TouchPanel())
         parts = "   ".join(f"{key} {part.error_p95_jnd:.2g}" for key, part in found.parts.items())
         print(f"  {name:24} {parts}   all {found.evaluation.error_p95_jnd:.2g}")
+        if found.periods is not None:
+            print(f"    mean friction of each period {found.periods.error_p95_jnd:.2g}")
 
 
 class Stalling(FrictionField):

@@ -346,10 +346,11 @@ class Motion:
     def ahead(self, steps: Array, footprint_mm: float) -> Motion:
         """Return copies of each finger's points, moved along their paths by parts of a step.
 
-        The copies follow each other, shape (len(steps) * fingers * points,).
+        The copies follow each other, shape (len(steps) * fingers * points,). Steps are the same at
+        all points, shape (copies,), or differ, shape (copies, points).
         """
         shape = (self.fingers, self.points)
-        by = steps[:, None, None]
+        by = steps.reshape(len(steps), 1, -1)
         # One point has no direction; its footprint alone is left.
         moved = self.points > 1
         x, y = (
@@ -365,7 +366,7 @@ class Motion:
             np.tile(self.normal_force_n, count),
             footprint_mm,
             self.step_s,
-            (self.t_s + self.step_s * steps[:, None]).ravel(),
+            (self.t_s.reshape(shape) + self.step_s * by).ravel(),
             lambda: (np.tile(self.vx_mm_s, count), np.tile(self.vy_mm_s, count)),
             None if self.force_known is None else self.force_known * count,
             self._history * count,

@@ -20,6 +20,7 @@ from haptix.render.target import Amplitudes, Target
 from haptix.status import Status
 from haptix.surface import FrictionSurface, Slice
 from haptix.texture import Evaluator, Feelable
+from haptix.waves import turns
 
 CONTROL_HZ = 12_000.0
 """Rate at which friction is asked for and inverted; the amplitude is a line in between. Skin feels
@@ -28,7 +29,8 @@ up to 1 kHz, and a line between points 12 times as dense follows that within 3 %
 _SHARES = 8
 """Parts of the ripple's square, from none to all of it followed, between which lines will do."""
 
-_PARTS = 5  # places of the texture in half a period
+_ROUNDED = 1e-9  # of a quarter: rounding does not move a point into the next one
+_PARTS = 4  # places of the texture in a quarter of a period
 
 DEFAULT_CARRIER_HZ = 4000.0
 """Above what skin feels, and a whole twelfth of the usual 48 kHz."""
@@ -178,7 +180,7 @@ class RenderCore:
         line = np.empty(motion.points + 1)
         line[0] = amplitude_v
         if motion.fingers:
-            found = self._amplitudes(fingers)
+            found = self._amplitudes(fingers, first_sample)
             each = (found.voltage_v * gain).reshape(motion.fingers, motion.points)
             np.minimum(self._combined(each), self._most_v, out=line[1:])
             target, status = found.target_mu, found.status
@@ -203,13 +205,13 @@ class RenderCore:
         at = np.arange(highs.shape[1])
         return column.lowest_mu, (1 - part) * highs[cell, at] + part * highs[cell + 1, at]
 
-    def _amplitudes(self, fingers: Fingers) -> Amplitudes:
-        """Amplitudes for each finger at each point."""
+    def _amplitudes(self, fingers: Fingers, first_sample: int) -> Amplitudes:
+        """Amplitudes for each finger at each point of the block that begins with a sample."""
         _, evaluator, target = self._felt
         motion = fingers.motion.within(self.reachable)
         if not self._averaged:
             return _inverted(self._slice, fingers, target, evaluator.wanted(motion))
-        value = self._over_half_a_period(evaluator, motion)
+        value = self._over_the_quarter(evaluator, motion, first_sample)
         speed = motion.footprint_mm * self.sample_rate_hz / self.step
         cell, part = self._followed(np.float64(speed))
         less, more = (
@@ -221,14 +223,18 @@ class RenderCore:
             np.where(less.status == Status.OK, more.status, less.status),
         )
 
-    def _over_half_a_period(self, evaluator: Evaluator, motion: Motion) -> Array:
-        """Numbers of the texture, averaged over the way of half a period of the drive.
+    def _over_the_quarter(self, evaluator: Evaluator, motion: Motion, first_sample: int) -> Array:
+        """Numbers of the texture, averaged over the quarter of the drive's period around a point.
 
         The attraction comes in pulses, two in a period. What the texture changes faster would be
-        felt as a slow change that it does not have.
+        felt as a slow change that it does not have. A pulse of a sine weighs its halves alike, so
+        that the mean friction over each of them is that of the texture.
         """
-        steps = self.sample_rate_hz / self.step / (2 * self.drive.frequency_hz)
-        ahead = steps * ((np.arange(_PARTS) + 0.5) / _PARTS - 0.5)
+        steps = self.sample_rate_hz / self.step / (4 * self.drive.frequency_hz)
+        # A point ends its step: where two quarters meet, it belongs to the first.
+        last = 4 * turns(first_sample + self.step, 1, self.drive.frequency_hz, self.sample_rate_hz)
+        passed = 1 - (_ROUNDED - last - np.arange(motion.points) / steps) % 1.0
+        ahead = steps * ((np.arange(_PARTS)[:, None] + 0.5) / _PARTS - passed)
         footprint_mm = motion.footprint_mm * max(1.0, steps / _PARTS)
         value = evaluator.wanted(motion.ahead(ahead, footprint_mm))
         return np.asarray(value.reshape(_PARTS, -1).mean(axis=0))

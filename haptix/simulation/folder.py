@@ -42,6 +42,7 @@ def summary_of(simulation: Simulation) -> dict[str, Any]:
         "parts": {
             name: {"what": PARTS[name], **_plain(part)} for name, part in simulation.parts.items()
         },
+        "periods": _plain(simulation.periods) if simulation.periods else None,
         "out_of_range": {
             "share_below": stats.below / stats.samples,
             "share_above": stats.above / stats.samples,

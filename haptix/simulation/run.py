@@ -12,7 +12,7 @@ import torch
 
 from haptix.checks import Array
 from haptix.motion import LIFTED_BELOW_N, Motion
-from haptix.render import LiveSettings
+from haptix.render import DirectWave, LiveSettings
 from haptix.simulation.parts import felt_in_steps
 from haptix.simulation.played import Played, Setting, play_known, play_live
 from haptix.surface import FrictionSurface
@@ -51,6 +51,10 @@ class Simulation:
     parts : mapping of str to Evaluation
         Each of `PARTS`: what switching this source off changes, when those after it are off
         already. Empty without a touch panel.
+    periods : Evaluation, optional
+        Of a direct drive with a touch panel: mean friction over each of its periods, from one zero
+        of the wave to the next, without the part of prediction. What the part of the modulation
+        has beyond it is ripple.
     """
 
     surface: FrictionSurface
@@ -62,6 +66,7 @@ class Simulation:
     is_reachable: npt.NDArray[np.bool_]
     evaluation: Evaluation
     parts: Mapping[str, Evaluation]
+    periods: Evaluation | None = None
 
     @cached_property
     def pull_past_breakdown(self) -> float:
@@ -150,13 +155,19 @@ def simulate(
     # A whole period of a slow drive, whose ripple is left out.
     average_s = max(FELT_WITHIN_S, 1 / played.renderer.drive.frequency_hz)
     parts: dict[str, Evaluation] = {}
+    periods = None
     if steps:
         before = target
+        if isinstance(played.renderer.drive, DirectWave):
+            known_felt, from_s = steps["quantisation"], known.start_s
+            periods = evaluate(known_felt, target, reachable, average_s, from_s=from_s)
         for name, step in {**steps, "prediction": felt}.items():
             parts[name] = evaluate(step, before, reachable, average_s)
             before = step.mu
     evaluation = evaluate(felt, target, reachable, average_s)
-    return Simulation(surface, played, felt, target, low, high, reachable, evaluation, parts)
+    return Simulation(
+        surface, played, felt, target, low, high, reachable, evaluation, parts, periods
+    )
 
 
 def _target(played: Played, felt: Felt) -> tuple[Array, Array, Array, npt.NDArray[np.bool_]]:

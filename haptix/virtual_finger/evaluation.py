@@ -56,6 +56,7 @@ def evaluate(
     is_reachable: npt.ArrayLike | None = None,
     average_s: float = FELT_WITHIN_S,
     weber_fraction: float = WEBER_FRACTION,
+    from_s: float | None = None,
 ) -> Evaluation:
     """Compare what a finger felt with the target at the place where it truly was.
 
@@ -76,6 +77,10 @@ def evaluate(
         of it, removes the ripple.
     weber_fraction : float
         JND over friction.
+    from_s : float, optional
+        Windows lie side by side from this time [s], instead of around each sample. On the periods
+        of a direct drive they give the error of its mean friction alone: a moving window cuts
+        through pulses of unlike height.
 
     Raises
     ------
@@ -97,14 +102,21 @@ def evaluate(
     if (target[has_target] <= 0).any() or np.isinf(target).any():
         raise InputError("target_mu: expected finite values above 0, or NaN")
     average = number("average_s", average_s, 0.0)
+    if from_s is not None:
+        positive("average_s", average_s)
+        number("from_s", from_s)
     weber = positive("weber_fraction", weber_fraction)
     sliding = felt.is_sliding
     pull_in = sliding & (felt.status == Status.PULL_IN)
     within = sliding & reachable & has_target
     usable = within & ~pull_in
     step_s = float(felt.t_s[-1] - felt.t_s[0]) / (len(felt.t_s) - 1)
-    width = min(max(1, round(float(average) / step_s)), len(felt.t_s) + 1)
-    whole, (averaged_felt, averaged_target) = _averaged(usable, width, felt.mu, target)
+    if from_s is None:
+        width = min(max(1, round(float(average) / step_s)), len(felt.t_s) + 1)
+        whole, (averaged_felt, averaged_target) = _averaged(usable, width, felt.mu, target)
+    else:
+        window = np.floor((felt.t_s - from_s) / average).astype(np.int64)
+        whole, (averaged_felt, averaged_target) = _side_by_side(usable, window, felt.mu, target)
     error = (averaged_felt - averaged_target)[whole]
     in_mu = _figures(np.abs(error))
     in_jnd = _figures(np.abs(error) / (weber * averaged_target[whole]))
@@ -139,3 +151,16 @@ def _averaged(
     means = [uniform_filter1d(column, width, mode="constant") for column in filled]
     unusable = uniform_filter1d((~usable).astype(float), width, mode="constant", cval=1.0)
     return unusable < 0.5 / width, means
+
+
+def _side_by_side(
+    usable: npt.NDArray[np.bool_], window: npt.NDArray[np.int64], *columns: Array
+) -> tuple[npt.NDArray[np.bool_], list[Array]]:
+    """As `_averaged`, over the samples of one window number; those at the ends may not be whole."""
+    window = window - window[0]
+    count = np.bincount(window).clip(1)
+    filled = (np.where(usable, column, 0.0) for column in columns)
+    means = [(np.bincount(window, column) / count)[window] for column in filled]
+    is_whole = np.bincount(window, ~usable) == 0
+    is_whole[[0, -1]] = False
+    return is_whole[window], means

@@ -113,6 +113,9 @@ def test_copies_ahead_are_on_the_path():
     t = 1e-3 * np.arange(50)
     motion = Motion.of(90 * t, 4.0, t, 90.0, 0.0)
     there = motion.ahead(np.array([-0.5, 0.0, 2.0]), 0.2)
+    each = motion.ahead(np.linspace(-1.0, 1.0, 100).reshape(2, 50), 0.2)
+    np.testing.assert_allclose(each.x_mm, 90 * each.t_s, atol=1e-12)
+    assert np.ptp(each.t_s.reshape(2, 50) - t) > 1.9e-3
     for part, name in ((90 * there.t_s, "x_mm"), (90.0, "vx_mm_s"), (90.0, "speed_mm_s")):
         np.testing.assert_allclose(getattr(there, name), part, atol=1e-12)
     assert there.footprint_mm == 0.2

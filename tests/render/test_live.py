@@ -429,6 +429,24 @@ def test_direct_drive(direct_surface, waveform):
     assert np.abs(settled).max() == pytest.approx(volts[0] * wave.peak_per_sine, rel=2e-3)
 
 
+def test_a_quarter_of_a_direct_period_asks_for_the_mean_over_its_way(model):
+    frequency_hz = 130.0  # quarters of 92.3 samples
+    scene = {"normal_force_n": (0.2, 1.0), "frequency_hz": frequency_hz}
+    surface = haptix.FrictionSurface.build(model, scene, tolerance=5e-3)
+    device, ruler = haptix.open_device("mock:"), Ruler()
+    path = haptix.Trajectory(
+        np.array([0.0, 0.5]), np.array([5.0, 55.0]), np.full(2, 10.0), np.full(2, 0.5)
+    )
+    with haptix.Renderer(surface, ruler, device, DirectWave(frequency_hz), KEEP) as renderer:
+        renderer.play(path)
+    t = times(renderer)
+    middle_s = (np.ceil(4 * frequency_hz * t - 1e-9) - 0.5) / (4 * frequency_hz)
+    inside = (t > 0.1) & (t < 0.4)
+    # The mean of a line is its middle. Friction is inverted and read back to 1e-9.
+    place = ruler.place_mm(renderer)[inside]
+    np.testing.assert_allclose(place, 5 + 100 * middle_s[inside], rtol=0, atol=1e-6)
+
+
 def test_the_ripple_is_followed_at_the_response_of_the_surfaces_finger(direct_surface):
     def highest(surface, speed_mm_per_s):
         device = haptix.open_device("mock:")

@@ -114,6 +114,18 @@ def test_direct_drive_has_its_parts(model, path):
     assert total == pytest.approx(found.evaluation.bias_mu, abs=1e-12)
 
 
+def test_a_direct_sine_gives_each_period_its_mean_and_leaves_ripple(model, path, usual):
+    scene = {"normal_force_n": (0.3, 0.8), "frequency_hz": 125.0}
+    surface = haptix.FrictionSurface.build(model, scene, tolerance=2e-3)
+    # Bricks: edges within a period, 0.48 mm here.
+    edges = haptix.texture.Grating(6.0, "square", low=0.15, high=0.85)
+    found = simulate(Setting(model, edges, path, DirectWave(125.0)), surface, PANEL)
+    assert found.periods.average_s == 1 / 125.0
+    # The figure for 125 Hz; the pulses between are felt beside it.
+    assert found.periods.error_p95_jnd < 0.15 < found.parts["modulation"].error_p95_jnd
+    assert usual.periods is None
+
+
 def test_only_a_mock_can_be_felt(setting, surface, monkeypatch):
     closed = []
     device = SimpleNamespace(mock=None, close=lambda: closed.append(True))

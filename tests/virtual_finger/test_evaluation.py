@@ -53,6 +53,22 @@ def test_ripple_within_the_window_is_not_felt_and_slower_is():
     assert evaluate(slow, slow.mu).error_max_mu == 0.0
 
 
+def test_windows_side_by_side_leave_out_pulses_of_unlike_height():
+    # Pulses sin^2 of 50 Hz from a zero at 3 ms on, each as high as its own target asks.
+    step = np.arange(N) - 30
+    phase, target = step / 200, 0.3 + 0.02 * (step // 200 % 3)
+    pulses = 0.1 + 2 * (target - 0.1) * np.sin(np.pi * phase) ** 2
+    periods = evaluate(felt(pulses), target, average_s=0.02, from_s=0.00295)
+    assert periods.error_max_mu < 1e-12
+    # From between two samples on: 30 samples before the first whole window, 170 after the last.
+    assert periods.evaluated == 1800 <= N - 30 - 170
+    assert evaluate(felt(pulses), target, average_s=0.02).error_max_mu > 1e-3
+    above = evaluate(felt(pulses + 0.03), target, average_s=0.02, from_s=0.00295)
+    assert above.bias_mu == pytest.approx(0.03)
+    with pytest.raises(InputError, match="average_s"):
+        evaluate(felt(pulses), target, average_s=0.0, from_s=0.0)
+
+
 def test_standing_unreachable_and_snapped_samples_are_counted_and_not_evaluated():
     mu = np.full(N, 0.3)
     mu[:500] = np.nan
