@@ -6,13 +6,15 @@ waves, J by quadrature, the separation by Simpson's rule in ln(q/q0 - 1), I as t
 equilibrium by the secant method on I itself, with no table in between. The terms: both gap
 distributions, finite size by a root of the mean gap, plasticity by mirror images in 50 digits, the
 skin's and a leaking gap's impedance in complex numbers, gaps held at what they bear, the body's
-impedance in series, and the critical-voltage formula. It shares no code with the package.
+impedance in series, and the critical-voltage formula. The theories are the published one and the
+corrected one of docs/mean-field.md, whose area is a root at every magnification. It shares no code
+with the package.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from math import pi, sqrt
+from math import erf, pi, sqrt
 
 import mpmath
 import numpy as np
@@ -23,7 +25,43 @@ from scipy.optimize import brentq
 
 EPS0 = 8.8541878128e-12
 LIGHT = 31.0  # a contact that carries more than this times its load counts as snapped in
+LONG_WAVES = 16  # times the roll-off: shorter waves add nothing to the highest peak
 CLOSED = 5.6  # p/tau beyond which the combined distribution drops a strip, as the package does
+
+
+@dataclass(frozen=True)
+class Theory:
+    """A mean field by the numbers of docs/mean-field.md."""
+
+    gamma: float = 0.45
+    power: int = 3
+    slowing: float = 1.0
+    """g, by which stress diffuses more slowly as area is lost."""
+    tips: float = 0.0
+    """c, of the waves that do not spread the stress inside a spot."""
+    reach: float = 1.0
+    """How many times shorter the waves are that have broken a wave's contact up."""
+    combined: bool = False
+    smooth: bool = False
+    """Whether a finite size is smooth and that of the highest peak, or capped."""
+
+    def stretched(self, t: float) -> float:
+        """``y = t sqrt(g + (1 - g) erf t)``, of which A/A0 is erf t."""
+        return t * sqrt(self.slowing + (1 - self.slowing) * erf(t))
+
+    def argument(self, y: float) -> float:
+        """Return t at y."""
+        if self.slowing == 1:
+            return y
+        ends = 0.999 * y, 1.001 * y / sqrt(self.slowing)  # rounding may move the root past either
+        return float(brentq(lambda t: self.stretched(t) - y, *ends, xtol=1e-300))
+
+    def arguments(self, y: np.ndarray) -> np.ndarray:
+        return np.array([self.argument(one) for one in y.tolist()])
+
+
+PUBLISHED = Theory()
+CORRECTED = Theory(0.315, 2, 0.48, 0.022, 1.3, combined=True, smooth=True)
 
 
 @dataclass(frozen=True)
@@ -82,14 +120,28 @@ class SelfAffine:
         number = apparent_area * (self.rolloff / (2 * pi)) ** 2
         return self.h_rms * sqrt(2 * np.log(max(number, 2.0)))
 
+    def highest_peak(self, apparent_area: float) -> float:
+        """Mean height [m] of the highest point of a random surface (docs/mean-field.md)."""
+        ends = (self.q0, min(max(self.q0, self.rolloff), self.q1))
+        ends += (min(LONG_WAVES * self.rolloff, self.q1),)
+        slope = sum(
+            quad(lambda t: 2 * pi * np.exp(4 * t) * self(np.exp(t)), *np.log(pair), epsrel=1e-10)[0]
+            for pair in pairwise(ends)
+        )
+        k = apparent_area * slope / (2 * self.h_rms**2 * (2 * pi) ** 1.5)
+        # k x exp(-x^2/2) = 1 has no root for small k: 1 + k x in place of k x.
+        x = brentq(lambda x: x * x / 2 - np.log1p(k * x), min(k, 1), 2 + 2 * np.log1p(k))
+        return float(self.h_rms * (x + np.euler_gamma * x / (1 + x * x)))
+
 
 @dataclass(frozen=True)
 class State:
     """Pressure p0 [Pa], amplitude [V], complex h0 [m], and the strength of the attraction.
 
-    `touching` [Pa] is the pressure below which finite size keeps the gaps constant. Gaps that are
+    `touching` [Pa] is the pressure at which the infinite contact's mean gap is that of the highest
+    asperity; 0 without finite size. Gaps that are
     `held` have the field that they bear at most. A `body` [F] stands in series with `fingers`
-    contacts of apparent `area` [m^2] each.
+    contacts of apparent `area` [m^2] each, whose gaps hold a `medium` of that permittivity.
     """
 
     applied: float
@@ -101,6 +153,7 @@ class State:
     body: float | None = None
     fingers: int = 1
     area: float = 0.0
+    medium: complex = 1.0
 
     @property
     def strength(self) -> float:
@@ -123,8 +176,12 @@ def thickness(
     at = np.clip(np.log(frequency), f[0], f[-1])
     eps, rho = (np.exp(PchipInterpolator(f, column)(at)) for column in held)
     eps2 = eps + 1j / (omega * EPS0 * rho)
-    leak = 0.0 if gap_resistivity is None else 1 / (omega * EPS0 * gap_resistivity)
-    return complex((h0 + skin / eps2) * (1 + 1j * leak))
+    return complex((h0 + skin / eps2) * leaking(frequency, gap_resistivity))
+
+
+def leaking(frequency: float, resistivity: float | None) -> complex:
+    """``eps_g = 1 + i/(w eps0 rho_g)`` of a gap with moisture."""
+    return 1 + (0j if resistivity is None else 1j / (2 * pi * frequency * EPS0 * resistivity))
 
 
 def apparent_area(force: float, at_1n: float, exponent: float) -> float:
@@ -181,16 +238,22 @@ def two_walls(mean: float, spread: float) -> tuple[float, float]:
         return float(area), float(m - load)
 
 
-def separation_integral(gamma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return values of ln y, and ln J there."""
+def separation_integral(theory: Theory) -> tuple[np.ndarray, np.ndarray]:
+    """Return values of ln y, and ln J there.
+
+    ``J = int_y^inf [gamma + n (1 - gamma) A^(n-1)] exp(-t^2) dt/x(t)``, A = erf t the area at x.
+    """
     log_y = np.linspace(np.log(1e-9), np.log(6.0), 1501)
+    rest = theory.power * (1 - theory.gamma)
 
-    def integrand(t: float) -> float:
-        y = np.exp(t)
-        return (gamma + 3 * (1 - gamma) * special.erf(y) ** 2) * np.exp(-y * y)
+    def integrand(log_t: float) -> float:
+        t = np.exp(log_t)
+        energy = theory.gamma + rest * erf(t) ** (theory.power - 1)
+        return energy * np.exp(-t * t) * t / theory.stretched(t)
 
-    cells = [quad(integrand, a, b)[0] for a, b in pairwise(log_y)]
-    tail = quad(integrand, log_y[-1], np.log(9.0))[0]
+    ends = np.log(theory.arguments(np.exp(log_y)))
+    cells = [quad(integrand, a, b)[0] for a, b in pairwise(ends)]
+    tail = quad(integrand, ends[-1], np.log(9.0))[0]
     return log_y, np.log(np.cumsum([tail, *cells[::-1]])[::-1])
 
 
@@ -198,7 +261,7 @@ class Oracle:
     """Area, separation, attraction and equilibrium of one contact.
 
     `fineness` multiplies the number of strips, depths and gaps; the change that it causes is the
-    oracle's own error. `combined` gives every strip the width ``1/s^2 = 1/h_rms^2(q) + 1/u1^2``;
+    oracle's own error. Combined gaps give every strip the width ``1/s^2 = 1/h_rms^2(q) + 1/u1^2``;
     strips whose gap is zero to double precision have none and are dropped, as in the package
     (`keep_closed` counts them as gaps of zero instead). With a `hardness` [Pa] the area yields.
     """
@@ -209,22 +272,21 @@ class Oracle:
         self,
         rough: SelfAffine,
         solid: Solid,
-        gamma: float,
+        theory: Theory = PUBLISHED,
         fineness: float = 1.0,
-        combined: bool = False,
         hardness: float | None = None,
         keep_closed: bool = False,
     ) -> None:
-        self.combined, self.hardness, self.keep_closed = combined, hardness, keep_closed
+        self.theory, self.hardness, self.keep_closed = theory, hardness, keep_closed
         self.strips, self.depth, self.gaps = (
             int(n * fineness) // 2 * 2 + 1 for n in (500, 400, 500)
         )
         q0, q1 = rough.q0, rough.q1
         x = np.linspace(np.log(1e-18), np.log(q1 / q0 - 1), self.WAVES)
-        self.bend = x[0]
-        if q0 < rough.rolloff < q1:
-            self.bend = np.log(rough.rolloff / q0 - 1)
-            x = np.unique(np.append(x, self.bend))
+        # The roll-off, and what lies a reach before it and before the end.
+        bends = {rough.rolloff, rough.rolloff / theory.reach, q1 / theory.reach}
+        self.bends = [np.log(q / q0 - 1) for q in sorted(bends) if q0 < q < q1]
+        x = np.unique(np.append(x, self.bends))
         ratio = np.exp(x)
         q = np.clip(q0 * (1 + ratio), q0, q1)
         modulus = solid.effective(q)
@@ -240,18 +302,44 @@ class Oracle:
         self.x, self.log_below = x, np.log(below)
         self.log_opening = np.log(added / (q * modulus))  # dT/dx over q E*
         self.tau = sqrt(self.total)
-        self.gamma = gamma
-        self.log_y, self.log_j = separation_integral(gamma)
+        self.wave, self.stress = np.sqrt(q[1:] * q[:-1]), np.diff(below, prepend=0.0)[1:]
+        self.log_y, self.log_j = separation_integral(theory)
 
     def area_fraction(self, pressure: float) -> float:
+        argument = self.theory.argument(pressure / self.spread(pressure))
         if self.hardness is None:
-            return float(special.erf(pressure / self.tau))
-        # erf(p/tau) is what a wall at 0 leaves of a Gaussian of variance tau^2/2.
-        return sum(two_walls(pressure / self.hardness, self.tau / sqrt(2) / self.hardness))
+            return erf(argument)
+        # erf t is what a wall at 0 leaves of a Gaussian of standard deviation p/t/sqrt(2).
+        return sum(two_walls(*np.array([pressure, pressure / argument / sqrt(2)]) / self.hardness))
 
-    def mean_gap(self, pressure: float) -> float:
-        at = np.array([pressure])
+    def spread(self, pressure: float) -> float:
+        """``sqrt(int dT / (1 + (q_s/q)^2))`` [Pa], tau but for waves longer than a spot."""
+        if not self.theory.tips:
+            return self.tau
+        second, fourth = (float((self.stress * self.wave**-n).sum()) for n in (2.0, 4.0))
+        curved = second / fourth
+        spot = self.theory.tips * curved * (pressure**2 / (second * curved)) ** (-1 / 3)
+        return sqrt(float((self.stress / (1 + spot / self.wave**2)).sum()))
+
+    def mean_gap(self, pressure: float, touching: float = 0.0) -> float:
+        at = np.array([self.of_gap(pressure, touching)])
         return float(self._separation(at, np.zeros(1), np.array([self.total]))[0])
+
+    def of_gap(self, pressure: float, touching: float) -> float:
+        """Pressure [Pa] at which an infinite contact has the mean gap of a finite one."""
+        if self.theory.smooth:
+            return (pressure ** (2 / 3) + touching ** (2 / 3)) ** 1.5
+        return max(pressure, touching)
+
+    def of_pull(self, pressure: float, touching: float) -> float:
+        """Pressure [Pa] at which an infinite contact has the attraction of a finite one."""
+        at = self.of_gap(pressure, touching)
+        return sqrt(pressure * at) if self.theory.smooth else at
+
+    def height(self, rough: SelfAffine, apparent_area: float) -> float:
+        """Height [m] of the highest asperity by the theory."""
+        peak = rough.highest_peak if self.theory.smooth else rough.highest_asperity
+        return peak(apparent_area)
 
     def touching_pressure(self, height: float) -> float:
         """Pressure [Pa] at which the mean gap equals a height [m]."""
@@ -275,11 +363,15 @@ class Oracle:
         is_open = rest > start
         left = np.where(is_open, rest - start, 1.0)
         low = np.interp(np.log((before + start) / left), self.logit, self.x[:-1])
-        # Up to the roll-off and from there: Simpson's rule is inaccurate across the bend.
-        bend = np.maximum(low, self.bend)
-        first = self._panel(pressure, before, start, low, bend)
-        second = self._panel(pressure, before, start, bend, np.full_like(low, self.x[-1]))
-        return np.where(is_open, first + second, 0.0)
+        if self.theory.reach > 1:  # waves that much longer open too, but none that is seen already
+            low = np.log(np.maximum((1 + np.exp(low)) / self.theory.reach - 1, 1e-9))
+            with np.errstate(divide="ignore"):
+                logit = np.log(before / np.where(is_open, rest, 1.0))
+            low = np.maximum(low, np.interp(logit, self.logit, self.x[:-1]))
+        # From bend to bend: Simpson's rule is inaccurate across them.
+        ends = [low, *(np.maximum(low, bend) for bend in self.bends), np.full_like(low, self.x[-1])]
+        parts = [self._panel(pressure, before, start, *pair) for pair in pairwise(ends)]
+        return np.where(is_open, sum(parts), 0.0)
 
     def _panel(
         self,
@@ -291,11 +383,13 @@ class Oracle:
     ) -> np.ndarray:
         span = high - low
         x = low[:, None] + span[:, None] * np.linspace(0, 1, self.depth)
-        seen = np.exp(np.interp(x, self.x, self.log_below)) - before[:, None]
+        shorter = np.log(self.theory.reach * (1 + np.exp(x)) - 1) if self.theory.reach > 1 else x
+        seen = np.exp(np.interp(shorter, self.x, self.log_below)) - before[:, None]
         tau = np.sqrt(np.maximum(seen, start[:, None]))
         log_y = np.log(pressure)[:, None] - np.log(tau)
-        # J -> gamma ln(1/y) below the table's end.
-        beyond = self.gamma * np.maximum(self.log_y[0] - log_y, 0.0)
+        # J -> gamma ln(1/y) / sqrt(g) below the table's end.
+        slope = self.theory.gamma / sqrt(self.theory.slowing)
+        beyond = slope * np.maximum(self.log_y[0] - log_y, 0.0)
         j = np.exp(np.interp(log_y, self.log_y, self.log_j)) + beyond
         integrand = np.exp(np.interp(x, self.x, self.log_opening)) / (2 * tau) * j
         return 2 / sqrt(pi) * simpson(integrand, dx=1 / (self.depth - 1), axis=1) * span
@@ -305,10 +399,10 @@ class Oracle:
         return self.gap_mean(pressure, h0, lambda u: abs(u + h0) ** -2).real
 
     def capacitance(self, pressure: float, state: State) -> complex:
-        """``eps0 A0 <1/(u + h0)>`` [F] of gaps and spots."""
-        near = max(pressure, state.touching)
+        """``eps0 eps_g A0 <1/(u + h0)>`` [F] of gaps and spots."""
+        near = self.of_pull(pressure, state.touching)
         gaps = self.gap_mean(near, state.h0, lambda u: 1 / (u + state.h0))
-        return EPS0 * state.area * (gaps + self.area_fraction(pressure) / state.h0)
+        return EPS0 * state.medium * state.area * (gaps + self.area_fraction(pressure) / state.h0)
 
     def gap_mean(
         self, pressure: float, h0: complex, of_gap: Callable[[np.ndarray], np.ndarray]
@@ -321,7 +415,7 @@ class Oracle:
         late = np.geomspace(total / 2, total * 1e-12, self.strips)
         before = np.concatenate([early, total - late[1:]])
         rest = np.concatenate([total - early, late[1:]])
-        y = pressure / np.sqrt(before)
+        y = self.theory.arguments(pressure / np.sqrt(before))
         area = special.erf(y)
         parts = 24
         ubar = np.concatenate(
@@ -339,7 +433,7 @@ class Oracle:
         u1 = np.maximum(-np.diff(area * ubar), 0.0) / np.maximum(opened, 1e-300)
         middle = np.log(before[1:] / rest[1:] * before[:-1] / rest[:-1]) / 2
         s = np.sqrt(np.interp(middle, self.logit, self.short_waves[:-1]))
-        if self.combined:
+        if self.theory.combined:
             is_open = (rest[:-1] > (pressure / area[:-1] / CLOSED) ** 2) & (u1 > 0)
             if self.keep_closed:
                 u1 = np.maximum(u1, 1e-9 * abs(h0))
@@ -364,18 +458,23 @@ class Oracle:
 
     def attraction(self, pressure: float, state: State) -> float:
         """``<1/|u + h0|^2>`` that loads the contact."""
-        left = 1.0
-        if state.body is not None:
-            left = abs(voltage_left(self.capacitance(pressure, state), state.body, state.fingers))
-        volts = state.voltage * left
+        left = self.left(pressure, state)
+        # Gaps are held by the voltage at rest, as the package does (docs/terms.md).
+        volts = state.voltage * (self.left(state.applied, state) if state.held else left)
 
         def squared(u: np.ndarray) -> np.ndarray:
             return held_square(u, state.h0, volts) if state.held else abs(u + state.h0) ** -2
 
-        total = self.gap_mean(max(pressure, state.touching), state.h0, squared).real
+        total = self.gap_mean(self.of_pull(pressure, state.touching), state.h0, squared).real
         if state.spots:
             total += self.area_fraction(pressure) / abs(state.h0) ** 2
         return total * left**2
+
+    def left(self, pressure: float, state: State) -> float:
+        """Share of the voltage that a contact of this pressure has."""
+        if state.body is None:
+            return 1.0
+        return abs(voltage_left(self.capacitance(pressure, state), state.body, state.fingers))
 
     def equilibrium(self, state: State, near: float) -> float:
         """Root of ``p = p0 + eps0 V^2 I(p)/4`` by the secant method from a pressure near it."""
@@ -404,13 +503,19 @@ class Oracle:
         """``Vc = 2 / sqrt(eps0 Lambda)``, Lambda = I/p at a reference pressure."""
         proportion = self.gap_attraction(reference, h0) / reference
         if spots:
-            proportion += 2 / sqrt(pi) / self.tau / abs(h0) ** 2
+            proportion += self.light_area(reference) / reference / abs(h0) ** 2
         return 2 / sqrt(EPS0 * max(proportion, 1e-300))  # complete contact: no attraction
 
-    def closed_form_area(self, applied: float, voltage: float, critical: float) -> float:
-        """A/A0 of light contact: in proportion to ``p0 / (1 - (V/Vc)^2)``."""
+    def light_area(self, pressure: float) -> float:
+        """A/A0 at a pressure if the contact were light there: erf t is 2 t / sqrt(pi)."""
+        return 2 / sqrt(pi * self.theory.slowing) * pressure / self.spread(pressure)
+
+    def closed_form_area(
+        self, applied: float, voltage: float, critical: float, reference: float
+    ) -> float:
+        """A/A0 in proportion to ``p0 / (1 - (V/Vc)^2)``, by that of a reference pressure."""
         pressure = applied / (1 - (voltage / critical) ** 2)
-        return min(1.0, 2 / sqrt(pi) * pressure / self.tau)
+        return min(1.0, self.light_area(reference) * pressure / reference)
 
 
 TERMS = {

@@ -9,7 +9,7 @@ waves, where a light contact breaks up within 1e-4 of q0, and the last ones, whe
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, log, pi, sqrt
+from math import ceil, inf, log, pi, sqrt
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -46,7 +46,8 @@ _TOUCHING_RANGE, _TOUCHING_STEP = (-46.0, 2.0), log(10) / 12  # of ln p/tau
 _LEAST_EXCESS = 1e-7  # q/q0 - 1 from which a separation with a reach is integrated
 _SPOT_RANGE = -30.0, 40.0  # of ln (q_s/q_c)^2: all waves count, or none
 _SPOT_NODES = 351  # of the share that counts, on steps of 0.2: the cubic is right to 1e-6
-_SEPARATION_POINTS = 32  # Gauss points in each panel of one mean separation
+_SEPARATION_POINTS = 32  # Gauss points, at most, in each panel of one mean separation
+_FIRST_SPAN, _PER_SPAN = 8.0, 2.0  # of ln(q/q0 - 1) in the first panel; points for each 1 of it
 _MOST_BENDS = 20  # of a spectrum that is integrated from bend to bend
 _LEAST_BAND = 3.0  # q1/q0; the theory is one of many waves, two decades of them are usual
 _Y_FLAT = 5.9  # erfc(5.9) = 7e-17: contact at this y is complete to double precision
@@ -188,13 +189,17 @@ class MeanField:
         bends = [0.0, *(float(kink) for kink in kinks)]
         if len(bends) > _MOST_BENDS:
             bends = np.arange(0.0, last, 0.5).tolist()
-        self._panel_ends = [*sorted(bend for bend in bends if bend < last), last]
-        # With a reach no wave's tau vanishes, and the integrand is smoother.
-        fewer = len(bends) > 4 or self.reach > 1
-        count = _SEPARATION_POINTS // 2 if fewer else _SEPARATION_POINTS
-        self._points, self._weights = (
-            torch.from_numpy(a).to(self.device) for a in np.polynomial.legendre.leggauss(count)
-        )
+        ends = [*sorted(bend for bend in bends if bend < last), last]
+        counts = [_SEPARATION_POINTS // 2 if len(bends) > 4 else _SEPARATION_POINTS] * len(ends)
+        if self.reach > 1 and len(bends) <= _MOST_BENDS:
+            # With a reach no wave's tau vanishes, and a short panel needs few points.
+            spans = [_FIRST_SPAN, *np.diff(ends)]
+            counts = [min(_SEPARATION_POINTS, 6 + ceil(_PER_SPAN * span)) for span in spans]
+        rules = (np.stack(np.polynomial.legendre.leggauss(count), -1) for count in counts)
+        self._panels = [
+            (end, torch.from_numpy(rule).to(self.device))
+            for end, rule in zip(ends, rules, strict=True)
+        ]
 
     def _tabulate_spots(self, variance: Tensor, q: Tensor) -> None:
         """Tabulate ``ln T_s / T1`` against ``ln (q_s/q_c)^2``, given the waves' variances."""
@@ -392,9 +397,9 @@ class MeanField:
         least = 0.5 * start  # rounding must not take tau below where the integral starts
         total = torch.zeros_like(rest)
         # Loops over panels and points, not over the batch, keep every array within the cache.
-        for end in self._panel_ends:
+        for end, rule in self._panels:
             high = low.clamp(min=end)
-            for point, weight in zip(self._points, self._weights, strict=True):
+            for point, weight in rule:
                 log_wave = self._log_waves(low + (high - low) * ((1 + point) / 2))
                 tau = torch.maximum(torch.exp(log_wave[..., 0]) - variance, least).sqrt()
                 opening = (high - low) * torch.exp(log_wave[..., 1]) / tau
