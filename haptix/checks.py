@@ -59,7 +59,30 @@ def positive(name: str, value: Any, *, open_end: bool = False) -> float:
     return number(name, value, above=0.0, open_end=open_end)
 
 
-_BY_ANNOTATION: dict[str, Callable[[str, Any], float]] = {
+def boolean(name: str, value: Any) -> bool:
+    """Check that a value is True or False, and not a word that says so."""
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{name}: expected True or False, got {value!r:.80}")
+    return bool(value)
+
+
+def shown(value: Any) -> str:
+    """Return the start of a value's repr, in one line."""
+    return " ".join(f"{value!r:.400}".split())[:80]
+
+
+def instance(name: str, value: Any, kind: type[Any], hint: str = "") -> None:
+    """Check that a value is of a class; `hint` says how one is made, or in which order."""
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        raise InputError(
+            f"{name}: expected {article} {kind.__name__}, got {shown(value)}"
+            f"{f'; {hint}' if hint else ''}"
+        )
+
+
+_BY_ANNOTATION: dict[str, Callable[[str, Any], Any]] = {
+    "bool": boolean,
     "float": number,
     "Positive": positive,
     "NotNegative": partial(number, least=0.0),
@@ -68,7 +91,7 @@ _BY_ANNOTATION: dict[str, Callable[[str, Any], float]] = {
 
 
 def check_fields(owner: Any) -> None:
-    """Check the numbers of a dataclass by their annotations; a float is any finite number.
+    """Check numbers and bools of a dataclass by their annotations; a float is any finite number.
 
     Its module must have ``from __future__ import annotations``. Optional numbers may be None.
     """

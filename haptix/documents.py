@@ -12,7 +12,7 @@ from torch import Tensor
 
 from haptix.checks import plain
 from haptix.errors import FileFormatError, InputError
-from haptix.files import json_text, read_json, read_toml, write_whole
+from haptix.files import file_at, json_text, read_json, read_toml, write_whole
 from haptix.units import with_numbers
 
 
@@ -85,7 +85,7 @@ class Document(Part):
         InputError
             If a field is unknown, missing or outside its range.
         """
-        path = Path(path)
+        path = file_at("path", path)
         fields = read_json(path) if path.suffix == ".json" else read_toml(path)
         version = fields.get("schema_version", 1)
         if version != 1:

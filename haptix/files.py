@@ -42,13 +42,20 @@ Content = bytes | memoryview | str | Callable[[Path], object]
 """What a file holds: bytes, text, or a function that writes it to the path that it is given."""
 
 
+def file_at(name: str, path: Any) -> Path:
+    """Return a path; raise `InputError` where it is none."""
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"{name}: expected the path of a file, got {path!r:.80}")
+    return Path(path)
+
+
 def write_whole(path: str | Path, content: Content) -> None:
     """Write a file, or leave what was there before and raise `FileFormatError`.
 
     Missing folders are made. The content goes to a temporary name beside `path`, onto the disk,
     and only then gets its name.
     """
-    path = Path(path)
+    path = file_at("path", path)
     try:
         _write({path: content})
     except OSError as error:
@@ -133,8 +140,9 @@ def json_text(value: object) -> str:
 
 def read_bytes(path: str | Path, largest_bytes: int = LARGEST_DOCUMENT_BYTES) -> bytes:
     """Read a file of at most `largest_bytes`, or raise `FileFormatError`."""
+    path = file_at("path", path)
     try:
-        with Path(path).open("rb") as file:
+        with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             if size <= largest_bytes:
                 # A pipe or a device does not say its size.

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from haptix.checks import instance
 from haptix.contact import THEORIES, ContactSpots, GapDistribution, TheoryName
 from haptix.contact.meanfield import check_contact_spots
 from haptix.electro import Pull, drive_voltage
@@ -111,6 +112,8 @@ class ContactModel:
         boundary_elements: BoundaryElementBox | None = None,
         on_progress: Callable[[float], None] | None = None,
     ) -> None:
+        instance("finger", finger, Finger, 'haptix.Finger.preset("semi-wet") is one')
+        instance("screen", screen, Screen, 'haptix.Screen.preset("3m-sct3250") is one')
         if fidelity not in FIDELITIES:
             names = ", ".join(f'"{name}"' for name in FIDELITIES)
             raise InputError(f"fidelity: expected one of {names}, got {fidelity!r}")

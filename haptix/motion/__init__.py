@@ -3,6 +3,7 @@
 from haptix.motion.block import Depends, Facts, History, LocalFrame, Motion, Report
 from haptix.motion.trajectory import (
     FARTHEST_MM,
+    HARDEST_N,
     LIFTED_BELOW_N,
     STANDING_BELOW_MM_PER_S,
     VELOCITY_OVER_S,
@@ -11,6 +12,7 @@ from haptix.motion.trajectory import (
 
 __all__ = [
     "FARTHEST_MM",
+    "HARDEST_N",
     "LIFTED_BELOW_N",
     "STANDING_BELOW_MM_PER_S",
     "VELOCITY_OVER_S",

@@ -18,6 +18,9 @@ from haptix.files import read_csv
 FARTHEST_MM = 1e6
 """Places farther from the origin than this are not on a screen."""
 
+HARDEST_N = 100.0
+"""No finger presses with more: a larger number is in another unit."""
+
 LIFTED_BELOW_N = 1e-3
 """Below this normal force the finger does not touch."""
 
@@ -76,6 +79,10 @@ class Trajectory:
                     f"{name}: expected places on a screen, within {FARTHEST_MM:g} mm, got "
                     f"{farthest:g} mm"
                 )
+        high = self.normal_force_n > HARDEST_N
+        if high.any():
+            expected = f"a finger's force, {HARDEST_N:g} N at most"
+            raise _bad_force(expected, self.normal_force_n, high)
         if self.normal_force_n.min() < 0:
             raise _bad_force("0 N (lifted) or more", self.normal_force_n, self.normal_force_n < 0)
 

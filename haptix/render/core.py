@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io import Device
-from haptix.checks import Array
+from haptix.checks import Array, instance
 from haptix.errors import InputError
 from haptix.finger_response import FingerResponse
 from haptix.motion import Motion
@@ -19,7 +19,7 @@ from haptix.render.settings import RenderSettings
 from haptix.render.target import Amplitudes, Target
 from haptix.status import Status
 from haptix.surface import FrictionSurface, Slice
-from haptix.texture import Evaluator, Feelable
+from haptix.texture import Evaluator, Feelable, check_feelable
 from haptix.waves import turns
 
 CONTROL_HZ = 12_000.0
@@ -118,6 +118,8 @@ class RenderCore:
         If the device cannot play the drive, or the surface does not hold it.
     """
 
+    _settings_kind: type[RenderSettings] = RenderSettings
+
     def __init__(
         self,
         surface: FrictionSurface,
@@ -126,6 +128,14 @@ class RenderCore:
         drive: Drive | None = None,
         settings: RenderSettings | None = None,
     ) -> None:
+        order = "the order is (surface, texture, device)"
+        instance("surface", surface, FrictionSurface, order)
+        check_feelable("texture", texture)
+        instance("device", device, Device, f"{order}; haptix.open_device('mock:') opens one")
+        if drive is not None:
+            instance("drive", drive, Drive, "such as haptix.render.SineCarrier(4000)")
+        if settings is not None:
+            instance("settings", settings, self._settings_kind)
         self.settings = settings = RenderSettings() if settings is None else settings
         rate = device.capabilities.sample_rate_hz
         self.drive = drive = _on_device(drive or SineCarrier(_carrier_hz(surface)), device)
@@ -165,6 +175,7 @@ class RenderCore:
 
     @texture.setter
     def texture(self, texture: Feelable) -> None:
+        check_feelable("texture", texture)
         # One tuple, so that a thread that renders sees the old one or the new one.
         evaluator = texture.evaluator
         self._felt = (texture, evaluator, Target(evaluator.target, self.settings.compress))
@@ -197,6 +208,11 @@ class RenderCore:
 
     def reachable(self, normal_force_n: Array, speed_mm_per_s: Array) -> tuple[Array, Array]:
         """Lowest and highest friction coefficient at forces and speeds, shape (points,)."""
+        try:
+            normal_force_n = np.asarray(normal_force_n, dtype=np.float64)
+            speed_mm_per_s = np.asarray(speed_mm_per_s, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError("reachable: expected rows of forces and speeds") from None
         column = self._slice.columns_at(normal_force_n)
         if not self._averaged:
             return column.lowest_mu, column.highest_mu

@@ -89,9 +89,10 @@ class LiveFingers:
         )  # fmt: skip
         return Fingers(motion, gain_at, rows)
 
-    def take(self, event: TouchEvent, arrival_s: float) -> None:
-        """Take a touch event that arrives now; a move of an unknown finger brings it down."""
-        if event.kind == "move" and event.touch_id not in self.touches:
+    def take(self, event: TouchEvent, arrival_s: float | None = None) -> None:
+        """Take a touch event, see `Touches.push`; a move of an unknown finger brings it down."""
+        kind = getattr(event, "kind", None)
+        if kind == "move" and event.touch_id not in self.touches:
             event = event._replace(kind="down")
         self.touches.push(event, arrival_s)
 
@@ -110,6 +111,7 @@ class _LiveSession(RenderSession):
     """A session in which each block knows only the touches that have arrived, and predicts."""
 
     settings: LiveSettings
+    _settings_kind = LiveSettings
 
     def __init__(
         self,
@@ -227,7 +229,7 @@ class LiveRenderer(_LiveSession):
         self._count(block, time.perf_counter() - began)
         newest = self._fingers.newest_s
         if newest is not None:
-            self.stats.touch_age_s = t0_s - newest
+            self.stats.add_touch_age(t0_s - newest)
         producer, counts = self._producer, (self.stats.underruns, self.stats.late_blocks)
         if producer is not None and producer.shortages != counts:
             self._take_stats(producer)

@@ -8,7 +8,7 @@ from math import hypot
 
 import numpy as np
 
-from haptix.checks import Array
+from haptix.checks import Array, number
 from haptix.errors import InputError
 from haptix.motion import VELOCITY_OVER_S, Motion, Trajectory
 from haptix.render.core import Fingers
@@ -200,10 +200,12 @@ class Renderer(VirtualTimeSession):
         problem = problem_of(event)
         if problem is not None:
             raise InputError(problem)
-        self._check_gap(event.t_s)
         if event.kind == "up":
+            number("touch: t_s of a lift", event.t_s)
+            self._check_gap(event.t_s)
             self._fingers.lift(event.touch_id, event.t_s)
             return
+        self._check_gap(event.t_s)
         found = _FORCE.estimate(event.normal_force_n, event.contact_area_m2)
         force = _FORCE.assumed if found is None else found
         place = (event.x_mm, event.y_mm)

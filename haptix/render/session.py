@@ -48,6 +48,8 @@ class RenderStats:
     """Blocks that arrived after samples had run out."""
     touch_age_s: float = 0.0
     """Time from the newest touch to the start of the last block [s]."""
+    touch_ages_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT), repr=False)
+    """That time of each of the last blocks with a finger on the screen [s]."""
     stall_s: float = 0.0
     """Longest time in which the device got no samples [s]; 0 if they never ran out."""
     holding_lead_s: float | None = None
@@ -65,6 +67,11 @@ class RenderStats:
             self.above += int(each[Status.ABOVE] + each[Status.PULL_IN] + each[Status.BREAKDOWN])
             self.outside += int(each[Status.OUT_OF_RANGE])
 
+    def add_touch_age(self, seconds: float) -> None:
+        """Count the age of the newest touch at the start of a block."""
+        self.touch_age_s = seconds
+        self.touch_ages_s.append(seconds)
+
     def __str__(self) -> str:
         line = (
             f"{self.samples} samples ({self.below} below reach, {self.above} above, "
@@ -78,21 +85,37 @@ class RenderStats:
     @property
     def p50_block_s(self) -> float:
         """Median time to compute a block [s]; nan without blocks."""
-        return self._percentile(50)
+        return _percentile(self.block_s, 50)
 
     @property
     def p99_block_s(self) -> float:
         """99th percentile of it [s]."""
-        return self._percentile(99)
+        return _percentile(self.block_s, 99)
 
     @property
     def max_block_s(self) -> float:
         """Longest time [s]."""
-        return self._percentile(100)
+        return _percentile(self.block_s, 100)
 
-    def _percentile(self, percent: float) -> float:
-        times = list(self.block_s)
-        return float(np.percentile(times, percent)) if times else float("nan")
+    @property
+    def p50_touch_age_s(self) -> float:
+        """Median age of the newest touch at the start of a block [s]; nan without touches."""
+        return _percentile(self.touch_ages_s, 50)
+
+    @property
+    def p99_touch_age_s(self) -> float:
+        """99th percentile of it [s]."""
+        return _percentile(self.touch_ages_s, 99)
+
+    @property
+    def max_touch_age_s(self) -> float:
+        """Largest age [s]."""
+        return _percentile(self.touch_ages_s, 100)
+
+
+def _percentile(times: deque[float], percent: float) -> float:
+    kept = list(times)
+    return float(np.percentile(kept, percent)) if kept else float("nan")
 
 
 class RenderSession(RenderCore, ABC):

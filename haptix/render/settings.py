@@ -5,11 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from haptix.checks import Length, Positive, check_fields, choice
+from haptix.checks import (
+    Length,
+    NotNegative,
+    Positive,
+    check_fields,
+    choice,
+    increasing,
+    instance,
+)
+from haptix.errors import InputError
 from haptix.touch import TouchSettings
 
 Combination = Literal["strongest", "first", "mean"]
 """Which finger sets the amplitude of the one electrode that all fingers share."""
+
+LONGEST_S = 1.0
+"""A longer block or lead is one in milliseconds."""
 
 SLEW_V_PER_S = 4e5
 """Largest slope of the amplitude. An edge of the texture takes 0.5 ms to the full 200 V; a faster
@@ -31,10 +43,18 @@ class Sliding:
         Whether a finger that stands still gets no voltage.
     """
 
-    from_mm_per_s: float = 2.0
-    to_mm_per_s: float = 1.0
-    fade_s: float = 0.005
+    from_mm_per_s: NotNegative = 2.0
+    to_mm_per_s: NotNegative = 1.0
+    fade_s: Positive = 0.005
     is_needed: bool = True
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.to_mm_per_s > self.from_mm_per_s:
+            raise InputError(
+                "expected to_mm_per_s <= from_mm_per_s, got "
+                f"{self.to_mm_per_s:g} and {self.from_mm_per_s:g}"
+            )
 
     def is_sliding(self, speed_mm_per_s: float, was_sliding: bool) -> bool:
         """Whether a finger of this speed gets the drive."""
@@ -84,6 +104,10 @@ class RenderSettings:
     def __post_init__(self) -> None:
         check_fields(self)
         choice("combination", self.combination, get_args(Combination))
+        instance("sliding", self.sliding, Sliding)
+        _not_ms("block_s", self.block_s)
+        if self.compress is not None and len(increasing("compress", self.compress)) != 2:
+            raise InputError(f"compress: expected two numbers, low and high, got {self.compress!r}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,3 +129,13 @@ class LiveSettings(RenderSettings):
     touch: TouchSettings = field(default_factory=TouchSettings)
     lead_s: Positive = 0.025
     strict: bool = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        instance("touch", self.touch, TouchSettings)
+        _not_ms("lead_s", self.lead_s)
+
+
+def _not_ms(name: str, value: float) -> None:
+    if value > LONGEST_S:
+        raise InputError(f"{name}: expected {LONGEST_S:g} s at most, got {value:g}; is it in ms?")

@@ -11,7 +11,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from haptix.checks import instance
 from haptix.errors import InputError, RangeError, ToleranceError
+from haptix.files import file_at
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.status import Status
@@ -100,6 +102,7 @@ class FrictionSurface:
         ToleranceError
             If the tolerance cannot be met within the size; it carries the best surface reached.
         """
+        instance("model", model, ContactModel, "the order is (model, scene)")
         if model.boxed is not None:
             job = MeasuringJob(model, scene or {})
             return cls.measured(job, tolerance, on_progress, largest_bytes, notes)
@@ -176,7 +179,7 @@ class FrictionSurface:
         FileFormatError
             If the file is missing, foreign, damaged, of a later version or of another model.
         """
-        return cls(*load_table(Path(path), model))
+        return cls(*load_table(file_at("path", path), model))
 
     @property
     def normal_force_n(self) -> Axis:

@@ -2,6 +2,7 @@ from .composition import Composition as Composition
 from .composition import Sprite as Sprite
 from .evaluator import Evaluator as Evaluator
 from .evaluator import Feelable as Feelable
+from .evaluator import check_feelable as check_feelable
 from .field import FrictionField as FrictionField
 from .field import TargetKind as TargetKind
 from .field import as_mu as as_mu

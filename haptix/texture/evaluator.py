@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
-from haptix.checks import Array
+from haptix.checks import Array, shown
+from haptix.errors import InputError
 from haptix.motion import Depends, Facts, Motion, Report
 from haptix.texture.field import TargetKind
 
@@ -41,3 +42,12 @@ class Feelable(Protocol):
     @property
     def evaluator(self) -> Evaluator:
         """What answers for it."""
+
+
+def check_feelable(name: str, texture: Any) -> None:
+    """Raise `InputError` unless a renderer can ask a texture."""
+    if isinstance(texture, type) or not hasattr(texture, "evaluator"):
+        hint = "haptix.Texture.from_image(path, width_mm=60) reads a photograph"
+        raise InputError(
+            f"{name}: expected a texture, a material or a layout, got {shown(texture)}; {hint}"
+        )

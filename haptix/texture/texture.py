@@ -11,7 +11,7 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 from scipy.ndimage import zoom
 
-from haptix.checks import Array, choice, number, positive
+from haptix.checks import Array, choice, number, positive, shown
 from haptix.documents import Document
 from haptix.errors import FileFormatError, InputError
 from haptix.texture.field import FrictionField, TargetKind, check_range
@@ -109,9 +109,14 @@ class Texture(FrictionField):
 
     def __post_init__(self) -> None:
         positive("width_mm", self.width_mm)
-        level = self.level
-        if not isinstance(level, np.ndarray):
-            raise InputError(f"level: expected an array of numpy, got a {type(level).__name__}")
+        try:
+            level = np.asarray(self.level, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"level: expected rows of numbers, got {shown(self.level)}; haptix.Texture."
+                "from_image(path, width_mm) reads a photograph"
+            ) from None
+        object.__setattr__(self, "level", level)
         if level.ndim != 2 or 0 in level.shape or not ((level >= 0) & (level <= 1)).all():
             raise InputError(
                 f"level: expected a map of values from 0 to 1, got shape {level.shape}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -10,15 +9,18 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from haptix import checks
+from haptix.checks import instance
 from haptix.errors import InputError
 from haptix.files import read_csv
-from haptix.motion import Trajectory
+from haptix.motion import HARDEST_N, LIFTED_BELOW_N, Trajectory
 
 TouchKind = Literal["down", "move", "up"]
 KINDS: tuple[TouchKind, ...] = ("down", "move", "up")
 
 LARGEST_MM = 1e4
 """Ten metres; larger numbers are not in millimetres."""
+LEAST_AREA_M2, LARGEST_AREA_M2 = 1e-8, 1e-2
+"""A tenth of a millimetre across, and a whole hand."""
 LARGEST_S = 1e10
 """Some 300 years, so clocks that count from 1970 pass; larger numbers are in ms or ns."""
 
@@ -56,10 +58,10 @@ def problem_of(event: Any, checks_force: bool = True) -> str | None:
 
     Without `checks_force` any force and area pass.
     """
-    try:
-        t_s, touch_id, x_mm, y_mm, kind, force, area = event
-    except (TypeError, ValueError):
-        return f"touch: expected a TouchEvent, got {event!r}"
+    values: Any = event
+    if not isinstance(event, TouchEvent):
+        return f"touch: expected a TouchEvent, got {event!r:.80}"
+    t_s, touch_id, x_mm, y_mm, kind, force, area = values
     if type(touch_id) is not int:
         return f"touch: touch_id: expected an integer, got {touch_id!r}"
     if kind not in KINDS:
@@ -76,12 +78,15 @@ def problem_of(event: Any, checks_force: bool = True) -> str | None:
                 f"touch {touch_id}: {name}: expected a finite number of {unit}, "
                 f"{largest:g} at most, got {value!r}"
             )
-    measured = (("normal_force_n", force, "N"), ("contact_area_m2", area, "m^2"))
-    for name, value, unit in measured if checks_force else ():
-        if value is not None and not _within(value, 5e-324, sys.float_info.max):
+    measured = (
+        ("normal_force_n", force, LIFTED_BELOW_N, HARDEST_N, "N"),
+        ("contact_area_m2", area, LEAST_AREA_M2, LARGEST_AREA_M2, "m^2"),
+    )
+    for name, value, least, largest, unit in measured if checks_force else ():
+        if value is not None and not _within(value, least, largest):
             return (
-                f"touch {touch_id}: {name}: expected a finite number above 0 {unit}, or None "
-                f"where the screen measures none, got {value!r}"
+                f"touch {touch_id}: {name}: expected what a finger has, {least:g} to {largest:g} "
+                f"{unit}, or None where the screen measures none, got {value!r:.80}"
             )
     return None
 
@@ -177,6 +182,7 @@ def read_events(path: str | Path) -> list[TouchEvent]:
 
 def events_of(path: Trajectory, touch_id: int = 0) -> list[TouchEvent]:
     """Return a path as the events of one touch: down, moves, and up at the last place."""
+    instance("path", path, Trajectory, "haptix.Trajectory.from_csv reads a file")
     columns = (path.t_s, path.x_mm, path.y_mm, path.normal_force_n)
     rows = zip(*(column.tolist() for column in columns), strict=True)
     moves = [TouchEvent(t, touch_id, x, y, "move", force) for t, x, y, force in rows]
@@ -203,6 +209,8 @@ def paced(
     checks.positive("speed", speed)
     offset_s: float | None = None
     for event in events:
+        if not isinstance(event, TouchEvent):
+            raise InputError(f"events: expected TouchEvents, got {event!r:.80}")
         if offset_s is None:
             offset_s = clock() - event.t_s / speed
         due_s = event.t_s / speed + offset_s

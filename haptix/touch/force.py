@@ -9,8 +9,10 @@ from typing import Literal, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import NotNegative, Positive, check_fields, positive, row
+from haptix.checks import NotNegative, Positive, check_fields, instance, positive, row
 from haptix.errors import InputError
+from haptix.motion import HARDEST_N, LIFTED_BELOW_N
+from haptix.touch.events import LARGEST_AREA_M2, LEAST_AREA_M2
 
 ForceSource = Literal["axis", "area", "assumed"]
 
@@ -135,6 +137,13 @@ class ForceModel:
 
     def __post_init__(self) -> None:
         check_fields(self)
+        if not LIFTED_BELOW_N <= self.assumed_n <= HARDEST_N:
+            raise InputError(
+                f"assumed_n: expected a finger's force, {LIFTED_BELOW_N:g} to {HARDEST_N:g} "
+                f"N, got {self.assumed_n:g}"
+            )
+        if self.area_proxy is not None:
+            instance("area_proxy", self.area_proxy, AreaProxy)
         made = ForceEstimate(self.assumed_n, self.assumed_sigma_n, "assumed")
         object.__setattr__(self, "assumed", made)
 
@@ -142,20 +151,20 @@ class ForceModel:
         self, normal_force_n: float | None, contact_area_m2: float | None
     ) -> ForceEstimate | None:
         """Force of a report, or None where the report has none that can be used."""
-        if normal_force_n is not None and _usable(normal_force_n):
+        if normal_force_n is not None and _usable(normal_force_n, LIFTED_BELOW_N, HARDEST_N):
             force = float(normal_force_n)
             return ForceEstimate(force, self.axis_sigma * force, "axis")
-        if self.area_proxy is not None and contact_area_m2 is not None and _usable(contact_area_m2):
+        if (
+            self.area_proxy is not None
+            and contact_area_m2 is not None
+            and _usable(contact_area_m2, LEAST_AREA_M2, LARGEST_AREA_M2)
+        ):
             return self.area_proxy.force(float(contact_area_m2))
         return None
 
 
-LARGEST_FORCE_N = 1e3
-"""A finger presses with less: a larger number is in another unit."""
-
-
-def _usable(value: float) -> bool:
+def _usable(value: float, least: float, largest: float) -> bool:
     try:
-        return bool(0.0 < value <= LARGEST_FORCE_N)
+        return bool(least <= value <= largest)
     except (TypeError, ValueError):
         return False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from haptix.checks import NotNegative, Positive, check_fields
+from haptix.checks import NotNegative, Positive, check_fields, instance
 from haptix.errors import InputError
 from haptix.touch.filters import PlaceFilter, SingerKalman
 from haptix.touch.force import ForceModel
@@ -48,7 +48,7 @@ class TouchSettings:
     latency_s: NotNegative = 0.0
     lost_after_s: Positive = 0.08
     blend_s: Positive = 0.003
-    slide_above_mm_s: float = 8.0
+    slide_above_mm_s: NotNegative = 8.0
     rest_below_mm_s: NotNegative = 4.0
     turn_above_mm_s: Positive = 8.0
     turn_s: NotNegative = 0.1
@@ -60,6 +60,8 @@ class TouchSettings:
 
     def __post_init__(self) -> None:
         check_fields(self)
+        instance("filter", self.filter, PlaceFilter, "such as haptix.touch.SingerKalman()")
+        instance("force", self.force, ForceModel)
         if self.latency_s > 0.5:
             raise InputError(
                 f"latency_s: expected 0.5 s at most, got {self.latency_s:g}; is it in ms? No "

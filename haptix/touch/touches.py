@@ -35,9 +35,11 @@ class Touches:
     def __init__(
         self, settings: TouchSettings | None = None, strict: bool = False, max_touches: int = 16
     ) -> None:
-        checks.positive("max_touches", max_touches)
+        checks.whole("max_touches", max_touches, 1)
+        if settings is not None:
+            checks.instance("settings", settings, TouchSettings)
         self.settings = TouchSettings() if settings is None else settings
-        self.strict = strict
+        self.strict = checks.boolean("strict", strict)
         self.max_touches = max_touches
         self.counts = TouchCounts()
         self._trackers: dict[int, TouchTracker] = {}

@@ -15,7 +15,7 @@ HEADER = ",".join(COLUMNS) + "\n"
 
 numbers = st.floats(-1e6, 1e6)
 rows_of_numbers = st.lists(
-    st.tuples(st.floats(1e-6, 10), numbers, numbers, st.floats(1e-6, 1e3)), min_size=2, max_size=20
+    st.tuples(st.floats(1e-6, 10), numbers, numbers, st.floats(1e-6, 100)), min_size=2, max_size=20
 )
 
 
