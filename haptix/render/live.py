@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from math import inf
+from math import inf, nan
 from typing import Any, Self
 
 import numpy as np
@@ -12,10 +12,11 @@ import numpy as np
 from firmware_io import Device
 from haptix.checks import Array
 from haptix.errors import InputError, OverloadWarning
-from haptix.motion import Motion
+from haptix.motion import History, Motion, Report
 from haptix.render.core import Fingers
 from haptix.render.drive import Drive
 from haptix.render.producer import Producer
+from haptix.render.reactions import React, Reactions, unmoved
 from haptix.render.session import LONGEST_GAP_S, RenderSession, VirtualTimeSession
 from haptix.render.settings import LiveSettings
 from haptix.surface import FrictionSurface
@@ -35,13 +36,20 @@ class LiveFingers:
         self.touches = Touches(settings.touch, settings.strict)
         self._sliding = settings.sliding
         self._gains: dict[TouchTracker, float] = {}
+        self._reactions: dict[TouchTracker, Reactions] = {}
+        self._next_s = 0.0  # the next block's start on the clock of samples,
+        self._ahead_s: float | None = None  # and that of touches minus that of samples
         self._steps: Array = np.empty(0)
 
-    def motion(self, t0_s: float, step_s: float, points: int, since_s: float) -> Fingers:
-        """Fingers at ``t0_s + step_s * (1 ... points)``.
+    def motion(
+        self, t0_s: float, step_s: float, points: int, since_s: float, at_rest: bool = False
+    ) -> Fingers:
+        """Fingers at ``t0_s + step_s * (1 ... points)``; `at_rest`, those that rest get drive too.
 
         Touches have a clock of their own; `since_s` is `t0_s` on that of samples, see `Motion`.
         """
+        self._next_s, self._ahead_s = since_s + step_s * points, t0_s - since_s
+        at_rest = at_rest or not self._sliding.is_needed
         down = [tracker for _, tracker in self.touches.active]
         gains = self._gains
         if not down and not gains:
@@ -54,14 +62,16 @@ class LiveFingers:
         forces: list[float] = []
         velocities: list[tuple[float, float]] = []
         known: list[bool] = []
+        histories: list[History] = []
         fastest = 0.0
         for tracker, gain in list(gains.items()):
             part = tracker.path(t0_s, step_s, points)
             gets_drive = part.is_down and not part.is_lost
-            gets_drive = gets_drive and (part.is_sliding or not self._sliding.is_needed)
+            gets_drive = gets_drive and (part.is_sliding or at_rest)
             end = min(gain + most, 1.0) if gets_drive else max(gain - most, 0.0)
             if end == 0.0 and not part.is_down:
                 del gains[tracker]
+                self._reactions.pop(tracker, None)
             else:
                 gains[tracker] = end
             if gain == end == 0.0:
@@ -72,6 +82,8 @@ class LiveFingers:
             forces.append(part.normal_force_n + part.force_slope_n_s * step_s * points / 2)
             velocities.append((part.vx_mm_s, part.vy_mm_s))
             known.append(part.force_known)
+            reactions = self._reactions.get(tracker)
+            histories.append(() if reactions is None else reactions.history)
             fastest = max(fastest, part.speed_mm_s)
         if not starts:
             return Fingers.none(points)
@@ -85,16 +97,37 @@ class LiveFingers:
         rows = forces if len(forces) <= _MOST_ROWS else None
         motion = Motion(
             len(starts), points, x, y, force, fastest * step_s, step_s, since_s,
-            lambda: _repeated(velocities, points), tuple(known),
+            lambda: _repeated(velocities, points), tuple(known), tuple(histories),
         )  # fmt: skip
         return Fingers(motion, gain_at, rows)
 
-    def take(self, event: TouchEvent, arrival_s: float | None = None) -> None:
-        """Take a touch event, see `Touches.push`; a move of an unknown finger brings it down."""
+    def take(
+        self, event: TouchEvent, arrival_s: float | None = None, react: React = unmoved
+    ) -> None:
+        """Take a touch event, see `Touches.push`; a move of an unknown finger brings it down.
+
+        `react` is that of the material, see `Evaluator`.
+        """
         kind = getattr(event, "kind", None)
         if kind == "move" and event.touch_id not in self.touches:
             event = event._replace(kind="down")
-        self.touches.push(event, arrival_s)
+        touches, touch_id = self.touches, getattr(event, "touch_id", None)
+        before = dict(touches.active).get(touch_id)
+        if not touches.push(event, arrival_s):
+            return
+        tracker = dict(touches.active).get(touch_id, before)
+        if tracker is None:
+            return
+        if self._ahead_s is None:
+            self._ahead_s = tracker.last_t_s
+        t_s = tracker.last_t_s - self._ahead_s
+        if kind == "up":
+            now = Report(t_s, nan, nan, None, is_down=False)
+        else:
+            force = touches.settings.force.estimate(event.normal_force_n, event.contact_area_m2)
+            force_n = None if force is None else force.normal_force_n
+            now = Report(t_s, float(event.x_mm), float(event.y_mm), force_n)
+        self._reactions.setdefault(tracker, Reactions()).report(now, react, self._next_s)
 
     @property
     def newest_s(self) -> float | None:
@@ -127,6 +160,10 @@ class _LiveSession(RenderSession):
         super()._reset()
         self._fingers = LiveFingers(self.settings)
 
+    def _motion(self, t0_s: float) -> Fingers:
+        """Fingers during the next block, which plays from `t0_s` on."""
+        return self._fingers.motion(t0_s, self.step_s, self.points, self._since_s, self._at_rest)
+
     @property
     def touch_counts(self) -> TouchCounts:
         """What became of the touches."""
@@ -150,7 +187,7 @@ class PredictingRenderer(_LiveSession, VirtualTimeSession):
             return
         # What plays within the lead was computed before the event arrived.
         self._render_until(arrival_s + self.settings.lead_s)
-        self._fingers.take(event, arrival_s)
+        self._fingers.take(event, arrival_s, self._felt[1].react)
         if self._start_s is None:
             self._start_s = self._fingers.newest_s
 
@@ -166,7 +203,10 @@ class PredictingRenderer(_LiveSession, VirtualTimeSession):
             return
         while (t0_s := self._start_s + self._next_sample / self.sample_rate_hz) <= t_s:
             began = time.perf_counter()
-            self._send(self._fingers.motion(t0_s, self.step_s, self.points, self._since_s), began)
+            self._send(
+                self._motion(t0_s),
+                began,
+            )
 
 
 class LiveRenderer(_LiveSession):
@@ -220,12 +260,12 @@ class LiveRenderer(_LiveSession):
         if self._producer is None:
             raise InputError("touch: expected a renderer that was entered; use it in a with block")
         self._producer.raise_once()
-        self._fingers.take(event, self.now_s())
+        self._fingers.take(event, self.now_s(), self._felt[1].react)
 
     def _take_block(self, t0_s: float) -> Array:
         """Render the samples that play from `t0_s` on."""
         began = time.perf_counter()
-        block = self._render(self._fingers.motion(t0_s, self.step_s, self.points, self._since_s))
+        block = self._render(self._motion(t0_s))
         self._count(block, time.perf_counter() - began)
         newest = self._fingers.newest_s
         if newest is not None:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from math import hypot
+from dataclasses import dataclass, field
+from math import hypot, isnan, nan
 
 import numpy as np
 
 from haptix.checks import Array, number
 from haptix.errors import InputError
-from haptix.motion import VELOCITY_OVER_S, Motion, Trajectory
+from haptix.motion import VELOCITY_OVER_S, Motion, Report, Trajectory
 from haptix.render.core import Fingers
+from haptix.render.reactions import React, Reactions, unmoved
 from haptix.render.session import VirtualTimeSession
 from haptix.render.settings import Sliding
 from haptix.touch import ForceModel, TouchEvent, events_of
@@ -35,6 +36,8 @@ class Track:
     is_sliding: bool = False
     is_down: bool = True
     force_known: bool = True
+    reactions: Reactions = field(default_factory=Reactions)
+    react: React = unmoved
 
     def fade(self, start_s: float, end_s: float, goal: float, fade_s: float) -> None:
         """Move the gain towards a goal during an interval."""
@@ -69,8 +72,15 @@ class RecordedFingers:
         y_mm: float,
         normal_force_n: float,
         force_known: bool = True,
+        react: React = unmoved,
+        since_s: float = 0.0,
+        at_rest: bool = False,
     ) -> None:
-        """Take a checked touch; `InputError` if its time does not advance."""
+        """Take a checked touch; `InputError` if its time does not advance.
+
+        `react` is that of the material, `since_s` the touch's time on the clock of samples; with
+        `at_rest` a finger that rests gets drive too.
+        """
         track = self._tracks.get(touch_id)
         if track is None or not track.is_down:
             if t_s < self._latest_s - LOST_S:
@@ -85,18 +95,25 @@ class RecordedFingers:
                 raise InputError(f"touch: time must advance, but {t_s:g} s follows {before_s:g} s")
             distance_mm = hypot(x_mm - before_x_mm, y_mm - before_y_mm)
             track.speed_mm_per_s = distance_mm / (t_s - before_s)
-            track.is_sliding = self._sliding.is_sliding(track.speed_mm_per_s, track.is_sliding)
+            track.is_sliding = at_rest or self._sliding.is_sliding(
+                track.speed_mm_per_s, track.is_sliding
+            )
             track.fade(before_s, t_s, float(track.is_sliding), self._sliding.fade_s)
             track.touches.append((t_s, x_mm, y_mm, normal_force_n))
         track.force_known = force_known
+        force_n = normal_force_n if force_known else None
+        track.react = react
+        track.reactions.report(Report(since_s, x_mm, y_mm, force_n), react)
         self._latest_s = max(self._latest_s, t_s)
 
-    def lift(self, touch_id: int, t_s: float) -> None:
-        """Lift a finger; its drive fades out."""
+    def lift(self, touch_id: int, t_s: float, since_s: float = nan) -> None:
+        """Lift a finger; its drive fades out. `since_s` is the time on the clock of samples."""
         track = self._tracks.get(touch_id)
         if track is None or not track.is_down:
             return
         track.is_down = False
+        if not isnan(since_s):
+            track.reactions.report(Report(since_s, nan, nan, None, is_down=False), track.react)
         fade_s, faded_until_s = self._sliding.fade_s, track.gains[-1][0]
         end_s = max(t_s, track.touches[-1][0])
         if end_s > faded_until_s:
@@ -140,6 +157,7 @@ class RecordedFingers:
         motion = Motion(
             len(tracks), len(t_s), x, y, force, fastest * step_s, step_s, since_s,
             lambda: _velocities(t_s, paths), tuple(track.force_known for track in tracks),
+            tuple(track.reactions.history for track in tracks),
         )  # fmt: skip
         return Fingers(motion, gain)
 
@@ -203,14 +221,21 @@ class Renderer(VirtualTimeSession):
         if event.kind == "up":
             number("touch: t_s of a lift", event.t_s)
             self._check_gap(event.t_s)
-            self._fingers.lift(event.touch_id, event.t_s)
+            self._fingers.lift(event.touch_id, event.t_s, event.t_s - (self._start_s or 0.0))
             return
         self._check_gap(event.t_s)
         found = _FORCE.estimate(event.normal_force_n, event.contact_area_m2)
         force = _FORCE.assumed if found is None else found
         place = (event.x_mm, event.y_mm)
         self._fingers.touch(
-            event.touch_id, event.t_s, *place, force.normal_force_n, found is not None
+            event.touch_id,
+            event.t_s,
+            *place,
+            force.normal_force_n,
+            found is not None,
+            self._felt[1].react,
+            0.0 if self._start_s is None else event.t_s - self._start_s,
+            self._at_rest,
         )
         if self._start_s is None:
             self._start_s = event.t_s

@@ -218,6 +218,11 @@ class RenderSession(RenderCore, ABC):
         """Time of the next sample since the first."""
         return self._next_sample / self.sample_rate_hz
 
+    @property
+    def _at_rest(self) -> bool:
+        """Whether fingers that rest get drive."""
+        return self._felt[1].drives_at_rest
+
     def _render(self, fingers: Fingers) -> RenderedBlock:
         """Render the next block."""
         block = self.block(fingers, self._next_sample, self._amplitude_v)
