@@ -1,3 +1,12 @@
+from .button import Button as Button
+from .by_curve import ByForce as ByForce
+from .by_curve import BySpeed as BySpeed
+from .detents import Dial as Dial
+from .detents import Slider as Slider
+from .detents import Toggle as Toggle
+from .in_time import Envelope as Envelope
+from .in_time import Transient as Transient
+from .in_time import WebEffect as WebEffect
 from .kinds import KINDS as KINDS
 from .kinds import load as load
 from .kinds import material_of as material_of
@@ -6,6 +15,9 @@ from .material import AnyAsset as AnyAsset
 from .material import AnyMaterial as AnyMaterial
 from .material import Material as Material
 from .material import Scaled as Scaled
+from .moving import Moving as Moving
+from .moving import PathTable as PathTable
+from .relief import Relief as Relief
 from .still import CompositionMaterial as CompositionMaterial
 from .still import GratingMaterial as GratingMaterial
 from .still import HeightsMaterial as HeightsMaterial

@@ -204,7 +204,7 @@ AnyMaterial = Annotated[
 """A field that holds any material: itself, its table, or the path of its file."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Asset:
     """A file that a document names: by a path relative to its folder, or by its content.
 
@@ -214,6 +214,16 @@ class Asset:
 
     name: str
     folder: Path
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Asset) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def _key(self) -> str | Path:
+        return self.name if self.name.startswith("sha256:") else (self.folder / self.name).resolve()
 
     @property
     def path(self) -> Path:

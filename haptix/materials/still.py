@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
 from functools import cached_property
-from hashlib import sha256
-from pathlib import Path
 from typing import Annotated, Any, Literal
-from weakref import WeakValueDictionary
 
 from pydantic import Field, PlainSerializer, PlainValidator, PositiveFloat, WithJsonSchema
 
@@ -19,12 +14,12 @@ from haptix.materials.material import (
     ANY_KIND,
     AnyAsset,
     AnyMaterial,
-    Asset,
     Material,
     Scaled,
     material_of,
     table_of,
 )
+from haptix.materials.sharing import shared
 from haptix.texture import (
     Composition,
     FrictionField,
@@ -42,24 +37,6 @@ from haptix.texture.penn import TOOL_MASS_KG
 from haptix.texture.texture import Polarity
 from haptix.waves import Shape
 
-Row = Annotated[tuple[float, ...], Field(min_length=2)]
-
-_SHARED: WeakValueDictionary[str, FrictionField] = WeakValueDictionary()
-
-
-def shared(
-    document: Material, asset: Asset, make: Callable[[Path], FrictionField]
-) -> FrictionField:
-    """Return the field of an asset; documents of equal content and fields share one."""
-    path = asset.path
-    content = sha256(path.read_bytes()).hexdigest() if path.is_file() else str(path)
-    fields = document.model_dump(mode="json", exclude={"file", "heights", "normals"})
-    key = json.dumps([content, fields], sort_keys=True)
-    found = _SHARED.get(key)
-    if found is None:
-        found = _SHARED[key] = make(path)
-    return found
-
 
 def field_of(material: Material) -> FrictionField:
     """Field of a material that depends on the place alone; `InputError` for any other."""
@@ -72,7 +49,15 @@ def field_of(material: Material) -> FrictionField:
     return found
 
 
-class PhotographMaterial(Scaled):
+class _OfFile:
+    """Base of those whose field is made of a file and plain parameters."""
+
+    @property
+    def _parameters(self) -> dict[str, Any]:
+        return self.model_dump(mode="json", exclude={"file"})  # type: ignore[attr-defined, no-any-return]
+
+
+class PhotographMaterial(_OfFile, Scaled):
     """A photograph, whose grey from the 1st to the 99th percentile becomes friction.
 
     Parameters
@@ -95,13 +80,13 @@ class PhotographMaterial(Scaled):
         """A `haptix.Texture`."""
         ranges: Any = {f"{self.target}_range": (self.low, self.high)}
         return shared(
-            self,
             self.file,
+            self._parameters,
             lambda path: Texture.from_image(path, self.width_mm, self.polarity, **ranges),
         )
 
 
-class HeightsMaterial(Scaled):
+class HeightsMaterial(_OfFile, Scaled):
     """A height map, felt by one rule; `relief` is right in every direction.
 
     Parameters
@@ -127,8 +112,8 @@ class HeightsMaterial(Scaled):
         """A `haptix.Texture`."""
         ranges: Any = {f"{self.target}_range": (self.low, self.high)}
         return shared(
-            self,
             self.file,
+            self._parameters,
             lambda path: Texture.from_heights(
                 path, self.width_mm, self.rule, self.direction_deg, **ranges
             ),
@@ -212,7 +197,7 @@ class NoiseMaterial(Material):
         return Noise(spectrum, **{name: value for name, value in self if name not in left_out})
 
 
-class RecordingMaterial(Material):
+class RecordingMaterial(_OfFile, Material):
     """Friction recorded along a line, the same across it.
 
     Parameters
@@ -240,10 +225,12 @@ class RecordingMaterial(Material):
     def evaluator(self) -> FrictionField:
         """A `haptix.texture.RecordedProfile`."""
         options = {name: value for name, value in self if name not in ("kind", "file")}
-        return shared(self, self.file, lambda path: RecordedProfile.from_csv(path, **options))
+        return shared(
+            self.file, self._parameters, lambda path: RecordedProfile.from_csv(path, **options)
+        )
 
 
-class PennMaterial(Material):
+class PennMaterial(_OfFile, Material):
     """A model of the Penn Haptic Texture Toolkit at one speed and force.
 
     Parameters
@@ -272,7 +259,9 @@ class PennMaterial(Material):
     def evaluator(self) -> FrictionField:
         """A `haptix.texture.Noise`."""
         options = {name: value for name, value in self if name not in ("kind", "file")}
-        return shared(self, self.file, lambda path: PennModel.load(path).texture(**options))
+        return shared(
+            self.file, self._parameters, lambda path: PennModel.load(path).texture(**options)
+        )
 
 
 def _number_or_material(value: Any) -> float | Material:

@@ -111,11 +111,12 @@ class LiveFingers:
         kind = getattr(event, "kind", None)
         if kind == "move" and event.touch_id not in self.touches:
             event = event._replace(kind="down")
-        touches, touch_id = self.touches, getattr(event, "touch_id", None)
-        before = dict(touches.active).get(touch_id)
+        touches = self.touches
+        before = dict(touches.active)
         if not touches.push(event, arrival_s):
             return
-        tracker = dict(touches.active).get(touch_id, before)
+        touch_id = event.touch_id
+        tracker = dict(touches.active).get(touch_id) or before.get(touch_id)
         if tracker is None:
             return
         if self._ahead_s is None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import isnan, nan
 
-from haptix.motion import Facts, History, Report
+from haptix.motion import LIFTED_BELOW_N, Facts, History, Report, Trajectory
+from haptix.texture import Evaluator
 
 React = Callable[[Facts, Report | None, Report], Facts]
 
@@ -19,12 +20,13 @@ def unmoved(facts: Facts, before: Report | None, now: Report) -> Facts:
 
 
 class Reactions:
-    """Facts of one touch, from down to up.
+    """Facts of one touch, from down to up; the last changes that are kept, or all.
 
     One thread may report while another reads `history`, which is replaced and never changed.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, kept: int | None = _KEPT) -> None:
+        self._kept = 0 if kept is None else -kept
         self.history: History = ()
         self._last: Report | None = None
 
@@ -46,8 +48,18 @@ class Reactions:
         if since_s < from_s:
             since_s = from_s
             found = found._replace(**{name: max(t_s, from_s) for name, t_s in new.items()})
-        self.history = (*history[-_KEPT:], (since_s, found))
+        self.history = (*history[self._kept :], (since_s, found))
 
 
 def _differ(one: float, other: float) -> bool:
     return one != other and not (isnan(one) and isnan(other))
+
+
+def facts_on(path: Trajectory, evaluator: Evaluator, start_s: float) -> History:
+    """Dated facts of a finger on a path, on a clock that starts at `start_s` of the path's."""
+    reactions = Reactions(kept=None)
+    columns = (path.t_s - start_s, path.x_mm, path.y_mm, path.normal_force_n)
+    for t_s, x_mm, y_mm, force_n in zip(*(column.tolist() for column in columns), strict=True):
+        is_down = force_n >= LIFTED_BELOW_N
+        reactions.report(Report(t_s, x_mm, y_mm, force_n, is_down), evaluator.react)
+    return reactions.history

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from firmware_io.limits import Current
 from haptix.files import check_folder, csv_text, json_text, write_folder
+from haptix.motion import Motion
 from haptix.render import SineCarrier
 from haptix.simulation.parts import PARTS
 from haptix.simulation.run import Simulation
@@ -173,6 +174,7 @@ def _plain(evaluation: Evaluation) -> dict[str, Any]:
     }
 
 
+_DRAWN_MM_PER_S = 50.0  # what depends on the motion is drawn as felt on the way to the right
 _PIXELS = 400  # across the texture
 _MARGIN_MM = 2.0  # around the path, on a texture without edges
 _ZOOM_S = 0.006
@@ -208,7 +210,8 @@ def _texture(axes: Axes, simulation: Simulation) -> None:
     pixel_mm = (right - left) / _PIXELS
     rows = max(2, round((bottom - top) / pixel_mm))
     x, y = np.meshgrid(np.linspace(left, right, _PIXELS), np.linspace(top, bottom, rows))
-    asked = texture.friction(x.ravel(), y.ravel(), pixel_mm).reshape(x.shape)
+    to_the_right = Motion.of(x, y, 0.0, _DRAWN_MM_PER_S, 0.0, footprint_mm=pixel_mm)
+    asked = texture.evaluator.wanted(to_the_right).reshape(x.shape)
     axes.imshow(asked, cmap="gray", extent=(left, right, bottom, top))
     points = axes.scatter(felt.x_mm, felt.y_mm, c=felt.t_s - felt.t_s[0], s=4, cmap="autumn")
     start = (float(felt.x_mm[0]), float(felt.y_mm[0]))

@@ -69,6 +69,21 @@ def read_grey(image: str | Path | npt.ArrayLike, largest_bytes: int = LARGEST_BY
     return np.asarray(grey, dtype=np.float64)
 
 
+def read_normals(path: Path, largest_bytes: int = LARGEST_BYTES) -> tuple[Array, Array]:
+    """Return slopes to the right and downwards of a normal map, both of shape (rows, columns).
+
+    Red is the normal's part to the right, green upwards, blue out of the surface; half of their
+    range is 0.
+    """
+    check_picture(f"normals: {path}", path, largest_bytes)
+    pixels = img_as_float64(imread(path))
+    if pixels.ndim != 3 or pixels.shape[2] < 3:
+        raise InputError(f"normals: expected a picture in colour, got shape {pixels.shape}")
+    right, up, out = (2 * pixels[..., channel] - 1 for channel in range(3))
+    out = np.maximum(out, 0.05)  # steeper than 87 degrees is noise
+    return -right / out, up / out
+
+
 def check_picture(name: str, file: Path | io.BytesIO, largest_bytes: int = LARGEST_BYTES) -> None:
     """Refuse, by its header alone, a file that is no single picture or has too many pixels.
 

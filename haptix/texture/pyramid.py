@@ -114,7 +114,8 @@ class Pyramid:
     Parameters
     ----------
     values : ndarray, shape (rows, columns)
-        Values at the pixels' centres; the first pixel's corner is at (0, 0).
+        Values at the pixels' centres; the first pixel's corner is at (0, 0). Complex ones hold two
+        maps at the price of one look-up.
     pixel_mm : float
         Side of a pixel.
     outside : float
@@ -146,7 +147,7 @@ class Pyramid:
             n for n, mode in zip(values.shape, self._modes, strict=True) if mode == "repeat"
         ]
         widest = min(repeated) if repeated else 2 * max(rows, columns)
-        smooth, origin, step = np.asarray(values, dtype=np.float64), (0, 0), 1
+        smooth, origin, step = values * 1.0, (0, 0), 1
         while len(self._levels) == 1 or step < widest:
             if len(self._levels) > 1:
                 smooth, origin = self._halved(smooth, origin)
@@ -231,12 +232,14 @@ def blend_levels(depth: float | Array, last: int, read: Callable[[int, Any], Arr
             value += coarse
         return value
     level = np.minimum(depth.astype(np.intp), max(last - 1, 0))
-    value = np.empty(depth.shape)
+    value = np.empty(0)
     for one in np.unique(level).tolist():
         mine = level == one
         found = read(one, mine)
         if last > 0:
             found += (depth[mine] - one) * (read(one + 1, mine) - found)
+        if not value.size:
+            value = np.empty(depth.shape, dtype=found.dtype)
         value[mine] = found
     return value
 

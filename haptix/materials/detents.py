@@ -1,0 +1,229 @@
+"""Controls with detents: sliders, toggles and dials."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from math import atan2, cos, isnan, pi, radians, sin
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, PositiveFloat, model_validator
+
+from haptix.checks import Array, increasing
+from haptix.materials.by_curve import Row
+from haptix.materials.material import Scaled
+from haptix.motion import Depends, Facts, Motion, Report
+from haptix.texture.field import turned
+
+LEAST_PITCH_MM = 3.0
+"""Closer detents run together: places of live touches err by 0.8 mm (95 %)."""
+
+_HYSTERESIS = 0.05  # of the way to the next detent, past the ridge, before it counts as crossed
+
+
+def ridge(distance_mm: Array, width_mm: float, footprint_mm: float) -> Array:
+    """Level of a raised cosine about 0, as wide as the drive can follow and then as much lower."""
+    width = max(width_mm, 4 * footprint_mm)
+    part = np.clip(np.abs(distance_mm) / width, 0.0, 0.5)
+    return np.asarray(width_mm / width * (0.5 + 0.5 * np.cos(2 * pi * part)))
+
+
+class _Control(Scaled):
+    """Base of the controls.
+
+    Parameters
+    ----------
+    ridge_mm : float
+        Width of a ridge. It lies between two detents: friction brakes there, and lets go when the
+        finger has passed. It never pulls the finger anywhere, as a spring would.
+    """
+
+    ridge_mm: PositiveFloat = 1.5
+
+    def _detent(self, x_mm: float, y_mm: float) -> float:
+        """Place along the detents, in detents: whole at each, half on the ridge between two."""
+        raise NotImplementedError
+
+    def _step(self, before: float, now: float) -> float:
+        """Signed number of detents from one place to another."""
+        return now - before
+
+    def react(self, facts: Facts, before: Report | None, now: Report) -> Facts:
+        """Cross a detent where the finger has passed the ridge to the next."""
+        if not now.is_down:
+            return facts
+        place = self._detent(now.x_mm, now.y_mm)
+        if isnan(facts.detent):
+            return facts._replace(detent=float(round(place)))
+        away = self._step(facts.detent, place)
+        if abs(away) < 0.5 + _HYSTERESIS or isnan(place):
+            return facts
+        steps = float(round(away))
+        at_s = now.t_s
+        if before is not None:
+            # When it passed the top of the last ridge.
+            start = self._step(facts.detent, self._detent(before.x_mm, before.y_mm))
+            top = steps - 0.5 if steps > 0 else steps + 0.5
+            part = (top - start) / (away - start) if away != start else 1.0
+            at_s = before.t_s + min(max(part, 0.0), 1.0) * (now.t_s - before.t_s)
+        return facts._replace(detent=self._numbered(facts.detent + steps), detent_s=at_s)
+
+    def _numbered(self, detent: float) -> float:
+        return detent
+
+
+class Slider(_Control):
+    """A slider along x from the origin: ridges between its detents, walls at its ends.
+
+    Parameters
+    ----------
+    travel_mm : float
+        From the first detent to the last.
+    detents : int or list of float
+        How many, evenly spaced; or their places [mm], increasing.
+    orientation_deg : float
+        Direction of the travel: 0 to the right, 90 down.
+    snap : bool
+        Whether `value` is that of the nearest detent. The screen does not move the finger there.
+    """
+
+    kind: Literal["slider"] = "slider"
+    travel_mm: PositiveFloat = 60.0
+    detents: Annotated[int, Field(ge=2, le=1000)] | Row = 9
+    orientation_deg: float = 0.0
+    snap: bool = True
+
+    @model_validator(mode="after")
+    def _has_room(self) -> Self:
+        if not isinstance(self.detents, int):
+            increasing("detents", self.detents, 2)
+        closest = float(np.diff(self.places_mm).min())
+        least = max(LEAST_PITCH_MM, 2 * self.ridge_mm)
+        if closest < least * (1 - 1e-9):
+            raise ValueError(f"expected detents {least:g} mm apart or more, got {closest:.3g} mm")
+        return self
+
+    @cached_property
+    def places_mm(self) -> Array:
+        """Places of the detents along the travel, shape (detents,)."""
+        if isinstance(self.detents, int):
+            return np.linspace(0.0, self.travel_mm, self.detents)
+        return np.array(self.detents)
+
+    def value(self, x_mm: float, y_mm: float = 0.0) -> float:
+        """Value at a place, 0 at the first detent and 1 at the last; of the nearest with `snap`."""
+        along = self._along(x_mm, y_mm)
+        places = self.places_mm
+        if self.snap:
+            along = float(places[np.abs(places - along).argmin()])
+        return float(np.clip((along - places[0]) / (places[-1] - places[0]), 0.0, 1.0))
+
+    def wanted(self, motion: Motion) -> Array:
+        """Friction under the fingers."""
+        along, _ = turned(motion.x_mm, motion.y_mm, self.orientation_deg)
+        places = self.places_mm
+        tops = (places[:-1] + places[1:]) / 2
+        nearest = tops[np.searchsorted((tops[:-1] + tops[1:]) / 2, along)]
+        beyond = np.maximum(places[0] - along, along - places[-1])
+        walls = np.clip(beyond / self.ridge_mm, 0.0, 1.0)
+        ridges = ridge(along - nearest, self.ridge_mm, motion.footprint_mm)
+        return self.scaled(np.maximum(ridges, walls))
+
+    def _along(self, x_mm: float, y_mm: float) -> float:
+        angle = radians(self.orientation_deg)
+        return x_mm * cos(angle) + y_mm * sin(angle)
+
+    def _detent(self, x_mm: float, y_mm: float) -> float:
+        places = self.places_mm
+        return float(np.interp(self._along(x_mm, y_mm), places, np.arange(len(places))))
+
+
+class Toggle(_Control):
+    """A switch with two sides along x, its corner at the origin.
+
+    Friction rises over `throw_mm` towards the middle, and falls at once behind it: the switch goes
+    over. On the way back it is the same from the other side.
+
+    Parameters
+    ----------
+    width_mm : float
+        Width; the middle is at half of it.
+    throw_mm : float
+        Way over which friction rises.
+    """
+
+    kind: Literal["toggle"] = "toggle"
+    width_mm: PositiveFloat = 20.0
+    throw_mm: PositiveFloat = 5.0
+    ridge_mm: PositiveFloat = 0.3
+    depends_on = Depends.PLACE | Depends.DIRECTION
+
+    @model_validator(mode="after")
+    def _has_room(self) -> Self:
+        if 2 * self.throw_mm > self.width_mm:
+            raise ValueError("expected throw_mm of at most half of width_mm")
+        return self
+
+    def wanted(self, motion: Motion) -> Array:
+        """Friction under the fingers."""
+        right = self._rise(motion.x_mm - self.width_mm / 2, motion.footprint_mm)
+        left = self._rise(self.width_mm / 2 - motion.x_mm, motion.footprint_mm)
+        level = right * np.maximum(motion.ux, 0.0) + left * np.maximum(-motion.ux, 0.0)
+        return self.scaled(level)
+
+    def _rise(self, past_mm: Array, footprint_mm: float) -> Array:
+        """Rise to the middle for a finger that comes from below 0, and the fall behind it."""
+        rise = np.clip(1 + past_mm / self.throw_mm, 0.0, 1.0)
+        fall = np.clip(1 - past_mm / max(self.ridge_mm, 4 * footprint_mm), 0.0, 1.0)
+        return np.asarray(rise * fall)
+
+    def _detent(self, x_mm: float, y_mm: float) -> float:
+        return min(max(0.5 + (x_mm - self.width_mm / 2) / self.throw_mm, 0.0), 1.0)
+
+
+class Dial(_Control):
+    """A knob about the origin: ridges across the way round, as wide at every radius.
+
+    Parameters
+    ----------
+    detents : int
+        In a turn; the first is at 0 deg, to the right, the next ones from x towards y.
+    inner_mm, outer_mm : float
+        Radii between which there are ridges.
+    """
+
+    kind: Literal["dial"] = "dial"
+    detents: Annotated[int, Field(ge=2, le=1000)] = 12
+    inner_mm: PositiveFloat = 10.0
+    outer_mm: PositiveFloat = 25.0
+
+    @model_validator(mode="after")
+    def _has_room(self) -> Self:
+        pitch = 2 * pi * self.inner_mm / self.detents
+        least = max(LEAST_PITCH_MM, 2 * self.ridge_mm)
+        if pitch < least or self.inner_mm >= self.outer_mm:
+            raise ValueError(
+                f"expected inner_mm below outer_mm, and detents {least:g} mm apart there or more, "
+                f"got {pitch:.3g} mm"
+            )
+        return self
+
+    def wanted(self, motion: Motion) -> Array:
+        """Friction under the fingers."""
+        radius = np.hypot(motion.x_mm, motion.y_mm)
+        turn = np.arctan2(motion.y_mm, motion.x_mm) * (self.detents / (2 * pi)) - 0.5
+        way = (turn - np.round(turn)) * radius * (2 * pi / self.detents)
+        ramp = max(self.ridge_mm, 4 * motion.footprint_mm)
+        depth = np.minimum(radius - self.inner_mm, self.outer_mm - radius)
+        within = np.clip(0.5 + depth / ramp, 0.0, 1.0)
+        return self.scaled(within * ridge(way, self.ridge_mm, motion.footprint_mm))
+
+    def _detent(self, x_mm: float, y_mm: float) -> float:
+        return atan2(y_mm, x_mm) * self.detents / (2 * pi)
+
+    def _step(self, before: float, now: float) -> float:
+        half = self.detents / 2
+        return (now - before + half) % self.detents - half
+
+    def _numbered(self, detent: float) -> float:
+        return detent % self.detents
