@@ -7,6 +7,7 @@ from .errors import InputError as InputError
 from .errors import LimitError as LimitError
 from .finger import Finger as Finger
 from .friction import ContactModel as ContactModel
+from .layout import Layout as Layout
 from .motion import Motion as Motion
 from .motion import Trajectory as Trajectory
 from .render import LiveRenderer as LiveRenderer

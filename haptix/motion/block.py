@@ -317,6 +317,10 @@ class Motion:
         """Return the same motion with other facts, one history for each finger."""
         return self._at(self.x_mm, self.y_mm, self.footprint_mm, lambda: self._velocities, history)
 
+    def at_places(self, x_mm: Array, y_mm: Array) -> Motion:
+        """Return the same motion at other places."""
+        return self._at(x_mm, y_mm, self.footprint_mm, lambda: self._velocities, self._history)
+
     def with_footprint(self, footprint_mm: float) -> Motion:
         """Return the same motion with another footprint."""
         return self._at(self.x_mm, self.y_mm, footprint_mm, lambda: self._velocities, self._history)

@@ -84,8 +84,8 @@ class Sprite:
                     "mask: expected a field of shares, got "
                     f"{getattr(self.mask, 'target', type(self.mask).__name__)!r}"
                 )
-            object.__setattr__(self, "mask", _held(self.mask))
-        object.__setattr__(self, "field", _held(self.field))
+            object.__setattr__(self, "mask", held(self.mask))
+        object.__setattr__(self, "field", held(self.field))
 
     def cover(
         self, x_mm: Array, y_mm: Array, box: _Box, footprint_mm: float | Array
@@ -225,13 +225,14 @@ class Composition(FrictionField):
             x, y = x_mm - np.array(sprite.x_mm), y_mm - np.array(sprite.y_mm)
             felt = sprite.field._sample(x, y, footprint_mm)
             if isinstance(cover, float) and cover == 1:
-                value = _blended(sprite.blend, value, felt)
+                value = blended(sprite.blend, value, felt)
             else:
-                value = value + cover * (_blended(sprite.blend, value, felt) - value)
+                value = value + cover * (blended(sprite.blend, value, felt) - value)
         return np.asarray(value)
 
 
-def _blended(blend: Blend, below: float | Array, felt: Array) -> Array:
+def blended(blend: Blend, below: float | Array, felt: Array) -> Array:
+    """Friction of a layer on what is below it."""
     rule = _RULES.get(blend)
     return felt if rule is None else np.asarray(rule(below, felt))
 
@@ -241,7 +242,7 @@ def _step(depth_mm: Array, ramp_mm: Array) -> Array:
     return np.asarray(np.clip(0.5 + depth_mm / ramp_mm, 0.0, 1.0))
 
 
-def _held(field: FrictionField) -> FrictionField:
+def held(field: FrictionField) -> FrictionField:
     """Return the field, held beyond its edges: a sprite ends at its outline."""
     if isinstance(field, Texture | RecordedProfile) and field.beyond == "outside":
         return replace(field, beyond="hold")

@@ -1,0 +1,64 @@
+"""From the pixels of an app to millimetres on the screen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Self
+
+from haptix.checks import Positive, check_fields, choice, number, positive
+
+INCH_MM = 25.4
+
+
+@dataclass(frozen=True)
+class ScreenGeometry:
+    """Where an app's pixels are on the screen; millimetres count from the screen's corner.
+
+    Parameters
+    ----------
+    pixels_x, pixels_y : float
+        Resolution, as the app counts its pixels: logical ones, if it draws in these.
+    width_mm, height_mm : float
+        Size of the picture on the screen, as the screen is built.
+    origin_x_mm, origin_y_mm : float
+        Corner of the picture on the touch-sensitive area.
+    rotation_deg : {0, 90, 180, 270}
+        How far the app's picture is turned on the screen, clockwise.
+    """
+
+    pixels_x: Positive
+    pixels_y: Positive
+    width_mm: Positive
+    height_mm: Positive
+    origin_x_mm: float = 0.0
+    origin_y_mm: float = 0.0
+    rotation_deg: Literal[0, 90, 180, 270] = 0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        choice("rotation_deg", self.rotation_deg, (0, 90, 180, 270))
+
+    @classmethod
+    def of_dpi(cls, pixels_x: float, pixels_y: float, dpi: float) -> Self:
+        """Geometry of square pixels, so many to an inch."""
+        pixel_mm = INCH_MM / positive("dpi", dpi)
+        return cls(pixels_x, pixels_y, pixels_x * pixel_mm, pixels_y * pixel_mm)
+
+    def mm(self, x_px: float, y_px: float) -> tuple[float, float]:
+        """Place on the screen [mm] of a place in the app's picture [pixels]."""
+        across = number("x_px", x_px) / self.pixels_x
+        down = number("y_px", y_px) / self.pixels_y
+        turned = {
+            0: (across, down), 90: (1 - down, across),
+            180: (1 - across, 1 - down), 270: (down, 1 - across),
+        }  # fmt: skip
+        x, y = turned[self.rotation_deg]
+        return self.origin_x_mm + x * self.width_mm, self.origin_y_mm + y * self.height_mm
+
+    def pixels(self, x_mm: float, y_mm: float) -> tuple[float, float]:
+        """Place in the app's picture [pixels] of a place on the screen [mm]."""
+        x = (number("x_mm", x_mm) - self.origin_x_mm) / self.width_mm
+        y = (number("y_mm", y_mm) - self.origin_y_mm) / self.height_mm
+        turned = {0: (x, y), 90: (y, 1 - x), 180: (1 - x, 1 - y), 270: (1 - y, x)}
+        across, down = turned[self.rotation_deg]
+        return across * self.pixels_x, down * self.pixels_y

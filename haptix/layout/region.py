@@ -1,0 +1,187 @@
+"""One region at one state of a layout: what its material answers, and how much of it counts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import cos, sin
+
+import numpy as np
+
+from haptix.checks import Array
+from haptix.layout.glide import Glide
+from haptix.layout.outlines import Outline
+from haptix.motion import Depends, Facts, History, LocalFrame, Motion, Report
+from haptix.texture import Evaluator, FrictionField
+from haptix.texture.composition import Blend
+
+Box = tuple[float, float, float, float]
+"""Left, right, top and bottom [mm]."""
+
+
+class LayoutFacts(Facts):
+    """Facts of a finger on a layout: the newest of all regions, and those of each."""
+
+    of: dict[int, Facts]
+    """By the key of the region; of those that the finger is on."""
+
+    @classmethod
+    def newest(cls, of: dict[int, Facts], before: Facts) -> LayoutFacts:
+        """Take the newest time of each kind, over the regions and what was before."""
+        every = [before, *of.values()]
+
+        def latest(name: str) -> Facts:
+            # NaN compares false: what has not happened is never the latest.
+            found = every[0]
+            for one in every[1:]:
+                there, here = getattr(one, name), getattr(found, name)
+                found = one if there == there and not here >= there else found
+            return found
+
+        crossed = latest("detent_s")
+        times = [getattr(latest(name), name) for name in ("down_s", "press_s", "release_s")]
+        made = cls._make((*times, crossed.detent, crossed.detent_s))
+        made.of = of
+        return made
+
+    def _replace(self, /, **changed: float) -> LayoutFacts:
+        """Replace times, in the regions that have them too."""
+        made = LayoutFacts(*Facts._replace(Facts(*self), **changed))
+        made.of = {
+            key: one._replace(
+                **{n: new for n, new in changed.items() if getattr(one, n) == getattr(self, n)}
+            )
+            for key, one in self.of.items()
+        }
+        return made
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """A region; it never changes, a layout replaces it.
+
+    Parameters
+    ----------
+    key : int
+        Of its patch.
+    evaluator : Evaluator
+        Answers in millimetres from the region's corner.
+    outline : Outline
+        Its shape.
+    place : Glide
+        Corner x, y on the screen [mm] and angle [rad].
+    opacity : Glide
+        Opacity, 0 to 1.
+    scale : float
+        Millimetres on the screen for one of the material's.
+    z, blend, priority, mask
+        See `Layout.add`.
+    """
+
+    key: int
+    evaluator: Evaluator
+    outline: Outline
+    place: Glide
+    opacity: Glide
+    scale: float = 1.0
+    z: float = 0.0
+    blend: Blend = "over"
+    priority: int = 0
+    mask: FrictionField | None = None
+    way: Box = field(init=False)
+    """Box around both ends of the glide."""
+    box: Box = field(init=False)
+    """Box around where it ends."""
+    frame: LocalFrame = field(init=False)
+    """Axes at the end of the glide."""
+    is_level: bool = field(init=False)
+    """An upright rectangle without a mask: inside its box it covers all."""
+
+    def __post_init__(self) -> None:
+        ends = [self._corners(*row) for row in (self.place.before, self.place.after)]
+        boxes = [
+            (min(x), max(x), min(y), max(y)) for x, y in (zip(*one, strict=True) for one in ends)
+        ]
+        sides = zip(*boxes, strict=True)
+        widest = tuple(rule(side) for rule, side in zip((min, max, min, max), sides, strict=True))
+        level = self.outline.shape == "rectangle" and self.mask is None
+        level = level and self.place.before[2] == self.place.after[2] == 0.0
+        object.__setattr__(self, "way", widest)
+        object.__setattr__(self, "box", boxes[1])
+        x, y, angle = self.place.after
+        object.__setattr__(self, "frame", LocalFrame(x, y, angle, self.scale))
+        object.__setattr__(self, "is_level", level)
+
+    def depends_on(self, now_s: float) -> Depends:
+        """What the region's part of an answer depends on, from a time on."""
+        changes = max(self.place.end_s, self.opacity.end_s) > now_s
+        found = Depends.PLACE | self.evaluator.depends_on
+        return found | Depends.TIME if changes else found
+
+    def is_gone(self, t_s: float) -> bool:
+        """Whether it has faded out for good."""
+        return self.opacity.after[0] == 0.0 and t_s >= self.opacity.end_s
+
+    def axes(self, motion: Motion, first_s: float) -> LocalFrame:
+        """Axes of the region during a block that begins at a time."""
+        place = self.place
+        if first_s >= place.end_s:
+            return self.frame
+        parts = place.parts(motion.t_s)
+        (x0, y0, a0), (x1, y1, a1) = place.before, place.after
+        moving = ((parts > 0) & (parts < 1)) / (place.end_s - place.start_s)
+        return LocalFrame(
+            x0 + parts * (x1 - x0), y0 + parts * (y1 - y0), a0 + parts * (a1 - a0), self.scale,
+            moving * (x1 - x0), moving * (y1 - y0), moving * (a1 - a0),
+        )  # fmt: skip
+
+    def cover(self, on: Motion, motion: Motion, first_s: float, inside: bool) -> float | Array:
+        """Opacity at the places of a motion that is `on` the region; one number where it can be."""
+        opacity: float | Array
+        if first_s >= self.opacity.end_s:
+            opacity = self.opacity.after[0]
+        else:
+            low, high = self.opacity.before[0], self.opacity.after[0]
+            opacity = low + self.opacity.parts(motion.t_s) * (high - low)
+        if inside and self.is_level and first_s >= self.place.end_s:
+            return opacity
+        covered = self.outline.cover(on.x_mm, on.y_mm, 4 * on.footprint_mm)
+        if self.mask is not None:
+            shares = self.mask.friction(on.x_mm, on.y_mm, 2 * on.footprint_mm)
+            covered *= np.clip(shares, 0.0, 1.0)
+        return opacity * covered
+
+    def history(self, of_layout: tuple[History, ...]) -> tuple[History, ...]:
+        """Facts of each finger on this region."""
+        return tuple(
+            tuple(
+                (from_s, facts.of.get(self.key, Facts()))
+                for from_s, facts in one
+                if isinstance(facts, LayoutFacts)
+            )
+            for one in of_layout
+        )
+
+    def seen(self, report: Report) -> tuple[Report, bool]:
+        """Return a report in the region's axes, and whether it is on the region."""
+        x0, y0, angle = self.place.at(report.t_s)
+        x, y = report.x_mm - x0, report.y_mm - y0
+        c, s = cos(angle) / self.scale, sin(angle) / self.scale
+        x, y = x * c + y * s, y * c - x * s
+        on = report.is_down and self.opacity.at(report.t_s)[0] > 0 and self.outline.contains(x, y)
+        return report._replace(x_mm=x, y_mm=y, is_down=on), on
+
+    def _corners(self, x_mm: float, y_mm: float, angle: float) -> list[tuple[float, float]]:
+        c, s = cos(angle) * self.scale, sin(angle) * self.scale
+        shape = self.outline.shape
+        width, height = self.outline.width_mm, self.outline.height_mm
+        local = (
+            [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)]
+            if isinstance(shape, str)
+            else shape
+        )
+        return [(x_mm + x * c - y * s, y_mm + x * s + y * c) for x, y in local]
+
+
+def _box(corners: list[tuple[float, float]]) -> Box:
+    x, y = zip(*corners, strict=True)
+    return min(x), max(x), min(y), max(y)

@@ -1,0 +1,320 @@
+"""Layouts: what is felt where, and how it comes, moves and goes."""
+
+import threading
+from math import cos, nan, radians, sin
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptix import InputError, Layout, Texture
+from haptix.layout import ScreenGeometry
+from haptix.layout.layout import FADE_S, GLIDE_S
+from haptix.motion import Depends, Facts, Motion, Report
+from haptix.texture import Composition, Grating, Sprite
+from haptix.texture.evaluator import Evaluator
+
+STRIPES = Grating(period_mm=4.0, low=0.2, high=0.8)
+HALF = Texture(np.full((4, 4), 0.5), width_mm=20.0)
+
+
+class Level:
+    """A material that answers one number, of a kind."""
+
+    drives_at_rest = False
+    depends_on = Depends.PLACE
+    outside = 0.0
+
+    def __init__(self, level, target="share"):
+        self.level, self.target = level, target
+        self.asked = []
+
+    @property
+    def evaluator(self) -> Evaluator:
+        return self
+
+    def wanted(self, motion):
+        self.asked.append(motion)
+        return np.full(motion.x_mm.shape, self.level)
+
+    def react(self, facts, before, now):
+        if now.normal_force_n and now.normal_force_n > 1:
+            return facts._replace(press_s=now.t_s)
+        return facts
+
+
+class Clock:
+    def __init__(self, t_s=0.0):
+        self.t_s = t_s
+
+    def __call__(self):
+        return self.t_s
+
+
+def at(layout, x, y=5.0, t_s=100.0, footprint_mm=0.0):
+    x = np.atleast_1d(np.asarray(x, dtype=float))
+    return layout.wanted(Motion.of(x, np.full(x.shape, y), t_s, footprint_mm=footprint_mm))
+
+
+@pytest.mark.parametrize("blend", ["over", "add", "max", "min", "multiply"])
+@pytest.mark.parametrize("shape", ["rectangle", "ellipse"])
+@pytest.mark.parametrize("footprint_mm", [0.0, 0.05])
+def test_a_still_layout_is_a_composition(blend, shape, footprint_mm):
+    # Two independent ways to the same friction, on a path across all of it.
+    x, y = np.linspace(-5, 45, 4001), np.linspace(2, 17, 4001)
+    sprites = [
+        Sprite(STRIPES, 3, 1, 25, 14, opacity=0.7),
+        Sprite(HALF, 12, 4, 20, 10, z=1, blend=blend, shape=shape),
+    ]
+    layout = Layout(0.1)
+    layout.add(HALF, 12, 4, 20, 10, z=1, blend=blend, shape=shape)
+    layout.add(STRIPES, 3, 1, 25, 14, opacity=0.7)
+    wanted = Composition(sprites, 0.1).friction(x, y, footprint_mm)
+    found = layout.wanted(Motion.of(x, y, footprint_mm=footprint_mm))
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12)
+
+
+@given(st.floats(-180, 180), st.floats(0.3, 3), st.floats(-20, 60), st.floats(-20, 60))
+def test_a_turned_and_scaled_region(angle_deg, scale, x, y):
+    layout = Layout()
+    layout.add(Level(1.0), 10, 5, 20, 10, rotation_deg=angle_deg, scale=scale)
+    # Turned back about the middle, it is a rectangle.
+    c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
+    dx, dy = x - 10 - 10 * scale, y - 5 - 5 * scale
+    right, down = dx * c + dy * s, dy * c - dx * s
+    depth = min(10 * scale - abs(right), 5 * scale - abs(down))
+    if abs(depth) > 1e-6:
+        assert at(layout, x, y)[0] == (depth > 0)
+
+
+def test_a_polygon_with_a_dent():
+    layout = Layout()
+    layout.add(Level(1.0), 0, 0, 10, 10, shape=[(0, 0), (10, 0), (10, 10), (5, 4), (0, 10)])
+    np.testing.assert_array_equal(at(layout, [1, 5, 9, 11], 8.0), [1, 0, 1, 0])
+    np.testing.assert_array_equal(at(layout, [1, 5, 9], 3.0), [1, 1, 1])
+
+
+def test_a_mask_is_opacity():
+    ramp = Texture(np.linspace(0, 1, 101)[None, :], width_mm=101.0)
+    layout = Layout(0.25)
+    layout.add(Level(1.0), 0, 0, 101, 20, mask=ramp)
+    np.testing.assert_allclose(at(layout, [0.5, 50.5, 100.5]), [0.25, 0.625, 1.0], atol=1e-9)
+
+
+@given(st.floats(0, 0.04), st.floats(-50, 50), st.floats(0.001, 0.05))
+def test_a_move_is_a_line_in_time(t_s, by_mm, over_s):
+    clock = Clock(1.0)
+    layout = Layout()
+    layout.attach(clock)
+    material = Level(0.5)
+    patch = layout.add(material, 0, 0, 1000, 1000)
+    clock.t_s = 2.0
+    patch.move(x_mm=by_mm, over_s=over_s)
+    assert patch.x_mm == by_mm
+    motion = Motion.of([500.0, 500.0], 500.0, [2 + t_s, 2 + t_s + 1e-9], 10.0, 0.0)
+    layout.wanted(motion)
+    on = material.asked[-1]
+    part = min(t_s / over_s, 1.0)
+    assert on.x_mm[0] == pytest.approx(500 - part * by_mm, abs=1e-5)
+    if part < 0.999 and t_s > 1e-6:
+        assert on.vx_mm_s[0] == pytest.approx(10 - by_mm / over_s, rel=1e-6)
+
+
+def test_a_new_move_begins_where_the_old_one_is():
+    clock = Clock(1.0)
+    layout = Layout()
+    layout.attach(clock)
+    material = Level(0.5)
+    patch = layout.add(material, 0, 0, 1000, 1000)
+    clock.t_s = 2.0
+    patch.move(x_mm=10)
+    clock.t_s += GLIDE_S / 2
+    patch.move(x_mm=-10)
+    at(layout, 500, 500, clock.t_s)
+    assert material.asked[-1].x_mm[0] == pytest.approx(495)
+    at(layout, 500, 500, clock.t_s + GLIDE_S)
+    assert material.asked[-1].x_mm[0] == pytest.approx(510)
+
+
+def test_all_that_changes_fades():
+    clock = Clock(1.0)
+    layout = Layout(0.2)
+    layout.attach(clock)
+    t = 1.0 + np.linspace(0, 2 * FADE_S, 101)
+    part = np.clip((t - 1.0) / FADE_S, 0, 1)
+
+    def felt():
+        return layout.wanted(Motion.of(np.full(t.shape, 5.0), 5.0, clock.t_s - 1 + t))
+
+    patch = layout.add(Level(0.8), 0, 0, 10, 10)
+    np.testing.assert_allclose(felt(), 0.2 + 0.6 * part, atol=1e-9)
+    clock.t_s = 2.0
+    patch.set(material=Level(0.4))
+    np.testing.assert_allclose(felt(), 0.8 - 0.4 * part, atol=1e-9)
+    clock.t_s = 3.0
+    patch.set(opacity=0.5)
+    np.testing.assert_allclose(felt()[[0, -1]], [0.4, 0.3], atol=1e-9)
+    assert np.abs(np.diff(felt())).max() < 0.05
+    clock.t_s = 4.0
+    patch.remove()
+    assert not patch.is_there
+    np.testing.assert_allclose(felt(), 0.3 - 0.1 * part, atol=1e-9)
+    clock.t_s = 5.0
+    layout.add(Level(0.8), 50, 50, 10, 10)
+    assert len(layout._regions) == 1  # what has gone is forgotten
+    patch.remove()
+    with pytest.raises(InputError, match="removed"):
+        patch.move(x_mm=3)
+
+
+def test_targets_are_mixed_by_what_can_be_reached():
+    def reach(force, speed):
+        return np.full(force.shape, 0.3), np.full(force.shape, 0.7)
+
+    asked = Motion.of([5.0], 5.0, 9.0).within(reach)
+    for target, own in (("share", 0.25), ("mu", 0.4), ("contrast", 1 / 3)):
+        for kind, level in (("share", 0.25), ("mu", 0.4), ("contrast", 1 / 3)):
+            layout = Layout(target=target)
+            layout.add(Level(level, kind), 0, 0, 10, 10)
+            assert layout.wanted(asked)[0] == pytest.approx(own)
+
+
+def test_changes_together_come_together_or_not_at_all():
+    layout = Layout()
+    one = layout.add(Level(1.0), 0, 0, 10, 10)
+    with layout.change():
+        one.move(x_mm=20)
+        layout.add(Level(0.5), 0, 0, 10, 10)
+        assert at(layout, 5.0)[0] == 1.0
+    np.testing.assert_array_equal(at(layout, [5.0, 25.0]), [0.5, 1.0])
+    with pytest.raises(InputError, match="blend"), layout.change():
+        one.move(x_mm=70)
+        layout.add(Level(0.5), 0, 0, 10, 10, blend="under")
+    assert one.x_mm == 20
+    np.testing.assert_array_equal(at(layout, [5.0, 25.0]), [0.5, 1.0])
+
+
+def test_any_thread_may_change_it_while_another_asks():
+    layout = Layout()
+    pair = [layout.add(Level(1.0), 0, 0, 10, 10), layout.add(Level(1.0), 20, 0, 10, 10)]
+    stop, wrong = threading.Event(), []
+
+    def ask():
+        while not stop.is_set():
+            left, right = at(layout, [5.0, 25.0])
+            if left + right != 2.0:
+                wrong.append((left, right))
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    for i in range(300):
+        with layout.change():  # they change places
+            for k, patch in enumerate(pair):
+                patch.move(x_mm=20 * ((i + k) % 2), over_s=0)
+    stop.set()
+    thread.join()
+    assert not wrong
+
+
+def test_facts_are_those_of_the_region():
+    layout = Layout()
+    pad, field = Level(0.5), Level(0.4)
+    for one in (pad, field):
+        one.depends_on = Depends.PLACE | Depends.FACTS
+    layout.add(field, 0, 0, 100, 100)
+    layout.add(pad, 10, 10, 10, 10, opacity=0.5)
+    reports = [Report(1.0, 5, 15, 0.5), Report(1.1, 15, 15, 0.5), Report(1.2, 16, 15, 2.0)]
+    facts: Any = Facts(down_s=1.0)
+    before, history = None, []
+    for now in reports:
+        facts = layout.react(facts, before, now)
+        history.append((now.t_s, facts))
+        before = now
+    assert facts[:2] == (1.1, 1.2)
+    motion = Motion.of([16.0], 15.0, 1.3, history=tuple(history))
+    layout.wanted(motion)
+    assert field.asked[-1].facts.down_s == 1.0 and pad.asked[-1].facts.down_s == 1.1
+    assert pad.asked[-1].facts.press_s == 1.2
+    later = facts._replace(press_s=1.25)  # the first time that could still be rendered
+    assert {one.press_s for one in later.of.values()} == {1.25}
+    gone: Any = layout.react(facts, before, Report(1.4, 50, 50, 0.5))
+    assert len(gone.of) == 1 and gone.press_s == 1.2
+
+
+def test_what_is_not_felt_at_rest_fades_there_beside_what_is():
+    layout = Layout()
+    layout.add(Level(0.8), 0, 0, 10, 10)
+    button = Level(0.6)
+    button.drives_at_rest = True
+    assert not layout.drives_at_rest
+    layout.add(button, 20, 0, 10, 10)
+    assert layout.drives_at_rest
+    np.testing.assert_array_equal(at(layout, [5.0, 25.0]), [0.0, 0.6])
+
+
+def test_fingers_on_the_region_of_the_highest_priority():
+    layout = Layout()
+    layout.add(Level(0.8), 0, 0, 10, 10)
+    motion = Motion.of([5.0, 25.0, 60.0], 5.0)
+    assert layout.priorities(motion) is None
+    layout.add(Level(0.8), 20, 0, 10, 10, priority=3)
+    np.testing.assert_array_equal(layout.priorities(motion), [0, 3, 0])
+
+
+def test_places_that_are_none():
+    layout = Layout(0.3)
+    layout.add(Level(1.0), 0, 0, 10, 10)
+    np.testing.assert_array_equal(at(layout, [nan, 5, np.inf, 1e9]), [0.3, 1, 0.3, 0.3])
+    assert at(layout, []).size == 0
+
+
+def test_a_texture_that_is_added_again_is_not_made_again():
+    layout = Layout()
+    regions = [layout.add(HALF) for _ in range(3)]
+    assert len({id(one.evaluator) for one in layout._regions}) == 1
+    for region in regions:
+        region.move(x_mm=3)
+    assert len({id(one.evaluator) for one in layout._regions}) == 1
+
+
+@pytest.mark.parametrize("turn", [0, 90, 180, 270])
+@given(st.floats(-100, 2000), st.floats(-100, 2000))
+def test_pixels_there_and_back(turn, x, y):
+    screen = ScreenGeometry(1920, 1080, 344.0, 194.0, 2.0, 3.0, turn)
+    assert screen.pixels(*screen.mm(x, y)) == pytest.approx((x, y), abs=1e-6)
+    corners = {0: (0, 0), 90: (1, 0), 180: (1, 1), 270: (0, 1)}  # of the picture's first pixel
+    right, down = corners[turn]
+    assert screen.mm(0, 0) == pytest.approx((2 + right * 344, 3 + down * 194))
+    assert ScreenGeometry.of_dpi(254, 127, 254).mm(254, 127) == pytest.approx((25.4, 12.7))
+
+
+BAD = {
+    "a path": (lambda g: g.add("brick.png"), "material: .*brick.png"),
+    "no size": (lambda g: g.add(STRIPES), "width_mm"),
+    "no width": (lambda g: g.add(STRIPES, 0, 0, 0, 5), "width_mm"),
+    "a place": (lambda g: g.add(HALF, "left"), "x_mm"),
+    "a blend": (lambda g: g.add(HALF, blend="under"), "blend"),
+    "a factor": (lambda g: g.add(Level(1.0, "mu"), 0, 0, 5, 5, blend="multiply"), "multiplies"),
+    "opacity": (lambda g: g.add(HALF, opacity=2), "opacity"),
+    "scale": (lambda g: g.add(HALF, scale=0), "scale"),
+    "shape": (lambda g: g.add(HALF, shape="star"), "shape"),
+    "corners": (lambda g: g.add(HALF, shape=[(0, 0), (1, 1)]), "3 corners"),
+    "mask": (lambda g: g.add(HALF, mask=np.ones((3, 3))), "mask"),
+    "priority": (lambda g: g.add(HALF, priority="high"), "priority"),
+    "move": (lambda g: g.add(HALF).move(x_mm="5 mm"), "x_mm"),
+    "over": (lambda g: g.add(HALF).move(x_mm=5, over_s=-1), "over_s"),
+    "set": (lambda g: g.add(HALF).set(colour=3), "set"),
+    "target": (lambda g: Layout(target="friction"), "target"),
+    "background": (lambda g: Layout(background="grey"), "background"),
+    "dpi": (lambda g: ScreenGeometry.of_dpi(100, 100, 0), "dpi"),
+    "turn": (lambda g: ScreenGeometry(100, 100, 10, 10, 0, 0, 45), "rotation_deg"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_be(name):
+    call, words = BAD[name]
+    with pytest.raises(InputError, match=words):
+        call(Layout())
