@@ -239,6 +239,13 @@ def fit(
             "advice": advice,
             "left_out": found.left_out,
             "repeatability": vars(found.repeatability),
+            "forms": [
+                {
+                    key: rounded(one) if isinstance(one, float) else one
+                    for key, one in vars(form).items()
+                }
+                for form in found.forms
+            ],
             "terms": [
                 {**vars(one), "evidence": rounded(one.evidence)}
                 | {"effect_thresholds": rounded(one.effect_thresholds)}
@@ -255,6 +262,8 @@ def fit(
     )
     left_out = [f"stroke {n} was not used: {why}" for n, why in sorted(found.left_out.items())]
     sys.stdout.writelines(f"{line}\n" for line in [*advice, *left_out])
+    if found.forms:
+        show("other forms of the model", [one.row() for one in found.forms], False)
     if needs:
         show("which terms the strokes need", [one.row() for one in needs], False)
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, PlainSerializer, PlainValidator, model_validator
 
+from calibration.forms import FormFit
 from calibration.parameters import PER_FINGER, Array, FingerPrior
 from calibration.residuals import Repeatability
 from haptix.documents import Document, Part
@@ -121,6 +122,8 @@ class Fit(Document):
         Strokes that were not used, with reasons.
     terms : tuple of str
         Terms of the model that were on.
+    forms : tuple of FormFit
+        The strokes fitted in other forms of the model.
     made_from : mapping of str to str
         SHA-256 of each file of the session that the fit rests on; empty before version 0.2.
     made_by : str
@@ -140,6 +143,7 @@ class Fit(Document):
     strokes: tuple[int, ...]
     left_out: dict[int, str]
     terms: tuple[str, ...]
+    forms: tuple[FormFit, ...] = ()
     made_from: dict[str, str] = Field(default={})
     made_by: str = ""
     content_hash: str = ""

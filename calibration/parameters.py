@@ -31,13 +31,23 @@ PER_FINGER = (
     "skin_dielectric_scale",
     "response_hz_per_mm_per_s",
 )
-NAMES = PER_SCREEN + PER_FINGER
+PER_RIG = ("sensor_pole_hz", "sensor_resonance_hz", "sensor_quality")
+"""Nuisances: the force sensor's bandwidth, which lowers or raises the ripple at 2f."""
+NAMES = PER_SCREEN + PER_FINGER + PER_RIG
 
 OPTIONAL: Mapping[str, tuple[float, float]] = {"gap_resistivity_ohm_m": (1e7, 6.0)}
 """Parameters that a fit may do without, with start and prior where the profile has no value: around
 the values of the paper's Fig. 4, decades either way, hardly any knowledge."""
 
-REQUIRED = tuple(name for name in NAMES if name not in OPTIONAL)
+REQUIRED = tuple(name for name in NAMES if name not in OPTIONAL and name not in PER_RIG)
+
+# A strain gauge under a screen has its pole at 0.5 to 3 kHz or above, and its resonance where its
+# stiffness and the screen's mass put it; start and spread of the logarithm.
+_RIG: Mapping[str, tuple[float, float]] = {
+    "sensor_pole_hz": (3000.0, 1.2),
+    "sensor_resonance_hz": (6000.0, 0.8),
+    "sensor_quality": (8.0, 0.7),
+}
 
 # What is known of a fingertip before anything is measured, as standard deviations of logarithms.
 # The apparent area is that of an ink print; the rest is the spread between people. A screen's
@@ -49,7 +59,8 @@ _SPREAD = {
     "apparent_area_exponent": 0.2,
     # A factor of two either way: the built-in table is a placeholder, and skin takes up water.
     "skin_dielectric_scale": 0.7,
-    "response_hz_per_mm_per_s": 0.1,
+    # Fingers of 5 to 30 Hz per mm/s; the published mean is 13.8.
+    "response_hz_per_mm_per_s": 0.7,
 }
 
 _FURTHEST = {"youngs_modulus_pa": 1.6, "h_rms_m": 1.2, "gap_resistivity_ohm_m": 12.0}
@@ -75,7 +86,13 @@ EXPERIMENTS: Mapping[str, str] = {
         "measure the skin's impedance, or calibrate this finger on a screen of known insulator at "
         "several frequencies"
     ),
-    "response_hz_per_mm_per_s": "add strokes at 250 to 500 Hz, at two speeds",
+    "response_hz_per_mm_per_s": (
+        "it looks like the force sensor's pole: tap the screen in `haptix calibrate rig`, or add "
+        "strokes at 250 to 500 Hz at two speeds"
+    ),
+    "sensor_pole_hz": "tap the screen in `haptix calibrate rig`",
+    "sensor_resonance_hz": "tap the screen in `haptix calibrate rig`",
+    "sensor_quality": "tap the screen in `haptix calibrate rig`",
 }
 """The experiment that would determine each parameter."""
 
@@ -182,6 +199,10 @@ class Parameters:
             value = screen.gap_resistivity_ohm_m or start
             found.append(Parameter("gap_resistivity_ohm_m", value, prior))
         return cls(tuple(found))
+
+    def with_rig(self) -> Parameters:
+        """Return a copy with the force sensor's bandwidth, as little as is known of one."""
+        return self._changed({name: Parameter(name, *one) for name, one in _RIG.items()})
 
     @property
     def names(self) -> tuple[str, ...]:

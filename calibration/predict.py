@@ -66,7 +66,7 @@ class Prediction:
     log_mu : array, shape (strokes,)
         ln of the friction coefficient, averaged over the drive period.
     ripple : array, shape (strokes,)
-        Amplitude of the friction at 2f over its mean.
+        Amplitude of the friction at 2f over its mean, as the force sensor shows it.
     log_mu_jacobian, ripple_jacobian : array, shape (strokes, parameters)
         By the logarithms of the parameters.
     is_light : array of bool, shape (strokes,)
@@ -146,8 +146,9 @@ class StrokePredictor:
         columns = dict(zip(names, rows.exp().unbind(-1), strict=True))
         with torch.set_grad_enabled(jacobian):
             mu, z_real, z_imag, light = self._period(strokes, columns)
-        size = torch.sqrt(z_real**2 + z_imag**2 + 1e-30)
-        log_mu, ripple = torch.log(mu), size / mu
+            size = torch.sqrt(z_real**2 + z_imag**2 + 1e-30)
+            sensed = sensor_gain(columns, 2 * torch.as_tensor(strokes.frequency_hz))
+            log_mu, ripple = torch.log(mu), size / mu * sensed
         by_log = np.zeros((2, count, len(names)))
         if jacobian:
             (by_log[0],) = torch.autograd.grad(log_mu.sum(), rows, retain_graph=True)
@@ -206,6 +207,21 @@ class StrokePredictor:
         unit = values["youngs_modulus_pa"] / self._modulus_pa * values["h_rms_m"] / self._h_rms_m
         given = Properties(_updated(finger, changed), _updated(screen, changed), unit)
         return ActiveTerms(given, fitted_terms(self.model.terms, values))
+
+
+def sensor_gain(values: Mapping[str, Tensor], frequency_hz: Tensor) -> Tensor:
+    """Gain of the force sensor at a frequency: a pole of first order, and a resonance.
+
+    1 where `values` has none of `calibration.parameters.PER_RIG`; the columns broadcast.
+    """
+    gain = torch.ones_like(frequency_hz)
+    if "sensor_pole_hz" in values:
+        gain = gain / torch.sqrt(1 + (frequency_hz / values["sensor_pole_hz"]) ** 2)
+    if "sensor_resonance_hz" in values:
+        ratio = frequency_hz / values["sensor_resonance_hz"]
+        damping = ratio / values["sensor_quality"]
+        gain = gain / torch.sqrt((1 - ratio**2) ** 2 + damping**2)
+    return gain
 
 
 def _updated(profile: _Profile, values: Mapping[str, Any]) -> _Profile:

@@ -179,7 +179,7 @@ def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: fl
         mu -= crosstalk * float(directions[0])
     if mu <= 0:
         return replace(blank, outlier=f"wrong sign: mu is {mu:.3g} in full slip")
-    ripple, ripple_sd = _ripple(recording, segments)
+    ripple, ripple_sd = _ripple(recording, segments, _hum(recording, idle_s))
     return replace(
         blank,
         normal_force_n=float(forces.mean()),
@@ -231,10 +231,25 @@ def _ratio(recording: StrokeRecording, segment: Segment) -> tuple[float, float]:
     return ratio, spread / sqrt(max(len(blocks), 1)) / abs(float(press.mean()))
 
 
-def _ripple(recording: StrokeRecording, segments: list[Segment]) -> tuple[float, float]:
+def _hum(recording: StrokeRecording, idle_s: float) -> float:
+    """Amplitude [N] of the untouched tangential force at 2f: harmonics of the mains lie there."""
+    found = []
+    for part in idle_parts(recording, idle_s):
+        t, force = recording.t_s[part], recording.tangential_force_n[part]
+        if len(t) > 8:
+            turn = np.exp(-4j * np.pi * recording.stroke.frequency_hz * (t - t[0]))
+            window = np.hanning(len(t))
+            found.append(2 * abs(turn @ ((force - force.mean()) * window)) / window.sum())
+    return max(found, default=0.0)
+
+
+def _ripple(
+    recording: StrokeRecording, segments: list[Segment], hum_n: float
+) -> tuple[float, float]:
     """Amplitude of the friction at 2f over its mean, and its error: a lock-in with a Hann window.
 
-    The noise is that of frequencies beside 2f, in the same window.
+    The noise is that of frequencies beside 2f, in the same window, and the hum at 2f itself, whose
+    phase to the ripple is any.
     """
     frequency = 2 * recording.stroke.frequency_hz
     if recording.stroke.voltage_v == 0 or frequency > _HIGHEST_SHARE * recording.sample_rate_hz:
@@ -264,5 +279,5 @@ def _ripple(recording: StrokeRecording, segments: list[Segment]) -> tuple[float,
     )
     size = sqrt(max(power - noise, 0.0))
     # One quadrature of the noise moves the amplitude; the segments average.
-    sd = sqrt(noise / 2 / len(rows))
+    sd = hypot(sqrt(noise / 2 / len(rows)), hum_n / sqrt(2 * len(rows)))
     return size / mean, hypot(sd / mean, _RIPPLE_GAIN_ERROR * size / mean, 1e-4)

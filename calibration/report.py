@@ -81,6 +81,7 @@ def write_report(
         f"<p>Residuals in just-noticeable differences (JND, {WEBER_FRACTION:.0%} of mu). Each "
         "group's mean, with its 90 % uncertainty, is to lie within "
         f"{verification.tolerance_thresholds:g}.</p>",
+        _table("Other forms of the model", [one.row() for one in fit.forms]),
         _table("Which terms the strokes need", [one.row() for one in needs]),
         _list("Strokes that were not used", left_out),
         _list("Rests on", rests_on),

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
+import torch
 from scipy.optimize import brentq
 
-from calibration.parameters import Array, Parameters
-from calibration.predict import Prediction, StrokeConditions, StrokePredictor
+from calibration.parameters import PER_RIG, Array, Parameters
+from calibration.predict import Prediction, StrokeConditions, StrokePredictor, sensor_gain
 from calibration.reduction import Point
 
 SOFT_AT = 2.0
 """Residual, in standard errors, above which a stroke counts less than its square."""
+# Sensors to start from.
+_POLES_HZ = (350.0, 700.0, 1400.0, 3000.0, 10_000.0)
+_RESONANCES_HZ = (450.0, 700.0, 1000.0, 1400.0, 1900.0, 2600.0, 6000.0)
+_QUALITIES = (3.0, 10.0)
 _CLIPPED_AT = 3.0  # where the repeatability is estimated
 
 
@@ -102,7 +108,10 @@ class Residuals:
     def data(self, free: Array, jacobian: bool = True) -> Array:
         """Residuals of the data; without the Jacobian they are three times as fast."""
         found = self.predict(free, jacobian)
-        predicted = np.concatenate([found.log_mu, found.ripple[self._has_ripple]])
+        return self._rows(found.log_mu, found.ripple)
+
+    def _rows(self, log_mu: Array, ripple: Array) -> Array:
+        predicted = np.concatenate([log_mu, ripple[self._has_ripple]])
         return np.asarray((predicted - self._measured) / self._sd)
 
     def data_jacobian(self, free: Array) -> Array:
@@ -126,6 +135,32 @@ class Residuals:
         rho = np.stack([2 * (root - 1), 1 / root, -0.5 / root**3])
         rho[0, count:], rho[1, count:], rho[2, count:] = square[count:], 1.0, 0.0
         return rho
+
+    def with_best_sensor(self, free: Array) -> Array:
+        """Return a start whose force sensor, of many, fits the ripples best; the rest is kept.
+
+        Between two resonances that fit no slope leads from one to the other.
+        """
+        at = [self.parameters.free.index(name) for name in PER_RIG if name in self.parameters.free]
+        if len(at) < len(PER_RIG) or not self._has_ripple.any():
+            return free
+        hertz = torch.as_tensor(2 * self._strokes.frequency_hz)
+        clean = self.predict(free).ripple / self._sensor(free[at], hertz)
+        start = free, self.cost(free)
+        for sensor in product(_POLES_HZ, _RESONANCES_HZ, _QUALITIES):
+            tried = free.copy()
+            tried[at] = np.log(sensor)
+            rows = clean * self._sensor(tried[at], hertz)
+            data = self._rows(self.predict(free).log_mu, rows)
+            both = np.concatenate([data, self.prior_matrix @ tried - self.prior_target])
+            cost = float(SOFT_AT**2 * self.loss((both / SOFT_AT) ** 2)[0].sum())
+            start = min(start, (tried, cost), key=lambda pair: pair[1])
+        return start[0]
+
+    @staticmethod
+    def _sensor(logs: Array, hertz: torch.Tensor) -> Array:
+        values = dict(zip(PER_RIG, torch.as_tensor(np.exp(logs)), strict=True))
+        return np.asarray(sensor_gain(values, hertz).numpy())
 
     def weights(self, free: Array) -> Array:
         """Weights of the data rows that the loss amounts to at its minimum."""

@@ -16,6 +16,7 @@ from pydantic import TypeAdapter
 from calibration.comparison import TermNeed, compare_terms
 from calibration.fit import Fit
 from calibration.fitting import fit_strokes
+from calibration.forms import other_forms
 from calibration.parameters import Parameters
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.profile import (
@@ -80,7 +81,7 @@ def plan_strokes(
             f"{screen.name!r}, got {limit:g} V"
         )
     predictor = StrokePredictor(ContactModel(finger, screen))
-    parameters = Parameters.of(finger, screen)
+    parameters = Parameters.of(finger, screen).with_rig()
     if kind == "short":
         protocol = short_protocol(predictor, parameters, minutes, limit)
     elif kind in ("paper", "full"):
@@ -114,17 +115,19 @@ def fit_folder(
 
     For `fixed` and `priors` see `Parameters.fixed` and `Parameters.known`. `finger_fit` is an
     earlier ``fit.json`` of the same finger. With `leaky_gap` the gap's resistivity is fitted, and
-    with `compare` it is found which terms the strokes need; `terms` are switched on or off.
+    with `compare` it is found which terms the strokes need, and the uncertainty is widened by other
+    forms of the model; `terms` are switched on or off.
     """
     session = Session.open(folder)
     reduced = Reduced.load(session.folder / REDUCED)
     finger, screen = session.info.finger, session.info.screen
     predictor = StrokePredictor(ContactModel(finger, screen, terms=terms))
-    parameters = Parameters.of(finger, screen, leaky_gap)
+    parameters = Parameters.of(finger, screen, leaky_gap).with_rig()
     if finger_fit is not None:
         parameters = parameters.with_finger(Fit.load(finger_fit).finger_prior())
     parameters = parameters.known(**priors or {}).fixed(**fixed or {})
-    fit = fit_strokes(reduced, predictor, parameters).signed(session.hashes(REDUCED))
+    forms = other_forms(predictor.model, terms) if compare else None
+    fit = fit_strokes(reduced, predictor, parameters, forms=forms).signed(session.hashes(REDUCED))
     fit.save(session.folder / FIT)
     needs = compare_terms(fit, reduced, predictor, parameters) if compare else []
     write_whole(session.folder / NEEDS, json_text([asdict(one) for one in needs]))

@@ -9,7 +9,7 @@ Berger 1982). No single stroke decides.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import hypot, isfinite
 from typing import Literal, Self
@@ -18,7 +18,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from calibration.fit import Fit
-from calibration.parameters import Array, Mask, Parameters
+from calibration.parameters import PER_RIG, Array, Mask, Parameters
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.protocol import CARRIER_HZ, FREQUENCY_HZ
 from calibration.reduction import Point, Reduced
@@ -66,11 +66,20 @@ class HeldOutStroke:
         return (measured / self.predicted_mu - self.predicted_ripple) / WEBER_FRACTION
 
     @classmethod
-    def predicted(cls, points: Sequence[Point], predictor: StrokePredictor) -> tuple[Self, ...]:
-        """Predict strokes with the finger and the screen of a predictor."""
+    def predicted(
+        cls,
+        points: Sequence[Point],
+        predictor: StrokePredictor,
+        sensor: Mapping[str, float] | None = None,
+    ) -> tuple[Self, ...]:
+        """Predict strokes with the finger and the screen of a predictor.
+
+        `sensor` has the bandwidth of the force sensor (`calibration.parameters.PER_RIG`), which is
+        in no profile; without it the ripples are those of a perfect one.
+        """
         if not points:
             return ()
-        own = Parameters.of(predictor.model.finger, predictor.model.screen)
+        own = Parameters.of(predictor.model.finger, predictor.model.screen).fixed(**sensor or {})
         found = predictor(StrokeConditions.of(points), own.names, own.log_values, jacobian=False)
         numbers = np.exp(found.log_mu).tolist(), found.ripple.tolist(), found.is_light.tolist()
         return tuple(cls(*one) for one in zip(points, *numbers, strict=True))
@@ -204,7 +213,8 @@ def verify(
     the strokes do not determine the screen's insulator. It is provisional without a `rig` check and
     where no two held-out strokes are at the carrier.
     """
-    predicted = HeldOutStroke.predicted(reduced.held_out, predictor)
+    sensor = {name: fit.best(name) for name in PER_RIG if name in fit.names}
+    predicted = HeldOutStroke.predicted(reduced.held_out, predictor, sensor)
     rows = tuple(one for one in predicted if one.is_light)
     failures = []
     if len(rows) < FEWEST_HELD_OUT:

@@ -87,6 +87,8 @@ def test_a_command_prints_what_it_printed(kept, case):
     assert result.exit_code == 0, result.output
     rows = json.loads(result.stdout)
     rows = rows["estimates"] if isinstance(rows, dict) else rows
+    if case["command"][1] == "fit":  # the force sensor's bandwidth has rows of its own
+        rows = [row for row in rows if not row["name"].startswith("sensor_")]
     if case["command"][0] == "plan":  # terms that were added since have rows of their own
         before = {row["name"] for row in case["prints"]}
         rows = [row for row in rows if row["name"] in before]
@@ -97,9 +99,9 @@ def test_a_command_prints_what_it_printed(kept, case):
             if isinstance(value, float):
                 # Tolerances: rounding for what is read; the solver's own for what is solved anew.
                 # Errors of a fit are the larger of curvature and bootstrap in every direction now;
-                # they were of each parameter alone.
+                # they were of each parameter alone, with other draws.
                 is_error = case["command"][1] == "fit" and name in ("low", "high", "spread")
-                tolerance = 0.03 if is_error else case["relative_tolerance"]
+                tolerance = 0.1 if is_error else case["relative_tolerance"]
                 close = pytest.approx(value, rel=tolerance, abs=1e-7)
                 assert row[name] == close, name
             else:

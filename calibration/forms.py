@@ -1,0 +1,121 @@
+"""The error of the model's own form: the strokes fitted by another theory and gap distribution.
+
+A profile is written in one form. Where the strokes do not tell it from another, the parameters of
+both are possible, and the difference belongs to their uncertainty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import expit
+
+from calibration.parameters import Array, Parameters
+from calibration.predict import StrokePredictor
+from calibration.residuals import Repeatability, Residuals
+from haptix.contact import THEORIES, TheoryName
+from haptix.contact.meanfield import GapDistribution
+from haptix.friction import ContactModel
+from haptix.perception import WEBER_FRACTION
+
+
+@dataclass(frozen=True)
+class FormFit:
+    """The strokes fitted in another form.
+
+    Parameters
+    ----------
+    form : str
+        Its name.
+    evidence : float
+        Minus twice the log-likelihood in this form, less that in the fit's own: below 0 it fits
+        better.
+    h0_ratio : float
+        d1/eps1 in this form over that of the fit.
+    effect_thresholds : float
+        Largest change of friction at the strokes [JND].
+    """
+
+    form: str
+    evidence: float
+    h0_ratio: float
+    effect_thresholds: float
+
+    @property
+    def weight(self) -> float:
+        """Probability of this form against the fit's own, if both were as likely before."""
+        return float(expit(-self.evidence / 2))
+
+    def row(self) -> dict[str, str]:
+        """Return a row of a table for people."""
+        return {
+            "form": self.form,
+            "evidence against it": f"{self.evidence:+.1f}",
+            "d1/eps1, over the fit's": f"{self.h0_ratio:.3g}",
+            "friction changes by [JND]": f"{self.effect_thresholds:.2g}",
+        }
+
+
+def other_forms(
+    model: ContactModel, terms: Mapping[str, bool] | None = None
+) -> dict[str, StrokePredictor]:
+    """Predictors in the other gap distribution, and in the other theory that calibrates."""
+    is_combined = model.contact.gap_distribution == "combined"
+    other: GapDistribution = "plain" if is_combined else "combined"
+    theory: TheoryName = "open-gaps" if model.theory == "corrected" else "corrected"
+    finger, screen = model.finger, model.screen
+    # The other theory with the terms that are usual for it: finite size belongs to one of them.
+    usual = THEORIES[theory].usual_terms | THEORIES[model.theory].usual_terms
+    kept = {name: on for name, on in (terms or {}).items() if name not in usual}
+    by_gaps = ContactModel(finger, screen, terms=terms, theory=model.theory, gap_distribution=other)
+    return {
+        f'gap distribution "{other}"': StrokePredictor(by_gaps),
+        f'theory "{theory}"': StrokePredictor(
+            ContactModel(finger, screen, terms=kept, theory=theory)
+        ),
+    }
+
+
+def compare_forms(
+    residuals: Residuals,
+    free: Array,
+    others: Mapping[str, tuple[Residuals, Array]],
+) -> tuple[list[FormFit], Array]:
+    """Weigh fits of the same strokes in other forms.
+
+    Returns the comparison, and the covariance that the other forms add: for each the square of its
+    distance, times its weight. Both are compared at the smaller repeatability of the two, that of
+    the form that fits better.
+    """
+    added = np.zeros((len(free), len(free)))
+    mu = residuals.predict(free).log_mu
+    found = []
+    for name, (other, at) in others.items():
+        least = Repeatability(
+            min(residuals.repeatability.log_mu, other.repeatability.log_mu),
+            min(residuals.repeatability.ripple, other.repeatability.ripple),
+        )
+        costs = [
+            Residuals(one.predictor, one.parameters, one.points, least).cost(where)
+            for one, where in ((other, at), (residuals, free))
+        ]
+        change = np.abs(np.expm1(other.predict(at).log_mu - mu)).max() / WEBER_FRACTION
+        ratio = 1.0
+        if "h0_m" in residuals.parameters.free:
+            index = residuals.parameters.free.index("h0_m")
+            ratio = float(np.exp(at[index] - free[index]))
+        one = FormFit(name, costs[0] - costs[1], ratio, float(change))
+        added += one.weight * np.outer(at - free, at - free)
+        found.append(one)
+    return found, added
+
+
+def in_form(parameters: Parameters, predictor: StrokePredictor) -> Parameters:
+    """Return the parameters with the start of tau_f that another theory has."""
+    shear = float(predictor.model.finger.frictional_shear_stress_pa)
+    name = "frictional_shear_stress_pa"
+    if parameters[name].is_fixed or parameters[name].prior is not None:
+        return parameters
+    return parameters.started_at(**{name: shear})
