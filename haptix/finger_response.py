@@ -41,6 +41,13 @@ class FingerResponse:
         cutoff_hz = self.response_hz_per_mm_per_s * np.maximum(speed_mm_per_s, _STANDING_MM_PER_S)
         return np.asarray(1 / (1 + 1j * np.asarray(frequency_hz) / cutoff_hz))
 
+    def power(
+        self, frequency_hz: float | Array, speed_mm_per_s: float | Array
+    ) -> npt.NDArray[np.float64]:
+        """Squared size of `gain`. What a ripple adds to the mean friction goes nearly with it."""
+        gain = self.gain(frequency_hz, speed_mm_per_s)
+        return np.asarray(np.square(gain.real) + np.square(gain.imag))
+
     def follow(self, drive: Array, distance_mm: Array, before: Array | None = None) -> Array:
         """Filter a drive that is linear in slid distance between samples, without an error.
 

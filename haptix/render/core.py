@@ -257,8 +257,7 @@ class RenderCore:
 
     def _followed(self, speed_mm_per_s: Array | np.float64) -> tuple[Any, Any]:
         """Place among the averaged slices, by the share of the ripple that the finger follows."""
-        gain = self._response.gain(2 * self.drive.frequency_hz, speed_mm_per_s)
-        place = _SHARES * (np.square(gain.real) + np.square(gain.imag))
+        place = _SHARES * self._response.power(2 * self.drive.frequency_hz, speed_mm_per_s)
         cell = np.minimum(place.astype(int), _SHARES - 1)
         return cell, place - cell
 

@@ -6,15 +6,18 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any
 
 import numpy as np
 
 from firmware_io.limits import BODY_CAPACITANCE_F, DriveLimits
-from haptix.checks import positive, whole
+from haptix.checks import Array, positive, whole
 from haptix.errors import InputError
 from haptix.finger import Finger
+from haptix.finger_response import FingerResponse
 from haptix.friction import ContactModel
+from haptix.render.drive import DirectWave
 from haptix.screen import Screen
 from haptix.states import ContactState
 from haptix.stimuli.stimulus import Stimulus
@@ -22,6 +25,8 @@ from haptix.surface import Column, FrictionSurface, cached_surface
 
 TOLERANCE = "0.02 thresholds"
 """Tolerance of the surfaces; a stimulus may be off by a quarter of a JND in all."""
+
+_PLACES = 257  # of a speed profile, over the stimulus
 
 
 @dataclass(frozen=True)
@@ -162,14 +167,22 @@ class Apparatus:
         return self.models[0].screen
 
     def responses(self, stimulus: Stimulus) -> tuple[Column, tuple[Column, ...]]:
-        """Return the median finger's response to a stimulus's drive, and that of each."""
+        """Return the median finger's response to a stimulus's drive, and that of each.
+
+        Without a carrier friction is the mean over a period of a sine. The finger follows the
+        ripple of the attraction by its response at the stimulus's speeds, and wholly where no speed
+        is given.
+        """
         # The current through a person limits fast carriers below the ceiling.
         limits = DriveLimits(capacitance_f=max(self.screen.body_capacitance_f, BODY_CAPACITANCE_F))
         highest_v = limits.highest_sine_v(stimulus.frequency_hz or 0.0)
         each = tuple(
-            surface.column(stimulus.normal_force_n, stimulus.frequency_hz, stimulus.h0_m).limited(
-                highest_v
-            )
+            surface.column(
+                stimulus.normal_force_n,
+                stimulus.frequency_hz,
+                stimulus.h0_m,
+                _ripple(stimulus, surface.response_hz_per_mm_per_s),
+            ).limited(highest_v)
             for surface in self.surfaces
         )
         return Column.median(each), each
@@ -198,3 +211,18 @@ class Apparatus:
         return self.models[0].solve(
             stimulus.normal_force_n, amplitude_v, stimulus.frequency_hz, stimulus.h0_m
         )
+
+
+def _ripple(stimulus: Stimulus, response_hz_per_mm_per_s: float) -> Array | None:
+    """Attraction over its mean that the finger follows within a period; None with a carrier."""
+    if stimulus.carrier_hz is not None or stimulus.drive_hz is None:
+        return None
+    share = 1.0
+    if stimulus.speed is not None:
+        t = np.linspace(0.0, stimulus.length_s, _PLACES)
+        speed = np.abs(np.diff(stimulus.speed.position_mm(t))) / (t[1] - t[0])
+        followed = FingerResponse(response_hz_per_mm_per_s).power(2 * stimulus.drive_hz, speed)
+        share = float(np.mean(followed))
+    attraction = DirectWave(stimulus.drive_hz).attraction
+    assert attraction is not None  # a sine has a ripple
+    return 1 + sqrt(share) * (attraction - 1)

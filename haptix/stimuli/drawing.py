@@ -17,6 +17,7 @@ from haptix.files import read_json, reading
 from haptix.perception import Perception, components_of_pull
 from haptix.render.drive import SineCarrier
 from haptix.signals.audio import Array, read_drive
+from haptix.stimuli.rendering import over_period
 from haptix.stimuli.sidecar import spectrum
 from haptix.terminal import placeholder_note
 
@@ -72,7 +73,8 @@ def read_for_drawing(path: Path, length_s: float = _LONGEST_S) -> Drawn:
             raise KeyError("mu")
         t = np.arange(len(drive)) / rate
         if carrier is None or len(drive) < 2 * rate / carrier:
-            return Drawn(table, t, drive, t, np.abs(drive) * np.sqrt(2))
+            period = max(1, round(rate / (carrier or table["drive_hz"])))
+            return Drawn(table, t, drive, t, over_period(drive, period))
         at, amplitude = SineCarrier(float(carrier)).demodulate(drive, rate)
         return Drawn(table, t, drive, at / rate, np.abs(amplitude))
 
@@ -210,10 +212,12 @@ def _spectrum(axes: Axes, drawn: Drawn, known: Perception) -> None:
 
 
 def _thresholds(axes: Axes, drawn: Drawn, known: Perception) -> None:
-    rate = drawn.table["sample_rate_hz"]
-    if len(drawn.amplitude_t_s) > 1:
-        rate = 1 / float(np.mean(np.diff(drawn.amplitude_t_s)))
-    found = components_of_pull(drawn.amplitude_v / np.sqrt(2), rate, least_v=0.5)
+    rate, pull_v = drawn.table["sample_rate_hz"], drawn.drive_v
+    if drawn.table["carrier_hz"] is not None:
+        pull_v = drawn.amplitude_v / np.sqrt(2)
+        if len(drawn.amplitude_t_s) > 1:
+            rate = 1 / float(np.mean(np.diff(drawn.amplitude_t_s)))
+    found = components_of_pull(pull_v, rate, least_v=0.5)
     axes.plot([c.felt_hz for c in found], [20 * np.log10(c.drive_v) for c in found], ".",
               color="tab:purple", ms=4, label="components of the attraction")  # fmt: skip
     for channel, color in zip(known.channels, ("tab:green", "tab:olive", "0.5"), strict=False):

@@ -37,7 +37,10 @@ class Block:
     drive_v: Array
     """Voltage, shape (samples,)."""
     amplitude_v: Array
-    """Amplitude of the carrier, or of the sine with the same attraction, shape (samples,)."""
+    """Amplitude of the carrier, or of the sine with the mean attraction of the drive's period up to
+    each sample, shape (samples,)."""
+    instant_v: Array
+    """Amplitude of the carrier, or of the sine with the attraction of the instant."""
     target_low: float
     """Lowest friction asked for; NaN for volts."""
     target_high: float
@@ -77,10 +80,12 @@ class Rendering:
         values = stimulus.signal.values(first, count, self.sample_rate_hz)
         if stimulus.quantity == "volts":
             if stimulus.carrier_hz is None:
+                mean = self._over_period(first, count)
                 # The attraction of a sine is that of its mean square: here of the sine sqrt(2) |v|.
-                return Block(first, values, np.abs(values) * np.sqrt(2), np.nan, np.nan, 0, 0)
-            drive = values * self._carrier(first, count)
-            return Block(first, drive, np.abs(values), np.nan, np.nan, 0, 0)
+                instant = np.abs(values) * np.sqrt(2)
+                return Block(first, values, mean, instant, np.nan, np.nan, 0, 0)
+            drive, size = values * self._carrier(first, count), np.abs(values)
+            return Block(first, drive, size, size, np.nan, np.nan, 0, 0)
         mu = values
         if stimulus.quantity == "contrast":
             mu = (1 + values) * response.lowest_mu
@@ -88,9 +93,18 @@ class Rendering:
         amplitude, status = response.voltage(mu)
         below = int(np.count_nonzero(status == Status.BELOW))
         above = int(np.count_nonzero(status == response.ends_by))
-        return Block(
-            first, amplitude * self._carrier(first, count), amplitude, low, high, below, above
-        )
+        drive = amplitude * self._carrier(first, count)
+        return Block(first, drive, amplitude, amplitude, low, high, below, above)
+
+    def _over_period(self, first: int, count: int) -> Array:
+        """Amplitude of the sine with the same mean attraction over the drive's period."""
+        rate, frequency = self.sample_rate_hz, self.stimulus.drive_hz
+        period = 1 if frequency is None else max(1, round(rate / frequency))
+        begin = max(0, first - period + 1)
+        end = max(first + count, min(period, self.samples))
+        values = self.stimulus.signal.values(begin, end - begin, rate)
+        amplitude = over_period(values, period)
+        return amplitude[first - begin :][:count]
 
     def _carrier(self, first: int, count: int) -> Array:
         assert self.stimulus.carrier_hz is not None
@@ -107,6 +121,17 @@ class Rendering:
     def whole(self, threads: int = 1) -> Array:
         """Return all drive samples [V] at once, for short stimuli."""
         return np.concatenate([block.drive_v for block in self.stream(threads)])
+
+
+def over_period(drive_v: Array, period: int) -> Array:
+    """Amplitude of the sine with the mean attraction of the `period` samples up to each.
+
+    The first ones, without a whole period before them, have the amplitude of the first period.
+    """
+    period = min(period, len(drive_v))
+    total = np.concatenate([np.zeros(1), np.cumsum(np.square(drive_v))])
+    mean = np.maximum(total[period:] - total[:-period], 0.0) / period
+    return np.asarray(np.sqrt(2 * np.concatenate([np.full(period - 1, mean[0]), mean])))
 
 
 def in_order(make: Callable[[int], Block], starts: range, threads: int) -> Iterator[Block]:

@@ -54,7 +54,7 @@ def felt(middle: Block, rate_hz: float, known: Perception) -> dict[str, Any] | N
     """Sensation level of the middle of a stimulus; None outside the thresholds' data."""
     # Attraction is proportional to a^2 / 4 for a carrier of amplitude a, v^2 / 2 for a voltage v.
     try:
-        found = detection(components_of_pull(middle.amplitude_v / np.sqrt(2), rate_hz), known)
+        found = detection(components_of_pull(middle.instant_v / np.sqrt(2), rate_hz), known)
     except InputError:
         return None
     return {
@@ -78,7 +78,7 @@ def heard(middle: Block, rate_hz: float, capacitance_f: float, known: Perception
     component of amplitude V at f is ``2 pi f C V / sqrt(2)``. An envelope is checked at the current
     of the whole drive.
     """
-    drive, square = middle.drive_v, middle.amplitude_v**2
+    drive, square = middle.drive_v, middle.instant_v**2
     frequency, volts = spectrum(drive, rate_hz)
     current = 2 * np.pi * frequency * capacitance_f * volts / np.sqrt(2)
     in_range = (frequency >= known.audibility.low_hz) & (frequency <= known.audibility.high_hz)
@@ -164,6 +164,12 @@ def sidecar(
     prediction["error_is"] = (
         "of the surface against its contact model; without the errors of the model and of its "
         "placeholders"
+    )
+    prediction["friction_is"] = (
+        "at the mean attraction of the carrier"
+        if stimulus.carrier_hz is not None
+        else "mean over a period of the drive, whose ripple is taken as a sine's"
+        + ("" if stimulus.speed is None else ", with the finger's response at its speed")
     )
     if tally.past_the_surface:  # of a drive in volts alone
         prediction["share_past_the_surface"] = tally.past_the_surface / tally.samples

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from haptix.checks import instance
+from haptix.checks import Array, instance
 from haptix.errors import InputError, RangeError, ToleranceError
 from haptix.files import file_at
 from haptix.finger import Finger
@@ -329,16 +329,25 @@ class FrictionSurface:
         return self.at(None if self.frequency_hz.is_absent else frequency_hz, h0_m)
 
     def column(
-        self, normal_force_n: float, frequency_hz: float | None, h0_m: float | None = None
+        self,
+        normal_force_n: float,
+        frequency_hz: float | None,
+        h0_m: float | None = None,
+        attraction: Array | None = None,
     ) -> Column:
         """Friction against voltage at one force, frequency and thickness, see `driven_at`.
+
+        With `attraction` over a period of the drive it is the mean over it, see `Slice.averaged`.
 
         Raises
         ------
         InputError, RangeError
             If a value is missing or lies outside the surface.
         """
-        found = Slice.of(self.driven_at(frequency_hz, h0_m).table).column(normal_force_n)
+        columns = Slice.of(self.driven_at(frequency_hz, h0_m).table)
+        found = (columns if attraction is None else columns.averaged(attraction)).column(
+            normal_force_n
+        )
         if not found.is_inside:
             axis = self.normal_force_n
             raise RangeError(

@@ -84,7 +84,7 @@ def test_matched_tones_are_at_one_sensation_level(drive, response):
     for one in made:
         block = Rendering(one, response).block(0, 48_000)
         (*rest, strongest) = sorted(
-            components_of_pull(block.amplitude_v / np.sqrt(2), RATE, 0.01), key=lambda c: c.drive_v
+            components_of_pull(block.instant_v / np.sqrt(2), RATE, 0.01), key=lambda c: c.drive_v
         )
         assert strongest.felt_hz == pytest.approx(one.conditions["felt_hz"])
         assert detection([strongest]).sensation_db == pytest.approx(9.0, abs=1e-6)

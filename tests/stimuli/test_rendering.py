@@ -12,11 +12,13 @@ from haptix.errors import InputError, RangeError
 from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
 from haptix.stimuli import (
+    Apparatus,
     Constant,
     Points,
     Population,
     Rendering,
     Sine,
+    SteadySpeed,
     Stimulus,
     TimeNoise,
     grating,
@@ -205,3 +207,45 @@ def test_a_stimulus_has_the_speed_of_its_gratings():
 def test_a_carrier_too_fast_for_the_rate_is_refused(response):
     with pytest.raises(InputError, match="quarter"):
         Rendering(Stimulus("a", Constant(0.1).lasting(1.0)), response, 10_000.0)
+
+
+def direct(volts, speed=None, frequency=120.0):
+    signal = Sine(volts, frequency).lasting(0.5)
+    return Stimulus("d", signal, "volts", 0.5, carrier_hz=None, drive_hz=frequency, speed=speed)
+
+
+def test_friction_of_a_direct_drive_is_its_periods_mean(finger, screen, own_cache):
+    model = ContactModel(finger, screen)
+    fast, slow = direct(180.0), direct(180.0, SteadySpeed(5.0))
+    apparatus = Apparatus.build(finger, screen, [fast])
+    quick, still = (apparatus.responses(one)[0] for one in (fast, slow))
+    amplitude = Rendering(fast, quick).block(0, 24_000).amplitude_v
+    # Whole periods of 400 samples: the same amplitude from the first sample to the last.
+    np.testing.assert_allclose(amplitude, 180.0, rtol=1e-9)
+    jnd = WEBER_FRACTION * quick.lowest_mu
+    # The contact model in time, without a surface or the response: a finger that follows wholly.
+    whole = float(model.over_period(0.5, 180.0, 120.0).mu.mean())
+    assert quick.mu(amplitude[-1:])[0] == pytest.approx(whole, abs=0.05 * jnd)
+    t = np.array([0.0, 0.5])
+    felt = VirtualFinger(model).feel(
+        Rendering(slow, still).whole(), 48_000.0, t, 5.0 * t, 0 * t, 0 * t + 0.5
+    )
+    inside = (felt.t_s > 0.2) & (felt.t_s < 0.4 - 1e-9)  # 24 periods, the first ones gone by
+    assert still.mu(amplitude[-1:])[0] == pytest.approx(felt.mu[inside].mean(), abs=0.05 * jnd)
+    # What the mean attraction alone would give is further off than either.
+    naive = float(model.solve(0.5, 180.0, 120.0).mu)
+    assert whole - naive > 0.3 * jnd
+
+
+def test_the_period_before_a_sample_does_not_depend_on_the_blocks(response, rng):
+    drive = Points(np.linspace(0, 0.05, 41).tolist(), rng.normal(size=41).tolist())
+    one = Rendering(
+        Stimulus("d", drive.lasting(0.05), "volts", carrier_hz=None, drive_hz=120.0), response
+    )
+    whole, values = one.block(0, one.samples), drive.values(0, one.samples, 48_000.0)
+    expected = [np.sqrt(2 * np.mean(values[i - 399 : i + 1] ** 2)) for i in range(399, one.samples)]
+    np.testing.assert_allclose(whole.amplitude_v[399:], expected, rtol=1e-9)
+    np.testing.assert_allclose(whole.amplitude_v[:399], expected[0], rtol=1e-9)
+    parts = [one.block(a, b - a).amplitude_v for a, b in ((0, 10), (10, 700), (700, one.samples))]
+    np.testing.assert_allclose(np.concatenate(parts), whole.amplitude_v, rtol=1e-9)
+    np.testing.assert_allclose(whole.instant_v, np.abs(values) * np.sqrt(2))
