@@ -14,6 +14,7 @@ p_N. Two laws lead there:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi
 from typing import Literal
@@ -65,6 +66,20 @@ class Touching:
         free = torch.sigmoid(_HERTZ * (log_pressure - self.log_pressure))
         at = torch.lerp(log_pressure, self.of_gap(log_pressure), _OF_GAP)
         return at, 1 + _OF_GAP * (free - 1)
+
+
+def once_for_equals(of: Callable[[Tensor], Tensor], x: Tensor) -> Tensor:
+    """Return ``of(x)``, number by number, worked out once for neighbours that are equal.
+
+    A batch repeats a few forces over many voltages. A GPU would wait for their number, and
+    autograd needs each for itself.
+    """
+    if x.ndim != 1 or x.is_cuda or x.requires_grad:
+        return of(x)
+    _, run, count = torch.unique_consecutive(x.detach(), return_inverse=True, return_counts=True)
+    if 2 * len(count) > len(x):
+        return of(x)
+    return of(x[count.cumsum(0) - count]).index_select(0, run)
 
 
 def highest_asperity(h_rms_m: Tensor, rolloff_per_m: float, apparent_area_m2: Tensor) -> Tensor:

@@ -9,6 +9,7 @@ waves, where a light contact breaks up within 1e-4 of q0, and the last ones, whe
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from math import ceil, inf, log, pi, sqrt
 from typing import Any, Literal, get_args
 
@@ -23,6 +24,7 @@ from haptix.contact.finite_size import (
     Touching,
     highest_asperity,
     highest_peak,
+    once_for_equals,
     touching_log_pressure,
 )
 from haptix.contact.gaps import GapHistogram
@@ -263,7 +265,7 @@ class MeanField:
             return highest_asperity(
                 self.spectrum.h_rms_m, self.spectrum.q_rolloff, apparent_area_m2
             )
-        return highest_peak(self.spectrum, apparent_area_m2)
+        return once_for_equals(partial(highest_peak, self.spectrum), apparent_area_m2)
 
     def touching(self, height_m: Tensor, log_mean_gap: UniformCubic | None = None) -> Touching:
         """Finite size of states whose highest asperity is given, in any shape.
@@ -271,7 +273,8 @@ class MeanField:
         The table of `log_mean_gap` may be given as well, where it is needed often.
         """
         table = log_mean_gap or self.log_mean_gap()
-        return Touching(touching_log_pressure(table, torch.log(height_m)), self.size)
+        found = once_for_equals(partial(touching_log_pressure, table), torch.log(height_m))
+        return Touching(found, self.size)
 
     @one_thread()
     def log_mean_gap(self) -> UniformCubic:

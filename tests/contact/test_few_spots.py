@@ -13,7 +13,7 @@ from scipy.special import erf
 
 from haptix.contact import THEORIES, AreaLaw, HalfSpace, Layered, MeanField, RoughnessSpectrum
 from haptix.contact.boundary_elements import Surfaces
-from haptix.contact.finite_size import Touching, highest_peak
+from haptix.contact.finite_size import Touching, highest_peak, once_for_equals
 
 ROWS = Path(__file__).parents[1] / "data" / "few-spots.csv"
 CORRECTED = THEORIES["corrected"]
@@ -181,3 +181,19 @@ def test_rows_that_were_not_fitted(errors: dict[str, np.ndarray]) -> None:
     assert np.abs(errors["gap"]).max() <= 0.09
     assert np.median(np.abs(errors["area"][light])) <= 0.12
     assert np.abs(errors["area"][light]).max() <= 0.28
+
+
+def test_equal_neighbours_are_worked_out_once_and_keep_their_gradients() -> None:
+    seen = []
+
+    def cube(x: torch.Tensor) -> torch.Tensor:
+        seen.append(len(x))
+        return x**3
+
+    x = tensor(2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 2.0)
+    assert (once_for_equals(cube, x) == x**3).all()
+    assert seen == [3]
+    # Each number has a gradient of its own, also where its neighbour is equal.
+    leaf = x.clone().requires_grad_()
+    (slope,) = torch.autograd.grad(once_for_equals(cube, leaf).sum(), leaf)
+    assert (slope == 3 * x**2).all()
