@@ -198,12 +198,11 @@ class Layout:
             if self._depth == 1:
                 now_s = self._now()
                 self._draft = [one for one in self._regions if not one.is_gone(now_s)]
-                before = {key: dict(given) for key, given in self._given.items()}
+                before = dict(self._given)
             try:
                 yield
                 if self._depth == 1 and self._draft is not None:
-                    order = sorted(self._draft, key=lambda one: one.z)  # stable: the later on top
-                    self._regions = tuple(reversed(order))
+                    self._regions = tuple(self._draft)
             except BaseException:
                 if self._depth == 1:
                     self._given = before
@@ -277,6 +276,8 @@ class Layout:
                 or bottom < at_top - near or top > at_bottom + near
             ):  # fmt: skip
                 continue
+            if not is_still:
+                at_left, at_right, at_top, at_bottom = region.core
             inside = (
                 left > at_left + near and right < at_right - near
                 and top > at_top + near and bottom < at_bottom - near
@@ -379,8 +380,9 @@ class Layout:
         """Add the region of a patch on top of those of its height, fading in."""
         region = self._region(patch.key, given, now_s)
         self._given[patch.key] = given
-        if self._draft is not None:
-            self._draft.append(region)
+        draft = self._draft or []
+        draft.insert(sum(one.z > region.z for one in draft), region)
+        self._draft = draft
 
     def _region(self, key: int, given: dict[str, Any], now_s: float) -> Region:
         material = given["material"]
@@ -431,16 +433,24 @@ class Layout:
         return known[1]
 
     def _move(self, key: int, values: list[float | None], over_s: float) -> None:
-        with self.change():
-            given = self._of(key)
+        with self._lock:
+            given = dict(self._of(key))
             for name, value in zip(("x_mm", "y_mm", "rotation_deg"), values, strict=True):
                 if value is not None:
                     given[name] = value
-            now_s, draft = self._now(), self._draft or []
-            for i, region in enumerate(draft):
-                if region.key == key and region.opacity.after[0] > 0.0:
-                    place = region.place.to(_corner(given), now_s, over_s)
-                    draft[i] = replace(region, place=place)
+            self._given[key] = given
+            now_s, corner = self._now(), _corner(given)
+            regions = self._regions if self._draft is None else self._draft
+            moved = [
+                one.moved(one.place.to(corner, now_s, over_s))
+                if one.key == key and one.opacity.after[0] > 0.0
+                else one
+                for one in regions
+            ]
+            if self._draft is None:
+                self._regions = tuple(moved)
+            else:
+                self._draft = moved
 
     def _set(self, patch: Patch, changes: dict[str, Any]) -> None:
         with self.change():

@@ -91,6 +91,8 @@ class Region:
     """Box around both ends of the glide."""
     box: Box = field(init=False)
     """Box around where it ends."""
+    core: Box = field(init=False)
+    """Box of what is inside both, and so all the way."""
     frame: LocalFrame = field(init=False)
     """Axes at the end of the glide."""
     is_level: bool = field(init=False)
@@ -101,12 +103,14 @@ class Region:
         boxes = [
             (min(x), max(x), min(y), max(y)) for x, y in (zip(*one, strict=True) for one in ends)
         ]
-        sides = zip(*boxes, strict=True)
+        sides = list(zip(*boxes, strict=True))
         widest = tuple(rule(side) for rule, side in zip((min, max, min, max), sides, strict=True))
+        core = tuple(rule(side) for rule, side in zip((max, min, max, min), sides, strict=True))
         level = self.outline.shape == "rectangle" and self.mask is None
         level = level and self.place.before[2] == self.place.after[2] == 0.0
         object.__setattr__(self, "way", widest)
         object.__setattr__(self, "box", boxes[1])
+        object.__setattr__(self, "core", core)
         x, y, angle = self.place.after
         object.__setattr__(self, "frame", LocalFrame(x, y, angle, self.scale))
         object.__setattr__(self, "is_level", level)
@@ -117,6 +121,13 @@ class Region:
         found = Depends.PLACE | self.evaluator.depends_on
         return found | Depends.TIME if changes else found
 
+    def moved(self, place: Glide) -> Region:
+        """Return the same region on its way to another place."""
+        return Region(
+            self.key, self.evaluator, self.outline, place, self.opacity, self.scale, self.z,
+            self.blend, self.priority, self.mask,
+        )  # fmt: skip
+
     def is_gone(self, t_s: float) -> bool:
         """Whether it has faded out for good."""
         return self.opacity.after[0] == 0.0 and t_s >= self.opacity.end_s
@@ -126,12 +137,20 @@ class Region:
         place = self.place
         if first_s >= place.end_s:
             return self.frame
-        parts = place.parts(motion.t_s)
         (x0, y0, a0), (x1, y1, a1) = place.before, place.after
-        moving = ((parts > 0) & (parts < 1)) / (place.end_s - place.start_s)
+        span_s, t_s = place.end_s - place.start_s, motion.t_s
+        parts: Array
+        moving: float | Array
+        if place.start_s <= first_s and t_s[-1] <= place.end_s:  # all of a block on its way
+            parts, moving = (t_s - place.start_s) / span_s, 1 / span_s
+        else:
+            parts = place.parts(t_s)
+            moving = ((parts > 0) & (parts < 1)) / (span_s or 1.0)
+        turns = a1 != a0
         return LocalFrame(
-            x0 + parts * (x1 - x0), y0 + parts * (y1 - y0), a0 + parts * (a1 - a0), self.scale,
-            moving * (x1 - x0), moving * (y1 - y0), moving * (a1 - a0),
+            x0 + parts * (x1 - x0), y0 + parts * (y1 - y0), a0 + parts * (a1 - a0) if turns else a0,
+            self.scale, moving * (x1 - x0), moving * (y1 - y0),
+            moving * (a1 - a0) if turns else 0.0,
         )  # fmt: skip
 
     def cover(self, on: Motion, motion: Motion, first_s: float, inside: bool) -> float | Array:
@@ -142,7 +161,7 @@ class Region:
         else:
             low, high = self.opacity.before[0], self.opacity.after[0]
             opacity = low + self.opacity.parts(motion.t_s) * (high - low)
-        if inside and self.is_level and first_s >= self.place.end_s:
+        if inside and self.is_level:
             return opacity
         covered = self.outline.cover(on.x_mm, on.y_mm, 4 * on.footprint_mm)
         if self.mask is not None:
