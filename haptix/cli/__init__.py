@@ -8,7 +8,17 @@ from typing import Annotated
 import typer
 
 from calibration.app import app as calibrate
-from haptix.cli import archive, demo, figures, hardware, rendering, scenes, stimuli, surfaces
+from haptix.cli import (
+    archive,
+    demo,
+    figures,
+    hardware,
+    materials,
+    rendering,
+    scenes,
+    stimuli,
+    surfaces,
+)
 from haptix.terminal import run
 from haptix.version import __version__
 
@@ -29,6 +39,7 @@ app.command("render")(rendering.render)
 app.command("play")(rendering.play)
 app.command("plan")(scenes.plan)
 app.command("tradeoff")(scenes.tradeoff)
+app.add_typer(materials.app, name="material")
 app.add_typer(stimuli.app, name="stimuli")
 app.add_typer(calibrate, name="calibrate")
 app.command("figures")(figures.figures)

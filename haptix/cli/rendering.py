@@ -19,11 +19,15 @@ if TYPE_CHECKING:
     from firmware_io import Device
     from haptix.simulation import Setting
     from haptix.surface import FrictionSurface
-    from haptix.texture import FrictionField
+    from haptix.texture import Feelable, FrictionField
 
 Image = Annotated[
     Path | None,
     typer.Option(help="Photograph, with its JSON beside it or --width-mm. [default: bricks]"),
+]
+MaterialFile = Annotated[
+    Path | None,
+    typer.Option(help="Material: TOML or JSON, see `haptix material`; instead of a photograph."),
 ]
 FingerPath = Annotated[
     Path | None,
@@ -57,6 +61,7 @@ def render(
     image: Image = None,
     width_mm: Width = None,
     mu_range: Range = None,
+    material: MaterialFile = None,
     trajectory: FingerPath = None,
     surface: Surface = None,
     finger: OwnFinger = None,
@@ -87,8 +92,9 @@ def render(
         with closing(open_device(device if device.startswith("mock:") else "mock:")) as opened:
             finger, screen = profiles_for(opened, finger, screen)
         setting, photograph = setting_of(
-            image, width_mm, mu_range, trajectory, finger, screen, carrier_hz, direct_hz, waveform
-        )
+            image, width_mm, mu_range, trajectory, finger, screen, carrier_hz, direct_hz, waveform,
+            material=material,
+        )  # fmt: skip
         found = _surface(setting, surface, partial(update, "surface"))
         simulation = simulate(
             setting,
@@ -118,6 +124,7 @@ def play(
     image: Image = None,
     width_mm: Width = None,
     mu_range: Range = None,
+    material: MaterialFile = None,
     trajectory: FingerPath = None,
     surface: Surface = None,
     finger: OwnFinger = None,
@@ -144,7 +151,7 @@ def play(
             finger, screen = profiles_for(opened, finger, screen)
             setting, _ = setting_of(
                 image, width_mm, mu_range, trajectory, finger, screen, carrier_hz, direct_hz,
-                waveform,
+                waveform, material=material,
             )  # fmt: skip
             found = _surface(setting, surface, partial(update, "surface"))
             events = events_of(setting.path)
@@ -195,10 +202,12 @@ def setting_of(
     direct_hz: float | None = None,
     waveform: str = "sine",
     polarity: str = "bright-high",
+    material: Path | None = None,
 ) -> tuple[Setting, str]:
-    """Return what the options describe, and a name for the photograph."""
+    """Return what the options describe, and a name for the photograph or the material."""
     from haptix.finger import Finger
     from haptix.friction import ContactModel
+    from haptix.materials import load
     from haptix.motion import Trajectory
     from haptix.render import DirectWave, Drive, SineCarrier
     from haptix.screen import Screen
@@ -211,9 +220,16 @@ def setting_of(
         drive = DirectWave(direct_hz, waveform)
     path = Trajectory.from_csv(trajectory or FINGER_PATH)
     targets = None if mu_range is None else read_pair("mu-range", mu_range)
-    texture = _texture(image, width_mm, targets, polarity)
+    texture: Feelable
+    if material is None:
+        texture = _texture(image, width_mm, targets, polarity)
+    else:
+        if image is not None or width_mm is not None or targets is not None:
+            raise InputError("--material: expected no --image, --width-mm or --mu-range beside it")
+        texture = load(material)
     model = ContactModel(Finger.named(finger), Screen.named(screen))
-    return Setting(model, texture, path, drive), str(image or "scikit-image brick (CC0)")
+    name = material or image or "scikit-image brick (CC0)"
+    return Setting(model, texture, path, drive), str(name)
 
 
 def current_of(current: Mapping[str, float]) -> str:

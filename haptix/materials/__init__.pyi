@@ -4,6 +4,7 @@ from .by_curve import BySpeed as BySpeed
 from .detents import Dial as Dial
 from .detents import Slider as Slider
 from .detents import Toggle as Toggle
+from .drawing import draw as draw
 from .in_time import Envelope as Envelope
 from .in_time import Transient as Transient
 from .in_time import WebEffect as WebEffect

@@ -58,6 +58,11 @@ class Button(Scaled):
             raise ValueError("expected a rim of less than half of the size")
         return self
 
+    @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Its size, and a little around."""
+        return (-2.0, self.width_mm + 2.0, -2.0, self.height_mm + 2.0)
+
     def wanted(self, motion: Motion) -> Array:
         """Friction under the fingers: of the rim where one slides, of the face by force."""
         depth = self._depth_mm(motion.x_mm, motion.y_mm)

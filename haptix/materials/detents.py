@@ -118,6 +118,11 @@ class Slider(_Control):
             along = float(places[np.abs(places - along).argmin()])
         return float(np.clip((along - places[0]) / (places[-1] - places[0]), 0.0, 1.0))
 
+    @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Where it is."""
+        return (-5.0, float(self.places_mm[-1]) + 5.0, 0.0, 15.0)
+
     def wanted(self, motion: Motion) -> Array:
         """Friction under the fingers."""
         along, _ = turned(motion.x_mm, motion.y_mm, self.orientation_deg)
@@ -164,6 +169,11 @@ class Toggle(_Control):
             raise ValueError("expected throw_mm of at most half of width_mm")
         return self
 
+    @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Where it is."""
+        return (0.0, self.width_mm, 0.0, self.width_mm / 2)
+
     def wanted(self, motion: Motion) -> Array:
         """Friction under the fingers."""
         right = self._rise(motion.x_mm - self.width_mm / 2, motion.footprint_mm)
@@ -207,6 +217,11 @@ class Dial(_Control):
                 f"got {pitch:.3g} mm"
             )
         return self
+
+    @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Where it is."""
+        return (-self.outer_mm, self.outer_mm, -self.outer_mm, self.outer_mm)
 
     def wanted(self, motion: Motion) -> Array:
         """Friction under the fingers."""

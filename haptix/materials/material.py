@@ -113,6 +113,12 @@ class Material(Part):
         """Return the finger's facts after a real report; without `before` it has come down."""
         return facts
 
+    @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Left, right, top and bottom of what is worth drawing, in its own axes."""
+        of = getattr(self, "of", None)
+        return of.extent_mm if isinstance(of, Material) else (0.0, 40.0, 0.0, 20.0)
+
     @classmethod
     def upgrade(cls, fields: dict[str, Any], version: int) -> dict[str, Any]:
         """Turn the fields of an older document, of a `schema_version`, into today's."""

@@ -105,6 +105,11 @@ class Relief(Scaled):
         parameters = ["slopes", is_normals, width_mm]
         return shared(asset, parameters, lambda path: _slopes(path, is_normals, width_mm))
 
+    @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Its size."""
+        return (0.0, self.slopes.width_mm, 0.0, self.slopes.height_mm)
+
     def wanted(self, motion: Motion) -> Array:
         """Friction under the fingers."""
         level = 0.5 * self.slopes.along(motion)

@@ -53,6 +53,14 @@ class _OfFile:
     """Base of those whose field is made of a file and plain parameters."""
 
     @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Of a photograph or heights, their size."""
+        field = self.evaluator  # type: ignore[attr-defined]
+        if not isinstance(field, Texture):
+            return super().extent_mm  # type: ignore[misc, no-any-return]
+        return (0.0, field.width_mm, 0.0, field.height_mm)
+
+    @property
     def _parameters(self) -> dict[str, Any]:
         return self.model_dump(mode="json", exclude={"file"})  # type: ignore[attr-defined, no-any-return]
 

@@ -13,10 +13,10 @@ from firmware_io import Device
 from haptix.checks import Array
 from haptix.errors import InputError, OverloadWarning
 from haptix.motion import History, Motion, Report
+from haptix.motion.reactions import React, Reactions, unmoved
 from haptix.render.core import Fingers
 from haptix.render.drive import Drive
 from haptix.render.producer import Producer
-from haptix.render.reactions import React, Reactions, unmoved
 from haptix.render.session import LONGEST_GAP_S, RenderSession, VirtualTimeSession
 from haptix.render.settings import LiveSettings
 from haptix.surface import FrictionSurface

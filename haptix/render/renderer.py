@@ -11,8 +11,8 @@ import numpy as np
 from haptix.checks import Array, number
 from haptix.errors import InputError
 from haptix.motion import VELOCITY_OVER_S, Motion, Report, Trajectory
+from haptix.motion.reactions import React, Reactions, unmoved
 from haptix.render.core import Fingers
-from haptix.render.reactions import React, Reactions, unmoved
 from haptix.render.session import VirtualTimeSession
 from haptix.render.settings import Sliding
 from haptix.touch import ForceModel, TouchEvent, events_of

@@ -12,8 +12,8 @@ import torch
 
 from haptix.checks import Array
 from haptix.motion import LIFTED_BELOW_N, Motion
+from haptix.motion.reactions import facts_on
 from haptix.render import DirectWave, LiveSettings
-from haptix.render.reactions import facts_on
 from haptix.simulation.parts import felt_in_steps
 from haptix.simulation.played import Played, Setting, play_known, play_live
 from haptix.surface import FrictionSurface
@@ -178,7 +178,7 @@ def _target(played: Played, felt: Felt) -> tuple[Array, Array, Array, npt.NDArra
     low, high = played.renderer.reachable(force, felt.speed_mm_per_s)
     evaluator = played.setting.texture.evaluator
     velocity = played.setting.path.velocity_mm_per_s(felt.t_s)
-    facts = facts_on(played.setting.path, evaluator, played.start_s)
+    facts = facts_on(played.setting.path, evaluator.react, played.start_s)
     t_s = felt.t_s - played.start_s
     motion = Motion.of(felt.x_mm, felt.y_mm, t_s, *velocity, force, history=facts)
     value = evaluator.wanted(motion.within(played.renderer.reachable))

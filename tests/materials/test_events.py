@@ -12,7 +12,7 @@ import haptix
 from haptix.errors import InputError
 from haptix.materials import Button, Dial, Slider, Toggle, Transient, WebEffect, material_of
 from haptix.motion import Facts, Motion, Report, Trajectory
-from haptix.render.reactions import Reactions, facts_on
+from haptix.motion.reactions import Reactions, facts_on
 from haptix.simulation import Setting, simulate
 
 STEP_S = 1 / 12_000
@@ -32,9 +32,7 @@ PRESS = path_of(
 
 
 def test_a_button_is_pressed_and_let_go_where_the_force_crosses():
-    (down_s, down), (press_s, press), (release_s, release) = facts_on(
-        PRESS, Button().evaluator, 0.0
-    )
+    (down_s, down), (press_s, press), (release_s, release) = facts_on(PRESS, Button().react, 0.0)
     assert down_s == down.down_s == 0.0
     assert press_s == press.press_s == pytest.approx(0.2 + 0.2 * 0.7)
     assert release_s == release.release_s == pytest.approx(0.6 + 0.1 * 0.6)
@@ -45,7 +43,7 @@ def asked(material, path, at_s):
     evaluator = material.evaluator
     x, y, force = path.at(at_s)
     vx, vy = path.velocity_mm_per_s(at_s)
-    history = facts_on(path, evaluator, 0.0)
+    history = facts_on(path, evaluator.react, 0.0)
     return evaluator.wanted(Motion.of(x, y, at_s, vx, vy, force, history=history))
 
 
@@ -127,7 +125,7 @@ def test_detents_are_those_that_the_path_passes(stops):
 def test_a_detent_is_crossed_when_the_finger_passes_the_ridge():
     t = np.arange(0, 0.4, 0.01)
     ((_, first), *crossed) = facts_on(
-        path_of(t, 100 * t, 0.0, 0.5), Slider(travel_mm=40.0).evaluator, 0.0
+        path_of(t, 100 * t, 0.0, 0.5), Slider(travel_mm=40.0).react, 0.0
     )
     assert first.detent == 0
     assert [facts.detent for _, facts in crossed] == [1, 2, 3, 4, 5, 6, 7, 8]
@@ -140,11 +138,11 @@ def test_a_dial_counts_round_and_a_toggle_has_two_sides():
     t = np.arange(0, 1.0, 0.005)
     angle = 4 * np.pi * t  # two turns
     turned = path_of(t, 20 * np.cos(angle), 20 * np.sin(angle), 0.5)
-    numbers = [facts.detent for _, facts in facts_on(turned, Dial().evaluator, 0.0)]
+    numbers = [facts.detent for _, facts in facts_on(turned, Dial().evaluator.react, 0.0)]
     assert numbers == [float(n % 12) for n in range(len(numbers))]
     assert len(numbers) == 25  # the first, and two turns
     to_and_fro = path_of(t, 10 + 8 * np.sin(4 * np.pi * t - 1), 0.0, 0.5)
-    sides = [facts.detent for _, facts in facts_on(to_and_fro, Toggle().evaluator, 0.0)]
+    sides = [facts.detent for _, facts in facts_on(to_and_fro, Toggle().evaluator.react, 0.0)]
     assert sides == [0.0, 1.0, 0.0, 1.0, 0.0]
 
 

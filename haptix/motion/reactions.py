@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import isnan, nan
 
-from haptix.motion import LIFTED_BELOW_N, Facts, History, Report, Trajectory
-from haptix.texture import Evaluator
+from haptix.motion.block import Facts, History, Report
+from haptix.motion.trajectory import LIFTED_BELOW_N, Trajectory
 
 React = Callable[[Facts, Report | None, Report], Facts]
 
@@ -55,11 +55,11 @@ def _differ(one: float, other: float) -> bool:
     return one != other and not (isnan(one) and isnan(other))
 
 
-def facts_on(path: Trajectory, evaluator: Evaluator, start_s: float) -> History:
+def facts_on(path: Trajectory, react: React, start_s: float) -> History:
     """Dated facts of a finger on a path, on a clock that starts at `start_s` of the path's."""
     reactions = Reactions(kept=None)
     columns = (path.t_s - start_s, path.x_mm, path.y_mm, path.normal_force_n)
     for t_s, x_mm, y_mm, force_n in zip(*(column.tolist() for column in columns), strict=True):
         is_down = force_n >= LIFTED_BELOW_N
-        reactions.report(Report(t_s, x_mm, y_mm, force_n, is_down), evaluator.react)
+        reactions.report(Report(t_s, x_mm, y_mm, force_n, is_down), react)
     return reactions.history

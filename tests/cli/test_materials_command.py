@@ -1,0 +1,65 @@
+"""``haptix material``, and materials on the command line."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+import haptix
+from haptix.materials import KINDS
+
+HERE = Path(haptix.__file__).parents[1]
+EXAMPLES = HERE / "examples" / "materials"
+OWN = sorted(kind for kind, of in KINDS.items() if of.__module__.startswith("haptix."))
+
+
+@pytest.mark.parametrize("kind", ["dial", "relief"])
+def test_show_draws_a_material(haptix_cli, kind, own_folder):
+    shutil.copytree(EXAMPLES, own_folder, dirs_exist_ok=True)
+    (row,) = json.loads(haptix_cli("material", "show", f"{kind}.toml", "--json").out)
+    assert row["kind"] == kind
+    assert row["depends_on"] == {"dial": "place", "relief": "place, direction"}[kind]
+    with Image.open(row["picture"]) as picture:
+        assert len(picture.convert("RGB").getcolors(1 << 20)) > 20
+
+
+def test_kinds_lists_every_kind_with_its_fields(haptix_cli):
+    rows = {row["kind"]: row for row in json.loads(haptix_cli("material", "kinds", "--json").out)}
+    assert set(OWN) <= set(rows)
+    assert rows["grating"]["fields"]["period_mm"] == "required"
+    assert rows["grating"]["fields"]["wave"] == "sine"
+    assert json.loads(haptix_cli("material", "schema").out)["$defs"]["material"]["oneOf"]
+
+
+@pytest.mark.parametrize("kind", OWN)
+def test_every_kind_has_an_example_a_picture_and_a_paragraph(kind):
+    assert haptix.materials.load(EXAMPLES / f"{kind}.toml").kind == kind
+    page = (HERE / "docs" / "materials.md").read_text()
+    assert f"### {kind}\n" in page
+    assert f"materials/{kind}.png" in page
+    assert (HERE / "docs" / "materials" / f"{kind}.png").exists()
+
+
+def test_a_material_is_rendered_and_what_is_wrong_is_one_sentence(
+    haptix_cli, own_folder, surface_file
+):
+    Path("path.csv").write_text("t_s,x_mm,y_mm,normal_force_n\n0,1,5,0.5\n0.3,25,5,0.5\n")
+    Path("wrong.toml").write_text('kind = "slider"\ndetents = 1\n')
+    shutil.copy(EXAMPLES / "slider.toml", own_folder)
+    with_path = ("--trajectory", "path.csv", "--surface", str(surface_file))
+    (summary,) = json.loads(
+        haptix_cli("render", "--material", "slider.toml", *with_path, "--json").out
+    )
+    assert summary["photograph"] == "slider.toml"
+    low, high = summary["target_mu"]
+    assert high > 1.1 * low  # it met ridges
+    for arguments, message in (
+        (("wrong.toml",), "wrong.toml: slider.detents"),
+        (("slider.toml", "--width-mm", "9"), "--material: expected no --image"),
+    ):
+        result = haptix_cli("render", "--material", *arguments, *with_path)
+        assert result.code == 2
+        assert message in result.err
+        assert result.err.count("\n") == 1
