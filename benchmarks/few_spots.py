@@ -16,6 +16,7 @@ import csv
 import sys
 import time
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi, sqrt
 from pathlib import Path
@@ -23,7 +24,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from haptix.contact import HalfSpace, Layered, RoughnessSpectrum
+from haptix.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum, Theory
 from haptix.contact.boundary_elements import BoundaryElements, Surfaces
 from haptix.contact.boundary_elements.results import corrected_area
 from haptix.contact.boundary_elements.surfaces import _on_grid
@@ -88,6 +89,12 @@ class Cell:
         falling = (q[2] / Q_ROLLOFF) ** (-2 * (1 + self.hurst))
         return RoughnessSpectrum(q, low * torch.stack([q[0] * 0 + 1, q[1] * 0 + 1, falling]))
 
+    def contact(self, theory: Theory, h_rms: float) -> MeanField:
+        """Mean field of surfaces whose h_rms, over `H_RMS`, is as drawn."""
+        drawn = self.spectrum()
+        density = drawn.density * (h_rms * H_RMS / float(drawn.h_rms_m)) ** 2
+        return theory.mean_field(RoughnessSpectrum(drawn.wavenumber, density), self.modulus)
+
     def scale_pa(self) -> float:
         """``E* slope`` [Pa] of the waves up to `LONG` q_r, each with its own modulus."""
         spectrum = self.spectrum(LONG)
@@ -124,10 +131,10 @@ def grid() -> list[Cell]:
     cells += [Cell(main, 4, 64, 4), Cell(main, 2, 16)]
     cells += [Cell(half, 4, 32, 6), Cell(main, 4, 32, 4), Cell(half, 4, 16, 6, 0.7)]
     cells += [Cell(soft, 4, 16, 6), Cell(main, 4, 16, 6, 0.7), Cell(half, 4, 128, 4)]
-    cells += [Cell(thick, 4, 32, 4), Cell(thin, 4, 32, 4), Cell(main, 2, 64, 4)]
-    # Not run: some hours each on one core.
-    cells += [Cell(half, 2, 64), Cell(thick, 8, 16, 8), Cell(thin, 8, 16, 8)]
-    cells += [Cell(main, 4, 128, 4), Cell(half, 8, 32, 8), Cell(main, 8, 32, 8)]
+    cells += [Cell(thick, 8, 16, 4), Cell(thick, 4, 32, 4), Cell(half, 8, 32, 4)]
+    # Not run: an hour each on one core, or several.
+    cells += [Cell(thin, 8, 16, 4), Cell(thin, 4, 32, 4), Cell(main, 2, 64, 4), Cell(half, 2, 64)]
+    cells += [Cell(main, 4, 128, 4), Cell(main, 8, 32, 8)]
     cells += [Cell(s, 8, 64, 8) for s in (main, half)]
     cells += [Cell(s, 8, 128, 8) for s in (main, half)]
     return cells
@@ -204,6 +211,19 @@ def summary(rows: list[dict[str, str]]) -> list[dict[str, object]]:
     return found
 
 
+def joined(before: list[dict[str, str]], now: list[dict[str, object]]) -> list[dict[str, object]]:
+    """Means of now, and those of before whose cells were not solved now, in the grid's order."""
+    names = list(key(grid()[0]))
+
+    def of(row: Mapping[str, object]) -> tuple[str, ...]:
+        return tuple(str(row[name]) for name in names)
+
+    solved = {of(line) for line in now}
+    every = [*now, *(row for row in before if of(row) not in solved)]
+    rank = [of(key(cell)) for cell in grid()]
+    return sorted(every, key=lambda row: (rank.index(of(row)), float(str(row["x_long"]))))
+
+
 def main() -> None:
     """Solve what is not yet in the partial file, and write the means."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -230,12 +250,21 @@ def main() -> None:
                     writer.writerow(
                         {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()}
                     )
-        lines = summary(read(chosen.partial))
+        lines = joined(read(FILE), summary(read(chosen.partial)))
         with FILE.open("w", newline="") as file:
             writer = csv.DictWriter(file, list(lines[0]), lineterminator="\n")
             writer.writeheader()
             writer.writerows(lines)
         sys.stderr.write(f"{time.strftime('%H:%M:%S')} {cell}\n")
+
+
+def cells(path: Path = FILE) -> dict[Cell, list[dict[str, str]]]:
+    """Rows of a table of means by cell, in its order."""
+    found: dict[Cell, list[dict[str, str]]] = {}
+    for row in read(path):
+        numbers = (int(row[name]) for name in ("waves", "band", "surfaces"))
+        found.setdefault(Cell(row["solid"], *numbers, float(row["hurst"])), []).append(row)
+    return found
 
 
 def read(path: Path) -> list[dict[str, str]]:

@@ -297,19 +297,12 @@ def by_cell(use: str) -> str:
         "| 1e-2 |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    of_cell: dict[tuple[str, ...], list[dict[str, str]]] = {}
-    for row in few_spots.read(few_spots.FILE):
-        if row["use"] == use and float(row["x_long"]) > 3e-5:
-            name = tuple(row[key] for key in ("solid", "waves", "band", "hurst"))
-            of_cell.setdefault(name, []).append(row)
     errors: dict[str, list[np.ndarray]] = {"A/A0": [], "mean gap": []}
-    for (solid, waves, band, hurst), given in of_cell.items():
-        cell = few_spots.Cell(solid, int(waves), int(band), hurst=float(hurst))
-        drawn = cell.spectrum()
-        density = (
-            drawn.density * (float(given[0]["h_rms"]) * few_spots.H_RMS / float(drawn.h_rms_m)) ** 2
-        )
-        contact = CORRECTED.mean_field(RoughnessSpectrum(drawn.wavenumber, density), cell.modulus)
+    for cell, rows_of in few_spots.cells().items():
+        given = [row for row in rows_of if float(row["x_long"]) > 3e-5]
+        if cell.use != use:
+            continue
+        contact = cell.contact(CORRECTED, float(given[0]["h_rms"]))
         pressure = torch.tensor([float(row["pressure_pa"]) for row in given], dtype=torch.float64)
         touching = contact.touching(box_gap(contact))
         at_pull = torch.exp(touching.of_pull(torch.log(pressure))[0])
@@ -334,7 +327,7 @@ def by_cell(use: str) -> str:
             shown = " | ".join(
                 f"{one:.2f}" if ok else "-" for one, ok in zip(ratio, whole, strict=True)
             )
-            head = f"{solid} | {waves}, {band}, {hurst} | {given[0]['surfaces']}"
+            head = f"{cell.solid} | {cell.waves}, {cell.band}, {cell.hurst} | {cell.surfaces}"
             lines.append(f"| {head if name == 'A/A0' else ' | | '} | {name} | {shown} |")
     for name, found in errors.items():
         wrong = np.abs(np.stack(found) - 1)

@@ -11,6 +11,7 @@ import typer
 
 from haptix.terminal import (
     AsJson,
+    accuracy_note,
     breakdown_note,
     placeholder_note,
     progress_bar,
@@ -52,9 +53,9 @@ def plan(
     title = (
         f"{found.scene.name}: {found.model.fidelity}, {dtype}, at most some {nodes} nodes, "
         f"tolerance {found.tolerance.value:.3g} {found.tolerance.unit}; left out "
-        f"{found.effect.thresholds_max:.2g} of {found.scene.budget_thresholds:g} JND; "
-        f"x = p0/(E* slope) from {found.lowest_x:.2g}{warning_note(found.warnings)}"
+        f"{found.effect.thresholds_max:.2g} of {found.scene.budget_thresholds:g} JND"
     )
+    title += accuracy_note(found.lowest_x, found.accuracy) + warning_note(found.warnings)
     title += placeholder_note(found.model.placeholders(), found.placeholder_spread_jnd)
     title += breakdown_note(found.pull_past_breakdown)
     show(title, _full_rows(found) if as_json else _rows(found), as_json)

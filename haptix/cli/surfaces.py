@@ -16,6 +16,7 @@ from haptix.errors import InputError, LimitError, ToleranceError
 from haptix.files import reading
 from haptix.terminal import (
     AsJson,
+    accuracy_note,
     breakdown_note,
     placeholder_note,
     progress_bar,
@@ -191,6 +192,7 @@ def query(
     as_json: AsJson = False,
 ) -> None:
     """Friction for a force and a voltage, from the model or from a surface."""
+    from haptix.contact import shown_accuracy
     from haptix.friction import placeholder_spread
     from haptix.surface import FrictionSurface
 
@@ -214,6 +216,8 @@ def query(
             outputs |= {f"{name.replace(' ', '_')}_spread_jnd": jnd for name, jnd in spread.items()}
         share = float(state.pull_past_breakdown.max())
         status, warnings = state.status, state.warnings()
+        x = float(state.x.min())
+        note += accuracy_note(x, shown_accuracy(model.theory, x))
     else:
         table = FrictionSurface.load(surface)
         with reading(surface, "a surface with its model"):

@@ -5,7 +5,13 @@ from haptix.contact.area import AreaLaw
 from haptix.contact.elasticity import ElasticSolid, HalfSpace, Layered
 from haptix.contact.meanfield import ContactSpots, GapDistribution, MeanField
 from haptix.contact.roughness import RoughnessSpectrum
-from haptix.contact.theory import THEORIES, Theory, TheoryName, beyond_validation
+from haptix.contact.theory import (
+    THEORIES,
+    Theory,
+    TheoryName,
+    beyond_validation,
+    shown_accuracy,
+)
 
 __all__ = [
     "THEORIES",
@@ -20,6 +26,7 @@ __all__ = [
     "Theory",
     "TheoryName",
     "beyond_validation",
+    "shown_accuracy",
 ]
 
 keep_freed_memory()

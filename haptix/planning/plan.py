@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from haptix.contact import shown_accuracy
 from haptix.errors import ToleranceError
 from haptix.fidelity import FIDELITIES, Ability
 from haptix.friction import ContactModel
@@ -78,6 +79,8 @@ class Plan:
     """Largest share of the attraction that comes from gaps past what they bear."""
     lowest_x: float
     """Lowest ``p0/(E* slope)`` of the scene."""
+    accuracy: str
+    """Errors that the theory was shown to have there, see `haptix.contact.shown_accuracy`."""
     warnings: tuple[str, ...]
     """Where the scene lies below what was validated, see `ContactState.warnings`."""
 
@@ -96,6 +99,7 @@ class Plan:
             "points": self.points,
             "pull_past_breakdown": self.pull_past_breakdown,
             "lowest_x": self.lowest_x,
+            "accuracy": self.accuracy,
             "warnings": list(self.warnings),
             "rows": [
                 {
@@ -226,6 +230,7 @@ def plan_scene(
         ),
         pull_past_breakdown=trials.pull_past_breakdown(chosen),
         lowest_x=float(lightest.x),
+        accuracy=shown_accuracy(model.theory, float(lightest.x)),
         warnings=tuple(lightest.warnings()),
     )
     on_progress(1.0)

@@ -6,7 +6,12 @@ import pytest
 import torch
 
 from haptix import ContactModel, Finger, Screen
-from haptix.contact.theory import VALIDATED_WAVES, VALIDATED_X, beyond_validation
+from haptix.contact.theory import (
+    VALIDATED_WAVES,
+    VALIDATED_X,
+    beyond_validation,
+    shown_accuracy,
+)
 
 
 def test_a_state_says_how_lightly_it_is_loaded_and_by_how_many_waves() -> None:
@@ -18,9 +23,20 @@ def test_a_state_says_how_lightly_it_is_loaded_and_by_how_many_waves() -> None:
     area = [0.1 / 3e3, 0.9 / 20e3]
     waves = [one * (3992.9 / (2 * pi)) ** 2 for one in area]
     assert state.rolloff_waves.tolist() == pytest.approx(waves, rel=0.02)
-    (load, count) = state.warnings()
-    assert "6.2e-05" in load and "0.0005" in load
-    assert count.startswith("13.") and "from 16" in count
+    assert state.warnings() == []
+    # A touch of 5 mN, on a tenth of the area.
+    small = finger.replace(apparent_area_at_1n_m2=finger.apparent_area_at_1n_m2 / 10)
+    (load, count) = ContactModel(small, Screen()).solve(5e-4, 100.0).warnings()
+    assert "validated from 5e-05" in load
+    assert "validated from 4" in count
+
+
+def test_the_accuracy_that_was_shown() -> None:
+    (usual, light) = (shown_accuracy("corrected", x) for x in (6e-4, 6e-5))
+    assert usual != light
+    assert "28 %" in light
+    assert shown_accuracy("corrected", 0.99 * VALIDATED_X) == ""
+    assert shown_accuracy("open-gaps", 6e-4) == ""
 
 
 def test_nothing_is_said_within_what_was_validated() -> None:
