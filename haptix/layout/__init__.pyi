@@ -1,3 +1,6 @@
+from .events import LayoutEvent as LayoutEvent
+from .events import LayoutEventKind as LayoutEventKind
+from .events import Listeners as Listeners
 from .geometry import ScreenGeometry as ScreenGeometry
 from .layout import Layout as Layout
 from .layout import Patch as Patch

@@ -125,6 +125,8 @@ class Layout:
         self._draft: list[Region] | None = None
         self._depth = 0
         self._given: dict[int, dict[str, Any]] = {}
+        self.patches: dict[int, Patch] = {}
+        """Patches by their keys, also those that have gone while a finger was on them."""
         self._held: dict[int, tuple[Feelable, Evaluator]] = {}
         self._keys = 0
         self._now: Callable[[], float] = lambda: -inf
@@ -186,7 +188,7 @@ class Layout:
         }  # fmt: skip
         with self.change():
             self._keys += 1
-            patch = Patch(self, self._keys, material)
+            patch = self.patches[self._keys] = Patch(self, self._keys, material)
             self._put(patch, given, self._now())
         return patch
 
@@ -222,6 +224,9 @@ class Layout:
         """Take the clock of a renderer: the first time [s] that can still be changed."""
         with self._lock:
             self._now = now
+            # What came, went and moved by another clock has done so.
+            self._regions = tuple(one.settled() for one in self._regions if one.opacity.after[0])
+            self.patches = {key: self.patches[key] for key in self._given}
 
     @property
     def evaluator(self) -> Layout:

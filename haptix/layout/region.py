@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import cos, sin
 
 import numpy as np
@@ -127,6 +127,11 @@ class Region:
             self.key, self.evaluator, self.outline, place, self.opacity, self.scale, self.z,
             self.blend, self.priority, self.mask,
         )  # fmt: skip
+
+    def settled(self) -> Region:
+        """Return the same region at the end of its fade and its way."""
+        place, opacity = Glide.resting(*self.place.after), Glide.resting(*self.opacity.after)
+        return replace(self, place=place, opacity=opacity)
 
     def is_gone(self, t_s: float) -> bool:
         """Whether it has faded out for good."""

@@ -321,6 +321,13 @@ class Motion:
         """Return the same motion at other places."""
         return self._at(x_mm, y_mm, self.footprint_mm, lambda: self._velocities, self._history)
 
+    def begun_at(self, start_s: float, history: tuple[History, ...]) -> Motion:
+        """Return the same motion on a clock that starts at a time, with facts on that clock."""
+        found = self.with_history(history)
+        found.start_s = self.start_s - start_s
+        found._t_s = None if self._t_s is None else self._t_s - start_s
+        return found
+
     def with_footprint(self, footprint_mm: float) -> Motion:
         """Return the same motion with another footprint."""
         return self._at(self.x_mm, self.y_mm, footprint_mm, lambda: self._velocities, self._history)

@@ -13,6 +13,7 @@ from firmware_io import Device
 from haptix.checks import Array, instance
 from haptix.errors import InputError
 from haptix.finger_response import FingerResponse
+from haptix.layout import Layout
 from haptix.motion import Motion
 from haptix.render.drive import Drive, DriverCarrier, SineCarrier
 from haptix.render.settings import RenderSettings
@@ -178,7 +179,11 @@ class RenderCore:
         check_feelable("texture", texture)
         # One tuple, so that a thread that renders sees the old one or the new one.
         evaluator = texture.evaluator
+        self._attach(texture)
         self._felt = (texture, evaluator, Target(evaluator.target, self.settings.compress))
+
+    def _attach(self, texture: Feelable) -> None:
+        """Give a layout the clock of a session."""
 
     @property
     def step_s(self) -> float:
@@ -193,7 +198,7 @@ class RenderCore:
         if motion.fingers:
             found = self._amplitudes(fingers, first_sample)
             each = (found.voltage_v * gain).reshape(motion.fingers, motion.points)
-            np.minimum(self._combined(each), self._most_v, out=line[1:])
+            np.minimum(self._combined(each, motion), self._most_v, out=line[1:])
             target, status = found.target_mu, found.status
         else:
             line[1:] = 0.0
@@ -226,12 +231,17 @@ class RenderCore:
         _, evaluator, target = self._felt
         motion = fingers.motion.within(self.reachable)
         if not self._averaged:
-            return _inverted(self._slice, fingers, target, evaluator.wanted(motion))
+            value = evaluator.wanted(motion)
+            return _inverted(
+                self._slice, fingers, target, value, *self._mixed(motion, first_sample)
+            )
         value = self._over_the_quarter(evaluator, motion, first_sample)
         speed = motion.footprint_mm * self.sample_rate_hz / self.step
         cell, part = self._followed(np.float64(speed))
+        mixed = self._mixed(motion, first_sample)
         less, more = (
-            _inverted(one, fingers, target, value) for one in self._averaged[cell : cell + 2]
+            _inverted(one, fingers, target, value, *mixed)
+            for one in self._averaged[cell : cell + 2]
         )
         return Amplitudes(
             less.voltage_v + part * (more.voltage_v - less.voltage_v),
@@ -261,7 +271,16 @@ class RenderCore:
         cell = np.minimum(place.astype(int), _SHARES - 1)
         return cell, place - cell
 
-    def _combined(self, each: Array) -> Array:
+    def _mixed(self, motion: Motion, first_sample: int) -> tuple[float | Array, Array | None]:
+        """Intensity at each point, and shares of the reachable range to add; a session has them."""
+        return 1.0, None
+
+    def _combined(self, each: Array, motion: Motion) -> Array:
+        if len(each) > 1 and isinstance(self._felt[1], Layout):
+            priority = self._felt[1].priorities(motion)
+            if priority is not None:
+                rank = priority.reshape(each.shape)
+                each = np.where(rank == rank.max(axis=0), each, 0.0)
         if len(each) == 1 or self.settings.combination == "first":
             return np.asarray(each[0])
         is_mean = self.settings.combination == "mean"
@@ -278,13 +297,25 @@ class RenderCore:
         return np.diff(line)
 
 
-def _inverted(slice_: Slice, fingers: Fingers, target: Target, value: Array) -> Amplitudes:
+def _inverted(
+    slice_: Slice,
+    fingers: Fingers,
+    target: Target,
+    value: Array,
+    intensity: float | Array,
+    added: Array | None,
+) -> Amplitudes:
     motion, _, force_n = fingers
     if force_n is None:
-        return Amplitudes.of(slice_.columns_at(motion.normal_force_n), target, value)
+        if isinstance(intensity, np.ndarray):
+            intensity = np.tile(intensity, motion.fingers)
+        column = slice_.columns_at(motion.normal_force_n)
+        return Amplitudes.of(column, target, value, intensity, added)
+    rows = value.reshape(-1, motion.points)
+    more = [None] * len(rows) if added is None else added.reshape(rows.shape)
     each = [
-        Amplitudes.of(slice_.column(force), target, row)
-        for force, row in zip(force_n, value.reshape(-1, motion.points), strict=True)
+        Amplitudes.of(slice_.column(force), target, row, intensity, one)
+        for force, row, one in zip(force_n, rows, more, strict=True)
     ]
     return each[0] if len(each) == 1 else Amplitudes(*map(np.concatenate, zip(*each, strict=True)))
 

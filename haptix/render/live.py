@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
+from collections.abc import Callable
 from math import inf, nan
 from typing import Any, Self
 
@@ -16,6 +17,7 @@ from haptix.motion import History, Motion, Report
 from haptix.motion.reactions import React, Reactions, unmoved
 from haptix.render.core import Fingers
 from haptix.render.drive import Drive
+from haptix.render.master import Effect, Played
 from haptix.render.producer import Producer
 from haptix.render.session import LONGEST_GAP_S, RenderSession, VirtualTimeSession
 from haptix.render.settings import LiveSettings
@@ -165,6 +167,44 @@ class _LiveSession(RenderSession):
         """Fingers during the next block, which plays from `t0_s` on."""
         return self._fingers.motion(t0_s, self.step_s, self.points, self._since_s, self._at_rest)
 
+    def play(
+        self,
+        effect: Feelable,
+        priority: int = 0,
+        done: Callable[[Played], None] | None = None,
+    ) -> Effect:
+        """Add an effect that ends to what all fingers feel, from the next sample on.
+
+        Parameters
+        ----------
+        effect : Material
+            Such as `haptix.materials.Transient`; a share of the reachable friction. Its time and
+            all events from which it may begin are now.
+        priority : int
+            Of more than 8 at once, the oldest of the lowest priority is dropped.
+        done : callable, optional
+            Called with `Played` once the effect has been played, by the next `touch`, `lift` or
+            `poll`, or on leaving.
+
+        Raises
+        ------
+        InputError
+            If the effect has no end, or is no share.
+        """
+        return self._master.play(effect, lambda: self._since_s, priority, done)
+
+    def _take(self, event: TouchEvent, arrival_s: float) -> None:
+        """Take a touch event, and tell what it did if it was one."""
+        counts = self.touch_counts
+        before = counts.taken
+        self._fingers.take(event, arrival_s, self._felt[1].react)
+        if counts.taken > before or getattr(event, "kind", None) == "up":
+            self._heard(event)
+
+    def _force_of(self, event: TouchEvent) -> float | None:
+        found = self.settings.touch.force.estimate(event.normal_force_n, event.contact_area_m2)
+        return None if found is None else found.normal_force_n
+
     @property
     def touch_counts(self) -> TouchCounts:
         """What became of the touches."""
@@ -188,7 +228,7 @@ class PredictingRenderer(_LiveSession, VirtualTimeSession):
             return
         # What plays within the lead was computed before the event arrived.
         self._render_until(arrival_s + self.settings.lead_s)
-        self._fingers.take(event, arrival_s, self._felt[1].react)
+        self._take(event, arrival_s)
         if self._start_s is None:
             self._start_s = self._fingers.newest_s
 
@@ -244,6 +284,7 @@ class LiveRenderer(_LiveSession):
             producer.stop(error)
         finally:
             self._take_stats(producer)
+            self._master.cut(self._played_s, self.sample_rate_hz)
         if self.stats.advice and error is None:
             warnings.warn(f"the renderer {self.stats.advice}", OverloadWarning, stacklevel=2)
 
@@ -261,7 +302,7 @@ class LiveRenderer(_LiveSession):
         if self._producer is None:
             raise InputError("touch: expected a renderer that was entered; use it in a with block")
         self._producer.raise_once()
-        self._fingers.take(event, self.now_s(), self._felt[1].react)
+        self._take(event, self.now_s())
 
     def _take_block(self, t0_s: float) -> Array:
         """Render the samples that play from `t0_s` on."""

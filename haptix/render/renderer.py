@@ -205,6 +205,7 @@ class Renderer(VirtualTimeSession):
         """Take a touch event and render up to it; see `touch`."""
         self._take(event)
         self._render_known(self.points)
+        self._heard(event)
 
     def play(self, path: Trajectory, touch_id: int = 0) -> None:
         """Render one finger's whole recorded path, in long blocks: the fastest way."""

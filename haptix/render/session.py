@@ -5,15 +5,21 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import nan
 from typing import Any, Self
 
 import numpy as np
 
 from firmware_io import Device
+from haptix.checks import Array
 from haptix.errors import InputError, LimitError
+from haptix.layout import Layout, LayoutEvent, LayoutEventKind, Listeners
+from haptix.motion import Motion, Report
 from haptix.render.core import Fingers, RenderCore, RenderedBlock
 from haptix.render.drive import Drive, DriverCarrier
+from haptix.render.master import Master, Played
 from haptix.render.settings import RenderSettings
 from haptix.status import Status
 from haptix.surface import FrictionSurface
@@ -141,6 +147,8 @@ class RenderSession(RenderCore, ABC):
         drive: Drive | None = None,
         settings: RenderSettings | None = None,
     ) -> None:
+        self._master = Master()
+        self._listeners = Listeners()
         super().__init__(surface, texture, device, drive, settings)
         self.device = device
         self._reset()
@@ -151,6 +159,86 @@ class RenderSession(RenderCore, ABC):
         self.blocks: list[RenderedBlock] = []
         self._amplitude_v = 0.0
         self._next_sample = 0
+        self._master.reset()
+        self._listeners.forget()
+        self._attach(self.texture)
+
+    @property
+    def intensity(self) -> float:
+        """Intensity that the app asks for, 0 to 1: a share of the friction above the lowest."""
+        return self._master.intensity
+
+    @intensity.setter
+    def intensity(self, share: float) -> None:
+        self._master.turn(self._samples_s, intensity=share)
+
+    @property
+    def user_intensity(self) -> float:
+        """Intensity that the user allows, 0 to 1; the app's is multiplied with it."""
+        return self._master.user_intensity
+
+    @user_intensity.setter
+    def user_intensity(self, share: float) -> None:
+        self._master.turn(self._samples_s, user_intensity=share)
+
+    def mute(self) -> None:
+        """Fade to the lowest friction in 5 ms; time goes on."""
+        self._master.turn(self._samples_s, is_muted=True)
+
+    def unmute(self) -> None:
+        """Fade in again."""
+        self._master.turn(self._samples_s, is_muted=False)
+
+    def pause(self) -> None:
+        """Fade out; what depends on time, layouts too, stands until `resume`."""
+        self._master.pause(self._samples_s)
+
+    def resume(self) -> None:
+        """Go on after a pause."""
+        self._master.resume(self._samples_s)
+
+    def on(self, kind: LayoutEventKind, callback: Callable[[LayoutEvent], None]) -> None:
+        """Call a function at each "enter", "leave", "press", "release" or "detent" of a finger.
+
+        It is called by `touch` and `lift`, in their thread, by the report itself and never by
+        prediction. Fingers whose force is not measured press nothing.
+        """
+        self._listeners.on(kind, callback)
+
+    def poll(self) -> list[Played]:
+        """Tell which effects have ended since the last time, see `LiveRenderer.play`."""
+        return self._master.ended(self._played_s, self.sample_rate_hz)
+
+    def _attach(self, texture: Feelable) -> None:
+        if isinstance(texture, Layout):
+            texture.attach(lambda: self._since_s)
+
+    def _mixed(self, motion: Motion, first_sample: int) -> tuple[float | Array, Array | None]:
+        master, first_s = self._master, first_sample / self.sample_rate_hz
+        return master.at(first_s, motion.step_s, motion.points), master.added(motion)
+
+    @property
+    def _samples_s(self) -> float:
+        """Time of the next sample since the first."""
+        return self._next_sample / self.sample_rate_hz
+
+    @property
+    def _played_s(self) -> float:
+        """Time of the scene up to which samples have been played."""
+        return self._since_s
+
+    def _heard(self, event: TouchEvent) -> None:
+        """Tell callbacks what a touch did, and which effects have ended."""
+        is_down = event.kind != "up"
+        force = self._force_of(event) if is_down else None
+        x, y = (float(event.x_mm), float(event.y_mm)) if is_down else (nan, nan)
+        now = Report(self._since_s, x, y, force, is_down)
+        self._listeners.report(self.texture, event.touch_id, event.t_s, now)
+        self.poll()
+
+    def _force_of(self, event: TouchEvent) -> float | None:
+        """Force that was measured; None where it is assumed."""
+        return event.normal_force_n
 
     def touch(
         self,
@@ -215,8 +303,8 @@ class RenderSession(RenderCore, ABC):
 
     @property
     def _since_s(self) -> float:
-        """Time of the next sample since the first."""
-        return self._next_sample / self.sample_rate_hz
+        """Time of the next sample since the first, less pauses."""
+        return self._master.scene_s(self._samples_s)
 
     @property
     def _at_rest(self) -> bool:
@@ -251,6 +339,7 @@ class VirtualTimeSession(RenderSession):
 
     def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
         self.device.__exit__(kind, error, traceback)
+        self._master.cut(self._played_s, self.sample_rate_hz)
 
     def _reset(self) -> None:
         super()._reset()

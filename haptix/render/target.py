@@ -59,8 +59,24 @@ class Amplitudes(NamedTuple):
     """Numbers of `Status`: OK, BELOW, ABOVE, PULL_IN, BREAKDOWN or OUT_OF_RANGE."""
 
     @classmethod
-    def of(cls, column: Column, target: Target, value: Array) -> Amplitudes:
-        """Amplitudes for the numbers of a texture, shape (points,)."""
-        mu = target.as_mu(value, column.lowest_mu, column.highest_mu)
+    def of(
+        cls,
+        column: Column,
+        target: Target,
+        value: Array,
+        intensity: float | Array = 1.0,
+        added: Array | None = None,
+    ) -> Amplitudes:
+        """Amplitudes for the numbers of a texture, shape (points,).
+
+        Shares of the reachable range are `added`, up to its end; then the intensity scales what is
+        above the lowest friction.
+        """
+        lowest, highest = column.lowest_mu, column.highest_mu
+        mu = target.as_mu(value, lowest, highest)
+        if added is not None:
+            mu = np.minimum(mu + added * (highest - lowest), np.maximum(mu, highest))
+        if not isinstance(intensity, float) or intensity != 1.0:
+            mu = lowest + intensity * (mu - lowest)
         voltage_v, status = column.voltage(mu)
         return cls(voltage_v, mu, status)

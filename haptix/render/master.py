@@ -1,0 +1,193 @@
+"""What every app may turn: intensity, mute, pause, and short effects over all that is felt."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf, isfinite
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from haptix.checks import Array, number, whole
+from haptix.errors import InputError
+from haptix.layout.glide import Glide
+from haptix.motion import Facts, Motion
+from haptix.texture import Evaluator, Feelable, check_feelable
+
+MOST_EFFECTS = 8
+"""Effects at once; one more drops the oldest of the lowest priority."""
+
+_TURN_S = 0.05  # a change of the intensity
+_MUTE_S = 0.005
+
+Outcome = Literal["played", "cut", "dropped"]
+
+
+class Played(NamedTuple):
+    """How an effect ended."""
+
+    effect: Any
+    sample: int
+    """At which it ended."""
+    outcome: Outcome
+    """To its end, stopped, or dropped for another one."""
+
+
+class Effect:
+    """An effect that plays."""
+
+    def __init__(
+        self,
+        effect: Any,
+        evaluator: Evaluator,
+        now: Callable[[], float],
+        length_s: float,
+        priority: int,
+        done: Callable[[Played], None] | None,
+    ) -> None:
+        self.effect, self.priority, self.done = effect, priority, done
+        self.evaluator = evaluator
+        self._now = now
+        self.start_s = now()
+        self.end_s = self.start_s + length_s
+        self.fade = Glide.resting(1.0)
+        self.outcome: Outcome = "played"
+
+    def added(self, motion: Motion) -> Array:
+        """Share of the reachable friction that it adds."""
+        begun = Facts(0.0, 0.0, 0.0, 0.0, 0.0)
+        asked = motion.begun_at(self.start_s, ((((-inf, begun),)),) * motion.fingers)
+        value = self.evaluator.wanted(asked)
+        if self.fade.after[0] == 1.0:
+            return value
+        return value * (1 - self.fade.parts(motion.t_s))
+
+    def stop(self, outcome: Outcome = "cut") -> None:
+        """Fade it out in 5 ms."""
+        now_s = self._now()
+        if now_s < self.end_s:
+            self.outcome = outcome
+            self.fade = Glide((1.0,), (0.0,), now_s, now_s + _MUTE_S)
+            self.end_s = now_s + _MUTE_S
+
+
+class Master:
+    """Intensity and effects of a session; any thread may change them.
+
+    The intensity scales friction above the lowest, ``mu = low + I (mu - low)``, and so never raises
+    a voltage.
+    """
+
+    def __init__(self) -> None:
+        self.intensity = self.user_intensity = 1.0
+        self.is_muted = self.is_paused = False
+        self._stood_s = self._stands_s = 0.0
+        self._line = Glide.resting(1.0)
+        self._effects: tuple[Effect, ...] = ()  # replaced, never changed
+        self._ended: tuple[Effect, ...] = ()
+
+    def reset(self) -> None:
+        """Take what is set as it is: a session starts."""
+        self._effects = self._ended = ()
+        self.is_paused = False
+        self._stood_s = 0.0
+        self._line = Glide.resting(self._goal)
+
+    @property
+    def _goal(self) -> float:
+        is_silent = self.is_muted or self.is_paused
+        return 0.0 if is_silent else self.intensity * self.user_intensity
+
+    def turn(self, now_s: float, **changes: Any) -> None:
+        """Set attributes, and go to what they give along a line from a time on."""
+        quick = False
+        for name, value in changes.items():
+            if isinstance(value, bool):
+                quick = True
+            elif not 0 <= number(name, value) <= 1:
+                raise InputError(f"{name}: expected 0 to 1, got {value:g}")
+            setattr(self, name, value)
+        self._line = self._line.to((self._goal,), now_s, _MUTE_S if quick else _TURN_S)
+
+    def pause(self, now_s: float) -> None:
+        """Stand from a time on."""
+        if not self.is_paused:
+            self._stands_s = self.scene_s(now_s)
+            self.turn(now_s, is_paused=True)
+
+    def resume(self, now_s: float) -> None:
+        """Go on from a time on."""
+        if self.is_paused:
+            self._stood_s = now_s - self._stands_s
+            self.turn(now_s, is_paused=False)
+
+    def scene_s(self, samples_s: float) -> float:
+        """Time of the scene at a time of samples: less the pauses, and standing in one."""
+        return self._stands_s if self.is_paused else samples_s - self._stood_s
+
+    def at(self, first_s: float, step_s: float, points: int) -> float | Array:
+        """Intensity at points that end steps from a time of samples: one number where it stays."""
+        line = self._line
+        if first_s >= line.end_s:
+            return line.after[0]
+        (low,), (high,) = line.before, line.after
+        return low + line.parts(first_s + step_s * np.arange(1.0, points + 1)) * (high - low)
+
+    def play(
+        self,
+        effect: Feelable,
+        now: Callable[[], float],
+        priority: int = 0,
+        done: Callable[[Played], None] | None = None,
+    ) -> Effect:
+        """Begin an effect by the clock of the scene; see `LiveRenderer.play`."""
+        check_feelable("effect", effect)
+        evaluator = effect.evaluator
+        length_s = getattr(effect, "length_s", None)
+        if length_s is None or not isfinite(length_s) or evaluator.target != "share":
+            raise InputError(
+                "effect: expected one that ends and is a share of the reachable friction, such as "
+                f"haptix.materials.Transient, got a {type(effect).__name__}"
+            )
+        whole("priority", priority, -(10**6))
+        now_s = now()
+        playing = [one for one in self._effects if one.end_s > now_s]
+        found = Effect(effect, evaluator, now, length_s, priority, done)
+        sounding = [one for one in playing if one.outcome == "played"]
+        if len(sounding) >= MOST_EFFECTS:
+            weakest = min([*sounding, found], key=lambda one: (one.priority, one.start_s))
+            weakest.stop("dropped")
+        self._ended += tuple(one for one in self._effects if one.end_s <= now_s)
+        self._effects = (*playing, found)
+        return found
+
+    def added(self, motion: Motion) -> Array | None:
+        """Share of the reachable friction that effects add; None without any."""
+        effects = self._effects
+        if not effects:
+            return None
+        return np.asarray(np.sum([one.added(motion) for one in effects], axis=0))
+
+    def cut(self, played_s: float, sample_rate_hz: float) -> None:
+        """End what still plays, with the session."""
+        for one in self._effects:
+            if one.end_s > played_s:
+                one.end_s, one.outcome = played_s, "cut"
+        self.ended(played_s, sample_rate_hz)
+
+    def ended(self, played_s: float, sample_rate_hz: float) -> list[Played]:
+        """Return what has ended by a time of the scene, once, and tell who waits for it."""
+        over = [*self._ended, *(one for one in self._effects if one.end_s <= played_s)]
+        if not over:
+            return []
+        self._ended = ()
+        self._effects = tuple(one for one in self._effects if one not in over)
+        found = []
+        for one in over:
+            played = Played(
+                one.effect, round((one.end_s + self._stood_s) * sample_rate_hz), one.outcome
+            )
+            found.append(played)
+            if one.done is not None:
+                one.done(played)
+        return found
