@@ -1,178 +1,202 @@
-"""Calibration of 20 random fingers and screens, with known truth, on the virtual finger.
+"""Coverage of calibrations: random truths, misspecified ones included, on good and bad rigs.
 
-    python benchmarks/calibrations.py [--truths 20] [--processes 2] [--seed 0] [--hold-skin]
+    python benchmarks/calibrations.py trials.csv [--truths 200] [--seed 0] [--broken]
+    python benchmarks/calibrations.py trials.csv --summary
 
-Each truth is measured by the full and by the short protocol: played by the contact model in time,
-read with noise, drift and cross-talk by a finger that cannot hold force and speed, reduced, and
-fitted from the same start. Fingers, their skin's dielectric included, are drawn from the priors of
-the fits, screens of 70 to 300 nm evenly in the logarithm. With ``--hold-skin`` the fits hold the
-dielectric at the assumed one, as those of version 0.1.
+One row for each truth, written when it is done: the same command again continues. Every second
+truth is of the fit's own form, every fourth of the other gap distribution and of the other theory.
+Fingers are drawn from the priors of the fits, their skin with 0.5 to 2 times the assumed dielectric
+and a response of 5 to 30 Hz per mm/s; screens of 70 to 300 nm. A rig of ``rigs.py`` reads the
+strokes of a short protocol; with ``--broken`` one that no strokes can tell from a good one, or
+should. Verified as without a rig check, and once more with one that measured the true gains.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import time
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+import warnings
+from pathlib import Path
 
 import numpy as np
 import torch
+from rigs import BROKEN, RIGS, feel, read
+from scipy.stats import binomtest
 
 import haptix
 from calibration import (
     Parameters,
-    Protocol,
     StrokePredictor,
-    VirtualFingerSource,
     fit_strokes,
-    full_protocol,
     reduce_session,
     short_protocol,
+    verify,
 )
-from calibration.measuring import drive_for
+from calibration.forms import other_forms
 from calibration.practice import draw_parameters
 from calibration.predict import StrokeConditions
 from calibration.profile import finger_at
-from calibration.recording import StrokeRecording
+from calibration.rig import RigCheck
+from haptix.perception import WEBER_FRACTION
 
-VOLTAGES_V = (200.0, 170.0, 140.0, 120.0, 100.0, 80.0, 60.0)
-
-
-@dataclass(frozen=True)
-class Trial:
-    """Results of one protocol for one true finger and screen."""
-
-    truth: int
-    protocol: str
-    strokes: int
-    h0_nm: float
-    h0_error: float
-    h0_determined: bool
-    h0_width: float
-    skin_scale: float
-    mu_error: float
-    covered: dict[str, bool]
-    fit_s: float
-    measure_s: float
+VOLTAGES_V = (200.0, 170.0, 140.0, 120.0, 100.0, 80.0, 60.0, 45.0)
+FORMS = ("own", "plain", "own", "open-gaps")
+AMPLIFIER = {"amplifier x 0.9": 0.9}
 
 
-def highest_voltage(predictor: StrokePredictor, truth: Parameters) -> float:
-    """Highest voltage without pull-in, as a technician finds it by trying."""
-    for volts in VOLTAGES_V:
-        place = (np.array([value]) for value in (0.08, 1.05 * volts, 30.0, 50.0))
-        found = predictor(StrokeConditions(*place), truth.names, truth.log_values, jacobian=False)
-        if found.is_light.all():
-            return volts
-    return VOLTAGES_V[-1]
+class Bench:
+    """Everything that all truths share."""
 
+    def __init__(self) -> None:
+        self.finger = haptix.Finger.preset("semi-wet")
+        self.screen = haptix.Screen.preset("3m-sct3250").replace(name="panel")
+        model = haptix.ContactModel(self.finger, self.screen)
+        self.predictor = StrokePredictor(model)
+        self.forms = other_forms(model)
+        self.start = Parameters.of(self.finger, self.screen).with_rig()
 
-def play(protocol: Protocol, source: VirtualFingerSource) -> list[StrokeRecording]:
-    made = []
-    for stroke in protocol.strokes:
-        source.start(stroke, drive_for(stroke, protocol, 48_000.0))
-        made.append(StrokeRecording.of(stroke, source.finish()))
-    return made
+    def truth(self, number: int, seed: int) -> tuple[haptix.ContactModel, dict[str, float]]:
+        """Draw a finger and a screen; the values are those of the truth's own form."""
+        rng = np.random.default_rng([seed, number])
+        drawn = draw_parameters(Parameters.of(self.finger, self.screen), rng)
+        values = {one.name: one.value for one in drawn.all}
+        values["skin_dielectric_scale"] = float(np.exp(rng.uniform(*np.log([0.5, 2.0]))))
+        values["response_hz_per_mm_per_s"] = float(np.exp(rng.uniform(*np.log([5.0, 30.0]))))
+        thickness = values["h0_m"] * self.screen.insulator_permittivity
+        screen = self.screen.replace(insulator_thickness_m=thickness)
+        finger = finger_at(self.finger, values)
+        form = FORMS[number % len(FORMS)]
+        if form == "plain":
+            model = haptix.ContactModel(finger, screen, gap_distribution="plain")
+        elif form == "open-gaps":
+            model = haptix.ContactModel(finger, screen, theory="open-gaps")
+        else:
+            model = haptix.ContactModel(finger, screen)
+        values["frictional_shear_stress_pa"] = float(model.finger.frictional_shear_stress_pa)
+        return model, values
 
+    def trial(self, number: int, seed: int, broken: bool) -> dict[str, object]:
+        """Measure, fit and verify one truth."""
+        model, values = self.truth(number, seed)
+        own = Parameters.of(model.finger, model.screen)
+        true = StrokePredictor(model)
 
-def run(number: int, seed: int, hold_skin: bool) -> list[Trial]:
-    torch.set_num_threads(1)
-    finger = haptix.Finger.preset("semi-wet")
-    screen = haptix.Screen.preset("3m-sct3250").replace(name="panel")
-    start = Parameters.of(finger, screen)
-    predictor = StrokePredictor(haptix.ContactModel(finger, screen))
-    truth = draw_parameters(start, np.random.default_rng([seed, number]))
-    values = {name: truth[name].value for name in truth.names}
-    volts = highest_voltage(predictor, truth)
-    # The truth is a model of its own, not the predictor's scaled table.
-    own = finger_at(finger, values)
-    thickness = values["h0_m"] * screen.insulator_permittivity
-    model = haptix.ContactModel(own, screen.replace(insulator_thickness_m=thickness))
-    force, level, hertz = (
-        a.ravel()
-        for a in np.meshgrid(
-            np.linspace(0.1, 0.9, 5), volts * np.linspace(0, 1, 5), [30.0, 125.0, 1000.0]
+        def friction(predictor: StrokePredictor, known: Parameters, places: StrokeConditions):
+            return predictor(places, known.names, known.log_values, jacobian=False)
+
+        # The highest voltage without pull-in, as a technician finds it by trying.
+        volts = next(
+            (v for v in VOLTAGES_V if friction(true, own, _edge(v)).is_light.all()), VOLTAGES_V[-1]
         )
-    )
-    places = StrokeConditions(force, level, hertz, np.full(len(force), 50.0))
-    expected = predictor(places, truth.names, truth.log_values, jacobian=False)
-    found = []
-    for protocol in (full_protocol(volts), short_protocol(predictor, start, 3.0, volts)):
-        source = VirtualFingerSource(model, seed=1000 * number + len(protocol.strokes))
-        began = time.perf_counter()
-        reduced = reduce_session(play(protocol, source), protocol.idle_s)
-        measured = time.perf_counter()
-        assumed = start.fixed(skin_dielectric_scale=1.0) if hold_skin else start
-        fit = fit_strokes(reduced, predictor, assumed)
-        fitted = time.perf_counter()
-        mu = predictor(places, fit.names, fit.log_values, jacobian=False)
-        off = np.abs(np.expm1(mu.log_mu - expected.log_mu))[expected.is_light]
-        found.append(
-            Trial(
-                number,
-                protocol.name,
-                len(reduced.used),
-                1e9 * values["h0_m"],
-                fit.best("h0_m") / values["h0_m"] - 1,
-                fit["h0_m"].value is not None,
-                float(np.log(fit["h0_m"].high / fit["h0_m"].low)) / 2,
-                values["skin_dielectric_scale"],
-                float(np.median(off)),
-                {
-                    one.name: one.low <= values[one.name] <= one.high
-                    for one in fit.estimates
-                    if one.verdict != "fixed"
-                },
-                fitted - measured,
-                measured - began,
+        rigs = [*BROKEN, *AMPLIFIER] if broken else list(RIGS)
+        name = rigs[number % len(rigs)]
+        rig = (BROKEN if broken else RIGS).get(name, RIGS["realistic"])
+        amplifier = AMPLIFIER.get(name, 1.0)
+        plan = short_protocol(self.predictor, self.start, 3.0, volts)
+        began = time.process_time()
+        felt = feel(model, plan, number, amplifier=amplifier)
+        reduced = reduce_session(read(felt, rig, number), plan.idle_s)
+        played = time.process_time()
+        fit = fit_strokes(reduced, self.predictor, self.start, forms=self.forms)
+        fitted = time.process_time()
+        finger = finger_at(self.finger, {n: fit.best(n) for n in values if n != "h0_m"})
+        thickness = fit.best("h0_m") * self.screen.insulator_permittivity
+        screen = self.screen.replace(insulator_thickness_m=thickness)
+        written = StrokePredictor(haptix.ContactModel(finger, screen))
+        checked = RigCheck(
+            normal_gain=rig.normal_gain,
+            tangential_gain=rig.tangential_gain,
+            voltage_gain=amplifier,
+        )
+        verdicts = [verify(fit, reduced, written, rig=one) for one in (None, checked)]
+        axes = np.meshgrid([0.2, 0.5, 0.8], volts * np.linspace(0, 0.9, 4), [125.0, 4000.0], [50.0])
+        places = StrokeConditions(*(axis.ravel() for axis in axes))
+        known = Parameters.of(finger, screen)
+        right, found = friction(true, own, places), friction(written, known, places)
+        off = np.abs(np.expm1(found.log_mu - right.log_mu))[right.is_light & found.is_light]
+        off /= WEBER_FRACTION
+        row: dict[str, object] = {
+            "truth": number,
+            "form": FORMS[number % len(FORMS)],
+            "rig": name,
+            "volts": volts,
+            "friction_error_median_jnd": f"{np.median(off):.4f}",
+            "friction_error_worst_jnd": f"{off.max():.4f}",
+            "verdict": verdicts[0].verdict,
+            "verdict_with_rig_check": verdicts[1].verdict,
+            "bound_jnd": f"{verdicts[0].bound_thresholds:.3f}",
+            "outliers": len(reduced.outliers),
+            "fit_s": f"{fitted - played:.1f}",
+            "play_s": f"{played - began:.1f}",
+            "failures": "; ".join(verdicts[1].failures)[:200],
+        }
+        for one in fit.estimates:
+            if one.name in values:
+                row[f"{one.name} holds"] = int(one.low <= values[one.name] <= one.high)
+                row[f"{one.name} spread"] = f"{one.spread:.4f}"
+                row[f"{one.name} error"] = f"{np.log(fit.best(one.name) / values[one.name]):.4f}"
+        return row
+
+
+def _edge(volts: float) -> StrokeConditions:
+    hertz = np.array([30.0, 125.0, 4000.0])
+    return StrokeConditions(np.full(3, 0.08), np.full(3, 1.05 * volts), hertz, np.full(3, 50.0))
+
+
+def summary(path: Path) -> None:
+    """Print coverage with its binomial test, widths, and verdicts."""
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    print(f"{len(rows)} truths; 90 % intervals")
+    names = [key.removesuffix(" holds") for key in rows[0] if key.endswith(" holds")]
+    for name in names:
+        held = sum(int(row[f"{name} holds"]) for row in rows)
+        p = binomtest(held, len(rows), 0.9).pvalue
+        spread = np.median([float(row[f"{name} spread"]) for row in rows])
+        error = np.median([abs(float(row[f"{name} error"])) for row in rows])
+        print(
+            f"  {name:32} holds {held:3} of {len(rows)} (p {p:.3f}), spread {spread:.1%}, "
+            f"error {error:.1%} (medians)"
+        )
+    for key in ("form", "rig"):
+        for value in dict.fromkeys(row[key] for row in rows):
+            some = [row for row in rows if row[key] == value]
+            worst = [float(row["friction_error_worst_jnd"]) for row in some]
+            good = [row["verdict"] != "failed" for row in some]
+            checked = [row["verdict_with_rig_check"] == "passed" for row in some]
+            wrong = sum(one and far > 0.5 for one, far in zip(checked, worst, strict=True))
+            print(
+                f"{key} {value:18} {len(some):3} truths: provisional {sum(good)}, passed with a "
+                f"rig check {sum(checked)}, of these wrong by half a JND or more {wrong}; friction "
+                f"error, worst place: median {np.median(worst):.2f}, largest {max(worst):.2f} JND"
             )
-        )
-    return found
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--truths", type=int, default=20)
-    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--truths", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--hold-skin", action="store_true")
+    parser.add_argument("--broken", action="store_true")
+    parser.add_argument("--summary", action="store_true")
     asked = parser.parse_args()
-    print(
-        "truth protocol strokes  skin  d1/eps1 nm  error %  +-90 %  reported  mu error %  covered  "
-        "fit s  play s"
-    )
-    trials: list[Trial] = []
-    with ProcessPoolExecutor(asked.processes) as pool:
-        count = asked.truths
-        for made in pool.map(run, range(count), [asked.seed] * count, [asked.hold_skin] * count):
-            trials += made
-            for one in made:
-                print(
-                    f"{one.truth:5} {one.protocol:8} {one.strokes:7} {one.skin_scale:5.2f} "
-                    f"{one.h0_nm:11.1f} {100 * one.h0_error:8.2f} {100 * one.h0_width:7.2f} "
-                    f"{'yes' if one.h0_determined else 'no':>9} "
-                    f"{100 * one.mu_error:11.2f} {sum(one.covered.values()):3} of "
-                    f"{len(one.covered)} {one.fit_s:6.1f} {one.measure_s:7.1f}",
-                    flush=True,
-                )
-    medians = {}
-    for name in ("full", "short"):
-        some = [one for one in trials if one.protocol == name]
-        h0 = np.median([abs(one.h0_error) for one in some])
-        mu = np.median([one.mu_error for one in some])
-        medians[name] = h0, mu
-        print(
-            f"\n{name}: median error of d1/eps1 {h0:.2%}, of mu {mu:.2%} (worst truth "
-            f"{max(one.mu_error for one in some):.2%}); fit {max(o.fit_s for o in some):.1f} s at "
-            f"most; d1/eps1 reported in {sum(o.h0_determined for o in some)} of {len(some)}"
-        )
-        for parameter in some[0].covered:
-            share = np.mean([one.covered[parameter] for one in some])
-            print(f"  90 % interval of {parameter}: holds the truth in {share:.0%}")
-        every = [inside for one in some for inside in one.covered.values()]
-        print(f"  of all: {np.mean(every):.0%}")
-    ratios = [short / full for short, full in zip(medians["short"], medians["full"], strict=True)]
-    print(f"\nshort over full: d1/eps1 {ratios[0]:.2f}, mu {ratios[1]:.2f}")
+    if asked.summary:
+        summary(asked.out)
+        return
+    torch.set_num_threads(1)
+    warnings.simplefilter("ignore")
+    done = len(asked.out.read_text().splitlines()) - 1 if asked.out.exists() else 0
+    bench = Bench()
+    for number in range(max(done, 0), asked.truths):
+        row = bench.trial(number, asked.seed, asked.broken)
+        with asked.out.open("a", newline="") as file:
+            writer = csv.DictWriter(file, list(row))
+            if number == 0:
+                writer.writeheader()
+            writer.writerow(row)
+        print(*list(row.values())[:10], flush=True)
+    summary(asked.out)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibration import profile_app
+from calibration import profile_app, rig_app
 from calibration.profile_app import rounded, stroke_rows
 from haptix.errors import InputError
 from haptix.files import json_text
@@ -309,6 +309,9 @@ def run_(
     screen: ScreenOption = "3m-sct3250",
     finger: FingerOption = "semi-wet",
     operator: Annotated[str, typer.Option(help="Who measures.")] = "",
+    weight_n: Annotated[
+        float | None, typer.Option(help="Known weight [N]: the rig is checked before the strokes.")
+    ] = None,
     practice: Annotated[
         bool, typer.Option("--practice", help="On a virtual finger and screen, drawn at random.")
     ] = False,
@@ -316,14 +319,15 @@ def run_(
     yes: Annotated[bool, typer.Option("--yes", help="Do not wait before each stroke.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Plan, measure, reduce, fit and verify. The same command again continues where it stopped.
+    """Check the rig, plan, measure, reduce, fit, verify. The same command again continues it.
 
     Exit code 1 if strokes are still open, or the verification fails.
     """
     from secrets import randbelow
 
-    from calibration.practice import TRUTH, compare_with_truth, draw_truth
+    from calibration.practice import TRUTH, VIRTUAL_RIG, compare_with_truth, draw_truth
     from calibration.profile import SCREEN
+    from calibration.rig import RIG
     from calibration.session import Session
     from calibration.steps import REPORT, fit_folder, plan_strokes, reduce_folder, verify_folder
     from haptix.finger import Finger
@@ -343,8 +347,16 @@ def run_(
             drawn = randbelow(2**31) if seed is None else seed
             panel = own_screen.replace(name=own_name)
             draw_truth(own_finger, panel, planned, drawn).save(folder / TRUTH)
+            VIRTUAL_RIG.save(folder / RIG)
         plan_file = folder / "plan.toml"
         planned.save(plan_file)
+    if weight_n is not None and not practice and not (folder / RIG).exists():
+        if inputs is None:
+            raise InputError("--weight-n: expected --inputs, which read the weight")
+        checked = rig_app.recorded(inputs, device, weight_n)
+        if faults := checked.faults():
+            raise InputError(f"the rig is not right: {'; '.join(faults)}")
+        checked.save(folder / RIG)
     # What is not given again is that of the session.
     measure(
         folder,
@@ -387,6 +399,7 @@ def run_(
         raise typer.Exit(1)
 
 
+app.command("rig")(rig_app.rig)
 app.command("check")(profile_app.check)
 app.command("match")(profile_app.match)
 app.command("install")(profile_app.install)

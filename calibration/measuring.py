@@ -203,6 +203,17 @@ def _check_voltages(session: Session, device: Device | None) -> None:
                 )
 
 
+def record_stroke(
+    stroke: Stroke, source: ForceSource, device: Device | None = None
+) -> dict[str, Array]:
+    """Record as long as one stroke takes, while its drive plays; nothing is checked or kept."""
+    whole_time = Protocol(strokes=(stroke,))
+    signals, _ = _record(
+        stroke, whole_time, source, device, lambda *_: None, time.monotonic, time.sleep
+    )
+    return signals
+
+
 def _record(
     stroke: Stroke,
     protocol: Protocol,

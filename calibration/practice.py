@@ -12,6 +12,7 @@ from calibration.parameters import Parameters
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.profile import FINGER, SCREEN, finger_at
 from calibration.protocol import FORCES_N, Protocol
+from calibration.rig import RigCheck
 from haptix.documents import Document
 from haptix.errors import InputError
 from haptix.finger import Finger
@@ -20,6 +21,16 @@ from haptix.perception import WEBER_FRACTION
 from haptix.screen import Screen
 
 TRUTH = "practice.json"
+VIRTUAL_RIG = RigCheck(
+    normal_gain=1.0,
+    tangential_gain=1.0,
+    voltage_gain=1.0,
+    pole_hz=1e5,
+    resonance_hz=1e5,
+    quality=1.0,
+    instruments=("virtual sensor (no instrument)",),
+)
+"""What a check of the virtual finger's sensor gives: no gain is wrong, no pole in reach."""
 _SCREENS_M = (70e-9, 300e-9)
 _SHEAR_SPREAD = 0.3
 _TRIES = 200

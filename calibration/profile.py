@@ -68,6 +68,7 @@ def calibrated_screen(
         rests_on=(
             *_assumptions(fit, predictor),
             *(f"{name} (not measured)" for name in sorted(set(assumed))),
+            *(f"{one} (not checked)" for one in (verification.untested if verification else ())),
         ),
     )
     calibrated = screen.replace(**changed, is_placeholder=False, calibration=calibration)

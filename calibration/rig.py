@@ -7,18 +7,31 @@ reading of the volts do.
 
 from __future__ import annotations
 
-from math import hypot, isfinite, log
+from collections.abc import Callable, Mapping
+from math import hypot, isfinite, log, sqrt
 from typing import Annotated, Self
 
 import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
-from calibration.parameters import Array
+from calibration.measuring import record_stroke
+from calibration.parameters import PER_RIG, Array
+from calibration.protocol import Stroke
+from calibration.sources import ForceSource
+from calibration.tap import tap_response
+from firmware_io import Device
+from haptix.checks import positive
 from haptix.documents import Document
+from haptix.errors import InputError
 from haptix.perception import WEBER_FRACTION
 
 RIG = "rig.toml"
 """Name of the check in a session's folder."""
+
+# Of pole, resonance and quality: a tip's blow is not quite white, and a pole above a resonance is
+# seen little.
+_TAP_SPREADS = (0.2, 0.05, 0.3)
+_TESTED_V, _TESTED_HZ = 100.0, 125.0
 
 
 class RigCheck(Document):
@@ -74,6 +87,15 @@ class RigCheck(Document):
             found.append("voltage_gain: expected a ratio of amplitudes, above 0")
         return found
 
+    def sensor(self) -> dict[str, tuple[float, float]]:
+        """Value and spread of each of `calibration.parameters.PER_RIG`; empty without a tap."""
+        values = self.pole_hz, self.resonance_hz, self.quality
+        return {
+            name: (value, spread)
+            for name, value, spread in zip(PER_RIG, values, _TAP_SPREADS, strict=True)
+            if value is not None
+        }
+
     def friction_error(self, volts_power: Array) -> tuple[Array, Array]:
         """Error of friction [JND] that the gains cause, its size and its standard uncertainty.
 
@@ -86,3 +108,87 @@ class RigCheck(Document):
             volts_power * self.voltage_gain_spread,
         )
         return size / WEBER_FRACTION, spread / WEBER_FRACTION
+
+
+def measure_rig(
+    source: ForceSource,
+    weight_n: float,
+    ask: Callable[[str], str],
+    device: Device | None = None,
+    record: Callable[[Stroke], Mapping[str, Array]] | None = None,
+) -> RigCheck:
+    """Check a rig by its own instruments, a weight and a voltmeter.
+
+    Parameters
+    ----------
+    source : ForceSource
+        The instruments of the strokes.
+    weight_n : float
+        Force of the known weight [N].
+    ask : callable
+        Shows a prompt, returns when the person is ready, with what was typed.
+    device : Device, optional
+        Plays 100 V at 125 Hz for the voltmeter; without it the volts are taken as right.
+    record : callable, optional
+        Records one step; by default the source and the device do.
+
+    Raises
+    ------
+    InputError
+        If a weight does not show, or what was typed is no number.
+    """
+    weight = positive("weight_n", weight_n)
+    still = Stroke(number=1, normal_force_n=weight, voltage_v=0.0, frequency_hz=_TESTED_HZ)
+    played = still.model_copy(update={"voltage_v": _TESTED_V})
+    take = record or (lambda stroke: record_stroke(stroke, source, device))
+
+    def mean(prompt: str, name: str) -> float:
+        ask(prompt)
+        return float(np.median(take(still)[name]))
+
+    forces = "normal_force_n", "tangential_force_n"
+    ask("Leave the screen free, then press Enter ")
+    free = take(still)
+    zero = [float(np.median(free[name])) for name in forces]
+    normal = mean(f"Put {weight:g} N on the screen's middle, then press Enter ", forces[0])
+    pull = (
+        f"Let {weight:g} N pull the screen towards growing x (a thread over a pulley), then Enter "
+    )
+    tangential = mean(pull, forces[1])
+    ask("Take the weight off, press Enter and tap the screen's edge once along x, with metal ")
+    tap = take(still)
+    response = tap_response(tap["t_s"], tap[forces[1]])
+    gain, known = 1.0, [f"weight: {weight:g} N"]
+    if device is not None:
+        ask(
+            f"Put a voltmeter on the screen: {_TESTED_V:g} V at {_TESTED_HZ:g} Hz play, then Enter "
+        )
+        signals = take(played)
+        monitor = _amplitude(signals, played)
+        typed = ask("What did it read [V rms]? ")
+        try:
+            gain = positive("voltmeter", float(typed)) * sqrt(2) / monitor
+        except ValueError:
+            raise InputError(f"voltmeter: expected a number of volts, got {typed!r}") from None
+        known.append("voltmeter")
+    return RigCheck(
+        normal_gain=(normal - zero[0]) / weight,
+        tangential_gain=(tangential - zero[1]) / weight,
+        voltage_gain=gain,
+        pole_hz=response.pole_hz,
+        resonance_hz=response.resonance_hz,
+        quality=response.quality,
+        instruments=tuple(known),
+    )
+
+
+def _amplitude(signals: Mapping[str, Array], stroke: Stroke) -> float:
+    """Amplitude [V] in the middle of a recording; as played where nothing measures it."""
+    if "drive_v" not in signals:
+        return stroke.voltage_v
+    count = len(signals["t_s"])
+    t, drive = (signals[name][count // 4 : 3 * count // 4] for name in ("t_s", "drive_v"))
+    phase = 2 * np.pi * stroke.frequency_hz * t
+    basis = np.stack([np.cos(phase), np.sin(phase), np.ones_like(phase)], axis=-1)
+    found = float(np.hypot(*np.linalg.lstsq(basis, drive, rcond=None)[0][:2]))
+    return positive("drive_v", found)

@@ -125,7 +125,9 @@ def fit_folder(
     parameters = Parameters.of(finger, screen, leaky_gap).with_rig()
     if finger_fit is not None:
         parameters = parameters.with_finger(Fit.load(finger_fit).finger_prior())
-    parameters = parameters.known(**priors or {}).fixed(**fixed or {})
+    rig = rig_check(session.folder)
+    tapped = {} if rig is None else rig.sensor()
+    parameters = parameters.known(**{**tapped, **(priors or {})}).fixed(**fixed or {})
     forms = other_forms(predictor.model, terms) if compare else None
     fit = fit_strokes(reduced, predictor, parameters, forms=forms).signed(session.hashes(REDUCED))
     fit.save(session.folder / FIT)
@@ -155,7 +157,7 @@ def verify_folder(
     fit = Fit.load(session.folder / FIT)
     fit.check_unchanged(session.hashes(REDUCED))
     _check_reduced(session, reduced, recordings)
-    rig = RigCheck.load(session.folder / RIG) if (session.folder / RIG).exists() else None
+    rig = rig_check(session.folder)
     finger, believed = session.info.finger, session.info.screen
     # A term whose parameter is fitted is on even where the profile has no value for it.
     terms = {n: n in fit.terms and not term.missing(finger, believed) for n, term in TERMS.items()}
@@ -189,6 +191,11 @@ def verify_folder(
     write_report(path, shown, fit, reduced, found, predictor, needs, is_written, worst)
     write_archive(session.folder, session.folder / ARCHIVE)
     return found, screen
+
+
+def rig_check(folder: Path) -> RigCheck | None:
+    """Return the rig's check of a session's folder; None without."""
+    return RigCheck.load(folder / RIG) if (folder / RIG).exists() else None
 
 
 def profile_model(folder: Path) -> ContactModel:

@@ -240,12 +240,22 @@ def verify(
         failures.append(fit["h0_m"].refusal())
     untested = []
     if rig is None:
-        untested.append("the rig's gains: no known weight, no second reading of the volts")
+        untested.append(_gains_not_checked(rows, predictor))
     elif faults := rig.faults():
         failures += faults
     if rows and not any(one.group == "at the carrier" for one in groups):
         untested.append(f"the carrier: no two held-out strokes near {CARRIER_HZ:g} Hz")
     return Verification(rows, tolerance_thresholds, tuple(failures), groups, tuple(untested), bound)
+
+
+def _gains_not_checked(rows: tuple[HeldOutStroke, ...], predictor: StrokePredictor) -> str:
+    """Say what the gains that no stroke tells from friction would do."""
+    power = _volts_power([row.point for row in rows], predictor) if rows else np.zeros(1)
+    each, volts = (0.01 * one / WEBER_FRACTION for one in (1.0, float(power.max())))
+    return (
+        f"the rig's gains, by no known weight and no second reading of the volts: 1 % of a force "
+        f"is {each:.2f} JND, 1 % of the volts up to {volts:.2f} JND"
+    )
 
 
 def _of_rig(one: Equivalence) -> str:

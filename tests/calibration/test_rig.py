@@ -1,0 +1,108 @@
+"""The rig's check: what a weight, a tap and a voltmeter say of a rig that is known."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.signal import lti
+from typer.testing import CliRunner
+
+import haptix
+from calibration.app import app
+from calibration.rig import RigCheck, measure_rig
+from calibration.tap import tap_response
+
+RATE_HZ = 10_000.0
+
+
+@cache
+def tap(pole_hz, resonance_hz, quality, noise_n=2e-3, seed=0):
+    """A blow of 0.1 ms in time, by the differential equations of sensor and pole."""
+    t = np.arange(0.0, 1.0, 1 / RATE_HZ / 10)
+    w = 2 * np.pi * resonance_hz
+    sensor = lti([w**2], np.polymul([1 / (2 * np.pi * pole_hz), 1], [1, w / quality, w**2]))
+    blow = np.where((t >= 0.3) & (t < 0.3001), 50.0, 0.0)
+    _, force, _ = sensor.output(blow, t)
+    noise = np.random.default_rng(seed).normal(0, noise_n, len(t[::10]))
+    return t[::10], force[::10] + noise
+
+
+@pytest.mark.parametrize(
+    ("pole_hz", "resonance_hz", "quality"),
+    [(500.0, 2500.0, 10.0), (1000.0, 1500.0, 20.0), (2500.0, 900.0, 6.0)],
+)
+def test_a_tap_gives_pole_and_resonance(pole_hz, resonance_hz, quality):
+    found = tap_response(*tap(pole_hz, resonance_hz, quality))
+    # One and a half, and two, of the spreads that a fit takes from a tap: 20 % and 5 %.
+    assert found.pole_hz == pytest.approx(pole_hz, rel=0.3)
+    assert found.resonance_hz == pytest.approx(resonance_hz, rel=0.1)
+
+
+def test_no_tap_is_refused():
+    t = np.arange(0.0, 1.0, 1e-4)
+    with pytest.raises(haptix.InputError, match="tap harder"):
+        tap_response(t, np.random.default_rng(1).normal(size=len(t)))
+
+
+class Bench:
+    """A rig of known gains, as its instruments record each step."""
+
+    def __init__(self, normal=1.0, tangential=1.0, volts=1.0):
+        self.normal, self.tangential, self.volts = normal, tangential, volts
+        self.step = ""
+
+    def ask(self, prompt):
+        self.step = prompt.split()[0]
+        return f"{self.volts * 100 / np.sqrt(2):.4f}"
+
+    def record(self, stroke):
+        t, tapped = tap(1500.0, 2500.0, 8.0)
+        pressed = 2.0 * self.normal * (self.step == "Put" and not stroke.voltage_v)
+        pulled = 2.0 * self.tangential * (self.step == "Let")
+        return {
+            "t_s": t,
+            "normal_force_n": np.full_like(t, 0.1 + pressed),
+            "tangential_force_n": -0.05 + pulled + tapped * (self.step == "Take"),
+            "drive_v": stroke.voltage_v * np.sin(2 * np.pi * stroke.frequency_hz * t),
+        }
+
+
+@pytest.mark.parametrize(
+    ("gains", "faults"),
+    [
+        ({}, []),
+        ({"tangential": 1.1, "volts": 0.9}, []),
+        ({"normal": -1.0}, ["wrong sign"]),
+        ({"tangential": 0.2248}, ["check its unit"]),
+    ],
+    ids=["right", "scales", "sign", "unit"],
+)
+def test_gains_are_those_of_the_rig(gains, faults):
+    bench = Bench(**gains)
+    with haptix.open_device("mock:") as device:
+        found = measure_rig(None, 2.0, bench.ask, device, bench.record)
+    assert found.normal_gain == pytest.approx(gains.get("normal", 1.0), rel=1e-6)
+    assert found.tangential_gain == pytest.approx(gains.get("tangential", 1.0), rel=1e-3)
+    assert found.voltage_gain == pytest.approx(gains.get("volts", 1.0), rel=1e-3)
+    assert found.pole_hz == pytest.approx(1500.0, rel=0.2)
+    assert len(found.faults()) == len(faults)
+    assert all(said in found.faults()[0] for said in faults)
+
+
+def test_readings_that_were_written_down(tmp_path):
+    t, force = tap(500.0, 2500.0, 10.0)
+    lines = "\n".join(f"{a:.6f},{b:.6f}" for a, b in zip(t, force, strict=True))
+    (tmp_path / "tap.csv").write_text("t_s,tangential_force_n\n" + lines + "\n")
+    command = ["rig", str(tmp_path / "s"), "--weight-n", "1.962", "--json"]
+    made = CliRunner().invoke(app, command)
+    assert made.exit_code == 2 or isinstance(made.exception, haptix.InputError)
+    command += ["--normal-reading-n", "1.962", "--tangential-reading-n", "2.158"]
+    command += ["--monitor-v", "100", "--voltmeter-v", "90", "--tap", str(tmp_path / "tap.csv")]
+    made = CliRunner().invoke(app, command)
+    assert made.exit_code == 0, made.output
+    (row,) = json.loads(made.stdout)
+    found = RigCheck.load(tmp_path / "s" / "rig.toml")
+    assert (row["tangential_gain"], row["voltage_gain"]) == (1.1, 0.9)
+    assert found.tangential_gain == pytest.approx(2.158 / 1.962)
+    assert set(found.sensor()) == {"sensor_pole_hz", "sensor_resonance_hz", "sensor_quality"}
