@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from haptix import ContactModel, ContactState, FrictionSurface, InputError, Status
 from haptix.errors import RangeError
+from haptix.surface.cells import Cells
 
 OK, PULL_IN, BELOW, ABOVE, OUT = (
     int(Status[name]) for name in ("OK", "PULL_IN", "BELOW", "ABOVE", "OUT_OF_RANGE")
@@ -233,3 +234,21 @@ def test_arrays_of_any_stride(full: FrictionSurface) -> None:
     force = np.linspace(0.4, 0.8, 7)
     backwards = full.mu(force[::-1], 100.0, 137.0, 1.7e-7)
     assert torch.equal(backwards.flip(0), full.mu(force, 100.0, 137.0, 1.7e-7))
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+@pytest.mark.parametrize("low", [-17.0, 0.0, 4.0])
+@pytest.mark.parametrize("shift", [0.0, 0.3])  # of a place: off the grid of the build
+def test_cells_are_those_of_bisection(low: float, shift: float, dtype: torch.dtype) -> None:
+    at = torch.tensor([0, 3, 4, 20, 21.0 + shift, 90, 192], dtype=torch.float64)
+    nodes = (low + 2.3 * at / 192).to(dtype)
+    cells = Cells.between(nodes)
+    assert (cells.steps == 0) == (shift == 0)
+    x = torch.linspace(low - 1, low + 3.4, 20_001, dtype=dtype)
+    far = torch.tensor([-1e12, 1e12], dtype=dtype)
+    x = torch.cat([x, nodes, far])
+    cell, part = cells.find(x)
+    exact = np.interp(x.numpy().astype(float), nodes.numpy().astype(float), np.arange(7.0))
+    # Single precision rounds x and a node near 17 by 1e-6: of the narrowest cell, 0.012, 2e-4.
+    close = 1e-9 if dtype == torch.float64 else 5e-4
+    np.testing.assert_allclose(cell + part, exact, rtol=0, atol=close)
