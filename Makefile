@@ -16,7 +16,7 @@ test-slow: .venv/.ready ## the tests that make test leaves out for their time
 	.venv/bin/python -m pytest -n auto --dist worksteal -m slow $(ARGS)
 
 test-devices: .venv/.ready ## the tests through real USB, HID, touchscreen and audio stacks (first: bash scripts/setup-devices.sh)
-	.venv/bin/python -m pytest -m devices tests/devices $(ARGS)
+	.venv/bin/python -m pytest -m devices tests/devices tests/examples $(ARGS)
 
 lint: .venv/.ready ## rules and format (ruff), the import contract (import-linter); nothing is changed
 	.venv/bin/ruff check .

@@ -15,6 +15,8 @@ packages=(
     gcc libc6-dev make
     # the same core on a Cortex-M
     gcc-arm-none-eabi qemu-system-arm
+    # a display for the examples with a window
+    xvfb python3-tk
     python3
 )
 

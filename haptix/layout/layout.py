@@ -90,6 +90,18 @@ class Patch:
         """Rotation about the middle, clockwise; where a move goes."""
         return float(self.layout._of(self.key)["rotation_deg"])
 
+    @property
+    def width_mm(self) -> float:
+        """Width on the screen, before it is turned."""
+        given = self.layout._of(self.key)
+        return float(given["width_mm"] * given["scale"])
+
+    @property
+    def height_mm(self) -> float:
+        """Height on the screen, before it is turned."""
+        given = self.layout._of(self.key)
+        return float(given["height_mm"] * given["scale"])
+
     def __repr__(self) -> str:
         return f"Patch({self.key}, {self.material!r:.60})"
 

@@ -1,0 +1,119 @@
+"""Programs with a window or a touchscreen: the session without a display, and the window on one."""
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from haptix import InputError
+from haptix.touch import TouchEvent
+
+FOLDER = Path(__file__).parents[2] / "examples"
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_mouse_is_a_finger(steady_mock):
+    session = load("mouse_finger").Session("mock:pace=real")
+    heard = []
+    with session.renderer:
+        for i in range(60):
+            session.finger(100 + 4 * i, 120)  # from 14 mm on: the photograph, the grating
+            heard.append(session.said)
+            if i == 30:
+                session.drag(500, 300)
+            time.sleep(0.005)
+        session.lift()
+        ages, friction, volts = session.lately()
+    assert session.photograph.x_mm == pytest.approx(500 / 7 - 25)
+    assert "enter Texture" in heard
+    assert len(ages) == len(friction) == len(volts) > 0
+    assert np.nanmax(friction) > 0.2  # the range of the surface: 0.26 and more
+    assert volts.max() > 20
+    session.press(100)
+    assert session.force_n == 2.0
+
+
+WINDOW = """
+import sys
+import firmware_io.links.mock
+from tests.steady_clock import steady_driver
+firmware_io.links.mock.MockDriver = steady_driver  # a stall of this machine starves none
+sys.path.insert(0, {folder!r})
+import mouse_finger as program
+session = program.Session("mock:pace=real")
+with session.renderer:
+    window = program.Window(session)
+    def step(i=0):
+        window.pad.event_generate("<B1-Motion>" if i else "<Button-1>", x=100 + 3 * i, y=120)
+        if i < 60:
+            window.after(10, step, i + 1)
+        else:
+            window.pad.event_generate("<ButtonRelease-1>", x=300, y=120)
+            print(window.words["text"])
+            window.after(100, window.destroy)
+    window.after(300, step)
+    window.mainloop()
+print(session.renderer.touch_counts.taken, len(session.renderer.blocks))
+"""
+
+
+@pytest.mark.devices
+def test_the_window_on_a_display():
+    server = shutil.which("Xvfb")
+    if server is None:
+        pytest.skip("no Xvfb: bash scripts/setup-devices.sh")
+    read, write = os.pipe()
+    with subprocess.Popen([server, "-displayfd", str(write)], pass_fds=[write]) as display:
+        try:
+            number = os.read(read, 16).decode().strip()
+            done = subprocess.run(
+                [sys.executable, "-c", WINDOW.format(folder=str(FOLDER))],
+                env={**os.environ, "DISPLAY": f":{number}"},
+                capture_output=True, text=True, timeout=300, cwd=FOLDER.parent,
+            )  # fmt: skip
+        finally:
+            display.terminate()
+    assert done.returncode == 0, done.stderr
+    words, counts = done.stdout.splitlines()[-2:]
+    assert "friction" in words and "enter" in words
+    taken, blocks = map(int, counts.split())
+    assert taken > 50 and blocks > 10
+
+
+class Reports:
+    """A touchscreen of another machine."""
+
+    def __init__(self, events):
+        self.events = events
+
+    def read(self, timeout_s):
+        time.sleep(timeout_s)
+        found, self.events = self.events[:5], self.events[5:]
+        return [one._replace(t_s=time.monotonic()) for one in found]
+
+
+def test_a_touchscreen_is_followed():
+    program = load("touchscreen_photograph")
+    taken = []
+
+    class Renderer:
+        now_s = staticmethod(time.monotonic)
+        event = staticmethod(taken.append)
+
+    events = [TouchEvent(0.0, 1, float(i), 0.0) for i in range(12)]
+    program.follow(Renderer(), Reports(events), 0.1)
+    assert [one.x_mm for one in taken] == [one.x_mm for one in events]
+    with pytest.raises(InputError, match="touchscreen"):
+        program.main()
