@@ -23,5 +23,7 @@ from .playback import Playback as Playback
 from .playback import PlaybackStats as PlaybackStats
 from .protocol import codes_to_volts as codes_to_volts
 from .protocol import volts_to_codes as volts_to_codes
+from .revised_playback import RevisedPlayback as RevisedPlayback
+from .revised_playback import RevisedStats as RevisedStats
 from .scheme import DeviceInfo as DeviceInfo
 from .stream import Progress as Progress

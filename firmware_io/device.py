@@ -148,6 +148,11 @@ class Device:
         return self._stream.link.latency_s
 
     @property
+    def link_bytes_per_s(self) -> float | None:
+        """Bytes that the link carries in a second; None where it sets no limit of its own."""
+        return self._stream.link.bytes_per_s
+
+    @property
     def frames_sent(self) -> int:
         """Frames delivered since construction, of every kind."""
         return self._stream.client.frames_sent
@@ -267,8 +272,8 @@ class Device:
         )
         self._bound_setup()
 
-    def progress(self) -> Progress:
-        """Read the driver's reports and return its progress.
+    def progress(self, is_fresh: bool = False) -> Progress:
+        """Read the driver's reports and return its progress; with `is_fresh`, ask for one.
 
         Raises
         ------
@@ -277,7 +282,7 @@ class Device:
         DeviceDisconnectedError
             If the link is lost.
         """
-        self._stream.poll()
+        self._stream.poll(is_fresh)
         return self._stream.progress()
 
     def touches(self) -> list[TouchReport]:
@@ -375,6 +380,17 @@ class Device:
     def most_revised_samples(self) -> int:
         """Samples in the longest revision."""
         return self._stream.most_revised_samples
+
+    def revision_budget(self, window_s: float) -> tuple[int, float]:
+        """Return samples in a revision, and the least time from one to the next, in seconds.
+
+        Parameters
+        ----------
+        window_s : float
+            Longest revision. It is shorter where driver or link do not carry as much a hundred
+            times a second.
+        """
+        return self._stream.revision_budget(window_s)
 
     def stop(self) -> None:
         """Play the samples sent, bring the output to 0 V and disarm. Idempotent.

@@ -48,6 +48,7 @@ class DriveWindow:
         # the sum of squared steps; the largest magnitude.
         self._highest_sum = self._lowest_sum = 0.0
         self._sum_steps = 0.0
+        self._left_v = 0.0  # the sample that left last
         self._largest_v = 0.0
 
     def check(self, volts: _Volts, each: int = 1, is_carried: bool = False) -> None:
@@ -73,9 +74,11 @@ class DriveWindow:
             return
         ramp_samples = 0.0 if is_carried else RAMP_S / 2 * self._sample_rate_hz
         steps = self._steps(volts)
-        if self._is_far_from_limits(volts, steps, ramp_samples):
-            return
         leaving = self._leaving(volts)
+        if self._is_far_from_limits(volts, leaving, steps, ramp_samples):
+            return
+        if self._is_within_limits(volts, leaving, steps, ramp_samples):
+            return
         self._check_energy(volts, each, leaving)
         self._check_mean(volts, each, leaving)
         self._check_stretches(volts, each, ramp_samples)
@@ -96,6 +99,11 @@ class DriveWindow:
         self._sum_v += total - float(np.add.reduce(leaving))
         self._sum_square += float(np.dot(volts, volts)) - float(np.dot(leaving, leaving))
         self._sum_steps += float(np.dot(steps, steps))
+        if volts.size <= size:
+            gone = leaving[1:] - leaving[:-1]
+            first = float(leaving[0]) - self._left_v
+            self._sum_steps -= float(np.dot(gone, gone)) + first * first
+            self._left_v = float(leaving[-1])
         self._largest_v = max(self._largest_v, float(np.maximum.reduce(np.abs(volts))))
         self._last_v = float(volts[-1])
         latest = volts[-size:]
@@ -110,6 +118,7 @@ class DriveWindow:
             self._sum_v = float(self._ring.sum())
             self._sum_square = float(np.dot(self._ring, self._ring))
             self._largest_v = float(np.abs(self._ring).max())
+            self._count_steps(np.diff(self._in_order()) ** 2)
 
     def rest(self, samples: int) -> None:
         """Take the time during which the output stood at 0 V, in samples."""
@@ -117,21 +126,53 @@ class DriveWindow:
             self.take(np.zeros(min(samples, self._ring.size)))
         self._last_v = 0.0
 
-    def _is_far_from_limits(self, volts: _Volts, steps: _Volts, ramp_samples: float) -> bool:
-        """Whether no sample can break a limit, whatever the order of samples in and out."""
+    def _is_far_from_limits(
+        self, volts: _Volts, leaving: _Volts, steps: _Volts, ramp_samples: float
+    ) -> bool:
+        """Whether no sample can break a limit, whatever leaves the window meanwhile."""
         size, limits = self._ring.size, self.limits
         peak = float(np.maximum.reduce(np.abs(volts)))
-        added = peak * volts.size
-        lost = max(self._largest_v, peak) * volts.size
         room = _ROUNDING * size
         share_v = limits.max_dc_share
+        if (
+            self._sum_square + float(np.dot(volts, volts)) > room * limits.max_rms_v**2
+            or self._sum_steps + float(np.dot(steps, steps)) > _ROUNDING * self._most_steps
+        ):
+            return False
+        lowest, highest = _extremes(volts)
+        gone_lowest, gone_highest = _extremes(leaving)
+        moved = max(highest - gone_lowest, gone_highest - lowest)
+        stretch = max(highest + self._highest_sum, -lowest - self._lowest_sum, highest - lowest)
         return bool(
-            self._sum_square + float(np.dot(volts, volts)) <= room * limits.max_rms_v**2
-            and abs(self._sum_v) + added + lost <= room * max(share_v * peak, _DC_FLOOR_V)
-            and max(self._highest_sum, -self._lowest_sum) + added + peak * ramp_samples
-            <= room * share_v * limits.ceiling_v
-            and self._sum_steps + float(np.dot(steps, steps)) <= _ROUNDING * self._most_steps
+            abs(self._sum_v) + moved <= room * max(share_v * peak, _DC_FLOOR_V)
+            and stretch + peak * ramp_samples <= room * share_v * limits.ceiling_v
         )
+
+    def _is_within_limits(
+        self, volts: _Volts, leaving: _Volts, steps: _Volts, ramp_samples: float
+    ) -> bool:
+        """Whether no sample breaks a limit, from the sums up to each of them."""
+        size, limits = self._ring.size, self.limits
+        if volts.size > size:
+            return False
+        peak = float(np.maximum.reduce(np.abs(volts)))
+        room = _ROUNDING * size
+        squares = np.add.accumulate(volts * volts - leaving * leaving)
+        if self._sum_square + float(squares.max()) > room * limits.max_rms_v**2:
+            return False
+        sums = self._sum_v + np.add.accumulate(volts - leaving)
+        if float(np.abs(sums).max()) > room * max(limits.max_dc_share * peak, _DC_FLOOR_V):
+            return False
+        highest = float(self._stretches(volts, -self._highest_sum, np.minimum).max())
+        lowest = float(self._stretches(volts, -self._lowest_sum, np.maximum).min())
+        stretch = max(highest, -lowest) + peak * ramp_samples
+        if stretch > room * limits.max_dc_share * limits.ceiling_v:
+            return False
+        # The step to the first that leaves left the window with the sample before it.
+        gone = np.add.accumulate(np.square(leaving[1:] - leaving[:-1]))
+        grown = np.add.accumulate(steps * steps)
+        grown[1:] -= gone
+        return bool(self._sum_steps + float(grown.max()) <= _ROUNDING * self._most_steps)
 
     @property
     def _most_steps(self) -> float:
@@ -187,7 +228,7 @@ class DriveWindow:
     def _check_current(self, volts: _Volts, each: int, steps: _Volts) -> None:
         """Reject an rms of the current ``C dV/dt`` above its limit."""
         squares = np.diff(self._in_order()) ** 2  # what came before the oldest sample is unknown
-        self._sum_steps = float(squares.sum())
+        self._count_steps(squares)
         leaving = np.concatenate([squares, steps**2])[: volts.size]
         square = self._sum_steps + np.cumsum(steps**2 - leaving)
         over = (square > self._most_steps) & (volts != 0.0)
@@ -201,6 +242,11 @@ class DriveWindow:
                 f"{limits.capacitance_f * 1e12:.4g} pF, above the limit of "
                 f"{limits.max_rms_a * 1e3:g} mA; lower the amplitude or the frequency, or pause."
             )
+
+    def _count_steps(self, squares: _Volts) -> None:
+        """Take the sum of squared steps from those within the window."""
+        self._sum_steps = float(squares.sum())
+        self._left_v = float(self._ring[self._next])
 
     @staticmethod
     def _stretches(volts: _Volts, before: float, extreme: np.ufunc) -> _Volts:
@@ -226,3 +272,9 @@ class DriveWindow:
     def _in_order(self) -> _Volts:
         """Return the window, the oldest sample first."""
         return np.concatenate([self._ring[self._next :], self._ring[: self._next]])
+
+
+def _extremes(volts: _Volts) -> tuple[float, float]:
+    """Return the lowest and the highest sum of the first samples, of none of them as well."""
+    sums = np.add.accumulate(volts)
+    return min(0.0, float(np.minimum.reduce(sums))), max(0.0, float(np.maximum.reduce(sums)))

@@ -53,6 +53,7 @@ class Feeder:
             self.block = -(-self.block // whole) * whole
         self.guard = round(max(_LEAST_GUARD_S, lead_s / 8) * rate_hz)
         self.ready = threading.Condition()
+        self.has_news = False  # blocks have a lead: one that comes now waits for the next step
         self.ring = SampleRing(self.lead + self.block)
         self.device_clock = DeviceClock(rate_hz)
         self.underruns = 0

@@ -28,6 +28,11 @@ class Link(ABC):
         """Delay that the link adds between a sample and the output, in seconds; None if unknown."""
         return 0.0
 
+    @property
+    def bytes_per_s(self) -> float | None:
+        """Bytes that the link carries in a second; None where it sets no limit of its own."""
+        return None
+
     @abstractmethod
     def send(self, data: bytes) -> None:
         """Deliver all bytes, in order.

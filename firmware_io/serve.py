@@ -20,6 +20,7 @@ import numpy as np
 
 from firmware_io.errors import DeviceError, HaptixError
 from firmware_io.mock import MockDriver
+from firmware_io.real_time import raise_priority
 
 DEFAULT_PORT = 7420
 _TURN_S = 0.002  # between two polls of the driver
@@ -82,6 +83,7 @@ class DriverServer:
 
     def serve(self) -> None:
         """Serve until `stop`."""
+        raise_priority()  # a board's interrupts do not wait for a busy computer
         client: socket.socket | None = None
         try:
             while not self._end.is_set():

@@ -16,7 +16,8 @@ DEFAULT_CARRIER_HZ = 4000.0
 """The carrier of a driver in envelope mode: above what skin feels."""
 
 _LEAD_S = 0.025  # default delay before playback begins
-_MOST_REPORTS_PER_S = 900.0  # of the 1000 that a full-speed device accepts
+MOST_REPORTS_PER_S = 900.0
+"""Of the 1000 that a full-speed device accepts."""
 
 
 def choose_mode(mode: Mode | None, driver: Capabilities, link: Link) -> Mode:
@@ -41,7 +42,7 @@ def choose_rate(sample_rate_hz: float | None, mode: Mode, driver: Capabilities, 
         return round(sample_rate_hz)
     most_hz = math.inf
     if link.report_bytes is not None:
-        most_hz = _MOST_REPORTS_PER_S / 3 * samples_per_frame(3, link.report_bytes)
+        most_hz = MOST_REPORTS_PER_S / 3 * samples_per_frame(3, link.report_bytes)
     return driver.best_rate_hz(mode, most_hz)
 
 

@@ -15,6 +15,7 @@ from firmware_io.limits import DriveLimits
 from firmware_io.protocol import (
     INDEX_MODULUS,
     SEQUENCE_MODULUS,
+    STREAM_OVERHEAD_BYTES,
     Arm,
     DeviceState,
     Revise,
@@ -27,10 +28,16 @@ from firmware_io.protocol import (
 )
 from firmware_io.protocol_client import ProtocolClient
 from firmware_io.revisable import Revisable
+from firmware_io.setting import MOST_REPORTS_PER_S
 
 #: Reports in a frame: the fewest with less than 15 % overhead (PROTOCOL.md).
 _REPORTS_PER_FRAME = 3
 _REPORTS_PER_REVISION = 4
+_REVISIONS_PER_S = 100  # that a link should carry: the usual touchscreen's reports
+_LEAST_INTERVAL_S = 0.0025  # between two revisions, whatever the link
+_OTHER_REPORTS_PER_S = 10  # questions to the driver
+_USED_SHARE = 0.9  # of a link's bytes
+_REVISE_OVERHEAD_BYTES = STREAM_OVERHEAD_BYTES + 2
 #: Samples in one write to a link without reports: 64 KiB; longer writes delay a stop.
 _SAMPLES_PER_WRITE = 32_000
 _STANDS_S = 2.0  # without progress; a driver that waits for its lead plays within a watchdog time
@@ -152,6 +159,26 @@ class Stream:
             most = min(most, samples_per_frame(_REPORTS_PER_REVISION, self.link.report_bytes) - 1)
         return max(1, min(most, setup.watchdog_ms * setup.sample_rate_hz // 4000))
 
+    def revision_budget(self, window_s: float) -> tuple[int, float]:
+        """Return samples in a revision, and the least time between two; see `Device`."""
+        rate_hz, link = self.setup.sample_rate_hz, self.link
+        most = min(self.most_revised_samples, int(window_s * rate_hz))
+        if link.report_bytes is not None:
+            # In whole reports, of those that frames leave over.
+            reports = rate_hz / self.frame_samples * _REPORTS_PER_FRAME + _OTHER_REPORTS_PER_S
+            left = MOST_REPORTS_PER_S - reports
+            each = min(_REPORTS_PER_REVISION, max(1, int(left / _REVISIONS_PER_S)))
+            most = min(most, samples_per_frame(each, link.report_bytes) - 1)
+            return most, max(_LEAST_INTERVAL_S, each / max(left, 1.0))
+        if link.bytes_per_s is not None:
+            left = _USED_SHARE * link.bytes_per_s - 2.0 * rate_hz
+            most = min(most, int(left / _REVISIONS_PER_S / 2) - _REVISE_OVERHEAD_BYTES // 2)
+            most = max(most, 1)
+            return most, max(
+                _LEAST_INTERVAL_S, (2 * most + _REVISE_OVERHEAD_BYTES) / max(left, 1.0)
+            )
+        return most, _LEAST_INTERVAL_S
+
     def arm(self, revisable: bool = False) -> None:
         """Deliver a STOP still owed, set the driver up, then arm it; no effect if armed."""
         if self.is_armed:
@@ -266,16 +293,20 @@ class Stream:
             self._window.take(self._driven(volts, first, self._before_v))
             self._before_v = float(volts[-1])
 
-    def poll(self) -> None:
+    def poll(self, is_fresh: bool = False) -> None:
         """Read what the driver has sent; raise its fault.
 
         If it reports at an interval, read once in that interval: a read may take a millisecond.
+        With `is_fresh`, ask for a report and wait for it.
         """
         interval_s = self.setup.status_ms / 1e3
-        if interval_s and self.client.clock() - self.client.status_s < interval_s:
+        if interval_s and not is_fresh and self.client.clock() - self.client.status_s < interval_s:
             return
         try:
-            self.client.poll()
+            if is_fresh:
+                self.client.synchronise()
+            else:
+                self.client.poll()
         finally:
             self._follow_fault()
         self._settle()
@@ -309,6 +340,8 @@ class Stream:
     def _most_ahead(self) -> int:
         """Most samples in the driver: it must play them before its watchdog time is over."""
         setup = self.setup
+        if self._queued is not None:  # and a quarter of that time is for what holds up a frame
+            return int(0.75 * setup.watchdog_ms / 1e3 * setup.sample_rate_hz)
         ahead_s = setup.watchdog_ms / 1e3 / 2 - min(setup.lead_us / 1e6, setup.watchdog_ms / 4e3)
         return max(self.frame_samples, int(ahead_s * setup.sample_rate_hz))
 

@@ -73,6 +73,7 @@ class SerialLink(Link):
         self._serial = pyserial()
         place = port or _only_port()
         self._name = f"serial:port={place}"
+        self._baud = baud
         self._port: Any = None
         try:
             self._port = self._serial.Serial(
@@ -89,6 +90,11 @@ class SerialLink(Link):
     def name(self) -> str:
         """Its address."""
         return self._name
+
+    @property
+    def bytes_per_s(self) -> float:
+        """A tenth of the bits."""
+        return self._baud / 10
 
     def send(self, data: bytes) -> None:
         """Write bytes; see `Link.send`."""

@@ -52,7 +52,8 @@ def doctor(
     core = MockDriver().core
     which = {"c": "compiled from C", "python": "the reference in Python (no C compiler was found)"}
     firmware = _row("mock driver", True, f"the reference firmware, {which[core]}")
-    show("doctor", [*needed, *buses, _check_udev(root), firmware], as_json)
+    rows = [*needed, *buses, _check_udev(root), firmware, _check_timing()]
+    show("doctor", rows, as_json)
     if any(row["ok"] == "no" for row in needed):
         raise typer.Exit(1)
 
@@ -93,6 +94,28 @@ def _check_udev(root: Path) -> dict[str, Any]:
         "sudo haptix doctor --install-udev"
     )
     return _row("udev rule", good, f"{root / RULE_FILE}{'' if good else missing}")
+
+
+_WORK_MS = 2.0  # of a reaction: rendering, the limits, a local link, a driver's guard
+_GOOD_MS = 5.0
+
+
+def _check_timing() -> dict[str, Any]:
+    from firmware_io.real_time import measure_wake_ups
+
+    found = measure_wake_ups()
+    late_ms, largest_ms = found.p99_s * 1e3, found.largest_s * 1e3
+    with_it = "with" if found.is_real_time else "without"
+    detail = (
+        f"a thread wakes {late_ms:.2g} ms late (99 %; longest {largest_ms:.2g}) {with_it} "
+        f"real-time priority: live rendering reacts in {_WORK_MS + late_ms:.2g} ms"
+    )
+    good = _WORK_MS + late_ms <= _GOOD_MS
+    if not found.is_real_time:
+        detail += "; for less: `USER - rtprio 20` in /etc/security/limits.conf, then log in again"
+    elif not good:
+        detail += "; give the computer less to do"
+    return _row("timing", good, detail)
 
 
 def _check_torch() -> dict[str, Any]:

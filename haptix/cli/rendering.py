@@ -132,7 +132,11 @@ def play(
     carrier_hz: CarrierHz = None,
     direct_hz: DirectHz = None,
     waveform: Waveform = "sine",
-    lead_ms: LeadMs = 25.0,
+    reaction_ms: Annotated[float, typer.Option(help="From a touch to what it changes.")] = 3.0,
+    horizon_ms: Annotated[float, typer.Option(help="Longest stall that is not felt.")] = 100.0,
+    lead_ms: Annotated[float, typer.Option(help="As in render: if the driver cannot revise.")] = (
+        25.0
+    ),
     device: Annotated[str, typer.Option(help="Where to play, see `haptix devices`.")] = (
         "mock:pace=real"
     ),
@@ -156,7 +160,10 @@ def play(
             found = _surface(setting, surface, partial(update, "surface"))
             events = events_of(setting.path)
             # Not strict: after a stall of this machine, touches come too late to be of use.
-            live = LiveSettings(lead_s=lead_ms / 1e3, strict=False)
+            times = (reaction_ms / 1e3, horizon_ms / 1e3, lead_ms / 1e3)
+            live = LiveSettings(
+                reaction_s=times[0], horizon_s=times[1], lead_s=times[2], strict=False
+            )
             renderer = LiveRenderer(found, setting.texture, opened, setting.drive, live)
             with warnings.catch_warnings(), renderer:
                 warnings.simplefilter("ignore", OverloadWarning)  # said below
@@ -166,7 +173,7 @@ def play(
                 time.sleep(2 * lead_ms / 1e3)
     stats = renderer.stats
     row: dict[str, float | str] = {
-        "seconds": stats.samples / renderer.sample_rate_hz,
+        "seconds": stats.samples_played / renderer.sample_rate_hz,
         "lead_ms": stats.lead_s * 1e3,
         "underruns": stats.underruns,
         "late_blocks": stats.late_blocks,
@@ -175,9 +182,15 @@ def play(
         "too_low": stats.below / max(stats.samples, 1),
         "too_high": stats.above / max(stats.samples, 1),
     }
+    title = f"haptix play: {device}"
+    p50_ms, p99_ms = stats.reaction_p50_s * 1e3, stats.reaction_p99_s * 1e3
+    if stats.revisions and not as_json:
+        title += f"; reaction {p50_ms:.2g} ms (99 %: {p99_ms:.2g})"
     if as_json:
         row["advice"] = stats.advice
-    title = f"haptix play: {device}"
+    if as_json and stats.revisions:
+        row |= {"revisions": stats.revisions, "refused": stats.refused}
+        row |= {"reaction_p50_ms": p50_ms, "reaction_p99_ms": p99_ms}
     show(f"{title}; {stats.advice}" if stats.advice else title, [row], as_json)
 
 

@@ -33,6 +33,8 @@ _SHARES = 8
 _ROUNDED = 1e-9  # of a quarter: rounding does not move a point into the next one
 _PARTS = 4  # places of the texture in a quarter of a period
 
+_JOIN_S = 0.002  # over which a window that is rendered again meets what is queued behind it
+
 DEFAULT_CARRIER_HZ = 4000.0
 """Above what skin feels, and a whole twelfth of the usual 48 kHz."""
 
@@ -190,8 +192,23 @@ class RenderCore:
         """Time from one control point to the next."""
         return self.step / self.sample_rate_hz
 
-    def block(self, fingers: Fingers, first_sample: int, amplitude_v: float = 0.0) -> RenderedBlock:
-        """Render the steps that end at a motion's points, from the amplitude before them."""
+    @property
+    def drives_at_rest(self) -> bool:
+        """Whether what is felt gives drive to fingers that rest."""
+        return self._felt[1].drives_at_rest
+
+    def block(
+        self,
+        fingers: Fingers,
+        first_sample: int,
+        amplitude_v: float = 0.0,
+        queued_v: Array | None = None,
+    ) -> RenderedBlock:
+        """Render the steps that end at a motion's points, from the amplitude before them.
+
+        Of amplitudes `queued_v` that are queued at the points, the last stays, and those before it
+        are blended into.
+        """
         motion, gain, _ = fingers
         line = np.empty(motion.points + 1)
         line[0] = amplitude_v
@@ -203,6 +220,8 @@ class RenderCore:
         else:
             line[1:] = 0.0
             target, status = np.empty(0), np.empty(0, dtype=np.int8)
+        if queued_v is not None:
+            self._join(line, queued_v)
         change = line[1:] - line[:-1]
         if np.abs(change).max() > self._most_step_v:
             change = self._slewed(line)
@@ -286,13 +305,31 @@ class RenderCore:
         is_mean = self.settings.combination == "mean"
         return np.asarray(each.mean(axis=0) if is_mean else each.max(axis=0))
 
+    def _join(self, line: Array, queued_v: Array) -> None:
+        """Let `line` end in place at the last of the amplitudes that are queued."""
+        points = min(len(queued_v), max(1, round(_JOIN_S / self.step_s)))
+        share = np.arange(1, points + 1) / points
+        line[-points:] += share * (queued_v[-points:] - line[-points:])
+        self._slewed(line)
+        # No further from the end than its slope allows: of two such limits the slope is kept.
+        reach = self._most_step_v * np.arange(len(queued_v) - 1, -1, -1)
+        np.clip(line[1:], queued_v[-1] - reach, queued_v[-1] + reach, out=line[1:])
+
     def _slewed(self, line: Array) -> Array:
         """Limit the slope of `line` in place, and return its steps."""
         most = self._most_step_v
         values = line.tolist()
-        for i in range(1, len(values)):
-            before = values[i - 1]
-            values[i] = min(max(values[i], before - most), before + most)
+        caught_up = 0
+        for steep in np.flatnonzero(np.abs(np.diff(line)) > most).tolist():
+            # From each step that is too steep to where the line is met again.
+            i = steep + 1
+            while i > caught_up and i < len(values):
+                before, wanted = values[i - 1], values[i]
+                values[i] = min(max(wanted, before - most), before + most)
+                if values[i] == wanted:
+                    break
+                i += 1
+            caught_up = max(caught_up, i)
         line[:] = values
         return np.diff(line)
 

@@ -5,142 +5,24 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable
-from math import inf, nan
+from math import inf
 from typing import Any, Self
-
-import numpy as np
 
 from firmware_io import Device
 from haptix.checks import Array
 from haptix.errors import InputError, OverloadWarning
-from haptix.motion import History, Motion, Report
-from haptix.motion.reactions import React, Reactions, unmoved
-from haptix.render.core import Fingers
+from haptix.render.core import Fingers, RenderedBlock
 from haptix.render.drive import Drive
+from haptix.render.live_fingers import LiveFingers
 from haptix.render.master import Effect, Played
 from haptix.render.producer import Producer
+from haptix.render.revised import RevisedProducer, RevisedSource
+from haptix.render.revised_fingers import RevisedFingers
 from haptix.render.session import LONGEST_GAP_S, RenderSession, VirtualTimeSession
 from haptix.render.settings import LiveSettings
 from haptix.surface import FrictionSurface
 from haptix.texture import Feelable
-from haptix.touch import TouchCounts, Touches, TouchEvent, TouchTracker
-
-_MOST_ROWS = 3
-
-
-class LiveFingers:
-    """Fingers at the control points of the next block.
-
-    One thread may take touches while another asks for the motion.
-    """
-
-    def __init__(self, settings: LiveSettings) -> None:
-        self.touches = Touches(settings.touch, settings.strict)
-        self._sliding = settings.sliding
-        self._gains: dict[TouchTracker, float] = {}
-        self._reactions: dict[TouchTracker, Reactions] = {}
-        self._next_s = 0.0  # the next block's start on the clock of samples,
-        self._ahead_s: float | None = None  # and that of touches minus that of samples
-        self._steps: Array = np.empty(0)
-
-    def motion(
-        self, t0_s: float, step_s: float, points: int, since_s: float, at_rest: bool = False
-    ) -> Fingers:
-        """Fingers at ``t0_s + step_s * (1 ... points)``; `at_rest`, those that rest get drive too.
-
-        Touches have a clock of their own; `since_s` is `t0_s` on that of samples, see `Motion`.
-        """
-        self._next_s, self._ahead_s = since_s + step_s * points, t0_s - since_s
-        at_rest = at_rest or not self._sliding.is_needed
-        down = [tracker for _, tracker in self.touches.active]
-        gains = self._gains
-        if not down and not gains:
-            return Fingers.none(points)
-        for tracker in down:
-            gains.setdefault(tracker, 0.0)
-        most = step_s * points / self._sliding.fade_s
-        starts: list[tuple[float, ...]] = []
-        slopes: list[tuple[float, ...]] = []
-        forces: list[float] = []
-        velocities: list[tuple[float, float]] = []
-        known: list[bool] = []
-        histories: list[History] = []
-        fastest = 0.0
-        for tracker, gain in list(gains.items()):
-            part = tracker.path(t0_s, step_s, points)
-            gets_drive = part.is_down and not part.is_lost
-            gets_drive = gets_drive and (part.is_sliding or at_rest)
-            end = min(gain + most, 1.0) if gets_drive else max(gain - most, 0.0)
-            if end == 0.0 and not part.is_down:
-                del gains[tracker]
-                self._reactions.pop(tracker, None)
-            else:
-                gains[tracker] = end
-            if gain == end == 0.0:
-                continue
-            starts.append((part.x_mm, part.y_mm, part.normal_force_n, gain))
-            gain_slope = (end - gain) / (step_s * points)
-            slopes.append((part.x_slope_mm_s, part.y_slope_mm_s, part.force_slope_n_s, gain_slope))
-            forces.append(part.normal_force_n + part.force_slope_n_s * step_s * points / 2)
-            velocities.append((part.vx_mm_s, part.vy_mm_s))
-            known.append(part.force_known)
-            reactions = self._reactions.get(tracker)
-            histories.append(() if reactions is None else reactions.history)
-            fastest = max(fastest, part.speed_mm_s)
-        if not starts:
-            return Fingers.none(points)
-        if len(self._steps) != points:
-            self._steps = np.arange(1.0, points + 1) * step_s
-        start = np.array(starts, dtype=np.float64)
-        slope = np.array(slopes, dtype=np.float64)
-        lines: Array = start.T[:, :, None] + slope.T[:, :, None] * self._steps
-        x, y, force, gain_at = lines.reshape(4, -1)
-        # Rows of the surface pay for few fingers; for many, one batch of points is faster.
-        rows = forces if len(forces) <= _MOST_ROWS else None
-        motion = Motion(
-            len(starts), points, x, y, force, fastest * step_s, step_s, since_s,
-            lambda: _repeated(velocities, points), tuple(known), tuple(histories),
-        )  # fmt: skip
-        return Fingers(motion, gain_at, rows)
-
-    def take(
-        self, event: TouchEvent, arrival_s: float | None = None, react: React = unmoved
-    ) -> None:
-        """Take a touch event, see `Touches.push`; a move of an unknown finger brings it down.
-
-        `react` is that of the material, see `Evaluator`.
-        """
-        kind = getattr(event, "kind", None)
-        if kind == "move" and event.touch_id not in self.touches:
-            event = event._replace(kind="down")
-        touches = self.touches
-        before = dict(touches.active)
-        if not touches.push(event, arrival_s):
-            return
-        touch_id = event.touch_id
-        tracker = dict(touches.active).get(touch_id) or before.get(touch_id)
-        if tracker is None:
-            return
-        if self._ahead_s is None:
-            self._ahead_s = tracker.last_t_s
-        t_s = tracker.last_t_s - self._ahead_s
-        if kind == "up":
-            now = Report(t_s, nan, nan, None, is_down=False)
-        else:
-            force = touches.settings.force.estimate(event.normal_force_n, event.contact_area_m2)
-            force_n = None if force is None else force.normal_force_n
-            now = Report(t_s, float(event.x_mm), float(event.y_mm), force_n)
-        self._reactions.setdefault(tracker, Reactions()).report(now, react, self._next_s)
-
-    @property
-    def newest_s(self) -> float | None:
-        """Time stamp of the newest touch of a finger on the screen; None without one."""
-        return max((tracker.last_t_s for _, tracker in self.touches.active), default=None)
-
-
-def _repeated(velocities: list[tuple[float, float]], points: int) -> tuple[Array, Array]:
-    vx, vy = np.repeat(np.array(velocities).T, points, axis=1)
-    return vx, vy
+from haptix.touch import TouchCounts, TouchEvent
 
 
 class _LiveSession(RenderSession):
@@ -165,7 +47,9 @@ class _LiveSession(RenderSession):
 
     def _motion(self, t0_s: float) -> Fingers:
         """Fingers during the next block, which plays from `t0_s` on."""
-        return self._fingers.motion(t0_s, self.step_s, self.points, self._since_s, self._at_rest)
+        return self._fingers.motion(
+            t0_s, self.step_s, self.points, self._since_s, self.drives_at_rest
+        )
 
     def play(
         self,
@@ -251,30 +135,62 @@ class PredictingRenderer(_LiveSession, VirtualTimeSession):
 
 
 class LiveRenderer(_LiveSession):
-    """Renders live touches in real time.
+    """Renders live touches in real time; they are given as they come, stamped by `now_s`.
 
-    One thread renders, another owns the device (`firmware_io.Playback`), and touches are given as
-    they come, stamped by `now_s`.
+    One thread renders and owns the device (`firmware_io.RevisedPlayback`). It plays
+    `LiveSettings.horizon_s` ahead, and on each touch renders again what is played next. A driver
+    that cannot revise is played `LiveSettings.lead_s` ahead, by two threads
+    (`firmware_io.Playback`).
 
     Parameters are those of `RenderCore`, with `LiveSettings`.
 
     Warns
     -----
     OverloadWarning
-        On leaving, if samples ran out: with late blocks, the longest stall, and a lead that would
-        have held.
+        On leaving, if samples ran out, with what would help.
     """
 
-    _producer: Producer | None = None
+    _producer: Producer | RevisedProducer | None = None
+
+    def _reset(self) -> None:
+        super()._reset()
+        self._ahead_s: float | None = None  # clock of touches minus that of samples
+        if self._revises:
+            self._fingers = RevisedFingers(self.settings)
 
     def __enter__(self) -> Self:
         self._prepare()
-        self.stats.lead_s = self.settings.lead_s
-        samples = self.points * self.step
-        producer = Producer(self.device, self._take_block, samples, self.settings.lead_s)
+        producer = self._revised() if self._revises else self._fixed()
         producer.start()
         self._producer = producer
         return self
+
+    @property
+    def _revises(self) -> bool:
+        return self.device.capabilities.guard_s > 0.0
+
+    def _fixed(self) -> Producer:
+        self.stats.lead_s = self.settings.lead_s
+        samples = self.points * self.step
+        return Producer(self.device, self._take_block, samples, self.settings.lead_s)
+
+    def _revised(self) -> RevisedProducer:
+        settings, fingers = self.settings, self._fingers
+        assert isinstance(fingers, RevisedFingers)
+        self.stats.lead_s = settings.reaction_s
+        return RevisedProducer(
+            self.device,
+            RevisedSource(self, fingers, self._master.scene_s, self._count_window),
+            settings.reaction_s,
+            settings.horizon_s,
+        )
+
+    @property
+    def _samples_s(self) -> float:
+        """Time of the next sample that can still be rendered, since the first."""
+        if self._ahead_s is None:
+            return super()._samples_s
+        return max(0.0, self.now_s() + self.settings.reaction_s - self._ahead_s)
 
     def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
         producer, self._producer = self._producer, None
@@ -288,10 +204,11 @@ class LiveRenderer(_LiveSession):
         if self.stats.advice and error is None:
             warnings.warn(f"the renderer {self.stats.advice}", OverloadWarning, stacklevel=2)
 
-    def _take_stats(self, producer: Producer) -> None:
+    def _take_stats(self, producer: Producer | RevisedProducer) -> None:
         played = producer.stats
-        for name in ("underruns", "late_blocks", "stall_s", "holding_lead_s", "advice"):
+        for name in vars(played).keys() & vars(self.stats).keys():
             setattr(self.stats, name, getattr(played, name))
+        self.stats.advice = played.advice
 
     def now_s(self) -> float:
         """Time of the clock by which touches are stamped."""
@@ -299,20 +216,34 @@ class LiveRenderer(_LiveSession):
 
     def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
         """Take a touch event; see `touch`."""
-        if self._producer is None:
+        producer = self._producer
+        if producer is None:
             raise InputError("touch: expected a renderer that was entered; use it in a with block")
-        self._producer.raise_once()
-        self._take(event, self.now_s())
+        producer.raise_once()
+        now_s = self.now_s()
+        self._take(event, now_s)
+        if isinstance(producer, RevisedProducer):
+            producer.touch(now_s)
+            if producer.shortages[0] != self.stats.underruns:
+                self._take_stats(producer)
+
+    def _count_window(self, block: RenderedBlock, seconds: float, at_s: float) -> None:
+        self._count(block, seconds)
+        self._take_age(at_s)
+        self._ahead_s = at_s - block.first_sample / self.sample_rate_hz
+
+    def _take_age(self, at_s: float) -> None:
+        newest = self._fingers.newest_s
+        if newest is not None:
+            self.stats.add_touch_age(at_s - newest)
 
     def _take_block(self, t0_s: float) -> Array:
         """Render the samples that play from `t0_s` on."""
         began = time.perf_counter()
         block = self._render(self._motion(t0_s))
         self._count(block, time.perf_counter() - began)
-        newest = self._fingers.newest_s
-        if newest is not None:
-            self.stats.add_touch_age(t0_s - newest)
+        self._take_age(t0_s)
         producer, counts = self._producer, (self.stats.underruns, self.stats.late_blocks)
-        if producer is not None and producer.shortages != counts:
+        if isinstance(producer, Producer) and producer.shortages != counts:
             self._take_stats(producer)
         return block.drive_v

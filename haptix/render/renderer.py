@@ -236,7 +236,7 @@ class Renderer(VirtualTimeSession):
             found is not None,
             self._felt[1].react,
             0.0 if self._start_s is None else event.t_s - self._start_s,
-            self._at_rest,
+            self.drives_at_rest,
         )
         if self._start_s is None:
             self._start_s = event.t_s

@@ -47,7 +47,10 @@ class RenderStats:
     block_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT), repr=False)
     """Time to compute each of the last blocks [s]."""
     lead_s: float = 0.0
-    """Time from computing a sample to playing it, as set; 0 in virtual time."""
+    """Time from computing a sample to playing it, as set, or from a touch to the first sample that
+    knows of it where the driver can revise; 0 in virtual time."""
+    samples_played: int = 0
+    """Samples sent in real time, each once."""
     underruns: int = 0
     """Times that samples ran out."""
     late_blocks: int = 0
@@ -56,6 +59,20 @@ class RenderStats:
     """Time from the newest touch to the start of the last block [s]."""
     touch_ages_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT), repr=False)
     """That time of each of the last blocks with a finger on the screen [s]."""
+    revisions: int = 0
+    """Windows that were rendered again and revised before they were played."""
+    refused: int = 0
+    """Revisions that came too late."""
+    late_samples: int = 0
+    """Samples played from an older prediction, because their revision came later than asked for."""
+    reaction_p50_s: float = float("nan")
+    """Time from a touch to the first sample that knew of it [s]: median."""
+    reaction_p99_s: float = float("nan")
+    """99th percentile of it [s]."""
+    reaction_max_s: float = float("nan")
+    """Longest [s]."""
+    longest_stall_s: float = 0.0
+    """Longest time for which the thread that plays did not run when it should have [s]."""
     stall_s: float = 0.0
     """Longest time in which the device got no samples [s]; 0 if they never ran out."""
     holding_lead_s: float | None = None
@@ -305,11 +322,6 @@ class RenderSession(RenderCore, ABC):
     def _since_s(self) -> float:
         """Time of the next sample since the first, less pauses."""
         return self._master.scene_s(self._samples_s)
-
-    @property
-    def _at_rest(self) -> bool:
-        """Whether fingers that rest get drive."""
-        return self._felt[1].drives_at_rest
 
     def _render(self, fingers: Fingers) -> RenderedBlock:
         """Render the next block."""

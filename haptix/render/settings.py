@@ -118,15 +118,23 @@ class LiveSettings(RenderSettings):
     ----------
     touch : TouchSettings
         How touches are filtered and predicted.
+    reaction_s : float
+        Time from a touch to the first sample that knows of it: wake-up, rendering, transport and
+        the driver's guard. Where these take longer, it is as short as they allow.
+    horizon_s : float
+        Longest stall that is no underrun. What is played so far ahead is provisional: each touch
+        renders it again.
     lead_s : float
-        Time from computing a sample to playing it. A stall shorter than this is not felt; touches
-        are predicted over it.
+        Of a driver that cannot revise, and in virtual time: time from computing a sample to
+        playing it. A stall shorter than this is not felt; touches are predicted over it.
     strict : bool
         Raise for a touch that cannot be used. Otherwise it is dropped and counted in
         `touch_counts`.
     """
 
     touch: TouchSettings = field(default_factory=TouchSettings)
+    reaction_s: Positive = 0.003
+    horizon_s: Positive = 0.1
     lead_s: Positive = 0.025
     strict: bool = True
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from math import exp, hypot
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from haptix.touch.events import TouchCounts
 from haptix.touch.filters import FilterState
@@ -192,9 +192,17 @@ class TouchTracker:
         """End the touch: it no longer slides, and its place is predicted until it is lost."""
         self.is_down = False
 
-    def at(self, t_s: float) -> TouchState:
-        """Place, velocity and force of the finger at a time, by prediction over the latency."""
-        t, filtered, force, slides = self._now
+    @property
+    def now(self) -> Any:
+        """What is known now: a mark for `at` that changes, as an object, with every report."""
+        return self._now
+
+    def at(self, t_s: float, now: Any = None) -> TouchState:
+        """Place, velocity and force of the finger at a time, by prediction over the latency.
+
+        With an earlier `now`, as it was predicted then.
+        """
+        t, filtered, force, slides = self._now if now is None else now
         age = t_s - t
         lost = age > self.settings.lost_after_s
         x, y, vx, vy = self._filter.ahead(filtered, self._ahead_s(age))

@@ -271,7 +271,10 @@ def test_the_window_agrees_with_sums_taken_afresh(blocks):
 class EverySample(DriveWindow):
     """The window without its bounds: it looks at each sample."""
 
-    def _is_far_from_limits(self, volts, steps, ramp_samples):
+    def _is_far_from_limits(self, volts, leaving, steps, ramp_samples):
+        return False
+
+    def _is_within_limits(self, volts, leaving, steps, ramp_samples):
         return False
 
 
@@ -279,7 +282,7 @@ def play_both(rng, is_carried):
     """Play at random; return the blocks that need no look at each sample, and those rejected."""
     limits = DriveLimits(window_s=rng.choice([0.02, 0.3, 1.0]), ceiling_v=rng.choice([100, 200]))
     fast, slow = DriveWindow(limits, 4000.0), EverySample(limits, 4000.0)
-    far, rejected = 0, 0
+    far, within, rejected = 0, 0, 0
     offset = rng.choice([0.0, 0.03, 0.045, 0.06])
     for _ in range(150):
         n = int(rng.choice([1, 3, 16, 48, 150, 2000], p=[0.1, 0.2, 0.3, 0.3, 0.09, 0.01]))
@@ -306,20 +309,25 @@ def play_both(rng, is_carried):
         # different times.
         assert found[0].partition("reaches")[0] == found[1].partition("reaches")[0]
         steps = fast._steps(volts)
-        far += fast._is_far_from_limits(volts, steps, 0.0 if is_carried else RAMP_S / 2 * 4000)
+        ramp = 0.0 if is_carried else RAMP_S / 2 * 4000
+        leaving = fast._leaving(volts)
+        is_far = fast._is_far_from_limits(volts, leaving, steps, ramp)
+        far += is_far
+        within += not is_far and fast._is_within_limits(volts, leaving, steps, ramp)
         if found[0]:
             rejected += 1
             volts = np.zeros(rng.integers(1, 1500))
         fast.take(volts)
         slow.take(volts)
-    return far, rejected
+    return far, within, rejected
 
 
 @pytest.mark.parametrize("is_carried", [False, True])
 def test_bounds_change_nothing_that_is_rejected(is_carried):
     counts = [play_both(np.random.default_rng(seed), is_carried) for seed in range(30)]
-    far, rejected = np.sum(counts, axis=0)
+    far, within, rejected = np.sum(counts, axis=0)
     assert far > 1000
+    assert within > 20
     assert rejected > 100
 
 

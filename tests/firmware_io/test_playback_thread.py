@@ -76,7 +76,7 @@ def test_unplugging_is_raised_while_waiting():
 
 def test_a_link_that_hangs_is_told(monkeypatch):
     device = open_device("mock:pace=real")
-    monkeypatch.setattr("firmware_io.playback._JOIN_S", 0.05)
+    monkeypatch.setattr("firmware_io.background._JOIN_S", 0.05)
     playback = Playback(device)
     playback.start()
     hang = threading.Event()

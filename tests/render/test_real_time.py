@@ -73,10 +73,38 @@ def assert_at_rest(device, link):
     assert link.driver.output[0][-1] == 0
 
 
+class FixedLead(LiveRenderer):
+    """As with a driver that cannot revise."""
+
+    _revises = False
+
+
+def test_a_revised_session(surface, link):
+    device = opened(link)
+    settings = LiveSettings(reaction_s=0.004, sliding=NEVER_STILL)
+    renderer = LiveRenderer(surface, FULL, device, settings=settings)
+    with renderer:
+        assert gc.get_freeze_count() > 0
+        until_loud(renderer, link)
+        touching(renderer, 5.0, lambda: renderer.stats.p50_block_s and _revised(renderer) > 5)
+    assert_at_rest(device, link)
+    stats = renderer.stats
+    assert stats.lead_s == 0.004
+    assert stats.revisions > 5
+    assert 0.0 < stats.reaction_p50_s <= stats.reaction_p99_s <= stats.reaction_max_s
+    # A touch is as old as the reaction when it is played, or what a busy machine adds.
+    assert 0.0 < stats.touch_age_s < 1.0
+    assert stats.late_blocks == 0
+
+
+def _revised(renderer):
+    return renderer._producer.stats.revisions
+
+
 def test_a_session(surface, link):
     device = opened(link)
     settings = LiveSettings(lead_s=0.03, sliding=NEVER_STILL)
-    renderer = LiveRenderer(surface, FULL, device, settings=settings)
+    renderer = FixedLead(surface, FULL, device, settings=settings)
     switch_s = sys.getswitchinterval()
     with renderer:
         assert gc.get_freeze_count() > 0
@@ -99,7 +127,7 @@ def test_a_session(surface, link):
     assert renderer.touch_counts.taken > 1
 
 
-class StallingRenderer(LiveRenderer):
+class StallingRenderer(FixedLead):
     """Its thread waits, once it is told to, until samples have run out."""
 
     must_stall = False
@@ -184,7 +212,7 @@ def test_an_error_that_nobody_asked_for_is_told_at_the_end(surface, link):
     with pytest.raises(DeviceDisconnectedError), renderer:
         touching(renderer, 0.03)
         link.inject("disconnect")
-        renderer._producer._thread.join(5.0)
+        renderer._producer._playback._writer.thread.join(5.0)
 
 
 def test_a_fault_of_the_driver_and_another_session(surface, link):

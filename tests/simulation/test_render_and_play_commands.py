@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from firmware_io import PlaybackStats
+from firmware_io import RevisedStats
 from haptix.errors import OverloadWarning
 
 SMALL = ("--trajectory", "path.csv", "--surface", "my.surface")
@@ -64,7 +64,8 @@ def test_play_in_real_time(haptix_cli, own_folder, steady_mock, as_json):
     if as_json:
         (row,) = json.loads(done.out)
         assert row["seconds"] > 0.2  # less than the 0.4 s of the path only where the machine stalls
-        assert row["lead_ms"] == 25
+        assert row["lead_ms"] == 3  # the reaction: the mock can revise
+        assert row["revisions"] > 0
         assert row["underruns"] >= 0
     else:
         assert "underruns" in done.out
@@ -72,11 +73,11 @@ def test_play_in_real_time(haptix_cli, own_folder, steady_mock, as_json):
 
 
 @pytest.mark.parametrize("as_json", [True, False])
-def test_play_prints_the_lead_that_would_have_held(
+def test_play_prints_that_the_horizon_did_not_hold(
     haptix_cli, own_folder, steady_mock, as_json, monkeypatch
 ):
-    told = "cannot hold its lead of 25 ms: 3 underruns"
-    monkeypatch.setattr(PlaybackStats, "advice", told)
+    told = "cannot hold its horizon of 100 ms: 3 underruns"
+    monkeypatch.setattr(RevisedStats, "advice", told)
     options = ("--json",) if as_json else ()
     with warnings.catch_warnings():
         warnings.simplefilter("error", OverloadWarning)  # said in the output, not a second time
@@ -119,7 +120,14 @@ RENDER = {
     "a file as the folder": ((*SMALL, "--out", "file"), "--out.*file"),
 }
 PLAY = {
-    "hardly a lead": ((*SMALL, "--device", "mock:pace=real", "--lead-ms", "1"), "lead_s.*0.001"),
+    "no time to react": (
+        (*SMALL, "--device", "mock:pace=real", "--reaction-ms", "0.5"),
+        r"reaction_s.*0\.0005",
+    ),
+    "a horizon of seconds": (
+        (*SMALL, "--device", "mock:pace=real", "--horizon-ms", "2000"),
+        "horizon_s.*2",
+    ),
 }
 
 

@@ -1,0 +1,73 @@
+"""Threads that must wake in time: their priority, and how late they are."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from dataclasses import dataclass
+
+_WAIT_S = 0.003
+_FIFO_PRIORITY = 10  # above every ordinary thread, below what the kernel needs for its devices
+
+
+def raise_priority() -> bool:
+    """Give the calling thread real-time priority where the platform allows it.
+
+    On Linux that is SCHED_FIFO, for root, or with an `rtprio` limit (limits.conf, or LimitRTPRIO
+    of a service). Threads and processes that it starts are ordinary ones.
+
+    Returns
+    -------
+    bool
+        Whether it has it now.
+    """
+    if sys.platform != "linux":
+        return False
+    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    try:
+        os.sched_setscheduler(0, policy, os.sched_param(_FIFO_PRIORITY))
+    except OSError:
+        return False
+    return True
+
+
+@dataclass(frozen=True)
+class WakeUps:
+    """How late a thread of a playback wakes on this machine now, in seconds.
+
+    Parameters
+    ----------
+    is_real_time : bool
+        Whether it had real-time priority.
+    p50_s, p99_s, largest_s : float
+        Lateness: median, 99th percentile, and the longest.
+    """
+
+    is_real_time: bool
+    p50_s: float
+    p99_s: float
+    largest_s: float
+
+
+def measure_wake_ups(seconds: float = 0.5) -> WakeUps:
+    """Measure how late a thread wakes that waits as a playback does."""
+    late: list[float] = []
+    has_priority: list[bool] = []
+
+    def wake() -> None:
+        has_priority.append(raise_priority())
+        ready = threading.Condition()
+        end_s = time.monotonic() + seconds
+        while (due_s := time.monotonic() + _WAIT_S) < end_s or not late:
+            with ready:
+                ready.wait(_WAIT_S)
+            late.append(max(0.0, time.monotonic() - due_s))
+
+    thread = threading.Thread(target=wake, name="firmware_io wake-ups")
+    thread.start()
+    thread.join()
+    late.sort()
+    at = [late[int(share * (len(late) - 1))] for share in (0.5, 0.99, 1.0)]
+    return WakeUps(has_priority[0], *at)

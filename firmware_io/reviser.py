@@ -1,0 +1,248 @@
+"""The work of the thread that plays ahead and revises what has not been played."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from firmware_io.clock import Clock
+from firmware_io.device import Device
+from firmware_io.output_clock import OutputClock
+from firmware_io.stream import Progress
+
+WINDOW_S = 0.02
+"""Longest revision: two intervals of a touchscreen of 100 Hz."""
+
+SPARE_S = 0.05
+"""Samples beyond the horizon: of the piece that is appended next, and for two stalls in a row."""
+
+_PIECE_S = 0.02  # of what is appended: a revision waits for no longer
+_PIECE_TAKES_S = 0.002  # on a slow link
+_STATUS_S = 0.01
+_ASK_S = 0.25  # a report that waits in a socket is late; an answer to a question is not
+_SPARE_MARGIN_S = 3e-4  # beyond the guard
+_STEP_S = 5e-4  # by which a refusal shows that more time is needed
+_LONGEST_NEED_S = 0.05
+_RENEWED_SHARE = 0.75  # of a window is played at most before the next one
+_LEAST_WINDOW_S = 0.002  # in which a source can meet what is queued behind it
+_KEPT = 100_000
+
+
+class Source(Protocol):
+    """Makes samples for any stretch of a stream, as often as it is asked for them."""
+
+    @property
+    def grid(self) -> int:
+        """Stretches begin and end at multiples of this many samples."""
+
+    @property
+    def is_live(self) -> bool:
+        """Whether a revision could differ from what was made before."""
+
+    def window(
+        self, first: int, count: int, at_s: float, is_revision: bool
+    ) -> npt.NDArray[np.float64]:
+        """Return samples from index `first` on, of which the first is played at `at_s`.
+
+        They begin where the sample before them ends. A revision ends where the one behind begins.
+        """
+
+    def settle(self, obeyed: int, undone: bool) -> None:
+        """Take the oldest revisions as played; with `undone`, all others never were."""
+
+    def played(self, index: int) -> None:
+        """Forget what lies before an index."""
+
+
+class Reviser:
+    """Keeps the driver's queue at a horizon, and revises it. A thread or a test calls its steps.
+
+    Parameters
+    ----------
+    device : Device
+        Armed by `begin`, written to and revised by `step`, and stopped by `end`.
+    source : Source
+        Makes the samples.
+    reaction_s, horizon_s : float
+        See `RevisedPlayback`.
+    clock : Clock
+        The host's.
+
+    Attributes
+    ----------
+    ready : threading.Condition
+        Guards the state that others read; notified to wake the thread.
+    reactions_s : deque of float
+        Of each touch, time from it to the first sample that knew of it.
+    underruns, late_samples : int
+        See `RevisedStats`.
+    """
+
+    def __init__(
+        self, device: Device, source: Source, reaction_s: float, horizon_s: float, clock: Clock
+    ) -> None:
+        rate_hz = device.capabilities.sample_rate_hz
+        self.device = device
+        self.ready = threading.Condition()
+        self.output = OutputClock(rate_hz)
+        self.reactions_s: deque[float] = deque(maxlen=_KEPT)
+        self.underruns = 0
+        self.late_samples = 0
+        self.revisions = 0
+        self.refused = 0
+        self.samples_sent = 0
+        self.longest_stall_s = 0.0
+        self._source = source
+        self._clock = clock
+        self._rate_hz = rate_hz
+        self._reaction_s = reaction_s
+        grid = source.grid
+        most, self._least_interval_s = device.revision_budget(WINDOW_S)
+        self._window = max(grid, most // grid * grid)
+        self._least = int(_LEAST_WINDOW_S * rate_hz)
+        self._horizon = int((horizon_s + SPARE_S) * rate_hz)
+        piece = device.least_write_samples
+        if piece == 1:
+            piece = int(_PIECE_S * rate_hz)
+            if device.link_bytes_per_s is not None:
+                piece = min(piece, int(_PIECE_TAKES_S * device.link_bytes_per_s / 2))
+        self._piece = max(grid, piece // grid * grid)
+        self._guard_s = device.capabilities.guard_s
+        self.need_s = self._guard_s + 2 * _STEP_S  # from reading the clock to the first sample
+        self.has_news = False
+        self._touched_s: float | None = None
+        self._under_way: deque[tuple[float, float]] = deque()  # touch and first sample, of each
+        self._revised_s = -math.inf
+        self._asked_s = -math.inf
+        self._known_underruns = 0
+        self._undone = 0
+        self._forgotten = 0  # the source cannot begin before this index
+        self._due_s = math.inf  # of the step under way
+
+    def begin(self) -> None:
+        """Arm the device, to play without a lead of its own."""
+        self.device.set_up(lead_s=0.0, status_s=_STATUS_S)
+        self.device.arm(revisable=True)
+        self._known_underruns = self.device.progress().underruns
+
+    def touch(self, touched_s: float) -> None:
+        """Wake the thread: something has changed at a time of the host's clock."""
+        with self.ready:
+            if self._touched_s is None:
+                self._touched_s = touched_s
+            self.has_news = True
+            self.ready.notify_all()
+
+    def step(self) -> float:
+        """Send what is due; return the time to the next step, in seconds."""
+        self.has_news = False
+        now_s = self._clock()
+        self.longest_stall_s = max(self.longest_stall_s, now_s - self._due_s)
+        is_fresh = now_s - self._asked_s > _ASK_S and self.samples_sent > 0
+        progress = self.device.progress(is_fresh)
+        now_s = self._clock()
+        if is_fresh:
+            self._asked_s = now_s
+        self._observe(progress)
+        if now_s >= self._next_revision_s():
+            with self.ready:
+                touched_s, self._touched_s = self._touched_s, None
+            self._revise(touched_s)
+        missing = self._append(progress)
+        now_s = self._clock()
+        wait_s = 0.0
+        if missing < self._piece:
+            wait_s = min((self._piece - missing) / self._rate_hz, self._next_revision_s() - now_s)
+            wait_s = max(wait_s, 0.0)
+        self._due_s = now_s + wait_s
+        return wait_s
+
+    def end(self, drain: bool) -> None:
+        """Stop the device at 0 V: what is queued is provisional, and is not played out."""
+        self.device.stop_at_once()
+
+    def _next_revision_s(self) -> float:
+        """Return when to revise, by the clock."""
+        if self._touched_s is not None:
+            return self._revised_s + self._least_interval_s
+        if self._source.is_live:
+            most_s = _RENEWED_SHARE * self._window / self._rate_hz
+            return self._revised_s + max(most_s, self._least_interval_s)
+        return math.inf
+
+    def _observe(self, progress: Progress) -> None:
+        if progress.is_playing:
+            if progress.underruns != self._known_underruns:
+                self.underruns += progress.underruns - self._known_underruns
+                self._known_underruns = progress.underruns
+                self.output.restart(progress.reported_s, progress.samples_played)
+            else:
+                self.output.observe(progress.reported_s, progress.samples_played)
+        obeyed = progress.revisions - self.revisions
+        undone = progress.revisions_undone - self._undone
+        self.revisions, self._undone = progress.revisions, progress.revisions_undone
+        if not (obeyed or undone):
+            return
+        with self.ready:
+            for _ in range(min(obeyed, len(self._under_way))):
+                touched_s, first_s = self._under_way.popleft()
+                if not math.isnan(touched_s):
+                    self.reactions_s.append(first_s - touched_s)
+            if undone:
+                self.refused += undone
+                touched = [t for t, _ in self._under_way if not math.isnan(t)]
+                self._under_way.clear()
+                # Again, for the touch that was waiting longest.
+                self._touched_s = min(
+                    [*touched, self._clock() if self._touched_s is None else self._touched_s]
+                )
+        self._source.settle(obeyed, bool(undone))
+        if undone:
+            self.need_s = min(self.need_s + _STEP_S, _LONGEST_NEED_S)
+        else:
+            spare_s = progress.margin_samples / self._rate_hz - self._guard_s - _SPARE_MARGIN_S
+            self.need_s -= 0.02 * min(max(spare_s, 0.0), self.need_s - self._guard_s - _STEP_S)
+
+    def _revise(self, touched_s: float | None) -> None:
+        """Make what is played next anew, from as soon as it may reach the driver."""
+        now_s, grid = self._clock(), self._source.grid
+        self._revised_s = now_s
+        first = math.ceil((self.output.played(now_s) + self.need_s * self._rate_hz) / grid)
+        if touched_s is not None:
+            wanted = self.output.played(touched_s + self._reaction_s)
+            self.late_samples += max(0, first * grid - math.ceil(wanted))
+            first = max(first, math.floor(wanted / grid))
+        first = max(first * grid, self._forgotten + grid)
+        # The last point queued stays: what is appended goes on from it.
+        count = min(self._window, (self.samples_sent - grid - first) // grid * grid)
+        if count < self._least:
+            return
+        at_s = self.output.time_of(first)
+        volts = self._source.window(first, count, at_s, True)
+        self.device.revise(first, volts)
+        with self.ready:
+            self._under_way.append((math.nan if touched_s is None else touched_s, at_s))
+
+    def _append(self, progress: Progress) -> int:
+        """Send one piece if the horizon lacks it; return the samples that it still lacks."""
+        now_s, sent, grid = self._clock(), self.samples_sent, self._source.grid
+        if sent == 0:
+            self.output.restart(now_s, 0)
+        played = min(self.output.played(now_s), float(sent))
+        self._forgotten = max(self._forgotten, (int(played) - self._window) // grid * grid)
+        self._source.played(self._forgotten)
+        # What is behind the report is room as well, though the driver has not said so.
+        room = progress.room_samples
+        missing = int(min(self._horizon - (sent - played), room))
+        count = min(missing, self._piece) // grid * grid
+        if count < self._piece:
+            return missing
+        volts = self._source.window(sent, count, self.output.time_of(sent), False)
+        self.device.write(volts)
+        self.samples_sent += count
+        return missing - count

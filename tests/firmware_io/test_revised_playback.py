@@ -1,0 +1,296 @@
+"""Playing far ahead and revising what waits: against a mock whose clock a test moves."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from firmware_io import (
+    Device,
+    DeviceError,
+    DeviceFaultError,
+    LimitError,
+    MockDriver,
+    MockLink,
+    RevisedPlayback,
+    volts_to_codes,
+)
+from firmware_io.firmware.core import Output
+from firmware_io.output_clock import OutputClock
+from firmware_io.revisable import Revisable
+
+RATE = 48_000
+TICK_S = 5e-4
+
+
+class Levels:
+    """A source whose voltage is the level that holds when a sample is made, in steps of 4.
+
+    It keeps what it has made, as a renderer does, so that revisions meet what is queued.
+    """
+
+    grid = 4
+
+    def __init__(self, is_live=True):
+        self.level = 1.0
+        self.is_live = is_live
+        self.made = Revisable()
+        self.made.append(np.zeros(self.grid))
+        self.asked = []
+        self.error = None
+
+    def window(self, first, count, at_s, is_revision):
+        if self.error is not None:
+            raise self.error
+        assert first % self.grid == count % self.grid == 0
+        self.asked.append((first, count, at_s, is_revision))
+        # Alternating, so that no mean builds up.
+        volts = self.level * (1 - 2 * (np.arange(first, first + count) % 2))
+        if is_revision:
+            self.made.replace(first + self.grid, volts)
+        else:
+            assert first + self.grid == self.made.end
+            self.made.append(volts)
+        return volts
+
+    def settle(self, obeyed, undone):
+        self.made.accept(obeyed)
+        if undone:
+            self.made.undo()
+
+    def played(self, index):
+        self.made.drop_before(index)
+
+
+@pytest.fixture
+def rig(clock):
+    driver = MockDriver(pace="real", clock=clock)
+    link = MockLink(driver, sleep=clock.sleep)
+    device = Device(link, clock=clock)
+    source = Levels()
+    playback = RevisedPlayback(device, source, clock=clock)
+    playback.start()
+    return playback, source, driver, link
+
+
+def run(playback, clock, seconds, step_s=TICK_S):
+    end_s = clock() + seconds
+    while clock() < end_s - 1e-9:
+        wait_s = playback.step()
+        clock.sleep(min(max(wait_s, 1e-5), step_s))
+
+
+def streamed(driver):
+    codes, what = driver.output
+    return codes[what == Output.STREAM]
+
+
+def test_a_touch_is_played_after_the_reaction_and_not_after_the_queue(rig, clock):
+    playback, source, driver, _ = rig
+    run(playback, clock, 0.2)
+    for turn in range(2, 20):
+        before = driver.samples_played
+        source.level = float(turn)
+        playback.touch()
+        run(playback, clock, 0.0101 if turn % 3 == 0 else 0.0303)
+        out = np.abs(streamed(driver)[before:])
+        # 3 ms, less a step of the source. A revision without a touch, every 15 ms, may have come
+        # 2.5 ms before.
+        latest_s = 0.003 if turn % 3 == 1 else 0.0055
+        first = int((out == np.abs(volts_to_codes(turn, 250.0))).argmax())
+        assert out[first:].max() == out[first:].min()
+        assert 0.003 - 5 / RATE <= first / RATE <= latest_s + 1 / RATE
+    stats = playback.stats
+    assert stats.underruns == stats.refused == 0
+    assert stats.late_samples <= 6 * 0.0025 * RATE
+    assert stats.reaction_p50_s <= 0.003
+    playback.stop()
+    assert not driver.is_armed
+    assert driver.faults == 0
+
+
+@pytest.mark.parametrize("stall_s", [0.02, 0.1])
+def test_a_stall_up_to_the_horizon_is_no_underrun(rig, clock, stall_s):
+    playback, _, driver, _ = rig
+    run(playback, clock, 0.3)
+    for _ in range(5):
+        clock.sleep(stall_s)
+        run(playback, clock, 0.1)
+    assert driver.underruns == playback.stats.underruns == 0
+    # What it would have woken for in between is the stall.
+    assert stall_s - 0.021 <= playback.stats.longest_stall_s <= stall_s
+    playback.stop()
+
+
+def test_a_longer_stall_is_counted_and_what_follows_is_in_step(rig, clock):
+    playback, source, driver, _ = rig
+    run(playback, clock, 0.3)
+    clock.sleep(0.18)
+    run(playback, clock, 0.3)
+    assert driver.underruns == playback.stats.underruns == 1
+    assert "horizon of 100 ms" in playback.stats.advice
+    before = driver.samples_played
+    source.level = 9.0
+    playback.touch()
+    run(playback, clock, 0.01)
+    first = int((np.abs(streamed(driver)[before:]) > 1000).argmax())
+    assert first / RATE <= 0.0035
+    playback.stop()
+
+
+def test_late_revisions_are_made_again_until_one_is_in_time(rig, clock):
+    """The link delays each frame by 4 ms: reaction and source's record follow the driver."""
+    playback, source, driver, link = rig
+    run(playback, clock, 0.3)
+    send = link.send
+
+    def late(data):
+        clock.sleep(0.004)
+        send(data)
+
+    link.send = late
+    for turn in range(2, 40):
+        source.level = float(turn)
+        playback.touch()
+        run(playback, clock, 0.02)
+    stats = playback.stats
+    assert stats.refused > 2
+    assert stats.late_samples > 0
+    refused = stats.refused
+    for turn in range(2, 20):
+        source.level = float(turn)
+        playback.touch()
+        run(playback, clock, 0.02)
+    assert playback.stats.refused - refused <= 3
+    assert 0.004 < playback.stats.reaction_p50_s < 0.012
+    # What the source believes is what the driver plays.
+    link.send = send
+    run(playback, clock, 0.02)
+    stream = playback.device._stream
+    queued = stream._queued
+    believed = source.made.values[queued.first + 4 - source.made.first :]
+    assert np.array_equal(believed, queued.values)
+    played = driver.samples_played
+    clock.sleep(0.1)
+    assert np.array_equal(
+        streamed(driver)[played : played + 4800],
+        volts_to_codes(queued.values[played - queued.first :][:4800], 250.0),
+    )
+    assert driver.faults == 0
+
+
+def test_without_anything_live_nothing_is_revised(rig, clock):
+    playback, source, _, _ = rig
+    source.is_live = False
+    run(playback, clock, 0.3)
+    assert not any(is_revision for *_, is_revision in source.asked)
+    source.is_live = True
+    run(playback, clock, 0.3)
+    assert 19 <= sum(is_revision for *_, is_revision in source.asked) <= 21
+    playback.stop()
+
+
+def test_the_time_of_a_window_is_when_it_is_played(rig, clock):
+    playback, source, driver, _ = rig
+    run(playback, clock, 0.5)
+    origin_s = clock() - driver.samples_played / RATE
+    for first, _, at_s, _ in source.asked[10:]:
+        assert at_s == pytest.approx(origin_s + first / RATE, abs=2 / RATE)
+    playback.stop()
+
+
+def test_an_error_of_the_source_ends_at_zero_and_is_raised_once(rig, clock):
+    playback, source, driver, _ = rig
+    run(playback, clock, 0.2)
+    source.error = ValueError("broken")
+    with pytest.raises(ValueError, match="broken"):
+        run(playback, clock, 0.2)
+    clock.sleep(0.01)
+    assert not driver.is_armed
+    assert driver.output[0][-1] == 0
+    with pytest.raises(DeviceError, match="does not run"):
+        playback.step()
+    playback.stop()
+
+
+def test_a_revision_above_the_limits_ends_at_zero(rig, clock):
+    playback, source, driver, _ = rig
+    run(playback, clock, 0.2)
+    source.level = 150.0
+    with pytest.raises(LimitError, match="slew"):
+        run(playback, clock, 0.1)
+    clock.sleep(0.01)
+    assert driver.output[0][-1] == 0
+
+
+def test_a_driver_that_starves_is_told(rig, clock):
+    playback, _, driver, _ = rig
+    run(playback, clock, 0.2)
+    clock.sleep(0.5)
+    assert driver.output[0][-1] == 0
+    with pytest.raises(DeviceFaultError, match="starved"):
+        run(playback, clock, 0.1)
+
+
+def test_times_out_of_range_and_drivers_that_cannot(clock):
+    device = Device(MockLink(MockDriver(pace="real", clock=clock), sleep=clock.sleep), clock=clock)
+    for wrong in ({"reaction_s": 0.0}, {"horizon_s": 1.0}, {"horizon_s": "long"}):
+        with pytest.raises(DeviceError, match=next(iter(wrong))):
+            RevisedPlayback(device, Levels(), **wrong)
+    object.__setattr__(device.capabilities, "guard_s", 0.0)
+    with pytest.raises(DeviceError, match="cannot revise"):
+        RevisedPlayback(device, Levels())
+    with pytest.raises(DeviceError, match="cannot revise"):
+        device.arm(revisable=True)
+
+
+def test_in_reports_revisions_fit_the_bus(clock):
+    """8 kHz: 900 reports a second in all, four in a revision."""
+    driver = MockDriver(pace="real", clock=clock)
+    link = MockLink(driver, 64, sleep=clock.sleep)
+    device = Device(link, sample_rate_hz=8000, clock=clock)
+    source = Levels()
+    source.level = 0.0
+    playback = RevisedPlayback(device, source, reaction_s=0.009, clock=clock)
+    playback.start()
+    sent = []
+    receive = driver.receive_report
+    driver.receive_report = lambda report: (sent.append(clock()), receive(report))
+    for _ in range(150):
+        playback.touch()
+        run(playback, clock, 0.01)
+    begins = np.array(sent)[len(sent) // 3 :]
+    per_s = len(begins) / (begins[-1] - begins[0])
+    assert 500 < per_s <= 900
+    assert playback.stats.refused == 0
+    assert playback.stats.reaction_p99_s <= 0.009
+    playback.stop()
+
+
+def test_reports_that_come_late_do_not_move_the_clock():
+    rng = np.random.default_rng(0)
+    output = OutputClock(48_000.0)
+    host_s = np.cumsum(rng.random(400) * 0.01)
+    for now_s in host_s:
+        output.observe(now_s, 48_000 * (now_s - rng.exponential(0.003)))
+    # Of a hundred reports in a second the best is late by 30 us on average.
+    assert 0 <= output.time_of(0.0) < 3e-4
+    assert output.time_of(output.played(7.0)) == pytest.approx(7.0)
+    output.restart(20.0, 100.0)
+    assert output.played(20.0) == pytest.approx(100.0)
+
+
+@pytest.mark.usefixtures("no_thread_is_left")
+def test_a_thread_of_its_own():
+    """Real time, and what a caller may count on whatever the machine does."""
+    driver = MockDriver(pace="real", clock=time.monotonic)
+    source = Levels()
+    with RevisedPlayback(Device(MockLink(driver)), source) as playback:
+        end_s = time.monotonic() + 5.0
+        while playback.stats.revisions < 3 and time.monotonic() < end_s:
+            playback.touch()
+            threading.Event().wait(0.01)
+        assert playback.stats.revisions >= 3
+        assert playback.stats.samples_played > 0
+    assert not driver.is_armed

@@ -1,0 +1,185 @@
+"""Windows of live touches rendered again: against the stream that is rendered once."""
+
+import numpy as np
+import pytest
+
+from firmware_io import Device, MockDriver, MockLink
+from haptix import LiveRenderer, Texture
+from haptix.render import LiveSettings
+from haptix.render.core import RenderCore
+from haptix.render.revised import RevisedSource
+from haptix.render.revised_fingers import RevisedFingers
+from haptix.touch import TouchEvent
+
+STEP_S = 1 / 12_000
+STRIPES = Texture(
+    np.tile(0.5 + 0.4 * np.sin(np.arange(200) / 3), (2, 1)), width_mm=60.0, beyond="hold"
+)
+
+
+@pytest.fixture
+def core(surface):
+    return RenderCore(surface, STRIPES, Device(MockLink(MockDriver())))
+
+
+def sliding(settings=None, reports=20, vx=100.0):
+    """A finger that slides at a constant speed, reported each 10 ms up to 0.19 s."""
+    fingers = RevisedFingers(settings or LiveSettings())
+    for k in range(reports):
+        report(fingers, 0.01 * k, 5.0 + vx * 0.01 * k)
+    return fingers
+
+
+def report(fingers, t_s, x_mm, kind="move"):
+    fingers.take(TouchEvent(t_s, 0, x_mm, 8.0, kind, 0.5), t_s)
+
+
+def test_windows_do_not_depend_on_how_they_are_cut():
+    fingers = sliding()
+    fingers.update(0.2)
+    whole = fingers.motion(0.2, STEP_S, 240, 0.2)
+    for count in (24, 60, 120):
+        at_s = 0.2 + 24 * STEP_S
+        part = fingers.motion(at_s, STEP_S, count, 0.202)
+        for name in ("x_mm", "y_mm", "normal_force_n"):
+            a, b = getattr(whole.motion, name)[24 : 24 + count], getattr(part.motion, name)
+            # Lines between predictions 4 ms apart: some 0.02 mm at most.
+            assert np.abs(a - b).max() < 0.02
+        assert whole.gain[24 : 24 + count] == pytest.approx(part.gain, abs=1e-9)
+    again = fingers.motion(0.2, STEP_S, 240, 0.2)
+    assert np.array_equal(whole.motion.x_mm, again.motion.x_mm)
+
+
+def test_only_an_update_lets_reports_count():
+    fingers = sliding()
+    fingers.update(0.2)
+    before = fingers.motion(0.22, STEP_S, 120, 0.0).motion.x_mm
+    report(fingers, 0.2, 40.0)
+    assert np.array_equal(fingers.motion(0.22, STEP_S, 120, 0.0).motion.x_mm, before)
+    fingers.update(0.21)
+    assert not np.array_equal(fingers.motion(0.22, STEP_S, 120, 0.0).motion.x_mm, before)
+
+
+def test_a_correction_is_blended_from_where_the_finger_was_played():
+    fingers = sliding()
+    fingers.update(0.2)
+    old = fingers.motion(0.2, STEP_S, 240, 0.0).motion.x_mm
+    report(fingers, 0.2, 5.0 + 20.0 + 2.0)  # 2 mm from where it was expected
+    fingers.update(0.21)
+    new = fingers.motion(0.21, STEP_S, 240, 0.0).motion.x_mm
+    assert abs(new[0] - old[120]) < 0.1
+    tracker = fingers.touches[0]
+    expected = tracker.at(0.21 + 0.02).x_mm  # after seven time constants of the blending
+    assert new[-1] == pytest.approx(expected, abs=0.01)
+
+
+def test_gains_fade_in_and_out_at_the_rate_of_the_settings():
+    fingers = sliding()
+    fade_s = LiveSettings().sliding.fade_s
+    fingers.update(0.2)
+    gain = fingers.motion(0.2, STEP_S, 1200, 0.0).gain
+    times = 0.2 + STEP_S * np.arange(1, 1201)
+    # In over the fade, and out once the last report, at 0.19 s, is too old.
+    rising = np.minimum((times - 0.2) / fade_s, 1.0)
+    falling = np.clip(1.0 - (times - 0.19 - 0.08) / fade_s, 0.0, 1.0)
+    assert gain == pytest.approx(np.minimum(rising, falling), abs=1e-9)
+    report(fingers, 0.205, 0.0, "up")
+    fingers.update(0.21)
+    gain = fingers.motion(0.21, STEP_S, 120, 0.0).gain
+    falling = np.clip(1.0 - np.arange(1, 121) * STEP_S / fade_s, 0.0, 1.0)
+    assert gain == pytest.approx(falling, abs=1e-9)
+    assert fingers.is_live
+    fingers.update(0.23)
+    assert not fingers.is_live
+    assert fingers.motion(0.23, STEP_S, 12, 0.0).motion.fingers == 0
+
+
+class Stream:
+    """What a driver holds, and a source that fills it."""
+
+    def __init__(self, core, fingers):
+        self.core, self.fingers = core, fingers
+        self.source = RevisedSource(core, fingers, lambda s: s, lambda *_: None)
+        self.volts = np.empty(0)
+
+    def append(self, count):
+        first = len(self.volts)
+        new = self.source.window(first, count, 0.2 + first / 48_000, False)
+        self.volts = np.concatenate([self.volts, new])
+
+    def revise(self, first, count):
+        new = self.source.window(first, count, 0.2 + first / 48_000, True)
+        self.volts[first : first + count] = new
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_revision_leaves_a_step(core, seed):
+    """Amplitudes keep their slope over every seam, whatever is revised and taken back."""
+    rng = np.random.default_rng(seed)
+    fingers = sliding()
+    stream = Stream(core, fingers)
+    for _ in range(6):
+        stream.append(960)
+    amplitudes = stream.source._amplitudes
+    most = core._most_step_v * (1 + 1e-9)
+    for k in range(60):
+        report(fingers, 0.2 + 0.001 * k, 25.0 + 0.1 * k + rng.normal(0, 2.0))
+        first = 4 * int(rng.integers(1, 1000))
+        stream.revise(first, 4 * int(rng.integers(24, 240)))
+        if rng.random() < 0.2:
+            stream.source.settle(0, True)
+        assert np.abs(np.diff(amplitudes.values)).max() <= most
+    assert np.ptp(amplitudes.values) > 50.0
+
+
+def test_what_is_played_is_within_the_slew_of_the_device(core):
+    """Over many random revisions the volts keep the limit that a device checks."""
+    rng = np.random.default_rng(1)
+    fingers = sliding()
+    stream = Stream(core, fingers)
+    for _ in range(6):
+        stream.append(960)
+    for k in range(40):
+        report(fingers, 0.2 + 0.001 * k, 25.0 + rng.normal(0, 2.0))
+        stream.revise(4 * int(rng.integers(1, 1000)), 4 * int(rng.integers(24, 240)))
+    slew = np.abs(np.diff(stream.volts)).max() * 48_000
+    assert 1e6 < slew <= Device(MockLink(MockDriver())).limits.max_slew_v_per_s
+
+
+def test_a_revision_without_news_changes_nothing_that_is_felt(core):
+    fingers = sliding()
+    stream = Stream(core, fingers)
+    fingers.update(0.2)
+    for _ in range(3):
+        stream.append(960)
+    before = stream.source._amplitudes.values.copy()
+    stream.revise(480, 960)
+    # Other knots of the same path.
+    assert np.abs(stream.source._amplitudes.values - before).max() < 2.0
+
+
+def test_live_rendering_agrees_with_one_that_knows_the_touches_at_once(surface, core):
+    """At constant speed there is nothing to correct: revised or not, the same is played."""
+    fingers = sliding()
+    stream = Stream(core, fingers)
+    fingers.update(0.2)
+    for _ in range(4):
+        stream.append(960)
+    for k in range(1, 6):
+        report(fingers, 0.19 + 0.01 * k, 5.0 + 19.0 + k)
+        stream.revise(480 * k, 960)
+    x = 5.0 + 100.0 * (0.2 + np.arange(1, 961) / 12_000)
+    share = STRIPES.friction(x, np.full(960, 8.0), 100.0 / 12_000)
+    low, high = core.reachable(np.full(960, 0.5), np.full(960, 100.0))
+    felt = stream.source._amplitudes.values[1:]
+    column = core._slice.column(0.5)
+    expected, _ = column.voltage(low + share * (high - low))
+    # From where it has faded in to where the last revision meets what is queued behind it.
+    assert np.abs(felt - np.minimum(expected, core._most_v))[240:800].max() < 6.0
+
+
+def test_a_renderer_that_revises_holds_its_reaction(surface):
+    device = Device(MockLink(MockDriver(pace="real")))
+    with LiveRenderer(surface, STRIPES, device) as renderer:
+        assert renderer.stats.lead_s == renderer.settings.reaction_s == 0.003
+    assert renderer.stats.reaction_p50_s != renderer.stats.reaction_p50_s  # nothing was touched
