@@ -406,7 +406,7 @@ class Layout:
         check_feelable("material", material)
         for name in ("width_mm", "height_mm"):
             if given[name] is None:
-                given[name] = getattr(material, name, getattr(material.evaluator, name, None))
+                given[name] = _own_size(material, name)
                 if given[name] is None:
                     raise InputError(f"{name}: expected a size, since the material has none")
             positive(name, given[name])
@@ -438,12 +438,12 @@ class Layout:
 
     def _evaluator(self, material: Feelable) -> Evaluator:
         """What answers for a material; textures are held beyond their edges, made once."""
-        evaluator = material.evaluator
+        evaluator = material if isinstance(material, FrictionField) else material.evaluator
         if not isinstance(evaluator, FrictionField):
             return evaluator
         known = self._held.pop(id(evaluator), None)
         if known is None:
-            known = (evaluator, held(evaluator))
+            known = (evaluator, held(evaluator).evaluator)
         self._held[id(evaluator)] = known
         if len(self._held) > _KEPT:
             del self._held[next(iter(self._held))]
@@ -502,10 +502,16 @@ class Layout:
                 draft[i] = replace(region, opacity=fade)
 
 
+def _own_size(material: Feelable, name: str) -> float | None:
+    found: float | None = getattr(material, name, None)
+    if found is None and not isinstance(material, FrictionField):
+        found = getattr(material.evaluator, name, None)
+    return found
+
+
 def _sized(given: dict[str, Any], name: str) -> bool:
     """Whether a size was given, and not that of the material."""
-    material = given["material"]
-    own = getattr(material, name, getattr(material.evaluator, name, None))
+    own = _own_size(given["material"], name)
     return bool(own is None or given[name] != own)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
@@ -105,7 +106,6 @@ class Texture(FrictionField):
     contrast_range: Range | None = None
     share_range: Range | None = None
     beyond: Literal["outside", "hold"] = "outside"
-    _pyramid: Pyramid = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         positive("width_mm", self.width_mm)
@@ -134,12 +134,6 @@ class Texture(FrictionField):
         number(name, low)
         number(name, high)
         check_range(name, self.target, low, high)
-        values = level if (low, high) == (0.0, 1.0) else low + (high - low) * level
-        finer = _finer(self.pixel_mm, values.shape)
-        if finer > 1:  # bilinear between the pixels' centres
-            values = zoom(values, finer, order=1, mode="nearest", grid_mode=True)
-        pyramid = Pyramid(values, self.pixel_mm / finer, low, self.beyond, self.beyond)
-        object.__setattr__(self, "_pyramid", pyramid)
 
     @classmethod
     def from_image(
@@ -224,6 +218,23 @@ class Texture(FrictionField):
         number("direction_deg", direction_deg)
         level = levels_by_rule(read_grey(heights, largest_bytes), rule, direction_deg)
         return cls(level, width_mm, mu_range, contrast_range, share_range)
+
+    @cached_property
+    def _pyramid(self) -> Pyramid:
+        """Made when it is first asked for: a layout asks a copy that is held beyond the edges."""
+        low, high = self.value_range
+        level = self.level
+        values = level if (low, high) == (0.0, 1.0) else low + (high - low) * level
+        finer = _finer(self.pixel_mm, values.shape)
+        if finer > 1:  # bilinear between the pixels' centres
+            values = zoom(values, finer, order=1, mode="nearest", grid_mode=True)
+        return Pyramid(values, self.pixel_mm / finer, low, self.beyond, self.beyond)
+
+    @property
+    def evaluator(self) -> Self:
+        """Itself, ready to be felt."""
+        _ = self._pyramid
+        return self
 
     @property
     def _ranges(self) -> dict[TargetKind, Range]:
