@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from datetime import datetime
 from html import escape
 from itertools import cycle
 from pathlib import Path
@@ -20,14 +22,15 @@ from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.protocol import FORCES_N
 from calibration.recording import StrokeRecording
 from calibration.reduction import Point, Reduced
-from calibration.segmentation import full_slip
+from calibration.traces import traces
 from calibration.verification import Verification
 from haptix.files import write_whole
 from haptix.perception import WEBER_FRACTION
 from haptix.screen import Screen
 
 _STYLE = """
-@media print{body{max-width:none;font-size:11px}img,table{break-inside:avoid}}
+@media print{body{max-width:none;font-size:11px}img,table,details[open]{break-inside:avoid}
+details:not([open]){display:none}}
 body{font:14px/1.4 system-ui,sans-serif;max-width:60em;margin:1em auto;padding:0 1em;color:#222}
 table{border-collapse:collapse;margin:.5em 0}td,th{padding:.1em .7em;text-align:left;
 border-bottom:1px solid #ddd}h1{font-size:1.4em}h2{font-size:1.1em}
@@ -45,15 +48,15 @@ def write_report(
     predictor: StrokePredictor,
     needs: Sequence[TermNeed] = (),
     profile_is_written: bool = True,
-    worst: StrokeRecording | None = None,
+    recordings: Sequence[StrokeRecording] = (),
 ) -> None:
     """Write the page, or raise `FileFormatError`.
 
     The screen is as calibrated, or as it was assumed where no profile was written since the
-    insulator is not determined. `worst` is a stroke whose raw trace is shown.
+    insulator is not determined. `recordings` are the strokes, whose raw traces are shown.
     """
     picture = _picture(fit, reduced, verification, predictor)
-    causes = _residuals_over_causes(fit, reduced, predictor)
+    causes = _residuals_over_causes(fit, reduced, predictor, minutes_of(recordings))
     calibration, verdict = screen.calibration, verification.verdict
     about, rests_on = "", tuple[str, ...]()
     if calibration is not None:
@@ -69,12 +72,13 @@ def write_report(
         "" if profile_is_written else "<p class=failed>No profile was written.</p>",
         _list("Why it failed", verification.failures),
         _list("Not tested", verification.untested),
+        _sizes(verification, fit),
         _table(
             "Errors of friction, by the strokes kept out", [g.row() for g in verification.groups]
         ),
         f'<img alt="friction and residuals" src="{picture}">',
-        f'<img alt="residuals over force, voltage, frequency and order" src="{causes}">',
-        _trace(worst),
+        f'<img alt="residuals over force, voltage, frequency, order and time" src="{causes}">',
+        _ripples(fit, reduced, predictor),
         _table("Results", [one.row() for one in fit.estimates]),
         _list("Not determined", [one.refusal() for one in fit.undetermined]),
         _table("Strokes kept out of the fit", [one.row() for one in verification.rows]),
@@ -85,6 +89,7 @@ def write_report(
         _table("Which terms the strokes need", [one.row() for one in needs]),
         _list("Strokes that were not used", left_out),
         _list("Rests on", rests_on),
+        traces(recordings, farthest_stroke(fit, reduced, predictor)),
         f"<p><small>{len(fit.strokes)} strokes in the fit; they repeat within "
         f"{fit.repeatability.log_mu:.1%} in mu beyond their own errors. Terms on: "
         f"{escape(', '.join(fit.terms))}. {_crosstalk(reduced)}</small></p>",
@@ -171,20 +176,33 @@ def _data_uri(figure: Figure) -> str:
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
-def _residuals_over_causes(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> str:
+def minutes_of(recordings: Sequence[StrokeRecording]) -> dict[int, float]:
+    """Minutes from the first stroke to each, by number; without those that say no time."""
+    started = {}
+    for one in recordings:
+        with suppress(ValueError):
+            started[one.stroke.number] = datetime.fromisoformat(one.conditions.started)
+    first = min(started.values(), default=None)
+    return {n: (t - first).total_seconds() / 60 for n, t in started.items() if first is not None}
+
+
+def _residuals_over_causes(
+    fit: Fit, reduced: Reduced, predictor: StrokePredictor, minutes: Mapping[int, float]
+) -> str:
     """Residuals over what could cause them: a slope or a step in one of them is no noise."""
     figure = Figure(figsize=(12.5, 2.6), layout="constrained")
-    panels = figure.subplots(1, 4, sharey=True)
+    panels = figure.subplots(1, 5 if minutes else 4, sharey=True)
     good = [point for point in reduced.points if not point.outlier]
     causes = (
         ("normal_force_n", "normal force [N]"),
         ("voltage_v", "voltage [V]"),
         ("frequency_hz", "frequency [Hz]"),
         ("number", "order"),
+        *([("minutes", "time [min]")] if minutes else []),
     )
     residuals = _residuals_of(good, fit, predictor)
     for axes, (name, label) in zip(panels, causes, strict=True):
-        at = np.array([getattr(point, name) for point in good], dtype=float)
+        at = np.array([getattr(p, name, minutes.get(p.number, np.nan)) for p in good], dtype=float)
         for held_out, colour in ((False, "#777"), (True, "#b40426")):
             chosen = np.array([point.held_out is held_out for point in good], dtype=bool)
             axes.plot(at[chosen], residuals[chosen], ".", color=colour)
@@ -205,26 +223,40 @@ def _residuals_of(points: Sequence[Point], fit: Fit, predictor: StrokePredictor)
     return np.asarray((measured / np.exp(log_mu) - 1) / WEBER_FRACTION)
 
 
-def _trace(recording: StrokeRecording | None) -> str:
-    """The raw forces and the place of one stroke, with the parts of full slip shaded."""
-    if recording is None:
+def _ripples(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> str:
+    """Ripples at 2f, measured and fitted, the force sensor's bandwidth included."""
+    seen = [p for p in reduced.points if not p.outlier and np.isfinite(p.ripple)]
+    if not seen:
         return ""
+    strokes = StrokeConditions.of(seen)
+    fitted = predictor(strokes, fit.names, fit.log_values, jacobian=False).ripple
+    measured, sd = (np.array([getattr(p, name) for p in seen]) for name in ("ripple", "ripple_sd"))
     figure = Figure(figsize=(12.5, 2.8), layout="constrained")
-    axes = figure.subplots()
-    step = max(len(recording.t_s) // 4000, 1)
-    t = recording.t_s - recording.t_s[0]
-    axes.plot(t[::step], recording.normal_force_n[::step], lw=0.6, label="normal force [N]")
-    axes.plot(t[::step], recording.tangential_force_n[::step], lw=0.6, label="tangential force [N]")
-    for one in full_slip(recording.t_s, recording.x_mm, recording.normal_force_n):
-        axes.axvspan(t[one.start], t[one.stop - 1], color="#1b9e77", alpha=0.15)
-    place = axes.twinx()
-    place.plot(t[::step], recording.x_mm[::step], color="#a6761d", lw=0.8)
-    place.set_ylabel("x [mm]")
-    axes.set(xlabel="time [s]")
-    axes.legend(fontsize=7, loc="upper right")
-    title = f"The stroke farthest from the fit: {escape(recording.stroke.label)}"
-    picture = f'<img alt="raw trace of stroke {recording.stroke.number}" src="{_data_uri(figure)}">'
-    return f"<h2>{title}</h2><p>Full slip, which alone counts, is shaded.</p>{picture}"
+    over, against = figure.subplots(1, 2)
+    hertz = 2 * strokes.frequency_hz
+    over.errorbar(hertz, measured, sd, fmt=".", color="#3b4cc0", label="measured")
+    over.plot(hertz, fitted, "+", color="#b40426", label="fitted")
+    over.set(xscale="log", xlabel="ripple's frequency 2f [Hz]", ylabel="ripple over mean friction")
+    over.legend(fontsize=7)
+    against.errorbar(fitted, measured - fitted, sd, fmt=".", color="#3b4cc0")
+    against.axhline(0, color="#222", lw=0.6)
+    against.set(xlabel="fitted ripple", ylabel="measured less fitted")
+    return f'<h2>Ripples</h2><img alt="ripples and their fit" src="{_data_uri(figure)}">'
+
+
+def _sizes(verification: Verification, fit: Fit) -> str:
+    """What the profile's friction rests on, in one line, each with its size in JND."""
+    rig = max((one.rig_thresholds for one in verification.groups), default=0.0)
+    scatter = max((one.uncertainty_thresholds for one in verification.groups), default=np.nan)
+    forms = max((one.effect_thresholds * one.weight for one in fit.forms), default=0.0)
+    checked = "the rig's gains: not checked"
+    if not any("gains" in one for one in verification.untested):
+        checked = f"the rig's gains {rig:.2f}"
+    return (
+        f"<p>Friction rests on, in JND: the scatter of the held-out strokes {scatter:.2f}; "
+        f"{checked}; the fit's own uncertainty {verification.fit_bound_thresholds:.2f}; the form "
+        f"of the model {forms:.2f}. At most: {verification.bound_thresholds:.2f}.</p>"
+    )
 
 
 def farthest_stroke(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> int | None:

@@ -38,7 +38,7 @@ from calibration.protocol import (
 )
 from calibration.recording import StrokeRecording
 from calibration.reduction import Reduced, reduce_session
-from calibration.report import farthest_stroke, write_report
+from calibration.report import write_report
 from calibration.rig import RIG, RigCheck
 from calibration.session import Session
 from calibration.verification import TOLERANCE_THRESHOLDS, Verification, verify
@@ -185,10 +185,8 @@ def verify_folder(
             (session.folder / name).unlink(missing_ok=True)
     needs = _needs(session.folder / NEEDS)
     path, shown = session.folder / REPORT, screen or believed
-    number = farthest_stroke(fit, reduced, predictor)
-    worst = next((one for one in recordings if one.stroke.number == number), None)
     is_written = screen is not None
-    write_report(path, shown, fit, reduced, found, predictor, needs, is_written, worst)
+    write_report(path, shown, fit, reduced, found, predictor, needs, is_written, recordings)
     write_archive(session.folder, session.folder / ARCHIVE)
     return found, screen
 

@@ -101,7 +101,7 @@ class HeldOutStroke:
             "stroke": str(self.point.number),
             "F_N [N]": f"{self.point.normal_force_n:.3g}",
             "V0 [V]": f"{self.point.voltage_v:.3g}",
-            "f [Hz]": f"{self.point.frequency_hz:.3g}",
+            "f [Hz]": f"{self.point.frequency_hz:g}",
             "mu": f"{self.point.mu:.3g}",
             "predicted": f"{self.predicted_mu:.3g}",
             "residual [JND]": f"{self.residual_thresholds:+.2f}",

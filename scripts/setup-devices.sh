@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Installs what the tests need besides .venv so that none is skipped, on Debian 12. For `make test`: the ARM
 # compiler and its emulator. For `make test-devices`: QEMU with a kernel for its guest, JACK, libusb and
-# PortAudio. Safe to run again; needs root, or sudo without a password.
+# PortAudio. A browser for the pages that haptix writes. Safe to run again; needs root, or sudo without a password.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 exec </dev/null # nothing here may wait for an answer
@@ -11,6 +11,8 @@ packages=(
     qemu-system-x86 busybox-static cpio kmod libacl1 libblkid1 libcap2 libselinux1
     # the links under test
     libusb-1.0-0 libportaudio2 jackd2
+    # opens the calibration's report
+    chromium
     # the firmware core; without a compiler the reference in Python plays
     gcc libc6-dev make
     # the same core on a Cortex-M

@@ -243,13 +243,14 @@ def test_the_report_stands_alone(
     path = tmp_path / "report.html"
     named = calibrated.replace(name="<panel & 7>")
     worst = recorded(stroke)
-    write_report(path, named, fit, strokes, passed, predictor, worst=worst)
+    write_report(path, named, fit, strokes, passed, predictor, recordings=[worst])
     page = path.read_text()
     assert "http" not in page
     assert not re.search(r'(src|href)="(?!data:)', page)
     assert "&lt;panel &amp; 7&gt;" in page
     assert "<script" not in page
     assert page.count("<img alt=") == 3
+    assert page.count("<svg") == 1
     assert "raw trace of stroke 1" in page
     assert "@media print" in page
     assert 'src="data:image/png;base64,iVBOR' in page
