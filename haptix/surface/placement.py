@@ -18,17 +18,18 @@ def fewest_nodes(points: int, error: CellError, tolerance: float) -> list[int]:
     costs no node, so that the last cell is not the only short one. The first and the last point are
     always nodes. The error of a cell between neighbouring points is taken as 0.
     """
-    nodes = _longest_cells(points, error, tolerance)
+    nodes = _longest_cells(points, error, tolerance, points)
     for share in (0.5, 0.7, 0.85):
-        shorter = _longest_cells(points, error, share * tolerance)
-        if len(shorter) == len(nodes):
+        shorter = _longest_cells(points, error, share * tolerance, len(nodes))
+        if shorter[-1] == points - 1:
             return shorter
     return nodes
 
 
-def _longest_cells(points: int, error: CellError, tolerance: float) -> list[int]:
+def _longest_cells(points: int, error: CellError, tolerance: float, most: int) -> list[int]:
+    """Nodes from the first point on: up to the last, or as far as `most` of them go."""
     nodes = [0]
-    while nodes[-1] < points - 1:
+    while nodes[-1] < points - 1 and len(nodes) < most:
         start, good, bad = nodes[-1], nodes[-1] + 1, points
         reach = 2
         while good < bad - 1:  # doubling first: most cells are short

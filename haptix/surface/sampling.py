@@ -175,16 +175,16 @@ class Sampler:
         at, inverse = torch.log(values), columns.inverse
         slope = torch.gradient(inverse, spacing=(drive,), dim=-1)[0]
         level = torch.minimum(drive, self.top(columns)[..., None])
-        in_mu = unit(-1 / inverse)
+        weight = 1 / (inverse**2 * unit(-1 / inverse))
+        # An error of the pull-in voltage is an error of the drive.
+        tilt = 2 * level * slope * weight
         boundary = columns.log_breakdown / boundary_error
 
         def error(start: int, end: int) -> float:
             inner = slice(start + 1, end)
-            wrong = chord_error(inverse, at, start, end)
-            # An error of the pull-in voltage is an error of the drive.
+            wrong = chord_error(inverse, at, start, end) * weight[inner]
             shift = chord_error(columns.log_pull_in, at, start, end)[..., None]
-            wrong = wrong - 2 * shift * level[inner] * slope[inner]
-            worst = float((wrong.abs() / inverse[inner] ** 2 / in_mu[inner]).max())
+            worst = float((wrong - shift * tilt[inner]).abs().max())
             if not self.ends_at_breakdown:
                 return worst
             return max(worst, float(chord_error(boundary, at, start, end).abs().max()))
@@ -205,12 +205,11 @@ class Sampler:
         at_top = inverse.gather(0, torch.searchsorted(drive, top).clamp(max=points - 1)[None])
         instants = in_mu * (at_top / inverse) / _INSTANTS_SHARE
         in_mu = torch.where(drive[:, None] <= top, in_mu, instants)
+        weight = torch.where(drive[:, None] <= last, 1 / (inverse**2 * in_mu), 0.0)
 
         def error(start: int, end: int) -> float:
-            inner = slice(start + 1, end)
-            wrong = chord_error(inverse, drive, start, end).abs()
-            wrong = wrong / inverse[inner] ** 2 / in_mu[inner]
-            return float(torch.where(drive[inner, None] <= last, wrong, 0.0).max())
+            wrong = chord_error(inverse, drive, start, end) * weight[start + 1 : end]
+            return float(wrong.abs().max())
 
         return Pilot(drive, error)
 
