@@ -40,16 +40,21 @@ ANY_KIND = "a material of any kind"
 """Stands in schemas for all kinds: pydantic knows no reference to what is registered later."""
 
 _FOLDER: ContextVar[Path] = ContextVar("folder", default=Path())
+_IS_SEALED: ContextVar[bool] = ContextVar("sealed", default=False)
 
 
 @contextmanager
-def in_folder(folder: Path) -> Iterator[None]:
-    """Read and write documents whose paths are relative to a folder."""
-    token = _FOLDER.set(folder)
+def in_folder(folder: Path, is_sealed: bool = False) -> Iterator[None]:
+    """Read and write documents whose paths are relative to a folder.
+
+    A sealed folder is that of somebody else's documents: they name files by their hash only.
+    """
+    token, seal = _FOLDER.set(folder), _IS_SEALED.set(is_sealed)
     try:
         yield
     finally:
         _FOLDER.reset(token)
+        _IS_SEALED.reset(seal)
 
 
 class Material(Part):
@@ -181,6 +186,8 @@ def material_of(table: Any, version: int = 1) -> Material:
     Anything else with an evaluator, such as a `haptix.Texture`, passes too; no document holds it.
     """
     if isinstance(table, str):
+        if _IS_SEALED.get():
+            raise InputError(f"material: expected a table here, got the path {table!r:.80}")
         return load(_FOLDER.get() / table)
     if not isinstance(table, Mapping):
         if not hasattr(table, "evaluator"):
@@ -258,6 +265,8 @@ def _asset_of(value: Any) -> Asset:
         value = str(value)
     if not isinstance(value, str) or not value:
         raise ValueError("expected the path of a file, or sha256: and its hash")
+    if _IS_SEALED.get() and not value.startswith("sha256:"):
+        raise ValueError("expected sha256: and the hash of a file that was sent")
     if value.startswith("sha256:") and not is_digest(value.removeprefix("sha256:")):
         raise ValueError("expected 64 hexadecimal digits after sha256:")
     return Asset(value, _FOLDER.get())

@@ -11,7 +11,8 @@ from skimage.io import imsave
 
 from haptix import materials
 from haptix.errors import FileFormatError, InputError
-from haptix.materials import KINDS, Material
+from haptix.materials import KINDS, Material, material_of
+from haptix.materials.material import in_folder
 from haptix.motion import Depends, Motion
 from haptix.texture import Composition, Grating, Noise, RecordedProfile, Sprite, Texture, power_law
 
@@ -171,3 +172,13 @@ def test_the_schema_accepts_and_refuses_what_the_models_do(folder):
     for bad in ({"kind": "gratin"}, {"kind": "grating"}, {**GRATING, "width": 2}, nested):
         assert not check.is_valid(bad)
     assert set(schema["$defs"]["material"]["discriminator"]["mapping"]) == set(KINDS)
+
+
+@pytest.mark.parametrize("name", ["bricks.png", "../bricks.png", "/etc/passwd"])
+def test_a_sealed_folder_gives_no_file_by_its_path(tmp_path, name):
+    fields = {"kind": "photograph", "file": name, "width_mm": 60.0}
+    with in_folder(tmp_path, is_sealed=True):
+        with pytest.raises(InputError, match="sha256"):
+            material_of(fields)
+        with pytest.raises(InputError, match="expected a table"):
+            material_of(f"{name}.toml")
