@@ -105,3 +105,11 @@ def _folder_of(serial: str) -> Path:
         raise InputError("serial: expected the serial number of a driver, got none")
     # A name of one folder, whatever the driver says it is.
     return profiles_folder() / quote(serial, safe=" ").replace(".", "%2E")
+
+
+def profiles_for(device: Device, finger: str | None, screen: str | None) -> tuple[str, str]:
+    """Names or files of finger and screen: as given, installed for the device, or presets."""
+    found = installed_profile(device.capabilities.serial)
+    if found is None:
+        return finger or "semi-wet", screen or "3m-sct3250"
+    return finger or str(found.finger), screen or str(found.screen)

@@ -16,7 +16,6 @@ from haptix.errors import InputError, OverloadWarning
 from haptix.terminal import AsJson, breakdown_note, placeholder_note, progress_bar, show
 
 if TYPE_CHECKING:
-    from firmware_io import Device
     from haptix.simulation import Setting
     from haptix.surface import FrictionSurface
     from haptix.texture import Feelable, FrictionField
@@ -83,6 +82,7 @@ def render(
         update("surface", 0.0)
         from haptix.devices import open_device
         from haptix.files import check_folder
+        from haptix.profiles import profiles_for
         from haptix.render import LiveSettings
         from haptix.simulation import FILES, simulate, write
         from haptix.virtual_finger import TouchPanel
@@ -148,6 +148,7 @@ def play(
         import time
 
         from haptix.devices import open_device
+        from haptix.profiles import profiles_for
         from haptix.render import LiveRenderer, LiveSettings
         from haptix.touch import events_of, paced
 
@@ -192,16 +193,6 @@ def play(
         row |= {"revisions": stats.revisions, "refused": stats.refused}
         row |= {"reaction_p50_ms": p50_ms, "reaction_p99_ms": p99_ms}
     show(f"{title}; {stats.advice}" if stats.advice else title, [row], as_json)
-
-
-def profiles_for(device: Device, finger: str | None, screen: str | None) -> tuple[str, str]:
-    """Names or files of finger and screen: as given, installed for the device, or presets."""
-    from haptix.profiles import installed_profile
-
-    found = installed_profile(device.capabilities.serial)
-    if found is None:
-        return finger or "semi-wet", screen or "3m-sct3250"
-    return finger or str(found.finger), screen or str(found.screen)
 
 
 def setting_of(

@@ -17,8 +17,7 @@ from calibration.matching import match_profiles
 from calibration.practice import TRUTH, compare_with_truth, draw_truth
 from calibration.reduction import Reduced
 from firmware_io import Device, MockDriver, MockLink
-from haptix.cli.rendering import profiles_for
-from haptix.profiles import install_profile, installed_profile, profile_of
+from haptix.profiles import install_profile, installed_profile, profile_of, profiles_for
 from haptix.screen import Calibration, CalibrationWarning
 
 
