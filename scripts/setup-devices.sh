@@ -19,6 +19,8 @@ packages=(
     gcc-arm-none-eabi qemu-system-arm
     # a display for the examples with a window
     xvfb python3-tk
+    # pages are tested in a real browser
+    chromium
     python3
 )
 

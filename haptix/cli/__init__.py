@@ -16,6 +16,7 @@ from haptix.cli import (
     materials,
     rendering,
     scenes,
+    service,
     stimuli,
     surfaces,
 )
@@ -37,6 +38,7 @@ app.command("invert")(surfaces.invert)
 app.command("export")(archive.export)
 app.command("render")(rendering.render)
 app.command("play")(rendering.play)
+app.command("serve")(service.serve)
 app.command("plan")(scenes.plan)
 app.command("tradeoff")(scenes.tradeoff)
 app.add_typer(materials.app, name="material")

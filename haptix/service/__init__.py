@@ -1,0 +1,1 @@
+"""A local service: any app, in any language, on this machine; see `haptix serve`."""

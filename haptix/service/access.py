@@ -1,0 +1,158 @@
+"""Who may speak to the service: host names, origins, pairing codes and tokens.
+
+Any page in a browser can open a socket to this machine, and any name can be made to point here.
+So the Host is checked against rebinding, the Origin against foreign pages, and only who holds a
+token may open a session. A page gets one for the code that the terminal shows; a program of this
+user reads one from the file ``service.json``. Both are bound to where they were given.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import json
+import os
+import secrets
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import platformdirs
+
+from haptix.files import read_json, write_whole
+from haptix.service.messages import Problem
+
+CODE_S = 300.0  # a code is good for so long, and for one page
+_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ23456789"  # none that is taken for another
+_CODE_LETTERS = 8
+_MOST_TRIES, _TRIES_S = 5, 60.0
+_MOST_TOKENS = 100
+
+
+def service_folder() -> Path:
+    """Return ``$HAPTIX_SERVICE``, or ``haptix/service`` in the user's state folder."""
+    if chosen := os.environ.get("HAPTIX_SERVICE"):
+        return Path(chosen).expanduser()
+    return platformdirs.user_state_path("haptix", appauthor=False) / "service"
+
+
+class Access:
+    """Keeper of the tokens.
+
+    Parameters
+    ----------
+    port : int
+        Port that the service listens on.
+    folder : Path
+        Where tokens of pages are remembered, as hashes, and where ``service.json`` is written.
+        Other users may read neither.
+    hosts : tuple of str
+        Further names by which the service is reached, with ``--listen``.
+    now_s : callable
+        The clock.
+    """
+
+    def __init__(
+        self,
+        port: int,
+        folder: Path,
+        hosts: tuple[str, ...] = (),
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        names = ("127.0.0.1", "localhost", "[::1]", *hosts)
+        self.hosts = frozenset(f"{name}:{port}" for name in names)
+        scheme = "https" if hosts else "http"
+        self.origins = frozenset(f"{scheme}://{host}" for host in self.hosts)
+        self._now_s = now_s
+        self._folder = folder
+        self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        self._pages: dict[str, dict[str, str]] = self._load()
+        self._tries: list[float] = []
+        self._code, self._code_s = "", -1.0
+        self.native = secrets.token_urlsafe(32)
+        """Token of the programs of this user."""
+        self._write("service.json", {"port": port, "token": self.native})
+
+    def close(self) -> None:
+        """Take back the token of native programs."""
+        self.native = secrets.token_urlsafe(32)
+        (self._folder / "service.json").unlink(missing_ok=True)
+
+    def is_own_host(self, host: str | None) -> bool:
+        """Whether a request's Host is a name of this service; another one was rebound."""
+        return host is not None and host.lower() in self.hosts
+
+    def is_known_origin(self, origin: str | None) -> bool:
+        """Whether a page of this origin may connect; programs send none."""
+        return origin is None or origin in self.origins or self._paired(origin)
+
+    def code(self) -> str:
+        """Return the code that pairs a page now."""
+        if not self._code or self._now_s() - self._code_s > CODE_S:
+            self._code = "".join(secrets.choice(_LETTERS) for _ in range(_CODE_LETTERS))
+            self._code_s = self._now_s()
+        return self._code
+
+    def pair(self, code: str, origin: str | None, name: str) -> str:
+        """Return a token for a page that shows the code.
+
+        Raises
+        ------
+        Problem
+            If the code is another one, too old or used, or after five tries in a minute.
+        """
+        now_s = self._now_s()
+        self._tries = [at_s for at_s in self._tries if now_s - at_s < _TRIES_S]
+        if len(self._tries) >= _MOST_TRIES:
+            raise Problem("limit", f"expected at most {_MOST_TRIES} tries a minute; wait a minute")
+        if not origin or origin == "null":
+            raise Problem("access", "expected a page with an origin; programs read service.json")
+        self._tries.append(now_s)
+        given = code.strip().upper().replace("-", "")
+        if not hmac.compare_digest(given.encode(), self.code().encode()):
+            raise Problem("access", "this is not the code that the terminal shows", "/code")
+        self._code = ""
+        token = secrets.token_urlsafe(32)
+        while len(self._pages) >= _MOST_TOKENS:
+            self._pages.pop(next(iter(self._pages)))
+        self._pages[_hash(token)] = {"origin": origin, "name": name[:100]}
+        self._save()
+        return token
+
+    def forget(self, token: str) -> None:
+        """Take back a page's token."""
+        if self._pages.pop(_hash(token), None) is not None:
+            self._save()
+
+    def lets_in(self, token: str, origin: str | None) -> bool:
+        """Whether the token was given to this origin, or to the programs of this user."""
+        if origin is None:
+            return hmac.compare_digest(token.encode(), self.native.encode())
+        page = self._pages.get(_hash(token))
+        return page is not None and page["origin"] == origin
+
+    def _paired(self, origin: str) -> bool:
+        return any(page["origin"] == origin for page in self._pages.values())
+
+    def _load(self) -> dict[str, dict[str, str]]:
+        path = self._folder / "tokens.json"
+        if not path.exists():
+            return {}
+        found = read_json(path)
+        return {
+            str(key): {"origin": str(page["origin"]), "name": str(page["name"])}
+            for key, page in found.items()
+            if isinstance(page, dict) and {"origin", "name"} <= page.keys()
+        }
+
+    def _save(self) -> None:
+        self._write("tokens.json", self._pages)
+
+    def _write(self, name: str, content: object) -> None:
+        path = self._folder / name
+        write_whole(path, json.dumps(content).encode())
+        path.chmod(0o600)
+
+
+def _hash(token: str) -> str:
+    return hashlib.sha256(token.encode()).hexdigest()

@@ -1,0 +1,356 @@
+"""``python -m haptix.service.engine``: the process that owns the surface, renderer and device.
+
+It reads frames from its standard input and answers on its standard output. Its main thread obeys
+at once what must not wait: touches, stop, sleep. A worker does what takes time: opening, arming,
+layouts. A third thread watches: without a tick for 100 ms the output sleeps, for 2 s it stops, and
+at the end of the input the process ends at 0 V. The driver's own watchdog stands below.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import sys
+import threading
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from haptix.errors import HaptixError, InputError
+from haptix.service.wire import JSON, TOUCHES, json_frame, read_frame, touches_of
+
+if TYPE_CHECKING:
+    from haptix.layout import LayoutEvent
+    from haptix.render.master import Played
+    from haptix.service.layouts import SessionLayout
+
+SLEEP_S, STOP_S = 0.1, 2.0
+FORCES_N = (0.05, 3.0)
+"""Forces [N] of the surface that is built where none is given: all that a finger slides with."""
+TOLERANCE = "0.05 JND"
+_LOOK_S = 0.02
+
+
+class Engine:
+    """One device, one renderer, one layout.
+
+    Parameters
+    ----------
+    output : binary file
+        Where answers and events go.
+    """
+
+    def __init__(self, output: BinaryIO) -> None:
+        self._output, self._output_lock = output, threading.Lock()
+        self._work: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
+        self._lock = threading.Lock()  # of the renderer's coming and going
+        self._renderer: Any = None
+        self._stops = 0  # an arming that was overtaken by a stop is undone
+        self._sleeps = self._is_muted = self._is_paused = False
+        self._intensity = 1.0
+        self._touching: set[int] = set()
+        self._effects: dict[int, Any] = {}
+        self._next_effect = 1
+        self._tick_s = time.monotonic()
+        self._device: Any = None
+        self._surface: Any = None
+        self._layouts: dict[int, Any] = {}  # by session
+        self._ended = threading.Event()
+
+    def run(self, source: BinaryIO) -> None:
+        """Obey until the input ends; then end at 0 V."""
+        worker = threading.Thread(target=self._works, name="haptix engine worker", daemon=True)
+        watcher = threading.Thread(target=self._watches, name="haptix engine watch", daemon=True)
+        worker.start()
+        watcher.start()
+        try:
+            while (found := read_frame(source)) is not None:
+                kind, data = found
+                if kind == TOUCHES:
+                    self._touch(data)
+                elif kind == JSON:
+                    self._obey(data)
+        finally:
+            self._ended.set()
+            self._stop("the service ended")
+            if self._device is not None:
+                self._device.close()
+
+    # --- at once ---------------------------------------------------------------------------------
+
+    def _obey(self, data: bytes) -> None:
+        from haptix.files import parse_json
+
+        message = parse_json(data)
+        do = message["do"]
+        if do == "tick":
+            self._tick_s = time.monotonic()
+        elif do == "stop":
+            self._stop(message["reason"])
+        elif do in ("sleep", "wake"):
+            self._sleep(do == "sleep")
+        elif do == "lift":
+            self._lift()
+        else:
+            self._work.put(message)
+
+    def _touch(self, data: bytes) -> None:
+        renderer = self._renderer
+        if renderer is None or self._sleeps:
+            return
+        from haptix.touch import TouchEvent
+
+        try:
+            for t_s, touch_id, kind, x_mm, y_mm, force_n, area_m2 in touches_of(data):
+                renderer.event(TouchEvent(t_s, touch_id, x_mm, y_mm, kind, force_n, area_m2))
+                if kind == "up":
+                    self._touching.discard(touch_id)
+                else:
+                    self._touching.add(touch_id)
+        except HaptixError as error:
+            self._fail(error)
+
+    def _lift(self) -> None:
+        renderer, touching = self._renderer, list(self._touching)
+        self._touching.clear()
+        if renderer is not None:
+            for touch_id in touching:
+                renderer.lift(renderer.now_s(), touch_id)
+
+    def _sleep(self, on: bool) -> None:
+        self._sleeps = on
+        if on:
+            self._lift()
+        self._set_mute(self._renderer)
+
+    def _set_mute(self, renderer: Any) -> None:
+        if renderer is not None:
+            if self._sleeps or self._is_muted:
+                renderer.mute()
+            else:
+                renderer.unmute()
+
+    def _stop(self, reason: str) -> None:
+        with self._lock:
+            self._stops += 1
+            renderer, self._renderer = self._renderer, None
+        if renderer is None:
+            return
+        error = InputError(reason)  # leaving with an error does not play what is queued
+        try:
+            renderer.__exit__(InputError, error, None)
+        except HaptixError as failure:
+            self._say(event="output", state="failed", reason=str(failure))
+
+    def _fail(self, error: HaptixError) -> None:
+        self._stop(str(error))
+        self._say(event="output", state="failed", reason=str(error))
+
+    def _watches(self) -> None:
+        asleep = False
+        while not self._ended.wait(_LOOK_S):
+            silent_s = time.monotonic() - self._tick_s
+            renderer = self._renderer
+            if renderer is None:
+                asleep = False
+                continue
+            try:
+                renderer.poll()
+            except HaptixError as error:
+                self._fail(error)
+            if silent_s > STOP_S:
+                self._stop("the service's front is silent")
+            elif silent_s > SLEEP_S and not asleep:
+                asleep = True
+                self._sleep(True)
+            elif silent_s <= SLEEP_S and asleep:
+                asleep = False
+                self._sleep(False)
+
+    # --- in turn ---------------------------------------------------------------------------------
+
+    def _works(self) -> None:
+        while (message := self._work.get()) is not None:
+            number = message.pop("n", None)
+            do = message.pop("do")
+            try:
+                answer = getattr(self, f"_do_{do}")(**message) or {}
+            except HaptixError as error:
+                code = "device" if do in ("arm", "disarm", "open") else "document"
+                wrong = {"code": code, "sentence": str(error), "path": getattr(error, "path", "")}
+                answer = {"problem": wrong}
+            except Exception as error:  # a fault of ours ends no session
+                sys.excepthook(type(error), error, error.__traceback__)
+                wrong = {"code": "internal", "sentence": f"{do}: {type(error).__name__}: {error}"}
+                answer = {"problem": wrong}
+            if number is not None:
+                self._say(n=number, **answer)
+
+    def _do_open(
+        self,
+        device: str,
+        surface: str | None,
+        finger: str | None,
+        screen: str | None,
+        assets: str,
+    ) -> dict[str, Any]:
+        """Open the device, and load or build the surface that its finger and screen need."""
+        import gc
+
+        from haptix.devices import open_device
+        from haptix.finger import Finger
+        from haptix.friction import ContactModel
+        from haptix.materials import KINDS, schema
+        from haptix.profiles import profiles_for
+        from haptix.render.core import DEFAULT_CARRIER_HZ
+        from haptix.screen import Screen
+        from haptix.surface import FrictionSurface, cached_surface
+
+        self._assets = Path(assets)
+        self._device = open_device(device)
+        finger, screen = profiles_for(self._device, finger, screen)
+        if surface is None:
+            model = ContactModel(Finger.named(finger), Screen.named(screen))
+            scene = {"normal_force_n": FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
+            self._surface, _ = cached_surface(model, scene, TOLERANCE)
+        else:
+            self._surface = FrictionSurface.load(surface)
+        gc.collect()
+        return {
+            "device": self._device.name,
+            "finger": finger,
+            "screen": screen,
+            "kinds": sorted(KINDS),
+            "schema": schema(),
+        }
+
+    def _do_layout_set(self, session: int, document: dict[str, Any]) -> dict[str, Any]:
+        return self._changed(session, "set", document)
+
+    def _do_layout_change(self, session: int, ops: list[dict[str, Any]]) -> dict[str, Any]:
+        return self._changed(session, "change", ops)
+
+    def _changed(self, session: int, how: str, change: Any) -> dict[str, Any]:
+        from haptix.service.layouts import SessionLayout
+
+        layout = self._layouts.get(session)
+        if layout is None:
+            layout = self._layouts.setdefault(session, SessionLayout(self._assets))
+        getattr(layout, how)(change)
+        return {"revision": layout.revision}
+
+    def _do_forget(self, session: int) -> None:
+        self._layouts.pop(session, None)
+
+    def _do_adopt(self, session: int, of: int) -> None:
+        layout = self._layouts.pop(of, None)
+        if layout is not None:
+            self._layouts[session] = layout
+
+    def _do_arm(self, session: int) -> None:
+        from haptix.render import LiveRenderer, LiveSettings
+
+        if session not in self._layouts:
+            raise InputError("arm: expected a layout; send layout_set first")
+        stops, layout = self._stops, self._layouts[session]
+        renderer = LiveRenderer(
+            self._surface, layout.layout, self._device, settings=LiveSettings(strict=False)
+        )
+        for kind in ("enter", "leave", "press", "release", "detent"):
+            renderer.on(kind, partial(self._contact, layout))
+        self._tick_s = time.monotonic()
+        renderer.__enter__()
+        renderer.intensity = self._intensity
+        self._set_mute(renderer)
+        if self._is_paused:
+            renderer.pause()
+        with self._lock:
+            overtaken = self._stops != stops
+            if not overtaken:
+                self._renderer = renderer
+        if overtaken:
+            error = InputError("stopped while arming")
+            renderer.__exit__(InputError, error, None)
+            raise error
+
+    def _contact(self, layout: SessionLayout, event: LayoutEvent) -> None:
+        names = (name for name, patch in layout.patches.items() if patch is event.patch)
+        region = next(names, None)
+        if region is not None:
+            value = None if event.kind != "detent" else event.detent
+            self._say(
+                event="contact",
+                what=event.kind,
+                region=region,
+                touch_id=event.touch_id,
+                t_s=event.t_s,
+                value=value,
+            )
+
+    def _do_intensity(self, value: float) -> None:
+        self._intensity = value
+        if self._renderer is not None:
+            self._renderer.intensity = value
+
+    def _do_mute(self, on: bool) -> None:
+        self._is_muted = on
+        self._set_mute(self._renderer)
+
+    def _do_pause(self, on: bool) -> None:
+        renderer, self._is_paused = self._renderer, on
+        if renderer is not None:
+            if on:
+                renderer.pause()
+            else:
+                renderer.resume()
+
+    def _do_play(self, effect: dict[str, Any]) -> dict[str, Any]:
+        from haptix.materials import material_of
+        from haptix.materials.material import in_folder
+
+        with in_folder(self._assets, is_sealed=True):
+            material = material_of(effect)
+        renderer = self._renderer
+        if renderer is None:
+            raise InputError("play: expected an armed output; send arm first")
+        number = self._next_effect
+        self._next_effect += 1
+        playing = renderer.play(material, done=partial(self._ended_effect, number))
+        self._effects[number] = playing
+        return {"effect_id": number}
+
+    def _ended_effect(self, number: int, played: Played) -> None:
+        self._effects.pop(number, None)
+        self._say(
+            event="effect_ended", effect_id=number, how=played.outcome, sample=int(played.sample)
+        )
+
+    def _do_cancel(self, effect_id: int) -> None:
+        effect = self._effects.get(effect_id)
+        if effect is None:
+            raise InputError(f"effect_id: expected an effect that plays, got {effect_id}")
+        effect.stop()
+
+    def _do_disarm(self) -> None:
+        self._stop("disarmed")
+
+    def _say(self, **message: Any) -> None:
+        with self._output_lock:
+            self._output.write(json_frame(message))
+            self._output.flush()
+
+
+def main() -> None:
+    """Serve the front until it closes our input."""
+    # What a library prints must not break the frames.
+    output = os.fdopen(os.dup(1), "wb", buffering=0)
+    os.dup2(2, 1)
+    # An interrupt of the terminal goes to all processes of its group; the front ends us in order.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Engine(output).run(sys.stdin.buffer)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,296 @@
+"""The service's front: HTTP and WebSocket on this machine, without torch and without pixels."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Awaitable, Callable, MutableMapping
+from typing import Annotated, Any
+
+from fastapi import Depends, FastAPI, Header, Request, WebSocket
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import FileResponse, JSONResponse, Response
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.websockets import WebSocketDisconnect
+
+from haptix.service import messages as m
+from haptix.service.access import Access
+from haptix.service.assets import AssetStore
+from haptix.service.hub import TICK_S, Hub, Session
+from haptix.service.messages import Problem
+from haptix.version import __version__
+
+SUBPROTOCOL = "haptix.v1"
+_HTTP_STATUS: dict[str, int] = {
+    "message": 422,
+    "document": 422,
+    "limit": 429,
+    "access": 403,
+    "unknown": 404,
+    "order": 409,
+    "lease": 409,
+    "device": 503,
+    "internal": 500,
+}
+_OPEN = ("/", "/v1/pair", "/stop")  # without a token
+
+Scope = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
+Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
+
+
+class Guard:
+    """Refuses foreign hosts and origins before anything else sees the request."""
+
+    def __init__(self, app: Any, access: Access) -> None:
+        self._app, self._access = app, access
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, refuse, or pass the request on."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        headers = {
+            key.decode("latin-1"): value.decode("latin-1") for key, value in scope["headers"]
+        }
+        origin = headers.get("origin")
+        pairs = scope["path"] == "/v1/pair"
+        if not self._access.is_own_host(headers.get("host")):
+            await _refuse(scope, receive, send, 421, "this is no name of the service")
+        elif not (self._access.is_known_origin(origin) or (pairs and origin != "null")):
+            await _refuse(scope, receive, send, 403, "pages of this origin are not paired")
+        elif scope["type"] == "http" and scope["method"] == "OPTIONS" and origin is not None:
+            await Response(status_code=204, headers=_cors(origin))(scope, receive, send)
+        else:
+            await self._app(scope, receive, _with_headers(send, origin, self._access))
+
+
+async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, why: str) -> None:
+    if scope["type"] == "websocket":
+        await receive()
+        await send({"type": "websocket.close", "code": 4403, "reason": why})
+        return
+    content = {"id": 0, "code": "access", "sentence": why, "path": ""}
+    await JSONResponse(content, status)(scope, receive, send)
+
+
+def _cors(origin: str) -> dict[str, str]:
+    return {
+        "access-control-allow-origin": origin,
+        "access-control-allow-methods": "GET, POST, PUT, DELETE",
+        "access-control-allow-headers": "authorization, content-type",
+        "access-control-max-age": "600",
+        "vary": "origin",
+    }
+
+
+def _with_headers(send: Send, origin: str | None, access: Access) -> Send:
+    """Add what keeps pages apart to every answer."""
+    own = origin is None or origin in access.origins
+
+    async def sends(message: MutableMapping[str, Any]) -> None:
+        if message["type"] == "http.response.start":
+            headers = {
+                "x-content-type-options": "nosniff",
+                "cross-origin-resource-policy": "same-site" if own else "cross-origin",
+                "referrer-policy": "no-referrer",
+                "cache-control": "no-store",
+            } | ({} if own or origin is None else _cors(origin))
+            message["headers"] = [
+                *message.get("headers", []),
+                *((key.encode(), value.encode()) for key, value in headers.items()),
+            ]
+        await send(message)
+
+    return sends
+
+
+class Server(BaseModel):
+    """Who answers."""
+
+    name: str
+    version: str
+    protocol: str
+
+
+class Pairing(BaseModel):
+    """A page's request for a token."""
+
+    model_config = ConfigDict(extra="forbid")
+    code: Annotated[str, Field(max_length=20)]
+    name: Annotated[str, Field(min_length=1, max_length=100)]
+
+
+class Token(BaseModel):
+    """What a paired page says in `hello`."""
+
+    token: str
+
+
+_REFUSED: dict[int | str, dict[str, Any]] = {
+    status: {"model": m.Error} for status in (403, 404, 421, 422, 429)
+}
+
+
+def application(
+    hub: Hub,
+    assets: AssetStore,
+    start: Callable[[], Awaitable[None]] | None = None,
+    end: Callable[[], Awaitable[None]] | None = None,
+) -> Any:
+    """Return the ASGI application around a hub and the files that apps send."""
+
+    @contextlib.asynccontextmanager
+    async def life(_: FastAPI) -> AsyncIterator[None]:
+        if start is not None:
+            await start()
+        ticking = asyncio.create_task(_ticks(hub))
+        try:
+            yield
+        finally:
+            ticking.cancel()
+            hub.stop("the service ends")
+            if end is not None:
+                await end()
+
+    app = FastAPI(
+        title="haptix",
+        version=__version__,
+        lifespan=life,
+        docs_url=None,  # its pages come from another server
+        redoc_url=None,
+        openapi_url="/v1/openapi.json",
+        responses=_REFUSED,
+    )
+
+    async def token(
+        request: Request, authorization: Annotated[str | None, Header()] = None
+    ) -> None:
+        given = (authorization or "").removeprefix("Bearer ")
+        if not hub.access.lets_in(given, request.headers.get("origin")):
+            raise Problem("access", "expected the header Authorization: Bearer TOKEN")
+
+    @app.exception_handler(Problem)
+    async def refuse(_: Request, problem: Problem) -> Response:
+        error = m.Error(id=0, code=problem.code, sentence=problem.sentence, path=problem.path)
+        return JSONResponse(error.model_dump(), _HTTP_STATUS[problem.code])
+
+    @app.exception_handler(RequestValidationError)
+    async def refuse_body(_: Request, error: RequestValidationError) -> Response:
+        first = error.errors()[0]
+        path = "".join(f"/{part}" for part in first["loc"][1:])
+        content = m.Error(id=0, code="message", sentence=f"{path[1:]}: {first['msg']}", path=path)
+        return JSONResponse(content.model_dump(), 422)
+
+    @app.get("/v1/server", dependencies=[Depends(token)])
+    async def server() -> Server:
+        """Who answers, in which version."""
+        return Server(name="haptix", version=__version__, protocol="{}.{}".format(*m.PROTOCOL))
+
+    @app.post("/v1/pair")
+    async def pair(request: Request, asked: Pairing) -> Token:
+        """Give a page a token for the code that the terminal shows."""
+        return Token(token=hub.access.pair(asked.code, request.headers.get("origin"), asked.name))
+
+    @app.delete("/v1/pair", status_code=204, dependencies=[Depends(token)])
+    async def forget(authorization: Annotated[str, Header()]) -> None:
+        """Take the token back."""
+        hub.access.forget(authorization.removeprefix("Bearer "))
+
+    @app.get("/v1/devices", dependencies=[Depends(token)])
+    async def devices() -> m.Inventory:
+        """Devices and profiles that there are."""
+        return hub.inventory
+
+    @app.put("/v1/assets/{digest}", status_code=201, dependencies=[Depends(token)])
+    async def put_asset(digest: str, suffix: str, request: Request, response: Response) -> None:
+        """Keep a file under its SHA-256: 201, or 200 where it is there already."""
+        if not await assets.put(digest, suffix, request.stream()):
+            response.status_code = 200
+
+    @app.get("/v1/assets/{digest}", dependencies=[Depends(token)])
+    async def get_asset(digest: str) -> Response:
+        """A file by its SHA-256."""
+        return FileResponse(assets.path(digest), media_type="application/octet-stream")
+
+    @app.get("/v1/kinds", dependencies=[Depends(token)])
+    async def kinds() -> dict[str, Any]:
+        """JSON Schema of all kinds of material."""
+        return hub.material_schema
+
+    @app.get("/v1/schemas/session", dependencies=[Depends(token)])
+    async def schema() -> dict[str, Any]:
+        """JSON Schema of the session's messages."""
+        return m.schema()
+
+    @app.post("/stop", status_code=204)
+    async def stop(request: Request) -> None:
+        """End at 0 V. A form can ask for it, so that it works while a page's script hangs."""
+        if request.headers.get("sec-fetch-site") == "cross-site":
+            raise Problem("access", "pages of other sites cannot stop the output")
+        hub.stop("stopped by the button")
+
+    @app.websocket("/v1/session")
+    async def session(socket: WebSocket) -> None:
+        if SUBPROTOCOL not in socket.scope["subprotocols"]:
+            await socket.close(4400, f"expected the subprotocol {SUBPROTOCOL}")
+            return
+        try:
+            client = hub.open(socket.headers.get("origin"))
+        except Problem as problem:
+            await socket.close(4429, problem.sentence)
+            return
+        await socket.accept(SUBPROTOCOL)
+        await _serve(hub, socket, client)
+
+    return Guard(app, hub.access)
+
+
+async def _serve(hub: Hub, socket: WebSocket, client: Session) -> None:
+    """Serve one session until it closes, by whichever side."""
+    tasks = [
+        asyncio.create_task(part)
+        for part in (_reads(hub, socket, client), _writes(socket, client), hub.work(client))
+    ]
+    try:
+        await asyncio.wait(tasks[:2], return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        hub.gone(client)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _reads(hub: Hub, socket: WebSocket, client: Session) -> None:
+    with contextlib.suppress(WebSocketDisconnect):
+        while client.closing is None:
+            message = await socket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            data = message.get("text")
+            wait_s = hub.receive(client, message["bytes"] if data is None else data)
+            if wait_s > 0:
+                await asyncio.sleep(wait_s)
+        await asyncio.sleep(1.0)  # its writer says why, and closes
+
+
+async def _writes(socket: WebSocket, client: Session) -> None:
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        while True:
+            if client.waiting:
+                await socket.send_text(client.waiting.popleft())
+            elif client.closing is not None:
+                code, reason = client.closing
+                await socket.close(code, reason[:120])
+                return
+            elif client.frames:
+                await socket.send_bytes(client.frames.popleft())
+            else:
+                client.has_more.clear()
+                await client.has_more.wait()
+
+
+async def _ticks(hub: Hub) -> None:
+    while True:
+        hub.tick()
+        await asyncio.sleep(TICK_S)

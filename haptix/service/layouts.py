@@ -1,0 +1,110 @@
+"""The layout of one session: its document, and the changes that the app sends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from haptix.errors import HaptixError, InputError
+from haptix.layout import Layout, Patch
+from haptix.materials import material_of
+from haptix.materials.material import in_folder
+
+MOST_REGIONS = 256
+
+
+class SessionLayout:
+    """Regions by their names.
+
+    Parameters
+    ----------
+    assets : Path
+        Folder of the files that apps have sent; documents read nothing else.
+    """
+
+    def __init__(self, assets: Path) -> None:
+        self._assets = assets
+        self.layout = Layout()
+        self.patches: dict[str, Patch] = {}
+        self.revision = 0
+
+    def set(self, document: Mapping[str, Any]) -> None:
+        """Replace all regions by those of a document, or change nothing.
+
+        Raises
+        ------
+        InputError
+            Naming the region, and what is wrong with it.
+        """
+        with self.layout.change():
+            patches = self.patches
+            self.patches = {}
+            try:
+                for patch in patches.values():
+                    patch.remove()
+                for number, region in enumerate(document["regions"]):
+                    self._do(f"/document/regions/{number}", {"op": "add", **region})
+            except BaseException:
+                self.patches = patches
+                raise
+        self.revision += 1
+
+    def change(self, ops: Iterable[Mapping[str, Any]]) -> None:
+        """Make all of the changes, or none.
+
+        Raises
+        ------
+        InputError
+            Naming the change, and what is wrong with it.
+        """
+        patches = dict(self.patches)
+        try:
+            with self.layout.change():
+                for number, op in enumerate(ops):
+                    self._do(f"/ops/{number}", op)
+        except BaseException:
+            self.patches = patches
+            raise
+        self.revision += 1
+
+    def _do(self, path: str, op: Mapping[str, Any]) -> None:
+        fields = dict(op)
+        kind, name = fields.pop("op"), fields.pop("name")
+        try:
+            if kind == "add":
+                self._add(name, fields)
+                return
+            if name not in self.patches:
+                raise InputError(f"expected the name of a region, got {name!r}")
+            patch = self.patches[name]
+            if kind == "move":
+                patch.move(**fields)
+            elif kind == "change":
+                patch.set(**self._read(fields))
+            else:
+                patch.remove()
+                del self.patches[name]
+        except HaptixError as error:
+            raise RegionError(path, f"{name}: {error}") from None
+
+    def _add(self, name: str, fields: dict[str, Any]) -> None:
+        if name in self.patches:
+            raise InputError("expected a name that no region has; change or remove that one")
+        if len(self.patches) >= MOST_REGIONS:
+            raise InputError(f"expected at most {MOST_REGIONS} regions")
+        self.patches[name] = self.layout.add(**self._read(fields))
+
+    def _read(self, fields: dict[str, Any]) -> dict[str, Any]:
+        if "material" in fields:
+            with in_folder(self._assets, is_sealed=True):
+                fields["material"] = material_of(fields["material"])
+        return fields
+
+
+class RegionError(InputError):
+    """A region that cannot be; `path` points to it in the message."""
+
+    def __init__(self, path: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.path = path

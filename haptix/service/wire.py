@@ -1,0 +1,93 @@
+"""Frames between the service's processes: a length, a kind, and bytes.
+
+The engine's standard input and output carry them, on every system and in one order; the end of the
+file is the death of the other side.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from math import isnan, nan
+from typing import Any, BinaryIO, Literal, NamedTuple
+
+HEADER = struct.Struct("<IB")
+JSON, TOUCHES, TELEMETRY = 0, 1, 2
+MOST_BYTES = 64 * 2**20
+_TOUCH = struct.Struct("<dHHdddd")
+_KINDS: tuple[Literal["down", "move", "up"], ...] = ("down", "move", "up")
+
+
+class Report(NamedTuple):
+    """A touch by the service's clock, in millimetres."""
+
+    t_s: float
+    touch_id: int
+    kind: Literal["down", "move", "up"]
+    x_mm: float
+    y_mm: float
+    normal_force_n: float | None
+    contact_area_m2: float | None
+
+
+def frame(kind: int, data: bytes) -> bytes:
+    """Return a frame."""
+    return HEADER.pack(len(data), kind) + data
+
+
+def json_frame(value: dict[str, Any]) -> bytes:
+    """Return a frame of JSON."""
+    return frame(JSON, json.dumps(value, separators=(",", ":")).encode())
+
+
+def touch_frame(reports: list[Report]) -> bytes:
+    """Return a frame of touches."""
+    records = (
+        _TOUCH.pack(
+            report.t_s,
+            report.touch_id,
+            _KINDS.index(report.kind),
+            report.x_mm,
+            report.y_mm,
+            nan if report.normal_force_n is None else report.normal_force_n,
+            nan if report.contact_area_m2 is None else report.contact_area_m2,
+        )
+        for report in reports
+    )
+    return frame(TOUCHES, b"".join(records))
+
+
+def touches_of(data: bytes) -> list[Report]:
+    """Return the touches of a frame."""
+    return [
+        Report(
+            t_s,
+            touch_id,
+            _KINDS[kind],
+            x_mm,
+            y_mm,
+            None if isnan(force_n) else force_n,
+            None if isnan(area_m2) else area_m2,
+        )
+        for t_s, touch_id, kind, x_mm, y_mm, force_n, area_m2 in _TOUCH.iter_unpack(data)
+    ]
+
+
+def read_frame(stream: BinaryIO) -> tuple[int, bytes] | None:
+    """Return the next frame's kind and bytes; None at the end of the stream."""
+    head = _exactly(stream, HEADER.size)
+    if head is None:
+        return None
+    length, kind = HEADER.unpack(head)
+    data = _exactly(stream, length) if length <= MOST_BYTES else None
+    return None if data is None else (kind, data)
+
+
+def _exactly(stream: BinaryIO, count: int) -> bytes | None:
+    parts = bytearray()
+    while len(parts) < count:
+        part = stream.read(count - len(parts))
+        if not part:
+            return None
+        parts += part
+    return bytes(parts)

@@ -1,0 +1,72 @@
+"""A real front on a real socket, with an engine that writes down what it is told."""
+
+import asyncio
+import threading
+import time
+
+import uvicorn
+
+from haptix.service.access import Access
+from haptix.service.assets import AssetStore
+from haptix.service.front import application
+from haptix.service.hub import Hub
+from haptix.service.messages import Device, Inventory, Problem
+
+
+class WrittenEngine:
+    """Writes down what it is told, and when."""
+
+    def __init__(self):
+        self.told, self.reports = [], []
+        self.refuses = {}
+        self.arming_s = 0.0
+
+    async def ask(self, do, **fields):
+        if do == "arm":
+            await asyncio.sleep(self.arming_s)
+        self.told.append((do, fields, time.monotonic()))
+        if do in self.refuses:
+            raise Problem("device", self.refuses[do])
+        return {"revision": 1, "sample": None, "effect_id": 1}
+
+    def tell(self, do, **fields):
+        if do != "tick":
+            self.told.append((do, fields, time.monotonic()))
+
+    def touch(self, reports):
+        self.reports += reports
+
+    def when(self, do):
+        """Times at which it was told to do something."""
+        return [at_s for name, _, at_s in self.told if name == do]
+
+
+class Service:
+    """Serves until it is closed."""
+
+    def __init__(self, folder):
+        self.engine = WrittenEngine()
+        config = uvicorn.Config(
+            lambda: self.app,
+            factory=True,
+            port=0,
+            log_level="error",
+            ws="websockets-sansio",
+            ws_max_size=65536,
+        )
+        self.server = uvicorn.Server(config)
+        sockets = [config.bind_socket()]
+        self.port = sockets[0].getsockname()[1]
+        self.access = Access(self.port, folder)
+        device = Device(address="usb:serial=SECRET7", name="SECRET7", is_real=True)
+        inventory = Inventory(devices=(device,), finger="semi-wet", screen="3m-sct3250", kinds=())
+        self.hub = Hub(self.access, self.engine, inventory, "mock:")
+        self.app = application(self.hub, AssetStore(folder / "assets"))
+        self.thread = threading.Thread(target=self.server.run, args=(sockets,))
+        self.thread.start()
+        while not self.server.started:
+            time.sleep(0.01)
+
+    def close(self):
+        self.server.should_exit = True
+        self.thread.join()

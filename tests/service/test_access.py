@@ -1,0 +1,103 @@
+"""Tokens, codes, hosts and origins."""
+
+import json
+
+import pytest
+
+from haptix.service.access import CODE_S, Access
+from haptix.service.messages import Problem
+
+PAGE = "https://example.org"
+
+
+class Clock:
+    now_s = 100.0
+
+    def __call__(self):
+        return self.now_s
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def access(tmp_path, clock):
+    return Access(7421, tmp_path / "service", now_s=clock)
+
+
+@pytest.mark.parametrize(
+    "host", ["127.0.0.1:7421", "localhost:7421", "LOCALHOST:7421", "[::1]:7421"]
+)
+def test_own_names(access, host):
+    assert access.is_own_host(host)
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        *(
+            None,
+            "",
+            "localhost",
+            "127.0.0.1:80",
+            "evil.example:7421",
+            "localhost.evil.example:7421",
+        ),
+        *("127.0.0.1:7421.evil.example", "[::1]"),
+    ],
+)
+def test_rebound_names(access, host):
+    assert not access.is_own_host(host)
+
+
+def test_a_page_is_paired_by_the_code_and_remembered(access, clock, tmp_path):
+    assert not access.is_known_origin(PAGE)
+    token = access.pair(access.code().lower(), PAGE, "a page")
+    assert access.is_known_origin(PAGE) and access.lets_in(token, PAGE)
+    assert not access.lets_in(token, None) and not access.lets_in(token, "https://other.example")
+    again = Access(7421, tmp_path / "service", now_s=clock)
+    assert again.lets_in(token, PAGE)
+    again.forget(token)
+    assert not again.lets_in(token, PAGE)
+    kept = (tmp_path / "service" / "tokens.json").read_text()
+    assert token not in kept  # only its hash
+
+
+def test_a_code_is_good_once_and_for_five_minutes(access, clock):
+    code = access.code()
+    access.pair(code, PAGE, "a page")
+    with pytest.raises(Problem):
+        access.pair(code, PAGE, "again")
+    code = access.code()
+    clock.now_s += CODE_S + 1
+    with pytest.raises(Problem):
+        access.pair(code, PAGE, "late")
+
+
+def test_codes_cannot_be_tried_out(access, clock):
+    for _ in range(5):
+        with pytest.raises(Problem, match="not the code"):
+            access.pair("AAAAAAAA", PAGE, "a guess")
+    with pytest.raises(Problem, match="tries a minute"):
+        access.pair(access.code(), PAGE, "a guess")
+    clock.now_s += 61
+    assert access.pair(access.code(), PAGE, "a page")
+
+
+@pytest.mark.parametrize("origin", [None, "", "null"])
+def test_only_pages_pair(access, origin):
+    with pytest.raises(Problem, match="page"):
+        access.pair(access.code(), origin, "no page")
+
+
+def test_a_program_reads_its_token_where_no_other_user_can(access, tmp_path):
+    path = tmp_path / "service" / "service.json"
+    assert path.stat().st_mode & 0o077 == 0
+    token = json.loads(path.read_text())["token"]
+    assert access.lets_in(token, None)
+    assert not access.lets_in(token, PAGE)  # a page that got hold of it is no program
+    assert not access.lets_in("", None)
+    access.close()
+    assert not path.exists() and not access.lets_in(token, None)

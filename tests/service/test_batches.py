@@ -1,0 +1,87 @@
+"""Bytes of touches and telemetry, against records packed by hand."""
+
+import struct
+from math import inf, nan
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptix.service.batches import Frame, read_frame, read_touches, write_frame, write_touches
+from haptix.service.messages import Problem, Touch
+
+TOUCHES = st.builds(
+    Touch,
+    t_s=st.floats(-1e6, 1e6),
+    touch_id=st.integers(0, 255),
+    kind=st.sampled_from(["down", "move", "up"]),
+    x_mm=st.floats(-1e4, 1e4, width=32),
+    y_mm=st.floats(-1e4, 1e4, width=32),
+    normal_force_n=st.none() | st.floats(0.0009765625, 64, width=32),
+)
+
+
+def test_the_bytes_of_the_page():
+    data = struct.pack("<BBHId", 1, 1, 1, 7, 12.5)
+    data += struct.pack("<iBBHffff", -250, 3, 1 | 4 | 8, 0, 100.0, 50.0, 0.5, nan)
+    number, (touch,) = read_touches(data)
+    assert number == 7
+    assert touch == Touch(
+        t_s=12.49975, touch_id=3, kind="move", x_px=100.0, y_px=50.0, normal_force_n=0.5
+    )
+
+
+@given(st.lists(TOUCHES, min_size=1, max_size=5))
+def test_there_and_back(touches):
+    # All within the 35 minutes that a record's time spans.
+    touches = [
+        touch.model_copy(update={"t_s": touches[0].t_s + i}) for i, touch in enumerate(touches)
+    ]
+    back = read_touches(write_touches(touches, 3)).touches
+    for sent, got in zip(touches, back, strict=True):
+        assert got.t_s == pytest.approx(sent.t_s, abs=1e-6)  # a record counts microseconds
+        assert got.model_copy(update={"t_s": sent.t_s}) == sent
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused(data):
+    try:
+        read_touches(data)
+    except Problem as problem:
+        assert problem.code in ("message", "limit", "clock")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"flags": 3},
+        {"flags": 64},
+        {"zero": 1},
+        {"x": nan},
+        {"y": inf},
+        {"flags": 9, "force_n": -1.0},
+        {"flags": 9, "force_n": nan},
+        {"flags": 17, "area_m2": 1.0},
+    ],
+)
+def test_a_bad_record_is_named(change):
+    good = {"after": 0, "id": 0, "flags": 1, "zero": 0, "x": 1.0, "y": 1.0}
+    good |= {"force_n": 1.0, "area_m2": 1e-4}
+    head = struct.pack("<BBHId", 1, 1, 2, 1, 0.0)
+    records = [struct.pack("<iBBHffff", *(good | part).values()) for part in ({}, change)]
+    assert len(read_touches(head + records[0] * 2).touches) == 2
+    with pytest.raises(Problem) as caught:
+        read_touches(head + b"".join(records))
+    assert caught.value.path == "/touches/1"
+
+
+def test_telemetry_there_and_back():
+    rows = np.array([[1.0, nan], [3.0, 4.0], [5.0, 6.0]], dtype=np.float32)
+    sent = Frame("felt", 2, 9, 4, 1.5, 0.001, rows)
+    got = read_frame(write_frame(sent))
+    assert got[:6] == sent[:6]
+    np.testing.assert_array_equal(got.rows, rows)
+    assert len(write_frame(sent)) == 32 + rows.nbytes
+    with pytest.raises(Problem):
+        read_frame(write_frame(sent)[:-1])

@@ -1,0 +1,67 @@
+"""A client's clock is followed within half its round trips, through drift and jumps."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptix.service.clocks import ClientClock
+from haptix.service.messages import Problem
+
+
+def exchanges(clock, offset_s, drift, times, rng, start=1000.0):
+    for t_s in times:
+        out, back = rng.exponential(0.002, 2) + 1e-4
+        client_s = t_s + out + offset_s + drift * (t_s + out - start)
+        clock.add(t_s, t_s + out + back, client_s)
+
+
+@settings(max_examples=30)
+@given(
+    st.floats(-1e9, 1e9),
+    st.floats(-150e-6, 150e-6),
+    st.integers(0, 1000),
+)
+def test_offset_and_drift_are_found(offset_s, drift, seed):
+    clock, rng = ClientClock(), np.random.default_rng(seed)
+    exchanges(clock, offset_s, drift, 1000.0 + np.arange(100) * 0.5, rng)
+    true = 1049.5 + offset_s + drift * 49.5
+    # The quickest quarter of the exchanges is off by less than 1 ms each; 1e9 s costs 1e-7 s.
+    assert clock.client_s(1049.5) == pytest.approx(true, abs=1e-3, rel=0)
+    assert clock.service_s(true) == pytest.approx(1049.5, abs=1e-3, rel=0)
+
+
+def test_a_jump_is_followed_after_three_answers():
+    clock, rng = ClientClock(), np.random.default_rng(0)
+    exchanges(clock, 5.0, 0.0, 1000.0 + np.arange(20) * 0.1, rng)
+    for n in range(3):
+        assert clock.jumps == 0
+        jumped = clock.add(1010.0 + n, 1010.001 + n, 1010.0005 + n + 65.0)
+        assert jumped == (n == 2)
+    assert clock.jumps == 1
+    assert clock.client_s(1012.0) == pytest.approx(1077.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("stamp_s", "is_good"),
+    [
+        (2000.0, True),
+        (1999.6, True),
+        (2000.004, True),
+        (1999.4, False),
+        (2000.02, False),
+        (2e6, False),
+    ],
+)
+def test_stamps_of_no_clock_are_refused(stamp_s, is_good):
+    clock = ClientClock()
+    with pytest.raises(Problem, match="not compared"):
+        clock.stamp(2000.0, 2000.0, "")
+    for _ in range(8):
+        clock.add(1990.0, 1990.002, 1990.001)
+    if is_good:
+        assert clock.stamp(stamp_s, 2000.0, "") == pytest.approx(stamp_s, abs=1e-3)
+    else:
+        with pytest.raises(Problem, match="same clock") as caught:
+            clock.stamp(stamp_s, 2000.0, "/touches/0/t_s")
+        assert (caught.value.code, caught.value.path) == ("clock", "/touches/0/t_s")

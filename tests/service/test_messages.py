@@ -1,0 +1,110 @@
+"""Every message is read or refused by name; nothing else comes out."""
+
+import json
+import string
+from math import inf, nan
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptix.service import messages as m
+from haptix.service.messages import Problem
+
+SCALARS = st.sampled_from([None, True, -1, 0, 7, 2**60, 1.5, nan, inf, "", "1", "up", [], {}])
+JSON_VALUES = SCALARS | st.lists(
+    st.dictionaries(
+        st.sampled_from(["t_s", "x_mm", "kind", "op", "region", "fields", "volts"]),
+        SCALARS,
+        max_size=4,
+    ),
+    max_size=2,
+)
+TYPES = [
+    *("hello", "acquire", "release", "arm", "disarm", "stop", "inventory", "bye", "geometry"),
+    *("touch", "layout_set", "layout_change", "play", "cancel", "intensity", "mute", "pause"),
+    *("subscribe", "pong"),
+]
+
+
+@given(
+    st.sampled_from(TYPES),
+    st.dictionaries(
+        st.sampled_from(
+            ["id", "touches", "value", "on", "n", "clock_s", "ops", "document", "effect"]
+        ),
+        JSON_VALUES,
+    ),
+)
+def test_any_object_is_read_or_refused(kind, fields):
+    text = json.dumps({"type": kind, **fields})
+    try:
+        message = m.read_client(text)
+    except Problem as problem:
+        assert problem.code in ("message", "limit") and str(problem)
+        assert problem.path == "" or problem.path.startswith("/")
+    else:
+        # What was read says the same when written: no field was dropped or turned into another.
+        assert m.read_client(message.model_dump_json()) == message
+
+
+@given(st.text(alphabet=string.printable, max_size=60))
+def test_any_text_is_refused(text):
+    with pytest.raises(Problem):
+        m.read_client(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "words"),
+    [
+        ('{"type": "arm", "id": 1, "voltage_v": 200}', "/voltage_v", "unknown key"),
+        ('{"type": "intensity", "id": 1, "value": 1.5}', "/value", "less than or equal to 1"),
+        ('{"type": "intensity", "id": 1, "value": NaN}', "/value", "value"),
+        ('{"type": "touch", "touches": [{"t_s": "now"}]}', "/touches/0/t_s", '"now"'),
+        ('{"type": "arm", "id": "1"}', "/id", "valid integer"),
+        ('{"type": "arm", "id": 0}', "/id", "greater than"),
+        ('{"type": "arm"}', "/id", "required"),
+        ('{"type": "fly", "id": 1}', "/type", "'hello'"),
+        ('{"id": 1}', "/type", "key type"),
+        ('["arm"]', "/type", "an object"),
+        ("{", "", "JSON"),
+    ],
+)
+def test_the_field_is_named(text, path, words):
+    with pytest.raises(Problem, match=words) as caught:
+        m.read_client(text)
+    assert caught.value.path == path
+
+
+@pytest.mark.parametrize("text", ['{"a":' * 17 + "1" + "}" * 17, "[" * 60_000, " " * 70_000])
+def test_depth_and_length_are_bounded(text):
+    with pytest.raises(Problem) as caught:
+        m.read_client(text)
+    assert caught.value.code == "limit"
+
+
+def test_brackets_in_strings_do_not_nest():
+    text = json.dumps({"type": "hello", "id": 1, "protocol": "1.0", "client": '"[{' * 20})
+    assert m.read_client(text).client == '"[{' * 20
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"id": true}', '{"id": -3}', '{"id": 1e3}'])
+def test_a_broken_message_has_the_id_zero(text):
+    assert m.id_of(text) == 0
+
+
+@settings(max_examples=20)
+@given(st.integers(1, 2**53))
+def test_a_refused_message_keeps_its_id(number):
+    assert m.id_of(json.dumps({"type": "fly", "id": number})) == number
+
+
+def test_no_message_speaks_of_volts():
+    """No volts over the network: neither asked nor told."""
+    names = {
+        name
+        for part in m.schema()["$defs"].values()
+        for name in part.get("properties", {})
+        if name.endswith("_v") or "volt" in name
+    }
+    assert names == set()

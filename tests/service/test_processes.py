@@ -1,0 +1,254 @@
+"""The whole service: every process is killed and hung, and the driver's record says when 0 V was.
+
+The driver is a mock at real pace, served to the engine over TCP by this process, so it lives on
+whatever dies. Times are the driver's own: samples between the fault and the last one above 0 V.
+"""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import haptix.client
+from firmware_io import MockDriver
+from firmware_io.serve import DriverServer
+from haptix.errors import DeviceError
+
+pytestmark = pytest.mark.slow  # each starts the whole service
+
+LAYOUT = {
+    "regions": [
+        {
+            "name": "ribs",
+            "material": {"kind": "grating", "period_mm": 2.0, "low": 0.6, "high": 0.9},
+            "x_mm": 0.0,
+            "y_mm": 0.0,
+            "width_mm": 100.0,
+            "height_mm": 60.0,
+        }
+    ]
+}
+#: What this machine adds to a deadline of the service when its two cores are busy with other tests.
+BUSY_S = 0.25
+
+
+class Running:
+    """A service in processes of its own, and the driver that it plays to."""
+
+    def __init__(self, folder):
+        self.driver = MockDriver(pace="real", kept_s=600.0)
+        self.server = DriverServer(self.driver)
+        threading.Thread(target=self.server.serve, daemon=True).start()
+        self.environment = os.environ | {"HAPTIX_SERVICE": str(folder)}
+        self.process = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "haptix.cli", "serve", "--port", "0"),
+                *("--device", self.server.address),
+            ],
+            stdout=subprocess.PIPE,
+            text=True,
+            env=self.environment,
+        )
+        first = self.process.stdout.readline()
+        assert "haptix serves" in first, first
+        self.lines = [first, *(self.process.stdout.readline() for _ in range(2))]
+        self.port = int(re.search(r":(\d+)$", first)[1])
+
+    @property
+    def engine(self):
+        """Process number of the engine; 0 while there is none."""
+        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children")
+        return next(map(int, children.read_text().split()), 0)
+
+    def connect(self, name="test", **fields):
+        os.environ["HAPTIX_SERVICE"] = self.environment["HAPTIX_SERVICE"]
+        return haptix.client.connect(name, **fields)
+
+    def volts_end_s(self, began_s):
+        """Time from `began_s`, of `monotonic`, to the last output above 0 V."""
+        time.sleep(1.0)
+        volts, now_s = self.driver.output_v, time.monotonic()
+        live = np.flatnonzero(volts)
+        assert len(live), "nothing was played at all"
+        silent_s = (len(volts) - 1 - live[-1]) / 48_000
+        return now_s - silent_s - began_s
+
+    def is_live(self):
+        """Whether there was voltage in the last 50 ms."""
+        return bool(np.any(self.driver.output_v[-2400:]))
+
+    def close(self):
+        self.process.send_signal(signal.SIGINT)
+        self.process.wait(20)
+        self.server.stop()
+
+
+@pytest.fixture
+def running(tmp_path):
+    service = Running(tmp_path / "service")
+    yield service
+    service.close()
+
+
+class Sliding:
+    """A finger that slides to and fro in a thread, until it is told to stop."""
+
+    def __init__(self, client):
+        self.client, self.ends = client, threading.Event()
+        self.thread = threading.Thread(target=self.run, daemon=True)
+        self.thread.start()
+
+    def run(self):
+        began_s = time.monotonic()
+        try:
+            while not self.ends.wait(0.008):
+                turn = (time.monotonic() - began_s) * 2.0
+                place = 50.0 + 30.0 * np.sin(turn)
+                self.client.touch(float(place), 30.0, 0.5)
+        except DeviceError:
+            pass  # the service is gone, as the test wanted
+
+    def stop(self):
+        self.ends.set()
+        self.thread.join()
+
+
+def wait_until(condition, seconds=10.0):
+    end_s = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end_s, "it did not happen"
+        time.sleep(0.01)
+
+
+def felt(service, client):
+    """Arm and slide until there is voltage."""
+    client.layout_set(LAYOUT)
+    client.acquire()
+    client.arm()
+    sliding = Sliding(client)
+    wait_until(service.is_live)
+    return sliding
+
+
+def test_a_finger_feels_and_every_end_is_at_0_v(running):
+    with running.connect() as client:
+        sliding = felt(running, client)
+        peak = float(np.abs(running.driver.output_v).max())
+        assert 20.0 < peak <= 200.0
+        assert client.disarm().state == "off"
+        wait_until(lambda: not running.is_live())
+        client.arm()
+        wait_until(running.is_live)
+        began_s = time.monotonic()
+        client.stop()
+        assert running.volts_end_s(began_s) < 0.05 + BUSY_S
+        sliding.stop()
+        assert running.driver.faults == 0
+
+
+def test_what_a_finger_does_is_told_and_what_an_app_sets_is_obeyed(running):
+    events = []
+    with running.connect() as client:
+        for kind in ("contact", "effect_ended", "output"):
+            client.on(kind, events.append)
+        sliding = felt(running, client)
+        entered = next(event for event in events if event.type == "contact")
+        assert (entered.event, entered.region, entered.touch_id) == ("enter", "ribs", 0)
+        assert abs(client.now_s() - entered.t_s) < 60.0  # by the client's own clock
+        assert client.ask("mute", on=True).muted
+        time.sleep(0.3)
+        assert not running.is_live()
+        assert not client.ask("mute", on=False).muted
+        wait_until(running.is_live)
+        assert client.intensity(0.0).intensity == 0.0
+        time.sleep(0.3)
+        assert not running.is_live()
+        assert client.ask("pause", on=True).paused
+        assert not client.ask("pause", on=False).paused
+        client.intensity(1.0)
+        wait_until(running.is_live)
+        curve = {"kind": "sine", "frequency_hz": 100.0, "length_s": 0.05, "amplitude": 0.4}
+        effect = client.ask("play", effect={"kind": "transient", "curve": curve}).effect_id
+        wait_until(lambda: any(event.type == "effect_ended" for event in events))
+        ended = next(event for event in events if event.type == "effect_ended")
+        assert (ended.effect_id, ended.how) == (effect, "played")
+        client.layout_change({"op": "remove", "name": "ribs"})
+        time.sleep(0.3)
+        assert not running.is_live()
+        sliding.stop()
+
+
+CLIENT = """
+    import sys, time
+    from math import sin
+    import haptix.client
+    with haptix.client.connect("to be killed") as h:
+        h.layout_set({layout})
+        h.acquire()
+        h.arm()
+        print("armed", flush=True)
+        while True:
+            h.touch(50 + 30 * sin(2 * time.monotonic()), 30.0, 0.5)
+            time.sleep(0.008)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_client_is_killed_or_hangs(running, how):
+    script = textwrap.dedent(CLIENT).format(layout=LAYOUT)
+    client = subprocess.Popen(
+        [sys.executable, "-c", script], env=running.environment, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert client.stdout.readline() == "armed\n"
+        wait_until(running.is_live)
+        began_s = time.monotonic()
+        client.send_signal(how)
+        # A closed socket: 50 ms. Silence: two pings, 0.4 s without an answer, and 50 ms.
+        limit_s = 0.05 if how == signal.SIGKILL else 0.2 + 0.4 + 0.05
+        assert running.volts_end_s(began_s) < limit_s + BUSY_S
+    finally:
+        client.kill()
+        client.wait()
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_engine_is_killed_or_hangs(running, how):
+    with running.connect() as client:
+        sliding = felt(running, client)
+        engine = running.engine
+        began_s = time.monotonic()
+        os.kill(engine, how)
+        # The driver's watchdog is 250 ms at most.
+        assert running.volts_end_s(began_s) < 0.25 + 0.05 + BUSY_S
+        if how == signal.SIGKILL:
+            wait_until(lambda: running.engine not in (0, engine), 20.0)
+            wait_until(lambda: client.ask("inventory").devices, 20.0)
+        else:
+            os.kill(engine, signal.SIGCONT)
+        sliding.stop()
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_front_is_killed_or_hangs(running, how):
+    with running.connect() as client:
+        sliding = felt(running, client)
+        engine = running.engine
+        began_s = time.monotonic()
+        os.kill(running.process.pid, how)
+        # Its input ends, or no tick comes for 100 ms.
+        limit_s = 0.05 if how == signal.SIGKILL else 0.1 + 0.02 + 0.05
+        assert running.volts_end_s(began_s) < limit_s + BUSY_S
+        if how == signal.SIGKILL:
+            wait_until(lambda: not Path(f"/proc/{engine}").exists(), 20.0)
+        else:
+            os.kill(running.process.pid, signal.SIGCONT)
+        sliding.stop()

@@ -1,0 +1,348 @@
+"""Sessions over real sockets, with an engine that writes down what it is told."""
+
+import hashlib
+import json
+import threading
+import time
+from contextlib import suppress
+
+import httpx
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
+
+from haptix.service.batches import write_touches
+from haptix.service.front import SUBPROTOCOL
+from haptix.service.messages import Touch
+from tests.service.service_under_test import Service
+
+PAGE = "https://example.org"
+SPOKEN = Subprotocol(SUBPROTOCOL)
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory):
+    service = Service(tmp_path_factory.mktemp("service"))
+    yield service
+    service.close()
+
+
+@pytest.fixture
+def service(running):
+    yield running
+    deadline = time.monotonic() + 5
+    while running.hub.sessions and time.monotonic() < deadline:
+        time.sleep(0.01)
+    running.hub._kept = None
+    running.engine.__init__()
+
+
+class Client:
+    """A client that speaks JSON by hand."""
+
+    def __init__(self, service, answers=True, token=None, origin=None, **hello):
+        self.context = connect(
+            f"ws://127.0.0.1:{service.port}/v1/session",
+            subprotocols=[SPOKEN],
+            origin=origin,
+            proxy=None,
+            close_timeout=1,
+        )
+        self.socket = self.context.__enter__()
+        self.answers, self.number, self.heard = answers, 0, []
+        self.offset_s = 1000.0  # its clock is another
+        token = service.access.native if token is None else token
+        self.welcome = self.ask("hello", protocol="1.0", client="test", token=token, **hello)
+
+    def say(self, kind, **fields):
+        self.number += 1
+        self.socket.send(json.dumps({"type": kind, "id": self.number, **fields}))
+
+    def ask(self, kind, **fields):
+        self.say(kind, **fields)
+        return self.until(lambda message: message["id"] == self.number)
+
+    def until(self, wanted, seconds=3.0):
+        end_s = time.monotonic() + seconds
+        while True:
+            message = json.loads(self.socket.recv(timeout=max(end_s - time.monotonic(), 0)))
+            if message["type"] == "ping":
+                if self.answers:
+                    pong = {"type": "pong", "n": message["n"], "clock_s": self.now_s()}
+                    self.socket.send(json.dumps(pong))
+            else:
+                self.heard.append(message)
+                if wanted(message):
+                    return message
+
+    def now_s(self):
+        return time.monotonic() + self.offset_s
+
+    def holds(self):
+        assert self.ask("acquire")["type"] == "lease"
+        assert self.ask("arm")["state"] == "armed"
+        return self
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.socket.close()
+
+
+def wait_for(condition, seconds=3.0):
+    end_s = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end_s, "it did not happen"
+        time.sleep(0.002)
+
+
+def test_hello_and_welcome(service):
+    with Client(service) as client:
+        assert client.welcome["type"] == "welcome"
+        assert client.welcome["protocol"] == "1.0"
+        assert client.welcome["lease"] == {
+            "type": "lease",
+            "id": 0,
+            "holder": None,
+            "is_mine": False,
+            "reason": "free",
+        }
+        assert client.welcome["output"]["state"] == "off"
+
+
+def test_a_later_client_is_answered_in_our_version(service):
+    with Client(service, **{"resume": ""}) as client:
+        client.socket.close()
+    with connect(
+        f"ws://127.0.0.1:{service.port}/v1/session", subprotocols=[SPOKEN], proxy=None
+    ) as socket:
+        hello = {"type": "hello", "id": 1, "protocol": "1.7", "client": "new"}
+        socket.send(json.dumps(hello | {"token": service.access.native}))
+        assert json.loads(socket.recv())["protocol"] == "1.0"
+
+
+@pytest.mark.parametrize(
+    ("hello", "code", "path", "closes"),
+    [
+        ({"protocol": "2.0"}, "version", "/protocol", 4400),
+        ({"protocol": "1.0", "token": "guess"}, "access", "/token", 4403),
+    ],
+)
+def test_who_may_not_come_in_is_told_why(service, hello, code, path, closes):
+    with connect(
+        f"ws://127.0.0.1:{service.port}/v1/session", subprotocols=[SPOKEN], proxy=None
+    ) as socket:
+        socket.send(json.dumps({"type": "hello", "id": 1, "client": "x"} | hello))
+        error = json.loads(socket.recv())
+        assert (error["type"], error["id"], error["code"], error["path"]) == (
+            "error",
+            1,
+            code,
+            path,
+        )
+        with pytest.raises(ConnectionClosed) as closed:
+            socket.recv()
+        assert closed.value.rcvd.code == closes
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [{"origin": PAGE}, {"origin": "null"}, {"headers": {"Host": "rebound.example"}}],
+)
+def test_foreign_pages_and_names_get_no_socket(service, headers):
+    origin = headers.get("origin")
+    host = headers.get("headers", {}).get("Host", f"127.0.0.1:{service.port}")
+    answer = httpx.get(
+        f"http://127.0.0.1:{service.port}/v1/server",
+        headers={"Host": host} | ({"Origin": origin} if origin else {}),
+    )
+    assert answer.status_code == (403 if origin else 421)
+    assert "access-control-allow-origin" not in answer.headers
+    if origin:
+        with pytest.raises(InvalidStatus) as refused:
+            connect(
+                f"ws://127.0.0.1:{service.port}/v1/session",
+                subprotocols=[SPOKEN],
+                origin=origin,
+                proxy=None,
+            )
+        assert refused.value.response.status_code == 403
+
+
+def test_a_page_is_paired_and_comes_in(service):
+    base = f"http://127.0.0.1:{service.port}"
+    code = service.access.code()
+    answer = httpx.post(
+        f"{base}/v1/pair", json={"code": code, "name": "page"}, headers={"Origin": PAGE}
+    )
+    assert answer.headers["access-control-allow-origin"] == PAGE
+    token = answer.json()["token"]
+    with Client(service, token=token, origin=PAGE) as client:
+        assert client.welcome["type"] == "welcome"
+    headers = {"Origin": PAGE, "Authorization": f"Bearer {token}"}
+    assert httpx.get(f"{base}/v1/server", headers=headers).json()["name"] == "haptix"
+    assert httpx.get(f"{base}/v1/server").status_code == 403
+    assert httpx.delete(f"{base}/v1/pair", headers=headers).status_code == 204
+    assert httpx.get(f"{base}/v1/server", headers=headers).status_code == 403
+
+
+def test_nothing_before_hello_and_every_id_rises(service):
+    with connect(
+        f"ws://127.0.0.1:{service.port}/v1/session", subprotocols=[SPOKEN], proxy=None
+    ) as socket:
+        socket.send(json.dumps({"type": "stop", "id": 4}))
+        error = json.loads(socket.recv())
+        assert (error["code"], error["id"]) == ("order", 4)
+    with Client(service) as client:
+        client.number = 0
+        assert client.ask("inventory")["code"] == "order"
+
+
+def test_one_holds_the_output_and_a_takeover_is_told_to_both(service):
+    with Client(service).holds() as first, Client(service) as second:
+        refused = second.ask("acquire")
+        assert (refused["code"], refused["path"]) == ("lease", "/takeover")
+        assert second.ask("arm")["code"] == "lease"
+        service.engine.told.clear()
+        mine = second.ask("acquire", takeover=True)
+        assert mine["is_mine"]
+        assert service.engine.told[0][0] == "stop"  # 0 V before anything else
+        lost = first.until(lambda message: message["type"] == "lease" and not message["is_mine"])
+        assert lost["holder"] == mine["holder"]
+        assert first.ask("arm")["code"] == "lease"
+        assert service.hub.output.state == "off"  # the new holder is not armed
+
+
+def test_who_leaves_ends_at_0_v_and_resumes_disarmed(service):
+    client = Client(service).holds()
+    resume = client.welcome["resume"]
+    service.engine.told.clear()
+    client.socket.socket.close()  # as when its process is killed
+    closed_s = time.monotonic()
+    wait_for(lambda: service.engine.when("stop"))
+    # The device's part is tested with the engine; a busy machine needs a moment for its own.
+    assert service.engine.when("stop")[0] - closed_s < 2.0
+    with Client(service) as other:
+        assert other.ask("acquire")["code"] == "lease"  # it is kept for who lost it
+    with Client(service, resume=resume) as again:
+        assert again.welcome["lease"]["is_mine"]
+        assert again.welcome["output"]["state"] == "off"
+
+
+def test_a_silent_client_sleeps_and_a_pong_wakes_it(service):
+    with Client(service).holds() as client:
+        client.answers = False
+        wait_for(lambda: service.engine.when("sleep"))
+        assert service.hub.output.state == "asleep"
+        client.answers = True
+        client.until(lambda m: m["type"] == "output" and m["state"] == "armed")
+        assert service.engine.when("wake")
+
+
+def test_anyone_stops_and_what_waits_is_refused(service):
+    service.engine.arming_s = 0.3
+    with Client(service) as holder, Client(service) as observer:
+        holder.ask("acquire")
+        holder.say("arm")
+        holder.say("intensity", value=0.5)
+        waits = holder.number
+        time.sleep(0.1)
+        assert observer.ask("stop")["type"] == "done"
+        refused = holder.until(lambda m: m["id"] == waits)
+        assert refused["code"] == "order" and "stopped by session" in refused["sentence"]
+        assert service.hub.output.state == "off" or not service.engine.when("arm")
+        assert service.engine.when("stop")
+
+
+def test_the_button_needs_no_script(service):
+    with Client(service).holds() as client:
+        base = f"http://127.0.0.1:{service.port}"
+        far = httpx.post(f"{base}/stop", headers={"Sec-Fetch-Site": "cross-site"})
+        assert far.status_code == 403 and service.hub.output.state == "armed"
+        assert httpx.post(f"{base}/stop").status_code == 204
+        client.until(lambda m: m["type"] == "output" and m["state"] == "off")
+
+
+def test_touches_in_bytes_and_in_json_by_the_clients_clock(service):
+    with Client(service).holds() as client:
+        client.ask("geometry", px_per_mm=4.0, origin_mm=[10.0, 5.0], rotation_deg=90.0)
+        at_s = client.now_s()
+        client.socket.send(write_touches([Touch(t_s=at_s, x_px=40.0, y_px=0.0)], 1))
+        client.ask("touch", touches=[{"t_s": at_s, "x_mm": 1.5, "y_mm": 2.5, "kind": "up"}])
+        pixels, millimetres = service.engine.reports
+        assert pixels.t_s == pytest.approx(at_s - client.offset_s, abs=0.02)
+        assert (pixels.x_mm, pixels.y_mm) == pytest.approx((10.0, 15.0))
+        assert (millimetres.x_mm, millimetres.y_mm, millimetres.kind) == (1.5, 2.5, "up")
+        wrong = client.ask("touch", touches=[{"t_s": time.time() * 1e3, "x_mm": 1, "y_mm": 2}])
+        assert (wrong["code"], wrong["path"]) == ("clock", "/touches/0/t_s")
+        assert len(service.engine.reports) == 2
+        half = client.ask("touch", touches=[{"t_s": client.now_s(), "x_mm": 1}])
+        assert half["path"] == "/touches/0"
+
+
+def test_an_engine_that_refuses_leaves_the_session_as_it_was(service):
+    with Client(service) as client:
+        client.ask("acquire")
+        service.engine.refuses["arm"] = "no driver is there"
+        refused = client.ask("arm")
+        assert (refused["code"], refused["sentence"]) == ("device", "no driver is there")
+        assert service.hub.output.state == "off"
+        service.engine.refuses.clear()
+        assert client.ask("arm")["state"] == "armed"
+
+
+def test_a_flood_slows_its_sender_only(service):
+    with Client(service) as flooder, Client(service).holds() as other:
+        text = json.dumps({"type": "pong", "n": 10**9, "clock_s": 0})
+
+        def floods():
+            with suppress(ConnectionClosed):
+                for _ in range(400):
+                    flooder.socket.send(text)
+
+        service.engine.told.clear()
+        flood = threading.Thread(target=floods)
+        flood.start()
+        slowest = 0.0
+        for _ in range(10):
+            began_s = time.monotonic()
+            other.ask("inventory")
+            slowest = max(slowest, time.monotonic() - began_s)
+        # 400 messages take a second beyond the bucket's 200; the other waits for none of it.
+        assert slowest < 1.0
+        assert not service.engine.when("stop")
+        flooder.socket.socket.close()  # it reads no answers, so it would not hear the farewell
+        flood.join()
+
+
+def test_an_oversized_message_closes_its_own_session(service):
+    with Client(service) as client, Client(service) as other:
+        client.socket.send("x" * 70_000)
+        with pytest.raises(ConnectionClosed) as closed:
+            client.until(lambda message: False)
+        # The system drops the farewell where bytes of the message were not read.
+        assert closed.value.rcvd is None or closed.value.rcvd.code == 1009
+        assert other.ask("inventory")["type"] == "inventory"
+
+
+def test_a_file_is_kept_under_its_hash(service):
+    base = f"http://127.0.0.1:{service.port}/v1/assets"
+    content = b"a photograph"
+    digest = hashlib.sha256(content).hexdigest()
+    headers = {"Authorization": f"Bearer {service.access.native}"}
+
+    def put(name=digest, body=content, suffix=".png", **changes):
+        return httpx.put(
+            f"{base}/{name}", params={"suffix": suffix}, content=body, headers=headers | changes
+        ).status_code
+
+    assert httpx.get(f"{base}/{digest}", headers=headers).status_code == 404
+    assert put(Authorization="") == 403
+    assert put(body=b"another") == put(suffix=".exe") == 422
+    assert put(name="../../etc/passwd") == put(name="0" * 63) == 404
+    assert put(body=b"x" * (32 * 2**20 + 1)) == 429
+    assert [put(), put()] == [201, 200]
+    got = httpx.get(f"{base}/{digest}", headers=headers)
+    assert got.content == content and got.headers["x-content-type-options"] == "nosniff"
