@@ -33,7 +33,7 @@ from haptix.errors import DeviceError, HaptixError
 from haptix.files import read_json
 from haptix.service import messages as m
 from haptix.service.access import service_folder
-from haptix.service.batches import Frame, read_frame, write_touches
+from haptix.service.batches import TelemetryFrame, read_frame, write_touches
 
 _SUBPROTOCOL = Subprotocol("haptix.v1")
 _WAIT_S = 10.0
@@ -118,14 +118,14 @@ class AsyncClient:
         """Give the lease back; 0 V first."""
         await self.ask("release")
 
-    async def arm(self) -> m.Output:
+    async def arm(self) -> m.OutputMessage:
         """Let touches be felt."""
-        output: m.Output = await self.ask("arm")
+        output: m.OutputMessage = await self.ask("arm")
         return output
 
-    async def disarm(self) -> m.Output:
+    async def disarm(self) -> m.OutputMessage:
         """End at 0 V and keep the lease."""
-        output: m.Output = await self.ask("disarm")
+        output: m.OutputMessage = await self.ask("disarm")
         return output
 
     async def stop(self) -> None:
@@ -142,9 +142,9 @@ class AsyncClient:
         reply: m.LayoutReply = await self.ask("layout_change", ops=list(ops))
         return reply
 
-    async def intensity(self, value: float) -> m.Output:
+    async def intensity(self, value: float) -> m.OutputMessage:
         """Set the share of friction that is asked for, 0 to 1."""
-        output: m.Output = await self.ask("intensity", value=value)
+        output: m.OutputMessage = await self.ask("intensity", value=value)
         return output
 
     async def touch(
@@ -156,10 +156,10 @@ class AsyncClient:
         kind: TouchKind = "move",
         t_s: float | None = None,
     ) -> None:
-        """Report a touch, at `now_s` unless `t_s` says when."""
+        """TouchRecord a touch, at `now_s` unless `t_s` says when."""
         await self.touches(
             [
-                m.Touch(
+                m.TouchMessage(
                     t_s=self.now_s() if t_s is None else t_s,
                     touch_id=touch_id,
                     kind=kind,
@@ -170,8 +170,8 @@ class AsyncClient:
             ]
         )
 
-    async def touches(self, touches: list[m.Touch]) -> None:
-        """Report many touches in one batch of bytes."""
+    async def touches(self, touches: list[m.TouchMessage]) -> None:
+        """TouchRecord many touches in one batch of bytes."""
         self._batch += 1
         await self._send(write_touches(touches, self._batch))
 
@@ -208,7 +208,7 @@ class AsyncClient:
                     answer.set_exception(DeviceError(f"the service is gone: {self._ended}"))
 
     async def _take(self, message: Any) -> None:
-        if isinstance(message, m.Ping):
+        if isinstance(message, m.PingMessage):
             pong = {"type": "pong", "n": message.n, "clock_s": self.now_s()}
             await self._send(json.dumps(pong))
             return
@@ -220,7 +220,7 @@ class AsyncClient:
         else:
             answer.set_result(message)
 
-    def _tell(self, kind: str, event: m.Message | Frame) -> None:
+    def _tell(self, kind: str, event: m.Message | TelemetryFrame) -> None:
         for handler in self._handlers.get(kind, ()):
             handler(event)
 

@@ -53,7 +53,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from haptix.checks import Array
-from haptix.service.messages import MOST_TOUCHES, Problem, Stream, Touch
+from haptix.service.messages import MOST_TOUCHES, Problem, Stream, TouchMessage
 
 _HEADER = struct.Struct("<BBHId")
 _RECORD = struct.Struct("<iBBHffff")
@@ -83,7 +83,7 @@ class TouchBatch(NamedTuple):
     """Touches of one message, by the client's clock."""
 
     number: int
-    touches: tuple[Touch, ...]
+    touches: tuple[TouchMessage, ...]
 
 
 def read_touches(data: bytes) -> TouchBatch:
@@ -109,7 +109,7 @@ def read_touches(data: bytes) -> TouchBatch:
     return TouchBatch(number, tuple(_touches(data, base_s)))
 
 
-def _touches(data: bytes, base_s: float) -> list[Touch]:
+def _touches(data: bytes, base_s: float) -> list[TouchMessage]:
     found = []
     for index, record in enumerate(_RECORD.iter_unpack(data[_HEADER.size :])):
         after_us, touch_id, flags, zero, x, y, force_n, area_m2 = record
@@ -126,7 +126,7 @@ def _touches(data: bytes, base_s: float) -> list[Touch]:
         at = (None, None, x, y) if flags & _PIXELS else (x, y, None, None)
         # Every field was checked above, and validating twice is dear at ten fingers and 1 kHz.
         found.append(
-            Touch.model_construct(
+            TouchMessage.model_construct(
                 t_s=base_s + after_us * 1e-6,
                 touch_id=touch_id,
                 kind=_KINDS[flags & 3],
@@ -141,7 +141,7 @@ def _touches(data: bytes, base_s: float) -> list[Touch]:
     return found
 
 
-def write_touches(touches: tuple[Touch, ...] | list[Touch], number: int) -> bytes:
+def write_touches(touches: tuple[TouchMessage, ...] | list[TouchMessage], number: int) -> bytes:
     """Return a batch, as a client sends it. Times may lie 35 minutes around the first."""
     base_s = touches[0].t_s if touches else 0.0
     parts = [_HEADER.pack(1, 1, len(touches), number & 0xFFFFFFFF, base_s)]
@@ -159,7 +159,7 @@ def write_touches(touches: tuple[Touch, ...] | list[Touch], number: int) -> byte
     return b"".join(parts)
 
 
-class Frame(NamedTuple):
+class TelemetryFrame(NamedTuple):
     """Rows of one stream, for one finger."""
 
     stream: Stream
@@ -171,7 +171,7 @@ class Frame(NamedTuple):
     rows: Array
 
 
-def write_frame(frame: Frame) -> bytes:
+def write_frame(frame: TelemetryFrame) -> bytes:
     """Return a frame of telemetry."""
     rows = np.asarray(frame.rows, dtype="<f4")
     count, columns = rows.shape
@@ -190,7 +190,7 @@ def write_frame(frame: Frame) -> bytes:
     return head + rows.tobytes()
 
 
-def read_frame(data: bytes) -> Frame:
+def read_frame(data: bytes) -> TelemetryFrame:
     """Return a frame of telemetry, as a client reads it.
 
     Raises
@@ -204,4 +204,4 @@ def read_frame(data: bytes) -> Frame:
     if len(data) != _FRAME.size + 4 * columns * count:
         raise Problem("message", f"{count} rows of {columns} columns do not take {len(data)} bytes")
     rows = np.frombuffer(data, "<f4", offset=_FRAME.size).reshape(count, columns)
-    return Frame(STREAMS[stream - 1], touch_id, number, dropped, t0_s, step_s, rows)
+    return TelemetryFrame(STREAMS[stream - 1], touch_id, number, dropped, t0_s, step_s, rows)

@@ -33,7 +33,7 @@ TOLERANCE = "0.05 JND"
 _LOOK_S = 0.02
 
 
-class Engine:
+class EngineServer:
     """One device, one renderer, one layout.
 
     Parameters
@@ -349,7 +349,7 @@ def main() -> None:
     os.dup2(2, 1)
     # An interrupt of the terminal goes to all processes of its group; the front ends us in order.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    Engine(output).run(sys.stdin.buffer)
+    EngineServer(output).run(sys.stdin.buffer)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from starlette.websockets import WebSocketDisconnect
 from haptix.service import messages as m
 from haptix.service.access import Access
 from haptix.service.assets import AssetStore
-from haptix.service.hub import TICK_S, Hub, Session
+from haptix.service.hub import TICK_S, Hub, ServiceSession
 from haptix.service.messages import Problem
 from haptix.version import __version__
 
@@ -246,7 +246,7 @@ def application(
     return Guard(app, hub.access)
 
 
-async def _serve(hub: Hub, socket: WebSocket, client: Session) -> None:
+async def _serve(hub: Hub, socket: WebSocket, client: ServiceSession) -> None:
     """Serve one session until it closes, by whichever side."""
     tasks = [
         asyncio.create_task(part)
@@ -261,7 +261,7 @@ async def _serve(hub: Hub, socket: WebSocket, client: Session) -> None:
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def _reads(hub: Hub, socket: WebSocket, client: Session) -> None:
+async def _reads(hub: Hub, socket: WebSocket, client: ServiceSession) -> None:
     with contextlib.suppress(WebSocketDisconnect):
         while client.closing is None:
             message = await socket.receive()
@@ -274,7 +274,7 @@ async def _reads(hub: Hub, socket: WebSocket, client: Session) -> None:
         await asyncio.sleep(1.0)  # its writer says why, and closes
 
 
-async def _writes(socket: WebSocket, client: Session) -> None:
+async def _writes(socket: WebSocket, client: ServiceSession) -> None:
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         while True:
             if client.waiting:

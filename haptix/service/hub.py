@@ -20,7 +20,7 @@ from haptix.service.access import Access
 from haptix.service.batches import COLUMNS, read_touches
 from haptix.service.clocks import ClientClock
 from haptix.service.messages import Problem
-from haptix.service.wire import Report
+from haptix.service.wire import TouchRecord
 from haptix.version import __version__
 
 TICK_S = 0.02
@@ -41,7 +41,7 @@ class Engine(Protocol):
     def tell(self, do: str, **fields: Any) -> None:
         """Say something that has no answer."""
 
-    def touch(self, reports: list[Report]) -> None:
+    def touch(self, reports: list[TouchRecord]) -> None:
         """Pass touches on, by the service's clock."""
 
 
@@ -60,7 +60,7 @@ class Bucket:
         return max(-self._left / self._per_s, 0.0)
 
 
-class Session:
+class ServiceSession:
     """One client. What it is sent waits in `waiting` and `frames` for its writer."""
 
     def __init__(self, number: int, origin: str | None, now_s: Callable[[], float]) -> None:
@@ -153,12 +153,12 @@ class Hub:
         self.access, self.engine, self.inventory = access, engine, inventory
         self.material_schema: dict[str, Any] = {}
         self.now_s = now_s
-        self.sessions: dict[int, Session] = {}
+        self.sessions: dict[int, ServiceSession] = {}
         self.keep_alive = m.KeepAlive()
-        self.holder: Session | None = None
+        self.holder: ServiceSession | None = None
         self._kept: Kept | None = None
         self._next = 1
-        self.output = m.Output(
+        self.output = m.OutputMessage(
             state="off",
             device=device,
             intensity=1.0,
@@ -169,16 +169,16 @@ class Hub:
 
     # --- coming and going ------------------------------------------------------------------------
 
-    def open(self, origin: str | None) -> Session:
+    def open(self, origin: str | None) -> ServiceSession:
         """Let a client in, before its hello."""
         if len(self.sessions) >= _MOST_SESSIONS:
             raise Problem("limit", f"expected at most {_MOST_SESSIONS} sessions")
-        session = Session(self._next, origin, self.now_s)
+        session = ServiceSession(self._next, origin, self.now_s)
         self._next += 1
         self.sessions[session.number] = session
         return session
 
-    def gone(self, session: Session) -> None:
+    def gone(self, session: ServiceSession) -> None:
         """Take note that a socket is closed: 0 V at once if it held the output."""
         self.sessions.pop(session.number, None)
         session.close(1000, "")
@@ -219,7 +219,7 @@ class Hub:
 
     # --- messages --------------------------------------------------------------------------------
 
-    def receive(self, session: Session, data: str | bytes) -> float:
+    def receive(self, session: ServiceSession, data: str | bytes) -> float:
         """Take what a client sent; return how long not to read from it [s].
 
         Pongs, touches and stop are obeyed at once; the others wait for their turn in `work`.
@@ -249,19 +249,19 @@ class Hub:
             self._refuse(session, getattr(message, "id", None) or 0, problem)
         return wait_s
 
-    def _sort(self, session: Session, message: Any) -> float:
-        if not session.is_welcome and not isinstance(message, m.Hello):
+    def _sort(self, session: ServiceSession, message: Any) -> float:
+        if not session.is_welcome and not isinstance(message, m.HelloMessage):
             raise Problem("order", "expected hello first", "/type")
         if isinstance(message, m.Pong):
             self._pong(session, message)
             return 0.0
-        if isinstance(message, m.Touches) and message.id is None:
+        if isinstance(message, m.TouchesMessage) and message.id is None:
             self._touch(session, message.touches)
             return session.touches.wait_s(len(message.touches))
         if message.id <= session.last_id:
             raise Problem("order", f"id: expected more than {session.last_id}", "/id")
         session.last_id = message.id
-        if isinstance(message, m.Hello):
+        if isinstance(message, m.HelloMessage):
             self._hello(session, message)
         elif isinstance(message, m.Plain) and message.type == "stop":
             self._stop(session, message.id)
@@ -270,7 +270,7 @@ class Hub:
             session.has_asked.set()
         return 0.0
 
-    async def work(self, session: Session) -> None:
+    async def work(self, session: ServiceSession) -> None:
         """Answer a session's messages in their order, until it closes."""
         while session.closing is None:
             if not session.asked:
@@ -283,7 +283,7 @@ class Hub:
             except Problem as problem:
                 self._refuse(session, message.id, problem)
 
-    async def _answer(self, session: Session, message: Any) -> m.Message:
+    async def _answer(self, session: ServiceSession, message: Any) -> m.Message:
         number: int = message.id
         if isinstance(message, m.Acquire):
             self._acquire(session, message)
@@ -309,11 +309,13 @@ class Hub:
             return m.LayoutReply(id=number, revision=found["revision"], sample=found.get("sample"))
         if self.holder is not session:
             raise Problem("lease", f"{message.type}: expected the lease; send acquire first")
-        if isinstance(message, m.Touches):
+        if isinstance(message, m.TouchesMessage):
             self._touch(session, message.touches)
         elif isinstance(message, m.Play):
             fields = message.model_dump(exclude={"type", "id"})
-            return m.Playing(id=number, effect_id=(await self._ask("play", **fields))["effect_id"])
+            return m.PlayingMessage(
+                id=number, effect_id=(await self._ask("play", **fields))["effect_id"]
+            )
         elif isinstance(message, m.Cancel):
             await self._ask("cancel", effect_id=message.effect_id)
         elif isinstance(message, m.Intensity):
@@ -351,7 +353,7 @@ class Hub:
             self._set_output(state=event["state"], reason=event["reason"])
         elif kind == "contact" and self.holder is not None:
             t_s = self.holder.clock.client_s(event.pop("t_s"))
-            self.holder.send(m.Contact(event=event.pop("what"), t_s=t_s, **event))
+            self.holder.send(m.ContactMessage(event=event.pop("what"), t_s=t_s, **event))
         elif kind == "effect_ended" and self.holder is not None:
             self.holder.send(m.EffectEnded(**event))
         elif kind == "warning":
@@ -366,7 +368,7 @@ class Hub:
 
     # --- parts -----------------------------------------------------------------------------------
 
-    def _hello(self, session: Session, message: m.Hello) -> None:
+    def _hello(self, session: ServiceSession, message: m.HelloMessage) -> None:
         major, minor = (int(part) for part in message.protocol.split("."))
         if session.is_welcome:
             raise Problem("order", "hello was said already", "/type")
@@ -414,7 +416,7 @@ class Hub:
         for _ in range(_FIRST_PINGS):
             self._ping(session)
 
-    def _acquire(self, session: Session, message: m.Acquire) -> None:
+    def _acquire(self, session: ServiceSession, message: m.Acquire) -> None:
         if self.holder is session:
             return
         if self.holder is not None and not message.takeover:
@@ -439,12 +441,12 @@ class Hub:
         if kept is not None:
             self.engine.tell("forget", session=kept.session)
 
-    def _take_lease(self, session: Session | None, reason: str) -> None:
+    def _take_lease(self, session: ServiceSession | None, reason: str) -> None:
         self.holder = session
         for each in self._welcome():
             each.send(self._lease_of(each, reason))
 
-    def _lease_of(self, session: Session, reason: str, number: int = 0) -> m.Lease:
+    def _lease_of(self, session: ServiceSession, reason: str, number: int = 0) -> m.Lease:
         holder = self.holder
         return m.Lease(
             id=number,
@@ -458,7 +460,7 @@ class Hub:
         if self.output.state != "off":
             self._set_output(state="off", reason=reason)
 
-    def _stop(self, session: Session, number: int) -> None:
+    def _stop(self, session: ServiceSession, number: int) -> None:
         reason = f"stopped by session {session.number} ({session.name})"
         self.stop(reason)
         session.send(m.Done(id=number))
@@ -472,24 +474,24 @@ class Hub:
                 self._refuse(session, message.id, Problem("order", reason))
         self._set_output(state="off", reason=reason)
 
-    def _set_output(self, number: int = 0, **changes: Any) -> m.Output:
+    def _set_output(self, number: int = 0, **changes: Any) -> m.OutputMessage:
         self.output = self.output.model_copy(update=changes)
         for session in self._welcome():
             if not (number and session is self.holder):
                 session.send(self.output)
         return self.output.model_copy(update={"id": number})
 
-    def _touch(self, session: Session, touches: tuple[m.Touch, ...]) -> None:
+    def _touch(self, session: ServiceSession, touches: tuple[m.TouchMessage, ...]) -> None:
         if self.holder is not session:
             raise Problem("lease", "touch: expected the lease; send acquire first")
         now_s = self.now_s()
-        reports: list[Report] = []
+        reports: list[TouchRecord] = []
         for index, touch in enumerate(touches):
             path = f"/touches/{index}"
             t_s = session.clock.stamp(touch.t_s, now_s, f"{path}/t_s")
             x_mm, y_mm = self._place(session, touch, path)
             reports.append(
-                Report(
+                TouchRecord(
                     t_s,
                     touch.touch_id,
                     touch.kind,
@@ -503,7 +505,7 @@ class Hub:
             self.engine.touch(reports)
 
     @staticmethod
-    def _place(session: Session, touch: m.Touch, path: str) -> tuple[float, float]:
+    def _place(session: ServiceSession, touch: m.TouchMessage, path: str) -> tuple[float, float]:
         if touch.x_mm is not None and touch.y_mm is not None and touch.x_px is None:
             return touch.x_mm, touch.y_mm
         if touch.x_px is not None and touch.y_px is not None and touch.x_mm is None:
@@ -520,13 +522,13 @@ class Hub:
             return 0.0, 0.0
         raise Problem("message", "expected x_mm and y_mm, or x_px and y_px", path)
 
-    def _heard(self, session: Session) -> None:
+    def _heard(self, session: ServiceSession) -> None:
         session.unanswered_s = None
         if self.holder is session and self.output.state == "asleep":
             self.engine.tell("wake")
             self._set_output(state="armed", reason="its holder is heard again")
 
-    def _ping(self, session: Session) -> None:
+    def _ping(self, session: ServiceSession) -> None:
         now_s = self.now_s()
         session.pinged_s = now_s
         if session.unanswered_s is None:
@@ -534,10 +536,10 @@ class Hub:
         session.pings[session.next_ping] = now_s
         while len(session.pings) > _MOST_WAITING:
             session.pings.pop(next(iter(session.pings)))
-        session.send(m.Ping(n=session.next_ping, clock_s=now_s))
+        session.send(m.PingMessage(n=session.next_ping, clock_s=now_s))
         session.next_ping += 1
 
-    def _pong(self, session: Session, message: m.Pong) -> None:
+    def _pong(self, session: ServiceSession, message: m.Pong) -> None:
         sent_s = session.pings.pop(message.n, None)
         if sent_s is None:
             raise Problem("order", f"n: no ping {message.n} waits for an answer", "/n")
@@ -554,10 +556,10 @@ class Hub:
         self.engine.tell("streams", rates=rates)
 
     @staticmethod
-    def _refuse(session: Session, number: int, problem: Problem) -> None:
+    def _refuse(session: ServiceSession, number: int, problem: Problem) -> None:
         session.send(
             m.Error(id=number, code=problem.code, sentence=problem.sentence, path=problem.path)
         )
 
-    def _welcome(self) -> list[Session]:
+    def _welcome(self) -> list[ServiceSession]:
         return [session for session in self.sessions.values() if session.is_welcome]

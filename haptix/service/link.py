@@ -10,7 +10,15 @@ from typing import Any
 
 from haptix.service.batches import STREAMS
 from haptix.service.messages import Problem, Stream
-from haptix.service.wire import HEADER, JSON, MOST_BYTES, TELEMETRY, Report, json_frame, touch_frame
+from haptix.service.wire import (
+    HEADER,
+    JSON,
+    MOST_BYTES,
+    TELEMETRY,
+    TouchRecord,
+    json_frame,
+    touch_frame,
+)
 
 _FULL_BYTES = 256 * 1024  # waiting for an engine that does not read
 _FULL_S = 0.05
@@ -100,7 +108,7 @@ class EngineProcess:
         """Say something that has no answer."""
         self._write(json_frame({"do": do, **fields}))
 
-    def touch(self, reports: list[Report]) -> None:
+    def touch(self, reports: list[TouchRecord]) -> None:
         """Pass touches on."""
         self._write(touch_frame(reports))
 

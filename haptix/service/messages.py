@@ -8,6 +8,7 @@ Every field says since which version of the protocol it is there.
 from __future__ import annotations
 
 import json
+import re
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -69,7 +70,7 @@ class Problem(Exception):
 # --- from the client -----------------------------------------------------------------------------
 
 
-class Hello(Message):
+class HelloMessage(Message):
     """First message: who comes, in which version."""
 
     type: Literal["hello"]
@@ -105,7 +106,7 @@ class Geometry(Message):
     rotation_deg: Number = 0.0
 
 
-class Touch(Message):
+class TouchMessage(Message):
     """One report of one finger; its place is in millimetres or in pixels."""
 
     t_s: Number
@@ -119,12 +120,12 @@ class Touch(Message):
     contact_area_m2: Annotated[float, Field(gt=0, le=0.1, allow_inf_nan=False)] | None = None
 
 
-class Touches(Message):
+class TouchesMessage(Message):
     """Touches as JSON; many are better sent as a batch of bytes."""
 
     type: Literal["touch"]
     id: Id | None = None
-    touches: Annotated[tuple[Touch, ...], Field(max_length=MOST_TOUCHES)]
+    touches: Annotated[tuple[TouchMessage, ...], Field(max_length=MOST_TOUCHES)]
 
 
 class RegionFields(Message):
@@ -147,7 +148,7 @@ class RegionFields(Message):
     priority: Annotated[int, Field(ge=-1000, le=1000)] | None = None
 
 
-class Region(RegionFields):
+class RegionMessage(RegionFields):
     """A region: its name, its material's document, and where it lies."""
 
     name: Name
@@ -157,7 +158,7 @@ class Region(RegionFields):
 class LayoutDocument(Message):
     """All regions; beside them nothing is felt."""
 
-    regions: Annotated[tuple[Region, ...], Field(max_length=256)]
+    regions: Annotated[tuple[RegionMessage, ...], Field(max_length=256)]
 
 
 class LayoutSet(Message):
@@ -168,7 +169,7 @@ class LayoutSet(Message):
     document: LayoutDocument
 
 
-class AddRegion(Region):
+class AddRegion(RegionMessage):
     """Add a region."""
 
     op: Literal["add"]
@@ -263,11 +264,11 @@ class Pong(Message):
 
 
 ClientMessage = Annotated[
-    Hello
+    HelloMessage
     | Acquire
     | Plain
     | Geometry
-    | Touches
+    | TouchesMessage
     | LayoutSet
     | LayoutChange
     | Play
@@ -321,7 +322,7 @@ class Lease(Message):
     reason: str
 
 
-class Output(Message):
+class OutputMessage(Message):
     """What the output does. `voltage_share` is of the highest voltage; volts are not told."""
 
     type: Literal["output"] = "output"
@@ -334,7 +335,7 @@ class Output(Message):
     reason: str
 
 
-class Device(Message):
+class DeviceMessage(Message):
     """A driver: its address, what it is, and the profile that belongs to it."""
 
     address: str
@@ -347,7 +348,7 @@ class Inventory(Message):
 
     type: Literal["inventory"] = "inventory"
     id: int = 0
-    devices: tuple[Device, ...]
+    devices: tuple[DeviceMessage, ...]
     finger: str
     screen: str
     kinds: tuple[str, ...]
@@ -366,7 +367,7 @@ class Welcome(Message):
     keep_alive: KeepAlive = KeepAlive()
     clock_s: float
     inventory: Inventory
-    output: Output
+    output: OutputMessage
     lease: Lease
 
 
@@ -386,7 +387,7 @@ class LayoutReply(Message):
     sample: int | None
 
 
-class Playing(Message):
+class PlayingMessage(Message):
     """An effect has begun; `effect_ended` follows with the same number."""
 
     type: Literal["playing"] = "playing"
@@ -404,7 +405,7 @@ class EffectEnded(Message):
     sample: int
 
 
-class Contact(Message):
+class ContactMessage(Message):
     """A finger entered, left, pressed or released a region, or crossed a detent."""
 
     type: Literal["contact"] = "contact"
@@ -424,7 +425,7 @@ class Subscribed(Message):
     columns: dict[str, tuple[str, ...]]
 
 
-class Ping(Message):
+class PingMessage(Message):
     """Asks for a `pong` at once."""
 
     type: Literal["ping"] = "ping"
@@ -462,15 +463,15 @@ class Bye(Message):
 ServerMessage = Annotated[
     Welcome
     | Lease
-    | Output
+    | OutputMessage
     | Inventory
     | Done
     | LayoutReply
-    | Playing
+    | PlayingMessage
     | EffectEnded
-    | Contact
+    | ContactMessage
     | Subscribed
-    | Ping
+    | PingMessage
     | WarningMessage
     | Error
     | Bye,
@@ -518,17 +519,17 @@ def schema() -> dict[str, Any]:
 
     client = _CLIENT.json_schema(ref_template="#/$defs/{model}")
     server = _SERVER.json_schema(ref_template="#/$defs/{model}", mode="serialization")
-    extra = models_json_schema([(Touch, "validation")], ref_template="#/$defs/{model}")[1]
+    extra = models_json_schema([(TouchMessage, "validation")], ref_template="#/$defs/{model}")[1]
+    parts = client.pop("$defs") | server.pop("$defs") | extra["$defs"]
+    text = json.dumps({name: parts[name] for name in sorted(parts)})
+    # Clients call a HelloMessage a Hello; here the name is that of another class.
+    named = json.loads(re.sub(r'(?<=[A-Za-z])Message"', '"', text))
+    both = {"ClientMessage": client, "ServerMessage": server}
+    both = json.loads(re.sub(r'(?<=/)([A-Za-z]+)Message"', r'\1"', json.dumps(both)))
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"haptix session {PROTOCOL[0]}.{PROTOCOL[1]}",
-        "$defs": {
-            **client.pop("$defs"),
-            **server.pop("$defs"),
-            **extra["$defs"],
-            "ClientMessage": client,
-            "ServerMessage": server,
-        },
+        "$defs": named | both,
     }
 
 

@@ -142,7 +142,9 @@ def serve(
 def _inventory(device: str, found: dict[str, Any]) -> m.Inventory:
     return m.Inventory(
         devices=(
-            m.Device(address=device, name=found["device"], is_real=not device.startswith("mock:")),
+            m.DeviceMessage(
+                address=device, name=found["device"], is_real=not device.startswith("mock:")
+            ),
         ),
         finger=found["finger"],
         screen=found["screen"],

@@ -18,7 +18,7 @@ _TOUCH = struct.Struct("<dHHdddd")
 _KINDS: tuple[Literal["down", "move", "up"], ...] = ("down", "move", "up")
 
 
-class Report(NamedTuple):
+class TouchRecord(NamedTuple):
     """A touch by the service's clock, in millimetres."""
 
     t_s: float
@@ -40,7 +40,7 @@ def json_frame(value: dict[str, Any]) -> bytes:
     return frame(JSON, json.dumps(value, separators=(",", ":")).encode())
 
 
-def touch_frame(reports: list[Report]) -> bytes:
+def touch_frame(reports: list[TouchRecord]) -> bytes:
     """Return a frame of touches."""
     records = (
         _TOUCH.pack(
@@ -57,10 +57,10 @@ def touch_frame(reports: list[Report]) -> bytes:
     return frame(TOUCHES, b"".join(records))
 
 
-def touches_of(data: bytes) -> list[Report]:
+def touches_of(data: bytes) -> list[TouchRecord]:
     """Return the touches of a frame."""
     return [
-        Report(
+        TouchRecord(
             t_s,
             touch_id,
             _KINDS[kind],

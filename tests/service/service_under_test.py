@@ -10,7 +10,7 @@ from haptix.service.access import Access
 from haptix.service.assets import AssetStore
 from haptix.service.front import application
 from haptix.service.hub import Hub
-from haptix.service.messages import Device, Inventory, Problem
+from haptix.service.messages import DeviceMessage, Inventory, Problem
 
 
 class WrittenEngine:
@@ -58,7 +58,7 @@ class Service:
         sockets = [config.bind_socket()]
         self.port = sockets[0].getsockname()[1]
         self.access = Access(self.port, folder)
-        device = Device(address="usb:serial=SECRET7", name="SECRET7", is_real=True)
+        device = DeviceMessage(address="usb:serial=SECRET7", name="SECRET7", is_real=True)
         inventory = Inventory(devices=(device,), finger="semi-wet", screen="3m-sct3250", kinds=())
         self.hub = Hub(self.access, self.engine, inventory, "mock:")
         self.app = application(self.hub, AssetStore(folder / "assets"))

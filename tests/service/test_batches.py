@@ -8,11 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptix.service.batches import Frame, read_frame, read_touches, write_frame, write_touches
-from haptix.service.messages import Problem, Touch
+from haptix.service.batches import (
+    TelemetryFrame,
+    read_frame,
+    read_touches,
+    write_frame,
+    write_touches,
+)
+from haptix.service.messages import Problem, TouchMessage
 
 TOUCHES = st.builds(
-    Touch,
+    TouchMessage,
     t_s=st.floats(-1e6, 1e6),
     touch_id=st.integers(0, 255),
     kind=st.sampled_from(["down", "move", "up"]),
@@ -27,7 +33,7 @@ def test_the_bytes_of_the_page():
     data += struct.pack("<iBBHffff", -250, 3, 1 | 4 | 8, 0, 100.0, 50.0, 0.5, nan)
     number, (touch,) = read_touches(data)
     assert number == 7
-    assert touch == Touch(
+    assert touch == TouchMessage(
         t_s=12.49975, touch_id=3, kind="move", x_px=100.0, y_px=50.0, normal_force_n=0.5
     )
 
@@ -78,7 +84,7 @@ def test_a_bad_record_is_named(change):
 
 def test_telemetry_there_and_back():
     rows = np.array([[1.0, nan], [3.0, 4.0], [5.0, 6.0]], dtype=np.float32)
-    sent = Frame("felt", 2, 9, 4, 1.5, 0.001, rows)
+    sent = TelemetryFrame("felt", 2, 9, 4, 1.5, 0.001, rows)
     got = read_frame(write_frame(sent))
     assert got[:6] == sent[:6]
     np.testing.assert_array_equal(got.rows, rows)

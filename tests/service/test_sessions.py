@@ -14,7 +14,7 @@ from websockets.typing import Subprotocol
 
 from haptix.service.batches import write_touches
 from haptix.service.front import SUBPROTOCOL
-from haptix.service.messages import Touch
+from haptix.service.messages import TouchMessage
 from tests.service.service_under_test import Service
 
 PAGE = "https://example.org"
@@ -269,7 +269,7 @@ def test_touches_in_bytes_and_in_json_by_the_clients_clock(service):
     with Client(service).holds() as client:
         client.ask("geometry", px_per_mm=4.0, origin_mm=[10.0, 5.0], rotation_deg=90.0)
         at_s = client.now_s()
-        client.socket.send(write_touches([Touch(t_s=at_s, x_px=40.0, y_px=0.0)], 1))
+        client.socket.send(write_touches([TouchMessage(t_s=at_s, x_px=40.0, y_px=0.0)], 1))
         client.ask("touch", touches=[{"t_s": at_s, "x_mm": 1.5, "y_mm": 2.5, "kind": "up"}])
         pixels, millimetres = service.engine.reports
         assert pixels.t_s == pytest.approx(at_s - client.offset_s, abs=0.02)
