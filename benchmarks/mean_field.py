@@ -22,7 +22,7 @@ import numpy as np
 import torch
 
 from haptix.contact import THEORIES, AreaLaw, HalfSpace, MeanField, RoughnessSpectrum, Theory
-from haptix.electro import drive_strength
+from haptix.electro import VACUUM_PERMITTIVITY, drive_strength
 
 sys.path.insert(0, str(Path(__file__).parent))
 import few_spots
@@ -205,6 +205,10 @@ class Ending:
     """Attraction of the gaps over p0, by boundary elements, at each voltage."""
     area: tuple[float, ...]
     gap: tuple[float, ...]
+    area_at_load: tuple[float, ...]
+    """Area at p0 and the attraction by boundary elements, over theirs."""
+    pull_at_load: tuple[float, ...]
+    """Attraction of the gaps there, over theirs."""
 
 
 def endings(theory: str, most_cases: int | None = None) -> list[Ending]:
@@ -216,7 +220,7 @@ def endings(theory: str, most_cases: int | None = None) -> list[Ending]:
     found = []
     for case, given in list(of_case.items())[:most_cases]:
         contact = case.mean_field(theory, case.h_rms_m)
-        attractions, areas, gaps = [], [], []
+        attractions, areas, gaps, areas_at, pulls_at = [], [], [], [], []
         for row in given:
             voltage = float(row["voltage_v"])
             state = end_of_light_contact(contact, case.pressure_pa, voltage, case.h0_m, spots)
@@ -225,6 +229,15 @@ def endings(theory: str, most_cases: int | None = None) -> list[Ending]:
             attractions.append(float(row["gaps_pa"]) / case.pressure_pa)
             areas.append(float(contact.area_fraction(state.pressure_pa)) / float(row["area"]))
             gaps.append(float(mean_gap(contact, state.pressure_pa)) / float(row["gap_m"]))
+            theirs = float(row["gaps_pa"])
+            load = torch.tensor([case.pressure_pa + theirs], dtype=torch.float64)
+            widest = box_gap(contact)
+            at = load
+            if widest is not None:
+                at = torch.exp(contact.touching(widest).of_pull(torch.log(load))[0])
+            pull = contact.inverse_square_gap(at, case.h0_m, contact_spots="excluded")
+            areas_at.append(float(contact.area_fraction(load)) / float(row["area"]))
+            pulls_at.append(float(pull) * VACUUM_PERMITTIVITY / 4 * voltage**2 / theirs)
         end = float(given[0]["pull_in_v"])
         own = pull_in_voltage(end_of_light_contact(contact, case.pressure_pa, 0, case.h0_m, spots))
         scatter = float(given[0]["pull_in_v_std"]) / end
@@ -233,6 +246,7 @@ def endings(theory: str, most_cases: int | None = None) -> list[Ending]:
                 *(case, end, scatter, own / end),
                 case.pressure_pa / (2**0.5 * float(contact.stress_rms_pa)),
                 *(tuple(attractions), tuple(areas), tuple(gaps)),
+                *(tuple(areas_at), tuple(pulls_at)),
             )
         )
     return found
@@ -242,8 +256,8 @@ def by_voltage() -> str:
     """Tabulate the end of light contact, and states before it, case by case."""
     lines = [
         "| case | p0 [kPa] | h0 [um] | ends at [V] | as published | spots excluded | "
-        "corrected | gaps' attraction / p0 | A/A0 | mean gap |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "corrected | gaps' attraction / p0 | A/A0 | mean gap | A/A0 at their load | pull there |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     of_theory = [endings(name) for name in ("as-published", "open-gaps", "corrected")]
     for published, plain, corrected in zip(*of_theory, strict=True):
@@ -259,13 +273,15 @@ def by_voltage() -> str:
             f"{case.h0_m * 1e6:g} | {ends} | {' | '.join(ratios)} | "
             f"{' '.join(f'{one:.1f}' for one in corrected.attractions)} | "
             f"{' '.join(f'{area:.2f}' for area in corrected.area)} | "
-            f"{' '.join(f'{gap:.2f}' for gap in corrected.gap)} |"
+            f"{' '.join(f'{gap:.2f}' for gap in corrected.gap)} | "
+            f"{' '.join(f'{area:.2f}' for area in corrected.area_at_load)} | "
+            f"{' '.join(f'{pull:.2f}' for pull in corrected.pull_at_load)} |"
         )
     errors = []
     for ends_of in of_theory:
         ratios_of = np.array([ending.ratio for ending in ends_of])
         errors.append(_error(ratios_of[~np.isnan(ratios_of)]))
-    lines.append(f"| median / largest error [%] | | | | {' | '.join(errors)} | | | |")
+    lines.append(f"| median / largest error [%] | | | | {' | '.join(errors)} | | | | | |")
     return "\n".join(lines)
 
 
