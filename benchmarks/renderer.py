@@ -210,13 +210,19 @@ def direct(model: Any) -> None:
         print(f"  {frequency:g} Hz: {parts[0]:.2f}, {parts[1]:.2f}")
 
 
+class FixedLead(haptix.LiveRenderer):
+    """As with a driver that cannot revise; benchmarks/reaction.py has the others."""
+
+    _revises = False
+
+
 def stalls(surface: Any, texture: Any, seconds: float) -> None:
     print(f"{seconds:g} s in real time, 10 ms stalls in the renderer and in the link")
     for lead_ms in (25.0, 5.0):
         link = MockLink(MockDriver(pace="real"))
         device = Device(link)
         settings = LiveSettings(lead_s=lead_ms / 1e3, block_s=0.001)
-        renderer = haptix.LiveRenderer(surface, Stalling(texture), device, settings=settings)
+        renderer = FixedLead(surface, Stalling(texture), device, settings=settings)
         end = threading.Event()
 
         def disturb(link: MockLink = link, end: threading.Event = end) -> None:
