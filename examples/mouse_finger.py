@@ -76,17 +76,19 @@ class Session:
     def lately(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Times before now [s], friction (NaN where no finger is) and amplitude [V]."""
         rate, kept = self.renderer.sample_rate_hz, self.renderer.blocks
-        recent = list(kept)
-        if not recent:
+        rows: list[tuple[float, float, float]] = []
+        # The newest first: a block that was rendered again later is not what is played.
+        for block in reversed(list(kept)):
+            t_s = block.first_sample / rate
+            if not rows or t_s < rows[-1][0]:
+                mu = block.target_mu[0] if block.fingers else np.nan
+                rows.append((t_s, mu, block.amplitude_v[0]))
+        if not rows:
             return (np.zeros(0),) * 3
-        t, mu, volts = [], [], []
-        for block in recent:
-            t.append(block.sample[-1] / rate)
-            mu.append(block.target_mu.max() if block.fingers else np.nan)
-            volts.append(block.amplitude_v[-1])
-        ages = np.array(t) - t[-1]
-        del kept[: int((ages < -SHOWN_S).sum())]  # the renderer only adds at the end
-        return ages, np.array(mu), np.array(volts)
+        t, mu, volts = np.array(rows[::-1]).T
+        kept_s = (block.first_sample / rate for block in list(kept))
+        del kept[: sum(one < t[-1] - SHOWN_S for one in kept_s)]  # the renderer adds at the end
+        return t - t[-1], mu, volts
 
 
 class Window(tk.Tk):

@@ -78,6 +78,8 @@ class Screen(Document):
         person who stands free; more for one who is earthed or leans on the frame. It closes the
         circuit (term "body-return"). Above 150 pF it lowers the highest amplitude of every drive;
         below, it raises none.
+    width_mm, height_mm : float or None
+        Size of the picture on the screen, for `haptix.layout.ScreenGeometry.on`.
     is_placeholder : bool
         True where the numbers are a guess; everything that is made with it says so.
     calibration : Calibration or None
@@ -95,6 +97,9 @@ class Screen(Document):
     # The body of IEC 61000-4-2, by which every drive is limited (firmware_io.limits). Left out
     # where it is that: files and hashes of earlier versions have no such field.
     body_capacitance_f: Annotated[Plain, Field(exclude_if=lambda value: value == 150e-12)] = 150e-12
+    # Left out where they are unknown, as above.
+    width_mm: Annotated[Plain | None, Field(exclude_if=lambda value: value is None)] = None
+    height_mm: Annotated[Plain | None, Field(exclude_if=lambda value: value is None)] = None
     is_placeholder: bool = False
     calibration: Calibration | None = None
 

@@ -35,7 +35,7 @@ _MAX_RATES = 8
 _Member = TypeVar("_Member", bound=IntEnum)
 
 
-class Layout(NamedTuple):
+class Packing(NamedTuple):
     """How the fields of a message follow each other, and which of them are enumerations."""
 
     message: type[Any]
@@ -44,20 +44,20 @@ class Layout(NamedTuple):
 
 
 #: Every kind whose payload is one row of fields; CAPABILITIES adds its rates behind them.
-LAYOUTS: Mapping[int, Layout] = {
-    FrameKind.HELLO: Layout(Hello, struct.Struct("<BB")),
-    FrameKind.SETUP: Layout(Setup, struct.Struct("<HHIIIIIIH"), {0: (StreamMode, "stream mode")}),
-    FrameKind.ARM: Layout(Arm, struct.Struct("<")),
-    FrameKind.STOP: Layout(Stop, struct.Struct("<")),
-    FrameKind.PING: Layout(Ping, struct.Struct("<I")),
-    FrameKind.CAPABILITIES: Layout(CapabilitiesReport, struct.Struct("<BBHIIIIIHH16s16s16sHH")),
-    FrameKind.STATUS: Layout(
+LAYOUTS: Mapping[int, Packing] = {
+    FrameKind.HELLO: Packing(Hello, struct.Struct("<BB")),
+    FrameKind.SETUP: Packing(Setup, struct.Struct("<HHIIIIIIH"), {0: (StreamMode, "stream mode")}),
+    FrameKind.ARM: Packing(Arm, struct.Struct("<")),
+    FrameKind.STOP: Packing(Stop, struct.Struct("<")),
+    FrameKind.PING: Packing(Ping, struct.Struct("<I")),
+    FrameKind.CAPABILITIES: Packing(CapabilitiesReport, struct.Struct("<BBHIIIIIHH16s16s16sHH")),
+    FrameKind.STATUS: Packing(
         StatusReport,
         struct.Struct("<BBHIIIIIIQHHi"),
         {0: (DeviceState, "device state"), 1: (FaultCode, "fault code")},
     ),
-    FrameKind.FAULT: Layout(FaultReport, struct.Struct("<BBHIIQ"), {0: (FaultCode, "fault code")}),
-    FrameKind.TOUCH: Layout(
+    FrameKind.FAULT: Packing(FaultReport, struct.Struct("<BBHIIQ"), {0: (FaultCode, "fault code")}),
+    FrameKind.TOUCH: Packing(
         TouchReport, struct.Struct("<QIIHBB"), {5: (TouchPhase, "touch phase")}
     ),
 }

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import Literal, Self
 
 from haptix.checks import Positive, check_fields, choice, number, positive
+from haptix.errors import InputError
+from haptix.screen import Screen
 
 INCH_MM = 25.4
 
@@ -43,6 +45,25 @@ class ScreenGeometry:
         """Geometry of square pixels, so many to an inch."""
         pixel_mm = INCH_MM / positive("dpi", dpi)
         return cls(pixels_x, pixels_y, pixels_x * pixel_mm, pixels_y * pixel_mm)
+
+    @classmethod
+    def on(
+        cls,
+        screen: Screen,
+        pixels_x: float,
+        pixels_y: float,
+        origin_x_mm: float = 0.0,
+        origin_y_mm: float = 0.0,
+        rotation_deg: Literal[0, 90, 180, 270] = 0,
+    ) -> Self:
+        """Geometry of a screen whose profile has its size."""
+        if screen.width_mm is None or screen.height_mm is None:
+            raise InputError(
+                f"screen: expected a profile with width_mm and height_mm, but {screen.name!r} has "
+                "none; measure the picture, or use of_dpi"
+            )
+        size = (screen.width_mm, screen.height_mm)
+        return cls(pixels_x, pixels_y, *size, origin_x_mm, origin_y_mm, rotation_deg)
 
     def mm(self, x_px: float, y_px: float) -> tuple[float, float]:
         """Place on the screen [mm] of a place in the app's picture [pixels]."""

@@ -6,8 +6,8 @@ from .drive import Drive as Drive
 from .drive import SineCarrier as SineCarrier
 from .live import LiveRenderer as LiveRenderer
 from .live import PredictingRenderer as PredictingRenderer
-from .master import Effect as Effect
-from .master import Played as Played
+from .master import EffectEnd as EffectEnd
+from .master import PlayingEffect as PlayingEffect
 from .renderer import Renderer as Renderer
 from .session import RenderStats as RenderStats
 from .settings import Combination as Combination

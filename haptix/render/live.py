@@ -14,7 +14,7 @@ from haptix.errors import InputError, OverloadWarning
 from haptix.render.core import Fingers, RenderedBlock
 from haptix.render.drive import Drive
 from haptix.render.live_fingers import LiveFingers
-from haptix.render.master import Effect, Played
+from haptix.render.master import EffectEnd, PlayingEffect
 from haptix.render.producer import Producer
 from haptix.render.revised import RevisedProducer, RevisedSource
 from haptix.render.revised_fingers import RevisedFingers
@@ -55,8 +55,8 @@ class _LiveSession(RenderSession):
         self,
         effect: Feelable,
         priority: int = 0,
-        done: Callable[[Played], None] | None = None,
-    ) -> Effect:
+        done: Callable[[EffectEnd], None] | None = None,
+    ) -> PlayingEffect:
         """Add an effect that ends to what all fingers feel, from the next sample on.
 
         Parameters
@@ -67,7 +67,7 @@ class _LiveSession(RenderSession):
         priority : int
             Of more than 8 at once, the oldest of the lowest priority is dropped.
         done : callable, optional
-            Called with `Played` once the effect has been played, by the next `touch`, `lift` or
+            Called with `EffectEnd` once the effect has been played, by the next `touch`, `lift` or
             `poll`, or on leaving.
 
         Raises

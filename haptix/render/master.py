@@ -23,7 +23,7 @@ _MUTE_S = 0.005
 Outcome = Literal["played", "cut", "dropped"]
 
 
-class Played(NamedTuple):
+class EffectEnd(NamedTuple):
     """How an effect ended."""
 
     effect: Any
@@ -33,7 +33,7 @@ class Played(NamedTuple):
     """To its end, stopped, or dropped for another one."""
 
 
-class Effect:
+class PlayingEffect:
     """An effect that plays."""
 
     def __init__(
@@ -43,7 +43,7 @@ class Effect:
         now: Callable[[], float],
         length_s: float,
         priority: int,
-        done: Callable[[Played], None] | None,
+        done: Callable[[EffectEnd], None] | None,
     ) -> None:
         self.effect, self.priority, self.done = effect, priority, done
         self.evaluator = evaluator
@@ -83,8 +83,8 @@ class Master:
         self.is_muted = self.is_paused = False
         self._stood_s = self._stands_s = 0.0
         self._line = Glide.resting(1.0)
-        self._effects: tuple[Effect, ...] = ()  # replaced, never changed
-        self._ended: tuple[Effect, ...] = ()
+        self._effects: tuple[PlayingEffect, ...] = ()  # replaced, never changed
+        self._ended: tuple[PlayingEffect, ...] = ()
 
     def reset(self) -> None:
         """Take what is set as it is: a session starts."""
@@ -138,8 +138,8 @@ class Master:
         effect: Feelable,
         now: Callable[[], float],
         priority: int = 0,
-        done: Callable[[Played], None] | None = None,
-    ) -> Effect:
+        done: Callable[[EffectEnd], None] | None = None,
+    ) -> PlayingEffect:
         """Begin an effect by the clock of the scene; see `LiveRenderer.play`."""
         check_feelable("effect", effect)
         evaluator = effect.evaluator
@@ -152,7 +152,7 @@ class Master:
         whole("priority", priority, -(10**6))
         now_s = now()
         playing = [one for one in self._effects if one.end_s > now_s]
-        found = Effect(effect, evaluator, now, length_s, priority, done)
+        found = PlayingEffect(effect, evaluator, now, length_s, priority, done)
         sounding = [one for one in playing if one.outcome == "played"]
         if len(sounding) >= MOST_EFFECTS:
             weakest = min([*sounding, found], key=lambda one: (one.priority, one.start_s))
@@ -175,7 +175,7 @@ class Master:
                 one.end_s, one.outcome = played_s, "cut"
         self.ended(played_s, sample_rate_hz)
 
-    def ended(self, played_s: float, sample_rate_hz: float) -> list[Played]:
+    def ended(self, played_s: float, sample_rate_hz: float) -> list[EffectEnd]:
         """Return what has ended by a time of the scene, once, and tell who waits for it."""
         over = [*self._ended, *(one for one in self._effects if one.end_s <= played_s)]
         if not over:
@@ -184,7 +184,7 @@ class Master:
         self._effects = tuple(one for one in self._effects if one not in over)
         found = []
         for one in over:
-            played = Played(
+            played = EffectEnd(
                 one.effect, round((one.end_s + self._stood_s) * sample_rate_hz), one.outcome
             )
             found.append(played)

@@ -19,7 +19,7 @@ from haptix.layout import Layout, LayoutEvent, LayoutEventKind, Listeners
 from haptix.motion import Motion, Report
 from haptix.render.core import Fingers, RenderCore, RenderedBlock
 from haptix.render.drive import Drive, DriverCarrier
-from haptix.render.master import Master, Played
+from haptix.render.master import EffectEnd, Master
 from haptix.render.settings import RenderSettings
 from haptix.status import Status
 from haptix.surface import FrictionSurface
@@ -222,7 +222,7 @@ class RenderSession(RenderCore, ABC):
         """
         self._listeners.on(kind, callback)
 
-    def poll(self) -> list[Played]:
+    def poll(self) -> list[EffectEnd]:
         """Tell which effects have ended since the last time, see `LiveRenderer.play`."""
         return self._master.ended(self._played_s, self.sample_rate_hz)
 

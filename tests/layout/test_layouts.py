@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptix import InputError, Layout, Texture
+from haptix import InputError, Layout, Screen, Texture
 from haptix.layout import ScreenGeometry
 from haptix.layout.layout import FADE_S, GLIDE_S
 from haptix.motion import Depends, Facts, Motion, Report
@@ -288,6 +288,17 @@ def test_pixels_there_and_back(turn, x, y):
     right, down = corners[turn]
     assert screen.mm(0, 0) == pytest.approx((2 + right * 344, 3 + down * 194))
     assert ScreenGeometry.of_dpi(254, 127, 254).mm(254, 127) == pytest.approx((25.4, 12.7))
+
+
+def test_the_size_of_a_screen_is_in_its_profile(tmp_path):
+    plain = Screen.preset("3m-sct3250")
+    sized = plain.replace(width_mm=344.0, height_mm=194.0)
+    sized.save(tmp_path / "screen.toml")
+    screen = ScreenGeometry.on(Screen.load(tmp_path / "screen.toml"), 1920, 1080)
+    assert screen.mm(960, 540) == pytest.approx((172, 97))
+    assert "width_mm" not in plain.model_dump()  # so that hashes of earlier profiles hold
+    with pytest.raises(InputError, match="width_mm"):
+        ScreenGeometry.on(plain, 1920, 1080)
 
 
 BAD = {
