@@ -23,6 +23,8 @@ from haptix.errors import InputError
 from haptix.fidelity import FIDELITIES, FidelityName
 from haptix.finger import Finger
 from haptix.friction import ContactModel
+from haptix.materials.kinds import material_of
+from haptix.materials.material import AnyMaterial, in_folder
 from haptix.screen import Screen
 from haptix.surface.axes import AXES
 from haptix.surface.request import low_and_high
@@ -160,6 +162,8 @@ class Scene(Document):
         Range of the screens' d1/eps1 [m]; by default the screen's own.
     textures : tuple of SceneTexture
         Textures of the scene.
+    materials : tuple of material
+        Materials of the scene: tables, or paths of their files relative to `folder`.
     budget_thresholds : float
         Largest error of friction in just-noticeable differences (JND) of ``0.11 mu``.
     override : Override
@@ -181,6 +185,7 @@ class Scene(Document):
     speed_mm_per_s: Range | None = None
     h0_m: Range | None = None
     textures: tuple[SceneTexture, ...] = ()
+    materials: tuple[AnyMaterial, ...] = ()
     budget_thresholds: PositiveFloat = 0.5
     override: Override = Override()
     folder: Annotated[Path, Field(exclude=True)] = Path()
@@ -191,6 +196,9 @@ class Scene(Document):
         if not isinstance(fields, dict):
             return fields
         found = dict(fields)
+        if isinstance(materials := fields.get("materials"), list | tuple):
+            with in_folder(Path(fields.get("folder", "."))):
+                found["materials"] = [material_of(one) for one in materials]
         kinds: Mapping[str, type[Finger | Screen]] = {"finger": Finger, "screen": Screen}
         for key, kind in kinds.items():
             match fields.get(key):
@@ -223,7 +231,8 @@ class Scene(Document):
             texture.model_copy(update={"file": os.path.relpath(self.folder / texture.file, folder)})
             for texture in self.textures
         ]
-        Document.save(self.replace(textures=moved, folder=folder), path)
+        with in_folder(folder):
+            Document.save(self.replace(textures=moved, folder=folder), path)
 
     @property
     def max_voltage_v(self) -> float:

@@ -57,7 +57,25 @@ def in_folder(folder: Path, is_sealed: bool = False) -> Iterator[None]:
         _IS_SEALED.reset(seal)
 
 
-class Material(Part):
+class ByFields(Part):
+    """A part that is compared by its fields: not by what properties have kept of them."""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ByFields) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return (type(self), *self.values_of_fields().values())
+
+    def values_of_fields(self) -> dict[str, Any]:
+        """Values by the names of the fields."""
+        return {name: getattr(self, name) for name in type(self).model_fields}
+
+
+class Material(ByFields):
     """What a surface feels like: a document that answers for blocks of motion.
 
     A subclass is one kind. It gives `kind` its name, adds fields, and defines `wanted`, or
@@ -131,7 +149,7 @@ class Material(Part):
 
     def replace(self, **fields: Any) -> Self:
         """Return a copy with some fields changed, validated like a new one."""
-        return type(self)(**{**dict(self), **fields})
+        return type(self)(**{**self.values_of_fields(), **fields})
 
     def save(self, path: str | Path) -> None:
         """Write a document that `load` reads back; paths of assets are relative to its folder."""

@@ -10,16 +10,15 @@ import numpy as np
 from pydantic import model_validator
 
 from haptix.checks import Array, increasing
-from haptix.documents import Part
 from haptix.materials.by_curve import Row
-from haptix.materials.material import Answering, AnyMaterial, Material
+from haptix.materials.material import Answering, AnyMaterial, ByFields, Material
 from haptix.motion import Depends, Facts, LocalFrame, Motion, Report
 from haptix.texture import Evaluator
 
 Pair = tuple[float, float]
 
 
-class PathTable(Part):
+class PathTable(ByFields):
     """Places against time, straight lines between them; beyond its ends it stays, or begins again.
 
     Parameters

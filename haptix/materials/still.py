@@ -155,7 +155,7 @@ class GratingMaterial(Scaled):
     @cached_property
     def evaluator(self) -> FrictionField:
         """A `haptix.texture.Grating`."""
-        fields = {name: value for name, value in self if name != "kind"}
+        fields = {name: value for name, value in self.values_of_fields().items() if name != "kind"}
         return Grating(**fields)
 
 
@@ -202,7 +202,14 @@ class NoiseMaterial(Material):
         """A `haptix.texture.Noise`."""
         spectrum = power_law(self.exponent, self.shortest_mm, self.longest_mm)
         left_out = {"kind", "exponent", "shortest_mm", "longest_mm"}
-        return Noise(spectrum, **{name: value for name, value in self if name not in left_out})
+        return Noise(
+            spectrum,
+            **{
+                name: value
+                for name, value in self.values_of_fields().items()
+                if name not in left_out
+            },
+        )
 
 
 class RecordingMaterial(_OfFile, Material):
@@ -232,7 +239,11 @@ class RecordingMaterial(_OfFile, Material):
     @cached_property
     def evaluator(self) -> FrictionField:
         """A `haptix.texture.RecordedProfile`."""
-        options = {name: value for name, value in self if name not in ("kind", "file")}
+        options = {
+            name: value
+            for name, value in self.values_of_fields().items()
+            if name not in ("kind", "file")
+        }
         return shared(
             self.file, self._parameters, lambda path: RecordedProfile.from_csv(path, **options)
         )
@@ -266,7 +277,11 @@ class PennMaterial(_OfFile, Material):
     @cached_property
     def evaluator(self) -> FrictionField:
         """A `haptix.texture.Noise`."""
-        options = {name: value for name, value in self if name not in ("kind", "file")}
+        options = {
+            name: value
+            for name, value in self.values_of_fields().items()
+            if name not in ("kind", "file")
+        }
         return shared(
             self.file, self._parameters, lambda path: PennModel.load(path).texture(**options)
         )

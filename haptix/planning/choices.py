@@ -12,7 +12,7 @@ from haptix.scene import DtypeName, Scene
 from haptix.surface.axes import AXES
 from haptix.terms import TERMS, Term
 
-Kind = Literal["term", "axis", "fidelity", "dtype"]
+Kind = Literal["term", "axis", "fidelity", "dtype", "material"]
 
 COLLAPSIBLE = tuple(axis.name for axis in AXES if axis.is_collapsible)
 """Axes that planning may hold at one value."""

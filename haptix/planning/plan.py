@@ -23,14 +23,22 @@ from haptix.planning.choices import (
     omissions,
     reporting_terms,
 )
-from haptix.planning.decisions import decide_report, effect_alone, spend, with_overrides
+from haptix.planning.decisions import (
+    MODELLING_SHARE,
+    decide_report,
+    effect_alone,
+    spend,
+    with_overrides,
+)
 from haptix.planning.effects import Effect, Trials
 from haptix.planning.grid import estimated_nodes
+from haptix.planning.materials import decide_materials
 from haptix.scene import Scene
 from haptix.surface import LARGEST_BYTES, FrictionSurface
 from haptix.surface.axes import AXIS_NAMES
 from haptix.surface.request import Tolerance
 from haptix.terms import TERMS
+from haptix.texture import Evaluator
 
 _UNSEEN = 1.25  # between the points measured, effects may be larger by this factor
 
@@ -59,7 +67,7 @@ class Plan:
 
     scene: Scene
     rows: tuple[Row, ...]
-    """Terms, axes, fidelity and dtype."""
+    """Terms, axes, fidelity and dtype; of materials, what they depend on."""
     model: ContactModel
     ranges: Mapping[str, tuple[float, float]]
     """For `FrictionSurface.build`; both ends of a collapsed axis are its middle."""
@@ -81,13 +89,16 @@ class Plan:
     """Lowest ``p0/(E* slope)`` of the scene."""
     accuracy: str
     """Errors that the theory was shown to have there, see `haptix.contact.shown_accuracy`."""
+    materials: tuple[Evaluator, ...]
+    """Of each material of the scene, without what of its dependence was dropped."""
     warnings: tuple[str, ...]
     """Where the scene lies below what was validated, see `ContactState.warnings`."""
 
     def record(self) -> dict[str, Any]:
         """Return the decisions as plain values, to be stored in the surface.
 
-        They hold no times: the same scene has the same record, and its surface the same bytes.
+        They hold no times, and no materials, on which the surface does not depend: the same scene
+        has the same record, and its surface the same bytes.
         """
         return {
             "scene": self.scene.name,
@@ -111,6 +122,7 @@ class Plan:
                     "effect_thresholds": row.effect.thresholds_max,
                 }
                 for row in self.rows
+                if row.kind != "material"
             ],
         }
 
@@ -215,6 +227,9 @@ def plan_scene(
     lightest = trials.model(chosen).solve(
         scene.normal_force_n[0], 0.0, scene.ranges()["frequency_hz"][0]
     )
+    spare = scene.budget_thresholds * MODELLING_SHARE - joint.thresholds_max
+    decided, materials = decide_materials(scene, trials.model(chosen), max(spare, 0.0))
+    rows += [Row("material", one.name, one.kept, one.why, one.effect) for one in decided]
     plan = Plan(
         scene=scene,
         rows=tuple(rows),
@@ -231,6 +246,7 @@ def plan_scene(
         pull_past_breakdown=trials.pull_past_breakdown(chosen),
         lowest_x=float(lightest.x),
         accuracy=shown_accuracy(model.theory, float(lightest.x)),
+        materials=materials,
         warnings=tuple(lightest.warnings()),
     )
     on_progress(1.0)

@@ -105,6 +105,18 @@ def test_units_are_read_and_a_file_may_name_another(folder):
     assert dict(materials.load(folder / "all.toml"))["background"].period_mm == 2.0
 
 
+def test_what_was_asked_does_not_change_what_is_equal():
+    path = {"t_s": [0, 1], "x_mm": [0, 3], "y_mm": [0, 0]}
+    table = {"kind": "moving", "path": path, "of": {"kind": "by-speed", "speed_mm_s": [0, 9],
+             "share": [0, 1], "of": {"kind": "slider"}}}  # fmt: skip
+    asked, other = (materials.material_of(table) for _ in range(2))
+    for one in (asked, other):
+        one.wanted(Motion.of([1.0, 2.0], 3.0, 0.5))
+    assert asked == other == materials.material_of(table)
+    assert hash(asked) == hash(other)
+    assert asked != asked.replace(turn_deg_s=1.0)
+
+
 class Stripes(Material):
     """Stripes that are felt to the right only."""
 
