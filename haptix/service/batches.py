@@ -32,7 +32,7 @@ Telemetry (server to client): a header of 32 bytes, then rows of f32, NaN where 
 at     type    header
 =====  ======  ==================================================================
 0      u8      2: telemetry
-1      u8      stream: 1 friction, 2 felt, 3 stats
+1      u8      stream: 1 stats
 2      u8      touch_id
 3      u8      number of columns
 4      u16     number of rows
@@ -62,20 +62,9 @@ _KINDS: tuple[Literal["down", "move", "up"], ...] = ("down", "move", "up")
 _PIXELS, _FORCE, _AREA, _COALESCED = 4, 8, 16, 32
 
 COLUMNS: dict[Stream, tuple[str, ...]] = {
-    "friction": (
-        "x_mm",
-        "y_mm",
-        "normal_force_n",
-        "target",
-        "reached",
-        "lowest",
-        "highest",
-        "voltage_share",
-    ),
-    "felt": ("friction", "lateral_force_n"),
-    "stats": ("reaction_s", "underruns", "touches"),
+    "stats": ("reaction_s", "reaction_p99_s", "underruns", "touches"),
 }
-"""Columns of each stream; friction is the coefficient."""
+"""Columns of each stream."""
 STREAMS = tuple(COLUMNS)
 
 
@@ -205,3 +194,8 @@ def read_frame(data: bytes) -> TelemetryFrame:
         raise Problem("message", f"{count} rows of {columns} columns do not take {len(data)} bytes")
     rows = np.frombuffer(data, "<f4", offset=_FRAME.size).reshape(count, columns)
     return TelemetryFrame(STREAMS[stream - 1], touch_id, number, dropped, t0_s, step_s, rows)
+
+
+def with_dropped(data: bytes, dropped: int) -> bytes:
+    """Return a frame that says how many were dropped before it."""
+    return data[:12] + struct.pack("<I", dropped & 0xFFFFFFFF) + data[16:]

@@ -18,8 +18,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+import numpy as np
+
 from haptix.errors import HaptixError, InputError
-from haptix.service.wire import JSON, TOUCHES, json_frame, read_frame, touches_of
+from haptix.service.batches import TelemetryFrame, write_frame
+from haptix.service.wire import JSON, TELEMETRY, TOUCHES, frame, json_frame, read_frame, touches_of
 
 if TYPE_CHECKING:
     from haptix.layout import LayoutEvent
@@ -58,6 +61,8 @@ class EngineServer:
         self._surface: Any = None
         self._layouts: dict[int, Any] = {}  # by session
         self._ended = threading.Event()
+        self._stats_hz = self._told_s = 0.0
+        self._frames = 0
 
     def run(self, source: BinaryIO) -> None:
         """Obey until the input ends; then end at 0 V."""
@@ -93,6 +98,8 @@ class EngineServer:
             self._sleep(do == "sleep")
         elif do == "lift":
             self._lift()
+        elif do == "streams":
+            self._stats_hz = float(message["rates"].get("stats", 0.0))
         else:
             self._work.put(message)
 
@@ -160,6 +167,7 @@ class EngineServer:
                 renderer.poll()
             except HaptixError as error:
                 self._fail(error)
+            self._tell_stats(renderer)
             if silent_s > STOP_S:
                 self._stop("the service's front is silent")
             elif silent_s > SLEEP_S and not asleep:
@@ -168,6 +176,23 @@ class EngineServer:
             elif silent_s <= SLEEP_S and asleep:
                 asleep = False
                 self._sleep(False)
+
+    def _tell_stats(self, renderer: Any) -> None:
+        now_s = time.monotonic()
+        if not self._stats_hz or now_s - self._told_s < 1 / self._stats_hz - _LOOK_S / 2:
+            return
+        stats = renderer.stats
+        row = [
+            stats.reaction_p50_s,
+            stats.reaction_p99_s,
+            stats.underruns,
+            renderer.touch_counts.taken,
+        ]
+        step_s, self._told_s = 1 / self._stats_hz, now_s
+        told = TelemetryFrame("stats", 0, self._frames, 0, now_s, step_s, np.array([row]))
+        self._frames += 1
+        with self._output_lock:
+            self._output.write(frame(TELEMETRY, write_frame(told)))
 
     # --- in turn ---------------------------------------------------------------------------------
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Protocol
 
 from haptix.service import messages as m
 from haptix.service.access import Access
-from haptix.service.batches import COLUMNS, read_touches
+from haptix.service.batches import COLUMNS, read_touches, with_dropped
 from haptix.service.clocks import ClientClock
 from haptix.service.messages import Problem
 from haptix.service.wire import TouchRecord
@@ -104,7 +104,7 @@ class ServiceSession:
     def send_frame(self, frame: bytes) -> None:
         """Queue telemetry; the newest frames replace those that were not read."""
         self.dropped += len(self.frames) == _MOST_FRAMES
-        self.frames.append(frame)
+        self.frames.append(with_dropped(frame, self.dropped))
         self.has_more.set()
 
     def close(self, code: int, reason: str) -> None:

@@ -19,6 +19,7 @@ PROTOCOL = (1, 0)
 MOST_TEXT_BYTES = 64 * 1024
 MOST_DEPTH = 16
 MOST_TOUCHES = 1024  # of one batch
+MOST_STREAM_HZ = 50
 
 Code = Literal[
     "message",  # no message, or none of this protocol
@@ -35,7 +36,7 @@ Code = Literal[
 ]
 """What is wrong, for programs."""
 
-Stream = Literal["friction", "felt", "stats"]
+Stream = Literal["stats"]
 """What a client can subscribe to."""
 
 Id = Annotated[int, Field(ge=1, le=2**53)]
@@ -251,7 +252,7 @@ class Subscribe(Message):
     id: Id
     streams: dict[
         Stream,
-        Annotated[float, Field(ge=0, le=1000, allow_inf_nan=False)],
+        Annotated[float, Field(ge=0, le=MOST_STREAM_HZ, allow_inf_nan=False)],
     ]
 
 

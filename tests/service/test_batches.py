@@ -12,6 +12,7 @@ from haptix.service.batches import (
     TelemetryFrame,
     read_frame,
     read_touches,
+    with_dropped,
     write_frame,
     write_touches,
 )
@@ -84,10 +85,12 @@ def test_a_bad_record_is_named(change):
 
 def test_telemetry_there_and_back():
     rows = np.array([[1.0, nan], [3.0, 4.0], [5.0, 6.0]], dtype=np.float32)
-    sent = TelemetryFrame("felt", 2, 9, 4, 1.5, 0.001, rows)
+    sent = TelemetryFrame("stats", 2, 9, 4, 1.5, 0.001, rows)
     got = read_frame(write_frame(sent))
     assert got[:6] == sent[:6]
     np.testing.assert_array_equal(got.rows, rows)
     assert len(write_frame(sent)) == 32 + rows.nbytes
+    dropped = read_frame(with_dropped(write_frame(sent), 77))
+    assert dropped.dropped == 77 and dropped[:3] + dropped[4:6] == sent[:3] + sent[4:6]
     with pytest.raises(Problem):
         read_frame(write_frame(sent)[:-1])

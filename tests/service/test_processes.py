@@ -160,6 +160,13 @@ def test_what_a_finger_does_is_told_and_what_an_app_sets_is_obeyed(running):
         for kind in ("contact", "effect_ended", "output"):
             client.on(kind, events.append)
         sliding = felt(running, client)
+        assert client.ask("subscribe", streams={"stats": 20.0}).columns["stats"][3] == "touches"
+        frames = []
+        client.on("frame", frames.append)
+        wait_until(lambda: len(frames) >= 3)
+        assert [frame.number for frame in frames[:3]] == [0, 1, 2]
+        touches = [float(frame.rows[0, 3]) for frame in frames[:3]]
+        assert 0 < touches[0] < touches[2]
         entered = next(event for event in events if event.type == "contact")
         assert (entered.event, entered.region, entered.touch_id) == ("enter", "ribs", 0)
         assert abs(client.now_s() - entered.t_s) < 60.0  # by the client's own clock
