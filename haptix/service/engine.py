@@ -26,7 +26,7 @@ from haptix.service.wire import JSON, TELEMETRY, TOUCHES, frame, json_frame, rea
 
 if TYPE_CHECKING:
     from haptix.layout import LayoutEvent
-    from haptix.render.master import Played
+    from haptix.render.master import EffectEnd
     from haptix.service.layouts import SessionLayout
 
 SLEEP_S, STOP_S = 0.1, 2.0
@@ -346,10 +346,10 @@ class EngineServer:
         self._effects[number] = playing
         return {"effect_id": number}
 
-    def _ended_effect(self, number: int, played: Played) -> None:
+    def _ended_effect(self, number: int, ended: EffectEnd) -> None:
         self._effects.pop(number, None)
         self._say(
-            event="effect_ended", effect_id=number, how=played.outcome, sample=int(played.sample)
+            event="effect_ended", effect_id=number, how=ended.outcome, sample=int(ended.sample)
         )
 
     def _do_cancel(self, effect_id: int) -> None:
