@@ -284,7 +284,12 @@ def _rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
             "p95_jnd": part["error_p95_jnd"],
             "what": part.get("what") or _counts(part),
         }
-        for name, part in [*summary["parts"].items(), ("all", summary["evaluation"])]
+        for name, part in (
+            *summary["parts"].items(),
+            ("periods", summary["periods"]),
+            ("all", summary["evaluation"]),
+        )
+        if part
     ]
 
 

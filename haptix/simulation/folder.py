@@ -25,6 +25,8 @@ from haptix.texture import Texture
 from haptix.version import __version__
 from haptix.virtual_finger import Evaluation
 
+_PERIODS = "of the modulation: mean friction of each period of the drive; the rest is ripple"
+
 FILES = ("felt.csv", "drive.wav", "drive.json", "summary.json")
 """Files that `write` makes besides the picture."""
 
@@ -43,7 +45,7 @@ def summary_of(simulation: Simulation) -> dict[str, Any]:
         "parts": {
             name: {"what": PARTS[name], **_plain(part)} for name, part in simulation.parts.items()
         },
-        "periods": _plain(simulation.periods) if simulation.periods else None,
+        "periods": simulation.periods and {"what": _PERIODS, **_plain(simulation.periods)},
         "out_of_range": {
             "share_below": stats.below / stats.samples,
             "share_above": stats.above / stats.samples,
