@@ -270,7 +270,15 @@ def test_doctor(haptix_cli, tmp_path):
     assert shown.code == 0
     rows = {row["check"]: row for row in json.loads(shown.out)}
     buses = {"usb", "hid", "audio", "serial"}
-    assert {"haptix", "torch", "cache", "solver", "udev rule", "mock driver"} | buses == set(rows)
+    assert {
+        "haptix",
+        "torch",
+        "cache",
+        "solver",
+        "udev rule",
+        "mock driver",
+        "timing",
+    } | buses == set(rows)
     for name in ("haptix", "torch", "cache", "solver"):
         assert rows[name]["ok"] == "yes"
     assert haptix.__version__ in rows["haptix"]["detail"]
