@@ -21,6 +21,8 @@ class ClientClock:
 
     Attributes
     ----------
+    error_s : float
+        Largest error of the offset [s]: half the round trips that it was taken from.
     jumps : int
         Times that the client's clock was set anew; touches before are of another time.
     """
@@ -29,17 +31,13 @@ class ClientClock:
         self._samples: deque[tuple[float, float, float]] = deque(maxlen=_KEPT)
         self._line: tuple[float, float, float] | None = None  # at, offset, drift
         self._odd = 0
+        self.error_s = float("inf")
         self.jumps = 0
 
     @property
     def is_known(self) -> bool:
         """Whether an answer has come."""
         return self._line is not None
-
-    @property
-    def round_trip_s(self) -> float:
-        """Shortest of the last round trips [s]; twice the largest error of the offset."""
-        return min((trip for _, _, trip in self._samples), default=float("inf"))
 
     def add(self, sent_s: float, received_s: float, client_s: float) -> bool:
         """Take an exchange; return whether the client's clock has jumped."""
@@ -86,7 +84,7 @@ class ClientClock:
         """
         stamp_s = self.service_s(client_s)
         ahead_s = stamp_s - now_s
-        if ahead_s > FUTURE_S + self.round_trip_s / 2:
+        if ahead_s > FUTURE_S + self.error_s:
             wrong = f"{ahead_s:.3g} s ahead"
         elif ahead_s < -PAST_S:
             wrong = f"{-ahead_s:.3g} s old"
@@ -102,6 +100,7 @@ class ClientClock:
     def _fit(self) -> None:
         best = sorted(self._samples, key=lambda sample: sample[2])
         best = best[: max(4, len(best) // 4)]
+        self.error_s = sum(trip for _, _, trip in best) / len(best) / 2
         at_s = sum(time for time, _, _ in best) / len(best)
         offset_s = sum(offset for _, offset, _ in best) / len(best)
         spread = sum((time - at_s) ** 2 for time, _, _ in best)

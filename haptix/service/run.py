@@ -82,13 +82,7 @@ def serve(
     DeviceError
         If the port is taken, or the device or surface cannot be opened.
     """
-    try:
-        listener = socket.create_server((listen.host if listen else "127.0.0.1", port))
-    except OSError as error:
-        raise DeviceError(
-            f"cannot listen on port {port}: {error.strerror or error}; does a service run already? "
-            "Choose another --port"
-        ) from None
+    listener = listens(listen.host if listen else "127.0.0.1", port)
     number = listener.getsockname()[1]
     folder = folder or service_folder()
     access = Access(number, folder, (listen.host,) if listen else ())
@@ -137,6 +131,27 @@ def serve(
         listener.close()
     if failure:
         raise DeviceError(failure[0].sentence)
+
+
+def listens(host: str, port: int) -> socket.socket:
+    """Return a socket whose connections send at once.
+
+    Raises
+    ------
+    DeviceError
+        If the port is taken.
+    """
+    try:
+        listener = socket.create_server((host, port))
+    except OSError as error:
+        raise DeviceError(
+            f"cannot listen on port {port}: {error.strerror or error}; does a service run already? "
+            "Choose another --port"
+        ) from None
+    # asyncio does so only for sockets that it made itself. Otherwise a ping or an event waits until
+    # the client's system acknowledges the one before, 40 ms later (Nagle's algorithm, RFC 896).
+    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return listener
 
 
 def _inventory(device: str, found: dict[str, Any]) -> m.Inventory:

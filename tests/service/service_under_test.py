@@ -11,6 +11,7 @@ from haptix.service.assets import AssetStore
 from haptix.service.front import application
 from haptix.service.hub import Hub
 from haptix.service.messages import DeviceMessage, Inventory, Problem
+from haptix.service.run import listens
 
 
 class WrittenEngine:
@@ -49,13 +50,12 @@ class Service:
         config = uvicorn.Config(
             lambda: self.app,
             factory=True,
-            port=0,
             log_level="error",
             ws="websockets-sansio",
             ws_max_size=65536,
         )
         self.server = uvicorn.Server(config)
-        sockets = [config.bind_socket()]
+        sockets = [listens("127.0.0.1", 0)]
         self.port = sockets[0].getsockname()[1]
         self.access = Access(self.port, folder)
         device = DeviceMessage(address="usb:serial=SECRET7", name="SECRET7", is_real=True)

@@ -65,3 +65,11 @@ def test_stamps_of_no_clock_are_refused(stamp_s, is_good):
         with pytest.raises(Problem, match="same clock") as caught:
             clock.stamp(stamp_s, 2000.0, "/touches/0/t_s")
         assert (caught.value.code, caught.value.path) == ("clock", "/touches/0/t_s")
+
+
+def test_a_stamp_of_now_is_taken_however_slow_the_first_answers_were():
+    # A client that is being made ready answers late: its clock seems behind by half the delay.
+    clock = ClientClock()
+    for trip_s in (0.001, 0.06, 0.06, 0.06):
+        clock.add(1990.0, 1990.0 + trip_s, 1990.0)
+    assert clock.stamp(1991.0, 1991.0, "") == pytest.approx(1991.0, abs=clock.error_s + 1e-6)

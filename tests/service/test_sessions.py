@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import socket
 import threading
 import time
 from contextlib import suppress
@@ -15,6 +16,7 @@ from websockets.typing import Subprotocol
 from haptix.service.batches import write_touches
 from haptix.service.front import SUBPROTOCOL
 from haptix.service.messages import TouchMessage
+from haptix.service.run import listens
 from tests.service.service_under_test import Service
 
 PAGE = "https://example.org"
@@ -96,6 +98,13 @@ def wait_for(condition, seconds=3.0):
     while not condition():
         assert time.monotonic() < end_s, "it did not happen"
         time.sleep(0.002)
+
+
+def test_what_is_sent_waits_for_no_acknowledgement():
+    with listens("127.0.0.1", 0) as listener, socket.create_connection(listener.getsockname()):
+        connection, _ = listener.accept()
+        with connection:
+            assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) == 1
 
 
 def test_hello_and_welcome(service):
