@@ -21,8 +21,13 @@ packages=(
     xvfb python3-tk
     # pages are tested in a real browser
     chromium
+    # the client in C#
+    mono-mcs mono-runtime libmono-system4.0-cil libmono-system-core4.0-cil libnewtonsoft-json5.0-cil
     python3
 )
+
+# The client for pages and Node, its types and its tests; Node comes with npm, or from Debian.
+command -v npm >/dev/null || packages+=(nodejs npm)
 
 fail() {
     printf 'setup-devices: %s\n' "$*" >&2
@@ -49,3 +54,7 @@ apt install -y --no-install-recommends "${packages[@]}" || fail "apt-get failed 
 
 # As the user who will run the tests: it lies in the user's cache.
 printf 'setup-devices: the guest lies in %s\n' "$(python3 tests/devices/guest/debian.py)"
+
+printf 'setup-devices: the tools of the clients\n'
+node -e 'process.exit(parseInt(process.versions.node) < 20)' || fail "the clients need Node 20 or newer, from nodejs.org."
+npm ci --prefix clients/typescript --no-audit --no-fund --loglevel error

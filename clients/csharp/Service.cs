@@ -1,0 +1,61 @@
+// Where the service is, for programs of this user: what service.json says.
+namespace Haptix
+{
+    using System;
+    using System.IO;
+    using Newtonsoft.Json.Linq;
+
+    public sealed class Service
+    {
+        public readonly string Url, Token;
+
+        public Service(string url, string token)
+        {
+            Url = url;
+            Token = token;
+        }
+
+        /// <summary>Return the running service. Its token is new at each start.</summary>
+        public static Service Find()
+        {
+            string path = Path.Combine(Folder(), "service.json");
+            if (!File.Exists(path)) throw new Lost("no service runs for this user: start haptix serve");
+            JObject found = JObject.Parse(File.ReadAllText(path));
+            return new Service("ws://127.0.0.1:" + found["port"] + "/v1/session", (string)found["token"]);
+        }
+
+        static string Folder()
+        {
+            string chosen = Environment.GetEnvironmentVariable("HAPTIX_SERVICE");
+            if (!string.IsNullOrEmpty(chosen)) return chosen;
+            string home = Environment.GetFolderPath(Environment.SpecialFolder.UserProfile);
+            string state = Environment.GetEnvironmentVariable("XDG_STATE_HOME");
+            if (Path.DirectorySeparatorChar == '\\')
+                state = Environment.GetFolderPath(Environment.SpecialFolder.LocalApplicationData);
+            else if (Directory.Exists("/System/Library")) // macOS
+                state = Path.Combine(home, "Library", "Application Support");
+            else if (string.IsNullOrEmpty(state))
+                state = Path.Combine(home, ".local", "state");
+            return Path.Combine(state, "haptix", "service");
+        }
+    }
+
+    /// <summary>The service refused a message; `Code` and `Path` say what and where.</summary>
+    public sealed class Refused : Exception
+    {
+        public readonly string Code, Path;
+
+        public Refused(Messages.Error error)
+            : base(error.Path == "" ? error.Sentence : error.Sentence + " (" + error.Path + ")")
+        {
+            Code = error.Code;
+            Path = error.Path;
+        }
+    }
+
+    /// <summary>The connection is gone, or no answer came.</summary>
+    public sealed class Lost : Exception
+    {
+        public Lost(string message) : base(message) { }
+    }
+}

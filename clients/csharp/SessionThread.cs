@@ -1,0 +1,147 @@
+// The thread of a session: connects, answers pings, passes on what comes, connects again.
+namespace Haptix
+{
+    using System;
+    using System.Collections.Generic;
+    using System.Threading.Tasks;
+    using Haptix.Messages;
+    using Newtonsoft.Json.Linq;
+
+    public sealed partial class Session
+    {
+        void Run()
+        {
+            // Types are made ready by their first use; that must not delay the first answers to pings.
+            JObject.Parse(Empty).ToObject<Welcome>();
+            double waitS = FirstS;
+            string reason = "closed";
+            while (!_closing.IsSet)
+            {
+                try
+                {
+                    reason = Serve();
+                    waitS = FirstS;
+                }
+                catch (Exception error)
+                {
+                    reason = error.Message;
+                    if (error is Refused || !_opened.Task.IsCompleted)
+                    {
+                        _opened.TrySetException(error);
+                        break;
+                    }
+                }
+                if (_closing.Wait(TimeSpan.FromSeconds(waitS))) break;
+                waitS = Math.Min(2 * waitS, LastS);
+            }
+            Tell(new Closed { Reason = reason });
+        }
+
+        /// <summary>Connect, and take what comes until the connection is gone; return why it is.</summary>
+        string Serve()
+        {
+            Service service = _find();
+            using (Link link = Link.Open(service.Url))
+            {
+                _silentS = WaitS;
+                lock (_gate) _link = link;
+                var hello = new Hello { Type = "hello", Protocol = Protocol, Client = _name, Token = service.Token };
+                if (Welcome != null) hello.Resume = Welcome.Resume;
+                Task<Welcome> greeted = Ask<Welcome>(hello);
+                try
+                {
+                    while (link.IsOpen) Take(link);
+                }
+                finally
+                {
+                    _isWelcome = false;
+                    lock (_gate)
+                    {
+                        _link = null;
+                        foreach (TaskCompletionSource<JObject> each in _asked.Values)
+                            each.TrySetException(new Lost("the connection is gone: " + link.Reason));
+                        _asked.Clear();
+                    }
+                }
+                greeted.GetAwaiter().GetResult(); // throws if it was refused
+                if (!_closing.IsSet) Tell(new Disconnected { Reason = link.Reason });
+                return link.Reason;
+            }
+        }
+
+        void Greet(Welcome welcome)
+        {
+            bool again = Welcome != null;
+            Welcome = welcome;
+            Lease = welcome.Lease;
+            Output = welcome.Output;
+            _silentS = 3 * welcome.KeepAlive.IdleS;
+            Restore(again).ContinueWith(done => done.Exception, TaskContinuationOptions.OnlyOnFaulted);
+        }
+
+        /// <summary>The service keeps lease and layout for who resumes; these two are of the session.</summary>
+        async Task Restore(bool again)
+        {
+            if (_geometry != null) await Ask<Done>(_geometry).ConfigureAwait(false);
+            Dictionary<string, double> streams;
+            lock (_gate) streams = new Dictionary<string, double>(_streams);
+            if (streams.Count > 0)
+                await Ask<Subscribed>(new Subscribe { Type = "subscribe", Streams = streams }).ConfigureAwait(false);
+            _isWelcome = true;
+            if (again) Tell(new Resumed { Welcome = Welcome });
+            else _opened.TrySetResult(this);
+        }
+
+        void Take(Link link)
+        {
+            bool isText;
+            byte[] data = link.Receive(TimeSpan.FromSeconds(_silentS), out isText);
+            if (data == null) return;
+            if (!isText)
+            {
+                Frame frame = Batches.Read(data);
+                string[] names;
+                if (_columns.TryGetValue(frame.Stream, out names)) frame.Names = names;
+                Tell(frame);
+                return;
+            }
+            JObject message = JObject.Parse(System.Text.Encoding.UTF8.GetString(data));
+            string type = (string)message["type"];
+            if (type == "ping")
+            {
+                link.Answer((long)message["n"]);
+                return;
+            }
+            if (type == "welcome") Greet(message.ToObject<Welcome>());
+            if (type == "lease") Lease = message.ToObject<Lease>();
+            if (type == "output") Output = message.ToObject<Output>();
+            if (type == "subscribed") _columns = message.ToObject<Subscribed>().Columns;
+            long id = (long)message["id"];
+            TaskCompletionSource<JObject> answer;
+            lock (_gate)
+            {
+                if (_asked.TryGetValue(id, out answer)) _asked.Remove(id);
+            }
+            Type known;
+            if (answer == null)
+            {
+                if (Types.TryGetValue(type, out known)) Tell(message.ToObject(known));
+            }
+            else if (type == "error") answer.TrySetException(new Refused(message.ToObject<Error>()));
+            else answer.TrySetResult(message);
+        }
+
+        void Tell(object happened)
+        {
+            _events.Enqueue(happened);
+            object dropped;
+            while (_events.Count > MostEvents) _events.TryDequeue(out dropped);
+        }
+
+        static TaskCompletionSource<T> NewSource<T>()
+        {
+            // Who awaits must not run in the session's thread, which answers the pings.
+            return new TaskCompletionSource<T>(TaskCreationOptions.RunContinuationsAsynchronously);
+        }
+    }
+}

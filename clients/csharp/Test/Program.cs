@@ -1,0 +1,170 @@
+// mono test.exe GOLDEN_FOLDER [golden]: all tests of the C# client, or the golden ones, against the service of HAPTIX_SERVICE.
+using System;
+using System.Collections.Generic;
+using System.IO;
+using System.Threading;
+using System.Threading.Tasks;
+using Haptix;
+using Haptix.Messages;
+
+static class Check
+{
+    public static void That(bool holds, string what)
+    {
+        if (!holds) throw new Exception("expected: " + what);
+    }
+
+    public static async Task<Refused> Refuses(Func<Task> call)
+    {
+        try { await call(); }
+        catch (Refused refused) { return refused; }
+        throw new Exception("expected a refusal");
+    }
+
+    /// <summary>Pump until a message comes, as a scene does.</summary>
+    public static T Next<T>(Session session, Action begin, Func<T, bool> wanted = null) where T : class
+    {
+        T found = null;
+        session.On<T>(each => { if (found == null && (wanted == null || wanted(each))) found = each; });
+        begin();
+        for (int i = 0; i < 1000 && found == null; i++)
+        {
+            session.Pump();
+            Thread.Sleep(10);
+        }
+        That(found != null, "a " + typeof(T).Name);
+        return found;
+    }
+}
+
+static class Program
+{
+    static int Main(string[] arguments)
+    {
+        var tests = new List<Tuple<string, Func<Task>>>();
+        Action<string, Func<Task>> add = (name, test) => tests.Add(Tuple.Create(name, test));
+        string golden = arguments[0];
+        add("bytes", () => Task.Run(() => Golden.Codec(golden)));
+        foreach (string name in new[] { "hello", "touches", "refused" })
+            add("session " + name, () => Task.Run(() => Golden.Play(Path.Combine(golden, name + ".jsonl"))));
+        if (arguments.Length < 2) // these need the engine that echoes
+        {
+            add("touches and contacts", Touches);
+            add("a busy main thread", Busy);
+            add("refusals", Refusals);
+            add("takeover", Takeover);
+            add("telemetry", Telemetry);
+            add("reconnecting", Reconnecting);
+        }
+        int failed = 0;
+        foreach (Tuple<string, Func<Task>> test in tests)
+        {
+            try
+            {
+                if (!test.Item2().Wait(TimeSpan.FromSeconds(20))) throw new Exception("it takes longer than 20 s");
+                Console.WriteLine("passed " + test.Item1);
+            }
+            catch (Exception error)
+            {
+                failed++;
+                Console.WriteLine("FAILED " + test.Item1 + ": " + error);
+            }
+        }
+        return failed;
+    }
+
+    static async Task Touches()
+    {
+        using (Session h = await Session.Connect("test"))
+        {
+            await h.Geometry(4, 10, 5);
+            await h.Acquire();
+            Check.That(h.Lease.IsMine, "the lease");
+            const string ops = "[{\"op\": \"remove\", \"name\": \"ribs\"}]";
+            Check.That((await h.LayoutChange(ops)).Revision == 1, "a layout");
+            Check.That((await h.Arm()).State == "armed", "armed");
+            double timeS = Session.NowS;
+            Contact contact = Check.Next<Contact>(h, () => h.Touch(3f, 4f, 0.5f, 5, TouchKind.Down, timeS));
+            Check.That(contact.TouchId == 5 && Math.Abs(contact.TS - timeS) < 0.02, "a contact of then");
+            h.Touches(new[] { new TouchReport { TimeS = Session.NowS, InPixels = true, X = 40, Kind = TouchKind.Down } });
+            h.Lift(5);
+            await h.Stop();
+            Check.That(h.Output.State == "off", "off");
+        }
+    }
+
+    // Nothing of the program runs for longer than the limit of silence, and nothing pumps.
+    static async Task Busy()
+    {
+        using (Session h = await Session.Connect("test"))
+        {
+            await h.Acquire();
+            await h.Arm();
+            Thread.Sleep(700);
+            Check.That(h.Output.State == "armed", "armed still, not " + h.Output.State);
+        }
+    }
+
+    static async Task Refusals()
+    {
+        Session h = await Session.Connect("test");
+        Check.That((await Check.Refuses(() => h.Arm())).Code == "lease", "lease");
+        Refused refused = await Check.Refuses(() => h.Intensity(2));
+        Check.That(refused.Code == "message" && refused.Path == "/value", "a path");
+        Error error = Check.Next<Error>(h, () => h.Touch(1f, 1f));
+        Check.That(error.Code == "lease", "an error of the touch");
+        Check.Next<Closed>(h, () => h.Dispose());
+        Check.That(!h.Touch(1f, 1f), "no connection");
+        Service service = Service.Find();
+        refused = await Check.Refuses(() => Session.Connect("test", () => new Service(service.Url, "guess")));
+        Check.That(refused.Code == "access", "access");
+        try { await Session.Connect("test", () => new Service("ws://127.0.0.1:1/", "")); }
+        catch (Lost) { return; }
+        throw new Exception("expected: lost");
+    }
+
+    static async Task Takeover()
+    {
+        using (Session first = await Session.Connect("first"))
+        {
+            await first.Acquire();
+            using (Session second = await Session.Connect("second"))
+            {
+                Refused refused = await Check.Refuses(() => second.Acquire());
+                Check.That(refused.Path == "/takeover", "takeover");
+                Check.Next<Lease>(first, () => second.Acquire(true).Wait(), lease => !lease.IsMine);
+            }
+            await first.Acquire(); // who leaves frees the lease
+        }
+    }
+
+    static async Task Telemetry()
+    {
+        using (Session h = await Session.Connect("test"))
+        {
+            Frame frame = Check.Next<Frame>(h, () => h.Subscribe("stats", 10).Wait());
+            Check.That(frame.TouchId == 2 && frame.Rows[4] == 4f && float.IsNaN(frame.Rows[7]), "its rows");
+            Check.That(frame.Names[3] == "touches", "its columns");
+        }
+    }
+
+    static async Task Reconnecting()
+    {
+        using (Session h = await Session.Connect("test"))
+        {
+            await h.Geometry(4);
+            await h.Subscribe("stats", 10);
+            await h.Acquire();
+            await h.Arm();
+            Task slow = h.Play("{\"kind\": \"cut\"}"); // the engine of the tests closes the socket
+            Resumed resumed = Check.Next<Resumed>(h, () => { });
+            Check.That(resumed.Welcome.Lease.IsMine && h.Output.State == "off", "the lease, disarmed");
+            await h.Arm();
+            Check.Next<Contact>(h, () => h.Touches(new[] {
+                new TouchReport { TimeS = Session.NowS, InPixels = true, Kind = TouchKind.Down } }));
+            try { await slow; }
+            catch (Lost) { return; }
+            throw new Exception("expected: lost");
+        }
+    }
+}

@@ -1,0 +1,290 @@
+/** The connection of a session: hello, pings, answers by id, events, and connecting again. */
+
+import { readFrame } from "./batches.js";
+
+/** @import * as m from "../types/messages.js" */
+/** @import { Frame } from "./batches.js" */
+/** @typedef {{code: number, reason: string}} Ended */
+/**
+ * What `on` tells: the service's messages by their type, `frame` with the names of its columns,
+ * `lost` when the connection broke and is tried again, `resumed` when it is there again and
+ * disarmed, `closed` when nothing more comes.
+ * @typedef {{[M in m.ServerMessage as M["type"]]: M}
+ *   & {frame: Frame & {names: string[]}, lost: Ended, resumed: m.Welcome, closed: Ended}} Events
+ */
+/**
+ * @typedef {object} Options
+ * @property {string} name who comes, for those who look at the sessions
+ * @property {string} [url] where the service is
+ * @property {string} [token] what lets in: a page gets one by `pair`, a program by `find` of node.js
+ * @property {() => Promise<{url?: string, token: string}>} [find] gives both, at each attempt
+ * @property {new (url: string, protocol: string) => any} [WebSocket] where the runtime has none
+ */
+
+const PROTOCOL = "1.0";
+const SUBPROTOCOL = "haptix.v1";
+export const URL_HERE = "ws://127.0.0.1:7421/v1/session";
+const WAIT_S = 10;
+const CLOSE_S = 1;
+const [FIRST_S, LAST_S] = [0.1, 5]; // between two attempts to connect again
+const OFFSETS = 64;
+
+/** The service refused a message; `code` and `path` say what and where. */
+export class Refused extends Error {
+  /** @param {{code: string, sentence: string, path?: string}} error */
+  constructor({ code, sentence, path = "" }) {
+    super(path ? `${sentence} (${path})` : sentence);
+    this.name = "Refused";
+    this.code = code;
+    this.path = path;
+  }
+}
+
+/** The connection is gone, or no answer came. */
+export class Lost extends Error {
+  name = "Lost";
+}
+
+/** @param {string} url @param {string} path @param {RequestInit} request */
+export async function http(url, path, request) {
+  const answer = await fetch(new URL(path, url.replace(/^ws/, "http")), request);
+  if (!answer.ok) throw new Refused(await answer.json());
+  return answer;
+}
+
+/** Return the time of the clock that stamps touches and events of a page [s]. */
+export function now() {
+  return performance.now() / 1e3;
+}
+
+/** What `Session` sends its messages over. */
+export class Connection {
+  /** @type {m.Welcome} what the service said at first: limits, devices, profiles */
+  welcome = /** @type {any} */ (undefined);
+  /** @type {m.Lease} who holds the output, as last told */
+  lease = /** @type {any} */ (undefined);
+  /** @type {m.Output} what the output does, as last told */
+  output = /** @type {any} */ (undefined);
+
+  /** where the service is; @protected */
+  service = { url: "", token: "" };
+  #options;
+  /** @type {any} */
+  #socket;
+  #is_opening = false;
+  #ends = false;
+  #id = 0;
+  #heard_s = 0;
+  /** @type {ReturnType<typeof setInterval> | undefined} */
+  #watch;
+  /** @type {Map<number, {resolve: (m: any) => void, reject: (e: Error) => void}>} */
+  #asked = new Map();
+  /** @type {Map<string, Set<(event: any) => void>>} */
+  #handlers = new Map();
+  /** @type {Record<string, string[]>} names of the columns of each stream; @protected */
+  columns = {};
+  /** @type {number[]} */
+  #offsets = [];
+
+  /** @param {Options} options */
+  constructor(options) {
+    this.#options = options;
+  }
+
+  /** Connect and say hello; `connect` has done it. */
+  async open() {
+    this.#is_opening = true;
+    try {
+      const { url = URL_HERE, token = "" } = await (this.#options.find?.() ?? this.#options);
+      this.service = { url, token };
+      if (this.#ends) throw new Lost("closed");
+      const Socket = this.#options.WebSocket ?? globalThis.WebSocket;
+      if (!Socket) throw new TypeError("expected connect({WebSocket}): this runtime has none");
+      const socket = new Socket(url, SUBPROTOCOL);
+      this.#socket = socket;
+      socket.binaryType = "arraybuffer";
+      await new Promise((resolve, reject) => {
+        socket.onopen = resolve;
+        socket.onerror = () => {}; // onclose follows
+        socket.onclose = () => reject(new Lost(`no service answers at ${url}: start haptix serve`));
+      });
+      socket.onmessage = (/** @type {MessageEvent} */ event) => this.#hear(socket, event.data);
+      socket.onclose = (/** @type {Ended} */ event) => this.#lost(socket, event);
+      const [client, resume] = [this.#options.name, this.welcome?.resume];
+      this.welcome = await this.ask("hello", { protocol: PROTOCOL, client, token, resume });
+      ({ lease: this.lease, output: this.output } = this.welcome);
+      this.#offsets = [];
+      await this.restore();
+      this.#watchSilence(socket);
+    } catch (error) {
+      const socket = this.#socket;
+      this.#socket = undefined;
+      socket?.close();
+      throw error;
+    } finally {
+      this.#is_opening = false;
+    }
+  }
+
+  /** Send again what a service does not keep for who resumes. @protected */
+  async restore() {}
+
+  /**
+   * Send bytes; return whether there was a connection to send them over.
+   * @param {() => ArrayBuffer} write
+   * @protected
+   */
+  send(write) {
+    if (this.#socket?.readyState !== 1 || this.#is_opening) return false;
+    this.#socket.send(write());
+    return true;
+  }
+
+  /** Leave: 0 V first, and the lease is free for others. */
+  async close() {
+    const socket = this.#socket;
+    this.#ends = true;
+    clearInterval(this.#watch);
+    if (!socket) return;
+    const leave = async () => {
+      if (this.lease.is_mine) await this.ask("release");
+      await this.ask("bye");
+    };
+    await Promise.race([leave().catch(() => {}), sleep(CLOSE_S)]);
+    socket.close(1000);
+    this.#lost(socket, { code: 1000, reason: "closed" });
+  }
+
+  /**
+   * Call `handler` with each event of a kind; return what ends that.
+   * @template {keyof Events} K
+   * @param {K} kind
+   * @param {(event: Events[K]) => void} handler
+   * @returns {() => void}
+   */
+  on(kind, handler) {
+    const handlers = this.#handlers.get(kind) ?? new Set();
+    this.#handlers.set(kind, handlers.add(handler));
+    return () => void handlers.delete(handler);
+  }
+
+  /**
+   * Send a message and return its answer; rejects with `Refused` or `Lost`.
+   * @param {string} type
+   * @param {object} [fields]
+   * @returns {Promise<any>}
+   */
+  async ask(type, fields = {}) {
+    if (this.#socket?.readyState !== 1) throw new Lost(`${type}: the connection is gone`);
+    const id = ++this.#id;
+    /** @type {ReturnType<typeof setTimeout> | undefined} */
+    let timer;
+    try {
+      return await new Promise((resolve, reject) => {
+        this.#asked.set(id, { resolve, reject });
+        const late = () => reject(new Lost(`${type}: no answer within ${WAIT_S} s`));
+        timer = setTimeout(late, WAIT_S * 1e3);
+        this.#socket.send(JSON.stringify({ type, id, ...fields }));
+      });
+    } finally {
+      clearTimeout(timer);
+      this.#asked.delete(id);
+    }
+  }
+
+  /** Return a time of the service's clock by this one's [s], late by a message's way at most.
+   * @param {number} service_s */
+  clientTime(service_s) {
+    return service_s + Math.min(...this.#offsets);
+  }
+
+  /** @param {any} socket @param {string | ArrayBuffer} data */
+  #hear(socket, data) {
+    if (socket !== this.#socket) return;
+    this.#heard_s = now();
+    if (typeof data !== "string") {
+      const frame = readFrame(data);
+      this.#tell("frame", { ...frame, names: this.columns[frame.stream] ?? [] });
+      return;
+    }
+    const message = JSON.parse(data);
+    if (message.type === "ping") {
+      const clock_s = now();
+      socket.send(JSON.stringify({ type: "pong", n: message.n, clock_s }));
+      this.#offsets = [...this.#offsets.slice(1 - OFFSETS), clock_s - message.clock_s];
+    }
+    if (message.type === "lease") this.lease = message;
+    if (message.type === "output") this.output = message;
+    const answer = this.#asked.get(message.id);
+    if (!answer) this.#tell(message.type, message);
+    else if (message.type === "error") answer.reject(new Refused(message));
+    else answer.resolve(message);
+  }
+
+  /** @param {string} kind @param {any} event */
+  #tell(kind, event) {
+    for (const handler of this.#handlers.get(kind) ?? []) {
+      try {
+        handler(event);
+      } catch (error) {
+        queueMicrotask(() => {
+          throw error; // the page hears of it, and the next handler is called nevertheless
+        });
+      }
+    }
+  }
+
+  /** @param {any} socket @param {Ended} ended */
+  #lost(socket, { code, reason }) {
+    if (socket !== this.#socket) return;
+    this.#socket = undefined;
+    clearInterval(this.#watch);
+    for (const { reject } of this.#asked.values()) reject(new Lost(`it closed: ${code} ${reason}`));
+    if (this.#is_opening) return; // `open` throws
+    if (this.#ends) this.#tell("closed", { code, reason });
+    else {
+      this.#tell("lost", { code, reason });
+      void this.#again();
+    }
+  }
+
+  async #again() {
+    for (let wait_s = FIRST_S; !this.#ends; wait_s = Math.min(2 * wait_s, LAST_S)) {
+      await sleep(wait_s);
+      if (this.#ends) break;
+      try {
+        await this.open();
+        this.#tell("resumed", this.welcome);
+        return;
+      } catch (error) {
+        if (error instanceof Refused) {
+          this.#tell("closed", { code: 4403, reason: error.message });
+          return;
+        }
+      }
+    }
+    this.#tell("closed", { code: 1000, reason: "closed" });
+  }
+
+  /**
+   * A service that hangs, or a machine that slept, closes no socket. Timers may be late where
+   * messages are not, so two looks in a row must find silence.
+   * @param {any} socket
+   */
+  #watchSilence(socket) {
+    const { idle_s } = this.welcome.keep_alive;
+    let looks = 0;
+    clearInterval(this.#watch);
+    this.#watch = setInterval(() => {
+      looks = now() - this.#heard_s > 2 * idle_s ? looks + 1 : 0;
+      if (looks < 2) return;
+      this.#lost(socket, { code: 1006, reason: "the service is silent" });
+      socket.close();
+    }, idle_s * 1e3);
+  }
+}
+
+/** @param {number} seconds @returns {Promise<void>} */
+function sleep(seconds) {
+  return new Promise((resolve) => setTimeout(resolve, seconds * 1e3));
+}

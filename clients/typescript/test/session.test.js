@@ -1,0 +1,186 @@
+/** The client against the service of HAPTIX_SERVICE, whose engine echoes (tests/clients). */
+
+import assert from "node:assert/strict";
+import { after, test } from "node:test";
+import { setTimeout as sleep } from "node:timers/promises";
+import WebSocket from "ws";
+
+import { connect, now, Refused } from "../src/haptix.js";
+import { find } from "../src/node.js";
+import { Pointers } from "../src/pointers.js";
+
+const sockets = [];
+class Kept extends WebSocket {
+  constructor(url, protocol) {
+    super(url, protocol);
+    sockets.push(this);
+  }
+}
+const sessions = [];
+const open = async (name = "test") => {
+  sessions.push(await connect({ name, find, WebSocket: Kept }));
+  return sessions.at(-1);
+};
+after(() => Promise.all(sessions.map((session) => session.close()))); // also those of failed tests
+const next = (session, kind) =>
+  new Promise((resolve) => {
+    const off = session.on(kind, (event) => (off(), resolve(event)));
+  });
+
+const ELEMENT = { getBoundingClientRect: () => ({ left: 100, top: 50 }) };
+function pointerEvent(type, { buttons = 1, coalesced = [], ...fields } = {}) {
+  const at = { pointerId: 7, timeStamp: performance.now(), clientX: 140, clientY: 50, ...fields };
+  const several = coalesced.map((each) => ({ ...at, ...each }));
+  return { type, buttons, ...at, currentTarget: ELEMENT, getCoalescedEvents: () => several };
+}
+
+test("touches go out and contacts come back by this clock", async () => {
+  const h = await open();
+  await h.geometry({ px_per_mm: 4, origin_mm: [10, 5] });
+  await h.acquire();
+  assert.equal(h.lease.is_mine, true);
+  assert.equal((await h.layoutChange([{ op: "remove", name: "ribs" }])).revision, 1);
+  assert.equal((await h.arm()).state, "armed");
+  const contact = next(h, "contact");
+  const t_s = now();
+  h.touch({ x_mm: 3, y_mm: 4, kind: "down", touch_id: 5, normal_force_n: 0.5, t_s });
+  const event = await contact;
+  assert.equal(event.touch_id, 5);
+  assert.ok(Math.abs(event.t_s - t_s) < 0.02, "half a round trip of loopback");
+  assert.ok(Math.abs(h.clientTime(h.welcome.clock_s) - t_s) < 10);
+  h.pointer(pointerEvent("pointerdown"));
+  h.lift(5);
+  // Nothing but its pings is heard of it, and it stays awake beyond the limit of silence.
+  await sleep(600);
+  assert.equal(h.output.state, "armed");
+  await h.close();
+});
+
+test("what is refused rejects with code and path, and events of it are told", async () => {
+  const h = await open();
+  await assert.rejects(h.arm(), (error) => error instanceof Refused && error.code === "lease");
+  await assert.rejects(h.intensity(2), { code: "message", path: "/value" });
+  const error = next(h, "error");
+  h.touch({ x_mm: 1, y_mm: 1 });
+  assert.equal((await error).code, "lease");
+  assert.throws(() => h.touches([{ t_s: 0 }, { t_s: 1e9 }]), RangeError);
+  await h.close();
+  await assert.rejects(h.arm(), { name: "Lost" });
+  assert.equal(h.touch({ x_mm: 1, y_mm: 1 }), false);
+});
+
+test("a takeover is told to both, and who leaves frees the lease", async () => {
+  const [first, second] = [await open("first"), await open("second")];
+  await first.acquire();
+  await assert.rejects(second.acquire(), { code: "lease", path: "/takeover" });
+  const lost = next(first, "lease");
+  await second.acquire(true);
+  assert.equal((await lost).is_mine, false);
+  await second.close();
+  await first.acquire();
+  await first.close();
+});
+
+test("telemetry comes with its columns", async () => {
+  const h = await open();
+  const frame = next(h, "frame");
+  await h.subscribe({ stats: 10 });
+  const { stream, touch_id, columns, names, rows } = await frame;
+  assert.deepEqual([stream, touch_id, columns, names[3]], ["stats", 2, 4, "touches"]);
+  assert.deepEqual([...rows.subarray(4)], [4, 5, 6, NaN]);
+  await h.close();
+});
+
+test("a broken connection is opened again, with the lease and disarmed", async () => {
+  const h = await open();
+  await h.geometry({ px_per_mm: 4 });
+  await h.subscribe({ stats: 10 });
+  await h.acquire();
+  await h.arm();
+  const [resumed, frame] = [next(h, "resumed"), next(h, "frame")];
+  const waits = h.ask("play", { effect: { kind: "slow" } });
+  sockets.at(-1).terminate();
+  await assert.rejects(waits, { name: "Lost" });
+  assert.equal(h.touch({ x_mm: 1, y_mm: 1 }), false);
+  await resumed;
+  await frame; // the streams are asked for again
+  assert.equal(h.lease.is_mine, true);
+  assert.equal(h.output.state, "off");
+  await h.arm();
+  const contact = next(h, "contact");
+  h.pointer(pointerEvent("pointermove")); // the geometry was told again, and a move is a down
+  assert.equal((await contact).event, "enter");
+  await h.close();
+});
+
+test("a file is sent once, under its hash", async () => {
+  const h = await open();
+  const name = await h.asset(new Blob(["a photograph"]), ".png");
+  assert.match(name, /^[0-9a-f]{64}\.png$/);
+  assert.equal(await h.asset(new Blob(["a photograph"]), ".png"), name);
+  await assert.rejects(h.asset(new Blob(["x"]), ".exe"), { code: "document" });
+  await h.close();
+});
+
+test("a wrong token is no reason to try again", async () => {
+  const { url } = await find();
+  const options = { name: "x", url, token: "guess", WebSocket: Kept };
+  const count = sockets.length;
+  await assert.rejects(connect(options), { code: "access", path: "/token" });
+  await sleep(300);
+  assert.equal(sockets.length, count + 1);
+  await assert.rejects(connect({ ...options, url: "ws://127.0.0.1:1/" }), { name: "Lost" });
+});
+
+test("a silent service is left, and a handler that fails ends nothing", async () => {
+  class Silent {
+    static count = 0;
+    readyState = 1;
+    constructor() {
+      Silent.count += 1;
+      queueMicrotask(() => this.onopen());
+    }
+    send(text) {
+      const { type, id } = JSON.parse(text);
+      if (type !== "hello") return;
+      const [keep_alive, limits] = [{ idle_s: 0.02 }, { fingers: 10, batch_touches: 1024 }];
+      const lease = { is_mine: false };
+      const welcome = { type: "welcome", id, keep_alive, limits, lease, output: {}, resume: "r" };
+      queueMicrotask(() => this.onmessage({ data: JSON.stringify(welcome) }));
+    }
+    close() {}
+  }
+  const h = await connect({ name: "x", url: "ws://x", WebSocket: Silent });
+  assert.equal((await next(h, "lost")).reason, "the service is silent");
+  await next(h, "resumed");
+  assert.equal(Silent.count, 2);
+  const closed = next(h, "closed");
+  await h.close();
+  await closed;
+});
+
+test("pointers become touches of few numbers, and what is predicted or old is left out", () => {
+  const pointers = new Pointers(2);
+  const kinds = (event, at_s = now()) =>
+    pointers.touches(event, ELEMENT, at_s).map(({ touch_id, kind }) => [touch_id, kind]);
+  assert.deepEqual(kinds(pointerEvent("pointermove", { buttons: 0 })), []); // hovers
+  assert.deepEqual(kinds(pointerEvent("pointerdown")), [[0, "down"]]);
+  assert.deepEqual(kinds(pointerEvent("pointerdown", { pointerId: 900 })), [[1, "down"]]);
+  assert.deepEqual(kinds(pointerEvent("pointerdown", { pointerId: 901 })), []); // a third of two
+  const t_ms = performance.now();
+  const coalesced = [
+    { timeStamp: t_ms - 900, clientX: 0 },
+    { timeStamp: t_ms - 8, clientX: 120 },
+    { timeStamp: t_ms, clientX: 140 },
+  ];
+  const event = pointerEvent("pointermove", { coalesced });
+  event.getPredictedEvents = () => assert.fail("no finger was there");
+  const [first, second, ...more] = pointers.touches(event, ELEMENT, now(), 0.4);
+  assert.deepEqual([first.x_px, second.x_px, first.y_px, more.length], [20, 40, 0, 0]);
+  assert.deepEqual([second.t_s, second.normal_force_n], [t_ms / 1e3, 0.4]);
+  const late = pointers.touches(pointerEvent("pointerup", { timeStamp: 0 }), ELEMENT, 99);
+  assert.deepEqual([late[0].kind, late[0].t_s], ["up", 98.6]);
+  assert.deepEqual(kinds(pointerEvent("pointercancel")), []); // it was lifted already
+  assert.deepEqual(kinds(pointerEvent("pointermove", { pointerId: 5 })), [[0, "down"]]);
+  assert.deepEqual(kinds(pointerEvent("pointermove", { pointerId: 5, buttons: 0 })), [[0, "up"]]);
+});

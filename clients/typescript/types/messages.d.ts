@@ -1,0 +1,433 @@
+/* Made by scripts/make-client-types.py from the schema of the messages; do not edit. */
+
+export type Messages = ClientMessage | ServerMessage;
+export type ClientMessage =
+  | Hello
+  | Acquire
+  | Plain
+  | Geometry
+  | Touches
+  | LayoutSet
+  | LayoutChange
+  | Play
+  | Cancel
+  | Intensity
+  | Switch
+  | Subscribe
+  | Pong;
+export type ServerMessage =
+  | Welcome
+  | Lease
+  | Output
+  | Inventory
+  | Done
+  | LayoutReply
+  | Playing
+  | EffectEnded
+  | Contact
+  | Subscribed
+  | Ping
+  | Warning
+  | Error
+  | Bye;
+
+/**
+ * First message: who comes, in which version.
+ */
+export interface Hello {
+  type: "hello";
+  id: number;
+  protocol: string;
+  client: string;
+  token?: string;
+  resume?: string;
+}
+/**
+ * Ask for the lease on the output; with `takeover` also from who holds it.
+ */
+export interface Acquire {
+  type: "acquire";
+  id: number;
+  takeover?: boolean;
+}
+/**
+ * A message without fields.
+ */
+export interface Plain {
+  type: "release" | "arm" | "disarm" | "stop" | "inventory" | "bye";
+  id: number;
+}
+/**
+ * Pixels to millimetres: ``mm = origin + turn(rotation) (px / px_per_mm)``.
+ */
+export interface Geometry {
+  type: "geometry";
+  id: number;
+  px_per_mm: number;
+  origin_mm?: number[];
+  rotation_deg?: number;
+}
+/**
+ * Touches as JSON; many are better sent as a batch of bytes.
+ */
+export interface Touches {
+  type: "touch";
+  id?: number | null;
+  touches: Touch[];
+}
+/**
+ * One report of one finger; its place is in millimetres or in pixels.
+ */
+export interface Touch {
+  t_s: number;
+  touch_id?: number;
+  kind?: "down" | "move" | "up";
+  x_mm?: number | null;
+  y_mm?: number | null;
+  x_px?: number | null;
+  y_px?: number | null;
+  normal_force_n?: number | null;
+  contact_area_m2?: number | null;
+}
+/**
+ * Replace the layout of this session by a document.
+ */
+export interface LayoutSet {
+  type: "layout_set";
+  id: number;
+  document: LayoutDocument;
+}
+/**
+ * All regions; beside them nothing is felt.
+ */
+export interface LayoutDocument {
+  regions: Region[];
+}
+/**
+ * A region: its name, its material's document, and where it lies.
+ */
+export interface Region {
+  x_mm?: number | null;
+  y_mm?: number | null;
+  width_mm?: number | null;
+  height_mm?: number | null;
+  shape?: ("rectangle" | "ellipse") | number[][] | null;
+  rotation_deg?: number | null;
+  scale?: number | null;
+  z?: number | null;
+  blend?: ("over" | "add" | "multiply" | "max" | "min") | null;
+  opacity?: number | null;
+  priority?: number | null;
+  name: string;
+  material: {
+    [k: string]: unknown;
+  };
+}
+/**
+ * Change the layout of this session: all of `ops`, or nothing.
+ */
+export interface LayoutChange {
+  type: "layout_change";
+  id: number;
+  ops: (AddRegion | ChangeRegion | MoveRegion | RemoveRegion)[];
+}
+/**
+ * Add a region.
+ */
+export interface AddRegion {
+  x_mm?: number | null;
+  y_mm?: number | null;
+  width_mm?: number | null;
+  height_mm?: number | null;
+  shape?: ("rectangle" | "ellipse") | number[][] | null;
+  rotation_deg?: number | null;
+  scale?: number | null;
+  z?: number | null;
+  blend?: ("over" | "add" | "multiply" | "max" | "min") | null;
+  opacity?: number | null;
+  priority?: number | null;
+  name: string;
+  material: {
+    [k: string]: unknown;
+  };
+  op: "add";
+}
+/**
+ * Change what is given of a region, in a cross-fade.
+ */
+export interface ChangeRegion {
+  x_mm?: number | null;
+  y_mm?: number | null;
+  width_mm?: number | null;
+  height_mm?: number | null;
+  shape?: ("rectangle" | "ellipse") | number[][] | null;
+  rotation_deg?: number | null;
+  scale?: number | null;
+  z?: number | null;
+  blend?: ("over" | "add" | "multiply" | "max" | "min") | null;
+  opacity?: number | null;
+  priority?: number | null;
+  op: "change";
+  name: string;
+  material?: {
+    [k: string]: unknown;
+  } | null;
+}
+/**
+ * Move a region, in `over_s`.
+ */
+export interface MoveRegion {
+  op: "move";
+  name: string;
+  x_mm?: number | null;
+  y_mm?: number | null;
+  rotation_deg?: number | null;
+  over_s?: number;
+}
+/**
+ * Remove a region; it fades out.
+ */
+export interface RemoveRegion {
+  op: "remove";
+  name: string;
+}
+/**
+ * Play an effect that ends, such as a transient, for all fingers.
+ */
+export interface Play {
+  type: "play";
+  id: number;
+  effect: {
+    [k: string]: unknown;
+  };
+}
+/**
+ * End an effect by the number that `playing` gave.
+ */
+export interface Cancel {
+  type: "cancel";
+  id: number;
+  effect_id: number;
+}
+/**
+ * Share of the asked friction, 0 to 1.
+ */
+export interface Intensity {
+  type: "intensity";
+  id: number;
+  value: number;
+}
+/**
+ * Mute: 0 V while time runs. Pause: 0 V and time stands.
+ */
+export interface Switch {
+  type: "mute" | "pause";
+  id: number;
+  on: boolean;
+}
+/**
+ * Streams that the client wants, each with its rate in hertz; 0 ends one.
+ */
+export interface Subscribe {
+  type: "subscribe";
+  id: number;
+  streams: {
+    [k: string]: number;
+  };
+}
+/**
+ * Answer to `ping`: its number, and the client's own clock.
+ */
+export interface Pong {
+  type: "pong";
+  n: number;
+  clock_s: number;
+}
+/**
+ * Answer to `hello`.
+ */
+export interface Welcome {
+  type: "welcome";
+  id: number;
+  protocol: string;
+  server: string;
+  session: number;
+  resume: string;
+  limits: Limits;
+  keep_alive: KeepAlive;
+  clock_s: number;
+  inventory: Inventory;
+  output: Output;
+  lease: Lease;
+}
+/**
+ * What a session is held to.
+ */
+export interface Limits {
+  text_bytes: number;
+  depth: number;
+  batch_touches: number;
+  fingers: number;
+  messages_per_s: number;
+  batches_per_s: number;
+  touches_per_s: number;
+  regions: number;
+  effects: number;
+  asset_bytes: number;
+  assets_bytes: number;
+  image_pixels: number;
+}
+/**
+ * How often the server pings [s], and what becomes of a client that does not answer.
+ */
+export interface KeepAlive {
+  armed_s: number;
+  idle_s: number;
+  silent_s: number;
+  free_s: number;
+  close_s: number;
+}
+/**
+ * All there is, whole each time.
+ */
+export interface Inventory {
+  type: "inventory";
+  id: number;
+  devices: Device[];
+  finger: string;
+  screen: string;
+  kinds: string[];
+}
+/**
+ * A driver: its address, what it is, and the profile that belongs to it.
+ */
+export interface Device {
+  address: string;
+  name: string;
+  is_real: boolean;
+}
+/**
+ * What the output does. `voltage_share` is of the highest voltage; volts are not told.
+ */
+export interface Output {
+  type: "output";
+  id: number;
+  state: "off" | "armed" | "asleep" | "failed";
+  device: string;
+  intensity: number;
+  muted: boolean;
+  paused: boolean;
+  reason: string;
+}
+/**
+ * Who holds the output.
+ */
+export interface Lease {
+  type: "lease";
+  id: number;
+  holder: number | null;
+  is_mine: boolean;
+  reason: string;
+}
+/**
+ * What was asked is done.
+ */
+export interface Done {
+  type: "done";
+  id: number;
+}
+/**
+ * The layout's revision, and the sample from which it is played, where one plays.
+ */
+export interface LayoutReply {
+  type: "layout";
+  id: number;
+  revision: number;
+  sample: number | null;
+}
+/**
+ * An effect has begun; `effect_ended` follows with the same number.
+ */
+export interface Playing {
+  type: "playing";
+  id: number;
+  effect_id: number;
+}
+/**
+ * An effect has ended: played whole, cut, or dropped.
+ */
+export interface EffectEnded {
+  type: "effect_ended";
+  id: number;
+  effect_id: number;
+  how: "played" | "cut" | "dropped";
+  sample: number;
+}
+/**
+ * A finger entered, left, pressed or released a region, or crossed a detent.
+ */
+export interface Contact {
+  type: "contact";
+  id: number;
+  event: "enter" | "leave" | "press" | "release" | "detent";
+  region: string;
+  touch_id: number;
+  t_s: number;
+  value: number | null;
+}
+/**
+ * The columns of each stream that is sent.
+ */
+export interface Subscribed {
+  type: "subscribed";
+  id: number;
+  columns: {
+    [k: string]: string[];
+  };
+}
+/**
+ * Asks for a `pong` at once.
+ */
+export interface Ping {
+  type: "ping";
+  id: number;
+  n: number;
+  clock_s: number;
+}
+/**
+ * Something that needs no answer but a look.
+ */
+export interface Warning {
+  type: "warning";
+  id: number;
+  sentence: string;
+}
+/**
+ * A message was refused, and nothing changed by it.
+ */
+export interface Error {
+  type: "error";
+  id: number;
+  code:
+    | "message"
+    | "version"
+    | "order"
+    | "access"
+    | "lease"
+    | "clock"
+    | "limit"
+    | "document"
+    | "device"
+    | "unknown"
+    | "internal";
+  sentence: string;
+  path: string;
+}
+/**
+ * The server ends the session, and says why.
+ */
+export interface Bye {
+  type: "bye";
+  id: number;
+  reason: string;
+}

@@ -1,0 +1,24 @@
+"""Compiles the C# client as C# 6."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+CSHARP = Path(__file__).parents[2] / "clients" / "csharp"
+JSON = Path("/usr/lib/cli/Newtonsoft.Json-5.0/Newtonsoft.Json.dll")
+
+
+def compiled(target, *folders):
+    """Compile the client and what is in `folders`; return the target."""
+    if shutil.which("mcs") is None or shutil.which("mono") is None or not JSON.exists():
+        pytest.skip("needs mono-mcs, mono-runtime and libnewtonsoft-json5.0-cil of Debian")
+    sources = [path for folder in (CSHARP, *folders) for path in sorted(folder.glob("*.cs"))]
+    kind = "library" if target.suffix == ".dll" else "exe"
+    options = ["-langversion:6", "-warn:4", "-warnaserror", "-r:System.dll", f"-r:{JSON}"]
+    command = ["mcs", *options, f"-target:{kind}", f"-out:{target}", *sources]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    shutil.copy(JSON, target.parent)
+    return target

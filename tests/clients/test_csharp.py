@@ -1,0 +1,31 @@
+"""The C# client, compiled as C# 6 and run under Mono, against the real front."""
+
+import os
+import shutil
+import subprocess
+
+from tests.clients.compiled import CSHARP, compiled
+
+
+def test_client(service, tmp_path):
+    program = compiled(tmp_path / "test.exe", CSHARP / "Test")
+    folder = service.access._folder
+    done = subprocess.run(
+        ["mono", program, CSHARP.parent / "golden"],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        env=os.environ | {"HAPTIX_SERVICE": str(folder)},
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    reports = service.engine.reports
+    assert (10.0 + 40.0 / 4.0, 5.0) in [(report.x_mm, report.y_mm) for report in reports]
+    by_mm = next(report for report in reports if report.touch_id == 5)
+    assert by_mm[2:] == ("down", 3.0, 4.0, 0.5, None)
+
+
+def test_example_compiles_without_unity(tmp_path):
+    stubs = tmp_path / "stubs"
+    stubs.mkdir()
+    shutil.copy(CSHARP / "Test" / "UnityStubs.cs", stubs)
+    compiled(tmp_path / "example.dll", CSHARP / "Example", stubs)

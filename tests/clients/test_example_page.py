@@ -1,0 +1,66 @@
+"""The example page in a real browser: paired by the code, and touches as the pointer moves."""
+
+import functools
+import http.server
+import shutil
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import sync_playwright
+
+CLIENT = Path(__file__).parents[2] / "clients" / "typescript"
+
+
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture
+def address():
+    server = http.server.ThreadingHTTPServer(
+        ("127.0.0.1", 0), functools.partial(Quiet, directory=CLIENT)
+    )
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_address[1]}/example/index.html"
+    server.shutdown()
+    server.server_close()
+
+
+def test_ribs_under_the_pointer(service, address):
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("needs Debian's chromium: bash scripts/setup-devices.sh")
+    arguments = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+    # A person grants this in the browser's own prompt.
+    arguments.append("--disable-features=LocalNetworkAccessChecks")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=arguments)
+        page = browser.new_page()
+        page.goto(f"{address}?url=ws://127.0.0.1:{service.port}/v1/session")
+        page.get_by_role("button", name="Connect").click()
+        page.get_by_text("start haptix serve").wait_for()  # not paired: there is no socket
+        page.get_by_label("Code").fill(service.access.code())
+        page.get_by_role("button", name="Connect").click()
+        page.get_by_text("slide over the ribs").wait_for()
+        box = page.locator("#pad").bounding_box()
+        page.mouse.move(box["x"] + 20, box["y"] + 40)  # hovers: no touch
+        page.mouse.down()
+        page.get_by_text("enter ribs").wait_for()
+        page.mouse.move(box["x"] + 220, box["y"] + 40, steps=5)
+        began_s = time.monotonic()
+        page.mouse.up()
+        page.get_by_role("button", name="Stop").click()
+        page.get_by_text("stopped by session").wait_for()
+        browser.close()
+    reports = service.engine.reports
+    assert [reports[0].kind, reports[-1].kind] == ["down", "up"]
+    assert {report.kind for report in reports[1:-1]} == {"move"}
+    assert (reports[0].x_mm, reports[0].y_mm) == (5.0, 10.0)  # 20 and 40 px at 4 px/mm
+    assert (reports[-1].x_mm, reports[-1].y_mm) == (55.0, 10.0)
+    times = [report.t_s for report in reports]
+    assert times == sorted(times)
+    # The browser's clock by ours: its events are milliseconds old; a busy machine adds to that.
+    assert abs(reports[-1].t_s - began_s) < 1.0

@@ -1,0 +1,50 @@
+"""Every client's golden sessions against `haptix serve` itself, with a mock driver."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.clients.compiled import CSHARP, compiled
+from tests.clients.golden import GOLDEN, SESSIONS, Run
+
+TYPESCRIPT = GOLDEN.parent / "typescript"
+
+pytestmark = pytest.mark.slow  # the same sessions run against the front alone
+
+
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory):
+    environment = os.environ | {"HAPTIX_SERVICE": str(tmp_path_factory.mktemp("service"))}
+    command = [sys.executable, "-m", "haptix.cli", "serve", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
+        assert "haptix serves" in process.stdout.readline()
+        yield environment
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=20)
+
+
+@pytest.mark.parametrize("name", SESSIONS)
+def test_python(environment, name):
+    found = json.loads((Path(environment["HAPTIX_SERVICE"]) / "service.json").read_text())
+    Run(found["port"], found["token"]).play(name)
+
+
+def test_typescript(environment):
+    if shutil.which("node") is None or not (TYPESCRIPT / "node_modules" / "ws").exists():
+        pytest.skip("needs node, and npm ci in clients/typescript")
+    command = ["node", TYPESCRIPT / "test" / "golden.test.js"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
+    assert done.returncode == 0, done.stdout[-4000:]
+
+
+def test_csharp(environment, tmp_path):
+    program = compiled(tmp_path / "test.exe", CSHARP / "Test")
+    command = ["mono", program, GOLDEN, "golden"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
+    assert done.returncode == 0, done.stdout + done.stderr
