@@ -20,6 +20,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -80,7 +81,9 @@ class AsyncClient:
         await self.close()
 
     async def close(self) -> None:
-        """Leave; an armed output goes to 0 V."""
+        """Leave; an armed output goes to 0 V, and the lease is free."""
+        with suppress(DeviceError):
+            await self._send(json.dumps({"type": "bye", "id": self._number + 1}))
         await self._socket.close()
         await asyncio.gather(self._reader, return_exceptions=True)
 

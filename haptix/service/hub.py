@@ -180,7 +180,8 @@ class Hub:
 
     def gone(self, session: ServiceSession) -> None:
         """Take note that a socket is closed: 0 V at once if it held the output."""
-        self.sessions.pop(session.number, None)
+        if self.sessions.pop(session.number, None) is None:
+            return
         session.close(1000, "")
         if self.holder is session:
             self.engine.tell("stop", reason="the client that held the output is gone")
@@ -279,11 +280,13 @@ class Hub:
                 continue
             message = session.asked.popleft()
             try:
-                session.send(await self._answer(session, message))
+                answer = await self._answer(session, message)
+                if answer is not None:
+                    session.send(answer)
             except Problem as problem:
                 self._refuse(session, message.id, problem)
 
-    async def _answer(self, session: ServiceSession, message: Any) -> m.Message:
+    async def _answer(self, session: ServiceSession, message: Any) -> m.Message | None:
         number: int = message.id
         if isinstance(message, m.Acquire):
             self._acquire(session, message)
@@ -301,8 +304,11 @@ class Hub:
         if isinstance(message, m.Plain) and message.type == "inventory":
             return self.inventory.model_copy(update={"id": number})
         if isinstance(message, m.Plain) and message.type == "bye":
+            if self.holder is session:  # nothing is kept for who says goodbye
+                self._disarm("its holder has left")
+                self._take_lease(None, "its holder has left")
             session.close(1000, "bye")
-            return m.Done(id=number)
+            return None
         if isinstance(message, m.LayoutSet | m.LayoutChange):
             fields = message.model_dump(exclude={"type", "id"}, exclude_none=True)
             found = await self._ask(message.type, session=session.number, **fields)
@@ -392,13 +398,7 @@ class Hub:
             session.close(4400 if wrong.code == "version" else 4403, wrong.sentence)
             return
         session.name = message.client
-        reason = "free"
-        kept = self._kept
-        if kept is not None and hmac.compare_digest(message.resume.encode(), kept.resume.encode()):
-            self._kept = None
-            self.engine.tell("adopt", session=session.number, of=kept.session)
-            self._take_lease(session, "resumed")
-            reason = "resumed"
+        reason = "resumed" if self._resumes(session, message.resume) else "free"
         speaks = min((major, minor), m.PROTOCOL)
         session.send(
             m.Welcome(
@@ -407,6 +407,7 @@ class Hub:
                 server=f"haptix {__version__}",
                 session=session.number,
                 resume=session.resume,
+                keep_alive=self.keep_alive,
                 clock_s=self.now_s(),
                 inventory=self.inventory,
                 output=self.output,
@@ -415,6 +416,20 @@ class Hub:
         )
         for _ in range(_FIRST_PINGS):
             self._ping(session)
+
+    def _resumes(self, session: ServiceSession, resume: str) -> bool:
+        """Give the lease and layout of the connection before back; whether there was one."""
+        for old in list(self.sessions.values()):
+            # It noticed first that its connection was lost: the old socket looks open here.
+            if old is not session and hmac.compare_digest(resume.encode(), old.resume.encode()):
+                self.gone(old)
+        kept = self._kept
+        if kept is None or not hmac.compare_digest(resume.encode(), kept.resume.encode()):
+            return False
+        self._kept = None
+        self.engine.tell("adopt", session=session.number, of=kept.session)
+        self._take_lease(session, "resumed")
+        return True
 
     def _acquire(self, session: ServiceSession, message: m.Acquire) -> None:
         if self.holder is session:

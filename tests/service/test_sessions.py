@@ -240,6 +240,30 @@ def test_who_leaves_ends_at_0_v_and_resumes_disarmed(service):
         assert again.welcome["output"]["state"] == "off"
 
 
+def test_a_lost_connection_is_resumed_while_its_old_socket_looks_open(service):
+    with Client(service).holds() as first:
+        resume = first.welcome["resume"]
+        with Client(service, resume=resume) as again:
+            assert again.welcome["lease"]["is_mine"]
+            assert ("adopt", {"session": again.welcome["session"],
+                              "of": first.welcome["session"]}) in [
+                told[:2] for told in service.engine.told
+            ]  # fmt: skip
+            assert again.ask("arm")["state"] == "armed"
+            assert service.hub.output.state == "armed"
+            first.socket.socket.close()
+            again.ask("inventory")
+            assert service.hub.output.state == "armed"
+
+
+def test_who_says_goodbye_keeps_nothing(service):
+    with Client(service).holds() as first:
+        first.say("bye")
+        first.until(lambda message: message["type"] == "bye")
+        with Client(service) as second:
+            assert second.ask("acquire")["is_mine"]
+
+
 def test_a_silent_client_sleeps_and_a_pong_wakes_it(service):
     with Client(service).holds() as client:
         client.answers = False
