@@ -390,10 +390,14 @@ def frames():
     kind, number, fields, head, _ = row(CAPABILITIES, 0, "<BBHIIIIIHH16s16s16sH", about)
     fields |= {"rates": [[48_000, [0, 1]], [16_000, [1]]], "guard_ticks": 48}
     told = head + struct.pack("<HIIIII", 2, 48_000, 3, 16_000, 2, 48)
-    setup = ("mode", "watchdog_ms", "sample_rate_hz", "full_scale_mv", "ceiling_mv")
-    setup += ("max_slew_v_per_s", "carrier_mhz", "lead_us", "status_ms")
-    state = ("state", "fault", "next_sequence", "token", "queued_samples", "free_samples")
-    state += ("samples_played", "underruns", "faults", "clock_ticks", "revisions", "refused")
+    setup = (
+        *("mode", "watchdog_ms", "sample_rate_hz", "full_scale_mv", "ceiling_mv"),
+        *("max_slew_v_per_s", "carrier_mhz", "lead_us", "status_ms"),
+    )
+    state = (
+        *("state", "fault", "next_sequence", "token", "queued_samples", "free_samples"),
+        *("samples_played", "underruns", "faults", "clock_ticks", "revisions", "refused"),
+    )
     cause = ("code", "field_offset", "sequence", "expected", "got", "clock_ticks")
     touch = ("clock_ticks", "x_um", "y_um", "normal_force_mn", "contact", "phase")
 

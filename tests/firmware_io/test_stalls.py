@@ -130,7 +130,7 @@ def test_over_tcp(tmp_path, what):
 
             def stalled(timeout_s=0.0):
                 time.sleep(0.02)
-                link.receive = receive
+                setattr(link, "receive", receive)  # noqa: B010
                 return receive(timeout_s)
 
             def disturb():
@@ -139,7 +139,7 @@ def test_over_tcp(tmp_path, what):
                     time.sleep(0.05)
                     os.kill(process.pid, signal.SIGCONT)
                 else:
-                    link.receive = stalled
+                    setattr(link, "receive", stalled)  # noqa: B010
 
             device = Device(link)
             volts = play(device, source, disturb)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from haptix.errors import InputError
 from haptix.motion import VELOCITY_OVER_S, Facts, LocalFrame, Motion, Trajectory
-from haptix.render.live import LiveFingers
+from haptix.render.live_fingers import LiveFingers
 from haptix.render.renderer import RecordedFingers
 from haptix.render.settings import LiveSettings, Sliding
 from haptix.touch import TouchEvent
