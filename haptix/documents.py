@@ -12,7 +12,7 @@ from torch import Tensor
 
 from haptix.checks import plain
 from haptix.errors import FileFormatError, InputError
-from haptix.files import file_at, json_text, read_json, read_toml, write_whole
+from haptix.files import checked_values, file_at, json_text, read_json, read_toml, write_whole
 from haptix.units import with_numbers
 
 
@@ -103,8 +103,20 @@ class Document(Part):
         return cls(**fields)
 
     def save(self, path: str | Path) -> None:
-        """Write a file that `load` reads back to an equal document."""
+        """Write a file that `load` reads back to an equal document.
+
+        Raises
+        ------
+        InputError
+            If a text holds what no file takes, such as a NUL.
+        """
         fields = self.model_dump(mode="json", exclude_none=True)
+        try:
+            checked_values(fields)
+        except ValueError as error:
+            raise InputError(
+                f"{Path(path).name}: expected what a file takes, got {error}"
+            ) from None
         is_json = Path(path).suffix == ".json"
         write_whole(path, json_text(fields) if is_json else tomlkit.dumps(fields))
 

@@ -12,10 +12,10 @@ SCREEN = Screen(
 )
 
 positive = st.floats(1e-12, 1e6)
-# TOML holds any text but lone surrogates.
-names = st.text(st.characters(codec="utf-8"), min_size=1, max_size=20).filter(
-    lambda name: name.strip() and name != "custom"
-)
+# A file holds any text but lone surrogates and NUL.
+names = st.text(
+    st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=20
+).filter(lambda name: name.strip() and name != "custom")
 
 
 @settings(deadline=None)
@@ -30,6 +30,12 @@ def test_round_trip(tmp_path_factory, name, thickness, permittivity, voltage):
     path = tmp_path_factory.mktemp("profile") / "screen.toml"
     screen.save(path)
     assert Screen.load(path) == screen
+
+
+def test_a_name_that_could_not_be_read_back_is_not_written(tmp_path):
+    with pytest.raises(InputError, match="NUL"):
+        SCREEN.replace(name="panel\0").save(tmp_path / "screen.toml")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,7 @@ def test_a_lifted_finger_feels_nothing(model):
         ({"x_mm": [0.0, 1e300]}, "x_mm: expected places on a screen"),
         ({"y_mm": [0.0, 1.0, 2.0]}, "y_mm: expected one value for each of the 2 times"),
         ({"normal_force_n": [0.5, -0.1]}, r"normal_force_n: expected 0 N \(lifted\) or more"),
-        ({"normal_force_n": 1e7}, r"normal_force_n: expected at most 1e\+06 N"),
+        ({"normal_force_n": 1e7}, "normal_force_n: expected a finger's force, 100 N at most"),
         ({"normal_force_n": [0.5, None]}, "normal_force_n: expected"),
         ({"start_s": np.nan}, "start_s: expected a finite number"),
         ({"output_rate_hz": 0.0}, "output_rate_hz: expected 10 Hz or more"),
