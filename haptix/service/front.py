@@ -16,8 +16,9 @@ from starlette.websockets import WebSocketDisconnect
 from haptix.service import messages as m
 from haptix.service.access import Access
 from haptix.service.assets import AssetStore
-from haptix.service.hub import TICK_S, Hub, ServiceSession
+from haptix.service.hub import TICK_S, Hub
 from haptix.service.messages import Problem
+from haptix.service.session import ServiceSession
 from haptix.version import __version__
 
 SUBPROTOCOL = "haptix.v1"

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import hmac
-import secrets
 import time
 from collections import deque
 from collections.abc import Callable
@@ -17,17 +16,16 @@ from typing import Any, NamedTuple, Protocol
 
 from haptix.service import messages as m
 from haptix.service.access import Access
-from haptix.service.batches import COLUMNS, read_touches, with_dropped
-from haptix.service.clocks import ClientClock
+from haptix.service.batches import COLUMNS, read_touches
 from haptix.service.messages import Problem
+from haptix.service.session import ServiceSession
 from haptix.service.wire import TouchRecord
 from haptix.version import __version__
 
 TICK_S = 0.02
 """Between two looks at the sessions. A silent client's voltage is gone a tick after its limit."""
 _FIRST_PINGS = 8
-_MOST_WAITING = 64  # replies that a client has not read
-_MOST_FRAMES = 4
+_MOST_PINGS = 64  # that wait for an answer
 _MOST_SESSIONS = 16
 _WAIT_S = 5.0  # for the engine
 
@@ -43,78 +41,6 @@ class Engine(Protocol):
 
     def touch(self, reports: list[TouchRecord]) -> None:
         """Pass touches on, by the service's clock."""
-
-
-class Bucket:
-    """So many a second, with a second's worth at once; `wait_s` slows down who takes more."""
-
-    def __init__(self, per_s: float, now_s: Callable[[], float]) -> None:
-        self._per_s, self._now_s = per_s, now_s
-        self._left, self._at_s = per_s, now_s()
-
-    def wait_s(self, count: int = 1) -> float:
-        """Take `count` and return how long to wait."""
-        now_s = self._now_s()
-        self._left = min(self._left + (now_s - self._at_s) * self._per_s, self._per_s) - count
-        self._at_s = now_s
-        return max(-self._left / self._per_s, 0.0)
-
-
-class ServiceSession:
-    """One client. What it is sent waits in `waiting` and `frames` for its writer."""
-
-    def __init__(self, number: int, origin: str | None, now_s: Callable[[], float]) -> None:
-        self.number, self.origin = number, origin
-        self.name = ""
-        self.resume = secrets.token_urlsafe(16)
-        self.clock = ClientClock()
-        self.geometry: m.Geometry | None = None
-        self.last_id = 0
-        self.began_s = now_s()
-        self.unanswered_s: float | None = None  # first ping since it was heard
-        self.pinged_s = float("-inf")
-        self.pings: dict[int, float] = {}
-        self.next_ping = 0
-        self.streams: dict[m.Stream, float] = {}
-        self.waiting: deque[str] = deque()
-        self.frames: deque[bytes] = deque(maxlen=_MOST_FRAMES)
-        self.dropped = 0
-        self.has_more = asyncio.Event()
-        self.asked: deque[Any] = deque()  # messages that wait for the engine
-        self.has_asked = asyncio.Event()
-        self.closing: tuple[int, str] | None = None
-        limits = m.Limits()
-        self.messages = Bucket(limits.messages_per_s, now_s)
-        self.batches = Bucket(limits.batches_per_s, now_s)
-        self.touches = Bucket(limits.touches_per_s, now_s)
-
-    @property
-    def is_welcome(self) -> bool:
-        """Whether hello was said."""
-        return bool(self.name)
-
-    def send(self, message: m.Message) -> None:
-        """Queue a message; a client that reads none is shown out."""
-        if self.closing is None:
-            self.waiting.append(message.model_dump_json())
-            if len(self.waiting) > _MOST_WAITING:
-                self.close(4409, "the client does not read its answers")
-            self.has_more.set()
-
-    def send_frame(self, frame: bytes) -> None:
-        """Queue telemetry; the newest frames replace those that were not read."""
-        self.dropped += len(self.frames) == _MOST_FRAMES
-        self.frames.append(with_dropped(frame, self.dropped))
-        self.has_more.set()
-
-    def close(self, code: int, reason: str) -> None:
-        """End it, after what waits."""
-        if self.closing is None:
-            if self.is_welcome and code != 4409:
-                self.waiting.append(m.Bye(reason=reason).model_dump_json())
-            self.closing = (code, reason)
-            self.has_more.set()
-            self.has_asked.set()
 
 
 class Kept(NamedTuple):
@@ -549,7 +475,7 @@ class Hub:
         if session.unanswered_s is None:
             session.unanswered_s = now_s
         session.pings[session.next_ping] = now_s
-        while len(session.pings) > _MOST_WAITING:
+        while len(session.pings) > _MOST_PINGS:
             session.pings.pop(next(iter(session.pings)))
         session.send(m.PingMessage(n=session.next_ping, clock_s=now_s))
         session.next_ping += 1
