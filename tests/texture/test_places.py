@@ -86,7 +86,7 @@ def test_what_values_mean():
 
 WRONG = {
     "width_mm": lambda: Texture(LEVEL, "60 mm"),
-    "level": lambda: Texture("bricks", 60.0),  # type: ignore[arg-type]
+    "level": lambda: Texture("bricks", 60.0),
     "mu_range: expected two": lambda: Texture(LEVEL, 60.0, mu_range=0.3),
     "mu_range: expected a finite": lambda: Texture(LEVEL, 60.0, mu_range=("low", 1)),
     "largest_bytes": lambda: Texture.from_image(LEVEL, 60.0, largest_bytes="1 GB"),
