@@ -56,5 +56,5 @@ apt install -y --no-install-recommends "${packages[@]}" || fail "apt-get failed 
 printf 'setup-devices: the guest lies in %s\n' "$(python3 tests/devices/guest/debian.py)"
 
 printf 'setup-devices: the tools of the clients\n'
-node -e 'process.exit(parseInt(process.versions.node) < 20)' || fail "the clients need Node 20 or newer, from nodejs.org."
+node -e 'process.exit(parseInt(process.versions.node) < 20 ? 1 : 0)' || fail "the clients need Node 20 or newer, from nodejs.org."
 npm ci --prefix clients/typescript --no-audit --no-fund --loglevel error
