@@ -32,8 +32,12 @@ def serve(
     listen: Annotated[
         str | None, typer.Option(help="Name by which other machines reach this one; needs TLS.")
     ] = None,
-    certificate: Annotated[Path | None, typer.Option(help="Its certificate, PEM.")] = None,
-    key: Annotated[Path | None, typer.Option(help="The certificate's key, PEM.")] = None,
+    certificate: Annotated[
+        Path | None, typer.Option(help="Its certificate, PEM.", exists=True)
+    ] = None,
+    key: Annotated[
+        Path | None, typer.Option(help="The certificate's key, PEM.", exists=True)
+    ] = None,
 ) -> None:
     """Serve apps in any language on this machine: touches and materials in, friction out.
 

@@ -21,8 +21,10 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from haptix.errors import HaptixError, InputError
+from haptix.files import parse_json
 from haptix.service.batches import TelemetryFrame, write_frame
 from haptix.service.wire import JSON, TELEMETRY, TOUCHES, frame, json_frame, read_frame, touches_of
+from haptix.touch import TouchEvent
 
 if TYPE_CHECKING:
     from haptix.layout import LayoutEvent
@@ -86,8 +88,6 @@ class EngineServer:
     # --- at once ---------------------------------------------------------------------------------
 
     def _obey(self, data: bytes) -> None:
-        from haptix.files import parse_json
-
         message = parse_json(data)
         do = message["do"]
         if do == "tick":
@@ -107,8 +107,6 @@ class EngineServer:
         renderer = self._renderer
         if renderer is None or self._sleeps:
             return
-        from haptix.touch import TouchEvent
-
         try:
             for t_s, touch_id, kind, x_mm, y_mm, force_n, area_m2 in touches_of(data):
                 renderer.event(TouchEvent(t_s, touch_id, x_mm, y_mm, kind, force_n, area_m2))

@@ -153,27 +153,21 @@ class Hub:
         """
         if session.closing is not None:
             return 0.0
+        wait_s = (session.batches if isinstance(data, bytes) else session.messages).wait_s()
         try:
             if isinstance(data, bytes):
-                wait_s = session.batches.wait_s()
                 self._heard(session)
                 if not session.is_welcome:
                     raise Problem("order", "expected hello first")
                 touches = read_touches(data).touches
                 wait_s = max(wait_s, session.touches.wait_s(len(touches)))
                 self._touch(session, touches)
-                return wait_s
-            wait_s = session.messages.wait_s()
-            message = m.read_client(data)
+            else:
+                message = m.read_client(data)
+                self._heard(session)
+                wait_s = max(wait_s, self._sort(session, message))
         except Problem as problem:
-            number = m.id_of(data) if isinstance(data, str) else 0
-            self._refuse(session, number, problem)
-            return wait_s if "wait_s" in locals() else 0.0
-        try:
-            self._heard(session)
-            wait_s = max(wait_s, self._sort(session, message))
-        except Problem as problem:
-            self._refuse(session, getattr(message, "id", None) or 0, problem)
+            self._refuse(session, m.id_of(data) if isinstance(data, str) else 0, problem)
         return wait_s
 
     def _sort(self, session: ServiceSession, message: Any) -> float:

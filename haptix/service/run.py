@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import ssl
 from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
@@ -10,7 +11,7 @@ from typing import Any, NamedTuple
 
 import uvicorn
 
-from haptix.errors import DeviceError
+from haptix.errors import DeviceError, InputError
 from haptix.service import messages as m
 from haptix.service.access import Access, service_folder
 from haptix.service.assets import AssetStore
@@ -81,7 +82,11 @@ def serve(
     ------
     DeviceError
         If the port is taken, or the device or surface cannot be opened.
+    InputError
+        If certificate and key cannot be used.
     """
+    if listen is not None:
+        _check(listen)
     listener = listens(listen.host if listen else "127.0.0.1", port)
     number = listener.getsockname()[1]
     folder = folder or service_folder()
@@ -145,13 +150,24 @@ def listens(host: str, port: int) -> socket.socket:
         listener = socket.create_server((host, port))
     except OSError as error:
         raise DeviceError(
-            f"cannot listen on port {port}: {error.strerror or error}; does a service run already? "
-            "Choose another --port"
+            f"cannot listen on {host}, port {port}: {error.strerror or error}; give a name of this "
+            "machine and a --port that no other service has"
         ) from None
     # asyncio does so only for sockets that it made itself. Otherwise a ping or an event waits until
     # the client's system acknowledges the one before, 40 ms later (Nagle's algorithm, RFC 896).
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return listener
+
+
+def _check(listen: Listen) -> None:
+    """Refuse a certificate that TLS cannot use, before a device is opened."""
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(listen.certificate, listen.key)
+    except OSError as error:  # an SSLError is one
+        raise InputError(
+            f"expected a certificate and its key in PEM, got {listen.certificate} and "
+            f"{listen.key}: {error}"
+        ) from None
 
 
 def _inventory(device: str, found: dict[str, Any]) -> m.Inventory:
