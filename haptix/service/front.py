@@ -15,6 +15,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from haptix.service import messages as m
 from haptix.service.access import Access
+from haptix.service.answers import work
 from haptix.service.assets import AssetStore
 from haptix.service.hub import TICK_S, Hub
 from haptix.service.messages import Problem
@@ -251,7 +252,7 @@ async def _serve(hub: Hub, socket: WebSocket, client: ServiceSession) -> None:
     """Serve one session until it closes, by whichever side."""
     tasks = [
         asyncio.create_task(part)
-        for part in (_reads(hub, socket, client), _writes(socket, client), hub.work(client))
+        for part in (_reads(hub, socket, client), _writes(socket, client), work(hub, client))
     ]
     try:
         await asyncio.wait(tasks[:2], return_when=asyncio.FIRST_COMPLETED)

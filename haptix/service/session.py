@@ -14,6 +14,7 @@ from haptix.service.clocks import ClientClock
 
 _MOST_WAITING = 64  # replies that a client has not read
 _MOST_FRAMES = 4
+_MOST_PINGS = 64  # that wait for an answer
 
 
 class Bucket:
@@ -64,6 +65,33 @@ class ServiceSession:
         """Whether hello was said."""
         return bool(self.name)
 
+    def ping(self, now_s: float) -> None:
+        """Ask for a pong."""
+        self.pinged_s = now_s
+        if self.unanswered_s is None:
+            self.unanswered_s = now_s
+        self.pings[self.next_ping] = now_s
+        while len(self.pings) > _MOST_PINGS:
+            self.pings.pop(next(iter(self.pings)))
+        self.send(m.PingMessage(n=self.next_ping, clock_s=now_s))
+        self.next_ping += 1
+
+    def pong(self, message: m.Pong, now_s: float) -> bool:
+        """Take the answer to a ping; return whether the client's clock has jumped.
+
+        Raises
+        ------
+        Problem
+            If no such ping waits.
+        """
+        sent_s = self.pings.pop(message.n, None)
+        if sent_s is None:
+            raise m.Problem("order", f"n: no ping {message.n} waits for an answer", "/n")
+        jumped = self.clock.add(sent_s, now_s, message.clock_s)
+        if jumped:
+            self.send(m.WarningMessage(sentence="your clock jumped; it is compared anew"))
+        return jumped
+
     def send(self, message: m.Message) -> None:
         """Queue a message; a client that reads none is shown out."""
         if self.closing is None:
@@ -71,6 +99,12 @@ class ServiceSession:
             if len(self.waiting) > _MOST_WAITING:
                 self.close(4409, "the client does not read its answers")
             self.has_more.set()
+
+    def refuse(self, number: int, problem: m.Problem) -> None:
+        """Answer a message by an error."""
+        self.send(
+            m.Error(id=number, code=problem.code, sentence=problem.sentence, path=problem.path)
+        )
 
     def send_frame(self, frame: bytes) -> None:
         """Queue telemetry; the newest frames replace those that were not read."""

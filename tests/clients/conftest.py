@@ -43,7 +43,7 @@ class EchoEngine(WrittenEngine):
 @pytest.fixture(scope="module")
 def service(tmp_path_factory):
     service = Service(tmp_path_factory.mktemp("service"))
-    service.engine = service.hub.engine = engine = EchoEngine()
+    service.engine = service.hub.engine = service.hub.control.engine = engine = EchoEngine()
     engine.hub = service.hub
     yield service
     service.close()

@@ -36,7 +36,7 @@ def service(running):
     deadline = time.monotonic() + 5
     while running.hub.sessions and time.monotonic() < deadline:
         time.sleep(0.01)
-    running.hub._kept = None
+    running.hub.control._kept = None
     running.engine.__init__()
 
 
@@ -221,7 +221,7 @@ def test_one_holds_the_output_and_a_takeover_is_told_to_both(service):
         lost = first.until(lambda message: message["type"] == "lease" and not message["is_mine"])
         assert lost["holder"] == mine["holder"]
         assert first.ask("arm")["code"] == "lease"
-        assert service.hub.output.state == "off"  # the new holder is not armed
+        assert service.hub.control.output.state == "off"  # the new holder is not armed
 
 
 def test_who_leaves_ends_at_0_v_and_resumes_disarmed(service):
@@ -250,10 +250,10 @@ def test_a_lost_connection_is_resumed_while_its_old_socket_looks_open(service):
                 told[:2] for told in service.engine.told
             ]  # fmt: skip
             assert again.ask("arm")["state"] == "armed"
-            assert service.hub.output.state == "armed"
+            assert service.hub.control.output.state == "armed"
             first.socket.socket.close()
             again.ask("inventory")
-            assert service.hub.output.state == "armed"
+            assert service.hub.control.output.state == "armed"
 
 
 def test_who_says_goodbye_keeps_nothing(service):
@@ -268,7 +268,7 @@ def test_a_silent_client_sleeps_and_a_pong_wakes_it(service):
     with Client(service).holds() as client:
         client.answers = False
         wait_for(lambda: service.engine.when("sleep"))
-        assert service.hub.output.state == "asleep"
+        assert service.hub.control.output.state == "asleep"
         client.answers = True
         client.until(lambda m: m["type"] == "output" and m["state"] == "armed")
         assert service.engine.when("wake")
@@ -285,7 +285,7 @@ def test_anyone_stops_and_what_waits_is_refused(service):
         assert observer.ask("stop")["type"] == "done"
         refused = holder.until(lambda m: m["id"] == waits)
         assert refused["code"] == "order" and "stopped by session" in refused["sentence"]
-        assert service.hub.output.state == "off" or not service.engine.when("arm")
+        assert service.hub.control.output.state == "off" or not service.engine.when("arm")
         assert service.engine.when("stop")
 
 
@@ -293,7 +293,7 @@ def test_the_button_needs_no_script(service):
     with Client(service).holds() as client:
         base = f"http://127.0.0.1:{service.port}"
         far = httpx.post(f"{base}/stop", headers={"Sec-Fetch-Site": "cross-site"})
-        assert far.status_code == 403 and service.hub.output.state == "armed"
+        assert far.status_code == 403 and service.hub.control.output.state == "armed"
         assert httpx.post(f"{base}/stop").status_code == 204
         client.until(lambda m: m["type"] == "output" and m["state"] == "off")
 
@@ -321,7 +321,7 @@ def test_an_engine_that_refuses_leaves_the_session_as_it_was(service):
         service.engine.refuses["arm"] = "no driver is there"
         refused = client.ask("arm")
         assert (refused["code"], refused["sentence"]) == ("device", "no driver is there")
-        assert service.hub.output.state == "off"
+        assert service.hub.control.output.state == "off"
         service.engine.refuses.clear()
         assert client.ask("arm")["state"] == "armed"
 

@@ -1,0 +1,153 @@
+"""Who holds the output, and what it does."""
+
+from __future__ import annotations
+
+import hmac
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+from haptix.service import messages as m
+from haptix.service.messages import Problem
+from haptix.service.session import ServiceSession
+from haptix.service.wire import TouchRecord
+
+
+class Engine(Protocol):
+    """What renders, in a process of its own."""
+
+    async def ask(self, do: str, **fields: Any) -> dict[str, Any]:
+        """Return the answer to a question; raises `Problem`."""
+
+    def tell(self, do: str, **fields: Any) -> None:
+        """Say something that has no answer."""
+
+    def touch(self, reports: list[TouchRecord]) -> None:
+        """Pass touches on, by the service's clock."""
+
+
+class Kept(NamedTuple):
+    """The lease and layout of a holder whose socket closed, for its return."""
+
+    session: int
+    resume: str
+    until_s: float
+
+
+class OutputControl:
+    """The one output: its state, and the session that holds it.
+
+    Parameters
+    ----------
+    engine : Engine
+        What renders.
+    device : str
+        Address of the driver.
+    welcome : callable
+        Returns the sessions that are told of changes.
+    """
+
+    def __init__(
+        self, engine: Engine, device: str, welcome: Callable[[], list[ServiceSession]]
+    ) -> None:
+        self.engine, self._welcome = engine, welcome
+        self.holder: ServiceSession | None = None
+        self._kept: Kept | None = None
+        self.output = m.OutputMessage(
+            state="off",
+            device=device,
+            intensity=1.0,
+            muted=False,
+            paused=False,
+            reason="nobody has armed it",
+        )
+
+    def acquire(self, session: ServiceSession, takeover: bool) -> None:
+        """Give a session the lease, not armed.
+
+        Raises
+        ------
+        Problem
+            If another one has it, and `takeover` is not asked for.
+        """
+        if self.holder is session:
+            return
+        if self.holder is not None and not takeover:
+            raise Problem(
+                "lease",
+                f"session {self.holder.number} ({self.holder.name}) holds the output; ask with "
+                "takeover to take it",
+                "/takeover",
+            )
+        if self.holder is None and self._kept is not None and not takeover:
+            raise Problem(
+                "lease",
+                "the output is kept for a client whose socket closed; ask with takeover, or wait",
+                "/takeover",
+            )
+        self.disarm("another client takes over")
+        self._forget()
+        self._give(session, "taken over" if takeover else "acquired")
+
+    def release(self, reason: str, lease_reason: str = "") -> None:
+        """Disarm, and let the lease be free."""
+        self.disarm(reason)
+        self._give(None, lease_reason or reason)
+
+    def keep(self, until_s: float) -> None:
+        """Keep lease and layout of the holder, whose socket is closed: 0 V at once."""
+        session, self.holder = self.holder, None
+        if session is not None:
+            reason = "the client that held the output is gone"
+            self.engine.tell("stop", reason=reason)
+            self._kept = Kept(session.number, session.resume, until_s)
+            self._give(None, "the holder is gone")
+            self.set(state="off", reason=reason)
+
+    def resumes(self, session: ServiceSession, resume: str) -> bool:
+        """Give what was kept back to who knows its word; return whether there was something."""
+        kept = self._kept
+        if kept is None or not hmac.compare_digest(resume.encode(), kept.resume.encode()):
+            return False
+        self._kept = None
+        self.engine.tell("adopt", session=session.number, of=kept.session)
+        self._give(session, "resumed")
+        return True
+
+    def tick(self, now_s: float) -> None:
+        """Forget what was kept for too long."""
+        if self._kept is not None and now_s > self._kept.until_s:
+            self._forget()
+
+    def disarm(self, reason: str) -> None:
+        """End at 0 V."""
+        self.engine.tell("stop", reason=reason)
+        if self.output.state != "off":
+            self.set(state="off", reason=reason)
+
+    def set(self, number: int = 0, **changes: Any) -> m.OutputMessage:
+        """Change the state of the output, tell all, and return the answer to a message."""
+        self.output = self.output.model_copy(update=changes)
+        for session in self._welcome():
+            if not (number and session is self.holder):
+                session.send(self.output)
+        return self.output.model_copy(update={"id": number})
+
+    def lease_of(self, session: ServiceSession, reason: str, number: int = 0) -> m.Lease:
+        """Return who holds the output, as a session is told."""
+        holder = self.holder
+        return m.Lease(
+            id=number,
+            holder=holder.number if holder else None,
+            is_mine=holder is session,
+            reason=reason or "acquired",
+        )
+
+    def _give(self, session: ServiceSession | None, reason: str) -> None:
+        self.holder = session
+        for each in self._welcome():
+            each.send(self.lease_of(each, reason))
+
+    def _forget(self) -> None:
+        kept, self._kept = self._kept, None
+        if kept is not None:
+            self.engine.tell("forget", session=kept.session)

@@ -1,0 +1,61 @@
+"""What all messages share: version, limits, codes, and the refusal."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+PROTOCOL = (1, 0)
+"""Version, major and minor. Another major is another language; a minor only adds."""
+
+MOST_TEXT_BYTES = 64 * 1024
+MOST_DEPTH = 16
+MOST_TOUCHES = 1024  # of one batch
+MOST_STREAM_HZ = 50
+
+Code = Literal[
+    "message",  # no message, or none of this protocol
+    "version",
+    "order",  # not now: before hello, or an id that does not rise
+    "access",
+    "lease",
+    "clock",
+    "limit",
+    "document",
+    "device",
+    "unknown",  # what a message names is not there
+    "internal",
+]
+"""What is wrong, for programs."""
+
+Stream = Literal["stats"]
+"""What a client can subscribe to."""
+
+Id = Annotated[int, Field(ge=1, le=2**53)]
+Name = Annotated[str, Field(min_length=1, max_length=100)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Message(BaseModel):
+    """One message; unknown keys are errors."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class Problem(Exception):
+    """A message that is refused.
+
+    Parameters
+    ----------
+    code : Code
+        What is wrong, for programs.
+    sentence : str
+        What was expected, what came, and what to do.
+    path : str
+        Field, as a JSON pointer; "" for the whole message.
+    """
+
+    def __init__(self, code: Code, sentence: str, path: str = "") -> None:
+        super().__init__(sentence)
+        self.code, self.sentence, self.path = code, sentence, path

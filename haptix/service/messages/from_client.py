@@ -1,0 +1,228 @@
+"""What a client sends."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from haptix.service.messages.base import (
+    MOST_STREAM_HZ,
+    MOST_TOUCHES,
+    Id,
+    Message,
+    Name,
+    Number,
+    Stream,
+)
+
+
+class HelloMessage(Message):
+    """First message: who comes, in which version."""
+
+    type: Literal["hello"]
+    id: Id
+    protocol: Annotated[str, Field(pattern=r"^[0-9]{1,4}\.[0-9]{1,4}$")]
+    client: Name
+    token: Annotated[str, Field(max_length=200)] = ""
+    resume: Annotated[str, Field(max_length=200)] = ""
+
+
+class Acquire(Message):
+    """Ask for the lease on the output; with `takeover` also from who holds it."""
+
+    type: Literal["acquire"]
+    id: Id
+    takeover: bool = False
+
+
+class Plain(Message):
+    """A message without fields."""
+
+    type: Literal["release", "arm", "disarm", "stop", "inventory", "bye"]
+    id: Id
+
+
+class Geometry(Message):
+    """Pixels to millimetres: ``mm = origin + turn(rotation) (px / px_per_mm)``."""
+
+    type: Literal["geometry"]
+    id: Id
+    px_per_mm: Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
+    origin_mm: tuple[Number, Number] = (0.0, 0.0)
+    rotation_deg: Number = 0.0
+
+
+class TouchMessage(Message):
+    """One report of one finger; its place is in millimetres or in pixels."""
+
+    t_s: Number
+    touch_id: Annotated[int, Field(ge=0, le=255)] = 0
+    kind: Literal["down", "move", "up"] = "move"
+    x_mm: Number | None = None
+    y_mm: Number | None = None
+    x_px: Number | None = None
+    y_px: Number | None = None
+    normal_force_n: Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] | None = None
+    contact_area_m2: Annotated[float, Field(gt=0, le=0.1, allow_inf_nan=False)] | None = None
+
+
+class TouchesMessage(Message):
+    """Touches as JSON; many are better sent as a batch of bytes."""
+
+    type: Literal["touch"]
+    id: Id | None = None
+    touches: Annotated[tuple[TouchMessage, ...], Field(max_length=MOST_TOUCHES)]
+
+
+class RegionFields(Message):
+    """Where a region lies, and how it lies on what is below; see `haptix.Layout.add`."""
+
+    x_mm: Number | None = None
+    y_mm: Number | None = None
+    width_mm: Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)] | None = None
+    height_mm: Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)] | None = None
+    shape: (
+        Literal["rectangle", "ellipse"]
+        | Annotated[tuple[tuple[Number, Number], ...], Field(min_length=3, max_length=256)]
+        | None
+    ) = None
+    rotation_deg: Number | None = None
+    scale: Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)] | None = None
+    z: Number | None = None
+    blend: Literal["over", "add", "multiply", "max", "min"] | None = None
+    opacity: Annotated[float, Field(ge=0, le=1)] | None = None
+    priority: Annotated[int, Field(ge=-1000, le=1000)] | None = None
+
+
+class RegionMessage(RegionFields):
+    """A region: its name, its material's document, and where it lies."""
+
+    name: Name
+    material: dict[str, Any]
+
+
+class LayoutDocument(Message):
+    """All regions; beside them nothing is felt."""
+
+    regions: Annotated[tuple[RegionMessage, ...], Field(max_length=256)]
+
+
+class LayoutSet(Message):
+    """Replace the layout of this session by a document."""
+
+    type: Literal["layout_set"]
+    id: Id
+    document: LayoutDocument
+
+
+class AddRegion(RegionMessage):
+    """Add a region."""
+
+    op: Literal["add"]
+
+
+class ChangeRegion(RegionFields):
+    """Change what is given of a region, in a cross-fade."""
+
+    op: Literal["change"]
+    name: Name
+    material: dict[str, Any] | None = None
+
+
+class MoveRegion(Message):
+    """Move a region, in `over_s`."""
+
+    op: Literal["move"]
+    name: Name
+    x_mm: Number | None = None
+    y_mm: Number | None = None
+    rotation_deg: Number | None = None
+    over_s: Annotated[float, Field(ge=0, le=60)] = 0.02
+
+
+class RemoveRegion(Message):
+    """Remove a region; it fades out."""
+
+    op: Literal["remove"]
+    name: Name
+
+
+Change = Annotated[AddRegion | ChangeRegion | MoveRegion | RemoveRegion, Field(discriminator="op")]
+
+
+class LayoutChange(Message):
+    """Change the layout of this session: all of `ops`, or nothing."""
+
+    type: Literal["layout_change"]
+    id: Id
+    ops: Annotated[tuple[Change, ...], Field(min_length=1, max_length=256)]
+
+
+class Play(Message):
+    """Play an effect that ends, such as a transient, for all fingers."""
+
+    type: Literal["play"]
+    id: Id
+    effect: dict[str, Any]
+
+
+class Cancel(Message):
+    """End an effect by the number that `playing` gave."""
+
+    type: Literal["cancel"]
+    id: Id
+    effect_id: Annotated[int, Field(ge=1)]
+
+
+class Intensity(Message):
+    """Share of the asked friction, 0 to 1."""
+
+    type: Literal["intensity"]
+    id: Id
+    value: Annotated[float, Field(ge=0, le=1)]
+
+
+class Switch(Message):
+    """Mute: 0 V while time runs. Pause: 0 V and time stands."""
+
+    type: Literal["mute", "pause"]
+    id: Id
+    on: bool
+
+
+class Subscribe(Message):
+    """Streams that the client wants, each with its rate in hertz; 0 ends one."""
+
+    type: Literal["subscribe"]
+    id: Id
+    streams: dict[
+        Stream,
+        Annotated[float, Field(ge=0, le=MOST_STREAM_HZ, allow_inf_nan=False)],
+    ]
+
+
+class Pong(Message):
+    """Answer to `ping`: its number, and the client's own clock."""
+
+    type: Literal["pong"]
+    n: Annotated[int, Field(ge=0)]
+    clock_s: Number
+
+
+ClientMessage = Annotated[
+    HelloMessage
+    | Acquire
+    | Plain
+    | Geometry
+    | TouchesMessage
+    | LayoutSet
+    | LayoutChange
+    | Play
+    | Cancel
+    | Intensity
+    | Switch
+    | Subscribe
+    | Pong,
+    Field(discriminator="type"),
+]

@@ -1,0 +1,94 @@
+"""From JSON texts to messages, and which field of a text is wrong."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from haptix.service.messages.base import MOST_DEPTH, MOST_TEXT_BYTES, Problem
+from haptix.service.messages.from_client import ClientMessage
+from haptix.service.messages.from_server import ServerMessage
+
+CLIENT: TypeAdapter[Any] = TypeAdapter(ClientMessage)
+SERVER: TypeAdapter[Any] = TypeAdapter(ServerMessage)
+
+
+def read_client(text: str) -> Any:
+    """Return the client's message of a JSON text.
+
+    Raises
+    ------
+    Problem
+        With the field that is wrong.
+    """
+    if len(text) > MOST_TEXT_BYTES or len(text.encode()) > MOST_TEXT_BYTES:
+        raise Problem("limit", f"expected at most {MOST_TEXT_BYTES} bytes of text")
+    if _depth(text) > MOST_DEPTH:
+        raise Problem("limit", f"expected a text of at most {MOST_DEPTH} nested brackets")
+    try:
+        return CLIENT.validate_json(text)
+    except ValidationError as error:
+        raise _problem(error) from None
+
+
+def read_server(text: str) -> Any:
+    """Return the server's message of a JSON text: what a client in Python reads."""
+    return SERVER.validate_json(text)
+
+
+def id_of(text: str) -> int:
+    """Return the id of a message that was refused, 0 where it has none."""
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        return 0
+    number = found.get("id") if isinstance(found, dict) else None
+    return number if type(number) is int and 1 <= number <= 2**53 else 0
+
+
+def _depth(text: str) -> int:
+    """Return how deep brackets nest, outside of strings."""
+    deepest = depth = 0
+    inside = escaped = False
+    for letter in text:
+        if inside:
+            if escaped:
+                escaped = False
+            elif letter == "\\":
+                escaped = True
+            elif letter == '"':
+                inside = False
+        elif letter == '"':
+            inside = True
+        elif letter in "[{":
+            depth += 1
+            deepest = max(deepest, depth)
+        elif letter in "]}":
+            depth -= 1
+    return deepest
+
+
+def _problem(error: ValidationError) -> Problem:
+    """Return the first of pydantic's complaints, with a pointer into the client's text."""
+    first = error.errors(include_url=False)[0]
+    kind, place = first["type"], list(first["loc"])
+    if kind == "json_invalid":
+        return Problem("message", f"expected a JSON text: {first['ctx']['error']}")
+    if kind in ("union_tag_not_found", "model_attributes_type", "dict_type"):
+        return Problem("message", "expected an object with the key type", "/type")
+    if kind == "union_tag_invalid":
+        return Problem(
+            "message", f"unknown type: expected one of {first['ctx']['expected_tags']}", "/type"
+        )
+    path = "".join(f"/{_pointer(part)}" for part in place[1:])  # the first is the type
+    if kind == "extra_forbidden":
+        return Problem("message", f"unknown key {place[-1]!r}", path)
+    got = json.dumps(first["input"], default=str) if kind != "missing" else "nothing"
+    got = got if len(got) <= 80 else got[:77] + "..."
+    return Problem("message", f"{place[-1]}: {first['msg'].lower()}, got {got}", path)
+
+
+def _pointer(part: Any) -> str:
+    return str(part).replace("~", "~0").replace("/", "~1")
