@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import haptix
+from haptix.cli import COMMANDS as LISTED
 from haptix.surface import FrictionSurface
 from haptix.terminal import show
 
@@ -56,6 +57,17 @@ def test_help_keeps_its_units_and_defaults(haptix_cli, command):
     shown = re.sub(r"[\s│]+", " ", haptix_cli(command, "--help").out)
     assert "[m]" in shown
     assert "screen's own" in shown
+
+
+def test_the_list_of_commands_says_what_each_says_itself(haptix_cli):
+    # The list is made without loading the commands, so it has sentences of its own.
+    for name, (_, sentence) in LISTED.items():
+        shown = " ".join(haptix_cli(name, "--help").out.split())
+        assert f" {sentence} " in shown, name
+
+
+def test_a_typing_error_names_the_command_that_is_nearest(haptix_cli):
+    assert "'demo'" in haptix_cli("demmo").err
 
 
 def test_help_loads_nothing_heavy():
