@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import torch
-from scipy.optimize import brentq
 from torch import Tensor
 
 from haptix.electro import SKIN_DIELECTRICS
@@ -79,6 +78,8 @@ def _others(model: ContactModel, has_frequency: bool) -> Iterator[tuple[str, Fin
 
 def alike(roughness: Roughness) -> list[Roughness]:
     """Other spectra of the same h_rms, slope and Hurst exponent, whose waves end elsewhere."""
+    from scipy.optimize import brentq  # half a second of every start
+
     slope = _slope(roughness)
     found = []
     for q1 in sorted({*_SHORTEST_WAVES} - {roughness.q1_per_m}):

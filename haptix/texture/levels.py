@@ -12,9 +12,6 @@ import numpy as np
 import numpy.typing as npt
 import tifffile
 from PIL import Image, UnidentifiedImageError
-from skimage.color import rgb2gray
-from skimage.io import imread
-from skimage.util import img_as_float64
 
 from haptix.checks import Array, choice, positive
 from haptix.errors import InputError
@@ -33,6 +30,10 @@ def read_grey(image: str | Path | npt.ArrayLike, largest_bytes: int = LARGEST_BY
     `largest_bytes` limits the memory for reading it and making a texture of it. A larger image
     raises `InputError` before more than its header is read. So does a file that is not an image.
     """
+    from skimage.color import rgb2gray  # these take a third of a second
+    from skimage.io import imread
+    from skimage.util import img_as_float64
+
     positive("largest_bytes", largest_bytes)
     if isinstance(image, str | Path):
         path = Path(image)
@@ -75,6 +76,9 @@ def read_normals(path: Path, largest_bytes: int = LARGEST_BYTES) -> tuple[Array,
     Red is the normal's part to the right, green upwards, blue out of the surface; half of their
     range is 0.
     """
+    from skimage.io import imread
+    from skimage.util import img_as_float64
+
     check_picture(f"normals: {path}", path, largest_bytes)
     pixels = img_as_float64(imread(path))
     if pixels.ndim != 3 or pixels.shape[2] < 3:

@@ -26,8 +26,7 @@ from typing import Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import nnls
-from scipy.signal import freqz
+from numpy.polynomial.polynomial import polyval
 
 from haptix.checks import Array, positive
 from haptix.errors import FileFormatError, InputError
@@ -60,10 +59,9 @@ class ProcessAt:
     def density(self, frequency_hz: npt.ArrayLike) -> Array:
         """One-sided power density of the acceleration [(m/s^2)^2/Hz], 0 above half the rate."""
         f = np.asarray(frequency_hz, dtype=np.float64)
-        _, response = freqz(
-            self.gain * self.ma, self.ar, worN=2 * pi * f.ravel() / self.sample_rate_hz
-        )
-        power = 2 * self.variance / self.sample_rate_hz * np.abs(response.reshape(f.shape)) ** 2
+        z = np.exp(-2j * pi * f / self.sample_rate_hz)
+        response = polyval(z, self.gain * self.ma) / polyval(z, self.ar)
+        power = 2 * self.variance / self.sample_rate_hz * np.abs(response) ** 2
         return np.where(f <= self.sample_rate_hz / 2, power, 0.0)
 
     @property
@@ -188,6 +186,8 @@ class PennModel:
 
 def _closest_weights(corners: Array, place: Array) -> Array:
     """Barycentric weights of the point of a triangle, shape (3, 2), that is nearest to a place."""
+    from scipy.optimize import nnls  # it takes half a second
+
     # Least squares with weights of 0 or more; the heavy row makes their sum 1.
     weights, _ = nnls(np.vstack([corners.T, np.full(3, _HEAVY)]), np.append(place, _HEAVY))
     return np.asarray(weights / weights.sum())

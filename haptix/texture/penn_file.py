@@ -20,7 +20,6 @@ import numpy as np
 import numpy.typing as npt
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
-from scipy.spatial import Delaunay
 
 from haptix.checks import Array
 from haptix.errors import FileFormatError, InputError
@@ -122,6 +121,8 @@ def _lsf(model: ET.Element, kind: str, order: int) -> Array:
 def _triangles(root: ET.Element, speed: Array, force: Array) -> npt.NDArray[np.intp]:
     listed = [_numbers(one) for one in root.findall("tri")]
     if not listed:
+        from scipy.spatial import Delaunay
+
         points = np.column_stack([speed, force])
         try:
             return np.asarray(Delaunay(points / np.ptp(points, axis=0)).simplices, dtype=np.intp)

@@ -19,7 +19,6 @@ from math import floor, log2
 from typing import Any, Literal
 
 import numpy as np
-from scipy.ndimage import correlate1d
 
 from haptix.checks import Array
 
@@ -172,6 +171,8 @@ class Pyramid:
         return values, (first[0], first[1])
 
     def _smoothed(self, values: Array, origin: _Origin) -> tuple[Array, _Origin]:
+        from scipy.ndimage import correlate1d  # a tenth of a second of every start
+
         values, origin = self._padded(values, origin, _REACH)
         for axis, mode in enumerate(self._modes):
             # What lies beyond the padding is as it was, and stays so.

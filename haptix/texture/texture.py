@@ -10,7 +10,6 @@ from typing import Annotated, Any, Literal, Self, get_args
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
-from scipy.ndimage import zoom
 
 from haptix.checks import Array, choice, number, positive, shown
 from haptix.documents import Document
@@ -227,6 +226,8 @@ class Texture(FrictionField):
         values = level if (low, high) == (0.0, 1.0) else low + (high - low) * level
         finer = _finer(self.pixel_mm, values.shape)
         if finer > 1:  # bilinear between the pixels' centres
+            from scipy.ndimage import zoom
+
             values = zoom(values, finer, order=1, mode="nearest", grid_mode=True)
         return Pyramid(values, self.pixel_mm / finer, low, self.beyond, self.beyond)
 
