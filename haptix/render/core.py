@@ -48,6 +48,8 @@ class Fingers(NamedTuple):
     """Share of its amplitude that each finger gets, 0 to 1, of the motion's shape."""
     force_n: list[float] | None = None
     """One force for each finger [N], where it hardly changes during the block."""
+    touch_ids: tuple[int, ...] = ()
+    """Which finger each is; live ones only."""
 
     @classmethod
     def none(cls, points: int) -> Fingers:
@@ -209,7 +211,7 @@ class RenderCore:
         Of amplitudes `queued_v` that are queued at the points, the last stays, and those before it
         are blended into.
         """
-        motion, gain, _ = fingers
+        motion, gain = fingers.motion, fingers.gain
         line = np.empty(motion.points + 1)
         line[0] = amplitude_v
         if motion.fingers:
@@ -244,6 +246,20 @@ class RenderCore:
         cell, part = self._followed(speed_mm_per_s)
         at = np.arange(highs.shape[1])
         return column.lowest_mu, (1 - part) * highs[cell, at] + part * highs[cell + 1, at]
+
+    def friction(self, normal_force_n: Array, speed_mm_per_s: Array, amplitude_v: Array) -> Array:
+        """Friction coefficient at forces, speeds and amplitudes [V], each of shape (points,)."""
+        if not self._averaged:
+            return self._slice.columns_at(normal_force_n).mu(amplitude_v)
+        mu = np.array([one.columns_at(normal_force_n).mu(amplitude_v) for one in self._averaged])
+        cell, part = self._followed(speed_mm_per_s)
+        at = np.arange(mu.shape[1])
+        return np.asarray((1 - part) * mu[cell, at] + part * mu[cell + 1, at])
+
+    @property
+    def highest_v(self) -> float:
+        """Highest amplitude [V] that is ever sent."""
+        return self._most_v
 
     def _amplitudes(self, fingers: Fingers, first_sample: int) -> Amplitudes:
         """Amplitudes for each finger at each point of the block that begins with a sample."""
@@ -342,7 +358,7 @@ def _inverted(
     intensity: float | Array,
     added: Array | None,
 ) -> Amplitudes:
-    motion, _, force_n = fingers
+    motion, force_n = fingers.motion, fingers.force_n
     if force_n is None:
         if isinstance(intensity, np.ndarray):
             intensity = np.tile(intensity, motion.fingers)

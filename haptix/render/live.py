@@ -15,6 +15,7 @@ from haptix.render.core import Fingers, RenderedBlock
 from haptix.render.drive import Drive
 from haptix.render.live_fingers import LiveFingers
 from haptix.render.master import EffectEnd, PlayingEffect
+from haptix.render.played import PlayedRecord
 from haptix.render.producer import Producer
 from haptix.render.revised import RevisedProducer, RevisedSource
 from haptix.render.revised_fingers import RevisedFingers
@@ -151,6 +152,9 @@ class LiveRenderer(_LiveSession):
     """
 
     _producer: Producer | RevisedProducer | None = None
+    record: PlayedRecord | None = None
+    """What is played, where somebody takes it: set `PlayedRecord(renderer)`, or None, at any time.
+    """
 
     def _reset(self) -> None:
         super()._reset()
@@ -180,7 +184,9 @@ class LiveRenderer(_LiveSession):
         self.stats.lead_s = settings.reaction_s
         return RevisedProducer(
             self.device,
-            RevisedSource(self, fingers, self._master.scene_s, self._count_window),
+            RevisedSource(
+                self, fingers, self._master.scene_s, self._count_window, lambda: self.record
+            ),
             settings.reaction_s,
             settings.horizon_s,
         )
@@ -240,7 +246,10 @@ class LiveRenderer(_LiveSession):
     def _take_block(self, t0_s: float) -> Array:
         """Render the samples that play from `t0_s` on."""
         began = time.perf_counter()
-        block = self._render(self._motion(t0_s))
+        fingers = self._motion(t0_s)
+        block = self._render(fingers)
+        if (record := self.record) is not None:
+            record.add(block, fingers, t0_s)
         self._count(block, time.perf_counter() - began)
         self._take_age(t0_s)
         producer, counts = self._producer, (self.stats.underruns, self.stats.late_blocks)

@@ -54,6 +54,7 @@ class LiveFingers:
         velocities: list[tuple[float, float]] = []
         known: list[bool] = []
         histories: list[History] = []
+        ids: list[int] = []
         fastest = 0.0
         for tracker, gain in list(gains.items()):
             part = tracker.path(t0_s, step_s, points)
@@ -73,6 +74,7 @@ class LiveFingers:
             forces.append(part.normal_force_n + part.force_slope_n_s * step_s * points / 2)
             velocities.append((part.vx_mm_s, part.vy_mm_s))
             known.append(part.force_known)
+            ids.append(tracker.touch_id)
             reactions = self._reactions.get(tracker)
             histories.append(() if reactions is None else reactions.history)
             fastest = max(fastest, part.speed_mm_s)
@@ -90,7 +92,7 @@ class LiveFingers:
             len(starts), points, x, y, force, fastest * step_s, step_s, since_s,
             lambda: repeated(velocities, points), tuple(known), tuple(histories),
         )  # fmt: skip
-        return Fingers(motion, gain_at, rows)
+        return Fingers(motion, gain_at, rows, tuple(ids))
 
     def take(
         self, event: TouchEvent, arrival_s: float | None = None, react: React = unmoved

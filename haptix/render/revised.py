@@ -12,6 +12,7 @@ from firmware_io import Device, RevisedPlayback, RevisedStats
 from firmware_io.revisable import Revisable
 from haptix.checks import Array
 from haptix.render.core import RenderCore, RenderedBlock
+from haptix.render.played import PlayedRecord
 from haptix.render.producer import ready_interpreter
 from haptix.render.revised_fingers import RevisedFingers
 
@@ -29,6 +30,8 @@ class RevisedSource:
         Time of the scene at a time of samples: less the pauses.
     count : callable
         Takes each block, the time that it took, and when its first sample is played.
+    record : callable
+        Returns the record of what is played, where one is kept.
     """
 
     def __init__(
@@ -37,11 +40,13 @@ class RevisedSource:
         fingers: RevisedFingers,
         scene_s: Callable[[float], float],
         count: Callable[[RenderedBlock, float, float], None],
+        record: Callable[[], PlayedRecord | None] = lambda: None,
     ) -> None:
         self._core = core
         self._fingers = fingers
         self._scene_s = scene_s
         self._count = count
+        self._record = record
         self._amplitudes = Revisable()  # of what is queued, where each step begins
         self._amplitudes.append(np.zeros(1))
 
@@ -72,6 +77,8 @@ class RevisedSource:
             amplitudes.replace(step + 1, block.amplitude_v)
         else:
             amplitudes.append(block.amplitude_v)
+        if (record := self._record()) is not None:
+            record.add(block, fingers, at_s, is_revision)
         self._count(block, time.perf_counter() - began, at_s)
         return block.drive_v
 
@@ -80,6 +87,8 @@ class RevisedSource:
         self._amplitudes.accept(obeyed)
         if undone:
             self._amplitudes.undo()
+        if (record := self._record()) is not None:
+            record.settle(obeyed, undone)
 
     def played(self, index: int) -> None:
         """Forget what lies before an index."""

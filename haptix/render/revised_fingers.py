@@ -125,6 +125,7 @@ class RevisedFingers(LiveFingers):
         velocities: list[tuple[float, float]] = []
         known: list[bool] = []
         histories: list[History] = []
+        ids: list[int] = []
         fastest = 0.0
         for track in self._tracks.values():
             gain = track.gain_at(times, self._settings, self._at_rest)
@@ -140,6 +141,7 @@ class RevisedFingers(LiveFingers):
             forces.append(middle.normal_force_n + df * float(decay[points // 2]))
             velocities.append((middle.vx_mm_s, middle.vy_mm_s))
             known.append(middle.force_source != "assumed")
+            ids.append(track.tracker.touch_id)
             reactions = self._reactions.get(track.tracker)
             histories.append(() if reactions is None else reactions.history)
             fastest = max(fastest, middle.speed_mm_s)
@@ -150,4 +152,5 @@ class RevisedFingers(LiveFingers):
             len(rows), points, x, y, force, fastest * step_s, step_s, since_s,
             lambda: repeated(velocities, points), tuple(known), tuple(histories),
         )  # fmt: skip
-        return Fingers(motion, gain, forces if len(forces) <= MOST_ROWS else None)
+        per_row = forces if len(forces) <= MOST_ROWS else None
+        return Fingers(motion, gain, per_row, tuple(ids))

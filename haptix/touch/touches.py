@@ -151,7 +151,7 @@ class Touches:
         if kind == "move":
             self.counts.without_down += 1
         self._trackers[touch_id] = TouchTracker(
-            self.settings, t_s, x_mm, y_mm, force, area, self.counts
+            self.settings, t_s, x_mm, y_mm, force, area, self.counts, touch_id
         )
         self._active = tuple(self._trackers.items())
         return True

@@ -113,6 +113,8 @@ class TouchTracker:
         Its force and area, if measured.
     counts : TouchCounts, optional
         Counts to add to; by default its own.
+    touch_id : int
+        Which touch it is.
     """
 
     def __init__(
@@ -124,8 +126,10 @@ class TouchTracker:
         normal_force_n: float | None = None,
         contact_area_m2: float | None = None,
         counts: TouchCounts | None = None,
+        touch_id: int = 0,
     ) -> None:
         self.settings = settings
+        self.touch_id = touch_id
         self.counts = TouchCounts() if counts is None else counts
         self.is_down = True
         self._filter = settings.filter
