@@ -20,17 +20,18 @@ app = typer.Typer(
 
 @app.command("show")
 def show_material(
-    file: Annotated[Path, typer.Argument(help="Material: TOML or JSON.")],
+    file: Annotated[Path, typer.Argument(help="Material: TOML or JSON, or gallery:NAME.")],
     out: Annotated[Path | None, typer.Option(help="Picture. [default: FILE with .png]")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Draw a material: its friction by place, direction, speed, force and time."""
     from haptix.files import write_whole
-    from haptix.materials import draw, load
+    from haptix.gallery import load
+    from haptix.materials import draw
 
     material = load(file)
     figure = draw(material)
-    out = out or file.with_suffix(".png")
+    out = out or file.with_name(file.name.removeprefix("gallery:")).with_suffix(".png")
     write_whole(out, lambda draft: figure.savefig(draft, format="png", dpi=70))
     evaluator = material.evaluator
     row = {
@@ -61,6 +62,23 @@ def kinds(as_json: AsJson = False) -> None:
         about = (kind.__doc__ or "").strip().split("\n")[0]
         rows.append({"kind": name, "what": about, "fields": fields if as_json else listed})
     show("kinds of materials", rows, as_json)
+
+
+@app.command("gallery")
+def gallery(as_json: AsJson = False) -> None:
+    """List the presets of the gallery, which ``gallery:NAME`` names."""
+    from haptix.gallery import presets
+
+    rows = [
+        {
+            "name": one.name,
+            "family": one.family,
+            "kind": one.document["kind"],
+            "what": one.help,
+        }
+        for one in presets()
+    ]
+    show("presets of materials", rows, as_json)
 
 
 @app.command("schema")

@@ -26,7 +26,10 @@ Image = Annotated[
 ]
 MaterialFile = Annotated[
     Path | None,
-    typer.Option(help="Material: TOML or JSON, see `haptix material`; instead of a photograph."),
+    typer.Option(
+        help="Material: TOML or JSON, or gallery:NAME, see `haptix material`; instead of a "
+        "photograph."
+    ),
 ]
 FingerPath = Annotated[
     Path | None,
@@ -211,7 +214,7 @@ def setting_of(
     """Return what the options describe, and a name for the photograph or the material."""
     from haptix.finger import Finger
     from haptix.friction import ContactModel
-    from haptix.materials import load
+    from haptix.gallery import load
     from haptix.motion import Trajectory
     from haptix.render import DirectWave, Drive, SineCarrier
     from haptix.screen import Screen

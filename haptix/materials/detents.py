@@ -85,6 +85,9 @@ class Slider(_Control):
         Direction of the travel: 0 to the right, 90 down.
     snap : bool
         Whether `value` is that of the nearest detent. The screen does not move the finger there.
+    start_mm : float
+        Place of the first detent; places of `detents` count from it. A region needs room before
+        it for the wall.
     """
 
     kind: Literal["slider"] = "slider"
@@ -92,6 +95,7 @@ class Slider(_Control):
     detents: Annotated[int, Field(ge=2, le=1000)] | Row = 9
     orientation_deg: float = 0.0
     snap: bool = True
+    start_mm: float = 0.0
 
     @model_validator(mode="after")
     def _has_room(self) -> Self:
@@ -107,8 +111,8 @@ class Slider(_Control):
     def places_mm(self) -> Array:
         """Places of the detents along the travel, shape (detents,)."""
         if isinstance(self.detents, int):
-            return np.linspace(0.0, self.travel_mm, self.detents)
-        return np.array(self.detents)
+            return self.start_mm + np.linspace(0.0, self.travel_mm, self.detents)
+        return self.start_mm + np.array(self.detents)
 
     def value(self, x_mm: float, y_mm: float = 0.0) -> float:
         """Value at a place, 0 at the first detent and 1 at the last; of the nearest with `snap`."""
@@ -121,7 +125,8 @@ class Slider(_Control):
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Where it is."""
-        return (-5.0, float(self.places_mm[-1]) + 5.0, 0.0, 15.0)
+        places = self.places_mm
+        return (float(places[0]) - 5.0, float(places[-1]) + 5.0, 0.0, 15.0)
 
     def wanted(self, motion: Motion) -> Array:
         """Friction under the fingers."""
@@ -192,7 +197,7 @@ class Toggle(_Control):
 
 
 class Dial(_Control):
-    """A knob about the origin: ridges across the way round, as wide at every radius.
+    """A knob: ridges across the way round, as wide at every radius.
 
     Parameters
     ----------
@@ -200,12 +205,15 @@ class Dial(_Control):
         In a turn; the first is at 0 deg, to the right, the next ones from x towards y.
     inner_mm, outer_mm : float
         Radii between which there are ridges.
+    centre_mm : (float, float)
+        Its middle; in a region, from the region's corner.
     """
 
     kind: Literal["dial"] = "dial"
     detents: Annotated[int, Field(ge=2, le=1000)] = 12
     inner_mm: PositiveFloat = 10.0
     outer_mm: PositiveFloat = 25.0
+    centre_mm: tuple[float, float] = (0.0, 0.0)
 
     @model_validator(mode="after")
     def _has_room(self) -> Self:
@@ -221,12 +229,14 @@ class Dial(_Control):
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Where it is."""
-        return (-self.outer_mm, self.outer_mm, -self.outer_mm, self.outer_mm)
+        (x, y), outer = self.centre_mm, self.outer_mm
+        return (x - outer, x + outer, y - outer, y + outer)
 
     def wanted(self, motion: Motion) -> Array:
         """Friction under the fingers."""
-        radius = np.hypot(motion.x_mm, motion.y_mm)
-        turn = np.arctan2(motion.y_mm, motion.x_mm) * (self.detents / (2 * pi)) - 0.5
+        x, y = motion.x_mm - self.centre_mm[0], motion.y_mm - self.centre_mm[1]
+        radius = np.hypot(x, y)
+        turn = np.arctan2(y, x) * (self.detents / (2 * pi)) - 0.5
         way = (turn - np.round(turn)) * radius * (2 * pi / self.detents)
         ramp = max(self.ridge_mm, 4 * motion.footprint_mm)
         depth = np.minimum(radius - self.inner_mm, self.outer_mm - radius)
@@ -234,7 +244,8 @@ class Dial(_Control):
         return self.scaled(within * ridge(way, self.ridge_mm, motion.footprint_mm))
 
     def _detent(self, x_mm: float, y_mm: float) -> float:
-        return atan2(y_mm, x_mm) * self.detents / (2 * pi)
+        x, y = self.centre_mm
+        return atan2(y_mm - y, x_mm - x) * self.detents / (2 * pi)
 
     def _step(self, before: float, now: float) -> float:
         half = self.detents / 2

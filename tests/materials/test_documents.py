@@ -194,3 +194,19 @@ def test_a_sealed_folder_gives_no_file_by_its_path(tmp_path, name):
             material_of(fields)
         with pytest.raises(InputError, match="expected a table"):
             material_of(f"{name}.toml")
+
+
+@pytest.mark.parametrize(
+    ("table", "away", "shift"),
+    [
+        ({"kind": "dial"}, {"centre_mm": [7.0, -3.0]}, (7.0, -3.0)),
+        ({"kind": "slider", "detents": [0, 4, 10]}, {"start_mm": 6.0}, (6.0, 0.0)),
+    ],
+)
+def test_a_control_that_begins_elsewhere_is_the_same_control_moved(table, away, shift):
+    here, there = material_of(table), material_of(table | away)
+    x, y = np.random.default_rng(1).uniform(-20, 20, (2, 500))
+    moved = Motion.of(x + shift[0], y + shift[1])
+    np.testing.assert_allclose(there.wanted(moved), here.wanted(Motion.of(x, y)), atol=1e-9)
+    assert np.ptp(here.wanted(Motion.of(x, y))) > 0.5
+    assert np.subtract(there.extent_mm, here.extent_mm)[0] == pytest.approx(shift[0])
