@@ -1,13 +1,16 @@
 # `make demo` and `make test` work from a bare clone: each sets up .venv first when it has to.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test test-slow test-devices lint types setup clean
+.PHONY: help demo studio test test-slow test-devices lint types setup clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-13s %s\n", $$1, $$2 }' Makefile
 
 demo: .venv/.ready ## render a texture end to end, no hardware needed, into haptix-demo/ (ARGS=...)
 	.venv/bin/haptix demo --out haptix-demo $(ARGS)
+
+studio: .venv/.ready ## open the studio in a browser, no hardware needed (ARGS='--device usb:')
+	.venv/bin/haptix studio $(ARGS)
 
 test: .venv/.ready ## run the tests (ARGS='-k surface -x')
 	.venv/bin/python -m pytest -n auto --dist loadfile $(ARGS)

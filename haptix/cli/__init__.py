@@ -44,6 +44,10 @@ COMMANDS = {
         "haptix.cli.service:serve",
         "Serve apps in any language on this machine: touches and materials in, friction out.",
     ),
+    "studio": (
+        "haptix.cli.service:studio",
+        "Open the studio in a browser: feel textures by mouse, pen or touch, make and test them.",
+    ),
     "plan": (
         "haptix.cli.scenes:plan",
         "Measure what each part of the model does in a scene, and drop what its budget allows.",

@@ -1,8 +1,12 @@
-"""``haptix serve``."""
+"""``haptix serve`` and ``haptix studio``."""
 
 from __future__ import annotations
 
+import os
 import sys
+import threading
+import webbrowser
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,21 +18,25 @@ if TYPE_CHECKING:
     from haptix.service.access import Access
     from haptix.service.messages import Inventory
 
+Device = Annotated[str, typer.Option(help="The driver, see `haptix devices`.")]
+Surface = Annotated[
+    Path | None, typer.Option(help="Surface of `haptix build`. [default: built and kept]")
+]
+Finger = Annotated[
+    str | None, typer.Option(help="Finger. [default: the device's profile, or semi-wet]")
+]
+Screen = Annotated[
+    str | None, typer.Option(help="Screen. [default: the device's profile, or 3m-sct3250]")
+]
+Port = Annotated[int, typer.Option(help="TCP port on this machine.", min=0, max=65535)]
+
 
 def serve(
-    device: Annotated[str, typer.Option(help="The driver, see `haptix devices`.")] = (
-        "mock:pace=real"
-    ),
-    surface: Annotated[
-        Path | None, typer.Option(help="Surface of `haptix build`. [default: built and kept]")
-    ] = None,
-    finger: Annotated[
-        str | None, typer.Option(help="Finger. [default: the device's profile, or semi-wet]")
-    ] = None,
-    screen: Annotated[
-        str | None, typer.Option(help="Screen. [default: the device's profile, or 3m-sct3250]")
-    ] = None,
-    port: Annotated[int, typer.Option(help="TCP port on this machine.", min=0, max=65535)] = 7421,
+    device: Device = "mock:pace=real",
+    surface: Surface = None,
+    finger: Finger = None,
+    screen: Screen = None,
+    port: Port = 7421,
     listen: Annotated[
         str | None, typer.Option(help="Name by which other machines reach this one; needs TLS.")
     ] = None,
@@ -44,29 +52,90 @@ def serve(
     Without arguments it plays to a mock device, so no hardware is needed. A page is let in by the
     code that is printed here; programs of this user read service.json.
     """
+    if (listen is None) != (certificate is None) or (listen is None) != (key is None):
+        if listen is None:
+            raise InputError("--certificate and --key are for --listen")
+        raise InputError("--listen: expected --certificate and --key too; others come by TLS")
+
+    def ready(access: Access, inventory: Inventory) -> None:
+        address = max(access.origins) if listen else min(access.origins)
+        _say(f"haptix serves {inventory.devices[0].name} at {address}")
+        _say(f"finger {inventory.finger}, screen {inventory.screen}")
+        _say_code(access.code())
+        access.on_show = _say_code
+
+    beyond = (listen, certificate, key) if listen and certificate and key else None
+    _serve(device, surface, finger, screen, port, beyond, ready)
+
+
+def studio(
+    device: Device = "mock:pace=real",
+    surface: Surface = None,
+    finger: Finger = None,
+    screen: Screen = None,
+    port: Port = 7421,
+    opens: Annotated[
+        bool, typer.Option("--open/--no-open", help="Open the page in this machine's browser.")
+    ] = True,
+) -> None:
+    """Open the studio in a browser: feel textures by mouse, pen or touch, make and test them.
+
+    It is the service of `haptix serve` with its own pages. Without arguments it plays to a mock
+    device: what a finger would feel is computed, drawn and made audible.
+    """
+
+    def ready(access: Access, inventory: Inventory) -> None:
+        address = f"{min(access.origins)}/#code={access.code()}"
+        _say(f"the studio is at {address} (five minutes, once)")
+        _say(f"driver {inventory.devices[0].name}, finger {inventory.finger}, "
+             f"screen {inventory.screen}; Ctrl+C ends it")  # fmt: skip
+        access.on_show = _say_code
+        if opens and _has_browser():
+            page = access.write_entrance(address)
+            # Some browsers answer only when they end.
+            threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
+
+    _serve(device, surface, finger, screen, port, None, ready)
+
+
+def _serve(
+    device: str,
+    surface: Path | None,
+    finger: str | None,
+    screen: str | None,
+    port: int,
+    beyond: tuple[str, Path, Path] | None,
+    ready: Callable[[Access, Inventory], None],
+) -> None:
     try:
         from haptix.service.run import Listen
         from haptix.service.run import serve as serve_until_interrupted
     except ModuleNotFoundError as error:
         raise InputError(
-            f"haptix serve needs the extra serve ({error.name} is missing): install "
+            f"the service needs the extra serve ({error.name} is missing): install "
             "haptix-electrovibration[serve]"
         ) from None
+    listen = Listen(*beyond) if beyond else None
+    serve_until_interrupted(device, surface, finger, screen, port, listen=listen, on_ready=ready)
 
-    def ready(access: Access, inventory: Inventory) -> None:
-        address = max(access.origins) if listen else min(access.origins)
-        sys.stdout.write(
-            f"haptix serves {inventory.devices[0].name} at {address}\n"
-            f"finger {inventory.finger}, screen {inventory.screen}\n"
-            f"code for a page: {access.code()} (five minutes, once)\n"
-        )
-        sys.stdout.flush()
 
-    beyond = None
-    if listen is not None:
-        if certificate is None or key is None:
-            raise InputError("--listen: expected --certificate and --key too; others come by TLS")
-        beyond = Listen(listen, certificate, key)
-    elif certificate is not None or key is not None:
-        raise InputError("--certificate and --key are for --listen")
-    serve_until_interrupted(device, surface, finger, screen, port, listen=beyond, on_ready=ready)
+def _has_browser() -> bool:
+    """Whether a page would be seen: not by a browser within this terminal, nor without a screen."""
+    if sys.platform.startswith("linux") and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or os.environ.get("BROWSER")
+    ):
+        return False
+    try:
+        webbrowser.get()
+    except webbrowser.Error:
+        return False
+    return True
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+def _say_code(code: str) -> None:
+    _say(f"code for a page: {code} (five minutes, once)")

@@ -26,6 +26,7 @@ CODE_S = 300.0  # a code is good for so long, and for one page
 _LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ23456789"  # none that is taken for another
 _CODE_LETTERS = 8
 _MOST_TRIES, _TRIES_S = 5, 60.0
+_SHOW_S = 3.0  # between two codes on the terminal
 _MOST_TOKENS = 100
 
 
@@ -71,7 +72,10 @@ class Access:
         self._code, self._code_s = "", -1.0
         self.native = secrets.token_urlsafe(32)
         """Token of the programs of this user."""
-        self._write("service.json", {"port": port, "token": self.native})
+        self.on_show: Callable[[str], None] = lambda code: None
+        """Shows a code to who sits at the terminal."""
+        self._shown_s = -_SHOW_S
+        self._write("service.json", _json({"port": port, "token": self.native}))
 
     def close(self) -> None:
         """Take back the token of native programs."""
@@ -92,6 +96,20 @@ class Access:
             self._code = "".join(secrets.choice(_LETTERS) for _ in range(_CODE_LETTERS))
             self._code_s = self._now_s()
         return self._code
+
+    def show_code(self) -> None:
+        """Show the code on the terminal, for a page that asks for it.
+
+        Raises
+        ------
+        Problem
+            If it was shown a moment ago.
+        """
+        now_s = self._now_s()
+        if now_s - self._shown_s < _SHOW_S:
+            raise Problem("limit", "the terminal shows a code already")
+        self._shown_s = now_s
+        self.on_show(self.code())
 
     def pair(self, code: str, origin: str | None, name: str) -> str:
         """Return a token for a page that shows the code.
@@ -118,6 +136,14 @@ class Access:
         self._pages[_hash(token)] = {"origin": origin, "name": name[:100]}
         self._save()
         return token
+
+    def write_entrance(self, address: str) -> Path:
+        """Write a page that leads to an address; who else is on this machine cannot read it.
+
+        An address that a browser is started with is seen by all in the list of processes.
+        """
+        page = f'<!doctype html><meta http-equiv="refresh" content="0; url={address}">'
+        return self._write("studio.html", page.encode())
 
     def forget(self, token: str) -> None:
         """Take back a page's token."""
@@ -146,12 +172,17 @@ class Access:
         }
 
     def _save(self) -> None:
-        self._write("tokens.json", self._pages)
+        self._write("tokens.json", _json(self._pages))
 
-    def _write(self, name: str, content: object) -> None:
+    def _write(self, name: str, content: bytes) -> Path:
         path = self._folder / name
-        write_whole(path, json.dumps(content).encode())
+        write_whole(path, content)
         path.chmod(0o600)
+        return path
+
+
+def _json(content: object) -> bytes:
+    return json.dumps(content).encode()
 
 
 def _hash(token: str) -> str:

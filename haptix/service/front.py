@@ -19,6 +19,7 @@ from haptix.service.answers import work
 from haptix.service.assets import AssetStore
 from haptix.service.hub import TICK_S, Hub
 from haptix.service.messages import Problem
+from haptix.service.pages import pages
 from haptix.service.session import ServiceSession
 from haptix.version import __version__
 
@@ -231,6 +232,8 @@ def application(
         if request.headers.get("sec-fetch-site") == "cross-site":
             raise Problem("access", "pages of other sites cannot stop the output")
         hub.stop("stopped by the button")
+
+    app.include_router(pages(hub.access))
 
     @app.websocket("/v1/session")
     async def session(socket: WebSocket) -> None:

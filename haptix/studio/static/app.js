@@ -1,0 +1,218 @@
+/** The frame of the pages: header, state, STOP, pairing, messages, and which page is shown. */
+
+import { el, fill } from "./dom.js";
+import { History } from "./history.js";
+import { PAGES } from "./pages.js";
+import { sentence, Service } from "./service.js";
+import { START } from "./start-document.js";
+import { synchronise } from "./sync.js";
+import { texts } from "./texts.js";
+import { choose, view } from "./view.js";
+
+/** @import { Notice } from "./service.js" */
+/** @import * as m from "../../../clients/typescript/types/messages.js" */
+/**
+ * What a page gets.
+ * @typedef {object} App
+ * @property {Service} service
+ * @property {History<m.LayoutDocument>} history the layout that is edited and felt
+ */
+
+const NOTICE_MS = 8000;
+const service = new Service();
+/** @type {App} */
+const app = { service, history: new History(START) };
+const main = el("main", { id: "main", tabIndex: -1 });
+/** @type {() => void} */
+let leave = () => {};
+let shown = 0;
+
+/** Show the page that the address names. */
+async function route() {
+  const path = location.hash.replace(/^#\//, "").split("/")[0];
+  const entry = PAGES.find((page) => page.path === path) ?? PAGES[0];
+  const number = ++shown;
+  leave();
+  leave = () => {};
+  fill(main, el("p.quiet", {}, texts.frame.loading));
+  const title = texts.pages[/** @type {keyof typeof texts.pages} */ (entry.path)];
+  document.title = `${title} · ${texts.name}`;
+  for (const link of document.querySelectorAll("nav a")) {
+    const here = link.getAttribute("href") === `#/${entry.path}`;
+    if (here) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+  try {
+    const page = await entry.load();
+    if (number !== shown) return; // another one was asked for meanwhile
+    fill(main, el("h1.unseen", {}, title));
+    main.className = entry.path;
+    leave = page.mount(main, app);
+  } catch (error) {
+    fill(main, el("p", { role: "alert" }, `${texts.frame.failed} ${sentence(error)}`));
+  }
+}
+
+function header() {
+  const links = PAGES.map(({ path }) =>
+    el("a", { href: `#/${path}` }, texts.pages[/** @type {keyof typeof texts.pages} */ (path)]),
+  );
+  return el(
+    "header",
+    {},
+    el("a.skip", { href: "#main", onclick: skip }, texts.frame.skip),
+    el("a.brand", { href: "#/play" }, "haptix"),
+    el("nav", { "aria-label": texts.frame.pages }, links),
+    output(),
+    theme(),
+    stop(),
+  );
+}
+
+/** @param {Event} event */
+function skip(event) {
+  event.preventDefault();
+  main.focus();
+}
+
+/** What the output does, and the button that changes it. */
+function output() {
+  const word = el("span.word", { role: "status" });
+  const button = el("button.small", { type: "button" });
+  const whole = el("div.output", {}, el("span.dot", { "aria-hidden": "true" }), word, button);
+  const draw = () => {
+    const { phase } = service.state.get();
+    const [out, lease] = [service.output.get(), service.lease.get()];
+    const others = lease !== null && lease.holder !== null && !lease.is_mine;
+    const does = service.isArming.get() ? "arming" : (out?.state ?? "off");
+    const state = phase !== "open" ? phase : others ? "observing" : does;
+    whole.dataset.state = state;
+    const name = service.isReal ? out?.device : texts.state.virtual;
+    fill(word, texts.state[state], state === "armed" && name ? el("small", {}, ` · ${name}`) : null);
+    word.title = out?.reason ?? "";
+    const armed = out?.state === "armed" && !others;
+    button.hidden = phase !== "open" || state === "arming";
+    button.textContent = others ? texts.frame.takeOver : armed ? texts.frame.disarm : texts.frame.arm;
+    button.title = armed ? "" : texts.frame.armHelp;
+    button.onclick = () =>
+      void service.attempt(() => (armed ? service.disarm() : service.arm(!lease?.is_mine)));
+  };
+  const { state, isArming, lease, inventory } = service;
+  for (const value of [state, service.output, isArming, lease, inventory]) {
+    /** @type {import("./value.js").Value<any>} */ (value).on(draw);
+  }
+  return whole;
+}
+
+function theme() {
+  const order = /** @type {const} */ (["system", "light", "dark"]);
+  const button = el("button.small.theme", {
+    type: "button",
+    onclick: () => choose({ theme: order[(order.indexOf(view.get().theme) + 1) % 3] }),
+  });
+  view.on(({ theme }) => {
+    document.documentElement.dataset.theme = theme;
+    button.textContent = { system: "◐", light: "○", dark: "●" }[theme];
+    button.title = texts.frame.theme[theme];
+    button.setAttribute("aria-label", texts.frame.theme[theme]);
+  });
+  return button;
+}
+
+/** The button of another site, so of another process: it works while this page's script hangs. */
+function stop() {
+  const other = location.hostname === "127.0.0.1";
+  const src = other ? `http://localhost:${location.port}/stop` : "/stop";
+  return el("iframe.stop", { src, title: texts.frame.stop });
+}
+
+/** Ask for the code while there is no token. */
+function pairing() {
+  const code = el("input", {
+    id: "code", autocomplete: "off", spellcheck: false, maxLength: 9, size: 10, required: true,
+    autocapitalize: "characters",
+  });
+  const told = el("p.told", { role: "alert" });
+  const show = el("button", {
+    type: "button",
+    onclick: async () => {
+      try {
+        await service.showCode();
+        told.textContent = texts.pair.shown;
+      } catch (error) {
+        told.textContent = sentence(error);
+      }
+      code.focus();
+    },
+  }, texts.pair.show);
+  const form = el(
+    "form",
+    {
+      method: "dialog",
+      onsubmit: async (/** @type {SubmitEvent} */ event) => {
+        event.preventDefault();
+        try {
+          await service.pair(code.value);
+          code.value = "";
+        } catch (error) {
+          told.textContent = sentence(error);
+          code.select();
+        }
+      },
+    },
+    el("h1", { id: "who" }, texts.pair.title),
+    el("p", {}, texts.pair.why),
+    el("label", { for: "code" }, texts.pair.code),
+    el("div.row", {}, code, el("button.main", {}, texts.pair.enter)),
+    el("p.quiet", {}, texts.pair.hint),
+    show,
+    told,
+  );
+  const dialog = el("dialog.pair", { "aria-labelledby": "who" }, form);
+  dialog.addEventListener("cancel", (event) => event.preventDefault());
+  service.state.on(({ phase, reason }) => {
+    if (phase === "pair" && !dialog.open) {
+      told.textContent = reason;
+      // Not modal: STOP beside it must stay in reach.
+      dialog.show();
+      code.focus();
+    } else if (phase !== "pair" && dialog.open) dialog.close();
+    main.inert = phase === "pair";
+  });
+  return dialog;
+}
+
+/** Messages that go by themselves; errors stay until they are closed. */
+function notices() {
+  const list = el("div.notices", { role: "log", "aria-label": texts.frame.notices });
+  service.notices.on((all) => {
+    for (const notice of all.slice(all.findIndex((each) => each === seen) + 1)) add(notice);
+    seen = all.at(-1) ?? seen;
+  });
+  /** @param {Notice} notice */
+  function add({ kind, sentence: text }) {
+    const same = [...list.children].find((each) => each.firstChild?.textContent === text);
+    same?.remove();
+    const close = el("button.small", { type: "button", "aria-label": texts.frame.close }, "×");
+    const shownNotice = el("div.notice", {}, el("span", {}, text), close);
+    shownNotice.dataset.kind = kind;
+    close.onclick = () => shownNotice.remove();
+    list.append(shownNotice);
+    while (list.children.length > 3) list.firstChild?.remove();
+    if (kind !== "error") setTimeout(() => shownNotice.remove(), NOTICE_MS);
+  }
+  return list;
+}
+/** @type {Notice | undefined} */
+let seen;
+
+addEventListener("keydown", (event) => {
+  if (event.key === "Escape") void service.attempt(() => service.stop());
+});
+// A page that is left or loaded again gives the lease back; else it is kept for its return.
+addEventListener("pagehide", () => void service.session?.ask("bye").catch(() => {}));
+addEventListener("hashchange", () => void route());
+document.body.prepend(header(), main, pairing(), notices());
+synchronise(service, app.history);
+void service.start();
+void route();

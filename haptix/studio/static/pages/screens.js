@@ -1,0 +1,3 @@
+/** Devices. */
+/** @type {import("../pages.js").Page["mount"]} */
+export function mount(root) { root.append("screens"); return () => {}; }

@@ -1,0 +1,262 @@
+/** The session with the service: pairing, the lease, the output, and REST. */
+
+import { connect, pair, Refused } from "/client/haptix.js";
+import { Value } from "./value.js";
+
+/** @import { Session } from "/client/haptix.js" */
+/** @import { Frame } from "/client/batches.js" */
+/** @import * as m from "../../../clients/typescript/types/messages.js" */
+/**
+ * @typedef {object} State
+ * @property {"pair" | "connecting" | "open" | "lost"} phase
+ * @property {string} reason why it is so, in a sentence, or ""
+ */
+/** @typedef {{at: number, kind: "error" | "warning" | "note", sentence: string}} Notice */
+
+const KEY = "haptix.token";
+const URL_HERE = `${location.origin.replace(/^http/, "ws")}/v1/session`;
+const AGAIN_MS = 1000;
+const MOST_NOTICES = 20;
+
+export class Service {
+  /** @type {Value<State>} */
+  state = new Value(/** @type {State} */ ({ phase: "connecting", reason: "" }));
+  /** @type {Value<m.Output | null>} what the output does */
+  output = new Value(/** @type {m.Output | null} */ (null));
+  /** @type {Value<m.Lease | null>} who holds it */
+  lease = new Value(/** @type {m.Lease | null} */ (null));
+  /** @type {Value<m.Inventory | null>} devices, finger, screen, kinds */
+  inventory = new Value(/** @type {m.Inventory | null} */ (null));
+  /** @type {Value<Notice[]>} what a person should read, the newest last */
+  notices = new Value(/** @type {Notice[]} */ ([]));
+  /** @type {Session | null} */
+  session = null;
+  /** @type {Value<boolean>} whether the engine gets ready to play, which takes seconds */
+  isArming = new Value(false);
+  /** Called when a session begins and when it begins again, before anything is armed.
+   * @type {((session: Session) => Promise<void>)[]} */
+  onBegin = [];
+  /** @type {Set<(frame: Frame & {names: string[]}) => void>} */
+  #frames = new Set();
+  /** @type {Set<(contact: m.Contact) => void>} */
+  #contacts = new Set();
+  /** @type {Record<string, number>} */
+  #streams = {};
+  #token = read();
+
+  /** Whether a person stands before a real driver, and must arm it by hand. */
+  get isReal() {
+    return this.inventory.get()?.devices.some((device) => device.is_real) ?? true;
+  }
+
+  /** Connect, with the code of the address if there is one. */
+  async start() {
+    const code = new URLSearchParams(location.hash.slice(1)).get("code");
+    if (code) {
+      window.history.replaceState(null, "", location.pathname);
+      try {
+        await this.#pair(code);
+      } catch (error) {
+        // A page that is opened again comes with a code that is used, and knows its token.
+        if (!this.#token) return this.state.set({ phase: "pair", reason: sentence(error) });
+      }
+    }
+    await this.#open();
+  }
+
+  /** Come in by the code that the terminal shows; rejects with why not.
+   * @param {string} code */
+  async pair(code) {
+    await this.#pair(code);
+    await this.#open();
+  }
+
+  /** Let the terminal show a code. */
+  async showCode() {
+    const answer = await fetch("/v1/pair/code", { method: "POST" });
+    if (!answer.ok) throw new Refused(await answer.json());
+  }
+
+  /** Get the lease and let touches be felt.
+   * @param {boolean} [takeover] */
+  async arm(takeover = false) {
+    if (!this.session) return;
+    this.isArming.set(true);
+    try {
+      await this.session.acquire(takeover);
+      this.output.set(await this.session.arm());
+    } finally {
+      this.isArming.set(false);
+    }
+  }
+
+  /** End at 0 V; the lease stays. */
+  async disarm() {
+    if (this.session) this.output.set(await this.session.disarm());
+  }
+
+  /** End at 0 V for all: also without a session. */
+  async stop() {
+    await fetch("/stop", { method: "POST", keepalive: true });
+  }
+
+  /** Do what may be refused, and tell of it if it was.
+   * @template T
+   * @param {() => Promise<T>} act
+   * @returns {Promise<T | undefined>} */
+  async attempt(act) {
+    try {
+      return await act();
+    } catch (error) {
+      this.notify("error", sentence(error));
+      return undefined;
+    }
+  }
+
+  /** @param {Notice["kind"]} kind @param {string} text */
+  notify(kind, text) {
+    const notice = { at: Date.now(), kind, sentence: text };
+    this.notices.set([...this.notices.get(), notice].slice(-MOST_NOTICES));
+  }
+
+  /**
+   * Ask by REST; rejects with `Refused`. `body` that is no Blob or string is sent as JSON.
+   * @param {string} method
+   * @param {string} path
+   * @param {any} [body]
+   * @param {Record<string, string>} [headers]
+   * @returns {Promise<Response>}
+   */
+  async rest(method, path, body, headers = {}) {
+    /** @type {Record<string, string>} */
+    const sent = { authorization: `Bearer ${this.#token}`, ...headers };
+    let content = body;
+    if (body !== undefined && !(body instanceof Blob) && typeof body !== "string") {
+      content = JSON.stringify(body);
+      sent["content-type"] ??= "application/json";
+    }
+    const answer = await fetch(path, { method, headers: sent, body: content });
+    if (!answer.ok) {
+      const told = await answer.json().catch(() => ({}));
+      const { code = "internal", sentence: why = `${method} ${path}: ${answer.status}` } = told;
+      throw new Refused({ code, sentence: why, path: told.path });
+    }
+    return answer;
+  }
+
+  /**
+   * Ask for streams while a page shows them; return what ends that. Streams that this service does
+   * not have are left out.
+   * @param {Record<string, number>} rates [Hz]
+   * @param {(frame: Frame & {names: string[]}) => void} handler
+   * @returns {() => void}
+   */
+  listen(rates, handler) {
+    this.#frames.add(handler);
+    Object.assign(this.#streams, rates);
+    void this.#subscribe(rates);
+    return () => {
+      this.#frames.delete(handler);
+      const none = Object.fromEntries(Object.keys(rates).map((name) => [name, 0]));
+      for (const name of Object.keys(rates)) delete this.#streams[name];
+      void this.#subscribe(none);
+    };
+  }
+
+  /** Hear of contacts: enter, leave, press, release, detent.
+   * @param {(contact: m.Contact) => void} handler
+   * @returns {() => void} */
+  onContact(handler) {
+    this.#contacts.add(handler);
+    return () => void this.#contacts.delete(handler);
+  }
+
+  /** @param {string} code */
+  async #pair(code) {
+    this.#token = await pair({ code, name: "studio", url: URL_HERE });
+    try {
+      localStorage.setItem(KEY, this.#token);
+    } catch {
+      // then the next visit needs a code again
+    }
+  }
+
+  async #open() {
+    if (!this.#token) return this.state.set({ phase: "pair", reason: "" });
+    this.state.set({ phase: "connecting", reason: "" });
+    try {
+      const session = await connect({ name: "studio", token: this.#token, url: URL_HERE });
+      this.session = session;
+      session.on("output", (output) => this.output.set(output));
+      session.on("lease", (lease) => this.lease.set(lease));
+      session.on("inventory", (inventory) => this.inventory.set(inventory));
+      session.on("warning", (warning) => this.notify("warning", warning.sentence));
+      session.on("error", (error) => this.notify("error", error.sentence));
+      session.on("frame", (frame) => this.#frames.forEach((handler) => handler(frame)));
+      session.on("contact", (contact) => this.#contacts.forEach((handler) => handler(contact)));
+      session.on("lost", ({ reason }) => this.#lost(reason));
+      session.on("resumed", () => void this.#begin(session));
+      session.on("closed", ({ reason }) => {
+        this.session = null;
+        this.#refused(reason);
+      });
+      await this.#begin(session);
+    } catch (error) {
+      if (error instanceof Refused) return this.#refused(error.message);
+      this.#lost(sentence(error));
+      setTimeout(() => void this.#open(), AGAIN_MS);
+    }
+  }
+
+  /** @param {Session} session */
+  async #begin(session) {
+    const { output, lease, inventory } = session.welcome;
+    this.inventory.set(inventory);
+    this.lease.set(lease);
+    this.output.set(output);
+    await this.#subscribe(this.#streams);
+    for (const begin of this.onBegin) await this.attempt(() => begin(session));
+    this.state.set({ phase: "open", reason: "" });
+    // A real driver is armed by a person's hand, here and after each loss.
+    const is_free = lease.holder === null || lease.is_mine;
+    if (!this.isReal && is_free) await this.attempt(() => this.arm());
+  }
+
+  /** @param {string} reason */
+  #lost(reason) {
+    this.output.set(null);
+    this.lease.set(null);
+    this.state.set({ phase: "lost", reason });
+  }
+
+  /** @param {string} reason */
+  #refused(reason) {
+    this.#token = "";
+    localStorage.removeItem(KEY);
+    this.output.set(null);
+    this.state.set({ phase: "pair", reason });
+  }
+
+  /** @param {Record<string, number>} streams */
+  async #subscribe(streams) {
+    for (const [name, rate] of Object.entries(streams)) {
+      const asked = /** @type {any} */ ({ [name]: rate });
+      // An older service knows fewer streams; what shows them stays empty.
+      await this.session?.subscribe(asked).catch(() => {});
+    }
+  }
+}
+
+/** Return what is wrong, for people. @param {unknown} error */
+export function sentence(error) {
+  if (error instanceof Refused && error.path) return error.message.replace(` (${error.path})`, "");
+  return error instanceof Error ? error.message : String(error);
+}
+
+function read() {
+  try {
+    return localStorage.getItem(KEY) ?? "";
+  } catch {
+    return "";
+  }
+}

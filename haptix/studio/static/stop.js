@@ -1,0 +1,21 @@
+/** The STOP button's frame: a process of its own. Without this script the form does the same. */
+
+const form = /** @type {HTMLFormElement} */ (document.querySelector("form"));
+const state = /** @type {HTMLElement} */ (document.querySelector("small"));
+const SHOWN_MS = 4000;
+let asked = 0;
+
+form.addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const number = ++asked;
+  try {
+    const answer = await fetch("/stop", { method: "POST", keepalive: true });
+    state.textContent = answer.ok ? "stopped" : `refused: ${answer.status}`;
+  } catch {
+    state.textContent = "no answer: unplug it";
+    return; // stays
+  }
+  setTimeout(() => {
+    if (number === asked) state.textContent = "0 V, for all";
+  }, SHOWN_MS);
+});

@@ -1,0 +1,41 @@
+/** All that the pages say, in one place. */
+
+export const texts = {
+  name: "haptix studio",
+  pages: { play: "Play", screens: "Screens" },
+  frame: {
+    skip: "Skip to the page",
+    pages: "Pages",
+    stop: "STOP: 0 V for all, also while this page hangs. The key Esc does the same.",
+    theme: { system: "Theme: system", light: "Theme: light", dark: "Theme: dark" },
+    arm: "Arm",
+    disarm: "Disarm",
+    takeOver: "Take over",
+    armHelp: "Lets touches be felt on a real driver. Keep STOP in reach.",
+    close: "Close",
+    notices: "Messages",
+    loading: "Loading…",
+    failed: "This page could not be loaded.",
+  },
+  state: {
+    connecting: "Connecting…",
+    lost: "Service lost, trying again",
+    pair: "Not paired",
+    off: "Off: 0 V",
+    arming: "Arming…",
+    armed: "Armed",
+    asleep: "Asleep: 0 V",
+    failed: "Driver failed: 0 V",
+    observing: "Another client holds the output",
+    virtual: "virtual finger",
+  },
+  pair: {
+    title: "Who is there?",
+    why: "Any page in a browser can reach this service. So a code lets this one in, once.",
+    code: "Code of the terminal",
+    enter: "Come in",
+    show: "Show a code in the terminal",
+    shown: "The terminal shows a code now.",
+    hint: "Eight letters and digits, in the terminal where haptix studio runs. It is good for five minutes.",
+  },
+};

@@ -1,0 +1,46 @@
+/** What a person has chosen for the pages: kept in this browser, no part of a document. */
+
+import { Value } from "./value.js";
+
+const KEY = "haptix.view";
+
+export const CHOICES = {
+  /** @type {"system" | "light" | "dark"} */
+  theme: "system",
+  /** Where the normal force comes from. @type {"pressure" | "slider" | "assumed"} */
+  force: "slider",
+  force_n: 0.5,
+  /** Normal force at full pressure of a pen [N]. */
+  pressure_n: 1.0,
+  is_audible: false,
+  /** Level of the sound [dB of full scale]. */
+  volume_db: -30,
+};
+
+/** @typedef {typeof CHOICES} Choices */
+
+/** @type {Value<Choices>} */
+export const view = new Value({ ...CHOICES, ...read() });
+
+/** Change some choices, and keep them.
+ * @param {Partial<Choices>} changes */
+export function choose(changes) {
+  view.set({ ...view.get(), ...changes });
+  try {
+    localStorage.setItem(KEY, JSON.stringify(view.get()));
+  } catch {
+    // a browser that keeps nothing begins anew each time
+  }
+}
+
+/** @returns {Partial<Choices>} */
+function read() {
+  try {
+    const kept = JSON.parse(localStorage.getItem(KEY) ?? "{}");
+    const is_known = (/** @type {[string, unknown]} */ [key, value]) =>
+      typeof value === typeof CHOICES[/** @type {keyof Choices} */ (key)];
+    return Object.fromEntries(Object.entries(kept).filter(is_known));
+  } catch {
+    return {};
+  }
+}

@@ -1,0 +1,98 @@
+"""A studio in Chromium: before a front that writes down what it is told, or all of haptix."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import sync_playwright
+
+from tests.service.service_under_test import Service
+
+ROOT = Path(__file__).parents[2]
+AXE = ROOT / "clients" / "typescript" / "node_modules" / "axe-core" / "axe.min.js"
+SCREENSHOTS = os.environ.get("HAPTIX_SCREENSHOTS")
+"""Folder that screenshots are kept in, for docs/studio.md; nothing is kept without it."""
+
+
+@pytest.fixture(scope="session")
+def browser():
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("needs Debian's chromium: bash scripts/setup-devices.sh")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=chromium,
+            args=["--no-sandbox", "--disable-gpu", "--disable-background-networking"],
+        )
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def front(tmp_path):
+    """The front alone, whose engine writes down what it is told; starts in no time."""
+    service = Service(tmp_path)
+    device = service.hub.inventory.devices[0]
+    virtual = device.model_copy(update={"address": "mock:", "name": "mock", "is_real": False})
+    service.hub.inventory = service.hub.inventory.model_copy(update={"devices": (virtual,)})
+    yield service
+    service.close()
+
+
+@pytest.fixture(scope="session")
+def studio(tmp_path_factory):
+    """Address, with a code, of `haptix studio` with a mock driver."""
+    environment = os.environ | {"HAPTIX_SERVICE": str(tmp_path_factory.mktemp("service"))}
+    command = [sys.executable, "-m", "haptix.cli", "studio", "--port", "0", "--no-open"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
+        found = re.search(r"http://127.0.0.1:\d+/#code=\w{8}", process.stdout.readline())
+        assert found
+        yield found[0]
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=20)
+
+
+class Watched:
+    """A page that fails a test by any error in its console."""
+
+    def __init__(self, page):
+        self.page, self.errors = page, []
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on(
+            "console", lambda said: self.errors.append(said.text) if said.type == "error" else None
+        )
+
+
+@pytest.fixture
+def page(browser):
+    """A page of 1280 x 800; what its scripts complain of fails the test."""
+    context = browser.new_context(viewport={"width": 1280, "height": 800})
+    page = context.new_page()
+    watched = Watched(page)
+    page.expected_errors = watched.errors  # a test that provokes some clears them
+    yield page
+    context.close()
+    assert not watched.errors
+
+
+def address(front, path=""):
+    """Address of a page of the front, with a code."""
+    return f"http://127.0.0.1:{front.port}/#code={front.access.code()}"
+
+
+def violations(page):
+    """What axe finds wrong with a page, in short."""
+    page.evaluate(AXE.read_text() + "; 0")  # the policy refuses a script that is added
+    found = page.evaluate("async () => (await axe.run(document)).violations")
+    return [(one["id"], one["nodes"][0]["html"][:120]) for one in found]
+
+
+def keep(page, name):
+    """Keep a screenshot if that was asked for."""
+    if SCREENSHOTS:
+        page.screenshot(path=Path(SCREENSHOTS) / f"{name}.png")

@@ -1,0 +1,148 @@
+"""The frame of the pages: pairing, STOP in its own process, undo, and what a browser may do."""
+
+import re
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+import httpx
+import pytest
+
+from tests.studio.conftest import ROOT, address, violations
+
+STATIC = ROOT / "haptix" / "studio" / "static"
+TOOLS = ROOT / "clients" / "typescript" / "node_modules"
+
+
+def armed(page):
+    page.locator('.output[data-state="armed"]').wait_for()
+
+
+def test_from_a_bare_start_to_armed(front, page):
+    page.goto(address(front))
+    armed(page)
+    told = [do for do, _, _ in front.engine.told]
+    assert told.index("layout_set") < told.index("arm")
+    assert not violations(page)
+    # The address no longer shows the code, and the browser knows its token.
+    assert "code" not in page.url
+    page.reload()
+    armed(page)
+
+
+def test_a_wrong_code_and_then_the_right_one(front, page):
+    shown = []
+    front.access.on_show = shown.append
+    page.goto(address(front).split("#")[0] + "#code=AAAAAAAA")
+    page.get_by_text("this is not the code").wait_for()
+    assert not violations(page)
+    page.get_by_role("button", name="Show a code").click()
+    page.get_by_text("The terminal shows a code now").wait_for()
+    page.get_by_label("Code of the terminal").fill(shown[0].lower())
+    page.keyboard.press("Enter")
+    armed(page)
+    assert any("403" in error for error in page.expected_errors)
+    page.expected_errors.clear()
+
+
+def test_stop_works_while_the_script_hangs(front, page):
+    page.goto(address(front))
+    armed(page)
+    page.evaluate(
+        "setTimeout(() => { const end = Date.now() + 2500; while (Date.now() < end); }, 50)"
+    )
+    time.sleep(0.3)
+    began_s = time.monotonic()
+    page.mouse.click(1200, 30)  # to ask the page where STOP is would hang, too
+    while not front.engine.when("stop") and time.monotonic() < began_s + 2:
+        time.sleep(0.02)
+    assert front.engine.when("stop"), "STOP waited for the page's script"
+    page.get_by_text("Off: 0 V").wait_for()  # when the script is back
+
+
+def test_escape_stops_too(front, page):
+    page.goto(address(front))
+    armed(page)
+    page.keyboard.press("Escape")
+    page.get_by_text("Off: 0 V").wait_for()
+    assert front.engine.when("stop")
+
+
+def test_a_real_driver_waits_for_a_hand(front, page):
+    device = front.hub.inventory.devices[0].model_copy(update={"is_real": True})
+    front.hub.inventory = front.hub.inventory.model_copy(update={"devices": (device,)})
+    page.goto(address(front))
+    page.get_by_text("Off: 0 V").wait_for()
+    assert not front.engine.when("arm")
+    page.get_by_role("button", name="Arm").click()
+    armed(page)
+
+
+def test_a_second_page_observes_until_it_takes_over(front, page):
+    page.goto(address(front))
+    armed(page)
+    second = page.context.new_page()
+    second.goto(address(front).split("#")[0])
+    second.get_by_role("button", name="Take over").click()
+    armed(second)
+    page.get_by_text("Another client holds the output").wait_for()
+
+
+def test_a_service_that_goes_and_comes(front, page):
+    page.goto(address(front))
+    armed(page)
+    front.hub.holder.close(1012, "a restart")
+    page.locator('.output[data-state="lost"]').wait_for()
+    armed(page)  # the driver is virtual
+
+
+def test_localhost_leads_to_the_other_site(front):
+    base = f"http://localhost:{front.port}"
+    answer = httpx.get(f"{base}/", headers={"host": f"localhost:{front.port}"})
+    assert answer.headers["location"] == f"http://127.0.0.1:{front.port}/"
+    stop = httpx.get(f"{base}/stop")
+    assert stop.status_code == 200 and "frame-ancestors" in stop.headers["content-security-policy"]
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/studio/../pages.py", "/studio/%2e%2e/pages.py", "/client/../package.json", "/studio/"],
+)
+def test_nothing_beside_the_pages_is_given_out(front, path):
+    assert httpx.get(f"http://127.0.0.1:{front.port}{path}").status_code == 404
+
+
+def test_the_page_is_small(front):
+    """All files together, as they go over the wire; a visit loads fewer."""
+    sizes = {path.name: path.stat().st_size for path in STATIC.rglob("*") if path.is_file()}
+    client = sum(path.stat().st_size for path in (ROOT / "clients/typescript/src").iterdir())
+    assert sum(sizes.values()) + client < 500_000
+
+
+def test_types():
+    if shutil.which("node") is None or not (TOOLS / "typescript").exists():
+        pytest.skip("needs node, and npm ci in clients/typescript")
+    command = [TOOLS / ".bin" / "tsc", "-p", ROOT / "haptix" / "studio"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+
+
+def test_what_is_not_ours_is_what_it_says():
+    kept = STATIC / "vendor"
+    if not (TOOLS / "uplot").exists():
+        pytest.skip("needs npm ci in clients/typescript")
+    made = TOOLS / "uplot" / "dist"
+    assert (kept / "uPlot.min.js").read_bytes() == (made / "uPlot.iife.min.js").read_bytes()
+    assert (kept / "uPlot.min.css").read_bytes() == (made / "uPlot.min.css").read_bytes()
+    assert (kept / "uPlot.LICENSE").exists()
+
+
+def test_no_page_names_another_place():
+    """No network: nothing is loaded from elsewhere, whatever the policy would say."""
+    for path in STATIC.rglob("*"):
+        if path.is_file() and "vendor" not in Path(path).parts:
+            found = re.findall(
+                r"https?://(?!localhost|127\.0\.0\.1|www\.w3\.org/2000)\S+", path.read_text()
+            )
+            assert not found, path
