@@ -79,8 +79,8 @@ def _changes(
     old: dict[int, Facts] = was.of if isinstance(was, LayoutFacts) else {}
     new: dict[int, Facts] = now.of if isinstance(now, LayoutFacts) else {}
     patches: dict[int, Patch] = {}
-    if isinstance(texture, Layout):
-        patches = texture.patches
+    if isinstance(layout := texture.evaluator, Layout):
+        patches = layout.patches
     else:
         old, new = {0: was}, {0: now}
     for key, facts in old.items():

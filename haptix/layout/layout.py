@@ -252,6 +252,15 @@ class Layout:
         return below if isinstance(below, float) else below.outside
 
     @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Left, right, top and bottom of the box around all regions."""
+        boxes = [region.box for region in self._regions if region.opacity.after[0]]
+        if not boxes:
+            return (0.0, 40.0, 0.0, 20.0)
+        left, right, top, bottom = zip(*boxes, strict=True)
+        return min(left), max(right), min(top), max(bottom)
+
+    @property
     def depends_on(self) -> Depends:
         """What the answers depend on, as the regions are now."""
         below = self._background
@@ -310,10 +319,10 @@ class Layout:
         below = self._background
         rests = self.drives_at_rest
         value: Array
-        if isinstance(below, float):
-            value = np.full(x.shape, below)
-        elif hidden:
+        if hidden:
             value = np.zeros(x.shape)
+        elif isinstance(below, float):
+            value = self._converted(np.full(x.shape, below), self.target, motion, rests)
         else:
             value = self._asked(below, motion, rests)
         for region, on, cover in reversed(layers):
@@ -337,8 +346,10 @@ class Layout:
         for region in self._regions:
             if region.opacity.after[0] == 0.0:
                 continue  # it goes
-            here, on = region.seen(now)
             known = held.get(region.key)
+            if known is None and not region.is_near(now):
+                continue
+            here, on = region.seen(now)
             if not on and known is None:
                 continue
             there = None if before is None or known is None else region.seen(before)[0]
@@ -354,7 +365,7 @@ class Layout:
         return [
             region.key
             for region in self._regions
-            if region.opacity.after[0] > 0.0 and region.seen(report)[1]
+            if region.opacity.after[0] > 0.0 and region.is_near(report) and region.seen(report)[1]
         ]
 
     def priorities(self, motion: Motion) -> Array | None:
@@ -372,9 +383,11 @@ class Layout:
 
     def _asked(self, evaluator: Evaluator, motion: Motion, rests: bool) -> Array:
         """Answer of a material, in the target of the layout."""
-        value = evaluator.wanted(motion)
-        kind = evaluator.target
         fades = rests and not evaluator.drives_at_rest
+        return self._converted(evaluator.wanted(motion), evaluator.target, motion, fades)
+
+    def _converted(self, value: Array, kind: TargetKind, motion: Motion, fades: bool) -> Array:
+        """Numbers of a kind in the target of the layout; with `fades`, none where fingers rest."""
         if kind == self.target and not (fades and kind == "mu"):
             return value * np.hypot(motion.ux, motion.uy) if fades else value
         lowest, highest = motion.reach

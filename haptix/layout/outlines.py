@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import hypot
 from typing import Any, Literal
 
 import numpy as np
@@ -62,6 +63,10 @@ class Outline:
 
     def contains(self, x_mm: float, y_mm: float) -> bool:
         """Whether a place is inside."""
+        if self.shape == "rectangle":
+            return 0.0 <= x_mm <= self.width_mm and 0.0 <= y_mm <= self.height_mm
+        if self.shape == "ellipse":
+            return hypot(2 * x_mm / self.width_mm - 1, 2 * y_mm / self.height_mm - 1) <= 1.0
         return bool(self.cover(np.array([x_mm]), np.array([y_mm]), 0.0)[0] >= 0.5)
 
 

@@ -185,6 +185,11 @@ class Region:
             for one in of_layout
         )
 
+    def is_near(self, report: Report) -> bool:
+        """Whether a report may be on the region."""
+        left, right, top, bottom = self.way
+        return left <= report.x_mm <= right and top <= report.y_mm <= bottom
+
     def seen(self, report: Report) -> tuple[Report, bool]:
         """Return a report in the region's axes, and whether it is on the region."""
         x0, y0, angle = self.place.at(report.t_s)

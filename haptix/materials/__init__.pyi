@@ -18,6 +18,8 @@ from .material import Material as Material
 from .material import Scaled as Scaled
 from .moving import Moving as Moving
 from .moving import PathTable as PathTable
+from .regions import LayoutMaterial as LayoutMaterial
+from .regions import RegionTable as RegionTable
 from .relief import Relief as Relief
 from .still import CompositionMaterial as CompositionMaterial
 from .still import GratingMaterial as GratingMaterial

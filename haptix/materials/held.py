@@ -28,18 +28,10 @@ def without(
                 vx, vy = motion.vx_mm_s, motion.vy_mm_s
             return (np.hypot(vx, vy), 0 * ones) if dropped & Depends.DIRECTION else (vx, vy)
 
-        return Motion(
-            motion.fingers,
-            motion.points,
-            motion.x_mm,
-            motion.y_mm,
-            normal_force_n * ones if dropped & Depends.FORCE else motion.normal_force_n,
-            motion.footprint_mm,
-            motion.step_s,
-            0 * ones if dropped & Depends.TIME else motion.t_s,
+        return motion.changed(
+            0 * ones if dropped & Depends.TIME else None,
+            normal_force_n * ones if dropped & Depends.FORCE else None,
             velocity,
-            motion.force_known,
-            motion.history,
         )
 
     return Answering(

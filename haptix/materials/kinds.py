@@ -6,12 +6,12 @@ from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
-from haptix.materials import button, by_curve, detents, in_time, moving, relief, still
+from haptix.materials import button, by_curve, detents, in_time, moving, regions, relief, still
 from haptix.materials.material import ANY_KIND, KINDS, Material, load, material_of
 
 __all__ = ["BUILT_IN", "KINDS", "load", "material_of", "schema"]
 
-BUILT_IN = (still, relief, by_curve, moving, in_time, button, detents)
+BUILT_IN = (still, relief, by_curve, moving, in_time, button, detents, regions)
 """Modules of the kinds that haptix brings; importing them enters the kinds."""
 
 

@@ -41,6 +41,7 @@ ANY_KIND = "a material of any kind"
 
 _FOLDER: ContextVar[Path] = ContextVar("folder", default=Path())
 _IS_SEALED: ContextVar[bool] = ContextVar("sealed", default=False)
+_BY_CONTENT: ContextVar[bool] = ContextVar("by_content", default=False)
 
 
 @contextmanager
@@ -55,6 +56,16 @@ def in_folder(folder: Path, is_sealed: bool = False) -> Iterator[None]:
     finally:
         _FOLDER.reset(token)
         _IS_SEALED.reset(seal)
+
+
+@contextmanager
+def by_content() -> Iterator[None]:
+    """Write documents whose files are named by the hash of their content, wherever they lie."""
+    token = _BY_CONTENT.set(True)
+    try:
+        yield
+    finally:
+        _BY_CONTENT.reset(token)
 
 
 class ByFields(Part):
@@ -295,22 +306,32 @@ def is_digest(text: str) -> bool:
     return len(text) == 64 and set(text) <= set("0123456789abcdef")
 
 
-def relative_to_document(path: Path) -> str:
-    """Path for the document that is being written."""
-    return Path(os.path.relpath(path, _FOLDER.get())).as_posix()
+def _name_of(asset: Asset) -> str:
+    """Name for the document that is being written."""
+    if asset.name.startswith("sha256:"):
+        return asset.name
+    if _BY_CONTENT.get():
+        return f"sha256:{sha256(asset.path.read_bytes()).hexdigest()}"
+    return Path(os.path.relpath(asset.path, _FOLDER.get())).as_posix()
 
 
-def document_folder() -> Path:
-    """Folder of the document that is being read or written."""
-    return _FOLDER.get()
+def read_asset(name: str) -> str:
+    """Path of a file that a document names, for what knows files by their path alone."""
+    try:
+        return str(_asset_of(name).path)
+    except ValueError as error:
+        raise InputError(f"file: {error}") from None
+
+
+def write_asset(path: str) -> str:
+    """Return the name of a path for the document that is being written."""
+    return _name_of(Asset(path, Path()))
 
 
 AnyAsset = Annotated[
     Asset,
     PlainValidator(_asset_of),
-    PlainSerializer(
-        lambda one: one.name if one.name.startswith("sha256:") else relative_to_document(one.path)
-    ),
+    PlainSerializer(_name_of),
     WithJsonSchema({"type": "string", "minLength": 1}),
 ]
 """A field that names a file."""

@@ -43,8 +43,8 @@ def field_of(material: Material) -> FrictionField:
     found = material.evaluator
     if not isinstance(found, FrictionField):
         raise InputError(
-            f"composition: expected materials that stand still, got {material.kind}; a Layout "
-            "takes every kind"
+            f"expected a material that stands still, got {material.kind}; the kind layout takes "
+            "every kind in its regions"
         )
     return found
 
@@ -292,7 +292,7 @@ def _number_or_material(value: Any) -> float | Material:
     return material_of(value) if number is None else number
 
 
-_Background = Annotated[
+NumberOrMaterial = Annotated[
     float | Material,
     PlainValidator(_number_or_material),
     PlainSerializer(lambda value: value if isinstance(value, float) else table_of(value)),
@@ -318,7 +318,7 @@ class SpriteTable(Part):
 class CompositionMaterial(Material):
     """Still materials on a background; see `haptix.texture.Composition`.
 
-    A `haptix.Layout` does the same with every material, and can be changed while it plays.
+    The kind ``layout`` does the same with every material, and can be changed while it plays.
 
     Parameters
     ----------
@@ -330,7 +330,7 @@ class CompositionMaterial(Material):
 
     kind: Literal["composition"] = "composition"
     sprites: tuple[SpriteTable, ...] = ()
-    background: _Background = 0.0
+    background: NumberOrMaterial = 0.0
 
     @cached_property
     def evaluator(self) -> FrictionField:

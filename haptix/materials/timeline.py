@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -12,7 +11,7 @@ from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 
 from haptix.checks import Array
 from haptix.errors import InputError
-from haptix.materials.material import document_folder, relative_to_document
+from haptix.materials.material import read_asset, write_asset
 from haptix.motion import Facts, Motion
 from haptix.signals.signal import Signal, signal_from
 
@@ -44,7 +43,7 @@ def _with_files(table: Any, move: Any) -> Any:
 
 
 def _signal(table: Any) -> Signal:
-    signal = signal_from(_with_files(table, lambda name: str(document_folder() / name)), "curve")
+    signal = signal_from(_with_files(table, read_asset), "curve")
     if not signal.length_s <= LONGEST_S:
         length = "no end" if signal.length_s == inf else f"{signal.length_s:g} s"
         raise InputError(
@@ -57,9 +56,7 @@ def _signal(table: Any) -> Signal:
 AnyCurve = Annotated[
     Signal,
     PlainValidator(_signal),
-    PlainSerializer(
-        lambda one: _with_files(one.describe(), lambda name: relative_to_document(Path(name)))
-    ),
+    PlainSerializer(lambda one: _with_files(one.describe(), write_asset)),
     WithJsonSchema(
         {"type": "object", "properties": {"kind": {"type": "string"}}, "required": ["kind"]}
     ),

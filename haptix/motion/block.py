@@ -328,6 +328,20 @@ class Motion:
         found._t_s = None if self._t_s is None else self._t_s - start_s
         return found
 
+    def changed(
+        self, t_s: Array | None, normal_force_n: Array | None, velocity: Velocity | None
+    ) -> Motion:
+        """Return the same motion at other times, forces or velocities; None keeps them."""
+        found = self._at(
+            self.x_mm, self.y_mm, self.footprint_mm, velocity or (lambda: self._velocities),
+            self._history,
+        )  # fmt: skip
+        if normal_force_n is not None:
+            found.normal_force_n = normal_force_n
+        if t_s is not None:
+            found._t_s, found.start_s = t_s, t_s
+        return found
+
     def with_footprint(self, footprint_mm: float) -> Motion:
         """Return the same motion with another footprint."""
         return self._at(self.x_mm, self.y_mm, footprint_mm, lambda: self._velocities, self._history)

@@ -75,6 +75,7 @@ def _decided(
     force = sum(scene.normal_force_n) / 2
     motion = _motion(scene, material, (low, high))
     reach = _reach(scene, model, motion.normal_force_n)
+    motion = motion.within(lambda force_n, _: _reach(scene, model, force_n))
 
     def friction(one: Evaluator) -> torch.Tensor:
         mu = as_mu(one.target, one.wanted(motion), *reach)

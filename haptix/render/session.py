@@ -227,8 +227,8 @@ class RenderSession(RenderCore, ABC):
         return self._master.ended(self._played_s, self.sample_rate_hz)
 
     def _attach(self, texture: Feelable) -> None:
-        if isinstance(texture, Layout):
-            texture.attach(lambda: self._since_s)
+        if isinstance(layout := texture.evaluator, Layout):
+            layout.attach(lambda: self._since_s)
 
     def _mixed(self, motion: Motion, first_sample: int) -> tuple[float | Array, Array | None]:
         master, first_s = self._master, first_sample / self.sample_rate_hz

@@ -24,6 +24,7 @@ from haptix.stimuli.along_path import (
 )
 from haptix.stimuli.apparatus import Apparatus, Population
 from haptix.stimuli.making import SetResult, StimulusSet, check_manifest
+from haptix.stimuli.of_material import MaterialSignal
 from haptix.stimuli.rendering import Rendering
 from haptix.stimuli.stimulus import Stimulus
 from haptix.stimuli.trials import TrialPlan
@@ -35,6 +36,7 @@ __all__ = [
     "Concatenation",
     "Constant",
     "Excerpt",
+    "MaterialSignal",
     "Path",
     "Points",
     "Population",

@@ -13,6 +13,7 @@ from pydantic import Field, PositiveFloat
 from haptix.documents import Document
 from haptix.errors import InputError
 from haptix.finger import Finger
+from haptix.materials.material import in_folder
 from haptix.screen import Screen
 from haptix.signals.described import read
 from haptix.signals.signal import Array, Constant, Product, Signal, signal_from
@@ -68,7 +69,8 @@ class ExperimentRecipe(Document):
 
     def presentation(self, sample_rate_hz: float) -> Presentation:
         """Build the surface, and return the presentation that turns a level into volts."""
-        stimulus = stimulus_from("target", self.stimulus)
+        with in_folder(self.folder):
+            stimulus = stimulus_from("target", self.stimulus)
         finger = Finger.named(self.finger, self.folder)
         screen = Screen.named(self.screen, self.folder)
         apparatus = Apparatus.build(finger, screen, [stimulus], self.ceiling_v)
@@ -89,9 +91,10 @@ def presentation_of(
     the target; alone it is the reference. A level that asks for more friction than is reachable
     counts as above every ceiling.
     """
-    if stimulus.quantity == "mu":
+    if stimulus.quantity not in ("contrast", "volts"):
         raise InputError(
-            f'{stimulus.name}: a level in dB cannot scale a signal in "mu"; use "contrast"'
+            f'{stimulus.name}: a level in dB cannot scale a signal in "{stimulus.quantity}"; use '
+            '"contrast"'
         )
     rate, unit = sample_rate_hz, stimulus.signal
     ground = Constant(0.0) if pedestal is None else pedestal

@@ -10,6 +10,7 @@ from pydantic import Field, PositiveFloat, model_validator
 from haptix.documents import Document, Part
 from haptix.errors import InputError
 from haptix.finger import Finger
+from haptix.materials.material import in_folder
 from haptix.perception import Perception
 from haptix.screen import Screen
 from haptix.signals.audio import Container, Encoding
@@ -22,6 +23,7 @@ from haptix.stimuli.designs import (
     stimulus_maker,
 )
 from haptix.stimuli.making import StimulusSet
+from haptix.stimuli.of_material import MaterialSignal
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
 from haptix.stimuli.trials import TrialPlan
 
@@ -168,18 +170,9 @@ class Recipe(Document):
         known = Perception.default()
         if self.perception is not None:
             known = Perception.load(self.folder / self.perception)
-        found = [
-            stimulus_from(name, self._with_folder(table)) for name, table in self.stimuli.items()
-        ]
         screens = tuple(Screen.named(name, self.folder) for name in self.screens)
-        for design in self.designs:
-            try:
-                made = design.stimuli(known)
-            except InputError as error:
-                raise InputError(f"design {design.name!r}: {error}") from None
-            if design.kind == "equal-friction":
-                equal_friction(made, screens)
-            found += made
+        with in_folder(self.folder):
+            found = self._found(known, screens)
         one = Finger.named(self.finger, self.folder)
         finger: Finger | Population = one
         if self.population is not None:
@@ -191,12 +184,29 @@ class Recipe(Document):
             TrialPlan(self.trials.repeats, self.trials.gap_s, order), known,
         )  # fmt: skip
 
+    def _found(self, known: Perception, screens: tuple[Screen, ...]) -> list[Stimulus]:
+        """Make all stimuli."""
+        found = [
+            stimulus_from(name, self._with_folder(table)) for name, table in self.stimuli.items()
+        ]
+        for design in self.designs:
+            try:
+                made = design.stimuli(known)
+            except InputError as error:
+                raise InputError(f"design {design.name!r}: {error}") from None
+            if design.kind == "equal-friction":
+                equal_friction(made, screens)
+            found += made
+        return found
+
     def _with_folder(self, value: Any) -> Any:
         """Make the paths of recordings relative to the recipe's folder."""
         if isinstance(value, list):
             return [self._with_folder(item) for item in value]
         if not isinstance(value, dict):
             return value
+        if value.get("kind") == MaterialSignal.kind:
+            return value  # finds its files itself
         inner = {key: self._with_folder(item) for key, item in value.items()}
         if inner.get("kind") == "recorded" and isinstance(inner.get("file"), str):
             inner["file"] = str(self.folder / inner["file"])

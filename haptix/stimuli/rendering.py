@@ -89,6 +89,8 @@ class Rendering:
         mu = values
         if stimulus.quantity == "contrast":
             mu = (1 + values) * response.lowest_mu
+        elif stimulus.quantity == "share":
+            mu = response.lowest_mu + values * (response.highest_mu - response.lowest_mu)
         low, high = float(mu.min()), float(mu.max())
         amplitude, status = response.voltage(mu)
         below = int(np.count_nonzero(status == Status.BELOW))

@@ -10,11 +10,13 @@ from typing import Any, Literal, get_args
 
 from haptix.checks import Positive, check_fields, choice
 from haptix.errors import InputError
+from haptix.materials import material_of
 from haptix.signals.described import plain
 from haptix.signals.signal import Signal, signal_from
 from haptix.stimuli.along_path import SpeedProfile, speed_from
+from haptix.stimuli.of_material import MaterialSignal
 
-Quantity = Literal["mu", "contrast", "volts"]
+Quantity = Literal["mu", "contrast", "share", "volts"]
 
 DEFAULT_CARRIER_HZ = 4000.0
 """Too fast to be felt, and exactly a twelfth of 48 kHz."""
@@ -30,9 +32,9 @@ class Stimulus:
         Names its files: letters, digits, ``-``, ``_`` and ``.``.
     signal : Signal
         Values against time.
-    quantity : {"mu", "contrast", "volts"}
+    quantity : {"mu", "contrast", "share", "volts"}
         What the values are: friction coefficients; the relative change from the friction without
-        voltage; or volts.
+        voltage; shares of the reachable friction; or volts.
     normal_force_n : float
         Normal force of the touch [N].
     carrier_hz : float or None
@@ -70,6 +72,9 @@ class Stimulus:
             )
         if self.carrier_hz is not None and self.drive_hz is not None:
             raise InputError("drive_hz: a carrier has its own frequency; leave it out")
+        for part in self.signal.walk():
+            if isinstance(part, MaterialSignal):
+                self._check(part)
         found = {part for part in self.signal.walk() if isinstance(part, SpeedProfile)}
         if self.speed is None and len(found) == 1:
             object.__setattr__(self, "speed", found.pop())
@@ -81,6 +86,18 @@ class Stimulus:
         if self.signal.length_s == inf:
             raise InputError(
                 f"{self.name}: the signal has no end; give it one with .lasting(seconds)"
+            )
+
+    def _check(self, part: MaterialSignal) -> None:
+        if part.target != self.quantity:
+            raise InputError(
+                f'quantity: the material is in {part.target}; give quantity = "{part.target}", or '
+                "a target to the material"
+            )
+        if part.normal_force_n != self.normal_force_n:
+            raise InputError(
+                f"normal_force_n: expected that of the material, {part.normal_force_n:g} N, got "
+                f"{self.normal_force_n:g} N"
             )
 
     @property
@@ -105,7 +122,8 @@ _IN_SPACE = ("along-path", "grating", "relief")
 def stimulus_from(name: str, table: Mapping[str, Any]) -> Stimulus:
     """Read a stimulus from a table; a speed given here applies to the spatial signals within.
 
-    A table with a ``drive_hz`` and no ``carrier_hz`` has no carrier.
+    A table with a ``drive_hz`` and no ``carrier_hz`` has no carrier. The force is also that of the
+    materials within, and without a quantity the stimulus has theirs.
 
     Raises
     ------
@@ -123,7 +141,11 @@ def stimulus_from(name: str, table: Mapping[str, Any]) -> Stimulus:
     given = dict(table)
     if given.get("speed") is not None:
         given["speed"] = speed_from(given["speed"], f"{name}.speed")
-    signal = signal_from(_with_speed(given["signal"], given.get("speed")), f"{name}.signal")
+    shared = {key: given[key] for key in ("speed", "normal_force_n") if given.get(key) is not None}
+    signal = signal_from(_with_shared(given["signal"], shared), f"{name}.signal")
+    targets = [one.target for one in signal.walk() if isinstance(one, MaterialSignal)]
+    if targets:
+        given.setdefault("quantity", targets[0])
     given["signal"] = signal.lasting(given.pop("length_s")) if "length_s" in given else signal
     if "drive_hz" in given and "carrier_hz" not in given:
         given["carrier_hz"] = None  # played as it is
@@ -133,13 +155,18 @@ def stimulus_from(name: str, table: Mapping[str, Any]) -> Stimulus:
         raise InputError(f"{name}: {error}") from None
 
 
-def _with_speed(table: Any, speed: SpeedProfile | None) -> Any:
-    """Give the finger's speed to signals in space that have none."""
+def _with_shared(table: Any, shared: Mapping[str, Any]) -> Any:
+    """Give the finger's speed, and to materials its force, to signals in space without."""
     if isinstance(table, list | tuple):
-        return [_with_speed(item, speed) for item in table]
+        return [_with_shared(item, shared) for item in table]
     if not isinstance(table, Mapping):
         return table
-    inner = {key: _with_speed(value, speed) for key, value in table.items()}
-    if str(inner.get("kind")) in _IN_SPACE and "speed" not in inner and speed is not None:
-        inner["speed"] = speed.describe()
+    kind = str(table.get("kind"))
+    if kind == MaterialSignal.kind:
+        # Kinds of materials and of signals have some names in common: these are not looked into.
+        of = {"of": material_of(table["of"])} if "of" in table else {}
+        return {**shared, **table, **of}
+    inner = {key: _with_shared(value, shared) for key, value in table.items()}
+    if kind in _IN_SPACE and "speed" in shared:
+        inner.setdefault("speed", shared["speed"])
     return inner

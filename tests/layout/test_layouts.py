@@ -244,14 +244,14 @@ def test_facts_are_those_of_the_region():
 
 
 def test_what_is_not_felt_at_rest_fades_there_beside_what_is():
-    layout = Layout()
+    layout = Layout(background=0.3)
     layout.add(Level(0.8), 0, 0, 10, 10)
     button = Level(0.6)
     button.drives_at_rest = True
     assert not layout.drives_at_rest
     layout.add(button, 20, 0, 10, 10)
     assert layout.drives_at_rest
-    np.testing.assert_array_equal(at(layout, [5.0, 25.0]), [0.0, 0.6])
+    np.testing.assert_array_equal(at(layout, [5.0, 25.0, 40.0]), [0.0, 0.6, 0.0])
 
 
 def test_fingers_on_the_region_of_the_highest_priority():

@@ -1,8 +1,13 @@
 """What planning leaves out of materials."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import haptix
+from haptix.materials import KINDS
+from haptix.materials.held import DROPPABLE
 from haptix.motion import Depends, Motion
 from haptix.planning.materials import decide_materials
 from haptix.scene import Scene
@@ -41,6 +46,30 @@ def test_what_changes_little_is_dropped_and_what_is_felt_is_kept(model):
 def test_a_budget_of_nothing_keeps_everything(model):
     decisions, _ = decide_materials(scene(SLOW, FLAT), model, 0.0)
     assert all(one.kept for one in decisions)
+
+
+EXAMPLES = Path(haptix.__file__).parents[1] / "examples" / "materials"
+OWN = sorted(kind for kind, of in KINDS.items() if of.__module__.startswith("haptix."))
+
+
+@pytest.mark.parametrize("kind", OWN)
+def test_every_kind_is_planned_and_loses_what_a_budget_allows(model, kind):
+    """A boundless budget drops all that can be held: then no answer depends on it."""
+    one = scene(haptix.materials.load(EXAMPLES / f"{kind}.toml"))
+    found, (evaluator,) = decide_materials(one, model, 1e9)
+    before = one.materials[0].evaluator.depends_on
+    can = {flag for flag in DROPPABLE if flag & before}
+    assert {row.name.split()[-1].upper() for row in found} == {flag.name for flag in can}
+    assert not any(row.kept for row in found)
+    assert not any(flag & evaluator.depends_on for flag in DROPPABLE)
+    left, right, top, bottom = one.materials[0].extent_mm
+    x, y = np.linspace(left, right, 50), (top + 2 * bottom) / 3
+    one_answer, other = (
+        evaluator.wanted(Motion.of(x, y, *changed).within(lambda force, _: (0 * force, 1 + force)))
+        for changed in ((0.0, 60.0, 0.0, 0.3), (0.7, -40.0, 50.0, 0.6))
+    )
+    # A direction is that of the velocity, shorter near rest: by 1 part in 800 at 40 mm/s.
+    np.testing.assert_allclose(one_answer, other, rtol=0, atol=2.5e-3)
 
 
 @pytest.mark.parametrize("ending", ["toml", "json"])
