@@ -272,8 +272,11 @@ class Device:
         )
         self._bound_setup()
 
-    def progress(self, is_fresh: bool = False) -> Progress:
-        """Read the driver's reports and return its progress; with `is_fresh`, ask for one.
+    def progress(self, is_fresh: bool = False, is_due: bool = False) -> Progress:
+        """Read the driver's reports and return its progress.
+
+        With `is_fresh`, ask for a report. With `is_due`, read even if the next is not due yet: a
+        driver tells at once that it has refused a revision.
 
         Raises
         ------
@@ -282,7 +285,7 @@ class Device:
         DeviceDisconnectedError
             If the link is lost.
         """
-        self._stream.poll(is_fresh)
+        self._stream.poll(is_fresh, is_due)
         return self._stream.progress()
 
     def touches(self) -> list[TouchReport]:

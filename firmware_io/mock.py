@@ -38,6 +38,7 @@ _BOTH = frozenset(StreamMode)
 _KEPT_S = 60.0
 # So few bytes that no queue overflows, whatever frames they hold.
 _PIECE_BYTES = 512
+_PLAYED = np.isin(np.arange(256), (Output.STREAM, Output.RAMP))
 
 
 class MockDriver:
@@ -312,7 +313,7 @@ class MockDriver:
 
 
 def _is_played(what: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
-    is_played: npt.NDArray[np.bool_] = (what == Output.STREAM) | (what == Output.RAMP)
+    is_played: npt.NDArray[np.bool_] = _PLAYED[what]
     return is_played
 
 

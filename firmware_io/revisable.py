@@ -49,8 +49,9 @@ class Revisable:
     def replace(self, first: int, values: _Values) -> None:
         """Replace values that it holds, from index `first` on."""
         start = first - self.first
-        self._replaced.append((first, self.values[start : start + values.size].copy()))
-        self.values = self.with_values(first, values)
+        place = slice(start, start + values.size)
+        self._replaced.append((first, self.values[place].copy()))
+        self.values[place] = values
 
     def accept(self, count: int) -> None:
         """Take the oldest `count` replacements as final."""

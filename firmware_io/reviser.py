@@ -18,15 +18,19 @@ from firmware_io.stream import Progress
 WINDOW_S = 0.02
 """Longest revision: two intervals of a touchscreen of 100 Hz."""
 
-SPARE_S = 0.05
+SPARE_S = 0.07
 """Samples beyond the horizon: of the piece that is appended next, and for two stalls in a row."""
 
-_PIECE_S = 0.02  # of what is appended: a revision waits for no longer
+_PIECE_S = 0.03  # of what is appended, in the time between touches
+_APPENDED_WITHIN_S = 0.01  # of when there is room for a piece: mostly by the next look
 _PIECE_TAKES_S = 0.002  # on a slow link
-_STATUS_S = 0.01
+_STATUS_S = 0.02
 _ASK_S = 0.25  # a report that waits in a socket is late; an answer to a question is not
-_SPARE_MARGIN_S = 3e-4  # beyond the guard
-_STEP_S = 5e-4  # by which a refusal shows that more time is needed
+_LOOK_S = 5e-4  # from when a revision is due: whether it was refused is known by then
+_FIRST_NEED_S = 1e-3  # beyond the guard
+_REFUSED_S = 0.01  # by which a refusal delays a reaction, besides the time of the next revision
+_WEIGHTS = [0.1 * 0.9**age for age in range(31, -1, -1)]  # of what revisions needed
+_SPARE_S = 1e-4  # beyond the need: of reading two clocks
 _LONGEST_NEED_S = 0.05
 _RENEWED_SHARE = 0.75  # of a window is played at most before the next one
 _LEAST_WINDOW_S = 0.002  # in which a source can meet what is queued behind it
@@ -112,11 +116,15 @@ class Reviser:
             if device.link_bytes_per_s is not None:
                 piece = min(piece, int(_PIECE_TAKES_S * device.link_bytes_per_s / 2))
         self._piece = max(grid, piece // grid * grid)
+        self._patience_s = min(_APPENDED_WITHIN_S, self._piece / rate_hz / 3)
         self._guard_s = device.capabilities.guard_s
-        self.need_s = self._guard_s + 2 * _STEP_S  # from reading the clock to the first sample
+        self.need_s = self._guard_s + _FIRST_NEED_S  # from reading the clock to the first sample
+        self._needs: deque[float] = deque([self.need_s], maxlen=len(_WEIGHTS))
         self.has_news = False
         self._touched_s: float | None = None
-        self._under_way: deque[tuple[float, float]] = deque()  # touch and first sample, of each
+        # Of each revision: the touch, when its first sample is played, and its lead.
+        self._under_way: deque[tuple[float, float, float]] = deque()
+        self._look_s = self._append_s = -math.inf
         self._revised_s = -math.inf
         self._asked_s = -math.inf
         self._known_underruns = 0
@@ -143,24 +151,33 @@ class Reviser:
         self.has_news = False
         now_s = self._clock()
         self.longest_stall_s = max(self.longest_stall_s, now_s - self._due_s)
+        # A touch comes first: reports are read, and samples appended, once its revision is sent.
+        is_touched = self._touched_s is not None and now_s >= self._next_revision_s()
+        is_low = self.samples_sent - self.output.played(now_s) < self._horizon / 4
+        if is_touched and not is_low:
+            self._revise()
+        if not is_touched or is_low or now_s >= min(self._look_s, self._append_s):
+            self._look(now_s)
+        now_s = self._clock()
+        self._due_s = max(now_s, min(self._look_s, self._append_s, self._next_revision_s()))
+        return self._due_s - now_s
+
+    def _look(self, now_s: float) -> None:
+        """Read reports, revise without a touch if that is due, and append."""
+        self._look_s = math.inf
         is_fresh = now_s - self._asked_s > _ASK_S and self.samples_sent > 0
-        progress = self.device.progress(is_fresh)
+        progress = self.device.progress(is_fresh, is_due=True)
         now_s = self._clock()
         if is_fresh:
             self._asked_s = now_s
         self._observe(progress)
         if now_s >= self._next_revision_s():
-            with self.ready:
-                touched_s, self._touched_s = self._touched_s, None
-            self._revise(touched_s)
+            self._revise()
         missing = self._append(progress)
-        now_s = self._clock()
-        wait_s = 0.0
+        self._append_s = -math.inf
         if missing < self._piece:
-            wait_s = min((self._piece - missing) / self._rate_hz, self._next_revision_s() - now_s)
-            wait_s = max(wait_s, 0.0)
-        self._due_s = now_s + wait_s
-        return wait_s
+            later_s = (self._piece - missing) / self._rate_hz
+            self._append_s = self._clock() + later_s + self._patience_s
 
     def end(self, drain: bool) -> None:
         """Stop the device at 0 V: what is queued is provisional, and is not played out."""
@@ -189,27 +206,42 @@ class Reviser:
         if not (obeyed or undone):
             return
         with self.ready:
-            for _ in range(min(obeyed, len(self._under_way))):
-                touched_s, first_s = self._under_way.popleft()
+            for _ in range(obeyed):
+                touched_s, first_s, lead_s = self._under_way.popleft()
                 if not math.isnan(touched_s):
                     self.reactions_s.append(first_s - touched_s)
             if undone:
                 self.refused += undone
-                touched = [t for t, _ in self._under_way if not math.isnan(t)]
+                touched = [t for t, *_ in self._under_way if not math.isnan(t)]
+                lead_s = self._under_way[-1][-1]
                 self._under_way.clear()
                 # Again, for the touch that was waiting longest.
                 self._touched_s = min(
                     [*touched, self._clock() if self._touched_s is None else self._touched_s]
                 )
         self._source.settle(obeyed, bool(undone))
-        if undone:
-            self.need_s = min(self.need_s + _STEP_S, _LONGEST_NEED_S)
-        else:
-            spare_s = progress.margin_samples / self._rate_hz - self._guard_s - _SPARE_MARGIN_S
-            self.need_s -= 0.02 * min(max(spare_s, 0.0), self.need_s - self._guard_s - _STEP_S)
+        margin_s = progress.margin_samples / self._rate_hz
+        self._learn(min(lead_s - margin_s + self._guard_s, _LONGEST_NEED_S))
 
-    def _revise(self, touched_s: float | None) -> None:
+    def _learn(self, needed_s: float) -> None:
+        """Choose the time that revisions need, so that a reaction is short on average.
+
+        Of those seen, a longer one delays every reaction, a shorter one those whose revision is
+        refused and sent again. So a stall, which no revision could wait for, changes nothing.
+        """
+        self._needs.append(needed_s)
+        weights = _WEIGHTS[-len(self._needs) :]
+        least_s, refused_s = math.inf, 0.0
+        # From the longest down: what those above it would cost.
+        for need_s, weight in sorted(zip(self._needs, weights, strict=True), reverse=True):
+            if need_s + refused_s < least_s:
+                least_s, self.need_s = need_s + refused_s, need_s + _SPARE_S
+            refused_s += weight * (need_s + _REFUSED_S)
+
+    def _revise(self) -> None:
         """Make what is played next anew, from as soon as it may reach the driver."""
+        with self.ready:
+            touched_s, self._touched_s = self._touched_s, None
         now_s, grid = self._clock(), self._source.grid
         self._revised_s = now_s
         first = math.ceil((self.output.played(now_s) + self.need_s * self._rate_hz) / grid)
@@ -225,8 +257,10 @@ class Reviser:
         at_s = self.output.time_of(first)
         volts = self._source.window(first, count, at_s, True)
         self.device.revise(first, volts)
+        self._look_s = min(self._look_s, at_s + _LOOK_S)
+        lead_s = at_s - now_s
         with self.ready:
-            self._under_way.append((math.nan if touched_s is None else touched_s, at_s))
+            self._under_way.append((math.nan if touched_s is None else touched_s, at_s, lead_s))
 
     def _append(self, progress: Progress) -> int:
         """Send one piece if the horizon lacks it; return the samples that it still lacks."""
@@ -245,4 +279,6 @@ class Reviser:
         volts = self._source.window(sent, count, self.output.time_of(sent), False)
         self.device.write(volts)
         self.samples_sent += count
+        # Writing has read reports: no revision is sent before what they tell is known.
+        self._observe(self.device.progress())
         return missing - count

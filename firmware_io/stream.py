@@ -293,14 +293,15 @@ class Stream:
             self._window.take(self._driven(volts, first, self._before_v))
             self._before_v = float(volts[-1])
 
-    def poll(self, is_fresh: bool = False) -> None:
+    def poll(self, is_fresh: bool = False, is_due: bool = False) -> None:
         """Read what the driver has sent; raise its fault.
 
-        If it reports at an interval, read once in that interval: a read may take a millisecond.
-        With `is_fresh`, ask for a report and wait for it.
+        If it reports at an interval, read once in that interval, or if `is_due`: a read may take
+        a millisecond. With `is_fresh`, ask for a report and wait for it.
         """
         interval_s = self.setup.status_ms / 1e3
-        if interval_s and not is_fresh and self.client.clock() - self.client.status_s < interval_s:
+        waits = interval_s and not (is_fresh or is_due)
+        if waits and self.client.clock() - self.client.status_s < interval_s:
             return
         try:
             if is_fresh:

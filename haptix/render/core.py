@@ -326,7 +326,8 @@ class RenderCore:
         points = min(len(queued_v), max(1, round(_JOIN_S / self.step_s)))
         share = np.arange(1, points + 1) / points
         line[-points:] += share * (queued_v[-points:] - line[-points:])
-        self._slewed(line)
+        if np.abs(line[1:] - line[:-1]).max() > self._most_step_v:
+            self._slewed(line)
         # No further from the end than its slope allows: of two such limits the slope is kept.
         reach = self._most_step_v * np.arange(len(queued_v) - 1, -1, -1)
         np.clip(line[1:], queued_v[-1] - reach, queued_v[-1] + reach, out=line[1:])

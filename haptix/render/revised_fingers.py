@@ -50,16 +50,29 @@ class _Track:
         since = np.maximum(t_s - self.start_s, 0.0)
         return np.exp(-since / self.tracker.settings.blend_s)
 
-    def gain_at(self, t_s: Array, settings: LiveSettings, at_rest: bool) -> Array:
-        """Return the share of its amplitude that the finger gets at times, by straight lines."""
-        sliding = settings.sliding
-        last_s = self.now[0] + settings.touch.lost_after_s
-        gets_drive = self.is_down and (self.now[-1] or at_rest)
-        if not gets_drive:
-            last_s = self.start_s
-        rising = np.clip(np.minimum(t_s, last_s) - self.start_s, 0.0, None) / sliding.fade_s
-        falling = np.maximum(t_s - max(last_s, self.start_s), 0.0) / sliding.fade_s
-        return np.asarray(np.maximum(np.minimum(self.gain + rising, 1.0) - falling, 0.0))
+    def _driven_until_s(self, settings: LiveSettings, at_rest: bool) -> float:
+        """Return until when the finger gets drive."""
+        if not (self.is_down and (self.now[-1] or at_rest)):
+            return self.start_s
+        reported_s: float = self.now[0]
+        return max(reported_s + settings.touch.lost_after_s, self.start_s)
+
+    def gain_at(self, t_s: float, settings: LiveSettings, at_rest: bool) -> float:
+        """Return the share of its amplitude that the finger gets at a time."""
+        last_s, fade_s = self._driven_until_s(settings, at_rest), settings.sliding.fade_s
+        risen = self.gain + max(min(t_s, last_s) - self.start_s, 0.0) / fade_s
+        return max(min(risen, 1.0) - max(t_s - last_s, 0.0) / fade_s, 0.0)
+
+    def gains(self, t_s: Array, settings: LiveSettings, at_rest: bool) -> Array | None:
+        """Return that share at rising times, by straight lines; None where it is 0 at all."""
+        last_s, fade_s = self._driven_until_s(settings, at_rest), settings.sliding.fade_s
+        first_s, end_s = float(t_s[0]), float(t_s[-1])
+        full_s = self.start_s + (1.0 - self.gain) * fade_s
+        if full_s <= first_s and end_s <= last_s:
+            return np.ones(t_s.size)
+        bends = sorted((first_s, min(full_s, last_s), last_s, last_s + fade_s, end_s))
+        heights = [self.gain_at(bend_s, settings, at_rest) for bend_s in bends]
+        return np.interp(t_s, bends, heights) if any(heights) else None
 
 
 class RevisedFingers(LiveFingers):
@@ -101,7 +114,7 @@ class RevisedFingers(LiveFingers):
             tracks[tracker] = _Track(tracker, now, is_down, t0_s, offset, self._gain(old, t0_s))
 
     def _gain(self, track: _Track, t_s: float) -> float:
-        return float(track.gain_at(np.array([t_s]), self._settings, self._at_rest)[0])
+        return track.gain_at(t_s, self._settings, self._at_rest)
 
     def take(
         self, event: TouchEvent, arrival_s: float | None = None, react: React = unmoved
@@ -128,8 +141,8 @@ class RevisedFingers(LiveFingers):
         ids: list[int] = []
         fastest = 0.0
         for track in self._tracks.values():
-            gain = track.gain_at(times, self._settings, self._at_rest)
-            if not gain.any():
+            gain = track.gains(times, self._settings, self._at_rest)
+            if gain is None:
                 continue
             states = [track.ahead(t_s) for t_s in knots.tolist()]
             decay = track.decay(times)

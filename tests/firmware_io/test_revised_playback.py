@@ -169,8 +169,10 @@ def test_late_revisions_are_made_again_until_one_is_in_time(rig, clock):
     run(playback, clock, 0.02)
     stream = playback.device._stream
     queued = stream._queued
-    believed = source.made.values[queued.first + 4 - source.made.first :]
-    assert np.array_equal(believed, queued.values)
+    first = max(queued.first, source.made.first - 4)
+    believed = source.made.values[first + 4 - source.made.first :]
+    assert len(believed) > 4800
+    assert np.array_equal(believed, queued.values[first - queued.first :])
     played = driver.samples_played
     clock.sleep(0.1)
     assert np.array_equal(
@@ -178,6 +180,57 @@ def test_late_revisions_are_made_again_until_one_is_in_time(rig, clock):
         volts_to_codes(queued.values[played - queued.first :][:4800], 250.0),
     )
     assert driver.faults == 0
+
+
+def test_a_stall_does_not_slow_the_reactions_after_it(rig, clock):
+    """No lead could have waited for it, so the next revision needs no more than the one before."""
+    playback, source, _, link = rig
+    run(playback, clock, 0.3)
+    need_s = playback._writer.feeder.need_s
+    for turn in range(2, 8):
+        link.inject("stall", 0, 0.02)
+        for step in range(12):
+            source.level = turn + step / 20
+            playback.touch()
+            run(playback, clock, 0.01)
+    stats = playback.stats
+    assert stats.refused >= 6
+    assert playback._writer.feeder.need_s == pytest.approx(need_s, abs=1e-4)
+    assert stats.reaction_p50_s <= 0.003
+    playback.stop()
+
+
+def test_what_a_write_reads_is_known_before_the_next_revision(rig, clock):
+    """A refusal that is read while samples are appended counts for those sent before it alone."""
+    playback, _, driver, link = rig
+    playback.stop()
+    source = Levels()
+    playback = RevisedPlayback(playback.device, source, horizon_s=0.04, clock=clock)
+    playback.start()
+    run(playback, clock, 0.3)
+    write, receive, held = playback.device.write, link.receive, [True]
+
+    def write_and_read(volts):
+        write(volts)
+        if held.pop():
+            playback.device.progress(is_due=True)
+            playback.touch()
+        playback.device.write = write
+
+    link.receive = lambda timeout_s=0.0: b"" if held else receive(timeout_s)
+    playback.device.write = write_and_read
+    link.inject("stall", 0, 0.004)
+    source.level = 9.0
+    playback.touch()
+    run(playback, clock, 0.1)
+    source.is_live = False
+    run(playback, clock, 0.05)
+    assert not held
+    assert playback.stats.refused == 1
+    revised = sum(is_revision for *_, is_revision in source.asked)
+    assert playback.stats.revisions == revised - 1
+    assert driver.faults == 0
+    playback.stop()
 
 
 def test_without_anything_live_nothing_is_revised(rig, clock):
