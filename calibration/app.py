@@ -11,8 +11,11 @@ import typer
 
 from calibration import profile_app, rig_app
 from calibration.profile_app import rounded, stroke_rows
+from haptix.arguments import device_address, is_there, number, one_of, preset_or_file
+from haptix.arguments import folder as folder_of
 from haptix.errors import InputError
 from haptix.files import json_text
+from haptix.presets import FINGERS, SCREENS
 from haptix.terminal import AsJson, run, show
 
 if TYPE_CHECKING:
@@ -29,20 +32,50 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-Folder = Annotated[Path, typer.Argument(help="Folder of the session.")]
-FingerOption = Annotated[str, typer.Option(help="Finger: a preset (semi-wet, wet) or a TOML file.")]
-ScreenOption = Annotated[str, typer.Option(help="Assumed screen: a preset or a TOML file.")]
+Folder = Annotated[Path, typer.Argument(help="Folder of the session.", callback=folder_of)]
+finger_name, screen_name = preset_or_file("finger", FINGERS), preset_or_file("screen", SCREENS)
+FingerOption = Annotated[
+    str,
+    typer.Option(help="Finger: a preset (semi-wet, wet) or a TOML file.", callback=finger_name),
+]
+ScreenOption = Annotated[
+    str,
+    typer.Option(help="Assumed screen: a preset or a TOML file.", callback=screen_name),
+]
+protocol_kind = one_of("paper", "full", "short")
+source_kind = one_of("virtual", "csv", "inputs")
+Csv = Annotated[Path | None, typer.Option(help="For csv: folder of stroke-001.csv ...")]
+Columns = Annotated[
+    Path | None, typer.Option(help="For csv: column map, as TOML.", callback=is_there)
+]
+Inputs = Annotated[
+    Path | None, typer.Option(help="For inputs: channels, as TOML.", callback=is_there)
+]
+Minutes = Annotated[
+    float,
+    typer.Option(help="Time for a short one.", callback=number(above=0, most=1000)),
+]
+Source = Annotated[
+    str, typer.Option(help="Of the forces: virtual, csv or inputs.", callback=source_kind)
+]
 
 
 @app.command()
 def plan(
     out: Annotated[Path, typer.Argument(help="File to write: TOML, or JSON.")],
     protocol: Annotated[
-        str, typer.Option(help="paper: its 25 strokes; full: and a frequency sweep; short.")
+        str,
+        typer.Option(
+            help="paper: its 25 strokes; full: and a frequency sweep; short.",
+            callback=protocol_kind,
+        ),
     ] = "short",
-    minutes: Annotated[float, typer.Option(help="Time for a short one.")] = 3.0,
+    minutes: Minutes = 3.0,
     max_voltage_v: Annotated[
-        float | None, typer.Option(help="Highest amplitude [V]. [default: the screen's limit]")
+        float | None,
+        typer.Option(
+            help="Highest amplitude [V]. [default: the screen's limit]", callback=number(above=0)
+        ),
     ] = None,
     finger: FingerOption = "semi-wet",
     screen: ScreenOption = "3m-sct3250",
@@ -78,28 +111,47 @@ def plan(
 def measure(
     folder: Folder,
     protocol: Annotated[
-        Path | None, typer.Option("--plan", help="Protocol. [default: that of a resumed session]")
+        Path | None,
+        typer.Option(
+            "--plan", help="Protocol. [default: that of a resumed session]", callback=is_there
+        ),
     ] = None,
-    source: Annotated[str, typer.Option(help="Of the forces: virtual, csv or inputs.")] = "inputs",
+    source: Source = "inputs",
     device: Annotated[
-        str | None, typer.Option(help="Driver, such as usb: or mock:; by default, nothing plays.")
+        str | None,
+        typer.Option(
+            help="Driver, such as usb: or mock:; by default, nothing plays.",
+            callback=device_address,
+        ),
     ] = None,
     screen: Annotated[
-        str | None, typer.Option(help="Assumed screen: a preset or a file. [default: 3m-sct3250]")
+        str | None,
+        typer.Option(
+            help="Assumed screen: a preset or a file. [default: 3m-sct3250]", callback=screen_name
+        ),
     ] = None,
     name: Annotated[str | None, typer.Option(help="Name of this screen alone; required.")] = None,
     finger: Annotated[
-        str | None, typer.Option(help="Finger: a preset or a file. [default: semi-wet]")
+        str | None,
+        typer.Option(help="Finger: a preset or a file. [default: semi-wet]", callback=finger_name),
     ] = None,
     operator: Annotated[str, typer.Option(help="Who measures.")] = "",
-    csv: Annotated[Path | None, typer.Option(help="For csv: folder of stroke-001.csv ...")] = None,
-    columns: Annotated[Path | None, typer.Option(help="For csv: column map, as TOML.")] = None,
-    inputs: Annotated[Path | None, typer.Option(help="For inputs: channels, as TOML.")] = None,
+    csv: Csv = None,
+    columns: Columns = None,
+    inputs: Inputs = None,
     crosstalk: Annotated[
-        float, typer.Option(help="Share of the normal force on the tangential axis.")
+        float,
+        typer.Option(
+            help="Share of the normal force on the tangential axis.",
+            callback=number(least=-1, most=1),
+        ),
     ] = 0.0,
-    temperature_c: Annotated[float | None, typer.Option(help="Of the room.")] = None,
-    humidity_percent: Annotated[float | None, typer.Option(help="Of the room.")] = None,
+    temperature_c: Annotated[
+        float | None, typer.Option(help="Of the room.", callback=number(least=-50, most=100))
+    ] = None,
+    humidity_percent: Annotated[
+        float | None, typer.Option(help="Of the room.", callback=number(least=0, most=100))
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue a session.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not wait before each stroke.")] = False,
     seed: Annotated[int, typer.Option(help="Of the virtual finger.")] = 0,
@@ -207,7 +259,8 @@ def fit(
         typer.Option(help="Prior: NAME=VALUE,SPREAD (0.1 for 10 %); may be repeated."),
     ] = None,
     finger: Annotated[
-        Path | None, typer.Option(help="fit.json of the same finger on another screen.")
+        Path | None,
+        typer.Option(help="fit.json of the same finger on another screen.", callback=is_there),
     ] = None,
     leaky_gap: Annotated[
         bool, typer.Option("--leaky-gap", help="Fit the resistivity of the gap.")
@@ -272,7 +325,10 @@ def fit(
 def verify_(
     folder: Folder,
     tolerance_thresholds: Annotated[
-        float, typer.Option(help="Largest error, in just-noticeable differences (JND).")
+        float,
+        typer.Option(
+            help="Largest error, in just-noticeable differences (JND).", callback=number(above=0)
+        ),
     ] = 0.5,
     as_json: AsJson = False,
 ) -> None:
@@ -298,19 +354,29 @@ def verify_(
 def run_(
     folder: Folder,
     name: Annotated[str | None, typer.Option(help="Name of this screen alone; required.")] = None,
-    source: Annotated[str, typer.Option(help="Of the forces: virtual, csv or inputs.")] = "inputs",
-    device: Annotated[str | None, typer.Option(help="Driver, such as usb: or mock:.")] = None,
-    inputs: Annotated[Path | None, typer.Option(help="For inputs: channels, as TOML.")] = None,
-    csv: Annotated[Path | None, typer.Option(help="For csv: folder of stroke-001.csv ...")] = None,
-    columns: Annotated[Path | None, typer.Option(help="For csv: column map, as TOML.")] = None,
-    protocol: Annotated[str, typer.Option(help="paper, full or short.")] = "short",
-    minutes: Annotated[float, typer.Option(help="Time for a short one.")] = 3.0,
-    max_voltage_v: Annotated[float | None, typer.Option(help="Highest amplitude [V].")] = None,
+    source: Source = "inputs",
+    device: Annotated[
+        str | None, typer.Option(help="Driver, such as usb: or mock:.", callback=device_address)
+    ] = None,
+    inputs: Inputs = None,
+    csv: Csv = None,
+    columns: Columns = None,
+    protocol: Annotated[
+        str, typer.Option(help="paper, full or short.", callback=protocol_kind)
+    ] = "short",
+    minutes: Minutes = 3.0,
+    max_voltage_v: Annotated[
+        float | None, typer.Option(help="Highest amplitude [V].", callback=number(above=0))
+    ] = None,
     screen: ScreenOption = "3m-sct3250",
     finger: FingerOption = "semi-wet",
     operator: Annotated[str, typer.Option(help="Who measures.")] = "",
     weight_n: Annotated[
-        float | None, typer.Option(help="Known weight [N]: the rig is checked before the strokes.")
+        float | None,
+        typer.Option(
+            help="Known weight [N]: the rig is checked before the strokes.",
+            callback=number(above=0),
+        ),
     ] = None,
     practice: Annotated[
         bool, typer.Option("--practice", help="On a virtual finger and screen, drawn at random.")

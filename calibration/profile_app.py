@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptix.arguments import device_address, is_there, number, preset_or_file
+from haptix.arguments import folder as folder_of
 from haptix.errors import InputError
 from haptix.files import json_text
+from haptix.presets import FINGERS
 from haptix.terminal import AsJson, show
 
 if TYPE_CHECKING:
@@ -22,13 +25,20 @@ if TYPE_CHECKING:
 
 FingerFile = Annotated[
     str | None,
-    typer.Option(help="Finger: a preset or a file. [default: finger.toml beside the profile]"),
+    typer.Option(
+        help="Finger: a preset or a file. [default: finger.toml beside the profile]",
+        callback=preset_or_file("finger", FINGERS),
+    ),
 ]
 
 
 def check(
-    folder: Annotated[Path, typer.Argument(help="Folder of a session with new strokes.")],
-    profile: Annotated[Path, typer.Option(help="screen.toml of an earlier calibration.")],
+    folder: Annotated[
+        Path, typer.Argument(help="Folder of a session with new strokes.", callback=folder_of)
+    ],
+    profile: Annotated[
+        Path, typer.Option(help="screen.toml of an earlier calibration.", callback=is_there)
+    ],
     finger: FingerFile = None,
     as_json: AsJson = False,
 ) -> None:
@@ -65,13 +75,19 @@ def check(
 
 
 def match(
-    a: Annotated[Path, typer.Argument(help="screen.toml of the first screen.")],
-    b: Annotated[Path, typer.Argument(help="screen.toml of the second one.")],
+    a: Annotated[Path, typer.Argument(help="screen.toml of the first screen.", callback=is_there)],
+    b: Annotated[Path, typer.Argument(help="screen.toml of the second one.", callback=is_there)],
     normal_force_n: Annotated[
-        list[float] | None, typer.Option(help="May be repeated. [default: 0.2, 0.5, 0.8]")
+        list[float] | None,
+        typer.Option(help="May be repeated. [default: 0.2, 0.5, 0.8]", callback=number(above=0)),
     ] = None,
-    frequency_hz: Annotated[float, typer.Option(help="Of the drive.")] = 4000.0,
-    levels: Annotated[int, typer.Option(help="Frictions in the common range.")] = 5,
+    frequency_hz: Annotated[
+        float, typer.Option(help="Of the drive.", callback=number(above=0))
+    ] = 4000.0,
+    levels: Annotated[
+        int,
+        typer.Option(help="Frictions in the common range.", callback=number(least=2, most=1000)),
+    ] = 5,
     finger: FingerFile = None,
     as_json: AsJson = False,
 ) -> None:
@@ -114,11 +130,17 @@ def match(
 
 
 def install(
-    profile: Annotated[Path, typer.Argument(help="screen.toml of a calibration that passed.")],
+    profile: Annotated[
+        Path, typer.Argument(help="screen.toml of a calibration that passed.", callback=is_there)
+    ],
     serial: Annotated[str | None, typer.Option(help="Serial number of the driver.")] = None,
-    device: Annotated[str | None, typer.Option(help="The driver itself, such as usb:.")] = None,
+    device: Annotated[
+        str | None,
+        typer.Option(help="The driver itself, such as usb:.", callback=device_address),
+    ] = None,
     finger: Annotated[
-        Path | None, typer.Option(help="[default: finger.toml beside the profile]")
+        Path | None,
+        typer.Option(help="[default: finger.toml beside the profile]", callback=is_there),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -141,14 +163,26 @@ def install(
 
 def period(
     files: Annotated[
-        list[Path], typer.Argument(help="Recordings: CSV files, or a session's stroke-001.h5.")
+        list[Path],
+        typer.Argument(
+            help="Recordings: CSV files, or a session's stroke-001.h5.", callback=is_there
+        ),
     ],
-    columns: Annotated[Path | None, typer.Option(help="For CSV: column map, as TOML.")] = None,
-    speed_mm_per_s: Annotated[
-        float | None, typer.Option(help="Of the slide, in place of that in the column map.")
+    columns: Annotated[
+        Path | None, typer.Option(help="For CSV: column map, as TOML.", callback=is_there)
     ] = None,
-    shortest_mm: Annotated[float, typer.Option(help="Shortest period.")] = 1.0,
-    longest_mm: Annotated[float, typer.Option(help="Longest period.")] = 6.0,
+    speed_mm_per_s: Annotated[
+        float | None,
+        typer.Option(
+            help="Of the slide, in place of that in the column map.", callback=number(above=0)
+        ),
+    ] = None,
+    shortest_mm: Annotated[
+        float, typer.Option(help="Shortest period.", callback=number(above=0))
+    ] = 1.0,
+    longest_mm: Annotated[
+        float, typer.Option(help="Longest period.", callback=number(above=0))
+    ] = 6.0,
     as_json: AsJson = False,
 ) -> None:
     """Find the spatial period of what was touched, with its significance and its harmonic.

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptix.arguments import device_address, is_there, number
+from haptix.arguments import folder as folder_of
 from haptix.errors import InputError
 from haptix.terminal import AsJson, show
 
@@ -16,28 +18,48 @@ if TYPE_CHECKING:
 
 
 def rig(
-    folder: Annotated[Path, typer.Argument(help="Folder of the session, or a new one.")],
-    weight_n: Annotated[float, typer.Option(help="Force of a known weight [N]: m x 9.81.")],
+    folder: Annotated[
+        Path, typer.Argument(help="Folder of the session, or a new one.", callback=folder_of)
+    ],
+    weight_n: Annotated[
+        float,
+        typer.Option(help="Force of a known weight [N]: m x 9.81.", callback=number(above=0)),
+    ],
     inputs: Annotated[
-        Path | None, typer.Option(help="Channels, as TOML: the readings are recorded.")
+        Path | None,
+        typer.Option(help="Channels, as TOML: the readings are recorded.", callback=is_there),
     ] = None,
     device: Annotated[
-        str | None, typer.Option(help="Driver, such as usb:, that plays for a voltmeter.")
+        str | None,
+        typer.Option(
+            help="Driver, such as usb:, that plays for a voltmeter.", callback=device_address
+        ),
     ] = None,
     normal_reading_n: Annotated[
-        float | None, typer.Option(help="Without --inputs: the weight on the screen, less zero.")
+        float | None,
+        typer.Option(
+            help="Without --inputs: the weight on the screen, less zero.", callback=number()
+        ),
     ] = None,
     tangential_reading_n: Annotated[
-        float | None, typer.Option(help="The weight that pulls towards growing x, less zero.")
+        float | None,
+        typer.Option(help="The weight that pulls towards growing x, less zero.", callback=number()),
     ] = None,
     monitor_v: Annotated[
-        float | None, typer.Option(help="Amplitude that the recordings show or the driver plays.")
+        float | None,
+        typer.Option(
+            help="Amplitude that the recordings show or the driver plays.", callback=number(least=0)
+        ),
     ] = None,
     voltmeter_v: Annotated[
-        float | None, typer.Option(help="Amplitude on the screen by another instrument.")
+        float | None,
+        typer.Option(
+            help="Amplitude on the screen by another instrument.", callback=number(least=0)
+        ),
     ] = None,
     tap: Annotated[
-        Path | None, typer.Option(help="CSV file of a tap: columns t_s, tangential_force_n.")
+        Path | None,
+        typer.Option(help="CSV file of a tap: columns t_s, tangential_force_n.", callback=is_there),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Literal
 
 from firmware_io.errors import DeviceError, DeviceNotFoundError
 
 Read = Callable[[str], Any]
+SchemeName = Literal["mock", "usb", "hid", "serial", "audio", "tcp"]
 
 
 def number(text: str) -> float:

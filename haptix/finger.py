@@ -10,6 +10,7 @@ from torch import Tensor
 from haptix.contact import ElasticSolid, HalfSpace, Layered, RoughnessSpectrum, TheoryName
 from haptix.documents import Document, Part, Quantity
 from haptix.electro.dielectric import AnySkinDielectric, SkinDielectric
+from haptix.presets import FINGERS
 
 PoissonRatio = Annotated[float, Field(gt=-1, le=0.5)]
 
@@ -123,27 +124,7 @@ class Finger(Document):
         `haptix.electro.SKIN_DIELECTRICS`.
     """
 
-    presets: ClassVar = {
-        "semi-wet": {
-            "bulk_modulus_pa": 10e3,
-            "frictional_shear_stress_pa": 5.531446e6,
-            "theory": "corrected",
-        },
-        "dry": {
-            "theory": "corrected",
-            "bulk_modulus_pa": 10e3,
-            "youngs_modulus_pa": 1e9,
-            "poisson_ratio": 0.3,
-            "hardness_pa": 50e6,
-            "frictional_shear_stress_pa": 13e6,
-        },
-        "wet": {
-            "bulk_modulus_pa": 10e3,
-            "youngs_modulus_pa": 10e6,
-            "frictional_shear_stress_pa": 3.46451e6,
-            "theory": "corrected",
-        },
-    }
+    presets: ClassVar = FINGERS
 
     name: str = "custom"
     youngs_modulus_pa: Quantity = 40e6

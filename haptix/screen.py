@@ -12,6 +12,7 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field
 
 from haptix.documents import Document, Part
+from haptix.presets import SCREENS
 
 Plain = Annotated[float, Field(gt=0, strict=True)]
 Permittivity = Annotated[float, Field(ge=1)]
@@ -86,7 +87,7 @@ class Screen(Document):
         Where the numbers come from, for a profile that a calibration has written.
     """
 
-    presets: ClassVar = {"3m-sct3250": {}}
+    presets: ClassVar = SCREENS
 
     name: str = "custom"
     insulator_thickness_m: Plain = 1e-6

@@ -7,12 +7,15 @@ from typing import Annotated
 
 import typer
 
+from haptix.arguments import is_there
 from haptix.cli.surfaces import check_writable
 from haptix.terminal import AsJson, show
 
 
 def export(
-    surface: Annotated[Path, typer.Argument(help="Surface made by `haptix build`.")],
+    surface: Annotated[
+        Path, typer.Argument(help="Surface made by `haptix build`.", callback=is_there)
+    ],
     out: Annotated[Path, typer.Argument(help="NetCDF file to write, such as my.nc.")],
     overwrite: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
     as_json: AsJson = False,

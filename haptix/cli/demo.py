@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from haptix.arguments import folder, one_of
 from haptix.cli.rendering import (
     FingerName,
     FingerPath,
@@ -17,22 +18,34 @@ from haptix.cli.rendering import (
     Range,
     ScreenName,
     current_of,
+    positive,
     setting_of,
+    width,
 )
 from haptix.terminal import AsJson, breakdown_note, progress_bar, show
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the outputs.")] = Path("haptix-demo"),
+    out: Annotated[Path, typer.Option(help="Folder for the outputs.", callback=folder)] = Path(
+        "haptix-demo"
+    ),
     image: Image = None,
     trajectory: FingerPath = None,
-    width_mm: Annotated[float, typer.Option(help="Width of the photograph on the screen.")] = 60.0,
+    width_mm: Annotated[
+        float, typer.Option(help="Width of the photograph on the screen.", callback=width)
+    ] = 60.0,
     polarity: Annotated[
-        str, typer.Option(help="bright-high or dark-high: which grey has high friction.")
+        str,
+        typer.Option(
+            help="bright-high or dark-high: which grey has high friction.",
+            callback=one_of("bright-high", "dark-high"),
+        ),
     ] = "bright-high",
     finger: FingerName = "semi-wet",
     screen: ScreenName = "3m-sct3250",
-    carrier_hz: Annotated[float, typer.Option(help="Frequency of the carrier.")] = 4000.0,
+    carrier_hz: Annotated[
+        float, typer.Option(help="Frequency of the carrier.", callback=positive)
+    ] = 4000.0,
     mu_range: Range = None,
     as_json: AsJson = False,
 ) -> None:

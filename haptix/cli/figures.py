@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from haptix.arguments import folder
 from haptix.terminal import AsJson, progress_bar, show
 
 _STAGES = {
@@ -20,7 +21,9 @@ def figures(
     names: Annotated[
         list[str] | None, typer.Argument(help="Figures to draw, such as 2d or gaps. [default: all]")
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for the figures.")] = Path("haptix-figures"),
+    out: Annotated[Path, typer.Option(help="Folder for the figures.", callback=folder)] = Path(
+        "haptix-figures"
+    ),
     as_json: AsJson = False,
 ) -> None:
     """Draw the paper's figures, and those of roughness and gaps, from the model.

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from haptix.arguments import material_file
 from haptix.terminal import AsJson, show
 
 app = typer.Typer(
@@ -20,7 +21,10 @@ app = typer.Typer(
 
 @app.command("show")
 def show_material(
-    file: Annotated[Path, typer.Argument(help="Material: TOML or JSON, or gallery:NAME.")],
+    file: Annotated[
+        Path,
+        typer.Argument(help="Material: TOML or JSON, or gallery:NAME.", callback=material_file),
+    ],
     out: Annotated[Path | None, typer.Option(help="Picture. [default: FILE with .png]")] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -11,8 +11,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptix.cli.numbers import read_pair
+from haptix.arguments import (
+    device_address,
+    folder,
+    is_there,
+    material_file,
+    number,
+    numbers,
+    one_of,
+    preset_or_file,
+    read_pair,
+)
 from haptix.errors import InputError, OverloadWarning
+from haptix.presets import FINGERS, SCREENS
 from haptix.terminal import AsJson, breakdown_note, placeholder_note, progress_bar, show
 
 if TYPE_CHECKING:
@@ -22,44 +33,91 @@ if TYPE_CHECKING:
 
 Image = Annotated[
     Path | None,
-    typer.Option(help="Photograph, with its JSON beside it or --width-mm. [default: bricks]"),
+    typer.Option(
+        help="Photograph, with its JSON beside it or --width-mm. [default: bricks]",
+        callback=is_there,
+    ),
 ]
 MaterialFile = Annotated[
     Path | None,
     typer.Option(
         help="Material: TOML or JSON, or gallery:NAME, see `haptix material`; instead of a "
-        "photograph."
+        "photograph.",
+        callback=material_file,
     ),
 ]
 FingerPath = Annotated[
     Path | None,
-    typer.Option(help="CSV: t_s, x_mm, y_mm, normal_force_n. [default: a recorded path]"),
+    typer.Option(
+        help="CSV: t_s, x_mm, y_mm, normal_force_n. [default: a recorded path]", callback=is_there
+    ),
 ]
-Width = Annotated[float | None, typer.Option(help="Width of the photograph on the screen.")]
+NARROWEST_MM, WIDEST_MM = 0.1, 10_000.0
+width = number(least=NARROWEST_MM, most=WIDEST_MM)
+Width = Annotated[
+    float | None, typer.Option(help="Width of the photograph on the screen.", callback=width)
+]
 Range = Annotated[
-    str | None, typer.Option(help="LOW,HIGH friction coefficients. [default: what is reachable]")
+    str | None,
+    typer.Option(
+        help="LOW,HIGH friction coefficients. [default: what is reachable]",
+        callback=numbers(is_range=True),
+    ),
 ]
 Surface = Annotated[
-    Path | None, typer.Option(help="Surface of `haptix build`. [default: built for the path]")
+    Path | None,
+    typer.Option(
+        help="Surface of `haptix build`. [default: built for the path]", callback=is_there
+    ),
 ]
-FingerName = Annotated[str, typer.Option(help="Finger: a preset's name or a TOML file.")]
-ScreenName = Annotated[str, typer.Option(help="Screen: a preset's name or a TOML file.")]
+finger_name, screen_name = preset_or_file("finger", FINGERS), preset_or_file("screen", SCREENS)
+FingerName = Annotated[
+    str, typer.Option(help="Finger: a preset's name or a TOML file.", callback=finger_name)
+]
+ScreenName = Annotated[
+    str, typer.Option(help="Screen: a preset's name or a TOML file.", callback=screen_name)
+]
 OwnFinger = Annotated[
     str | None,
-    typer.Option(help="Finger. [default: the device's installed profile, or semi-wet]"),
+    typer.Option(
+        help="Finger. [default: the device's installed profile, or semi-wet]", callback=finger_name
+    ),
 ]
 OwnScreen = Annotated[
     str | None,
-    typer.Option(help="Screen. [default: the device's installed profile, or 3m-sct3250]"),
+    typer.Option(
+        help="Screen. [default: the device's installed profile, or 3m-sct3250]",
+        callback=screen_name,
+    ),
 ]
-CarrierHz = Annotated[float | None, typer.Option(help="Frequency of the carrier. [default: 4000]")]
-DirectHz = Annotated[float | None, typer.Option(help="Drive at this frequency, without a carrier.")]
-Waveform = Annotated[str, typer.Option(help="Waveform of the direct drive: sine or square.")]
-LeadMs = Annotated[float, typer.Option(help="From computing a sample to its being played.")]
+positive = number(above=0)
+delay_ms = number(least=0, most=1000)
+CarrierHz = Annotated[
+    float | None,
+    typer.Option(help="Frequency of the carrier. [default: 4000]", callback=positive),
+]
+DirectHz = Annotated[
+    float | None,
+    typer.Option(help="Drive at this frequency, without a carrier.", callback=positive),
+]
+Waveform = Annotated[
+    str,
+    typer.Option(
+        help="Waveform of the direct drive: sine or square.", callback=one_of("sine", "square")
+    ),
+]
+LeadMs = Annotated[
+    float,
+    typer.Option(
+        help="From computing a sample to its being played.", callback=number(above=0, most=1000)
+    ),
+]
 
 
 def render(
-    out: Annotated[Path, typer.Option(help="Folder for the outputs.")] = Path("haptix-render"),
+    out: Annotated[Path, typer.Option(help="Folder for the outputs.", callback=folder)] = Path(
+        "haptix-render"
+    ),
     image: Image = None,
     width_mm: Width = None,
     mu_range: Range = None,
@@ -71,10 +129,19 @@ def render(
     carrier_hz: CarrierHz = None,
     direct_hz: DirectHz = None,
     waveform: Waveform = "sine",
-    touch_hz: Annotated[float, typer.Option(help="Reports of the touch panel per second.")] = 100.0,
-    touch_latency_ms: Annotated[float, typer.Option(help="Delay of its reports.")] = 20.0,
+    touch_hz: Annotated[
+        float,
+        typer.Option(
+            help="Reports of the touch panel per second.", callback=number(least=1, most=10_000)
+        ),
+    ] = 100.0,
+    touch_latency_ms: Annotated[
+        float, typer.Option(help="Delay of its reports.", callback=delay_ms)
+    ] = 20.0,
     lead_ms: LeadMs = 25.0,
-    device: Annotated[str, typer.Option(help="A mock device, with its options.")] = "mock:",
+    device: Annotated[
+        str, typer.Option(help="A mock device, with its options.", callback=device_address)
+    ] = "mock:",
     as_json: AsJson = False,
 ) -> None:
     """Simulate live touches: a virtual finger feels what is played, and the error is split.
@@ -135,14 +202,23 @@ def play(
     carrier_hz: CarrierHz = None,
     direct_hz: DirectHz = None,
     waveform: Waveform = "sine",
-    reaction_ms: Annotated[float, typer.Option(help="From a touch to what it changes.")] = 3.0,
-    horizon_ms: Annotated[float, typer.Option(help="Longest stall that is not felt.")] = 100.0,
-    lead_ms: Annotated[float, typer.Option(help="As in render: if the driver cannot revise.")] = (
-        25.0
-    ),
-    device: Annotated[str, typer.Option(help="Where to play, see `haptix devices`.")] = (
-        "mock:pace=real"
-    ),
+    reaction_ms: Annotated[
+        float,
+        typer.Option(help="From a touch to what it changes.", callback=number(above=0, most=1000)),
+    ] = 3.0,
+    horizon_ms: Annotated[
+        float,
+        typer.Option(help="Longest stall that is not felt.", callback=number(above=0, most=10_000)),
+    ] = 100.0,
+    lead_ms: Annotated[
+        float,
+        typer.Option(
+            help="As in render: if the driver cannot revise.", callback=number(above=0, most=1000)
+        ),
+    ] = 25.0,
+    device: Annotated[
+        str, typer.Option(help="Where to play, see `haptix devices`.", callback=device_address)
+    ] = "mock:pace=real",
     as_json: AsJson = False,
 ) -> None:
     """Play a recorded path on a device, in real time."""
@@ -226,7 +302,7 @@ def setting_of(
     if direct_hz is not None:
         drive = DirectWave(direct_hz, waveform)
     path = Trajectory.from_csv(trajectory or FINGER_PATH)
-    targets = None if mu_range is None else read_pair("mu-range", mu_range)
+    targets = None if mu_range is None else read_pair("--mu-range", mu_range)
     texture: Feelable
     if material is None:
         texture = _texture(image, width_mm, targets, polarity)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from haptix.arguments import folder, is_there
 from haptix.terminal import (
     AsJson,
     accuracy_note,
@@ -33,7 +34,7 @@ _TRADEOFF_STAGES = {
 
 
 def plan(
-    scene: Annotated[Path, typer.Argument(help="Scene: a TOML file.")],
+    scene: Annotated[Path, typer.Argument(help="Scene: a TOML file.", callback=is_there)],
     as_json: AsJson = False,
 ) -> None:
     """Measure what each part of the model does in a scene, and drop what its budget allows.
@@ -101,9 +102,14 @@ def _full_rows(plan: Plan) -> list[dict[str, Any]]:
 
 def tradeoff(
     scene: Annotated[
-        Path | None, typer.Argument(help="Scene: a TOML file. [default: one that is built in]")
+        Path | None,
+        typer.Argument(
+            help="Scene: a TOML file. [default: one that is built in]", callback=is_there
+        ),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for the outputs.")] = Path("haptix-tradeoff"),
+    out: Annotated[Path, typer.Option(help="Folder for the outputs.", callback=folder)] = Path(
+        "haptix-tradeoff"
+    ),
     quick: Annotated[bool, typer.Option("--quick", help="Few runs and short timings.")] = False,
     boundary_elements: Annotated[
         bool,

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from haptix.arguments import device_address, folder, is_there, number
 from haptix.errors import InputError
 from haptix.terminal import AsJson, breakdown_note, progress_bar, show
 
@@ -28,9 +29,16 @@ _STAGES = {
 
 @app.command()
 def make(
-    recipe: Annotated[Path, typer.Argument(help="Set of stimuli: a TOML file.")],
-    out: Annotated[Path | None, typer.Option(help="Folder. [default: the set's name]")] = None,
-    threads: Annotated[int, typer.Option(help="Threads; the bytes do not depend on it.")] = 2,
+    recipe: Annotated[Path, typer.Argument(help="Set of stimuli: a TOML file.", callback=is_there)],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder. [default: the set's name]", callback=folder)
+    ] = None,
+    threads: Annotated[
+        int,
+        typer.Option(
+            help="Threads; the bytes do not depend on it.", callback=number(least=1, most=256)
+        ),
+    ] = 2,
     as_json: AsJson = False,
 ) -> None:
     """Render a set: drive files with sidecars, trial table, contact sheet, manifest.
@@ -90,12 +98,18 @@ def look(
 
 @app.command()
 def run(
-    recipe: Annotated[Path, typer.Argument(help="Experiment: a TOML file.")],
+    recipe: Annotated[Path, typer.Argument(help="Experiment: a TOML file.", callback=is_there)],
     log: Annotated[Path, typer.Option(help="Table of the trials; continued if it exists.")],
-    device: Annotated[str, typer.Option(help="Address of the device.")] = "mock:",
+    device: Annotated[
+        str, typer.Option(help="Address of the device.", callback=device_address)
+    ] = "mock:",
     simulate_db: Annotated[
         float | None,
-        typer.Option("--simulate-db", help="Simulate an observer of this threshold [dB]."),
+        typer.Option(
+            "--simulate-db",
+            help="Simulate an observer of this threshold [dB].",
+            callback=number(),
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

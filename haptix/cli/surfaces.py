@@ -11,9 +11,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptix.cli.numbers import read_numbers, read_pair
+from haptix.arguments import (
+    is_there,
+    number,
+    numbers,
+    one_of,
+    preset_or_file,
+    read_numbers,
+    read_pair,
+)
 from haptix.errors import InputError, LimitError, ToleranceError
 from haptix.files import reading
+from haptix.presets import FINGERS, SCREENS
 from haptix.terminal import (
     AsJson,
     accuracy_note,
@@ -28,26 +37,41 @@ if TYPE_CHECKING:
     from haptix.friction import ContactModel
     from haptix.surface import FrictionSurface
 
-Finger = Annotated[str, typer.Option(help="Finger: a preset (dry, semi-wet, wet) or a TOML file.")]
-Screen = Annotated[str, typer.Option(help="Screen: a preset (3m-sct3250) or a TOML file.")]
+Finger = Annotated[
+    str,
+    typer.Option(
+        help="Finger: a preset (dry, semi-wet, wet) or a TOML file.",
+        callback=preset_or_file("finger", FINGERS),
+    ),
+]
+Screen = Annotated[
+    str,
+    typer.Option(
+        help="Screen: a preset (3m-sct3250) or a TOML file.",
+        callback=preset_or_file("screen", SCREENS),
+    ),
+]
 Fidelity = Annotated[
     str,
     typer.Option(
-        help="mean-field; closed-form: faster and coarser; boundary-element: the reference, slow."
+        help="mean-field; closed-form: faster and coarser; boundary-element: the reference, slow.",
+        callback=one_of("mean-field", "closed-form", "boundary-element"),
     ),
 ]
 Theory = Annotated[
     str | None,
     typer.Option(
         help="Mean field: corrected by boundary elements, open-gaps or as-published; tau_f is "
-        "carried over. [default: the finger's]"
+        "carried over. [default: the finger's]",
+        callback=one_of("corrected", "open-gaps", "as-published"),
     ),
 ]
 Skin = Annotated[
     str | None,
     typer.Option(
         help="Skin dielectric: order-of-magnitude, gabriel-dry or gabriel-wet. [default: the "
-        "finger's own]"
+        "finger's own]",
+        callback=one_of("order-of-magnitude", "gabriel-dry", "gabriel-wet"),
     ),
 ]
 With = Annotated[
@@ -57,15 +81,31 @@ With = Annotated[
 Without = Annotated[
     list[str] | None, typer.Option("--without", help="Switch a term off; may be repeated.")
 ]
-Force = Annotated[str, typer.Option(help="Normal forces [N], comma-separated.")]
-Voltage = Annotated[str, typer.Option(help="Amplitudes [V], comma-separated.")]
+_POSITIVE, _RANGE = numbers(above=0), numbers(above=0, is_range=True)
+Force = Annotated[str, typer.Option(help="Normal forces [N], comma-separated.", callback=_POSITIVE)]
+Voltage = Annotated[
+    str, typer.Option(help="Amplitudes [V], comma-separated.", callback=numbers(least=0))
+]
 Frequency = Annotated[
     str | None,
-    typer.Option(help="Drive frequencies [Hz]. Without them the skin is a conductor."),
+    typer.Option(
+        help="Drive frequencies [Hz]. Without them the skin is a conductor.", callback=_POSITIVE
+    ),
 ]
 Thickness = Annotated[
-    str | None, typer.Option(help="d1/eps1 of the insulator [m]. [default: the screen's own]")
+    str | None,
+    typer.Option(
+        help="d1/eps1 of the insulator [m]. [default: the screen's own]", callback=_POSITIVE
+    ),
 ]
+
+
+def _tolerance(value: str | None) -> str | None:
+    from haptix.surface.tolerance import Tolerance
+
+    if value is not None:
+        Tolerance.read(value)
+    return value
 
 
 # Options of `build` that a scene sets itself.
@@ -92,26 +132,39 @@ def build(
     skin_dielectric: Skin = None,
     normal_force_n: Annotated[
         str | None,
-        typer.Option(help="Range of normal force [N]: LOW,HIGH or one value. [default: 0.1,1]"),
+        typer.Option(
+            help="Range of normal force [N]: LOW,HIGH or one value. [default: 0.1,1]",
+            callback=_RANGE,
+        ),
     ] = None,
     voltage_v: Annotated[
-        float | None, typer.Option(help="Highest amplitude [V]. [default: the screen's limit]")
+        float | None,
+        typer.Option(
+            help="Highest amplitude [V]. [default: the screen's limit]", callback=number(above=0)
+        ),
     ] = None,
     frequency_hz: Annotated[
         str | None,
-        typer.Option(help="Drive frequency [Hz]: LOW,HIGH or one. Without it the skin conducts."),
+        typer.Option(
+            help="Drive frequency [Hz]: LOW,HIGH or one. Without it the skin conducts.",
+            callback=_RANGE,
+        ),
     ] = None,
     h0_m: Annotated[
-        str | None, typer.Option(help="Range of d1/eps1 [m]. [default: the screen's own]")
+        str | None,
+        typer.Option(help="Range of d1/eps1 [m]. [default: the screen's own]", callback=_RANGE),
     ] = None,
     tolerance: Annotated[
         str | None,
         typer.Option(
             help='Largest error: in mu, "0.05 JND" or "0.2 %" of the range. '
-            "[default: 0.002, or the plan's]"
+            "[default: 0.002, or the plan's]",
+            callback=_tolerance,
         ),
     ] = None,
-    largest_mb: Annotated[float, typer.Option(help="Size that the surface may have.")] = 64.0,
+    largest_mb: Annotated[
+        float, typer.Option(help="Size that the surface may have.", callback=number(above=0))
+    ] = 64.0,
     accept_best: Annotated[
         bool, typer.Option(help="Write the best of that size, where the tolerance cannot be met.")
     ] = False,
@@ -134,14 +187,10 @@ def build(
         _refuse_beside_a_scene(context)
     target = what if scene is None else out or what.with_suffix(".surface")
     check_writable(target, overwrite)
-    if not largest_mb > 0:
-        raise InputError(f"--largest-mb: expected a size above 0, got {largest_mb:g}")
     largest_bytes = int(min(largest_mb, 1e6) * 1e6)
     texts = {"normal_force_n": normal_force_n, "frequency_hz": frequency_hz, "h0_m": h0_m}
     ranges = {
-        name: read_pair(name.replace("_", "-"), text)
-        for name, text in texts.items()
-        if text is not None
+        name: read_pair(_option(name), text) for name, text in texts.items() if text is not None
     }
     if voltage_v is not None:
         ranges["voltage_v"] = (0.0, voltage_v)
@@ -180,7 +229,8 @@ def query(
     frequency_hz: Frequency = None,
     h0_m: Thickness = None,
     surface: Annotated[
-        Path | None, typer.Option(help="Read this surface instead of solving the model.")
+        Path | None,
+        typer.Option(help="Read this surface instead of solving the model.", callback=is_there),
     ] = None,
     finger: Finger = "semi-wet",
     screen: Screen = "3m-sct3250",
@@ -238,8 +288,12 @@ def query(
 
 
 def invert(
-    surface: Annotated[Path, typer.Argument(help="Surface made by `haptix build`.")],
-    mu: Annotated[str, typer.Option(help="Friction coefficients, comma-separated.")],
+    surface: Annotated[
+        Path, typer.Argument(help="Surface made by `haptix build`.", callback=is_there)
+    ],
+    mu: Annotated[
+        str, typer.Option(help="Friction coefficients, comma-separated.", callback=numbers())
+    ],
     normal_force_n: Force,
     frequency_hz: Frequency = None,
     h0_m: Thickness = None,
@@ -253,6 +307,10 @@ def invert(
     found = table.voltage(**inputs)
     title = f"voltage{_note(table, surface)}"
     show(title, _rows(inputs, {"voltage_v": found.voltage_v}, found.status), as_json)
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
 
 
 def _note(table: FrictionSurface, file: Path) -> str:
@@ -372,7 +430,7 @@ def _product(**options: str | None) -> dict[str, Any]:
     import torch
 
     given = {
-        name: read_numbers(name.replace("_", "-"), text)
+        name: read_numbers(_option(name), text)
         for name, text in options.items()
         if text is not None
     }

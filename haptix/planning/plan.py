@@ -36,7 +36,7 @@ from haptix.planning.materials import decide_materials
 from haptix.scene import Scene
 from haptix.surface import LARGEST_BYTES, FrictionSurface
 from haptix.surface.axes import AXIS_NAMES
-from haptix.surface.request import Tolerance
+from haptix.surface.tolerance import Tolerance
 from haptix.terms import TERMS
 from haptix.texture import Evaluator
 

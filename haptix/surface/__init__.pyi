@@ -6,9 +6,9 @@ from .column import PULL_IN_SHARE as PULL_IN_SHARE
 from .column import Column as Column
 from .interpolant import Interpolant as Interpolant
 from .request import LARGEST_BYTES as LARGEST_BYTES
-from .request import Tolerance as Tolerance
 from .request import surface_key as surface_key
 from .slice import Slice as Slice
 from .surface import FrictionSurface as FrictionSurface
 from .surface import Inversion as Inversion
 from .surface import SurfaceSample as SurfaceSample
+from .tolerance import Tolerance as Tolerance

@@ -29,7 +29,8 @@ from haptix.status import Status
 from haptix.surface.axes import AXIS_NAMES, Axes, Axis
 from haptix.surface.build import Progress, build_table
 from haptix.surface.interpolant import Interpolant
-from haptix.surface.request import Tolerance, digest, read_ranges, surface_key
+from haptix.surface.request import digest, read_ranges, surface_key
+from haptix.surface.tolerance import Tolerance
 
 Band = Literal["finger", "box"]
 _DRIVES_BETWEEN = 4  # nodes for each solved voltage: the ratio bends elsewhere in each column

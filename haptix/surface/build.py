@@ -18,8 +18,9 @@ from haptix.surface.axes import AXIS_NAMES, Axes, Axis
 from haptix.surface.column import PULL_IN_DRIVE
 from haptix.surface.interpolant import Interpolant
 from haptix.surface.placement import fewest_nodes
-from haptix.surface.request import Ranges, Tolerance, digest, read_ranges, surface_key
+from haptix.surface.request import Ranges, digest, read_ranges, surface_key
 from haptix.surface.sampling import HeldOutPoints, Pilot, Sampler
+from haptix.surface.tolerance import Tolerance
 from haptix.version import __version__
 
 _PILOT_POINTS = 97  # along an axis at first; doubled where cells come down to single steps

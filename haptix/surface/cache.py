@@ -9,8 +9,9 @@ from typing import Any
 from haptix.errors import FileFormatError
 from haptix.files import cache_folder
 from haptix.friction import ContactModel
-from haptix.surface.request import Tolerance, surface_key
+from haptix.surface.request import surface_key
 from haptix.surface.surface import FrictionSurface
+from haptix.surface.tolerance import Tolerance
 
 
 def cached_surface(

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
-
-from torch import Tensor
+from typing import Any
 
 from haptix.errors import InputError, LimitError
 from haptix.friction import ContactModel
-from haptix.perception import WEBER_FRACTION
 from haptix.surface.axes import AXES, AXIS_NAMES
+from haptix.surface.tolerance import Tolerance
 from haptix.version import __version__
 
 Ranges = Mapping[str, tuple[float, float] | None]
@@ -89,72 +85,6 @@ def low_and_high(value: Any, zero: bool = False) -> tuple[float, float]:
 
 LARGEST_BYTES = 64_000_000
 """Default limit of the size of a surface."""
-
-Unit = Literal["mu", "JND", "percent of range"]
-
-_SPELLINGS: dict[str, Unit] = {
-    **dict.fromkeys(("", "mu"), "mu"),
-    **dict.fromkeys(("JND", "jnd", "threshold", "thresholds"), "JND"),
-    **dict.fromkeys(("%", "percent", "percent of range"), "percent of range"),
-}
-
-
-@dataclass(frozen=True)
-class Tolerance:
-    """Largest error of friction.
-
-    Parameters
-    ----------
-    value : float
-        Above 0.
-    unit : {"mu", "JND", "percent of range"}
-        Friction coefficient; just-noticeable differences, of ``0.11 mu`` each; or percent of the
-        span between lowest and highest mu in the ranges asked for.
-
-    Raises
-    ------
-    InputError
-        If the value is not finite and above 0, or the unit is unknown.
-    """
-
-    value: float
-    unit: Unit = "mu"
-
-    def __post_init__(self) -> None:
-        if not (isfinite(self.value) and self.value > 0):
-            raise InputError(f"tolerance: expected an error in mu above 0, got {self.value:g}")
-        if self.unit not in get_args(Unit):
-            raise InputError(
-                f"tolerance: expected a unit of {', '.join(get_args(Unit))}, got {self.unit!r}"
-            )
-
-    @classmethod
-    def read(cls, value: Self | float | str) -> Self:
-        """Read ``0.002``, ``"0.002"``, ``"0.05 JND"`` or ``"0.2 %"``."""
-        if isinstance(value, cls):
-            return value
-        if isinstance(value, bool):
-            raise InputError(f"tolerance: expected a number in mu, got {value}")
-        match = re.fullmatch(r"\s*([-+.\deE]+|nan|inf)\s*([A-Za-z% ]*?)\s*", str(value))
-        number, unit = match.groups() if match else ("", "")
-        try:
-            read = float(number), _SPELLINGS[unit]
-        except (KeyError, ValueError):
-            raise InputError(
-                f'tolerance: expected a number in mu, "0.05 JND" or "0.2 %", got {value!r}'
-            ) from None
-        return cls(*read)
-
-    def __str__(self) -> str:
-        return f"{self.value:g} {self.unit}"
-
-    def unit_in_mu(self, mu: Tensor, low: float, high: float) -> Tensor | float:
-        """Size of the unit at friction `mu`, where mu runs from `low` to `high`."""
-        if self.unit == "JND":
-            return WEBER_FRACTION * mu
-        if self.unit == "percent of range":
-            return max(high - low, 1e-12 * high) / 100
-        return 1.0
 
 
 def digest(plain: Mapping[str, Any]) -> str:

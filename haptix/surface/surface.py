@@ -23,8 +23,9 @@ from haptix.surface.build import build_table
 from haptix.surface.column import Column
 from haptix.surface.file import export_netcdf, load_table, save_table
 from haptix.surface.interpolant import Interpolant, Query
-from haptix.surface.request import LARGEST_BYTES, Tolerance
+from haptix.surface.request import LARGEST_BYTES
 from haptix.surface.slice import Slice
+from haptix.surface.tolerance import Tolerance
 
 
 @dataclass(frozen=True)

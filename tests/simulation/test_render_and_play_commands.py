@@ -96,13 +96,13 @@ BOTH = {
         r"photo\.png.*photo\.json.*--width-mm",
     ),
     "no photograph": ((*SMALL, "--image", "missing.png", "--width-mm", "60"), r"missing\.png"),
-    "no width": ((*SMALL, "--image", "photo.png", "--width-mm", "0"), "width_mm.*above 0"),
+    "no width": ((*SMALL, "--image", "photo.png", "--width-mm", "0"), "--width-mm.*at least 0.1"),
     "no path": (("--trajectory", "missing.csv"), r"missing\.csv"),
     "a path backwards": (("--trajectory", "backwards.csv"), "t_s.*increasing"),
     "no surface": (("--trajectory", "path.csv", "--surface", "missing.surface"), r"missing\.surf"),
     "text as a surface": (("--trajectory", "path.csv", "--surface", "text.surface"), "text"),
     "three ends of a range": ((*SMALL, "--mu-range", "0.2,0.3,0.4"), "LOW,HIGH.*0.2,0.3,0.4"),
-    "a range backwards": ((*SMALL, "--mu-range", "0.3,0.2"), r"mu_range.*0\.3, 0\.2"),
+    "a range backwards": ((*SMALL, "--mu-range", "0.3,0.2"), r"mu-range.*0\.3, 0\.2"),
     "nobody's finger": ((*SMALL, "--finger", "nobody"), "'nobody'.*semi-wet"),
     "no screen": ((*SMALL, "--screen", "ipad"), "'ipad'.*3m-sct3250"),
     "a waveform": (
@@ -110,13 +110,13 @@ BOTH = {
         "'saw'",
     ),
     "a carrier too fast": (("--trajectory", "path.csv", "--carrier-hz", "20000"), "quarter.*20000"),
-    "no lead": ((*SMALL, "--lead-ms", "-1"), "lead_s.*-0.001"),
+    "no lead": ((*SMALL, "--lead-ms", "-1"), "lead-ms.*-1"),
     "no such device": ((*SMALL, "--device", "tape:"), "tape:"),
     "an option of the mock": ((*SMALL, "--device", "mock:colour=red"), "colour.*keys"),
 }
 RENDER = {
-    "no rate of touches": ((*SMALL, "--touch-hz", "0"), "rate_hz.*above 0"),
-    "touches before they are": ((*SMALL, "--touch-latency-ms", "-1"), "latency_s.*at least 0"),
+    "no rate of touches": ((*SMALL, "--touch-hz", "0"), "touch-hz.*at least 1"),
+    "touches before they are": ((*SMALL, "--touch-latency-ms", "-1"), "latency-ms.*at least 0"),
     "a file as the folder": ((*SMALL, "--out", "file"), "--out.*file"),
 }
 PLAY = {

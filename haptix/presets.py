@@ -1,0 +1,29 @@
+"""Fields of the presets, by name; known without loading what they describe."""
+
+from __future__ import annotations
+
+from typing import Any
+
+FINGERS: dict[str, dict[str, Any]] = {
+    "semi-wet": {
+        "bulk_modulus_pa": 10e3,
+        "frictional_shear_stress_pa": 5.531446e6,
+        "theory": "corrected",
+    },
+    "dry": {
+        "theory": "corrected",
+        "bulk_modulus_pa": 10e3,
+        "youngs_modulus_pa": 1e9,
+        "poisson_ratio": 0.3,
+        "hardness_pa": 50e6,
+        "frictional_shear_stress_pa": 13e6,
+    },
+    "wet": {
+        "bulk_modulus_pa": 10e3,
+        "youngs_modulus_pa": 10e6,
+        "frictional_shear_stress_pa": 3.46451e6,
+        "theory": "corrected",
+    },
+}
+
+SCREENS: dict[str, dict[str, Any]] = {"3m-sct3250": {}}
