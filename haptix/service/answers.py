@@ -61,7 +61,8 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
     if control.holder is not session:
         raise Problem("lease", f"{message.type}: expected the lease; send acquire first")
     if isinstance(message, m.TouchesMessage):
-        hub.touch(session, message.touches)
+        for problem in hub.touch(session, message.touches):
+            raise problem
     elif isinstance(message, m.Play):
         fields = message.model_dump(exclude={"type", "id"})
         return m.PlayingMessage(

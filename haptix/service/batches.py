@@ -47,6 +47,7 @@ at     type    header
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from math import isfinite
 from typing import Literal, NamedTuple
 
@@ -68,11 +69,25 @@ COLUMNS: dict[Stream, tuple[str, ...]] = {
 STREAMS = tuple(COLUMNS)
 
 
+class ClientTouch(NamedTuple):
+    """A `TouchMessage` that came in bytes: the same fields, made ten times as fast."""
+
+    t_s: float
+    touch_id: int
+    kind: Literal["down", "move", "up"]
+    x_mm: float | None
+    y_mm: float | None
+    x_px: float | None
+    y_px: float | None
+    normal_force_n: float | None
+    contact_area_m2: float | None
+
+
 class TouchBatch(NamedTuple):
-    """Touches of one message, by the client's clock."""
+    """Touches of one message, by the client's clock; a problem stands where one cannot be used."""
 
     number: int
-    touches: tuple[TouchMessage, ...]
+    touches: list[ClientTouch | Problem]
 
 
 def read_touches(data: bytes) -> TouchBatch:
@@ -81,13 +96,13 @@ def read_touches(data: bytes) -> TouchBatch:
     Raises
     ------
     Problem
-        If it is no batch, or a record cannot be used; the path names it.
+        If it is no batch.
     """
     if len(data) < _HEADER.size:
         raise Problem("message", f"expected a batch of touches, got {len(data)} bytes")
-    kind, version, count, number, base_s = _HEADER.unpack_from(data)
-    if (kind, version) != (1, 1):
-        raise Problem("message", f"expected bytes of kind 1 in layout 1, got {kind} in {version}")
+    what, version, count, number, base_s = _HEADER.unpack_from(data)
+    if (what, version) != (1, 1):
+        raise Problem("message", f"expected bytes of kind 1 in layout 1, got {what} in {version}")
     if count > MOST_TOUCHES:
         raise Problem("limit", f"expected at most {MOST_TOUCHES} touches, got {count}")
     if len(data) != _HEADER.size + count * _RECORD.size:
@@ -95,42 +110,37 @@ def read_touches(data: bytes) -> TouchBatch:
         raise Problem("message", f"{count} touches take {expected} bytes, got {len(data)}")
     if not isfinite(base_s):
         raise Problem("clock", "base_s: expected a finite time in seconds", "/base_s")
-    return TouchBatch(number, tuple(_touches(data, base_s)))
+    found: list[ClientTouch | Problem] = []
+    for after_us, touch_id, flags, zero, x, y, force, area in _RECORD.iter_unpack(data[16:]):
+        force_n = force if flags & _FORCE else None
+        area_m2 = area if flags & _AREA else None
+        wrong = _wrong(flags, zero, x, y, force_n, area_m2)
+        if wrong:
+            found.append(Problem("message", wrong, f"/touches/{len(found)}"))
+            continue
+        t_s, kind = base_s + after_us * 1e-6, _KINDS[flags & 3]
+        if flags & _PIXELS:
+            found.append(ClientTouch(t_s, touch_id, kind, None, None, x, y, force_n, area_m2))
+        else:
+            found.append(ClientTouch(t_s, touch_id, kind, x, y, None, None, force_n, area_m2))
+    return TouchBatch(number, found)
 
 
-def _touches(data: bytes, base_s: float) -> list[TouchMessage]:
-    found = []
-    for index, record in enumerate(_RECORD.iter_unpack(data[_HEADER.size :])):
-        after_us, touch_id, flags, zero, x, y, force_n, area_m2 = record
-        path = f"/touches/{index}"
-        if flags & 3 == 3 or flags >= 64 or zero:
-            raise Problem("message", f"unknown flags {flags:#x} or padding {zero}", path)
-        if not (isfinite(x) and isfinite(y)):
-            raise Problem("message", "expected a finite place", path)
-        known, has_area = bool(flags & _FORCE), bool(flags & _AREA)
-        if known and not 0 < force_n <= 100:
-            raise Problem("message", f"expected a force of 0 to 100 N, got {force_n:g}", path)
-        if has_area and not 0 < area_m2 <= 0.1:
-            raise Problem("message", f"expected an area of 0 to 0.1 m^2, got {area_m2:g}", path)
-        at = (None, None, x, y) if flags & _PIXELS else (x, y, None, None)
-        # Every field was checked above, and validating twice is dear at ten fingers and 1 kHz.
-        found.append(
-            TouchMessage.model_construct(
-                t_s=base_s + after_us * 1e-6,
-                touch_id=touch_id,
-                kind=_KINDS[flags & 3],
-                x_mm=at[0],
-                y_mm=at[1],
-                x_px=at[2],
-                y_px=at[3],
-                normal_force_n=force_n if known else None,
-                contact_area_m2=area_m2 if has_area else None,
-            )
-        )
-    return found
+def _wrong(
+    flags: int, zero: int, x: float, y: float, force_n: float | None, area_m2: float | None
+) -> str:
+    if flags & 3 == 3 or flags >= 64 or zero:
+        return f"unknown flags {flags:#x} or padding {zero}"
+    if not (isfinite(x) and isfinite(y)):
+        return "expected a finite place"
+    if force_n is not None and not 0 < force_n <= 100:
+        return f"expected a force of 0 to 100 N, got {force_n:g}"
+    if area_m2 is not None and not 0 < area_m2 <= 0.1:
+        return f"expected an area of 0 to 0.1 m^2, got {area_m2:g}"
+    return ""
 
 
-def write_touches(touches: tuple[TouchMessage, ...] | list[TouchMessage], number: int) -> bytes:
+def write_touches(touches: Sequence[TouchMessage | ClientTouch], number: int) -> bytes:
     """Return a batch, as a client sends it. Times may lie 35 minutes around the first."""
     base_s = touches[0].t_s if touches else 0.0
     parts = [_HEADER.pack(1, 1, len(touches), number & 0xFFFFFFFF, base_s)]

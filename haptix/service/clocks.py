@@ -73,7 +73,7 @@ class ClientClock:
         at_s, offset_s, drift = self._line
         return service_s + offset_s + drift * (service_s - at_s)
 
-    def stamp(self, client_s: float, now_s: float, path: str) -> float:
+    def stamp(self, client_s: float, now_s: float) -> float:
         """Return a touch's time by the service's clock.
 
         Raises
@@ -94,7 +94,7 @@ class ClientClock:
             "clock",
             f"t_s: expected seconds of the clock that the pongs tell, got a stamp {wrong}; is "
             "it in seconds, and of the same clock?",
-            path,
+            "/t_s",
         )
 
     def _fit(self) -> None:

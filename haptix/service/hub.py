@@ -9,12 +9,12 @@ from __future__ import annotations
 import hmac
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from haptix.service import messages as m
 from haptix.service.access import Access
-from haptix.service.batches import read_touches
+from haptix.service.batches import ClientTouch, read_touches
 from haptix.service.control import Engine, OutputControl
 from haptix.service.messages import Problem
 from haptix.service.session import ServiceSession
@@ -25,6 +25,8 @@ TICK_S = 0.02
 """Between two looks at the sessions. A silent client's voltage is gone a tick after its limit."""
 _FIRST_PINGS = 8
 _MOST_SESSIONS = 16
+_MANY_ASKED, _MOST_ASKED = 32, 60  # of one session, that wait for the engine
+_ASKED_WAIT_S = 0.02
 
 
 class Hub:
@@ -116,7 +118,10 @@ class Hub:
         """
         if session.closing is not None:
             return 0.0
-        wait_s = (session.batches if isinstance(data, bytes) else session.messages).wait_s()
+        if isinstance(data, bytes):
+            wait_s = session.batches.wait_s()
+        else:
+            wait_s = session.messages.wait_s(1 + len(data) // m.COUNTED_BYTES)
         try:
             if isinstance(data, bytes):
                 self._heard(session)
@@ -124,7 +129,7 @@ class Hub:
                     raise Problem("order", "expected hello first")
                 touches = read_touches(data).touches
                 wait_s = max(wait_s, session.touches.wait_s(len(touches)))
-                self.touch(session, touches)
+                session.refuse_touches(self.touch(session, touches))
             else:
                 message = m.read_client(data)
                 self._heard(session)
@@ -140,9 +145,12 @@ class Hub:
             if session.pong(message, self.now_s()) and self.control.holder is session:
                 self.engine.tell("lift")
             return 0.0
-        if isinstance(message, m.TouchesMessage) and message.id is None:
-            self.touch(session, message.touches)
-            return session.touches.wait_s(len(message.touches))
+        wait_s = 0.0
+        if isinstance(message, m.TouchesMessage):
+            wait_s = session.touches.wait_s(len(message.touches))
+            if message.id is None:
+                session.refuse_touches(self.touch(session, message.touches))
+                return wait_s
         if message.id <= session.last_id:
             raise Problem("order", f"id: expected more than {session.last_id}", "/id")
         session.last_id = message.id
@@ -150,10 +158,14 @@ class Hub:
             self._hello(session, message)
         elif isinstance(message, m.Plain) and message.type == "stop":
             self._stop(session, message.id)
+        elif len(session.asked) >= _MOST_ASKED:
+            raise Problem("limit", f"expected at most {_MOST_ASKED} messages that wait; await some")
         else:
             session.asked.append(message)
             session.has_asked.set()
-        return 0.0
+            if len(session.asked) > _MANY_ASKED:
+                wait_s = max(wait_s, _ASKED_WAIT_S)
+        return wait_s
 
     def hear_engine(self, event: dict[str, Any]) -> None:
         """Pass on what the engine says unasked."""
@@ -240,13 +252,17 @@ class Hub:
                 session.refuse(message.id, Problem("order", reason))
         self.control.set(state="off", reason=reason)
 
-    def touch(self, session: ServiceSession, touches: tuple[m.TouchMessage, ...]) -> None:
-        """Pass the holder's touches on."""
+    def touch(
+        self, session: ServiceSession, touches: Sequence[m.TouchMessage | ClientTouch | Problem]
+    ) -> list[Problem]:
+        """Pass the holder's touches on; return what is wrong with those that are left out."""
         if self.control.holder is not session:
-            raise Problem("lease", "touch: expected the lease; send acquire first")
-        reports = reports_of(session, touches, self.now_s())
+            wrong = next((touch for touch in touches if isinstance(touch, Problem)), None)
+            return [wrong or Problem("lease", "touch: expected the lease; send acquire first")]
+        reports, refused = reports_of(session, touches, self.now_s())
         if reports:
             self.engine.touch(reports)
+        return refused
 
     def _heard(self, session: ServiceSession) -> None:
         session.unanswered_s = None

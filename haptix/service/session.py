@@ -15,6 +15,7 @@ from haptix.service.clocks import ClientClock
 _MOST_WAITING = 64  # replies that a client has not read
 _MOST_FRAMES = 4
 _MOST_PINGS = 64  # that wait for an answer
+_TOUCH_ERRORS_PER_S = 10
 
 
 class Bucket:
@@ -30,6 +31,13 @@ class Bucket:
         self._left = min(self._left + (now_s - self._at_s) * self._per_s, self._per_s) - count
         self._at_s = now_s
         return max(-self._left / self._per_s, 0.0)
+
+    def takes(self) -> bool:
+        """Take one if there is one."""
+        self.wait_s(0)
+        is_there = self._left >= 1
+        self._left -= is_there
+        return is_there
 
 
 class ServiceSession:
@@ -59,6 +67,8 @@ class ServiceSession:
         self.messages = Bucket(limits.messages_per_s, now_s)
         self.batches = Bucket(limits.batches_per_s, now_s)
         self.touches = Bucket(limits.touches_per_s, now_s)
+        self._touch_errors = Bucket(_TOUCH_ERRORS_PER_S, now_s)
+        self._left_out = 0  # touches whose refusal was not told
 
     @property
     def is_welcome(self) -> bool:
@@ -105,6 +115,16 @@ class ServiceSession:
         self.send(
             m.Error(id=number, code=problem.code, sentence=problem.sentence, path=problem.path)
         )
+
+    def refuse_touches(self, problems: list[m.Problem]) -> None:
+        """Tell the first of touches that were left out, ten times a second at most."""
+        self._left_out += len(problems)
+        if problems and self._touch_errors.takes():
+            more = f" ({self._left_out - 1} more were left out)" if self._left_out > 1 else ""
+            self.refuse(
+                0, m.Problem(problems[0].code, problems[0].sentence + more, problems[0].path)
+            )
+            self._left_out = 0
 
     def send_frame(self, frame: bytes) -> None:
         """Queue telemetry; the newest frames replace those that were not read."""

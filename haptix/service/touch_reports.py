@@ -2,48 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import cos, radians, sin
 
+from haptix.service.batches import ClientTouch
 from haptix.service.messages import Geometry, Problem, TouchMessage
 from haptix.service.session import ServiceSession
 from haptix.service.wire import TouchRecord
 
 
 def reports_of(
-    session: ServiceSession, touches: tuple[TouchMessage, ...], now_s: float
-) -> list[TouchRecord]:
-    """Return a session's touches by the service's clock.
-
-    Raises
-    ------
-    Problem
-        Naming the touch whose stamp or place cannot be used; none is taken then.
-    """
+    session: ServiceSession, touches: Sequence[TouchMessage | ClientTouch | Problem], now_s: float
+) -> tuple[list[TouchRecord], list[Problem]]:
+    """Return a session's touches by the service's clock, and what is wrong with the others."""
     reports: list[TouchRecord] = []
+    wrong: list[Problem] = []
+    stamp, geometry = session.clock.stamp, session.geometry
     for index, touch in enumerate(touches):
-        path = f"/touches/{index}"
-        t_s = session.clock.stamp(touch.t_s, now_s, f"{path}/t_s")
-        x_mm, y_mm = _place(session.geometry, touch, path)
-        reports.append(
-            TouchRecord(
-                t_s,
-                touch.touch_id,
-                touch.kind,
-                x_mm,
-                y_mm,
-                touch.normal_force_n,
-                touch.contact_area_m2,
-            )
-        )
-    return reports
+        try:
+            if isinstance(touch, Problem):
+                raise touch
+            t_s = stamp(touch.t_s, now_s)
+            x_mm, y_mm = touch.x_mm, touch.y_mm
+            if x_mm is None or y_mm is None or touch.x_px is not None:
+                x_mm, y_mm = _place(geometry, touch)
+        except Problem as problem:
+            path = problem.path if problem is touch else f"/touches/{index}{problem.path}"
+            wrong.append(Problem(problem.code, problem.sentence, path))
+            continue
+        force_n, area_m2 = touch.normal_force_n, touch.contact_area_m2
+        reports.append(TouchRecord(t_s, touch.touch_id, touch.kind, x_mm, y_mm, force_n, area_m2))
+    return reports, wrong
 
 
-def _place(geometry: Geometry | None, touch: TouchMessage, path: str) -> tuple[float, float]:
-    if touch.x_mm is not None and touch.y_mm is not None and touch.x_px is None:
-        return touch.x_mm, touch.y_mm
+def _place(geometry: Geometry | None, touch: TouchMessage | ClientTouch) -> tuple[float, float]:
     if touch.x_px is not None and touch.y_px is not None and touch.x_mm is None:
         if geometry is None:
-            raise Problem("order", "x_px: send geometry first, or millimetres", f"{path}/x_px")
+            raise Problem("order", "x_px: send geometry first, or millimetres", "/x_px")
         turn = radians(geometry.rotation_deg)
         x, y = touch.x_px / geometry.px_per_mm, touch.y_px / geometry.px_per_mm
         return (
@@ -52,4 +47,4 @@ def _place(geometry: Geometry | None, touch: TouchMessage, path: str) -> tuple[f
         )
     if touch.kind == "up" and touch.x_mm is None and touch.x_px is None:
         return 0.0, 0.0
-    raise Problem("message", "expected x_mm and y_mm, or x_px and y_px", path)
+    raise Problem("message", "expected x_mm and y_mm, or x_px and y_px")

@@ -44,15 +44,15 @@ def touch_frame(reports: list[TouchRecord]) -> bytes:
     """Return a frame of touches."""
     records = (
         _TOUCH.pack(
-            report.t_s,
-            report.touch_id,
-            _KINDS.index(report.kind),
-            report.x_mm,
-            report.y_mm,
-            nan if report.normal_force_n is None else report.normal_force_n,
-            nan if report.contact_area_m2 is None else report.contact_area_m2,
+            t_s,
+            touch_id,
+            _KINDS.index(kind),
+            x_mm,
+            y_mm,
+            nan if force_n is None else force_n,
+            nan if area_m2 is None else area_m2,
         )
-        for report in reports
+        for t_s, touch_id, kind, x_mm, y_mm, force_n, area_m2 in reports
     )
     return frame(TOUCHES, b"".join(records))
 

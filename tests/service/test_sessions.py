@@ -315,6 +315,53 @@ def test_touches_in_bytes_and_in_json_by_the_clients_clock(service):
         assert half["path"] == "/touches/0"
 
 
+def test_only_the_touches_that_cannot_be_used_are_left_out(service):
+    with Client(service).holds() as client:
+        now_s = client.now_s()
+        touches = [
+            TouchMessage(t_s=now_s - 0.7, x_mm=1.0, y_mm=2.0),
+            TouchMessage(t_s=now_s, x_mm=3.0, y_mm=4.0),
+            TouchMessage(t_s=now_s, x_px=3.0, y_px=4.0),
+            TouchMessage(t_s=now_s, x_mm=5.0, y_mm=6.0),
+        ]
+        client.socket.send(write_touches(touches, 1))
+        error = client.until(lambda message: message["type"] == "error")
+        assert (error["code"], error["path"]) == ("clock", "/touches/0/t_s")
+        assert "1 more" in error["sentence"]
+        as_json = [touch.model_dump() for touch in touches]
+        refused = client.ask("touch", touches=as_json)
+        assert refused["path"] == "/touches/0/t_s"
+        refused = client.ask("touch", touches=as_json[1:])
+        assert (refused["code"], refused["path"]) == ("order", "/touches/1/x_px")
+        places = [report.x_mm for report in service.engine.reports]
+        assert places == [3.0, 5.0] * 3
+
+
+def test_touches_that_are_left_out_are_told_ten_times_a_second_at_most(service):
+    with Client(service).holds() as client:
+        stale = TouchMessage(t_s=client.now_s() - 9.0, x_mm=1.0, y_mm=2.0)
+        began_s = time.monotonic()
+        for number in range(200):  # it reads nothing meanwhile, and would be shown out
+            client.socket.send(write_touches([stale], number))
+        assert client.ask("inventory")["type"] == "inventory"
+        told = sum(message["type"] == "error" for message in client.heard)
+        assert 1 <= told <= 10 + 10 * (time.monotonic() - began_s)
+
+
+def test_what_waits_for_the_engine_is_bounded_and_stop_is_not(service):
+    service.engine.arming_s = 1.0
+    with Client(service) as client:
+        client.ask("acquire")
+        client.say("arm")
+        for _ in range(62):
+            client.say("mute", on=False)
+        refused = client.until(lambda message: message["type"] == "error", 5.0)
+        assert refused["code"] == "limit" and refused["id"] == 64  # 1 to 3 were done, 60 wait
+        client.say("stop")
+        stopped = client.number
+        assert client.until(lambda message: message["id"] == stopped, 5.0)["type"] == "done"
+
+
 def test_an_engine_that_refuses_leaves_the_session_as_it_was(service):
     with Client(service) as client:
         client.ask("acquire")

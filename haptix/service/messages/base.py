@@ -10,6 +10,7 @@ PROTOCOL = (1, 0)
 """Version, major and minor. Another major is another language; a minor only adds."""
 
 MOST_TEXT_BYTES = 64 * 1024
+COUNTED_BYTES = 4096  # a text counts as one message more for each
 MOST_DEPTH = 16
 MOST_TOUCHES = 1024  # of one batch
 MOST_STREAM_HZ = 50
