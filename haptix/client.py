@@ -159,7 +159,7 @@ class AsyncClient:
         kind: TouchKind = "move",
         t_s: float | None = None,
     ) -> None:
-        """TouchRecord a touch, at `now_s` unless `t_s` says when."""
+        """Report a touch, at `now_s` unless `t_s` says when."""
         await self.touches(
             [
                 m.TouchMessage(
@@ -174,7 +174,7 @@ class AsyncClient:
         )
 
     async def touches(self, touches: list[m.TouchMessage]) -> None:
-        """TouchRecord many touches in one batch of bytes."""
+        """Report many touches in one batch of bytes."""
         self._batch += 1
         await self._send(write_touches(touches, self._batch))
 
@@ -241,6 +241,7 @@ async def connect_async(
             address,
             subprotocols=[_SUBPROTOCOL],
             proxy=None,
+            compression=None,
             ping_interval=None,
         )
     except (OSError, WebSocketException) as error:

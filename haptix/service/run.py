@@ -121,6 +121,7 @@ def serve(
         log_level="warning",
         ws="websockets-sansio",
         ws_max_size=m.MOST_TEXT_BYTES,
+        ws_per_message_deflate=False,  # work for bytes that leave no machine
         ws_ping_interval=None,  # the session's own pings show that the script lives
         timeout_graceful_shutdown=2,
         server_header=False,
