@@ -142,6 +142,7 @@ class Layout:
         self._held: dict[int, tuple[Feelable, Evaluator]] = {}
         self._keys = 0
         self._now: Callable[[], float] = lambda: -inf
+        self._changed: Callable[[], None] = lambda: None
 
     def add(
         self,
@@ -223,8 +224,11 @@ class Layout:
                 raise
             finally:
                 self._depth -= 1
-                if self._depth == 0:
+                is_whole = self._depth == 0
+                if is_whole:
                     self._draft = None
+        if is_whole:
+            self._changed()
 
     def clear(self) -> None:
         """Remove all regions."""
@@ -232,10 +236,13 @@ class Layout:
             for key in list(self._given):
                 self._remove(key)
 
-    def attach(self, now: Callable[[], float]) -> None:
-        """Take the clock of a renderer: the first time [s] that can still be changed."""
+    def attach(self, now: Callable[[], float], changed: Callable[[], None] = lambda: None) -> None:
+        """Take the clock of a renderer, the first time [s] that can still be changed.
+
+        The renderer's `changed` is called after each change.
+        """
         with self._lock:
-            self._now = now
+            self._now, self._changed = now, changed
             # What came, went and moved by another clock has done so.
             self._regions = tuple(one.settled() for one in self._regions if one.opacity.after[0])
             self.patches = {key: self.patches[key] for key in self._given}
@@ -479,6 +486,7 @@ class Layout:
             ]
             if self._draft is None:
                 self._regions = tuple(moved)
+                self._changed()
             else:
                 self._draft = moved
 

@@ -185,9 +185,13 @@ class RenderCore:
         evaluator = texture.evaluator
         self._attach(texture)
         self._felt = (texture, evaluator, Target(evaluator.target, self.settings.compress))
+        self._changed()
 
     def _attach(self, texture: Feelable) -> None:
         """Give a layout the clock of a session."""
+
+    def _changed(self) -> None:
+        """What is felt has changed, other than by a touch."""
 
     @property
     def step_s(self) -> float:

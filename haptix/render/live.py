@@ -83,8 +83,12 @@ class _LiveSession(RenderSession):
         counts = self.touch_counts
         before = counts.taken
         self._fingers.take(event, arrival_s, self._felt[1].react)
+        self._touched(arrival_s)  # before callbacks, which may take long
         if counts.taken > before or getattr(event, "kind", None) == "up":
             self._heard(event)
+
+    def _touched(self, now_s: float) -> None:
+        """Fingers have news since a time."""
 
     def _force_of(self, event: TouchEvent) -> float | None:
         found = self.settings.touch.force.estimate(event.normal_force_n, event.contact_area_m2)
@@ -228,10 +232,17 @@ class LiveRenderer(_LiveSession):
         producer.raise_once()
         now_s = self.now_s()
         self._take(event, now_s)
-        if isinstance(producer, RevisedProducer):
-            producer.touch(now_s)
-            if producer.shortages[0] != self.stats.underruns:
-                self._take_stats(producer)
+        revises = isinstance(producer, RevisedProducer)
+        if revises and producer.shortages[0] != self.stats.underruns:
+            self._take_stats(producer)
+
+    def _touched(self, now_s: float) -> None:
+        if isinstance(self._producer, RevisedProducer):
+            self._producer.touch(now_s)
+
+    def _changed(self) -> None:
+        if self._producer is not None and self._fingers.touches.active:
+            self._touched(self.now_s())
 
     def _count_window(self, block: RenderedBlock, seconds: float, at_s: float) -> None:
         self._count(block, seconds)

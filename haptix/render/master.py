@@ -44,8 +44,10 @@ class PlayingEffect:
         length_s: float,
         priority: int,
         done: Callable[[EffectEnd], None] | None,
+        changed: Callable[[], None],
     ) -> None:
         self.effect, self.priority, self.done = effect, priority, done
+        self._changed = changed
         self.evaluator = evaluator
         self._now = now
         self.start_s = now()
@@ -69,6 +71,7 @@ class PlayingEffect:
             self.outcome = outcome
             self.fade = Glide((1.0,), (0.0,), now_s, now_s + _MUTE_S)
             self.end_s = now_s + _MUTE_S
+            self._changed()
 
 
 class Master:
@@ -76,9 +79,15 @@ class Master:
 
     The intensity scales friction above the lowest, ``mu = low + I (mu - low)``, and so never raises
     a voltage.
+
+    Parameters
+    ----------
+    changed : callable
+        Called after each change.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, changed: Callable[[], None]) -> None:
+        self._changed = changed
         self.intensity = self.user_intensity = 1.0
         self.is_muted = self.is_paused = False
         self._stood_s = self._stands_s = 0.0
@@ -108,6 +117,7 @@ class Master:
                 raise InputError(f"{name}: expected 0 to 1, got {value:g}")
             setattr(self, name, value)
         self._line = self._line.to((self._goal,), now_s, _MUTE_S if quick else _TURN_S)
+        self._changed()
 
     def pause(self, now_s: float) -> None:
         """Stand from a time on."""
@@ -152,13 +162,14 @@ class Master:
         whole("priority", priority, -(10**6))
         now_s = now()
         playing = [one for one in self._effects if one.end_s > now_s]
-        found = PlayingEffect(effect, evaluator, now, length_s, priority, done)
+        found = PlayingEffect(effect, evaluator, now, length_s, priority, done, self._changed)
         sounding = [one for one in playing if one.outcome == "played"]
         if len(sounding) >= MOST_EFFECTS:
             weakest = min([*sounding, found], key=lambda one: (one.priority, one.start_s))
             weakest.stop("dropped")
         self._ended += tuple(one for one in self._effects if one.end_s <= now_s)
         self._effects = (*playing, found)
+        self._changed()
         return found
 
     def added(self, motion: Motion) -> Array | None:

@@ -164,7 +164,7 @@ class RenderSession(RenderCore, ABC):
         drive: Drive | None = None,
         settings: RenderSettings | None = None,
     ) -> None:
-        self._master = Master()
+        self._master = Master(self._changed)
         self._listeners = Listeners()
         super().__init__(surface, texture, device, drive, settings)
         self.device = device
@@ -228,7 +228,7 @@ class RenderSession(RenderCore, ABC):
 
     def _attach(self, texture: Feelable) -> None:
         if isinstance(layout := texture.evaluator, Layout):
-            layout.attach(lambda: self._since_s)
+            layout.attach(lambda: self._since_s, self._changed)
 
     def _mixed(self, motion: Motion, first_sample: int) -> tuple[float | Array, Array | None]:
         master, first_s = self._master, first_sample / self.sample_rate_hz

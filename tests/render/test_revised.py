@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from firmware_io import Device, MockDriver, MockLink
-from haptix import LiveRenderer, Texture
+from haptix import Layout, LiveRenderer, Texture
+from haptix.materials import Transient
 from haptix.render import LiveSettings
 from haptix.render.core import RenderCore
-from haptix.render.revised import RevisedSource
+from haptix.render.revised import RevisedProducer, RevisedSource
 from haptix.render.revised_fingers import RevisedFingers
 from haptix.touch import TouchEvent
 
@@ -183,3 +184,46 @@ def test_a_renderer_that_revises_holds_its_reaction(surface):
     with LiveRenderer(surface, STRIPES, device) as renderer:
         assert renderer.stats.lead_s == renderer.settings.reaction_s == 0.003
     assert renderer.stats.reaction_p50_s != renderer.stats.reaction_p50_s  # nothing was touched
+
+
+def test_what_an_app_changes_is_rendered_again_at_once(surface, monkeypatch):
+    """As a touch is; without a finger there is nothing to render."""
+    told = []
+    monkeypatch.setattr(RevisedProducer, "touch", lambda self, now_s: told.append(now_s))
+    layout, bump = (
+        Layout(),
+        Transient(
+            curve={"kind": "pulse", "width_s": 0.02, "height": 0.3, "at_s": 0.005, "length_s": 0.03}
+        ),
+    )
+    patch = layout.add(STRIPES, 0, 0, 20, 20)
+    device = Device(MockLink(MockDriver(pace="real")))
+    with LiveRenderer(surface, layout, device) as renderer:
+
+        def changes():
+            yield setattr(renderer, "intensity", 0.5)
+            yield renderer.mute()
+            yield renderer.pause()
+            yield patch.move(x_mm=3.0)
+            effect = renderer.play(bump)
+            yield
+            yield effect.stop()
+            with layout.change():
+                patch.set(opacity=0.5)
+                patch.remove()
+            yield
+            yield setattr(renderer, "texture", STRIPES)
+
+        for _ in changes():
+            assert not told
+        patch = layout.add(STRIPES, 0, 0, 20, 20)
+        renderer.texture = layout
+        renderer.unmute()
+        renderer.resume()
+        renderer.touch(renderer.now_s(), 5.0, 5.0, 0.5)
+        assert len(told) == 1
+        before = 1
+        for _ in changes():
+            assert len(told) == before + 1
+            before = len(told)
+            assert 0.0 <= renderer.now_s() - told[-1] < 1.0
