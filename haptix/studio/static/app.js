@@ -5,7 +5,7 @@ import { History } from "./history.js";
 import { PAGES } from "./pages.js";
 import { sentence, Service } from "./service.js";
 import { START } from "./start-document.js";
-import { synchronise } from "./sync.js";
+import { Layout } from "./sync.js";
 import { texts } from "./texts.js";
 import { choose, view } from "./view.js";
 
@@ -16,12 +16,14 @@ import { choose, view } from "./view.js";
  * @typedef {object} App
  * @property {Service} service
  * @property {History<m.LayoutDocument>} history the layout that is edited and felt
+ * @property {Layout} layout what the service has of it
  */
 
 const NOTICE_MS = 8000;
 const service = new Service();
+const history = new History(START);
 /** @type {App} */
-const app = { service, history: new History(START) };
+const app = { service, history, layout: new Layout(service, history) };
 const main = el("main", { id: "main", tabIndex: -1 });
 /** @type {() => void} */
 let leave = () => {};
@@ -213,6 +215,5 @@ addEventListener("keydown", (event) => {
 addEventListener("pagehide", () => void service.session?.ask("bye").catch(() => {}));
 addEventListener("hashchange", () => void route());
 document.body.prepend(header(), main, pairing(), notices());
-synchronise(service, app.history);
 void service.start();
 void route();

@@ -11,42 +11,59 @@ import { sentence } from "./service.js";
 const GLIDE_S = 0.02;
 const PLACES = ["x_mm", "y_mm", "rotation_deg"];
 
-/**
- * Send the document at the begin of each session, and what changes in it.
- * @param {Service} service
- * @param {History<m.LayoutDocument>} history
- */
-export function synchronise(service, history) {
+/** The layout that the service has of this page: the document, or for a while another one. */
+export class Layout {
   /** @type {m.LayoutDocument | null} what the service has */
-  let known = null;
-  let is_sending = false;
+  #known = null;
+  /** @type {m.LayoutDocument | null} */
+  #held = null;
+  #is_sending = false;
 
-  async function send() {
-    const { session } = service;
-    if (is_sending || !session || !known) return;
-    is_sending = true;
-    try {
-      for (let wanted = history.current; known && known !== wanted; wanted = history.current) {
-        const ops = changes(known, wanted);
-        if (ops === null) await session.layoutSet(wanted);
-        else if (ops.length) await session.layoutChange(ops);
-        if (known) known = wanted;
-      }
-    } catch (error) {
-      service.notify("error", sentence(error));
-    } finally {
-      is_sending = false;
-    }
+  /** @param {Service} service @param {History<m.LayoutDocument>} history */
+  constructor(service, history) {
+    this.service = service;
+    this.history = history;
+    service.onBegin.push(async (session) => {
+      this.#known = null;
+      const wanted = this.#held ?? history.current;
+      await session.layoutSet(wanted);
+      this.#known = wanted;
+      void this.#send();
+    });
+    history.document.on(() => void this.#send());
   }
 
-  service.onBegin.push(async (session) => {
-    known = null;
-    const wanted = history.current;
-    await session.layoutSet(wanted);
-    known = wanted;
-    void send();
-  });
-  history.document.on(() => void send());
+  /** Let another layout be felt than the document. @param {m.LayoutDocument} document */
+  async hold(document) {
+    this.#held = document;
+    await this.#send();
+  }
+
+  /** Let the document be felt again. */
+  async release() {
+    this.#held = null;
+    await this.#send();
+  }
+
+  async #send() {
+    if (this.#is_sending) return;
+    this.#is_sending = true;
+    try {
+      for (;;) {
+        const { session } = this.service;
+        const wanted = this.#held ?? this.history.current;
+        if (!session || !this.#known || this.#known === wanted) break;
+        const ops = changes(this.#known, wanted);
+        if (ops === null) await session.layoutSet(wanted);
+        else if (ops.length) await session.layoutChange(ops);
+        if (this.#known) this.#known = wanted;
+      }
+    } catch (error) {
+      this.service.notify("error", sentence(error));
+    } finally {
+      this.#is_sending = false;
+    }
+  }
 }
 
 /**

@@ -1,0 +1,187 @@
+/** The screen's plane in millimetres: regions, the trail of the finger, and where it is. */
+
+import { el } from "./dom.js";
+import { pictureOf } from "./pictures.js";
+
+/** @import * as m from "../../../clients/typescript/types/messages.js" */
+/** @typedef {{left: number, top: number, width: number, height: number}} Box [mm] */
+
+const MARGIN_MM = 4;
+const SMALLEST_MM = [80, 50];
+const LABEL_PX = 13;
+
+/** Return the box of all regions, in millimetres. @param {m.LayoutDocument} document @returns {Box} */
+export function boxOf({ regions }) {
+  const boxes = regions.map(boxOfRegion);
+  const left = Math.min(0, ...boxes.map((box) => box.left)) - MARGIN_MM;
+  const top = Math.min(0, ...boxes.map((box) => box.top)) - MARGIN_MM;
+  const right = Math.max(SMALLEST_MM[0], ...boxes.map((box) => box.left + box.width));
+  const bottom = Math.max(SMALLEST_MM[1], ...boxes.map((box) => box.top + box.height));
+  return { left, top, width: right + MARGIN_MM - left, height: bottom + MARGIN_MM - top };
+}
+
+/** Return the box that a region lies in, turned or not. @param {m.Region} region @returns {Box} */
+export function boxOfRegion(region) {
+  const { x, y, width, height, turn } = placeOf(region);
+  const [c, s] = [Math.abs(Math.cos(turn)), Math.abs(Math.sin(turn))];
+  const [w, h] = [width * c + height * s, width * s + height * c];
+  return { left: x + width / 2 - w / 2, top: y + height / 2 - h / 2, width: w, height: h };
+}
+
+/** @param {m.Region} region */
+export function placeOf(region) {
+  const turn = ((region.rotation_deg ?? 0) * Math.PI) / 180;
+  return {
+    x: region.x_mm ?? 0, y: region.y_mm ?? 0, turn,
+    width: region.width_mm ?? 20, height: region.height_mm ?? 20,
+  };
+}
+
+export class Board {
+  /** Pixels of the page for a millimetre. */
+  px_per_mm = 4;
+  /** @type {Box} */
+  box = { left: 0, top: 0, width: 100, height: 60 };
+  /** @type {m.LayoutDocument} */
+  document = { regions: [] };
+  /** Called when the place of the plane on the page has changed. */
+  onFit = () => {};
+
+  #picture = el("canvas", { "aria-hidden": "true" });
+  #trail = el("canvas", { "aria-hidden": "true" });
+  #over = el("canvas", { "aria-hidden": "true" });
+  #observer = new ResizeObserver(() => this.fit());
+
+  /** @param {Record<string, any>} props of the element */
+  constructor(props) {
+    this.element = el("div.board", props, this.#picture, this.#trail, this.#over);
+    this.#observer.observe(this.element);
+    this.trail = /** @type {CanvasRenderingContext2D} */ (this.#trail.getContext("2d"));
+    this.over = /** @type {CanvasRenderingContext2D} */ (this.#over.getContext("2d"));
+  }
+
+  /** Show a layout. @param {m.LayoutDocument} document */
+  show(document) {
+    this.document = document;
+    this.fit();
+  }
+
+  close() {
+    this.#observer.disconnect();
+  }
+
+  /** Take the room that there is. */
+  fit() {
+    const { clientWidth: width, clientHeight: height } = this.element;
+    if (!width || !height) return;
+    const box = boxOf(this.document);
+    const px_per_mm = Math.min(width / box.width, height / box.height);
+    // In the middle of the room that is left.
+    box.left -= (width / px_per_mm - box.width) / 2;
+    box.top -= (height / px_per_mm - box.height) / 2;
+    const ratio = devicePixelRatio;
+    for (const canvas of [this.#picture, this.#trail, this.#over]) {
+      canvas.width = Math.round(width * ratio);
+      canvas.height = Math.round(height * ratio);
+      const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+      const scale = px_per_mm * ratio;
+      context.setTransform(scale, 0, 0, scale, -box.left * scale, -box.top * scale);
+    }
+    Object.assign(this, { box, px_per_mm });
+    this.draw();
+    this.onFit();
+  }
+
+  /** Return the place of a pointer on the plane [mm]. @param {{clientX: number, clientY: number}} event */
+  place(event) {
+    const { left, top } = this.element.getBoundingClientRect();
+    return {
+      x_mm: this.box.left + (event.clientX - left) / this.px_per_mm,
+      y_mm: this.box.top + (event.clientY - top) / this.px_per_mm,
+    };
+  }
+
+  /** Take the trail, or what lies over all, away. @param {CanvasRenderingContext2D} context */
+  clear(context) {
+    const { canvas } = context;
+    context.save();
+    context.resetTransform();
+    context.clearRect(0, 0, canvas.width, canvas.height);
+    context.restore();
+  }
+
+  draw() {
+    const context = /** @type {CanvasRenderingContext2D} */ (this.#picture.getContext("2d"));
+    const style = getComputedStyle(this.element);
+    const [grid, ink] = [style.getPropertyValue("--grid"), style.getPropertyValue("--ink")];
+    this.clear(context);
+    this.#drawGrid(context, grid, style.getPropertyValue("--quiet"));
+    const px = 1 / this.px_per_mm;
+    const in_order = [...this.document.regions].sort((a, b) => (a.z ?? 0) - (b.z ?? 0));
+    for (const region of in_order) {
+      const { x, y, width, height, turn } = placeOf(region);
+      context.save();
+      context.translate(x + width / 2, y + height / 2);
+      context.rotate(turn);
+      context.translate(-width / 2, -height / 2);
+      context.beginPath();
+      if (region.shape === "ellipse") {
+        context.ellipse(width / 2, height / 2, width / 2, height / 2, 0, 0, 2 * Math.PI);
+      } else if (Array.isArray(region.shape)) {
+        region.shape.forEach(([px_mm, py_mm]) => context.lineTo(px_mm, py_mm));
+        context.closePath();
+      } else context.roundRect(0, 0, width, height, 1);
+      context.save();
+      context.clip();
+      const picture = pictureOf(region, () => this.draw());
+      context.globalAlpha = region.opacity ?? 1;
+      context.imageSmoothingEnabled = true;
+      context.drawImage(picture, 0, 0, width, height);
+      context.restore();
+      context.lineWidth = px;
+      context.strokeStyle = grid;
+      context.stroke();
+      // The name, readable on any picture.
+      context.font = `600 ${LABEL_PX * px}px system-ui, sans-serif`;
+      const wide = context.measureText(region.name).width;
+      context.globalAlpha = 0.86;
+      context.fillStyle = style.getPropertyValue("--sheet");
+      context.beginPath();
+      context.roundRect(5 * px, 5 * px, wide + 12 * px, (LABEL_PX + 8) * px, 4 * px);
+      context.fill();
+      context.globalAlpha = 1;
+      context.fillStyle = ink;
+      context.fillText(region.name, 11 * px, (LABEL_PX + 8) * px);
+      context.restore();
+    }
+  }
+
+  /** @param {CanvasRenderingContext2D} context @param {string} grid @param {string} ink */
+  #drawGrid(context, grid, ink) {
+    const { clientWidth, clientHeight } = this.element;
+    const px = 1 / this.px_per_mm;
+    const [right, bottom] = [this.box.left + clientWidth * px, this.box.top + clientHeight * px];
+    context.lineWidth = px;
+    context.strokeStyle = grid;
+    context.globalAlpha = 0.55;
+    context.beginPath();
+    const from = (/** @type {number} */ start) => Math.ceil(start / 10) * 10;
+    for (let x = from(this.box.left); x < right; x += 10) {
+      context.moveTo(x, this.box.top);
+      context.lineTo(x, bottom);
+    }
+    for (let y = from(this.box.top); y < bottom; y += 10) {
+      context.moveTo(this.box.left, y);
+      context.lineTo(right, y);
+    }
+    context.stroke();
+    context.globalAlpha = 1;
+    context.fillStyle = ink;
+    context.font = `${11 * px}px system-ui, sans-serif`;
+    context.textAlign = "center";
+    for (let x = from(this.box.left + 8 * px); x < right - 14 * px; x += 20) {
+      context.fillText(x === 0 ? "0 mm" : String(x), x, bottom - 5 * px);
+    }
+    context.textAlign = "left";
+  }
+}

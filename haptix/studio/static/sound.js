@@ -1,0 +1,61 @@
+/** Sound of what is felt: off at first, quiet, and late by a stated time. */
+
+/** @import { Track } from "./telemetry.js" */
+
+export const DELAY_S = 0.05; // of what is heard, so that it does not break off between two frames
+
+/** Plays what fingers feel while it is on. */
+export class Sound {
+  /** @type {AudioContext | null} */
+  #context = null;
+  /** @type {AudioWorkletNode | null} */
+  #node = null;
+  /** @type {GainNode | null} */
+  #gain = null;
+
+  /** Begin; a browser allows that only when a person has pressed something. @param {number} volume_db */
+  async start(volume_db) {
+    const context = (this.#context ??= new AudioContext({ latencyHint: "interactive" }));
+    if (!this.#node) {
+      await context.audioWorklet.addModule("/studio/sound-worklet.js");
+      this.#node = new AudioWorkletNode(context, "felt-friction", {
+        processorOptions: { delay_s: DELAY_S },
+      });
+      this.#gain = new GainNode(context);
+      this.#node.connect(this.#gain).connect(context.destination);
+    }
+    this.volume(volume_db);
+    await context.resume();
+  }
+
+  /** @param {number} volume_db dB of full scale */
+  volume(volume_db) {
+    if (this.#gain && this.#context) {
+      this.#gain.gain.setTargetAtTime(10 ** (volume_db / 20), this.#context.currentTime, 0.02);
+    }
+  }
+
+  async stop() {
+    await this.#context?.suspend();
+  }
+
+  close() {
+    void this.#context?.close();
+    this.#context = this.#node = this.#gain = null;
+  }
+
+  /** Hear rows whose felt friction has come.
+   * @param {Track} track @param {number} from @param {number} to */
+  add(track, from, to) {
+    if (!this.#node || this.#context?.state !== "running" || to - from < 2) return;
+    const rows = new Float32Array(2 * (to - from));
+    for (let row = from; row < to; row += 1) {
+      const step_s = track.at("t", row) - track.at("t", row - 1);
+      const [dx, dy] = [track.at("x_mm", row) - track.at("x_mm", row - 1), track.at("y_mm", row) - track.at("y_mm", row - 1)];
+      rows[2 * (row - from)] = track.at("force_n", row) || 0;
+      rows[2 * (row - from) + 1] = Math.hypot(dx, dy) / step_s || 0;
+    }
+    const rate_hz = (to - from - 1) / (track.at("t", to - 1) - track.at("t", from));
+    this.#node.port.postMessage({ rows, rate_hz }, [rows.buffer]);
+  }
+}

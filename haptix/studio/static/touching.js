@@ -1,0 +1,168 @@
+/** Fingers on the board: pointers and keys become touches, and what is drawn under them. */
+
+import { now } from "/client/haptix.js";
+import { view } from "./view.js";
+
+/** @import { Board } from "./board.js" */
+/** @import { Service } from "./service.js" */
+/** @import { Point } from "./strokes.js" */
+/** @typedef {{x_mm: number, y_mm: number, touch_id: number}} Cursor */
+
+const KEY_SPEED_MM_S = 60;
+const KEY_STEP_MS = 8;
+const KEY_TOUCH = 9; // no pointer gets it before nine others
+const LEAST_N = 0.05;
+const ARROWS = /** @type {Record<string, [number, number]>} */ ({
+  ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1],
+});
+const KINDS = ["pointerdown", "pointermove", "pointerup", "pointercancel", "pointerleave"];
+
+/** Return the normal force of an event [N]; undefined where the service assumes one.
+ * @param {{pressure: number, pointerType: string}} event */
+export function forceOf({ pressure, pointerType }) {
+  const { force, force_n, pressure_n } = view.get();
+  if (force === "assumed") return undefined;
+  // A mouse always says 0.5: that is no pressure.
+  if (force === "pressure" && pointerType !== "mouse" && pressure > 0) {
+    return Math.max(pressure * pressure_n, LEAST_N);
+  }
+  return force_n;
+}
+
+export class Touching {
+  /** Where fingers are. @type {Map<number, Cursor>} */
+  cursors = new Map();
+  /** Called with each point, also of a replay. @type {Set<(t_s: number, point: Omit<Point, "t_s">) => void>} */
+  onPoint = new Set();
+  /** @type {{x: number, y: number} | null} the keyboard's finger */
+  #key = null;
+  #held = new Set();
+  #timer = 0;
+  #numbers = /** @type {Map<number, number>} */ (new Map());
+  #end = new AbortController();
+
+  /** @param {Board} board @param {Service} service */
+  constructor(board, service) {
+    this.board = board;
+    this.service = service;
+    const { element } = board;
+    const { signal } = this.#end;
+    for (const kind of KINDS) {
+      element.addEventListener(kind, (event) => this.#pointer(/** @type {PointerEvent} */ (event)), { signal });
+    }
+    element.addEventListener("keydown", (event) => this.#keyDown(event), { signal });
+    element.addEventListener("keyup", (event) => this.#keyUp(event), { signal });
+    element.addEventListener("blur", () => this.#release(), { signal });
+    element.addEventListener("contextmenu", (event) => event.preventDefault(), { signal });
+    board.onFit = () => void this.geometry();
+  }
+
+  /** Say where the board lies, so that pixels become millimetres. */
+  async geometry() {
+    const { box, px_per_mm } = this.board;
+    await this.service.session
+      ?.geometry({ px_per_mm, origin_mm: [box.left, box.top] })
+      .catch(() => {}); // told again when there is a session again
+  }
+
+  close() {
+    this.#release();
+    this.#end.abort();
+    for (const touch_id of this.cursors.keys()) this.service.session?.lift(touch_id);
+    this.cursors.clear();
+  }
+
+  /** Take a point that was sent: of a pointer, a key, or a replay. @param {number} t_s @param {Omit<Point, "t_s">} point */
+  took(t_s, point) {
+    if (point.kind === "up") this.cursors.delete(point.touch_id);
+    else this.cursors.set(point.touch_id, point);
+    for (const handler of this.onPoint) handler(t_s, point);
+  }
+
+  /** @param {PointerEvent} event */
+  #pointer(event) {
+    const { element } = this.board;
+    const down = event.type === "pointerdown";
+    if (down) {
+      if (event.pointerType === "mouse" && event.button !== 0) return;
+      element.setPointerCapture(event.pointerId);
+      element.focus({ preventScroll: true });
+    }
+    const normal_force_n = forceOf(event);
+    this.service.session?.pointer(event, { element, normal_force_n });
+    const known = this.#numbers.get(event.pointerId);
+    const ends = event.type !== "pointerdown" && (event.type !== "pointermove" || event.buttons === 0);
+    if (known === undefined && !down) return;
+    const touch_id = known ?? this.#free();
+    if (ends) {
+      this.#numbers.delete(event.pointerId);
+      this.took(event.timeStamp / 1e3, { ...this.board.place(event), touch_id, kind: "up", normal_force_n });
+      return;
+    }
+    this.#numbers.set(event.pointerId, touch_id);
+    const several = down ? [] : (event.getCoalescedEvents?.() ?? []);
+    for (const each of several.length ? several : [event]) {
+      const kind = down ? "down" : "move";
+      this.took(each.timeStamp / 1e3, { ...this.board.place(each), touch_id, kind, normal_force_n: forceOf(each) });
+    }
+  }
+
+  #free() {
+    const taken = new Set(this.#numbers.values());
+    let id = 0;
+    while (taken.has(id)) id += 1;
+    return id;
+  }
+
+  /** @param {KeyboardEvent} event */
+  #keyDown(event) {
+    if (!(event.key in ARROWS) || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    this.#held.add(event.key);
+    if (this.#timer) return;
+    const { box } = this.board;
+    this.#key ??= { x: box.left + box.width / 2, y: box.top + box.height / 2 };
+    this.#keys("down");
+    let before_s = now();
+    this.#timer = setInterval(() => {
+      const s = now();
+      const directions = [...this.#held].map((key) => ARROWS[key]);
+      const [dx, dy] = [0, 1].map((axis) => directions.reduce((sum, each) => sum + each[axis], 0));
+      const step_mm = (KEY_SPEED_MM_S * (s - before_s)) / (Math.hypot(dx, dy) || 1);
+      before_s = s;
+      const key = /** @type {{x: number, y: number}} */ (this.#key);
+      key.x = clamp(key.x + dx * step_mm, box.left, box.left + box.width);
+      key.y = clamp(key.y + dy * step_mm, box.top, box.top + box.height);
+      this.#keys("move");
+    }, KEY_STEP_MS);
+  }
+
+  /** @param {KeyboardEvent} event */
+  #keyUp(event) {
+    this.#held.delete(event.key);
+    if (!this.#held.size) this.#release();
+  }
+
+  #release() {
+    this.#held.clear();
+    if (!this.#timer) return;
+    clearInterval(this.#timer);
+    this.#timer = 0;
+    this.#keys("up");
+  }
+
+  /** @param {"down" | "move" | "up"} kind */
+  #keys(kind) {
+    const { x, y } = /** @type {{x: number, y: number}} */ (this.#key);
+    const normal_force_n = forceOf({ pressure: 0, pointerType: "mouse" });
+    const point = { touch_id: KEY_TOUCH, kind, x_mm: x, y_mm: y, normal_force_n };
+    const t_s = now();
+    this.service.session?.touches([{ ...point, t_s }]);
+    this.took(t_s, point);
+  }
+}
+
+/** @param {number} value @param {number} low @param {number} high */
+function clamp(value, low, high) {
+  return Math.min(Math.max(value, low), high);
+}

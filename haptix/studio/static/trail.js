@@ -1,0 +1,123 @@
+/** The finger's trail on the board: where it was at once, coloured by the error once that is known. */
+
+import { texts } from "./texts.js";
+
+/** @import { Board } from "./board.js" */
+/** @import { Cursor } from "./touching.js" */
+/** @import { Track } from "./telemetry.js" */
+
+const WIDTH_PX = 5;
+const FRESH = "rgb(128 128 128 / 0.6)";
+/** Colours of Okabe and Ito that stand apart on light and dark, by the size of the error [JND]. */
+export const SCALE = [
+  { below: 0.25, color: "#009e73" },
+  { below: 0.5, color: "#56b4e9" },
+  { below: 1, color: "#e69f00" },
+  { below: Infinity, color: "#d55e00" },
+];
+export const UNREACHABLE = "#cc79a7";
+
+/** Name of a step of the scale. @param {number} index */
+export function nameOf(index) {
+  const last = index === SCALE.length - 1;
+  return last ? texts.play.above(SCALE[index - 1].below) : texts.play.below(SCALE[index].below);
+}
+
+export class Trail {
+  /** @type {{from: {x: number, y: number}, to: {x: number, y: number}}[]} */
+  #fresh = [];
+  /** @type {{track: Track, from: number, to: number}[]} */
+  #felt = [];
+  /** @type {Map<number, {x: number, y: number}>} */
+  #last = new Map();
+  #clears = false;
+
+  /** @param {Board} board */
+  constructor(board) {
+    this.board = board;
+  }
+
+  /** @param {{touch_id: number, kind: string, x_mm: number, y_mm: number}} point */
+  add({ touch_id, kind, x_mm, y_mm }) {
+    const to = { x: x_mm, y: y_mm };
+    const from = this.#last.get(touch_id);
+    if (kind === "down" && !this.#last.size) this.#clears = true;
+    if (from && kind === "move") this.#fresh.push({ from, to });
+    if (kind === "up") this.#last.delete(touch_id);
+    else this.#last.set(touch_id, to);
+  }
+
+  /** @param {Track} track @param {number} from @param {number} to */
+  addFelt(track, from, to) {
+    this.#felt.push({ track, from: Math.max(from - 1, track.first), to });
+  }
+
+  /** Draw what has come since the last frame. @param {Iterable<Cursor>} cursors */
+  draw(cursors) {
+    const { trail, over, px_per_mm } = this.board;
+    const px = 1 / px_per_mm;
+    if (this.#clears) this.board.clear(trail);
+    this.#clears = false;
+    trail.lineCap = "round";
+    trail.lineWidth = WIDTH_PX * px;
+    if (this.#fresh.length) {
+      trail.strokeStyle = FRESH;
+      trail.beginPath();
+      for (const { from, to } of this.#fresh) {
+        trail.moveTo(from.x, from.y);
+        trail.lineTo(to.x, to.y);
+      }
+      trail.stroke();
+      this.#fresh = [];
+    }
+    for (const part of this.#felt) this.#drawFelt(part);
+    this.#felt = [];
+    this.board.clear(over);
+    for (const { x_mm, y_mm } of cursors) {
+      over.lineWidth = 2.5 * px;
+      over.strokeStyle = "#fff";
+      over.fillStyle = "rgb(0 114 178 / 0.55)";
+      over.beginPath();
+      over.arc(x_mm, y_mm, 11 * px, 0, 2 * Math.PI);
+      over.fill();
+      over.stroke();
+      over.lineWidth = px;
+      over.strokeStyle = "#000a";
+      over.stroke();
+    }
+  }
+
+  /** One path for each run of the same colour. @param {{track: Track, from: number, to: number}} part */
+  #drawFelt({ track, from, to }) {
+    const { trail } = this.board;
+    let color = "";
+    trail.save();
+    trail.globalAlpha = 1;
+    for (let row = from + 1; row < to; row += 1) {
+      const next = colorOf(track, row);
+      if (!next || track.at("t", row) - track.at("t", row - 1) > 0.02) {
+        if (color) trail.stroke();
+        color = "";
+        continue;
+      }
+      if (next !== color) {
+        if (color) trail.stroke();
+        color = next;
+        trail.strokeStyle = color;
+        trail.beginPath();
+        trail.moveTo(track.at("x_mm", row - 1), track.at("y_mm", row - 1));
+      }
+      trail.lineTo(track.at("x_mm", row), track.at("y_mm", row));
+    }
+    if (color) trail.stroke();
+    trail.restore();
+  }
+}
+
+/** @param {Track} track @param {number} row */
+function colorOf(track, row) {
+  const error = Math.abs(track.error(row));
+  if (Number.isNaN(error)) return "";
+  if (!track.isReachable(row)) return UNREACHABLE;
+  return /** @type {{color: string}} */ (SCALE.find(({ below }) => error < below)).color;
+}
