@@ -229,13 +229,15 @@ class EngineServer:
         from haptix.profiles import profiles_for
         from haptix.render.core import DEFAULT_CARRIER_HZ
         from haptix.screen import Screen
+        from haptix.service.profiles import profiles_of
         from haptix.surface import FrictionSurface, cached_surface
 
         self._assets = Path(assets)
         self._device = open_device(device)
         finger, screen = profiles_for(self._device, finger, screen)
+        used = Finger.named(finger), Screen.named(screen)
         if surface is None:
-            model = ContactModel(Finger.named(finger), Screen.named(screen))
+            model = ContactModel(*used)
             scene = {"normal_force_n": FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
             self._surface, _ = cached_surface(model, scene, TOLERANCE)
         else:
@@ -245,6 +247,7 @@ class EngineServer:
             "device": self._device.name,
             "finger": finger,
             "screen": screen,
+            "profiles": profiles_of(*used, {"finger": finger, "screen": screen}),
             "kinds": sorted(KINDS),
             "schema": schema(),
         }

@@ -20,6 +20,7 @@ from haptix.service.assets import AssetStore
 from haptix.service.hub import TICK_S, Hub
 from haptix.service.messages import Problem
 from haptix.service.pages import pages
+from haptix.service.profiles import profiles_router
 from haptix.service.session import ServiceSession
 from haptix.version import __version__
 
@@ -233,6 +234,7 @@ def application(
             raise Problem("access", "pages of other sites cannot stop the output")
         hub.stop("stopped by the button")
 
+    app.include_router(profiles_router(hub, token))
     app.include_router(pages(hub.access))
 
     @app.websocket("/v1/session")

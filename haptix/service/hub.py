@@ -56,6 +56,7 @@ class Hub:
     ) -> None:
         self.access, self.engine, self.inventory = access, engine, inventory
         self.material_schema: dict[str, Any] = {}
+        self.profiles: dict[str, Any] = {}
         self.now_s = now_s
         self.sessions: dict[int, ServiceSession] = {}
         self.keep_alive = m.KeepAlive()

@@ -114,6 +114,7 @@ def serve(
             server.should_exit = True
             return
         hub.inventory, hub.material_schema = _inventory(device, found), found["schema"]
+        hub.profiles = found["profiles"]
         on_ready(access, hub.inventory)
 
     config = uvicorn.Config(

@@ -3,6 +3,7 @@
 import { el, fill } from "./dom.js";
 import { History } from "./history.js";
 import { PAGES } from "./pages.js";
+import { picturesFrom } from "./pictures.js";
 import { sentence, Service } from "./service.js";
 import { START } from "./start-document.js";
 import { Layout } from "./sync.js";
@@ -215,5 +216,6 @@ addEventListener("keydown", (event) => {
 addEventListener("pagehide", () => void service.session?.ask("bye").catch(() => {}));
 addEventListener("hashchange", () => void route());
 document.body.prepend(header(), main, pairing(), notices());
+picturesFrom(service);
 void service.start();
 void route();

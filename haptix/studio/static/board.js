@@ -179,9 +179,11 @@ export class Board {
     context.fillStyle = ink;
     context.font = `${11 * px}px system-ui, sans-serif`;
     context.textAlign = "center";
-    for (let x = from(this.box.left + 8 * px); x < right - 14 * px; x += 20) {
-      context.fillText(x === 0 ? "0 mm" : String(x), x, bottom - 5 * px);
+    for (let x = from(this.box.left + 8 * px); x < right - 34 * px; x += 10) {
+      context.fillText(x === 0 ? "0" : `${x}`, x, bottom - 5 * px);
     }
+    context.textAlign = "right";
+    context.fillText("mm", right - 6 * px, bottom - 5 * px);
     context.textAlign = "left";
   }
 }

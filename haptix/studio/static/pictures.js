@@ -1,21 +1,60 @@
 /** Pictures of regions: friction as brightness, drawn here until the service's own has come. */
 
+import { el } from "./dom.js";
+
 /** @import * as m from "../../../clients/typescript/types/messages.js" */
 
 const PX_PER_MM = 6;
 const MOST_PX = 900;
 const MOST_KEPT = 200;
+const COLUMNS = 320;
+const LEVELS = 127.5; // (share + 0.5) * LEVELS is the byte of a place
+const SETTLED_MS = 150; // a region that is drawn larger asks for one picture at its end
+const VIRIDIS = [
+  [68, 1, 84], [71, 45, 123], [59, 82, 139], [44, 114, 142], [33, 145, 140],
+  [40, 174, 128], [94, 201, 98], [173, 220, 48], [253, 231, 37],
+];
 
 /** @type {((region: m.Region) => Promise<CanvasImageSource | null>) | null} */
 let source = null;
 /** @type {Map<string, CanvasImageSource>} */
 const kept = new Map();
+/** @type {Map<string, string>} what each region was last drawn with */
+const newest = new Map();
 
-/** Say who makes pictures from documents; without, they are plain.
- * @param {(region: m.Region) => Promise<CanvasImageSource | null>} make */
-export function picturesFrom(make) {
-  source = make;
+/** Let the service draw: what a material asks for, for a finger that goes right.
+ * @param {import("./service.js").Service} service */
+export function picturesFrom(service) {
+  source = async ({ material, width_mm, height_mm }) => {
+    const asked = { material, width_mm, height_mm, columns: COLUMNS };
+    return drawn(await (await service.rest("POST", "/v1/pictures", asked)).json());
+  };
   kept.clear();
+}
+
+/**
+ * Return a picture of a map of friction, as `POST /v1/pictures` gives it.
+ * @param {{columns: number, rows: number, levels: string}} map
+ */
+export function drawn({ columns, rows, levels }) {
+  const bytes = Uint8Array.from(atob(levels), (char) => char.charCodeAt(0));
+  const canvas = el("canvas", { width: columns, height: rows });
+  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  const image = context.createImageData(columns, rows);
+  bytes.forEach((level, at) => {
+    const [r, g, b] = shade(level / LEVELS - 0.5);
+    image.data.set([r, g, b, 255], 4 * at);
+  });
+  context.putImageData(image, 0, 0);
+  return canvas;
+}
+
+/** Return the colour of a share of the reachable friction: viridis, the ends held beyond.
+ * @param {number} share */
+export function shade(share) {
+  const at = Math.min(Math.max(share, 0), 1) * (VIRIDIS.length - 1);
+  const low = Math.min(Math.floor(at), VIRIDIS.length - 2);
+  return VIRIDIS[low].map((value, i) => value + (VIRIDIS[low + 1][i] - value) * (at - low));
 }
 
 /**
@@ -29,21 +68,22 @@ export function pictureOf(region, again) {
   const key = JSON.stringify([material, width_mm, height_mm, scale]);
   const found = kept.get(key);
   if (found) return found;
-  const drawn = draft(region);
-  kept.set(key, drawn);
+  const first = draft(region);
+  kept.set(key, first);
   for (const old of kept.keys()) {
     if (kept.size <= MOST_KEPT) break;
     kept.delete(old);
   }
-  void source?.(region).then(
-    (picture) => {
-      if (!picture) return;
-      kept.set(key, picture);
-      again();
-    },
-    () => {}, // the draft stays
-  );
-  return drawn;
+  newest.set(region.name, key);
+  const ask = source;
+  setTimeout(async () => {
+    if (!ask || newest.get(region.name) !== key) return;
+    const picture = await ask(region).catch(() => null); // the draft stays
+    if (!picture) return;
+    kept.set(key, picture);
+    again();
+  }, SETTLED_MS);
+  return first;
 }
 
 /** A quick picture of a material's character, not of its numbers. @param {m.Region} region */

@@ -79,7 +79,8 @@ export class Readings {
     values.force.textContent = `${track.at("normal_force_n", row).toFixed(2)} N `;
     values.force.append(el("small", {}, source));
     values.speed.textContent = `${speedOf(track).toFixed(0)} mm/s`;
-    values.voltage.textContent = `${(100 * track.at("voltage_share", row)).toFixed(0)} %`;
+    values.voltage.textContent = `${(100 * track.at("voltage_share", row)).toFixed(0)} % `;
+    values.voltage.append(el("small", {}, texts.play.ofHighest));
     const errors = errorsOf(track);
     if (!errors) return;
     for (const { name, bar, value } of this.bars) {

@@ -71,7 +71,7 @@ export class FrictionPlot extends Plot {
       ...OPTIONS,
       scales: { x: { time: false, range: () => /** @type {[number, number]} */ ([-SHOWN_S, 0]) } },
       axes: [
-        { ...axis(), size: 30, values: (/** @type {any} */ _, /** @type {number[]} */ at) => at.map((s) => `${s} s`) },
+        { ...axis(), size: 24, label: texts.play.seconds, space: 60, values: (/** @type {any} */ _, /** @type {number[]} */ at) => at.map((s) => s.toFixed(1)) },
         { ...axis(), size: 44, label: texts.play.friction },
       ],
       series: [
@@ -128,8 +128,8 @@ export class SpectrumPlot extends Plot {
       },
       axes: [
         {
-          ...axis(), size: 30, splits: () => ticks,
-          values: (/** @type {any} */ _, /** @type {number[]} */ at) => at.map((hz) => `${hz} Hz`).map((text, i) => (i % 2 ? text : "")),
+          ...axis(), size: 24, label: texts.play.hertz, filter: (/** @type {any} */ _, /** @type {number[]} */ at) => at, splits: () => ticks,
+          values: (/** @type {any} */ _, /** @type {number[]} */ at) => at.map((hz) => (hz === null ? "" : String(hz))),
         },
         { ...axis(), size: 44, label: texts.play.jnd },
       ],

@@ -7,7 +7,7 @@ import { texts } from "./texts.js";
 /** @import { Track } from "./telemetry.js" */
 
 const WIDTH_PX = 5;
-const FRESH = "rgb(128 128 128 / 0.6)";
+const FRESH = "#8a949e";
 /** Colours of Okabe and Ito that stand apart on light and dark, by the size of the error [JND]. */
 export const SCALE = [
   { below: 0.25, color: "#009e73" },

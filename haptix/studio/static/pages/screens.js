@@ -1,3 +1,162 @@
-/** Devices. */
-/** @type {import("../pages.js").Page["mount"]} */
-export function mount(root) { root.append("screens"); return () => {}; }
+/** Which driver, screen and finger; what they rest on; what the output does; STOP. */
+
+import { el, fill } from "../dom.js";
+import { Telemetry } from "../telemetry.js";
+import { texts } from "../texts.js";
+
+/** @import { App } from "../app.js" */
+/**
+ * @typedef {object} Profile as `GET /v1/profiles/{kind}` gives it
+ * @property {string} name
+ * @property {string} source
+ * @property {string | null} calibrated
+ * @property {number | null} age_days
+ * @property {string} verdict
+ * @property {string[]} rests_on
+ * @property {Record<string, number>} spread
+ * @property {string[]} warnings
+ * @property {Record<string, unknown>} document
+ */
+
+const RATE_HZ = 100;
+const DRAWN_MS = 200;
+const OVER_S = 10;
+const t = texts.screens;
+
+/** @param {HTMLElement} root @param {App} app */
+export function mount(root, app) {
+  const { service } = app;
+  const telemetry = new Telemetry();
+  const driver = el("dl.facts");
+  const kind = el("p");
+  const screen = el("div");
+  const finger = el("div");
+  const live = el("dl.readings");
+  const stop = el("button.stop", { type: "button", onclick: () => void service.attempt(() => service.stop()) }, t.stop);
+  root.append(
+    el("section.sheet.stopper", {}, stop, el("p", {}, t.stopHelp)),
+    el("section.sheet", {}, el("h2", {}, t.driver), kind, driver, controls(app)),
+    el("section.sheet", {}, el("h2", {}, t.live), live, el("small", {}, t.liveHelp)),
+    el("section.sheet", {}, el("h2", {}, t.screen), screen),
+    el("section.sheet", {}, el("h2", {}, t.finger), finger),
+  );
+
+  const show = () => {
+    const [device] = service.inventory.get()?.devices ?? [];
+    const output = service.output.get();
+    kind.textContent = device ? (device.is_real ? t.real : t.virtual) : "";
+    fill(driver, facts([
+      [t.driver, device?.name ?? t.unknown],
+      [t.address, device?.address ?? t.unknown],
+      [t.state, output ? `${texts.state[output.state]}: ${output.reason}` : t.unknown],
+    ]));
+  };
+  const read = async (/** @type {string} */ name, /** @type {HTMLElement} */ where) => {
+    const profile = await (await service.rest("GET", `/v1/profiles/${name}`)).json();
+    fill(where, described(profile));
+  };
+  const ends = [
+    service.inventory.on(show),
+    service.output.on(show),
+    service.state.on(({ phase }) => {
+      if (phase !== "open") return;
+      void service.attempt(() => read("screen", screen));
+      void service.attempt(() => read("finger", finger));
+    }),
+    service.listen({ friction: RATE_HZ, stats: 5 }, (frame) => telemetry.add(frame)),
+  ];
+  const draw = () => {
+    const { stats } = telemetry;
+    const [mean, rms, peak] = shares(telemetry);
+    const ms = (/** @type {number} */ s) => (s > 0 ? `${(1e3 * s).toFixed(1)} ms` : "–");
+    const share = (/** @type {number} */ value) => (Number.isNaN(value) ? "–" : `${(100 * value).toFixed(0)} %`);
+    const count = (/** @type {number | undefined} */ value) => (value === undefined ? "–" : String(value));
+    fill(live, facts([
+      [t.mean, share(mean)], [t.rms, share(rms)], [t.peak, share(peak)],
+      [t.underruns, count(stats.underruns)], [t.touches, count(stats.touches)],
+      [t.reaction, ms(stats.reaction_s)], [t.reaction99, ms(stats.reaction_p99_s)],
+    ]));
+  };
+  draw();
+  const timer = setInterval(draw, DRAWN_MS);
+  return () => {
+    clearInterval(timer);
+    for (const end of ends) end();
+  };
+}
+
+/** @param {App} app */
+function controls({ service }) {
+  const slider = el("input", {
+    id: "intensity", type: "range", min: "0", max: "1", step: "0.05",
+    onchange: () => void service.attempt(async () => {
+      if (service.session) service.output.set(await service.session.intensity(Number(slider.value)));
+    }),
+  });
+  const value = el("output");
+  const mute = el("input", {
+    type: "checkbox",
+    onchange: () => void service.attempt(async () => {
+      if (service.session) service.output.set(await service.session.mute(mute.checked));
+    }),
+  });
+  const pause = el("input", {
+    type: "checkbox",
+    onchange: () => void service.attempt(async () => {
+      if (service.session) service.output.set(await service.session.pause(pause.checked));
+    }),
+  });
+  const show = () => {
+    const output = service.output.get();
+    for (const input of [slider, mute, pause]) input.disabled = !service.lease.get()?.is_mine;
+    if (!output) return;
+    slider.value = String(output.intensity);
+    value.textContent = `${Math.round(100 * output.intensity)} %`;
+    mute.checked = output.muted;
+    pause.checked = output.paused;
+  };
+  service.output.on(show);
+  service.lease.on(show);
+  return el("div.tool", {},
+    el("label", { for: "intensity" }, t.intensity), el("div.slide", {}, slider, value), el("small", {}, t.intensityHelp),
+    el("label.row", {}, mute, t.mute), el("label.row", {}, pause, t.pause));
+}
+
+/** @param {[string, string | number | Node][]} rows */
+function facts(rows) {
+  return rows.map(([name, value]) => el("div", {}, el("dt", {}, name), el("dd", {}, value)));
+}
+
+/** @param {Profile} profile */
+function described({ name, source, calibrated, age_days, verdict, rests_on, spread, warnings, document }) {
+  const list = (/** @type {string[]} */ items) => el("ul", {}, items.map((item) => el("li", {}, item)));
+  /** @type {[string, string | Node][]} */
+  const rows = [
+    [t.source, source === "preset" ? `${name} (preset)` : `${name}, ${source}`],
+    [t.calibrated, calibrated ? t.age(calibrated, age_days ?? 0) : t.never],
+    [t.warnings, warnings.length ? list(warnings) : t.trusted],
+  ];
+  if (verdict) rows.push([t.verdict, verdict]);
+  if (rests_on.length) rows.push([t.rests, list(rests_on)]);
+  const found = Object.entries(spread);
+  if (found.length) rows.push([t.spread, list(found.map(([key, sd]) => `${key}: ${(100 * sd).toFixed(1)} %`))]);
+  return [
+    el("dl.facts", {}, facts(rows)),
+    el("details", {}, el("summary", {}, t.numbers), el("pre", { tabIndex: 0 }, JSON.stringify(document, null, 2))),
+  ];
+}
+
+/** Mean, root mean square and highest share of the voltage, of all that was touched lately.
+ * @param {Telemetry} telemetry */
+function shares(telemetry) {
+  let [sum, squares, peak, count] = [0, 0, 0, 0];
+  const until_s = telemetry.newest?.end_s ?? 0;
+  for (const track of telemetry.tracks.values()) {
+    for (let row = track.first; row < track.count; row += 1) {
+      const share = track.at("voltage_share", row);
+      if (until_s - track.at("t", row) > OVER_S || Number.isNaN(share)) continue;
+      [sum, squares, peak, count] = [sum + share, squares + share ** 2, Math.max(peak, share), count + 1];
+    }
+  }
+  return count ? [sum / count, Math.sqrt(squares / count), peak] : [NaN, NaN, NaN];
+}
