@@ -92,7 +92,8 @@ def test_a_second_page_observes_until_it_takes_over(front, page):
 def test_a_service_that_goes_and_comes(front, page):
     page.goto(address(front))
     armed(page)
-    front.hub.holder.close(1012, "a restart")
+    for session in front.hub.sessions.values():
+        session.close(1012, "a restart")
     page.locator('.output[data-state="lost"]').wait_for()
     armed(page)  # the driver is virtual
 

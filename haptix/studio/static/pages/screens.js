@@ -32,10 +32,11 @@ export function mount(root, app) {
   const screen = el("div");
   const finger = el("div");
   const live = el("dl.readings");
+  const switches = controls(app);
   const stop = el("button.stop", { type: "button", onclick: () => void service.attempt(() => service.stop()) }, t.stop);
   root.append(
     el("section.sheet.stopper", {}, stop, el("p", {}, t.stopHelp)),
-    el("section.sheet", {}, el("h2", {}, t.driver), kind, driver, controls(app)),
+    el("section.sheet", {}, el("h2", {}, t.driver), kind, driver, switches.element),
     el("section.sheet", {}, el("h2", {}, t.live), live, el("small", {}, t.liveHelp)),
     el("section.sheet", {}, el("h2", {}, t.screen), screen),
     el("section.sheet", {}, el("h2", {}, t.finger), finger),
@@ -56,6 +57,7 @@ export function mount(root, app) {
     fill(where, described(profile));
   };
   const ends = [
+    ...switches.ends,
     service.inventory.on(show),
     service.output.on(show),
     service.state.on(({ phase }) => {
@@ -115,11 +117,11 @@ function controls({ service }) {
     mute.checked = output.muted;
     pause.checked = output.paused;
   };
-  service.output.on(show);
-  service.lease.on(show);
-  return el("div.tool", {},
+  const ends = [service.output.on(show), service.lease.on(show)];
+  const element = el("div.tool", {},
     el("label", { for: "intensity" }, t.intensity), el("div.slide", {}, slider, value), el("small", {}, t.intensityHelp),
     el("label.row", {}, mute, t.mute), el("label.row", {}, pause, t.pause));
+  return { element, ends };
 }
 
 /** @param {[string, string | number | Node][]} rows */
