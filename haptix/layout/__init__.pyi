@@ -3,5 +3,5 @@ from .events import LayoutEventKind as LayoutEventKind
 from .events import Listeners as Listeners
 from .geometry import ScreenGeometry as ScreenGeometry
 from .layout import Layout as Layout
-from .layout import Patch as Patch
 from .outlines import Outline as Outline
+from .patch import Patch as Patch

@@ -7,7 +7,8 @@ from typing import Literal, NamedTuple, get_args
 
 from haptix.checks import choice
 from haptix.errors import InputError
-from haptix.layout.layout import Layout, Patch
+from haptix.layout.layout import Layout
+from haptix.layout.patch import Patch
 from haptix.layout.region import LayoutFacts
 from haptix.motion import Facts, Report
 from haptix.texture import Feelable

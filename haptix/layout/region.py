@@ -23,9 +23,13 @@ class LayoutFacts(Facts):
 
     of: dict[int, Facts]
     """By the key of the region; of those that the finger is on."""
+    states: dict[int, int]
+    """Of these: number of the state of its material that the facts are of."""
 
     @classmethod
-    def newest(cls, of: dict[int, Facts], before: Facts) -> LayoutFacts:
+    def newest(
+        cls, of: dict[int, Facts], before: Facts, states: dict[int, int] | None = None
+    ) -> LayoutFacts:
         """Take the newest time of each kind, over the regions and what was before."""
         every = [before, *of.values()]
 
@@ -40,7 +44,7 @@ class LayoutFacts(Facts):
         crossed = latest("detent_s")
         times = [getattr(latest(name), name) for name in ("down_s", "press_s", "release_s")]
         made = cls._make((*times, crossed.detent, crossed.detent_s))
-        made.of = of
+        made.of, made.states = of, states or {}
         return made
 
     def _replace(self, /, **changed: float) -> LayoutFacts:
@@ -52,6 +56,7 @@ class LayoutFacts(Facts):
             )
             for key, one in self.of.items()
         }
+        made.states = self.states
         return made
 
 
@@ -68,11 +73,14 @@ class Region:
     outline : Outline
         Its shape.
     place : Glide
-        Corner x, y on the screen [mm] and angle [rad].
+        Corner x, y on the screen [mm], angle [rad], and millimetres on the screen for one of the
+        material's.
     opacity : Glide
         Opacity, 0 to 1.
-    scale : float
-        Millimetres on the screen for one of the material's.
+    inner : LocalFrame, optional
+        Axes of the material within the region, where these differ.
+    state : int
+        Number of the state of its material: facts of another one do not hold.
     z, blend, priority, mask
         See `Layout.add`.
     """
@@ -82,11 +90,12 @@ class Region:
     outline: Outline
     place: Glide
     opacity: Glide
-    scale: float = 1.0
     z: float = 0.0
     blend: Blend = "over"
     priority: int = 0
     mask: FrictionField | None = None
+    inner: LocalFrame | None = None
+    state: int = 0
     way: Box = field(init=False)
     """Box around both ends of the glide."""
     box: Box = field(init=False)
@@ -111,8 +120,7 @@ class Region:
         object.__setattr__(self, "way", widest)
         object.__setattr__(self, "box", boxes[1])
         object.__setattr__(self, "core", core)
-        x, y, angle = self.place.after
-        object.__setattr__(self, "frame", LocalFrame(x, y, angle, self.scale))
+        object.__setattr__(self, "frame", LocalFrame(*self.place.after))
         object.__setattr__(self, "is_level", level)
 
     def depends_on(self, now_s: float) -> Depends:
@@ -124,8 +132,8 @@ class Region:
     def moved(self, place: Glide) -> Region:
         """Return the same region on its way to another place."""
         return Region(
-            self.key, self.evaluator, self.outline, place, self.opacity, self.scale, self.z,
-            self.blend, self.priority, self.mask,
+            self.key, self.evaluator, self.outline, place, self.opacity, self.z, self.blend,
+            self.priority, self.mask, self.inner, self.state,
         )  # fmt: skip
 
     def settled(self) -> Region:
@@ -142,7 +150,7 @@ class Region:
         place = self.place
         if first_s >= place.end_s:
             return self.frame
-        (x0, y0, a0), (x1, y1, a1) = place.before, place.after
+        (x0, y0, a0, s0), (x1, y1, a1, s1) = place.before, place.after
         span_s, t_s = place.end_s - place.start_s, motion.t_s
         parts: Array
         moving: float | Array
@@ -151,11 +159,12 @@ class Region:
         else:
             parts = place.parts(t_s)
             moving = ((parts > 0) & (parts < 1)) / (span_s or 1.0)
-        turns = a1 != a0
+        turns, grows = a1 != a0, s1 != s0
+        scale = s0 + parts * (s1 - s0) if grows else s0
         return LocalFrame(
             x0 + parts * (x1 - x0), y0 + parts * (y1 - y0), a0 + parts * (a1 - a0) if turns else a0,
-            self.scale, moving * (x1 - x0), moving * (y1 - y0),
-            moving * (a1 - a0) if turns else 0.0,
+            scale, moving * (x1 - x0), moving * (y1 - y0), moving * (a1 - a0) if turns else 0.0,
+            moving * (s1 - s0) / scale if grows else 0.0,
         )  # fmt: skip
 
     def cover(self, on: Motion, motion: Motion, first_s: float, inside: bool) -> float | Array:
@@ -191,16 +200,30 @@ class Region:
         return left <= report.x_mm <= right and top <= report.y_mm <= bottom
 
     def seen(self, report: Report) -> tuple[Report, bool]:
-        """Return a report in the region's axes, and whether it is on the region."""
-        x0, y0, angle = self.place.at(report.t_s)
-        x, y = report.x_mm - x0, report.y_mm - y0
-        c, s = cos(angle) / self.scale, sin(angle) / self.scale
-        x, y = x * c + y * s, y * c - x * s
-        on = report.is_down and self.opacity.at(report.t_s)[0] > 0 and self.outline.contains(x, y)
-        return report._replace(x_mm=x, y_mm=y, is_down=on), on
+        """Return a report in the axes of the region's material, and whether it is on the region."""
+        there, on = self.on_outline(report)
+        return self.within(there), on
 
-    def _corners(self, x_mm: float, y_mm: float, angle: float) -> list[tuple[float, float]]:
-        c, s = cos(angle) * self.scale, sin(angle) * self.scale
+    def on_outline(self, report: Report) -> tuple[Report, bool]:
+        """Return a report in the region's axes, and whether it is on the region."""
+        x0, y0, angle, scale = self.place.at(report.t_s)
+        there = _in_axes(report, x0, y0, angle, scale)
+        on = report.is_down and self.opacity.at(report.t_s)[0] > 0
+        on = on and self.outline.contains(there.x_mm, there.y_mm)
+        return there._replace(is_down=on), on
+
+    def within(self, there: Report) -> Report:
+        """Return a report in the region's axes in those of its material."""
+        inner = self.inner
+        if inner is None:
+            return there
+        # These axes neither move nor grow: their fields are numbers.
+        return _in_axes(there, inner.x_mm, inner.y_mm, inner.angle_rad, inner.scale)  # type: ignore[arg-type]
+
+    def _corners(
+        self, x_mm: float, y_mm: float, angle: float, scale: float
+    ) -> list[tuple[float, float]]:
+        c, s = cos(angle) * scale, sin(angle) * scale
         shape = self.outline.shape
         width, height = self.outline.width_mm, self.outline.height_mm
         local = (
@@ -211,6 +234,6 @@ class Region:
         return [(x_mm + x * c - y * s, y_mm + x * s + y * c) for x, y in local]
 
 
-def _box(corners: list[tuple[float, float]]) -> Box:
-    x, y = zip(*corners, strict=True)
-    return min(x), max(x), min(y), max(y)
+def _in_axes(report: Report, x_mm: float, y_mm: float, angle: float, scale: float) -> Report:
+    x, y, c, s = report.x_mm - x_mm, report.y_mm - y_mm, cos(angle) / scale, sin(angle) / scale
+    return report._replace(x_mm=x * c + y * s, y_mm=y * c - x * s)

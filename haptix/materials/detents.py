@@ -12,7 +12,7 @@ from pydantic import Field, PositiveFloat, model_validator
 from haptix.checks import Array, increasing
 from haptix.materials.by_curve import Row
 from haptix.materials.material import Scaled
-from haptix.motion import Depends, Facts, Motion, Report
+from haptix.motion import Depends, Facts, LocalFrame, Motion, Report
 from haptix.texture.field import turned
 
 LEAST_PITCH_MM = 3.0
@@ -122,6 +122,13 @@ class Slider(_Control):
             along = float(places[np.abs(places - along).argmin()])
         return float(np.clip((along - places[0]) / (places[-1] - places[0]), 0.0, 1.0))
 
+    def frame_at(self, value: float, x_mm: float, y_mm: float) -> LocalFrame:
+        """Axes in which a finger at a place has a value."""
+        places, angle = self.places_mm, radians(self.orientation_deg)
+        goal = float(places[0] + value * (places[-1] - places[0]))
+        away = self._along(x_mm, y_mm) - goal
+        return LocalFrame(away * cos(angle), away * sin(angle))
+
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Where it is."""
@@ -174,6 +181,15 @@ class Toggle(_Control):
             raise ValueError("expected throw_mm of at most half of width_mm")
         return self
 
+    def value(self, x_mm: float, y_mm: float = 0.0) -> float:
+        """Value at a place: 0 on the left side, 1 on the right one."""
+        return float(x_mm > self.width_mm / 2)
+
+    def frame_at(self, value: float, x_mm: float, y_mm: float) -> LocalFrame:
+        """Axes in which a finger at a place has a value: its own, or as far from the other side."""
+        is_there = self.value(x_mm) == round(value)
+        return LocalFrame(0.0 if is_there else 2 * x_mm - self.width_mm)
+
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Where it is."""
@@ -225,6 +241,17 @@ class Dial(_Control):
                 f"got {pitch:.3g} mm"
             )
         return self
+
+    def value(self, x_mm: float, y_mm: float = 0.0) -> float:
+        """Part of a turn at a place, of the nearest detent: 0 to the right, rising from x to y."""
+        return float(round(self._detent(x_mm, y_mm)) % self.detents) / self.detents
+
+    def frame_at(self, value: float, x_mm: float, y_mm: float) -> LocalFrame:
+        """Axes in which a finger at a place has a value: turned about the centre."""
+        x, y = self.centre_mm
+        angle = atan2(y_mm - y, x_mm - x) - 2 * pi * value
+        c, s = cos(angle), sin(angle)
+        return LocalFrame(x - x * c + y * s, y - x * s - y * c, angle)
 
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:

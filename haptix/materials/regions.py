@@ -73,14 +73,13 @@ class LayoutMaterial(Material):
         made = Layout(self.background, self.target)
         for one in self.regions:
             mask = None if one.mask is None else field_of(one.mask)
-            given = {key: value for key, value in one if key not in ("name", "mask")}
-            made.add(**given, mask=mask)
+            made.add(**{key: value for key, value in one if key not in ("name", "mask")}, mask=mask)
         return made
 
     def patch(self, name: str) -> Patch:
         """Return the patch of a region by its name."""
         names = [one.name for one in self.regions]
-        if name is None or name not in names:
+        if name not in names:
             raise InputError(f"patch: expected the name of a region, got {name!r:.80}")
         return self.evaluator.patches[1 + names.index(name)]
 

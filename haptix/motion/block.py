@@ -79,28 +79,31 @@ class LocalFrame:
         Their origin on the screen.
     angle_rad : float or ndarray
         How far they are turned, from x towards y.
-    scale : float
+    scale : float or ndarray
         Millimetres on the screen for one of theirs.
     vx_mm_s, vy_mm_s : float or ndarray
         Velocity of the origin.
     turn_rad_s : float or ndarray
         How fast they turn.
+    growth_per_s : float or ndarray
+        Rate of the scale's logarithm.
     """
 
     x_mm: float | Array = 0.0
     y_mm: float | Array = 0.0
     angle_rad: float | Array = 0.0
-    scale: float = 1.0
+    scale: float | Array = 1.0
     vx_mm_s: float | Array = 0.0
     vy_mm_s: float | Array = 0.0
     turn_rad_s: float | Array = 0.0
+    growth_per_s: float | Array = 0.0
 
     @property
     def is_still(self) -> bool:
-        """Whether the axes neither move nor turn."""
+        """Whether the axes neither move nor turn nor grow."""
         return all(
             isinstance(rate, float) and rate == 0.0
-            for rate in (self.vx_mm_s, self.vy_mm_s, self.turn_rad_s)
+            for rate in (self.vx_mm_s, self.vy_mm_s, self.turn_rad_s, self.growth_per_s)
         )
 
 
@@ -358,10 +361,10 @@ class Motion:
             def still() -> tuple[Array, Array]:
                 return _turned(*self._velocities, frame)
 
-            footprint_mm = self.footprint_mm / frame.scale
+            footprint_mm = self.footprint_mm / float(frame.scale)
             return self._at(*_turned(x, y, frame), footprint_mm, still, self._history)
-        vx = self.vx_mm_s - frame.vx_mm_s + frame.turn_rad_s * y
-        vy = self.vy_mm_s - frame.vy_mm_s - frame.turn_rad_s * x
+        vx = self.vx_mm_s - frame.vx_mm_s + frame.turn_rad_s * y - frame.growth_per_s * x
+        vy = self.vy_mm_s - frame.vy_mm_s - frame.turn_rad_s * x - frame.growth_per_s * y
         relative = _turned(vx, vy, frame)
         fastest = float(np.hypot(*relative).max(initial=0.0)) if self.footprint_mm > 0 else 0.0
         return self._at(
@@ -419,8 +422,8 @@ def _turned(x: Array, y: Array, frame: LocalFrame) -> tuple[Array, Array]:
     if isinstance(angle, np.ndarray):
         c, s = np.cos(angle) / scale, np.sin(angle) / scale
     elif angle != 0:
-        c, s = np.array(cos(angle) / scale), np.array(sin(angle) / scale)
-    elif scale == 1:
+        c, s = np.asarray(cos(angle) / scale), np.asarray(sin(angle) / scale)
+    elif isinstance(scale, float | int) and scale == 1:
         return x, y
     else:
         return x / scale, y / scale

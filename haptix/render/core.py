@@ -216,6 +216,7 @@ class RenderCore:
         are blended into.
         """
         motion, gain = fingers.motion, fingers.gain
+        self._note(fingers, first_sample)
         line = np.empty(motion.points + 1)
         line[0] = amplitude_v
         if motion.fingers:
@@ -309,6 +310,9 @@ class RenderCore:
         place = _SHARES * self._response.power(2 * self.drive.frequency_hz, speed_mm_per_s)
         cell = np.minimum(place.astype(int), _SHARES - 1)
         return cell, place - cell
+
+    def _note(self, fingers: Fingers, first_sample: int) -> None:
+        """Take notice of a block that is rendered; a session does."""
 
     def _mixed(self, motion: Motion, first_sample: int) -> tuple[float | Array, Array | None]:
         """Intensity at each point, and shares of the reachable range to add; a session has them."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf, isfinite
+from math import ceil, inf, isfinite
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ MOST_EFFECTS = 8
 
 _TURN_S = 0.05  # a change of the intensity
 _MUTE_S = 0.005
+_FELT_S = 1e-3  # steps in which it is noted whether an effect is felt
 
 Outcome = Literal["played", "cut", "dropped"]
 
@@ -31,6 +32,8 @@ class EffectEnd(NamedTuple):
     """At which it ended."""
     outcome: Outcome
     """To its end, stopped, or dropped for another one."""
+    felt_share: float
+    """Share of its time in which a finger got drive: a finger that rests feels nothing."""
 
 
 class PlayingEffect:
@@ -54,6 +57,7 @@ class PlayingEffect:
         self.end_s = self.start_s + length_s
         self.fade = Glide.resting(1.0)
         self.outcome: Outcome = "played"
+        self._felt = bytearray(max(1, ceil(length_s / _FELT_S)))  # what is rendered again counts
 
     def added(self, motion: Motion) -> Array:
         """Share of the reachable friction that it adds."""
@@ -63,6 +67,19 @@ class PlayingEffect:
         if self.fade.after[0] == 1.0:
             return value
         return value * (1 - self.fade.parts(motion.t_s))
+
+    def mark(self, first_s: float, last_s: float, is_felt: bool) -> None:
+        """Note whether it is felt from one time of the scene to another."""
+        first = max(0, round((first_s - self.start_s) / _FELT_S))
+        last = min(len(self._felt), round((last_s - self.start_s) / _FELT_S))
+        if last > first:
+            self._felt[first:last] = bytes([is_felt]) * (last - first)
+
+    @property
+    def felt_share(self) -> float:
+        """Share of its time until it ends in which it is felt."""
+        count = min(max(1, round((self.end_s - self.start_s) / _FELT_S)), len(self._felt))
+        return sum(self._felt[:count]) / count
 
     def stop(self, outcome: Outcome = "cut") -> None:
         """Fade it out in 5 ms."""
@@ -172,12 +189,22 @@ class Master:
         self._changed()
         return found
 
+    @property
+    def has_effects(self) -> bool:
+        """Whether any plays."""
+        return bool(self._effects)
+
     def added(self, motion: Motion) -> Array | None:
         """Share of the reachable friction that effects add; None without any."""
         effects = self._effects
         if not effects:
             return None
         return np.asarray(np.sum([one.added(motion) for one in effects], axis=0))
+
+    def mark(self, first_s: float, last_s: float, is_felt: bool) -> None:
+        """Note whether effects are felt from one time of the scene to another."""
+        for one in self._effects:
+            one.mark(first_s, last_s, is_felt)
 
     def cut(self, played_s: float, sample_rate_hz: float) -> None:
         """End what still plays, with the session."""
@@ -195,9 +222,8 @@ class Master:
         self._effects = tuple(one for one in self._effects if one not in over)
         found = []
         for one in over:
-            played = EffectEnd(
-                one.effect, round((one.end_s + self._stood_s) * sample_rate_hz), one.outcome
-            )
+            sample = round((one.end_s + self._stood_s) * sample_rate_hz)
+            played = EffectEnd(one.effect, sample, one.outcome, one.felt_share)
             found.append(played)
             if one.done is not None:
                 one.done(played)

@@ -230,6 +230,13 @@ class RenderSession(RenderCore, ABC):
         if isinstance(layout := texture.evaluator, Layout):
             layout.attach(lambda: self._since_s, self._changed)
 
+    def _note(self, fingers: Fingers, first_sample: int) -> None:
+        master = self._master
+        if master.has_effects:
+            first_s = master.scene_s(first_sample / self.sample_rate_hz)
+            last_s = first_s + fingers.motion.points * self.step_s
+            master.mark(first_s, last_s, bool(fingers.gain.max(initial=0.0) > 0.5))
+
     def _mixed(self, motion: Motion, first_sample: int) -> tuple[float | Array, Array | None]:
         master, first_s = self._master, first_sample / self.sample_rate_hz
         return master.at(first_s, motion.step_s, motion.points), master.added(motion)
@@ -250,6 +257,8 @@ class RenderSession(RenderCore, ABC):
         force = self._force_of(event) if is_down else None
         x, y = (float(event.x_mm), float(event.y_mm)) if is_down else (nan, nan)
         now = Report(self._since_s, x, y, force, is_down)
+        if isinstance(layout := self._felt[1], Layout):
+            layout.heard(event.touch_id, now)
         self._listeners.report(self.texture, event.touch_id, event.t_s, now)
         self.poll()
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from haptix import InputError, Layout, Screen, Texture
 from haptix.layout import ScreenGeometry
-from haptix.layout.layout import FADE_S, GLIDE_S
+from haptix.layout.regions import FADE_S, GLIDE_S
 from haptix.motion import Depends, Facts, Motion, Report
 from haptix.texture import Composition, Grating, Sprite
 from haptix.texture.evaluator import Evaluator
@@ -122,6 +122,45 @@ def test_a_move_is_a_line_in_time(t_s, by_mm, over_s):
         assert on.vx_mm_s[0] == pytest.approx(10 - by_mm / over_s, rel=1e-6)
 
 
+def test_a_scale_glides_as_the_places_it_gives():
+    """Velocities in the region's axes are the rates of the places there."""
+    clock = Clock(1.0)
+    layout = Layout()
+    layout.attach(clock)
+    material = Level(0.5)
+    patch = layout.add(material, 5, 7, 500, 500, rotation_deg=10)
+    clock.t_s = 2.0
+    patch.move(x_mm=9, rotation_deg=40, scale=1.5, over_s=0.02)
+    assert (patch.scale, patch.width_mm) == (1.5, 750)
+    t = 2.0 + np.linspace(0.001, 0.019, 2001)
+    layout.wanted(Motion.of(300 + 80 * (t - 2), 200 - 30 * (t - 2), t, 80.0, -30.0))
+    on = material.asked[-1]
+    for place, rate in ((on.x_mm, on.vx_mm_s), (on.y_mm, on.vy_mm_s)):
+        np.testing.assert_allclose(np.gradient(place, t)[1:-1], rate[1:-1], rtol=1e-4, atol=0.02)
+    at(layout, 300, 200, 2.1)
+    there = material.asked[-1]
+    half = 750 / 2  # turned about the middle
+    right, down = 300 - 9 - half, 200 - 7 - half
+    c, s = cos(radians(40)), sin(radians(40))
+    assert there.x_mm[0] == pytest.approx((half + right * c + down * s) / 1.5)
+    assert there.y_mm[0] == pytest.approx((half + down * c - right * s) / 1.5)
+
+
+def test_a_change_is_told_once_when_it_is_whole():
+    told = []
+    layout = Layout()
+    layout.attach(Clock(1.0), lambda: told.append(len(layout._regions.shown)))
+    with layout.change():
+        one = layout.add(Level(1.0), 0, 0, 10, 10)
+        layout.add(Level(1.0), 0, 0, 10, 10)
+        one.move(x_mm=3)
+    one.move(x_mm=5)
+    assert told == [2, 2]
+    with pytest.raises(InputError):
+        one.move(x_mm="3")
+    assert told == [2, 2]
+
+
 def test_a_new_move_begins_where_the_old_one_is():
     clock = Clock(1.0)
     layout = Layout()
@@ -163,7 +202,7 @@ def test_all_that_changes_fades():
     np.testing.assert_allclose(felt(), 0.3 - 0.1 * part, atol=1e-9)
     clock.t_s = 5.0
     layout.add(Level(0.8), 50, 50, 10, 10)
-    assert len(layout._regions) == 1  # what has gone is forgotten
+    assert len(layout._regions.shown) == 1  # what has gone is forgotten
     patch.remove()
     with pytest.raises(InputError, match="removed"):
         patch.move(x_mm=3)
@@ -273,10 +312,10 @@ def test_places_that_are_none():
 def test_a_texture_that_is_added_again_is_not_made_again():
     layout = Layout()
     regions = [layout.add(HALF) for _ in range(3)]
-    assert len({id(one.evaluator) for one in layout._regions}) == 1
+    assert len({id(one.evaluator) for one in layout._regions.shown}) == 1
     for region in regions:
         region.move(x_mm=3)
-    assert len({id(one.evaluator) for one in layout._regions}) == 1
+    assert len({id(one.evaluator) for one in layout._regions.shown}) == 1
 
 
 @pytest.mark.parametrize("turn", [0, 90, 180, 270])

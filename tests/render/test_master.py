@@ -6,7 +6,7 @@ import pytest
 import haptix
 from haptix import InputError, Layout, Renderer
 from haptix.layout import LayoutEvent
-from haptix.materials import Button, Transient
+from haptix.materials import Button, Slider, Transient
 from haptix.render import LiveSettings, PredictingRenderer, Sliding
 from haptix.texture import Grating
 from haptix.touch import TouchEvent
@@ -127,10 +127,32 @@ def test_an_effect_is_felt_and_its_end_is_told(surface, reach):
     assert [one.outcome for one in told] == ["played"]
     assert told[0].effect is BUMP
     assert told[0].sample == round((began_s + BUMP.length_s) * RATE)
+    assert told[0].felt_share == 1.0
     t_s, mu = target(renderer)
     felt = np.interp(began_s + 0.01, t_s, mu) - low
     assert felt == pytest.approx((0.6 + 0.3) * (high - low), rel=0.05)
     assert at(renderer, began_s - 0.002) == pytest.approx(at(renderer, 0.18), rel=1e-6)
+
+
+def test_of_an_effect_it_is_told_how_much_was_felt(surface):
+    """A finger that is lifted feels a part, one that rests nothing."""
+    told = []
+    settings = LiveSettings(lead_s=1e-3, block_s=1e-3, sliding=Sliding(fade_s=0.001))
+    with playing(surface, LEVEL, settings) as renderer:
+        slide(renderer, 0.1)
+        renderer.play(BUMP, done=told.append)
+        began_s = renderer._since_s
+        slide(renderer, 0.11, 0.1)
+        renderer.lift(0.11)
+        renderer.touch(0.3, 30, 5, 0.5)  # it rests
+        renderer.play(BUMP, done=told.append)
+        for i in range(20):
+            renderer.touch(0.3 + 0.005 * (i + 1), 30, 5, 0.5)
+    assert [one.outcome for one in told] == ["played", "played"]
+    # Reports count a lead of 1 ms after they came, in blocks of 1 ms; the drive fades for 1 ms.
+    felt_s = 0.11 + 0.0015 - began_s
+    assert told[0].felt_share == pytest.approx(felt_s / BUMP.length_s, abs=0.002 / BUMP.length_s)
+    assert told[1].felt_share == 0.0
 
 
 def test_of_nine_effects_the_oldest_of_the_lowest_priority_is_dropped(surface):
@@ -217,3 +239,24 @@ def test_the_finger_with_priority_gets_the_electrode(surface):
                     renderer.touch(0.005 * i, 5 + i / 2, 5.0, 0.5, touch_id=0)
         volts.append(renderer.blocks[-1].amplitude_v[-1])
     assert volts[0] == pytest.approx(volts[1], rel=1e-3)
+
+
+def test_a_value_is_set_while_a_finger_is_on_its_control(surface):
+    """What the finger crosses is told by its own way; what the app sets is not."""
+    layout = Layout()
+    patch = layout.add(Slider(travel_mm=40.0, detents=5), 0.0, 0.0, 80.0, 20.0)
+    told = []
+    with PredictingRenderer(surface, layout, haptix.open_device("mock:")) as renderer:
+        renderer.on("detent", told.append)
+        for i in range(20):
+            renderer.touch(0.01 * i, 1 + i, 5.0, 0.5)
+        assert [event.detent for event in told] == [1.0, 2.0]
+        assert patch.value == 0.5
+        patch.set(value=0.0)
+        for i in range(20, 25):
+            renderer.touch(0.01 * i, 1 + i, 5.0, 0.5)
+        # Detent 0 was at 20 mm, so that the next ridge is at 25.
+        assert [event.detent for event in told] == [1.0, 2.0]
+        for i in range(25, 27):
+            renderer.touch(0.01 * i, 1 + i, 5.0, 0.5)
+        assert [event.detent for event in told] == [1.0, 2.0, 1.0]

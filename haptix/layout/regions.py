@@ -1,0 +1,262 @@
+"""The regions of a layout, and how they change."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from math import cos, inf, radians, sin
+from typing import Any, get_args
+
+from haptix.checks import choice, instance, number, positive, whole
+from haptix.errors import InputError
+from haptix.layout.glide import Glide
+from haptix.layout.outlines import Outline
+from haptix.layout.region import Region
+from haptix.motion import LocalFrame
+from haptix.texture import Evaluator, Feelable, FrictionField, check_feelable
+from haptix.texture.composition import Blend, held
+
+FADE_S = 0.005
+"""Time in which what comes fades in, and what goes fades out."""
+
+GLIDE_S = 0.02
+"""Time in which a region moves: reports of a drag come each 8 to 16 ms."""
+
+_KEPT = 64  # textures, held beyond their edges
+
+
+class Regions:
+    """Regions by their keys. Any thread may change them; `shown` is replaced and never changed."""
+
+    def __init__(self) -> None:
+        self.lock = threading.RLock()
+        self.shown: tuple[Region, ...] = ()
+        """The highest first."""
+        self.materials: dict[int, Feelable] = {}
+        """By their keys; of those that have not been removed."""
+        self.now: Callable[[], float] = lambda: -inf
+        """The first time [s] that can still be changed."""
+        self._changed: Callable[[], None] = lambda: None
+        self._draft: list[Region] | None = None
+        self._depth = 0
+        self._given: dict[int, dict[str, Any]] = {}
+        self._held: dict[int, tuple[Feelable, Evaluator]] = {}
+        self._keys = 0
+
+    def attach(self, now: Callable[[], float], changed: Callable[[], None]) -> None:
+        """Take a clock, and whom to tell of changes."""
+        with self.lock:
+            self.now, self._changed = now, changed
+            # What came, went and moved by another clock has done so.
+            self.shown = tuple(one.settled() for one in self.shown if one.opacity.after[0])
+
+    @contextmanager
+    def change(self) -> Iterator[None]:
+        """Gather changes; on an error, none of them counts."""
+        with self.lock:
+            self._depth += 1
+            if self._depth == 1:
+                now_s = self.now()
+                self._draft = [one for one in self.shown if not one.is_gone(now_s)]
+                before = dict(self._given), dict(self.materials)
+            try:
+                yield
+                if self._depth == 1 and self._draft is not None:
+                    self.shown = tuple(self._draft)
+            except BaseException:
+                if self._depth == 1:
+                    self._given, self.materials = before
+                raise
+            finally:
+                self._depth -= 1
+                is_last = self._depth == 0
+                if is_last:
+                    self._draft = None
+        if is_last:
+            self._changed()
+
+    def add(self, given: dict[str, Any]) -> int:
+        """Add a region, see `Layout.add`, and return its key."""
+        with self.change():
+            self._keys += 1
+            self._put(self._keys, given, self.now())
+            return self._keys
+
+    def has(self, key: int) -> bool:
+        """Whether there is such a region."""
+        return key in self._given
+
+    def given(self, key: int) -> dict[str, Any]:
+        """Return what a region was given; `InputError` if it is gone."""
+        try:
+            return self._given[key]
+        except KeyError:
+            raise InputError("patch: expected one that is on its layout; it was removed") from None
+
+    def clear(self) -> None:
+        """Remove all regions."""
+        with self.change():
+            for key in list(self._given):
+                self.remove(key)
+
+    def remove(self, key: int) -> None:
+        """Fade a region out."""
+        with self.change():
+            now_s = self.now()
+            self._fade(key, now_s, now_s)
+            self._given.pop(key, None)
+            self.materials.pop(key, None)
+
+    def move(self, key: int, values: dict[str, float], over_s: float) -> None:
+        """Move a region along a line, to another corner, rotation or scale."""
+        with self.lock:
+            given = self.given(key) | values
+            positive("scale", given["scale"])
+            self._given[key] = given
+            corner, now_s = _corner(given), self.now()
+            regions = self.shown if self._draft is None else self._draft
+            moved = [
+                one.moved(one.place.to(corner, now_s, over_s))
+                if one.key == key and one.opacity.after[0] > 0.0
+                else one
+                for one in regions
+            ]
+            if self._draft is None:
+                self.shown = tuple(moved)
+            else:
+                self._draft = moved
+                return
+        self._changed()
+
+    def set(self, key: int, changes: dict[str, Any]) -> None:
+        """Change what a region was given, in a cross-fade."""
+        with self.change():
+            given = dict(self.given(key))
+            for name in changes:
+                choice("set", name, given)
+            size = {"width_mm": None, "height_mm": None} if "material" in changes else {}
+            given |= {name: one for name, one in size.items() if not _sized(given, name)}
+            given |= changes
+            inner = None if "material" in changes else self._last_of(key)[0]
+            self._replace(key, given, inner)
+
+    def show(self, key: int, inner: LocalFrame | None) -> None:
+        """Show the material of a region in other axes, in a cross-fade."""
+        with self.change():
+            self._replace(key, self.given(key), inner)
+
+    def _replace(self, key: int, given: dict[str, Any], inner: LocalFrame | None) -> None:
+        now_s, (_, state) = self.now(), self._last_of(key)
+        # What is covered by an opaque one goes when that has come; others fade meanwhile.
+        covered = given["blend"] == "over" and given["opacity"] == 1.0 and given["mask"] is None
+        self._fade(key, now_s, now_s + FADE_S if covered else now_s)
+        self._put(key, given, now_s, inner, state + 1)
+
+    def _last_of(self, key: int) -> tuple[LocalFrame | None, int]:
+        """Return the axes in which a region shows its material, and the number of that state."""
+        for one in self._draft or []:
+            if one.key == key and one.opacity.after[0] > 0.0:
+                return one.inner, one.state
+        return None, 0  # opacity 0
+
+    def _put(
+        self,
+        key: int,
+        given: dict[str, Any],
+        now_s: float,
+        inner: LocalFrame | None = None,
+        state: int = 0,
+    ) -> None:
+        """Add a region on top of those of its height, fading in."""
+        region = replace(self._region(key, given, now_s), inner=inner, state=state)
+        self._given[key] = given
+        self.materials[key] = given["material"]
+        draft = self._draft or []
+        draft.insert(sum(one.z > region.z for one in draft), region)
+        self._draft = draft
+
+    def _fade(self, key: int, now_s: float, from_s: float) -> None:
+        """Fade a region out, from a time on; what covers it until then hides its end."""
+        draft = self._draft or []
+        for i, region in enumerate(draft):
+            if region.key == key and region.opacity.after[0] > 0.0:
+                over_s = 0.0 if from_s > now_s else FADE_S
+                now = region.opacity.at(from_s)
+                fade = Glide(now, (0.0,), from_s, from_s + over_s)
+                draft[i] = replace(region, opacity=fade)
+
+    def _region(self, key: int, given: dict[str, Any], now_s: float) -> Region:
+        material = given["material"]
+        check_feelable("material", material)
+        for name in ("width_mm", "height_mm"):
+            if given[name] is None:
+                given[name] = _own_size(material, name)
+                if given[name] is None:
+                    raise InputError(f"{name}: expected a size, since the material has none")
+            positive(name, given[name])
+        for name in ("x_mm", "y_mm", "rotation_deg", "z"):
+            number(name, given[name])
+        positive("scale", given["scale"])
+        choice("blend", given["blend"], get_args(Blend))
+        whole("priority", given["priority"], -(10**6))
+        opacity = number("opacity", given["opacity"], 0.0)
+        if opacity > 1:
+            raise InputError(f"opacity: expected 0 to 1, got {opacity:g}")
+        evaluator = self._evaluator(material)
+        if given["blend"] == "multiply" and evaluator.target != "share":
+            raise InputError(
+                f"blend: a region that multiplies is a share, got a material of {evaluator.target}"
+            )
+        mask = given["mask"]
+        if mask is not None:
+            instance("mask", mask, FrictionField)
+            if mask.target != "share":
+                raise InputError(f"mask: expected a field of shares, got {mask.target}")
+            mask = held(mask)
+        size = (float(given["width_mm"]), float(given["height_mm"]))
+        fade = Glide((0.0,), (opacity,), now_s, now_s + FADE_S)
+        return Region(
+            key, evaluator, Outline(*size, given["shape"]), Glide.resting(*_corner(given)), fade,
+            float(given["z"]), given["blend"], given["priority"], mask,
+        )  # fmt: skip
+
+    def _evaluator(self, material: Feelable) -> Evaluator:
+        """What answers for a material; textures are held beyond their edges, made once."""
+        evaluator = material if isinstance(material, FrictionField) else material.evaluator
+        if not isinstance(evaluator, FrictionField):
+            return evaluator
+        known = self._held.pop(id(evaluator), None)
+        if known is None:
+            known = (evaluator, held(evaluator).evaluator)
+        self._held[id(evaluator)] = known
+        if len(self._held) > _KEPT:
+            del self._held[next(iter(self._held))]
+        return known[1]
+
+
+def _own_size(material: Feelable, name: str) -> float | None:
+    found: float | None = getattr(material, name, None)
+    if found is None and not isinstance(material, FrictionField):
+        found = getattr(material.evaluator, name, None)
+    return found
+
+
+def _sized(given: dict[str, Any], name: str) -> bool:
+    """Whether a size was given, and not that of the material."""
+    own = _own_size(given["material"], name)
+    return bool(own is None or given[name] != own)
+
+
+def _corner(given: dict[str, Any]) -> tuple[float, float, float, float]:
+    """Corner on the screen, angle and scale; turned about the middle."""
+    angle = radians(float(given["rotation_deg"]))
+    x, y = float(given["x_mm"]), float(given["y_mm"])
+    scale = float(given["scale"])
+    if angle == 0.0:
+        return x, y, 0.0, scale
+    half_x, half_y = given["width_mm"] * scale / 2, given["height_mm"] * scale / 2
+    c, s = cos(angle), sin(angle)
+    corner = x + half_x - half_x * c + half_y * s, y + half_y - half_x * s - half_y * c
+    return *corner, angle, scale
