@@ -108,7 +108,7 @@ def _serve(
     ready: Callable[[Access, Inventory], None],
 ) -> None:
     try:
-        from haptix.service.run import Listen
+        from haptix.service.listen import Listen
         from haptix.service.run import serve as serve_until_interrupted
     except ModuleNotFoundError as error:
         raise InputError(

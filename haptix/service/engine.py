@@ -8,6 +8,8 @@ at the end of the input the process ends at 0 V. The driver's own watchdog stand
 
 from __future__ import annotations
 
+import gc
+import importlib
 import os
 import queue
 import signal
@@ -36,6 +38,14 @@ FORCES_N = (0.05, 3.0)
 """Forces [N] of the surface that is built where none is given: all that a finger slides with."""
 TOLERANCE = "0.05 JND"
 _LOOK_S = 0.02
+_RENDERS = (
+    "haptix.devices",
+    "haptix.friction.model",
+    "haptix.surface.cache",
+    "haptix.materials.kinds",
+    "haptix.render.live",
+    "haptix.service.layouts",
+)
 
 
 class EngineServer:
@@ -195,6 +205,7 @@ class EngineServer:
     # --- in turn ---------------------------------------------------------------------------------
 
     def _works(self) -> None:
+        _load()  # while the front starts, too
         while (message := self._work.get()) is not None:
             number = message.pop("n", None)
             do = message.pop("do")
@@ -220,8 +231,6 @@ class EngineServer:
         assets: str,
     ) -> dict[str, Any]:
         """Open the device, and load or build the surface that its finger and screen need."""
-        import gc
-
         from haptix.devices import open_device
         from haptix.finger import Finger
         from haptix.friction import ContactModel
@@ -242,7 +251,6 @@ class EngineServer:
             self._surface, _ = cached_surface(model, scene, TOLERANCE)
         else:
             self._surface = FrictionSurface.load(surface)
-        gc.collect()
         return {
             "device": self._device.name,
             "finger": finger,
@@ -366,6 +374,15 @@ class EngineServer:
         with self._output_lock:
             self._output.write(json_frame(message))
             self._output.flush()
+
+
+def _load() -> None:
+    """Import all that renders. An import in the midst of a stroke would hold the stream up."""
+    gc.disable()  # a fifth of the time; nothing that imports make is garbage
+    for name in _RENDERS:
+        importlib.import_module(name)
+    gc.freeze()
+    gc.enable()
 
 
 def main() -> None:

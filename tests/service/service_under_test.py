@@ -10,8 +10,8 @@ from haptix.service.access import Access
 from haptix.service.assets import AssetStore
 from haptix.service.front import application
 from haptix.service.hub import Hub
+from haptix.service.listen import listens
 from haptix.service.messages import DeviceMessage, Inventory, Problem
-from haptix.service.run import listens
 
 
 class WrittenEngine:

@@ -15,8 +15,8 @@ from websockets.typing import Subprotocol
 
 from haptix.service.batches import write_touches
 from haptix.service.front import SUBPROTOCOL
+from haptix.service.listen import listens
 from haptix.service.messages import TouchMessage
-from haptix.service.run import listens
 from tests.service.service_under_test import Service
 
 PAGE = "https://example.org"

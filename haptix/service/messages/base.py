@@ -41,7 +41,8 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 class Message(BaseModel):
     """One message; unknown keys are errors."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    # Built at their first use: the engine and other processes use none.
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)
 
 
 class Problem(Exception):

@@ -87,8 +87,8 @@ class Welcome(Message):
     server: str
     session: int
     resume: str
-    limits: Limits = Limits()
-    keep_alive: KeepAlive = KeepAlive()
+    limits: Limits = Field(default_factory=Limits)
+    keep_alive: KeepAlive = Field(default_factory=KeepAlive)
     clock_s: float
     inventory: Inventory
     output: OutputMessage

@@ -6,14 +6,15 @@ import json
 import re
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from haptix.service.messages.base import MOST_DEPTH, MOST_TEXT_BYTES, Problem
 from haptix.service.messages.from_client import ClientMessage
 from haptix.service.messages.from_server import ServerMessage
 
-CLIENT: TypeAdapter[Any] = TypeAdapter(ClientMessage)
-SERVER: TypeAdapter[Any] = TypeAdapter(ServerMessage)
+_LATER = ConfigDict(defer_build=True)
+CLIENT: TypeAdapter[Any] = TypeAdapter(ClientMessage, config=_LATER)
+SERVER: TypeAdapter[Any] = TypeAdapter(ServerMessage, config=_LATER)
 _STRINGS = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"?', re.DOTALL)
 _BRACKETS = re.compile(r"[\[\]{}]")
 
