@@ -79,8 +79,8 @@ def test_a_bad_record_is_named_and_the_others_are_kept(change):
     head = struct.pack("<BBHId", 1, 1, 2, 1, 0.0)
     records = [struct.pack("<iBBHffff", *(good | part).values()) for part in ({}, change)]
     assert isinstance(read_touches(head + records[0] * 2).touches[1], ClientTouch)
-    good, bad = read_touches(head + b"".join(records)).touches
-    assert isinstance(good, ClientTouch)  # it is kept
+    kept, bad = read_touches(head + b"".join(records)).touches
+    assert isinstance(kept, ClientTouch)
     assert isinstance(bad, Problem) and bad.path == "/touches/1"
 
 
