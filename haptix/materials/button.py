@@ -34,11 +34,11 @@ class Button(Scaled):
     Parameters
     ----------
     width_mm, height_mm : float
-        Size.
+        Size on the screen.
     press_n, release_n : float
         Normal forces at which it is pressed and let go.
     rim_mm : float
-        Width of the rim.
+        Width of the rim, by which a sliding finger finds the button.
     """
 
     kind: Literal["button"] = "button"

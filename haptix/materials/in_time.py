@@ -88,7 +88,7 @@ class Transient(_FromEvent):
     curve : signal
         Shares of the reachable range against time.
     begins : {"start", "down", "press", "release", "detent"}
-        The event.
+        The event with which it begins.
     """
 
     kind: Literal["transient"] = "transient"
@@ -121,11 +121,11 @@ class WebEffect(_FromEvent):
     Parameters
     ----------
     name : {"hint", "edge", "tick", "align"}
-        Which.
+        Which one.
     intensity : float
-        0 to 1.
+        How strong, 0 to 1.
     begins : {"start", "down", "press", "release", "detent"}
-        The event.
+        The event with which it begins.
     """
 
     kind: Literal["effect"] = "effect"

@@ -7,6 +7,7 @@ from typing import Any
 from pydantic.json_schema import models_json_schema
 
 from haptix.materials import button, by_curve, detents, in_time, moving, regions, relief, still
+from haptix.materials.described import describe
 from haptix.materials.material import ANY_KIND, KINDS, Material, load, material_of
 
 __all__ = ["BUILT_IN", "KINDS", "load", "material_of", "schema"]
@@ -16,7 +17,10 @@ BUILT_IN = (still, relief, by_curve, moving, in_time, button, detents, regions)
 
 
 def schema() -> dict[str, Any]:
-    """JSON Schema of a document of any kind in `KINDS`, discriminated by ``kind``."""
+    """JSON Schema of a document of any kind in `KINDS`, discriminated by ``kind``.
+
+    Fields have titles, help, and for panels ``x-unit``, ``x-step`` and ``x-range``.
+    """
     models: list[tuple[type[Material], Any]] = [(one, "validation") for one in KINDS.values()]
     _, found = models_json_schema(models)
     definitions = _with_references(found["$defs"])
@@ -25,6 +29,7 @@ def schema() -> dict[str, Any]:
         definitions[name]["properties"]["kind"] = {"const": kind}
         definitions[name]["required"] = sorted({"kind", *definitions[name].get("required", [])})
         definitions[name]["properties"]["schema_version"] = {"const": 1}
+        describe(KINDS[kind], definitions[name])
     refs = {kind: f"#/$defs/{name}" for kind, name in sorted(name_of.items())}
     definitions["material"] = {
         "oneOf": [{"$ref": ref} for ref in refs.values()],

@@ -343,9 +343,10 @@ class Scaled(Material):
     Parameters
     ----------
     target : {"share", "mu", "contrast"}
-        What `low` and `high` are, see `haptix.texture.as_mu`.
+        What `low` and `high` are: shares of what the screen can reach, friction coefficients, or
+        relative changes of friction; see `haptix.texture.as_mu`.
     low, high : float
-        Friction of levels 0 and 1.
+        Friction at the lowest and at the highest level.
     """
 
     target: Annotated[TargetKind, WithJsonSchema({"enum": ["share", "mu", "contrast"]})] = "share"

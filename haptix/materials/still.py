@@ -71,7 +71,7 @@ class PhotographMaterial(_OfFile, Scaled):
     Parameters
     ----------
     file : str
-        The photograph.
+        The photograph: PNG, JPEG or TIFF.
     width_mm : float
         Width on the screen; the height follows from the pixels.
     polarity : {"bright-high", "dark-high"}
@@ -134,9 +134,9 @@ class GratingMaterial(Scaled):
     Parameters
     ----------
     period_mm : float
-        Length of a period.
+        Distance from one rib to the next.
     wave : {"sine", "square", "sawtooth"}
-        Its shape.
+        Shape of the ribs.
     orientation_deg : float
         Direction in which it runs: 0 to the right, 90 down.
     duty : float
@@ -167,11 +167,12 @@ class NoiseMaterial(Material):
     exponent : float
         The power falls with the wavenumber to this power: 0 is white.
     shortest_mm, longest_mm : float
-        Wavelengths between which there is power.
+        Sizes of the smallest and of the largest unevenness: there is power between them.
     mean, deviation : float
-        Of the values.
+        Mean of the friction, and how far it strays from it.
     target : {"share", "mu", "contrast"}
-        What they are.
+        What these are: shares of what the screen can reach, friction coefficients, or relative
+        changes of friction.
     seed : int
         Same seed, same noise.
     tile_mm : float
@@ -181,7 +182,7 @@ class NoiseMaterial(Material):
     grain : {"isotropic", "ribbed"}
         Noise over the plane, or along one direction.
     orientation_deg : float
-        That direction.
+        Direction of the ribbed grain: 0 to the right, 90 down.
     """
 
     kind: Literal["noise"] = "noise"
