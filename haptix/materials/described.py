@@ -89,3 +89,14 @@ def _step(low: float, high: float) -> float:
     rough = (high - low) / 100
     power = 10.0 ** floor(log10(rough))
     return float(f"{max(part for part in (1, 2, 5) if part * power <= rough * 1.0001) * power:g}")
+
+
+def steps_of(model: type[Material]) -> dict[str, float]:
+    """Steps of a kind's numeric fields, by their names."""
+    definition = model.model_json_schema()
+    describe(model, definition)
+    return {
+        name: field["x-step"]
+        for name, field in definition["properties"].items()
+        if "x-step" in field
+    }

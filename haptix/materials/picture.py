@@ -26,8 +26,9 @@ def picture(
     columns: int = 240,
     t_s: float = 0.0,
     sweeps: bool = False,
+    corner_mm: tuple[float, float] = (0.0, 0.0),
 ) -> Array:
-    """Return what a material asks for on a grid from its origin, in its target's values.
+    """Return what a material asks for on a grid, in its target's values.
 
     Parameters
     ----------
@@ -43,6 +44,8 @@ def picture(
         Where the place says nothing, the width stands for what does: speeds up to 200 mm/s, or the
         first half second, at 0.1 s of which an event happens. Of what depends on force, the height
         stands for 0 to 1 N.
+    corner_mm : (float, float)
+        Upper left corner of the grid.
 
     Returns
     -------
@@ -66,7 +69,8 @@ def picture(
     if sweeps and depends_on & Depends.FORCE and not depends_on & Depends.FACTS:
         force = y / height_mm
     motion = Motion.of(
-        x, y, moment, speed, 0.0, force, footprint_mm=pixel_mm / 2, history=history
+        x + corner_mm[0], y + corner_mm[1], moment, speed, 0.0, force,
+        footprint_mm=pixel_mm / 2, history=history,
     )  # fmt: skip
     return np.asarray(material.evaluator.wanted(motion)).reshape(x.shape)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from collections.abc import AsyncIterator
 from hashlib import sha256
@@ -28,6 +29,13 @@ class AssetStore:
         self.folder = folder
         self._limits = limits or Limits()
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+
+    def keep(self, folder: Path) -> None:
+        """Keep the files of a folder, whose names are their hashes."""
+        for path in folder.iterdir():
+            target = self.folder / path.name
+            if not target.exists():
+                shutil.copyfile(path, target)
 
     def path(self, digest: str) -> Path:
         """Return where a file is.

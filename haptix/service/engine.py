@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from haptix.layout import LayoutEvent
     from haptix.render.master import EffectEnd
     from haptix.service.layouts import SessionLayout
+    from haptix.surface import FrictionSurface
 
 SLEEP_S, STOP_S = 0.1, 2.0
 FORCES_N = (0.05, 3.0)
@@ -46,6 +47,21 @@ _RENDERS = (
     "haptix.render.live",
     "haptix.service.layouts",
 )
+
+
+def surface_of(opening: dict[str, Any]) -> FrictionSurface:
+    """Load the surface that was given, or load or build one for the finger and screen."""
+    from haptix.finger import Finger
+    from haptix.friction import ContactModel
+    from haptix.render.core import DEFAULT_CARRIER_HZ
+    from haptix.screen import Screen
+    from haptix.surface import FrictionSurface, cached_surface
+
+    if opening["surface"] is not None:
+        return FrictionSurface.load(opening["surface"])
+    model = ContactModel(Finger.named(opening["finger"]), Screen.named(opening["screen"]))
+    scene = {"normal_force_n": FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
+    return cached_surface(model, scene, TOLERANCE)[0]
 
 
 class EngineServer:
@@ -233,24 +249,16 @@ class EngineServer:
         """Open the device, and load or build the surface that its finger and screen need."""
         from haptix.devices import open_device
         from haptix.finger import Finger
-        from haptix.friction import ContactModel
         from haptix.materials import KINDS, schema
         from haptix.profiles import profiles_for
-        from haptix.render.core import DEFAULT_CARRIER_HZ
         from haptix.screen import Screen
         from haptix.service.profiles import profiles_of
-        from haptix.surface import FrictionSurface, cached_surface
 
         self._assets = Path(assets)
         self._device = open_device(device)
         finger, screen = profiles_for(self._device, finger, screen)
         used = Finger.named(finger), Screen.named(screen)
-        if surface is None:
-            model = ContactModel(*used)
-            scene = {"normal_force_n": FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
-            self._surface, _ = cached_surface(model, scene, TOLERANCE)
-        else:
-            self._surface = FrictionSurface.load(surface)
+        self._surface = surface_of({"surface": surface, "finger": finger, "screen": screen})
         return {
             "device": self._device.name,
             "finger": finger,

@@ -7,7 +7,7 @@ import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable, MutableMapping
 from typing import Annotated, Any
 
-from fastapi import Depends, FastAPI, Header, Request, WebSocket
+from fastapi import APIRouter, Depends, FastAPI, Header, Request, WebSocket
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse, Response
 from pydantic import BaseModel, ConfigDict, Field
@@ -141,6 +141,7 @@ def application(
     assets: AssetStore,
     start: Callable[[], Awaitable[None]] | None = None,
     end: Callable[[], Awaitable[None]] | None = None,
+    documents: APIRouter | None = None,
 ) -> Any:
     """Return the ASGI application around a hub and the files that apps send."""
 
@@ -236,6 +237,8 @@ def application(
 
     app.include_router(profiles_router(hub, token))
     app.include_router(pages(hub.access))
+    if documents is not None:
+        app.include_router(documents, dependencies=[Depends(token)])
 
     @app.websocket("/v1/session")
     async def session(socket: WebSocket) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from haptix.errors import DeviceError
+from haptix.gallery import ASSETS as GALLERY_ASSETS
 from haptix.service import messages as m
 from haptix.service.access import Access, service_folder
 from haptix.service.assets import AssetStore
@@ -62,6 +63,7 @@ def serve(
     folder = folder or service_folder()
     access = Access(number, folder, (listen.host,) if listen else ())
     assets = AssetStore(folder / "assets")
+    assets.keep(GALLERY_ASSETS)
     empty = m.Inventory(devices=(), finger="", screen="", kinds=())
     opening = {
         "device": device,
@@ -79,8 +81,12 @@ def serve(
     async def run() -> None:
         starting = asyncio.create_task(link.start())
         await asyncio.sleep(0)  # its process starts here, and loads while this one does
+        from haptix.service.documents import documents_router
         from haptix.service.front import application
         from haptix.service.http_server import HttpServer
+        from haptix.service.maker import Maker
+
+        maker = Maker({})
 
         async def start() -> None:
             try:
@@ -91,9 +97,16 @@ def serve(
                 return
             hub.inventory, hub.material_schema = _inventory(device, found), found["schema"]
             hub.profiles = found["profiles"]
+            maker.opening = {key: opening[key] for key in ("surface", "assets")}
+            maker.opening |= {"finger": found["finger"], "screen": found["screen"]}
             on_ready(access, hub.inventory)
 
-        server = HttpServer(application(hub, assets, start, link.stop), hub, listen)
+        async def end() -> None:
+            await maker.stop()
+            await link.stop()
+
+        documents = documents_router(maker, folder / "layouts")
+        server = HttpServer(application(hub, assets, start, end, documents), hub, listen)
         await server.serve(sockets=[listener])
 
     try:

@@ -45,7 +45,7 @@ class WrittenEngine:
 class Service:
     """Serves until it is closed."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, documents=None):
         self.engine = WrittenEngine()
         config = uvicorn.Config(
             lambda: self.app,
@@ -61,7 +61,7 @@ class Service:
         device = DeviceMessage(address="usb:serial=SECRET7", name="SECRET7", is_real=True)
         inventory = Inventory(devices=(device,), finger="semi-wet", screen="3m-sct3250", kinds=())
         self.hub = Hub(self.access, self.engine, inventory, "mock:")
-        self.app = application(self.hub, AssetStore(folder / "assets"))
+        self.app = application(self.hub, AssetStore(folder / "assets"), documents=documents)
         self.thread = threading.Thread(target=self.server.run, args=(sockets,))
         self.thread.start()
         while not self.server.started:

@@ -1,0 +1,214 @@
+"""Documents over REST: the gallery, kept layouts, pictures, checks and exports of materials."""
+
+from __future__ import annotations
+
+import base64
+import json
+from hashlib import sha256
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Header, Response
+from fastapi import Path as PathParameter
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from haptix.files import write_whole
+from haptix.gallery import FOLDER, presets
+from haptix.service import messages as m
+from haptix.service.maker import Maker
+from haptix.service.messages import Problem
+
+MOST_LAYOUTS = 1000
+Name = Annotated[str, PathParameter(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.-]{0,79}$")]
+Size = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
+Force = Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)]
+
+
+class PresetMessage(BaseModel):
+    """A preset of the gallery; see `haptix.gallery.Preset`."""
+
+    name: str
+    title: str
+    family: str
+    help: str
+    width_mm: float
+    height_mm: float
+    reachable: float
+    document: dict[str, Any]
+    thumbnail: str
+    """A picture of it, as a data URL."""
+
+
+class PictureAsked(BaseModel):
+    """What `POST /v1/pictures` takes."""
+
+    model_config = ConfigDict(extra="forbid")
+    material: dict[str, Any]
+    width_mm: Size
+    height_mm: Size
+    columns: Annotated[int, Field(ge=1, le=400)] = 160
+    t_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
+    normal_force_n: Force = 0.5
+
+
+class Picture(BaseModel):
+    """What a material asks for on a grid, for a finger that goes right at 80 mm/s."""
+
+    columns: int
+    rows: int
+    levels: str
+    """A byte for each place, row by row, in base64: ``(share + 0.5) * 127.5``, with `share` that of
+    the reachable friction."""
+    below: float
+    above: float
+    """Shares of the places that ask for less, or more, than the screen can give."""
+    lowest_mu: float
+    highest_mu: float
+
+
+class CheckAsked(BaseModel):
+    """What `POST /v1/materials/check` takes."""
+
+    model_config = ConfigDict(extra="forbid")
+    material: dict[str, Any]
+    normal_force_n: Force = 0.5
+
+
+class Checked(BaseModel):
+    """A material with all its fields, and what it can do on this screen."""
+
+    canonical: dict[str, Any]
+    target: str
+    depends_on: tuple[str, ...]
+    lowest_mu: float
+    highest_mu: float
+    range_jnd: float
+    """The reachable range in just-noticeable differences."""
+    effects_jnd: dict[str, float]
+    """By field: what one step of it changes."""
+
+
+class ExportAsked(BaseModel):
+    """What `POST /v1/exports` takes."""
+
+    model_config = ConfigDict(extra="forbid")
+    document: dict[str, Any]
+    """As `layout_set` takes it."""
+    form: Literal["document", "friction-map", "wav", "ahap", "hjif"]
+    y_mm: Annotated[float, Field(ge=-1e4, le=1e4)] = 0.0
+    """Height of the stroke, of forms that know no places."""
+
+
+def documents_router(maker: Maker, layouts: Path) -> APIRouter:
+    """Return the routes.
+
+    Parameters
+    ----------
+    maker : Maker
+        Draws, checks and exports.
+    layouts : Path
+        Folder of kept layouts.
+    """
+    router = APIRouter(prefix="/v1")
+
+    def kept(name: str) -> Path:
+        return layouts / f"{name}.json"
+
+    @router.get("/gallery")
+    async def gallery() -> tuple[PresetMessage, ...]:
+        """Presets of materials by family."""
+        return tuple(
+            PresetMessage(
+                **{
+                    key: getattr(one, key)
+                    for key in PresetMessage.model_fields
+                    if hasattr(one, key)
+                },
+                thumbnail=_data_url(FOLDER / "thumbnails" / f"{one.name}.png"),
+            )
+            for one in presets()
+        )
+
+    @router.get("/layouts")
+    async def names() -> tuple[str, ...]:
+        """Names of the layouts that are kept."""
+        return tuple(sorted(path.stem for path in layouts.glob("*.json")))
+
+    @router.get("/layouts/{name}")
+    async def get_layout(name: Name, response: Response) -> m.LayoutDocument:
+        """A layout; its `ETag` is for `If-Match`."""
+        text = _text(kept(name))
+        response.headers["etag"] = _etag(text)
+        return m.LayoutDocument.model_validate_json(text)
+
+    @router.put(
+        "/layouts/{name}", status_code=204, response_model=None, responses={412: {"model": m.Error}}
+    )
+    async def put_layout(
+        name: Name,
+        document: dict[str, Any],
+        if_match: Annotated[str | None, Header()] = None,
+    ) -> Response:
+        """Keep a layout; with `If-Match`, only over the one that has this `ETag`."""
+        path = kept(name)
+        if if_match is not None and (not path.is_file() or _etag(_text(path)) != if_match):
+            why = "another has changed this layout meanwhile; read it again"
+            wrong = m.Error(id=0, code="order", sentence=why, path="")
+            return JSONResponse(wrong.model_dump(), 412)
+        if not path.is_file() and len(list(layouts.glob("*.json"))) >= MOST_LAYOUTS:
+            raise Problem("limit", f"expected at most {MOST_LAYOUTS} layouts; remove one")
+        text = _layout(document).model_dump_json(exclude_none=True)
+        write_whole(path, text)
+        return Response(status_code=204, headers={"etag": _etag(text)})
+
+    @router.delete("/layouts/{name}", status_code=204)
+    async def delete_layout(name: Name) -> None:
+        """Remove a layout."""
+        _text(kept(name))
+        kept(name).unlink()
+
+    @router.post("/pictures")
+    async def picture(asked: PictureAsked) -> Picture:
+        """Draw what a material asks for."""
+        return Picture(**await maker.ask("picture", **asked.model_dump()))
+
+    @router.post("/materials/check")
+    async def check(asked: CheckAsked) -> Checked:
+        """Check a material: its fields, what it depends on, what a step of each field changes."""
+        return Checked(**await maker.ask("check", **asked.model_dump()))
+
+    @router.post("/exports", response_class=Response)
+    async def export(asked: ExportAsked) -> Response:
+        """A layout in a form of interchange: a zip archive that says what is lost."""
+        regions = _layout(asked.document).model_dump(mode="json", exclude_none=True)["regions"]
+        document = {"kind": "layout", "regions": regions}
+        answer = await maker.ask("export", document=document, form=asked.form, y_mm=asked.y_mm)
+        return Response(base64.b64decode(answer["content"]), media_type="application/zip")
+
+    return router
+
+
+def _layout(document: dict[str, Any]) -> m.LayoutDocument:
+    """Read a layout as the session does: from JSON, which knows lists and no tuples."""
+    try:
+        return m.LayoutDocument.model_validate_json(json.dumps(document))
+    except ValidationError as error:
+        first = error.errors()[0]
+        path = "".join(f"/{part}" for part in first["loc"])
+        raise Problem("document", f"{path[1:]}: {first['msg']}", path) from None
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text()
+    except OSError:
+        raise Problem("unknown", f"no layout is called {path.stem!r}") from None
+
+
+def _etag(text: str) -> str:
+    return f'"{sha256(text.encode()).hexdigest()[:32]}"'
+
+
+def _data_url(path: Path) -> str:
+    return f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"

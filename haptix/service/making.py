@@ -1,0 +1,150 @@
+"""``python -m haptix.service.making``: the process that draws, checks and exports materials.
+
+It decodes images and asks materials, so that neither the front nor the engine waits for that. It
+answers one question after the other; the front ends it where one takes too long.
+"""
+
+from __future__ import annotations
+
+import base64
+import os
+import signal
+import sys
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from haptix.errors import HaptixError, InputError
+from haptix.files import parse_json
+from haptix.service.wire import json_frame, read_frame
+
+if TYPE_CHECKING:
+    from haptix.materials import Material
+    from haptix.surface import Column
+
+_NICE = 10
+
+
+class Making:
+    """What the process answers, by the names of its methods.
+
+    Parameters
+    ----------
+    assets : Path
+        Folder of the files that apps have sent; documents read nothing else.
+    opening : dict
+        Surface, finger and screen, as the engine has them.
+    """
+
+    def __init__(self, assets: Path, opening: dict[str, Any]) -> None:
+        self._assets, self._opening = assets, opening
+        self.reach = lru_cache(64)(self._reach)
+
+    def picture(
+        self,
+        material: dict[str, Any],
+        width_mm: float,
+        height_mm: float,
+        columns: int,
+        t_s: float,
+        normal_force_n: float,
+    ) -> dict[str, Any]:
+        """Shares of the reachable friction on a grid, with how much of it is out of reach."""
+        from haptix.materials.picture import picture
+        from haptix.texture import as_mu
+
+        one = self.read(material)
+        wanted = picture(one, width_mm, height_mm, columns, t_s)
+        column = self.reach(normal_force_n)
+        low, high = float(column.lowest_mu), float(column.highest_mu)
+        share = (as_mu(one.evaluator.target, wanted, low, high) - low) / max(high - low, 1e-9)
+        rows, columns = share.shape
+        # One byte a place: 255 steps from half a range below to half a range above the range.
+        level = np.clip(np.rint((share + 0.5) * 127.5), 0, 255).astype(np.uint8)
+        return {
+            "columns": columns,
+            "rows": rows,
+            "levels": base64.b64encode(level.tobytes()).decode(),
+            "below": float((share < -0.005).mean()),
+            "above": float((share > 1.005).mean()),
+            "lowest_mu": low,
+            "highest_mu": high,
+        }
+
+    def check(self, material: dict[str, Any], normal_force_n: float) -> dict[str, Any]:
+        """All fields of a document, its range, and what a step of each changes [JND]."""
+        from haptix.materials.steps import effects_of_steps
+        from haptix.perception import WEBER_FRACTION
+
+        one = self.read(material)
+        column = self.reach(normal_force_n)
+        low, high = float(column.lowest_mu), float(column.highest_mu)
+        return {
+            "canonical": one.model_dump(mode="json", exclude_none=True),
+            "target": one.evaluator.target,
+            "depends_on": [str(flag.name).lower() for flag in one.evaluator.depends_on],
+            "lowest_mu": low,
+            "highest_mu": high,
+            "range_jnd": (high - low) / (WEBER_FRACTION * low),
+            "effects_jnd": effects_of_steps(one, low, high),
+        }
+
+    def export(self, document: dict[str, Any], form: str, y_mm: float) -> dict[str, Any]:
+        """Return a layout in a form of interchange, as an archive of files."""
+        from haptix.service.exports import export
+
+        column = partial(self.reach, 0.5)
+        content = export(self.read(document), self._assets, form, y_mm, column, self._opening)
+        return {"content": base64.b64encode(content).decode()}
+
+    def read(self, document: dict[str, Any]) -> Material:
+        """Read a document, whose files are those of the service."""
+        from haptix.materials import material_of
+        from haptix.materials.material import in_folder
+
+        with in_folder(self._assets, is_sealed=True):
+            one = material_of(document)
+            if one.evaluator.target not in ("share", "mu", "contrast"):
+                raise InputError(f"target: expected a friction, got {one.evaluator.target}")
+            return one
+
+    def _reach(self, normal_force_n: float) -> Column:
+        """Friction that the screen can give at a force."""
+        from haptix.render.core import DEFAULT_CARRIER_HZ
+        from haptix.service.engine import surface_of
+
+        surface = surface_of(self._opening).driven_at(DEFAULT_CARRIER_HZ)
+        return surface.column(normal_force_n, None)
+
+
+def main() -> None:
+    """Answer until the input ends."""
+    output = os.fdopen(os.dup(1), "wb", buffering=0)
+    os.dup2(2, 1)  # what a library prints must not break the frames
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "nice"):
+        os.nice(_NICE)
+    making: Making | None = None
+    while (found := read_frame(sys.stdin.buffer)) is not None:
+        message = parse_json(found[1])
+        number, do = message.pop("n"), message.pop("do")
+        answer: dict[str, Any]
+        try:
+            if do == "open":
+                making, answer = Making(Path(message.pop("assets")), message), {}
+            else:
+                answer = getattr(making, do)(**message)
+        except HaptixError as error:
+            path = getattr(error, "path", "")
+            answer = {"problem": {"code": "document", "sentence": str(error), "path": path}}
+        except Exception as error:
+            sys.excepthook(type(error), error, error.__traceback__)
+            sentence = f"{do}: {type(error).__name__}: {error}"
+            answer = {"problem": {"code": "internal", "sentence": sentence}}
+        output.write(json_frame({"n": number, **answer}))
+
+
+if __name__ == "__main__":
+    main()

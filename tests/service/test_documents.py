@@ -1,0 +1,185 @@
+"""Gallery, kept layouts, pictures, checks and exports over REST, and the process behind them."""
+
+import asyncio
+import base64
+import io
+import json
+import zipfile
+
+import httpx
+import numpy as np
+import pytest
+
+import haptix
+from haptix.gallery import ASSETS, presets
+from haptix.service.assets import AssetStore
+from haptix.service.documents import documents_router
+from haptix.service.maker import Maker
+from haptix.service.making import Making
+from haptix.service.messages import Problem
+from haptix.stimuli.interchange import FrictionMap
+from tests.service.service_under_test import Service
+
+OPENING = {"surface": None, "finger": "semi-wet", "screen": "3m-sct3250"}
+RIBS = {"kind": "grating", "period_mm": 4.0}
+LAYOUT = {"regions": [
+    {"name": "a", "material": RIBS, "x_mm": 2, "y_mm": 1, "width_mm": 40, "height_mm": 20},
+    {"name": "b", "material": {"kind": "button"}, "x_mm": 50, "y_mm": 0},
+]}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def making(tmp_path_factory):
+    """What the process answers, in this process."""
+    store = AssetStore(tmp_path_factory.mktemp("store") / "assets")
+    store.keep(ASSETS)
+    return Making(store.folder, OPENING)
+
+
+@pytest.fixture
+def rest(tmp_path):
+    """A client of a service whose documents are served, and its maker."""
+    maker = Maker({**OPENING, "assets": str(tmp_path / "assets")})
+    service = Service(tmp_path, documents_router(maker, tmp_path / "layouts"))
+    headers = {"authorization": f"Bearer {service.access.native}"}
+    with httpx.Client(base_url=f"http://127.0.0.1:{service.port}/v1", headers=headers) as client:
+        yield client
+    service.close()
+
+
+def test_the_gallery_is_whole_and_needs_a_token(rest):
+    found = rest.get("/gallery").json()
+    assert [one["name"] for one in found] == [one.name for one in presets()]
+    assert found[0]["document"] == presets()[0].document
+    assert base64.b64decode(found[0]["thumbnail"].split(",")[1]).startswith(b"\x89PNG")
+    assert httpx.get(f"{rest.base_url}gallery").status_code == 403
+
+
+def test_a_layout_is_kept_and_two_writers_do_not_lose_each_other_s_work(rest):
+    assert rest.get("/layouts").json() == []
+    assert rest.put("/layouts/my desk", json=LAYOUT).status_code == 204
+    first = rest.get("/layouts/my desk")
+    assert [one["name"] for one in first.json()["regions"]] == ["a", "b"]
+    seen = {"if-match": first.headers["etag"]}
+    more = {"regions": LAYOUT["regions"][:1]}
+    done = rest.put("/layouts/my desk", json=more, headers=seen)
+    assert done.status_code == 204
+    assert done.headers["etag"] != first.headers["etag"]
+    late = rest.put("/layouts/my desk", json=LAYOUT, headers=seen)
+    assert late.status_code == 412
+    assert "meanwhile" in late.json()["sentence"]
+    assert rest.get("/layouts").json() == ["my desk"]
+    assert rest.delete("/layouts/my desk").status_code == 204
+    assert rest.get("/layouts/my desk").status_code == 404
+
+
+@pytest.mark.parametrize("name", ["..", "%2e%2e%2fservice", ".hidden", "a/b", "x" * 81])
+def test_a_name_that_could_leave_the_folder_is_refused(rest, name, tmp_path):
+    before = sorted(tmp_path.rglob("*"))
+    assert rest.put(f"/layouts/{name}", json=LAYOUT).status_code in (404, 405, 422)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def shares(answer):
+    """Shares of a picture, from its bytes."""
+    levels = np.frombuffer(base64.b64decode(answer["levels"]), np.uint8).astype(float)
+    return (levels / 127.5 - 0.5).reshape(answer["rows"], answer["columns"])
+
+
+def test_a_picture_is_what_the_material_asks_for(making):
+    found = making.picture(RIBS, 8.0, 4.0, 80, 0.0, 0.5)
+    share = shares(found)
+    assert share.shape == (40, 80)
+    x = (np.arange(80) + 0.5) * 0.1
+    expected = 0.5 + 0.5 * np.sin(2 * np.pi * x / 4)
+    np.testing.assert_allclose(share, np.tile(expected, (40, 1)), atol=0.005)  # half a byte's step
+    assert found["below"] == found["above"] == 0.0
+    low, high = found["lowest_mu"], found["highest_mu"]
+    # Half of the places ask for more than the screen can give, in friction coefficients.
+    above = {
+        "kind": "grating",
+        "period_mm": 4.0,
+        "target": "mu",
+        "low": low,
+        "high": 2 * high - low,
+    }
+    assert making.picture(above, 8.0, 4.0, 80, 0.0, 0.5)["above"] == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_check_tells_the_range_and_what_a_step_changes(making):
+    found = making.check(RIBS, 0.5)
+    assert found["canonical"]["duty"] == 0.5
+    assert found["depends_on"] == ["place"]
+    jnd = (found["highest_mu"] / found["lowest_mu"] - 1) / 0.11
+    assert found["range_jnd"] == pytest.approx(jnd)
+    # A hundredth less at the top is at most a hundredth of the range, where friction is high.
+    assert 0 < found["effects_jnd"]["high"] < 0.01 * jnd
+    assert found["effects_jnd"]["duty"] == 0.0  # a sine has none
+    assert found["effects_jnd"]["phase"] > found["effects_jnd"]["high"]
+    with pytest.raises(haptix.InputError, match="period_mm"):
+        making.check({"kind": "grating", "period_mm": -1}, 0.5)
+
+
+def unpacked(making, form, **more):
+    document = {"kind": "layout", "regions": LAYOUT["regions"]}
+    answer = making.export(document, form, **{"y_mm": 6.0, **more})
+    return zipfile.ZipFile(io.BytesIO(base64.b64decode(answer["content"])))
+
+
+def test_an_exported_document_is_felt_the_same_from_its_own_folder(making, tmp_path):
+    brick = next(one for one in presets() if one.name == "brick").document
+    regions = [{"name": "wall", "material": brick, "x_mm": 3, "y_mm": 2}]
+    answer = making.export({"kind": "layout", "regions": regions}, "document", 5.0)
+    zipfile.ZipFile(io.BytesIO(base64.b64decode(answer["content"]))).extractall(tmp_path)
+    assert len(list((tmp_path / "assets").iterdir())) == 1  # not all that the service has
+    read = haptix.materials.load(tmp_path / "layout.json")
+    motion = haptix.Motion.of(np.linspace(3, 48, 300), 20.0)
+    here = making.read({"kind": "layout", "regions": regions})
+    np.testing.assert_array_equal(read.wanted(motion), here.wanted(motion))
+
+
+def test_an_exported_map_is_the_friction_at_each_place(making, tmp_path):
+    unpacked(making, "friction-map").extractall(tmp_path)
+    found = FrictionMap.load(tmp_path / "friction-map.png")
+    pixel_mm = found.width_mm / found.values.shape[1]
+    column = making.reach(0.5)
+    row = found.values[round(10 / pixel_mm), : round(30 / pixel_mm)]
+    x = (np.arange(len(row)) + 0.5) * pixel_mm  # the map begins at the first region's corner
+    share = (row - column.lowest_mu) / (column.highest_mu - column.lowest_mu)
+    away = np.abs(share - (0.5 + 0.5 * np.sin(2 * np.pi * x / 4)))
+    assert away[x > 0.5].max() < 0.02  # behind the region's own edge
+
+
+@pytest.mark.parametrize("form", ["ahap", "hjif", "wav"])
+def test_a_line_is_exported_with_what_it_loses(making, form):
+    archive = unpacked(making, form)
+    names = archive.namelist()
+    assert f"layout.{form}" in names
+    if form == "wav":
+        assert json.loads(archive.read("layout.json"))["peak_v"] > 10
+    else:
+        assert json.loads(archive.read("lost.json"))["lost"]
+    with pytest.raises(haptix.InputError, match="y_mm"):
+        unpacked(making, form, y_mm=500.0)
+
+
+def test_a_question_is_refused_in_one_sentence_and_the_next_is_answered(rest):
+    asked = {"material": {"kind": "velvet"}, "width_mm": 10, "height_mm": 10}
+    refused = rest.post("/pictures", json=asked, timeout=60)
+    assert refused.status_code == 422
+    assert "velvet" in refused.json()["sentence"]
+    answer = rest.post("/pictures", json=asked | {"material": RIBS}, timeout=60)
+    assert answer.json()["columns"] == 160
+
+
+async def _asks(longest_s):
+    maker = Maker({**OPENING, "assets": "/nowhere"}, longest_s)
+    try:
+        return await maker.ask("check", material=RIBS, normal_force_n=0.5)
+    finally:
+        await maker.stop()
+
+
+def test_a_question_that_takes_too_long_is_ended():
+    with pytest.raises(Problem, match="took more than"):
+        asyncio.run(_asks(0.01))
