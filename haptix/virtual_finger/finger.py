@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +33,21 @@ _DRIVE_RATES_HZ = (100.0, 1e6)  # of drivers there are, and what fits the memory
 _LOWEST_RATE_HZ = 10.0
 _MOST_SAMPLES = 20_000_000  # half an hour at 10 kHz, and a gigabyte
 _END = 1e-6  # of an output step: a path's last sample is felt though its time was rounded
+
+
+class Sensed(NamedTuple):
+    """Attraction along a path; arrays of shape (samples,) unless said."""
+
+    t_s: Array
+    x_mm: Array
+    y_mm: Array
+    normal_force_n: Array
+    speed_mm_per_s: Array
+    squares: Array
+    """Squared field after the finger's response, shape (points, samples)."""
+    status: npt.NDArray[np.int64]
+    after: Array | None
+    """Squared field one sample after the last."""
 
 
 class VirtualFinger:
@@ -157,9 +174,13 @@ class VirtualFinger:
         played = self._played("amplitude_v", amplitude_v, sample_rate_hz, start_s)
         if (lowest := played[0].min()) < 0:
             raise InputError(f"amplitude_v: expected 0 V or more, got {lowest:g} V")
-        (thickness,) = self._thickness_m(np.array([float(frequency_hz)]))
         path = Trajectory.of(t_s, x_mm, y_mm, normal_force_n)
-        return self._feel(Amplitude(*played, complex(thickness)), path, output_rate_hz)
+        return self._feel(Amplitude(*played, self.thickness_m(frequency_hz)), path, output_rate_hz)
+
+    def thickness_m(self, frequency_hz: float) -> complex:
+        """Effective thickness [m] of the insulators at a carrier's frequency."""
+        (thickness,) = self._thickness_m(np.array([float(frequency_hz)]))
+        return complex(thickness)
 
     def _feel(self, drive: Drive, path: Trajectory, output_rate_hz: float) -> Felt:
         if not output_rate_hz >= _LOWEST_RATE_HZ:
@@ -178,20 +199,50 @@ class VirtualFinger:
                 f"{output_rate_hz:g} Hz over the path's {path.duration_s:g} s; check the path's "
                 "clock, or feel it in parts"
             )
-        count = int(steps + _END) + 1
-        field = drive.field(float(self.model.contact.gap_edges_m[-1]))
-        time = path.t_s[0] + np.arange(count) / output_rate_hz
-        x, y, force = path.at(time)
-        speed = path.speed_mm_per_s(time)
+        field = self.field_of(drive)
+        sensed = self.sense(drive, field, path, int(steps + _END) + 1, output_rate_hz)
+        return self.felt([sensed], field)[0]
+
+    def field_of(self, drive: Drive) -> GapField:
+        """Return the points that hold a drive in all gaps of the contact."""
+        return drive.field(float(self.model.contact.gap_edges_m[-1]))
+
+    def sense(
+        self,
+        drive: Drive,
+        field: GapField,
+        path: Trajectory,
+        count: int,
+        rate_hz: float,
+        before: Array | None = None,
+    ) -> Sensed:
+        """Return the attraction at `count` instants of a path, from its beginning.
+
+        It goes on from `before`, the `after` of the part before; by default from rest.
+        """
+        time = path.t_s[0] + np.arange(count) / rate_hz
+        places = (*path.at(time), path.speed_mm_per_s(time))
+        return Sensed(time, *places, *self._squares(drive, field, path, count, rate_hz, before))
+
+    def felt(self, parts: Sequence[Sensed], field: GapField) -> list[Felt]:
+        """Return what is felt of attractions; several are solved at once."""
+        force = np.concatenate([part.normal_force_n for part in parts])
+        speed = np.concatenate([part.speed_mm_per_s for part in parts])
         slides = (speed >= STANDING_BELOW_MM_PER_S) & (force >= LIFTED_BELOW_N)
-        squares, reported = self._squares(drive, field, path, count, output_rate_hz)
-        mu = np.full(count, np.nan)
-        status = np.full(count, int(Status.OK))
+        squares = np.concatenate([part.squares for part in parts], axis=1)
+        reported = np.concatenate([part.status for part in parts])
+        mu = np.full(len(force), np.nan)
+        status = np.full(len(force), int(Status.OK))
         if slides.any():
             mu[slides], stable = self._friction(force[slides], squares[:, slides], field)
             status[slides] = np.where(stable, reported[slides], int(Status.PULL_IN))
         friction_force_n = np.where(slides, mu * force, 0.0)
-        return Felt(time, x, y, speed, force, mu, friction_force_n, status)
+        ends = np.cumsum([len(part.t_s) for part in parts])[:-1]
+        found = (np.split(column, ends) for column in (mu, friction_force_n, status))
+        return [
+            Felt(one.t_s, one.x_mm, one.y_mm, one.speed_mm_per_s, one.normal_force_n, *columns)
+            for one, columns in zip(parts, zip(*found, strict=True), strict=True)
+        ]
 
     def _played(
         self, name: str, value: npt.ArrayLike, sample_rate_hz: float, start_s: float
@@ -208,13 +259,18 @@ class VirtualFinger:
         return volts, float(sample_rate_hz), checks.number("start_s", start_s)
 
     def _squares(
-        self, drive: Drive, field: GapField, path: Trajectory, count: int, rate_hz: float
-    ) -> tuple[Array, npt.NDArray[np.int64]]:
-        """Squared field after the response, (points, count), and the status that it has."""
+        self,
+        drive: Drive,
+        field: GapField,
+        path: Trajectory,
+        count: int,
+        rate_hz: float,
+        before: Array | None,
+    ) -> tuple[Array, npt.NDArray[np.int64], Array | None]:
+        """Squared field after the response, (points, count), its status, and its end."""
         squares = np.empty((field.points, count))
         status = np.empty(count, dtype=np.int64)
         part = max(2, round(_PART_S * rate_hz))
-        before: Array | None = None
         for first in range(0, count, part):
             last = min(first + part, count)
             # One step of the output is shared with the next part, which goes on from there.
@@ -227,7 +283,7 @@ class VirtualFinger:
                 before = seen[:, -1]
             squares[:, first:last] = seen[:, :-1:_FINER]
             status[first:last] = self._status(excerpt, time[::_FINER])
-        return squares, status
+        return squares, status, before
 
     def _thickness_m(self, frequency_hz: Array) -> ComplexArray:
         """Effective thickness [m] at frequencies [Hz] from 0."""
