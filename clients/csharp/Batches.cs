@@ -38,7 +38,7 @@ namespace Haptix
 
     public static class Batches
     {
-        static readonly string[] Streams = { "stats" };
+        static readonly string[] Streams = { "stats", "friction", "felt" };
 
         /// <summary>Return a batch; its number rises by one.</summary>
         public static byte[] Write(IList<TouchReport> touches, uint number)

@@ -288,7 +288,7 @@ namespace Haptix.Messages
     }
 
     /// <summary>
-    /// Streams that the client wants, each with its rate in hertz; 0 ends one.
+    /// Streams that the client wants, each with its highest rate in hertz; 0 ends one.
     /// </summary>
     public partial class Subscribe
     {

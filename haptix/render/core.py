@@ -143,7 +143,7 @@ class RenderCore:
             instance("settings", settings, self._settings_kind)
         self.settings = settings = RenderSettings() if settings is None else settings
         rate = device.capabilities.sample_rate_hz
-        self.drive = drive = _on_device(drive or SineCarrier(_carrier_hz(surface)), device)
+        self.drive = drive = _on_device(drive or SineCarrier(carrier_hz(surface)), device)
         self.surface = surface = surface.driven_at(drive.frequency_hz, settings.h0_m)
         self.sample_rate_hz = rate
         self.step = max(1, int(rate / CONTROL_HZ))
@@ -382,7 +382,8 @@ def _inverted(
     return each[0] if len(each) == 1 else Amplitudes(*map(np.concatenate, zip(*each, strict=True)))
 
 
-def _carrier_hz(surface: FrictionSurface) -> float:
+def carrier_hz(surface: FrictionSurface) -> float:
+    """Return the frequency of the carrier that a surface is driven at where none is chosen."""
     frequency = surface.frequency_hz
     if frequency.is_absent:
         return DEFAULT_CARRIER_HZ

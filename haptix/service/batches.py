@@ -32,12 +32,12 @@ Telemetry (server to client): a header of 32 bytes, then rows of f32, NaN where 
 at     type    header
 =====  ======  ==================================================================
 0      u8      2: telemetry
-1      u8      stream: 1 stats
+1      u8      stream: 1 stats, 2 friction, 3 felt
 2      u8      touch_id
 3      u8      number of columns
 4      u16     number of rows
 6      u16     0
-8      u32     number of the frame; it rises by one for each stream
+8      u32     number of the frame; it rises by one for each stream and finger
 12     u32     frames dropped so far because the client did not read them
 16     f64     time of the first row, of the service's clock [s]
 24     f64     time between rows [s]
@@ -64,8 +64,13 @@ _PIXELS, _FORCE, _AREA, _COALESCED = 4, 8, 16, 32
 
 COLUMNS: dict[Stream, tuple[str, ...]] = {
     "stats": ("reaction_s", "reaction_p99_s", "underruns", "touches"),
+    "friction": (
+        *("x_mm", "y_mm", "normal_force_n", "wanted", "reached", "low", "high"),
+        "voltage_share",
+    ),
+    "felt": ("mu", "force_n"),
 }
-"""Columns of each stream."""
+"""Columns of each stream, in the order of their numbers."""
 STREAMS = tuple(COLUMNS)
 
 
@@ -206,6 +211,6 @@ def read_frame(data: bytes) -> TelemetryFrame:
     return TelemetryFrame(STREAMS[stream - 1], touch_id, number, dropped, t0_s, step_s, rows)
 
 
-def with_dropped(data: bytes, dropped: int) -> bytes:
-    """Return a frame that says how many were dropped before it."""
-    return data[:12] + struct.pack("<I", dropped & 0xFFFFFFFF) + data[16:]
+def numbered(data: bytes, number: int, dropped: int) -> bytes:
+    """Return a frame with another number, and a count of those that were dropped before it."""
+    return data[:8] + struct.pack("<II", number & 0xFFFFFFFF, dropped & 0xFFFFFFFF) + data[16:]

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import gc
 import importlib
-import os
 import queue
 import signal
 import sys
@@ -20,12 +19,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-import numpy as np
-
 from haptix.errors import HaptixError, InputError
 from haptix.files import parse_json
-from haptix.service.batches import TelemetryFrame, write_frame
-from haptix.service.wire import JSON, TELEMETRY, TOUCHES, frame, json_frame, read_frame, touches_of
+from haptix.service.outbox import Outbox, own_output
+from haptix.service.telemetry import Telemetry
+from haptix.service.wire import JSON, TOUCHES, read_frame, touches_of
 from haptix.touch import TouchEvent
 
 if TYPE_CHECKING:
@@ -74,7 +72,7 @@ class EngineServer:
     """
 
     def __init__(self, output: BinaryIO) -> None:
-        self._output, self._output_lock = output, threading.Lock()
+        self._outbox = Outbox(output)
         self._work: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
         self._lock = threading.Lock()  # of the renderer's coming and going
         self._renderer: Any = None
@@ -89,8 +87,7 @@ class EngineServer:
         self._surface: Any = None
         self._layouts: dict[int, Any] = {}  # by session
         self._ended = threading.Event()
-        self._stats_hz = self._told_s = 0.0
-        self._frames = 0
+        self._telemetry = Telemetry(self._outbox.tell, _LOOK_S)
 
     def run(self, source: BinaryIO) -> None:
         """Obey until the input ends; then end at 0 V."""
@@ -110,6 +107,7 @@ class EngineServer:
             self._stop("the service ended")
             if self._device is not None:
                 self._device.close()
+            self._outbox.close()
 
     # --- at once ---------------------------------------------------------------------------------
 
@@ -125,7 +123,7 @@ class EngineServer:
         elif do == "lift":
             self._lift()
         elif do == "streams":
-            self._stats_hz = float(message["rates"].get("stats", 0.0))
+            self._telemetry.ask(message["rates"])
         else:
             self._work.put(message)
 
@@ -173,11 +171,11 @@ class EngineServer:
         try:
             renderer.__exit__(InputError, error, None)
         except HaptixError as failure:
-            self._say(event="output", state="failed", reason=str(failure))
+            self._outbox.say(event="output", state="failed", reason=str(failure))
 
     def _fail(self, error: HaptixError) -> None:
         self._stop(str(error))
-        self._say(event="output", state="failed", reason=str(error))
+        self._outbox.say(event="output", state="failed", reason=str(error))
 
     def _watches(self) -> None:
         asleep = False
@@ -191,7 +189,7 @@ class EngineServer:
                 renderer.poll()
             except HaptixError as error:
                 self._fail(error)
-            self._tell_stats(renderer)
+            self._telemetry.tell(renderer, time.monotonic())
             if silent_s > STOP_S:
                 self._stop("the service's front is silent")
             elif silent_s > SLEEP_S and not asleep:
@@ -200,23 +198,6 @@ class EngineServer:
             elif silent_s <= SLEEP_S and asleep:
                 asleep = False
                 self._sleep(False)
-
-    def _tell_stats(self, renderer: Any) -> None:
-        now_s = time.monotonic()
-        if not self._stats_hz or now_s - self._told_s < 1 / self._stats_hz - _LOOK_S / 2:
-            return
-        stats = renderer.stats
-        row = [
-            stats.reaction_p50_s,
-            stats.reaction_p99_s,
-            stats.underruns,
-            renderer.touch_counts.taken,
-        ]
-        step_s, self._told_s = 1 / self._stats_hz, now_s
-        told = TelemetryFrame("stats", 0, self._frames, 0, now_s, step_s, np.array([row]))
-        self._frames += 1
-        with self._output_lock:
-            self._output.write(frame(TELEMETRY, write_frame(told)))
 
     # --- in turn ---------------------------------------------------------------------------------
 
@@ -236,7 +217,7 @@ class EngineServer:
                 wrong = {"code": "internal", "sentence": f"{do}: {type(error).__name__}: {error}"}
                 answer = {"problem": wrong}
             if number is not None:
-                self._say(n=number, **answer)
+                self._outbox.say(n=number, **answer)
 
     def _do_open(
         self,
@@ -251,6 +232,7 @@ class EngineServer:
         from haptix.finger import Finger
         from haptix.materials import KINDS, schema
         from haptix.profiles import profiles_for
+        from haptix.render.core import carrier_hz
         from haptix.screen import Screen
         from haptix.service.profiles import profiles_of
 
@@ -264,6 +246,7 @@ class EngineServer:
             "finger": finger,
             "screen": screen,
             "profiles": profiles_of(*used, {"finger": finger, "screen": screen}),
+            "carrier_hz": carrier_hz(self._surface),
             "kinds": sorted(KINDS),
             "schema": schema(),
         }
@@ -322,7 +305,7 @@ class EngineServer:
         region = next(names, None)
         if region is not None:
             value = None if event.kind != "detent" else event.detent
-            self._say(
+            self._outbox.say(
                 event="contact",
                 what=event.kind,
                 region=region,
@@ -365,7 +348,7 @@ class EngineServer:
 
     def _ended_effect(self, number: int, ended: EffectEnd) -> None:
         self._effects.pop(number, None)
-        self._say(
+        self._outbox.say(
             event="effect_ended", effect_id=number, how=ended.outcome, sample=int(ended.sample)
         )
 
@@ -377,11 +360,6 @@ class EngineServer:
 
     def _do_disarm(self) -> None:
         self._stop("disarmed")
-
-    def _say(self, **message: Any) -> None:
-        with self._output_lock:
-            self._output.write(json_frame(message))
-            self._output.flush()
 
 
 def _load() -> None:
@@ -395,12 +373,9 @@ def _load() -> None:
 
 def main() -> None:
     """Serve the front until it closes our input."""
-    # What a library prints must not break the frames.
-    output = os.fdopen(os.dup(1), "wb", buffering=0)
-    os.dup2(2, 1)
     # An interrupt of the terminal goes to all processes of its group; the front ends us in order.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    EngineServer(output).run(sys.stdin.buffer)
+    EngineServer(own_output()).run(sys.stdin.buffer)
 
 
 if __name__ == "__main__":

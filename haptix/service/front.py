@@ -293,8 +293,8 @@ async def _writes(socket: WebSocket, client: ServiceSession) -> None:
                 code, reason = client.closing
                 await socket.close(code, reason[:120])
                 return
-            elif client.frames:
-                await socket.send_bytes(client.frames.popleft())
+            elif (frame := client.next_frame()) is not None:
+                await socket.send_bytes(frame)
             else:
                 client.has_more.clear()
                 await client.has_more.wait()

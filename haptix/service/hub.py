@@ -14,7 +14,7 @@ from typing import Any
 
 from haptix.service import messages as m
 from haptix.service.access import Access
-from haptix.service.batches import ClientTouch, read_touches
+from haptix.service.batches import ClientTouch, read_frame, read_touches
 from haptix.service.control import Engine, OutputControl
 from haptix.service.messages import Problem
 from haptix.service.session import ServiceSession
@@ -182,11 +182,11 @@ class Hub:
             for session in self.welcome():
                 session.send(m.WarningMessage(sentence=event["sentence"]))
 
-    def hear_frame(self, stream: m.Stream, frame: bytes) -> None:
+    def hear_frame(self, data: bytes) -> None:
         """Pass telemetry on to those who subscribed to it."""
+        frame = read_frame(data)
         for session in self.welcome():
-            if session.streams.get(stream):
-                session.send_frame(frame)
+            session.send_frame(frame)
 
     # --- parts -----------------------------------------------------------------------------------
 

@@ -74,7 +74,7 @@ def serve(
     }
     failure: list[Problem] = []
     link = EngineProcess(
-        opening, lambda event: hub.hear_engine(event), lambda name, data: hub.hear_frame(name, data)
+        opening, lambda event: hub.hear_engine(event), lambda data: hub.hear_frame(data)
     )
     hub = Hub(access, link, empty, device)
 

@@ -6,10 +6,12 @@ import asyncio
 import secrets
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import ceil
 from typing import Any
 
 from haptix.service import messages as m
-from haptix.service.batches import with_dropped
+from haptix.service.batches import TelemetryFrame, numbered, write_frame
 from haptix.service.clocks import ClientClock
 
 _MOST_WAITING = 64  # replies that a client has not read
@@ -40,8 +42,18 @@ class Bucket:
         return is_there
 
 
+@dataclass
+class _Feed:
+    """Frames of one stream and finger that wait, and what was sent of it."""
+
+    frames: deque[bytes] = field(default_factory=lambda: deque(maxlen=_MOST_FRAMES))
+    number: int = 0
+    dropped: int = 0
+    skip: int = 0  # rows of the next frame that the rate leaves out
+
+
 class ServiceSession:
-    """One client. What it is sent waits in `waiting` and `frames` for its writer."""
+    """One client. What it is sent waits in `waiting` and its feeds for its writer."""
 
     def __init__(self, number: int, origin: str | None, now_s: Callable[[], float]) -> None:
         self.number, self.origin = number, origin
@@ -57,8 +69,8 @@ class ServiceSession:
         self.next_ping = 0
         self.streams: dict[m.Stream, float] = {}
         self.waiting: deque[str] = deque()
-        self.frames: deque[bytes] = deque(maxlen=_MOST_FRAMES)
-        self.dropped = 0
+        self._feeds: dict[tuple[m.Stream, int], _Feed] = {}
+        self._full: deque[_Feed] = deque()  # each once, in the order of their oldest frames
         self.has_more = asyncio.Event()
         self.asked: deque[Any] = deque()  # messages that wait for the engine
         self.has_asked = asyncio.Event()
@@ -126,11 +138,39 @@ class ServiceSession:
             )
             self._left_out = 0
 
-    def send_frame(self, frame: bytes) -> None:
-        """Queue telemetry; the newest frames replace those that were not read."""
-        self.dropped += len(self.frames) == _MOST_FRAMES
-        self.frames.append(with_dropped(frame, self.dropped))
+    def send_frame(self, frame: TelemetryFrame) -> None:
+        """Queue the rows that the asked rate leaves; the newest replace those that were not read.
+
+        Of rows at even times every second, third, ... is sent.
+        """
+        rate_hz = self.streams.get(frame.stream, 0.0)
+        if not rate_hz:
+            return
+        feed = self._feeds.setdefault((frame.stream, frame.touch_id), _Feed())
+        every = max(1, ceil(1 / (rate_hz * frame.step_s) - 1e-6))
+        rows, skip = frame.rows[feed.skip :: every], feed.skip
+        feed.skip = (skip - len(frame.rows)) % every
+        if not len(rows):
+            return
+        left = frame._replace(
+            t0_s=frame.t0_s + skip * frame.step_s, step_s=every * frame.step_s, rows=rows
+        )
+        if not feed.frames:
+            self._full.append(feed)
+        feed.dropped += len(feed.frames) == _MOST_FRAMES
+        feed.frames.append(numbered(write_frame(left), feed.number, feed.dropped))
+        feed.number += 1
         self.has_more.set()
+
+    def next_frame(self) -> bytes | None:
+        """Return the frame to send next; None without one."""
+        if not self._full:
+            return None
+        feed = self._full.popleft()
+        frame = feed.frames.popleft()
+        if feed.frames:
+            self._full.append(feed)
+        return frame
 
     def close(self, code: int, reason: str) -> None:
         """End it, after what waits."""

@@ -11,10 +11,15 @@ import struct
 from math import isnan, nan
 from typing import Any, BinaryIO, Literal, NamedTuple
 
+import numpy as np
+
+from haptix.checks import Array
+
 HEADER = struct.Struct("<IB")
-JSON, TOUCHES, TELEMETRY = 0, 1, 2
+JSON, TOUCHES, TELEMETRY, AMPLITUDE = 0, 1, 2, 3
 MOST_BYTES = 64 * 2**20
 _TOUCH = struct.Struct("<dHHdddd")
+_AMPLITUDE = struct.Struct("<dd")
 _KINDS: tuple[Literal["down", "move", "up"], ...] = ("down", "move", "up")
 
 
@@ -71,6 +76,18 @@ def touches_of(data: bytes) -> list[TouchRecord]:
         )
         for t_s, touch_id, kind, x_mm, y_mm, force_n, area_m2 in _TOUCH.iter_unpack(data)
     ]
+
+
+def amplitude_frame(t0_s: float, step_s: float, amplitude_v: Array) -> bytes:
+    """Return a frame of what was played, for the twin: amplitudes [V] at even times."""
+    samples = np.asarray(amplitude_v, dtype="<f4").tobytes()
+    return frame(AMPLITUDE, _AMPLITUDE.pack(t0_s, step_s) + samples)
+
+
+def amplitude_of(data: bytes) -> tuple[float, float, Array]:
+    """Return time, step and amplitudes of a frame."""
+    t0_s, step_s = _AMPLITUDE.unpack_from(data)
+    return t0_s, step_s, np.frombuffer(data, "<f4", offset=_AMPLITUDE.size).astype(np.float64)
 
 
 def read_frame(stream: BinaryIO) -> tuple[int, bytes] | None:

@@ -28,8 +28,8 @@ class EchoEngine(WrittenEngine):
         super().tell(do, **fields)
         if do == "streams" and fields["rates"].get("stats"):
             rows = np.append(np.arange(7.0), np.nan).reshape(2, 4)
-            frame = TelemetryFrame("stats", 2, 1, 0, time.monotonic(), 0.01, rows)
-            self.hub.hear_frame("stats", write_frame(frame))
+            frame = TelemetryFrame("stats", 2, 1, 0, time.monotonic(), 0.1, rows)
+            self.hub.hear_frame(write_frame(frame))
 
     def touch(self, reports):
         super().touch(reports)

@@ -5,9 +5,9 @@
  * Rows of one stream, for one finger. Row i is `rows.subarray(i * columns, (i + 1) * columns)`, at
  * `t0_s + i * step_s` of the service's clock; NaN where nothing is known.
  * @typedef {object} Frame
- * @property {"stats"} stream
+ * @property {"stats" | "friction" | "felt"} stream
  * @property {number} touch_id
- * @property {number} number rises by one for each stream
+ * @property {number} number rises by one for each stream and finger
  * @property {number} dropped frames dropped so far because they were not read
  * @property {number} t0_s
  * @property {number} step_s
@@ -19,7 +19,7 @@ const HEADER_BYTES = 16;
 const RECORD_BYTES = 24;
 const FRAME_BYTES = 32;
 const KINDS = /** @type {const} */ (["down", "move", "up"]);
-const STREAMS = /** @type {const} */ (["stats"]);
+const STREAMS = /** @type {const} */ (["stats", "friction", "felt"]);
 const [PIXELS, FORCE, AREA, COALESCED] = [4, 8, 16, 32];
 const MOST_US = 2 ** 31;
 

@@ -1,10 +1,10 @@
 /** Touches and telemetry in bytes, little-endian: the layout stands in docs/clients.md. */
 export type Touch = import("../types/messages.js").Touch;
 export type Frame = {
-    stream: "stats";
+    stream: "stats" | "friction" | "felt";
     touch_id: number;
     /**
-     * rises by one for each stream
+     * rises by one for each stream and finger
      */
     number: number;
     /**

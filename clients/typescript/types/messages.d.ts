@@ -226,7 +226,7 @@ export interface Switch {
   on: boolean;
 }
 /**
- * Streams that the client wants, each with its rate in hertz; 0 ends one.
+ * Streams that the client wants, each with its highest rate in hertz; 0 ends one.
  */
 export interface Subscribe {
   type: "subscribe";

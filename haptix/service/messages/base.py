@@ -13,7 +13,7 @@ MOST_TEXT_BYTES = 64 * 1024
 COUNTED_BYTES = 4096  # a text counts as one message more for each
 MOST_DEPTH = 16
 MOST_TOUCHES = 1024  # of one batch
-MOST_STREAM_HZ = 50
+MOST_STREAM_HZ = 1000
 
 Code = Literal[
     "message",  # no message, or none of this protocol
@@ -30,7 +30,7 @@ Code = Literal[
 ]
 """What is wrong, for programs."""
 
-Stream = Literal["stats"]
+Stream = Literal["stats", "friction", "felt"]
 """What a client can subscribe to."""
 
 Id = Annotated[int, Field(ge=1, le=2**53)]

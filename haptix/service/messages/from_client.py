@@ -192,7 +192,7 @@ class Switch(Message):
 
 
 class Subscribe(Message):
-    """Streams that the client wants, each with its rate in hertz; 0 ends one."""
+    """Streams that the client wants, each with its highest rate in hertz; 0 ends one."""
 
     type: Literal["subscribe"]
     id: Id

@@ -1,0 +1,72 @@
+"""Friction and felt friction of the whole service, against the driver's own record."""
+
+import time
+
+import numpy as np
+import pytest
+
+from haptix.service.batches import COLUMNS
+from tests.service.test_processes import LAYOUT, Running
+
+pytestmark = pytest.mark.slow  # starts the whole service
+
+
+def test_two_fingers_are_told_apart_and_what_is_told_was_played(tmp_path):
+    service = Running(tmp_path / "service")
+    frames = []
+    try:
+        with service.connect() as client:
+            client.on("frame", frames.append)
+            client.layout_set(LAYOUT)
+            client.acquire()
+            client.ask("subscribe", streams={"friction": 250, "felt": 1000})
+            client.arm()
+            began_s = client.now_s()
+            # The twin makes its tables first, and a busy machine takes long.
+            while (now_s := client.now_s()) < began_s + 60.0 and is_short(frames):
+                x_mm = 50 + 30 * np.sin(2 * (now_s - began_s))
+                client.touch(float(x_mm), 20.0, 0.5, touch_id=4)
+                client.touch(float(x_mm) + 10, 40.0, 0.4, touch_id=9)
+                time.sleep(0.008)
+            time.sleep(0.5)
+    finally:
+        service.close()
+    assert {(one.stream, one.touch_id) for one in frames} == {
+        (stream, touch_id) for stream in ("friction", "felt") for touch_id in (4, 9)
+    }
+    for touch_id, dx_mm, force_n in ((4, 0.0, 0.5), (9, 10.0, 0.4)):
+        friction = table(frames, "friction", touch_id)
+        times, row = friction
+        assert np.median(np.diff(times)) == pytest.approx(0.004, abs=1e-6)
+        there = ~np.isnan(row["x_mm"])
+        expected = 50 + dx_mm + 30 * np.sin(2 * (times - began_s))
+        # Predicted over the reaction; a busy machine's late touches make it worse.
+        assert np.median(np.abs(row["x_mm"] - expected)[there]) < 2.0
+        assert np.median(row["normal_force_n"][there]) == pytest.approx(force_n, rel=1e-3)
+        assert (row["low"] <= row["reached"] + 1e-9)[there].all()
+        assert (row["reached"] <= row["high"] + 1e-9)[there].all()
+        felt_s, felt = table(frames, "felt", touch_id)
+        assert np.median(np.diff(felt_s)) == pytest.approx(0.001, abs=1e-6)
+        slides = ~np.isnan(felt["mu"])
+        assert slides.mean() > 0.5
+        assert felt["force_n"][slides] == pytest.approx(force_n * felt["mu"][slides], rel=0.02)
+        # The grating is slow beside the finger's response: what is reached is felt.
+        reached = np.interp(felt_s, times[there], row["reached"][there])
+        error = np.abs(felt["mu"] - reached)[slides] / reached[slides]
+        assert np.percentile(error, 75) < 0.03
+    volts = np.abs(service.driver.output_v).max()
+    share = np.nanmax(table(frames, "friction", 4)[1]["voltage_share"])
+    assert volts / share == pytest.approx(186.0, rel=0.02)  # the screen's highest at 4 kHz
+
+
+def is_short(frames):
+    """Whether less than two seconds were felt."""
+    return sum(len(one.rows) for one in frames if one.stream == "felt") < 4000
+
+
+def table(frames, stream, touch_id):
+    """Times and columns of one stream and finger."""
+    found = [one for one in frames if (one.stream, one.touch_id) == (stream, touch_id)]
+    times = [one.t0_s + one.step_s * np.arange(len(one.rows)) for one in found]
+    rows = np.concatenate([one.rows for one in found])
+    return np.concatenate(times), dict(zip(COLUMNS[stream], rows.T, strict=True))
