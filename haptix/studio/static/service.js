@@ -187,7 +187,10 @@ export class Service {
     try {
       const session = await connect({ name: "studio", token: this.#token, url: URL_HERE });
       this.session = session;
-      session.on("output", (output) => this.output.set(output));
+      session.on("output", (output) => {
+        this.output.set(output);
+        if (output.state === "failed") this.#failed(output.reason);
+      });
       session.on("lease", (lease) => this.lease.set(lease));
       session.on("inventory", (inventory) => this.inventory.set(inventory));
       session.on("warning", (warning) => this.notify("warning", warning.sentence));
@@ -220,6 +223,14 @@ export class Service {
     // A real driver is armed by a person's hand, here and after each loss.
     const is_free = lease.holder === null || lease.is_mine;
     if (!this.isReal && is_free) await this.attempt(() => this.arm());
+  }
+
+  /** @param {string} reason */
+  #failed(reason) {
+    this.notify(this.isReal ? "error" : "warning", reason);
+    // A virtual finger cannot be hurt: a busy machine is no reason to make a person arm again.
+    const arm = () => this.output.get()?.state === "failed" && this.attempt(() => this.arm());
+    if (!this.isReal && this.lease.get()?.is_mine) setTimeout(arm, AGAIN_MS);
   }
 
   /** @param {string} reason */

@@ -1,0 +1,153 @@
+"""The studio in Chromium: start to the first felt stroke, frames, and pointer to plotted point.
+
+    python benchmarks/studio.py [--seconds 20] [--fingers 2] [--json]
+
+It starts `haptix studio` with a mock driver and slides fingers over the board in headless Chromium
+with software drawing, 1280 x 800, while the service renders on the same cores.
+"""
+
+import argparse
+import json
+import math
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from playwright.sync_api import sync_playwright
+
+WATCH = """
+() => {
+    const found = window.measured = {frames: [], plotted: []};
+    let before = null;
+    const frame = (at) => {
+        if (before !== null) found.frames.push(at - before);
+        before = at;
+        requestAnimationFrame(frame);
+    };
+    requestAnimationFrame(frame);
+    // An event comes before its frame's callbacks, in which the trail is drawn; the next frame
+    // begins when that is on the screen.
+    document.querySelector(".board").addEventListener("pointermove", (event) => {
+        requestAnimationFrame(() => requestAnimationFrame(
+            (shown) => found.plotted.push(shown - event.timeStamp)));
+    });
+}
+"""
+
+
+def share(values, percent):
+    """Percentile without numpy, which would start slower than the page."""
+    return sorted(values)[min(int(len(values) * percent / 100), len(values) - 1)]
+
+
+def ticks(pid):
+    """Processor time of a process and all below it [s]."""
+    total = 0
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = entry.read_text().rsplit(")", 1)[1].split()
+        except OSError:
+            continue
+        if int(fields[2]) == pid:  # its group is called by it
+            total += int(fields[11]) + int(fields[12])
+    return total / os.sysconf("SC_CLK_TCK")
+
+
+def measure(seconds, fingers):
+    environment = os.environ | {"HAPTIX_SERVICE": tempfile.mkdtemp()}
+    command = [sys.executable, "-m", "haptix.cli", "studio", "--port", "0", "--no-open"]
+    began_s = time.monotonic()
+    with (
+        subprocess.Popen(
+            command, stdout=subprocess.PIPE, text=True, env=environment, start_new_session=True
+        ) as service,
+        sync_playwright() as playwright,
+    ):
+        address = re.search(r"http://\S+", service.stdout.readline())[0]
+        served_s = time.monotonic() - began_s
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"),
+            args=["--no-sandbox", "--disable-gpu", "--disable-background-networking"],
+        )
+        context = browser.new_context(viewport={"width": 1280, "height": 800}, has_touch=True)
+        page = context.new_page()
+        opened_s = time.monotonic()
+        page.goto(address)
+        page.locator('.output[data-state="armed"]').wait_for()
+        box = page.locator(".board").bounding_box()
+        weight = page.evaluate(
+            "performance.getEntriesByType('resource').reduce((sum, e) => sum + e.transferSize, 0)"
+        )
+        touches = context.new_cdp_session(page)
+
+        def points(t_s):
+            return [
+                {
+                    "id": finger,
+                    "x": box["x"] + box["width"] * (0.5 + 0.4 * math.sin(1.3 * t_s + finger)),
+                    "y": box["y"] + box["height"] * (0.25 + 0.4 * finger / max(fingers - 1, 1)),
+                }
+                for finger in range(fingers)
+            ]
+
+        def slide(length_s, until=lambda: False):
+            start_s = time.monotonic()
+            touches.send(
+                "Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": points(0)}
+            )
+            while (t_s := time.monotonic() - start_s) < length_s and not until():
+                touches.send(
+                    "Input.dispatchTouchEvent", {"type": "touchMove", "touchPoints": points(t_s)}
+                )
+                time.sleep(0.008)
+            touches.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+        felt = page.locator('[data-name="felt"] dd')
+        slide(20, lambda: felt.inner_text() not in ("–", "NaN"))
+        first_s = served_s + time.monotonic() - opened_s
+        page.evaluate(WATCH)
+        before_s = ticks(service.pid)
+        slide(seconds)
+        busy = (ticks(service.pid) - before_s) / seconds
+        found = page.evaluate("measured")
+        browser.close()
+        service.send_signal(signal.SIGINT)
+        service.communicate(timeout=20)
+    frames, plotted = found["frames"], found["plotted"]
+    return {
+        "serves_after_s": round(served_s, 2),
+        "first_felt_stroke_s": round(first_s, 2),
+        "page_kb": round(weight / 1000, 1),
+        "frames": len(frames),
+        "frame_p50_ms": round(share(frames, 50), 2),
+        "frame_p95_ms": round(share(frames, 95), 2),
+        "frames_below_20_ms": round(sum(one < 20 for one in frames) / len(frames), 4),
+        "plotted_p50_ms": round(share(plotted, 50), 2),
+        "plotted_p95_ms": round(share(plotted, 95), 2),
+        "service_cores": round(busy, 3),
+        "load_of_the_machine": os.getloadavg()[0],
+    }
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--fingers", type=int, default=2)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    found = measure(options.seconds, options.fingers)
+    if options.json:
+        print(json.dumps(found))
+    else:
+        for name, value in found.items():
+            print(f"{name:24} {value}")
+
+
+if __name__ == "__main__":
+    main()
