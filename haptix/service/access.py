@@ -151,11 +151,17 @@ class Access:
             self._save()
 
     def lets_in(self, token: str, origin: str | None) -> bool:
-        """Whether the token was given to this origin, or to the programs of this user."""
-        if origin is None:
-            return hmac.compare_digest(token.encode(), self.native.encode())
+        """Whether the token was given to this origin, or to the programs of this user.
+
+        A browser names no origin when one of the service's own pages reads by GET; those of other
+        origins it names.
+        """
+        if origin is None and hmac.compare_digest(token.encode(), self.native.encode()):
+            return True
         page = self._pages.get(_hash(token))
-        return page is not None and page["origin"] == origin
+        if page is None:
+            return False
+        return page["origin"] in self.origins if origin is None else page["origin"] == origin
 
     def _paired(self, origin: str) -> bool:
         return any(page["origin"] == origin for page in self._pages.values())

@@ -65,6 +65,14 @@ def test_a_page_is_paired_by_the_code_and_remembered(access, clock, tmp_path):
     assert token not in kept  # only its hash
 
 
+def test_an_own_page_reads_without_an_origin(access):
+    """Browsers send none with a GET to the page's own origin, and one with all that others ask."""
+    own = min(access.origins)
+    token = access.pair(access.code(), own, "studio")
+    assert access.lets_in(token, None) and access.lets_in(token, own)
+    assert not access.lets_in(token, PAGE)
+
+
 def test_a_code_is_good_once_and_for_five_minutes(access, clock):
     code = access.code()
     access.pair(code, PAGE, "a page")

@@ -222,7 +222,8 @@ export class Service {
     this.state.set({ phase: "open", reason: "" });
     // A real driver is armed by a person's hand, here and after each loss.
     const is_free = lease.holder === null || lease.is_mine;
-    if (!this.isReal && is_free) await this.attempt(() => this.arm());
+    // Also what is kept for a client that is gone: the page before this one, most likely.
+    if (!this.isReal && is_free) await this.attempt(() => this.arm(lease.holder === null));
   }
 
   /** @param {string} reason */
