@@ -23,7 +23,8 @@ from haptix.errors import HaptixError, InputError
 from haptix.files import parse_json
 from haptix.service.outbox import Outbox, own_output
 from haptix.service.telemetry import Telemetry
-from haptix.service.wire import JSON, TOUCHES, read_frame, touches_of
+from haptix.service.touch_gate import TouchGate
+from haptix.service.wire import JSON, TOUCHES, TouchRecord, read_frame, touches_of
 from haptix.touch import TouchEvent
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ FORCES_N = (0.05, 3.0)
 """Forces [N] of the surface that is built where none is given: all that a finger slides with."""
 TOLERANCE = "0.05 JND"
 _LOOK_S = 0.02
+_MOST_TOUCH_INTERVAL_S = 0.02  # two of a touchscreen of 100 Hz
 _RENDERS = (
     "haptix.devices",
     "haptix.friction.model",
@@ -80,6 +82,7 @@ class EngineServer:
         self._sleeps = self._is_muted = self._is_paused = False
         self._intensity = 1.0
         self._touching: set[int] = set()
+        self._touches = TouchGate(self._touch, self._touch_interval_s)
         self._effects: dict[int, Any] = {}
         self._next_effect = 1
         self._tick_s = time.monotonic()
@@ -99,7 +102,7 @@ class EngineServer:
             while (found := read_frame(source)) is not None:
                 kind, data = found
                 if kind == TOUCHES:
-                    self._touch(data)
+                    self._touches.put(touches_of(data))
                 elif kind == JSON:
                     self._obey(data)
         finally:
@@ -127,12 +130,12 @@ class EngineServer:
         else:
             self._work.put(message)
 
-    def _touch(self, data: bytes) -> None:
+    def _touch(self, touches: list[TouchRecord]) -> None:
         renderer = self._renderer
         if renderer is None or self._sleeps:
             return
         try:
-            for t_s, touch_id, kind, x_mm, y_mm, force_n, area_m2 in touches_of(data):
+            for t_s, touch_id, kind, x_mm, y_mm, force_n, area_m2 in touches:
                 renderer.event(TouchEvent(t_s, touch_id, x_mm, y_mm, kind, force_n, area_m2))
                 if kind == "up":
                     self._touching.discard(touch_id)
@@ -141,7 +144,15 @@ class EngineServer:
         except HaptixError as error:
             self._fail(error)
 
+    def _touch_interval_s(self) -> float:
+        """Twice the time that a window took of late, where nothing else held it up."""
+        renderer = self._renderer
+        times = [] if renderer is None else renderer.stats.block_s  # another thread appends to it
+        took = (times[-number] for number in range(1, min(len(times), 8) + 1))
+        return min(2 * min(took, default=0.0), _MOST_TOUCH_INTERVAL_S)
+
     def _lift(self) -> None:
+        self._touches.forget()
         renderer, touching = self._renderer, list(self._touching)
         self._touching.clear()
         if renderer is not None:

@@ -1,0 +1,90 @@
+"""The gate in front of the renderer: what passes, in which order, and how often."""
+
+import threading
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from haptix.service.touch_gate import TouchGate
+from haptix.service.wire import TouchRecord
+
+REPORTS = st.lists(
+    st.tuples(st.integers(0, 2), st.sampled_from(["down", "move", "move", "move", "up"])),
+    min_size=1,
+    max_size=40,
+)
+
+
+def touch(t_s, touch_id=0, kind="move"):
+    return TouchRecord(t_s, touch_id, kind, t_s, 0.0, None, None)
+
+
+def wait_for(condition):
+    end_s = time.monotonic() + 5.0
+    while not condition():
+        assert time.monotonic() < end_s, "it did not happen"
+        time.sleep(0.001)
+
+
+@settings(max_examples=30, deadline=None)
+@given(REPORTS, st.integers(1, 5))
+def test_every_down_and_up_passes_and_each_finger_in_its_order(reports, size):
+    passed = []
+    gate = TouchGate(passed.extend, lambda: 0.005)
+    touches = [touch(0.001 * number, *report) for number, report in enumerate(reports)]
+    for first in range(0, len(touches), size):
+        gate.put(touches[first : first + size])
+    newest = {each.touch_id: each for each in touches}
+    wait_for(lambda: newest == {each.touch_id: each for each in passed})
+    for finger in range(3):
+        mine = [each for each in passed if each.touch_id == finger]
+        sent = [each for each in touches if each.touch_id == finger]
+        assert mine == [each for each in sent if each in mine]
+        assert [e for e in mine if e.kind != "move"] == [e for e in sent if e.kind != "move"]
+
+
+def test_moves_at_1_khz_pass_at_the_interval_and_slow_ones_all():
+    passed, interval_s = [], 0.01
+    gate = TouchGate(passed.extend, lambda: interval_s)
+    stamps = [0.001 * number for number in range(100)]
+    for t_s in stamps:
+        gate.put([touch(t_s)])  # all within a few milliseconds
+    wait_for(lambda: passed and passed[-1].t_s == stamps[-1])
+    # One each 10 ms of the stamps, and the first two and the newest.
+    assert len(passed) <= 100 * 0.001 / interval_s + 3
+    gate = TouchGate(passed.extend, lambda: 0.0)
+    passed.clear()
+    for t_s in stamps:
+        gate.put([touch(t_s)])
+    assert [each.t_s for each in passed] == stamps
+
+
+def test_touches_are_taken_by_one_thread_at_a_time_and_what_is_forgotten_is_not():
+    inside, most = 0, 0
+
+    def take(_):
+        nonlocal inside, most
+        inside += 1
+        most = max(most, inside)
+        time.sleep(0.001)
+        inside -= 1
+
+    gate = TouchGate(take, lambda: 0.002)
+    threads = [
+        threading.Thread(target=lambda: [gate.put([touch(0.0, n, "down")]) for n in range(20)])
+        for _ in range(3)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert most == 1
+    passed = []
+    gate = TouchGate(passed.extend, lambda: 60.0)
+    gate.put([touch(0.0)])  # the first passes at once
+    gate.put([touch(0.001)])
+    gate.forget()
+    gate.put([touch(0.002, kind="up")])
+    assert [each.t_s for each in passed] == pytest.approx([0.0, 0.002])
