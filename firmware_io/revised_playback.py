@@ -144,6 +144,15 @@ class RevisedPlayback(BackgroundPlayback[Reviser]):
         """As in `stats`, for callers that ask often."""
         return 0 if self._writer is None else self._writer.feeder.underruns
 
+    def reactions_s(self, most: int) -> list[float]:
+        """Return the reactions to the last touches, at most so many; see `RevisedStats`."""
+        if self._writer is None:
+            return []
+        feeder = self._writer.feeder
+        with feeder.ready:
+            found = feeder.reactions_s
+            return [found[-number] for number in range(1, min(most, len(found)) + 1)]
+
     @property
     def stats(self) -> RevisedStats:
         """Counters since `start`."""

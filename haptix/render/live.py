@@ -220,6 +220,14 @@ class LiveRenderer(_LiveSession):
             setattr(self.stats, name, getattr(played, name))
         self.stats.advice = played.advice
 
+    def reactions_s(self, most: int = 500) -> list[float]:
+        """Return times from the last touches to the first samples that knew of them [s].
+
+        Empty where nothing was touched yet, or the driver cannot revise.
+        """
+        producer = self._producer
+        return producer.reactions_s(most) if isinstance(producer, RevisedProducer) else []
+
     def now_s(self) -> float:
         """Time of the clock by which touches are stamped."""
         return time.monotonic()

@@ -122,6 +122,10 @@ class RevisedProducer:
         """Counts of the playback."""
         return self._playback.stats
 
+    def reactions_s(self, most: int) -> list[float]:
+        """Return the reactions to the last touches."""
+        return self._playback.reactions_s(most)
+
     @property
     def shortages(self) -> tuple[int, int]:
         """Underruns, and 0: there are no blocks that come late."""

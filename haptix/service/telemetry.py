@@ -60,9 +60,9 @@ class Telemetry:
         rate_hz = min(self._rates.get("stats", 0.0), _MOST_STATS_HZ)
         if not rate_hz or now_s - self._told_s < 1 / rate_hz - self._look_s / 2:
             return
-        stats, self._told_s = renderer.stats, now_s
-        times = (stats.reaction_p50_s, stats.reaction_p99_s)
-        row = (*times, stats.underruns, renderer.touch_counts.taken)
+        self._told_s = now_s
+        times = np.percentile(renderer.reactions_s() or [np.nan], (50, 99))
+        row = (*times, renderer.stats.underruns, renderer.touch_counts.taken)
         self._tell("stats", 0, now_s, 1 / rate_hz, np.array([row]))
 
     def _tell(self, stream: Stream, touch_id: int, t0_s: float, step_s: float, rows: Array) -> None:

@@ -167,6 +167,7 @@ def test_what_a_finger_does_is_told_and_what_an_app_sets_is_obeyed(running):
         assert [frame.number for frame in frames[:3]] == [0, 1, 2]
         touches = [float(frame.rows[0, 3]) for frame in frames[:3]]
         assert 0 < touches[0] < touches[2]
+        assert 0.0 < frames[2].rows[0, 0] <= frames[2].rows[0, 1]  # reactions of the last touches
         entered = next(event for event in events if event.type == "contact")
         assert (entered.event, entered.region, entered.touch_id) == ("enter", "ribs", 0)
         assert abs(client.now_s() - entered.t_s) < 60.0  # by the client's own clock
