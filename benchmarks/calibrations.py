@@ -1,14 +1,19 @@
 """Coverage of calibrations: random truths, misspecified ones included, on good and bad rigs.
 
-    python benchmarks/calibrations.py trials.csv [--truths 200] [--seed 0] [--broken]
+    python benchmarks/independent_finger.py contacts.npz     # once, some 20 minutes
+    python benchmarks/calibrations.py trials.csv --contacts contacts.npz [--truths 200] [--seed 0]
+        [--broken | --boundary-elements]
     python benchmarks/calibrations.py trials.csv --summary
 
-One row for each truth, written when it is done: the same command again continues. Every second
-truth is of the fit's own form, every fourth of the other gap distribution and of the other theory.
-Fingers are drawn from the priors of the fits, their skin with 0.5 to 2 times the assumed dielectric
-and a response of 5 to 30 Hz per mm/s; screens of 70 to 300 nm. A rig of ``rigs.py`` reads the
-strokes of a short protocol; with ``--broken`` one that no strokes can tell from a good one, or
-should. Verified as without a rig check, and once more with one that measured the true gains.
+Fingers, screens and rigs are those of ``independent_finger.py`` and ``rigs.py``, which import
+nothing of the package. One row for each truth, written when it is done: the same command again
+continues. Every second truth is of the fit's own form, every fourth of the other gap distribution
+and of the other theory; with ``--boundary-elements`` all are of random surfaces that were solved
+point by point, which press on few spots. Fingers are drawn from the priors of the fits, their skin
+with 0.5 to 2 times the assumed dielectric and a response of 5 to 30 Hz per mm/s; screens of 70 to
+300 nm. A rig reads the strokes of a short protocol; with ``--broken`` one that no strokes can tell
+from a good one, or should. Verified as without a rig check, and once more with one that measured
+the true gains.
 """
 
 from __future__ import annotations
@@ -17,93 +22,134 @@ import argparse
 import csv
 import time
 import warnings
+from math import exp
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import torch
-from rigs import BROKEN, RIGS, feel, read
+from independent_finger import CUT_OFF, Finger, contacts
+from rigs import BROKEN, RIGS
 from scipy.stats import binomtest
 
 import haptix
 from calibration import (
     Parameters,
+    Protocol,
     StrokePredictor,
-    fit_strokes,
+    StrokeRecording,
     reduce_session,
     short_protocol,
     verify,
 )
+from calibration.choosing import fit_in_best_theory
 from calibration.forms import other_forms
-from calibration.practice import draw_parameters
-from calibration.predict import StrokeConditions
+from calibration.predict import Prediction, StrokeConditions
 from calibration.profile import finger_at
 from calibration.rig import RigCheck
 from haptix.perception import WEBER_FRACTION
 
 VOLTAGES_V = (200.0, 170.0, 140.0, 120.0, 100.0, 80.0, 60.0, 45.0)
 FORMS = ("own", "plain", "own", "open-gaps")
+SOLVED = "boundary elements"
 AMPLIFIER = {"amplifier x 0.9": 0.9}
+SHEAR_SPREAD = 0.3
+
+
+class Written:
+    """A predictor of written profiles with the fit's table, which scales exactly to theirs.
+
+    A table of their own takes five seconds and gives the same to 1e-5; `verify_folder` makes one.
+    """
+
+    def __init__(
+        self, predictor: StrokePredictor, finger: haptix.Finger, screen: haptix.Screen
+    ) -> None:
+        self.model = SimpleNamespace(finger=finger, screen=screen)
+        self._predictor = predictor
+
+    def __call__(self, *args: object, **options: object) -> Prediction:
+        return self._predictor(*args, **options)
+
+
+class Assumed:
+    """The finger and the screen from which fits start, and their plans by the highest voltage."""
+
+    def __init__(self, finger: haptix.Finger, screen: haptix.Screen) -> None:
+        self.finger = finger
+        model = haptix.ContactModel(finger, screen)
+        self.predictor = StrokePredictor(model)
+        self.forms = other_forms(model)
+        self.start = Parameters.of(finger, screen).with_rig()
+        self._plans: dict[float, Protocol] = {}
+
+    def plan(self, volts: float) -> Protocol:
+        """Short protocol."""
+        if volts not in self._plans:
+            self._plans[volts] = short_protocol(self.predictor, self.start, 3.0, volts)
+        return self._plans[volts]
 
 
 class Bench:
     """Everything that all truths share."""
 
-    def __init__(self) -> None:
-        self.finger = haptix.Finger.preset("semi-wet")
+    def __init__(self, file: Path, solved: bool = False) -> None:
+        self.forms = (SOLVED,) if solved else FORMS
         self.screen = haptix.Screen.preset("3m-sct3250").replace(name="panel")
-        model = haptix.ContactModel(self.finger, self.screen)
-        self.predictor = StrokePredictor(model)
-        self.forms = other_forms(model)
-        self.start = Parameters.of(self.finger, self.screen).with_rig()
+        finger = haptix.Finger.preset("semi-wet")
+        self.usual = Parameters.of(finger, self.screen)
+        if solved:
+            # They have the waves that their points resolve: their fit knows the band.
+            coarse = finger.roughness.model_copy(update={"q1_per_m": CUT_OFF})
+            finger = finger.replace(roughness=coarse)
+        self.assumed = Assumed(finger, self.screen)
+        self.contacts = contacts(file)
 
-    def truth(self, number: int, seed: int) -> tuple[haptix.ContactModel, dict[str, float]]:
+    def form(self, number: int) -> str:
+        """Form of a truth."""
+        return self.forms[number % len(self.forms)]
+
+    def truth(self, number: int, seed: int, amplifier: float = 1.0) -> Finger:
         """Draw a finger and a screen; the values are those of the truth's own form."""
         rng = np.random.default_rng([seed, number])
-        drawn = draw_parameters(Parameters.of(self.finger, self.screen), rng)
-        values = {one.name: one.value for one in drawn.all}
-        values["skin_dielectric_scale"] = float(np.exp(rng.uniform(*np.log([0.5, 2.0]))))
-        values["response_hz_per_mm_per_s"] = float(np.exp(rng.uniform(*np.log([5.0, 30.0]))))
-        thickness = values["h0_m"] * self.screen.insulator_permittivity
-        screen = self.screen.replace(insulator_thickness_m=thickness)
-        finger = finger_at(self.finger, values)
-        form = FORMS[number % len(FORMS)]
-        if form == "plain":
-            model = haptix.ContactModel(finger, screen, gap_distribution="plain")
-        elif form == "open-gaps":
-            model = haptix.ContactModel(finger, screen, theory="open-gaps")
-        else:
-            model = haptix.ContactModel(finger, screen)
-        values["frictional_shear_stress_pa"] = float(model.finger.frictional_shear_stress_pa)
-        return model, values
+        drawn = self.usual.all
+        values = {one.name: one.value * exp(rng.normal(0, one.prior or 0.0)) for one in drawn}
+        values["h0_m"] = exp(rng.uniform(*np.log([70e-9, 300e-9])))
+        values["skin_dielectric_scale"] = exp(rng.uniform(*np.log([0.5, 2.0])))
+        values["response_hz_per_mm_per_s"] = exp(rng.uniform(*np.log([5.0, 30.0])))
+        contact = self.contacts[self.form(number)]
+        # Every form with the usual friction: tau_f goes as one over the area at rest.
+        share = contact.area[24] / self.contacts["own"].area[24]
+        values["frictional_shear_stress_pa"] *= exp(rng.normal(0, SHEAR_SPREAD)) / share
+        return Finger(contact, values, amplifier=amplifier)
 
     def trial(self, number: int, seed: int, broken: bool) -> dict[str, object]:
         """Measure, fit and verify one truth."""
-        model, values = self.truth(number, seed)
-        own = Parameters.of(model.finger, model.screen)
-        true = StrokePredictor(model)
-
-        def friction(predictor: StrokePredictor, known: Parameters, places: StrokeConditions):
-            return predictor(places, known.names, known.log_values, jacobian=False)
-
-        # The highest voltage without pull-in, as a technician finds it by trying.
-        volts = next(
-            (v for v in VOLTAGES_V if friction(true, own, _edge(v)).is_light.all()), VOLTAGES_V[-1]
-        )
         rigs = [*BROKEN, *AMPLIFIER] if broken else list(RIGS)
         name = rigs[number % len(rigs)]
         rig = (BROKEN if broken else RIGS).get(name, RIGS["realistic"])
         amplifier = AMPLIFIER.get(name, 1.0)
-        plan = short_protocol(self.predictor, self.start, 3.0, volts)
+        known, true = self.assumed, self.truth(number, seed, amplifier)
+        # The highest voltage without pull-in, as a technician finds it by trying.
+        volts = next((v for v in VOLTAGES_V if _is_light(true, v)), VOLTAGES_V[-1])
+        plan = known.plan(volts)
         began = time.process_time()
-        felt = feel(model, plan, number, amplifier=amplifier)
-        reduced = reduce_session(read(felt, rig, number), plan.idle_s)
+        rng = np.random.default_rng([seed, number, 1])
+        made = []
+        for at, stroke in enumerate(plan.strokes):
+            felt = true.slide(rng, stroke.normal_force_n, stroke.voltage_v, stroke.frequency_hz)
+            signals = rig.read(felt, int(rng.integers(2**31)), at / len(plan.strokes))
+            made.append(StrokeRecording.of(stroke, signals))
         played = time.process_time()
-        fit = fit_strokes(reduced, self.predictor, self.start, forms=self.forms)
+        reduced = reduce_session(made, plan.idle_s)
+        ready = time.process_time()
+        fit, predictor, _ = fit_in_best_theory(reduced, known.predictor, known.start, known.forms)
         fitted = time.process_time()
-        finger = finger_at(self.finger, {n: fit.best(n) for n in values if n != "h0_m"})
+        values = true.values
+        finger = finger_at(known.finger, {n: fit.best(n) for n in values if n != "h0_m"})
         thickness = fit.best("h0_m") * self.screen.insulator_permittivity
         screen = self.screen.replace(insulator_thickness_m=thickness)
-        written = StrokePredictor(haptix.ContactModel(finger, screen))
+        written = Written(predictor, finger, screen)
         checked = RigCheck(
             normal_gain=rig.normal_gain,
             tangential_gain=rig.tangential_gain,
@@ -112,13 +158,13 @@ class Bench:
         verdicts = [verify(fit, reduced, written, rig=one) for one in (None, checked)]
         axes = np.meshgrid([0.2, 0.5, 0.8], volts * np.linspace(0, 0.9, 4), [125.0, 4000.0], [50.0])
         places = StrokeConditions(*(axis.ravel() for axis in axes))
-        known = Parameters.of(finger, screen)
-        right, found = friction(true, own, places), friction(written, known, places)
-        off = np.abs(np.expm1(found.log_mu - right.log_mu))[right.is_light & found.is_light]
-        off /= WEBER_FRACTION
+        own = Parameters.of(finger, screen)
+        found = written(places, own.names, own.log_values, jacobian=False)
+        right = [true.mean_mu(*one) for one in np.transpose([axis.ravel() for axis in axes])]
+        off = np.abs(np.exp(found.log_mu) / right - 1)[found.is_light] / WEBER_FRACTION
         row: dict[str, object] = {
             "truth": number,
-            "form": FORMS[number % len(FORMS)],
+            "form": self.form(number),
             "rig": name,
             "volts": volts,
             "friction_error_median_jnd": f"{np.median(off):.4f}",
@@ -126,22 +172,29 @@ class Bench:
             "verdict": verdicts[0].verdict,
             "verdict_with_rig_check": verdicts[1].verdict,
             "bound_jnd": f"{verdicts[0].bound_thresholds:.3f}",
-            "outliers": len(reduced.outliers),
-            "fit_s": f"{fitted - played:.1f}",
+            "fit_bound_jnd": f"{verdicts[0].fit_bound_thresholds:.3f}",
+            "strokes_used": len(fit.strokes),
+            "repeatability": f"{fit.repeatability.log_mu:.4f}",
             "play_s": f"{played - began:.1f}",
-            "failures": "; ".join(verdicts[1].failures)[:200],
+            "reduce_s": f"{ready - played:.1f}",
+            "fit_s": f"{fitted - ready:.1f}",
+            "verify_s": f"{time.process_time() - fitted:.1f}",
+            "theory": fit.theory,
+            "evidence": " ".join(f"{one.evidence:.1f}" for one in fit.forms),
+            "failures": "; ".join(verdicts[1].failures)[:300].replace(",", ";"),
         }
         for one in fit.estimates:
             if one.name in values:
                 row[f"{one.name} holds"] = int(one.low <= values[one.name] <= one.high)
                 row[f"{one.name} spread"] = f"{one.spread:.4f}"
                 row[f"{one.name} error"] = f"{np.log(fit.best(one.name) / values[one.name]):.4f}"
+                half = np.log(one.high / one.low) / 2 if one.low > 0 else np.inf
+                row[f"{one.name} half_width"] = f"{half:.4f}"
         return row
 
 
-def _edge(volts: float) -> StrokeConditions:
-    hertz = np.array([30.0, 125.0, 4000.0])
-    return StrokeConditions(np.full(3, 0.08), np.full(3, 1.05 * volts), hertz, np.full(3, 50.0))
+def _is_light(true: Finger, volts: float) -> bool:
+    return all(true.is_light(0.08, 1.05 * volts, hertz) for hertz in (30.0, 125.0, 4000.0))
 
 
 def summary(path: Path) -> None:
@@ -178,7 +231,9 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--truths", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--contacts", type=Path, default=Path("contacts.npz"))
     parser.add_argument("--broken", action="store_true")
+    parser.add_argument("--boundary-elements", action="store_true")
     parser.add_argument("--summary", action="store_true")
     asked = parser.parse_args()
     if asked.summary:
@@ -187,7 +242,7 @@ def main() -> None:
     torch.set_num_threads(1)
     warnings.simplefilter("ignore")
     done = len(asked.out.read_text().splitlines()) - 1 if asked.out.exists() else 0
-    bench = Bench()
+    bench = Bench(asked.contacts, asked.boundary_elements)
     for number in range(max(done, 0), asked.truths):
         row = bench.trial(number, asked.seed, asked.broken)
         with asked.out.open("a", newline="") as file:

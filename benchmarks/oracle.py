@@ -278,7 +278,7 @@ class Oracle:
         keep_closed: bool = False,
     ) -> None:
         self.theory, self.hardness, self.keep_closed = theory, hardness, keep_closed
-        self.strips, self.depth, self.gaps = (
+        self.strips, self.depth, self.places = (
             int(n * fineness) // 2 * 2 + 1 for n in (500, 400, 500)
         )
         q0, q1 = rough.q0, rough.q1
@@ -408,6 +408,12 @@ class Oracle:
         self, pressure: float, h0: complex, of_gap: Callable[[np.ndarray], np.ndarray]
     ) -> complex:
         """Mean of a function of the gap over the open gaps; smooth below 1e-6 h0."""
+        u, density, closed = self.gaps(pressure, 1e-6 * abs(h0))
+        kernel = of_gap(u)
+        return complex(closed * kernel[0] + simpson(density * kernel * u, x=np.log(u)))
+
+    def gaps(self, pressure: float, finest: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """Gaps [m] from the finest on, their density, and the share of those below it."""
         total = self.total
         start = min((pressure / 6.0) ** 2, total / 4)
         # First half of the magnifications graded towards q0, second towards q1.
@@ -436,25 +442,23 @@ class Oracle:
         if self.theory.combined:
             is_open = (rest[:-1] > (pressure / area[:-1] / CLOSED) ** 2) & (u1 > 0)
             if self.keep_closed:
-                u1 = np.maximum(u1, 1e-9 * abs(h0))
+                u1 = np.maximum(u1, 1e-3 * finest)
             else:
                 opened, u1, s = opened[is_open], u1[is_open], s[is_open]
             s = s * u1 / np.hypot(s, u1)
         if len(s) == 0:  # complete contact
-            return 0j
-        u = np.geomspace(1e-6 * abs(h0), (u1 + 8 * s).max(), self.gaps)
+            return np.array([finest, 2 * finest]), np.zeros(2), 0.0
+        u = np.geomspace(finest, (u1 + 8 * s).max(), self.places)
         density = np.zeros_like(u)
         for some in np.array_split(np.arange(len(s)), parts):
             peaks = sum(
                 np.exp(-(((u[:, None] - side * u1[some]) / s[some]) ** 2) / 2) for side in (1, -1)
             )
             density += (peaks * opened[some] / (sqrt(2 * pi) * s[some])).sum(1)
-        kernel = of_gap(u)
         # Gaps below the first node attract as a gap of zero does, to 1e-6.
         width = sqrt(2) * s
         below = special.erf((u[0] - u1) / width) + special.erf((u[0] + u1) / width)
-        closed = float((opened * below).sum()) / 2 * kernel[0]
-        return complex(closed + simpson(density * kernel * u, x=np.log(u)))
+        return u, density, float((opened * below).sum()) / 2
 
     def attraction(self, pressure: float, state: State) -> float:
         """``<1/|u + h0|^2>`` that loads the contact."""

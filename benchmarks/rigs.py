@@ -1,7 +1,7 @@
 """Rigs that measure badly in known ways, for calibrations with known truth.
 
-Nothing here is used by a fit: a rig turns what a virtual finger felt into what a laboratory's
-instruments would have written down.
+Nothing here is used by a fit, and nothing of haptix is used here: a rig turns what a finger felt
+into what a laboratory's instruments would have written down.
 """
 
 from __future__ import annotations
@@ -11,13 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-
-import haptix
-from calibration import Protocol, VirtualFingerSource
-from calibration.measuring import drive_for
-from calibration.recording import StrokeRecording
-from calibration.virtual import Person
-from haptix.virtual_finger import Felt, SensedForce
+from independent_finger import Felt
+from scipy.fft import next_fast_len
 
 Array = npt.NDArray[np.float64]
 
@@ -45,8 +40,8 @@ class Rig:
     """Rise of the friction from the first stroke to the last, relative."""
     full_scale_n: float = 5.0
 
-    def read(self, felt: Felt, seed: int, session_share: float = 0.0) -> SensedForce:
-        """Read one stroke, at a share of the session's time."""
+    def read(self, felt: Felt, seed: int, session_share: float = 0.0) -> dict[str, Array]:
+        """Signals of one stroke, at a share of the session's time."""
         rng = np.random.default_rng(seed)
         t = felt.t_s - felt.t_s[0]
         sign = np.sign(np.gradient(felt.x_mm))
@@ -69,11 +64,18 @@ class Rig:
             noisy = clean + drift + self.hum_n * hum + rng.normal(0, self.noise_n, len(t))
             step = 2 * self.full_scale_n / 2**self.bits
             found.append(np.rint(noisy / step) * step)
-        return SensedForce(felt.t_s, *found)
+        return {
+            "t_s": felt.t_s,
+            "normal_force_n": found[1],
+            "tangential_force_n": found[0],
+            "x_mm": felt.x_mm,
+            "drive_v": felt.drive_v,
+        }
 
     def _filtered(self, force: Array, step_s: float) -> Array:
-        hertz = np.fft.rfftfreq(len(force), step_s)
-        return np.fft.irfft(np.fft.rfft(force) * self.gain(hertz), len(force))
+        count = next_fast_len(len(force), real=True)
+        hertz = np.fft.rfftfreq(count, step_s)
+        return np.fft.irfft(np.fft.rfft(force, count) * self.gain(hertz), count)[: len(force)]
 
     def gain(self, hertz: Array) -> npt.NDArray[np.complex128]:
         """Complex gain of either axis."""
@@ -113,56 +115,3 @@ BROKEN: Mapping[str, Rig] = {
     "drying 30 %": Rig(**REALISTIC, drying=0.3),
     "stick-slip 40 %": Rig(**{**REALISTIC, "stick_slip": 0.4}),
 }
-
-
-@dataclass(frozen=True)
-class FeltStroke:
-    """A stroke as felt, before any instrument."""
-
-    recording: StrokeRecording
-    felt: Felt
-    share: float
-
-
-class _Keeping:
-    """In place of a sensor: keeps what was felt."""
-
-    def read(self, felt: Felt, seed: int = 0) -> SensedForce:
-        self.felt, self.seed = felt, seed
-        return SensedForce(felt.t_s, felt.friction_force_n, felt.normal_force_n)
-
-
-def feel(
-    model: haptix.ContactModel, protocol: Protocol, seed: int, repeatability: float = 0.01,
-    amplifier: float = 1.0,
-) -> list[FeltStroke]:  # fmt: skip
-    """Slide all strokes; the screen gets `amplifier` times the volts that the monitor shows."""
-    sensor = _Keeping()
-    source = VirtualFingerSource(model, sensor, Person(repeatability=repeatability), seed=seed)
-    found = []
-    for number, stroke in enumerate(protocol.strokes):
-        drive = drive_for(stroke, protocol, 48_000.0)
-        lower = type(drive)(drive.volts * amplifier, drive.sample_rate_hz)
-        source.start(stroke, lower)
-        signals = source.finish() | {"drive_v": drive.at(sensor.felt.t_s)}
-        made = StrokeRecording.of(stroke, signals)
-        found.append(FeltStroke(made, sensor.felt, number / len(protocol.strokes)))
-    return found
-
-
-def read(strokes: list[FeltStroke], rig: Rig, seed: int) -> list[StrokeRecording]:
-    """Read felt strokes by a rig."""
-    found = []
-    for one in strokes:
-        sensed = rig.read(one.felt, hash((seed, one.recording.stroke.number)) % 2**31, one.share)
-        found.append(
-            StrokeRecording(
-                one.recording.stroke,
-                sensed.t_s,
-                sensed.normal_force_n,
-                sensed.tangential_force_n,
-                one.recording.x_mm,
-                one.recording.drive_v,
-            )
-        )
-    return found

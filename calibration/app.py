@@ -291,6 +291,7 @@ def fit(
             ],
             "advice": advice,
             "left_out": found.left_out,
+            "theory": found.theory,
             "repeatability": vars(found.repeatability),
             "forms": [
                 {
@@ -309,7 +310,7 @@ def fit(
         return
     show(
         f"{folder / FIT}: {len(found.strokes)} strokes, which repeat within "
-        f"{found.repeatability.log_mu:.1%}",
+        f"{found.repeatability.log_mu:.1%}; theory {found.theory}",
         [one.row() for one in found.estimates],
         False,
     )
@@ -486,6 +487,7 @@ def _verdict(found: Verification) -> dict[str, object]:
         "worst_thresholds": rounded(found.worst_thresholds),
         "bound_thresholds": rounded(found.bound_thresholds),
         "fit_bound_thresholds": rounded(found.fit_bound_thresholds),
+        "steadiness": found.steadiness.values(),
         "groups": [
             {
                 "group": one.group,
@@ -506,6 +508,7 @@ def _show_verdict(title: str, found: Verification) -> None:
     show("strokes kept out of the fit", [one.row() for one in found.rows], False)
     sys.stdout.writelines(f"{line}\n" for line in found.failures)
     sys.stdout.writelines(f"not tested: {line}\n" for line in found.untested)
+    sys.stdout.write(f"steadiness: {found.steadiness.text}\n")
 
 
 def _source(

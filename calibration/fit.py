@@ -15,6 +15,7 @@ from pydantic import BeforeValidator, Field, PlainSerializer, PlainValidator, mo
 from calibration.forms import FormFit
 from calibration.parameters import PER_FINGER, Array, FingerPrior
 from calibration.residuals import Repeatability
+from haptix.contact import TheoryName
 from haptix.documents import Document, Part
 from haptix.errors import InputError
 from haptix.version import __version__
@@ -122,6 +123,8 @@ class Fit(Document):
         Strokes that were not used, with reasons.
     terms : tuple of str
         Terms of the model that were on.
+    theory : str or None
+        Theory of the contact; None in fits before there was a choice.
     forms : tuple of FormFit
         The strokes fitted in other forms of the model.
     made_from : mapping of str to str
@@ -143,6 +146,7 @@ class Fit(Document):
     strokes: tuple[int, ...]
     left_out: dict[int, str]
     terms: tuple[str, ...]
+    theory: TheoryName | None = None
     forms: tuple[FormFit, ...] = ()
     made_from: dict[str, str] = Field(default={})
     made_by: str = ""
@@ -181,8 +185,7 @@ class Fit(Document):
         again = "; make it anew with `haptix calibrate fit`"
         if not self.content_hash:
             raise InputError(f"fit.json is not bound to its session{again}")
-        if self.content_hash != self._own_hash():
-            raise InputError(f"fit.json was edited after the fit{again}")
+        self.check_unedited()
         if self.made_by != __version__:
             raise InputError(
                 f"fit.json was made by haptix {self.made_by}, this is {__version__}{again}"
@@ -194,6 +197,13 @@ class Fit(Document):
             if before != now:
                 what = "added" if before is None else "changed"
                 raise InputError(f"{name} was {what} after the fit: reduce and fit again")
+
+    def check_unedited(self, file: str = "fit.json") -> None:
+        """Raise `InputError` if this fit was edited after it was signed."""
+        if self.content_hash and self.content_hash != self._own_hash():
+            raise InputError(
+                f"{file} was edited after the fit; make it anew with `haptix calibrate fit`"
+            )
 
     def _own_hash(self) -> str:
         fields = self.model_dump(mode="json", exclude={"content_hash"})

@@ -8,24 +8,28 @@ from math import exp, inf, log, sqrt
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import t as student
 
 from calibration.fit import Fit, ParameterEstimate
-from calibration.forms import FormFit, compare_forms, in_form
+from calibration.forms import FormFit, carried_over, compare_forms, in_form
 from calibration.parameters import EXPERIMENTS, PER_RIG, Array, Parameter, Parameters
+from calibration.posterior import Posterior
 from calibration.predict import StrokePredictor
 from calibration.reduction import Point, Reduced
 from calibration.residuals import SOFT_AT, Repeatability, Residuals
 from haptix.errors import InputError
 
 _PRIOR_SHARE = 0.8  # of the prior's spread: above it the strokes have measured nothing new
-_BOOTSTRAPS = 100
+_BOOTSTRAPS = 1000
 _REPEATABILITY_ROUNDS = 3
 _GOOD_START = 4.0  # cost of a row: far below that of a fit past pull-in
 _LEVEL = 0.90
 _PROFILE_COST = 2.706  # chi-squared of one parameter at 90 %
 _PROFILE_LIMIT = log(1e3)
 _FEWEST_STROKES = 6
+_LEAST_FREEDOM = 3.0
+_CURVED = 0.4  # spread of a logarithm beyond which the likelihood is no parabola
+_MOST_EVIDENCE = 300.0  # beyond it a form's likelihood is no number
+_CLOSE_ENOUGH = 1e-5  # relative, of cost and logarithms: below a hundredth of any spread
 
 
 def reported_within(name: str) -> float:
@@ -78,52 +82,64 @@ def fit_strokes(
         points = tuple(point for point in points if point.number not in left_out)
         found = dict(zip(parameters.free, np.exp(free).tolist(), strict=True))
         residuals, free = _fitted(predictor, parameters.restarted_at(found), points)
-    covariance = np.asarray(np.linalg.inv(residuals.information(free)))
+    own = np.asarray(np.linalg.inv(residuals.information(free)))
+    measured = np.diag(own @ residuals.data_information(free) @ own) / np.diag(own)
     if bootstraps:
-        covariance = _larger(covariance, _bootstrap(residuals, free, seed, bootstraps))
-    covariance = covariance + _exchanged(residuals, free)
+        own = _larger(own, _bootstrap(residuals, free, seed, bootstraps))
+    exchanged = _exchanged(residuals, free)
+    components = [] if exchanged is None else [exchanged]
     compared: list[FormFit] = []
     if forms:
         found = dict(zip(parameters.free, np.exp(free).tolist(), strict=True))
-        others = {
-            name: _fitted(other, in_form(parameters.restarted_at(found), other), points)
-            for name, other in forms.items()
-        }
-        compared, added = compare_forms(residuals, free, others)
-        covariance = covariance + added
+        others = {}
+        for name, other in forms.items():
+            known = in_form(parameters.restarted_at(found), other)
+            others[name] = _fitted(other, known, points, carried_over(other, residuals, free))
+        compared = compare_forms(residuals, free, others)
+        components += [
+            (at, exp(min(-one.evidence / 2, _MOST_EVIDENCE)))
+            for one, (_, at) in zip(compared, others.values(), strict=True)
+        ]
+    posterior = Posterior(
+        free,
+        own,
+        measured,
+        max(residuals.data_rows - residuals.parameters_used(free), _LEAST_FREEDOM),
+        np.array([at for at, _ in components]).reshape(len(components), len(free)),
+        np.array([odds for _, odds in components]),
+    )
     return Fit(
-        estimates=tuple(_estimate(residuals, free, covariance, one) for one in parameters.all),
+        estimates=tuple(_estimate(residuals, posterior, one) for one in parameters.all),
         names=parameters.names,
         free=parameters.free,
         log_values=residuals.all_logs(free),
-        covariance=covariance,
+        covariance=posterior.covariance,
         repeatability=residuals.repeatability,
         cost=residuals.cost(free),
         strokes=tuple(point.number for point in points),
         left_out=left_out,
         terms=tuple(sorted(predictor.model.terms)),
+        theory=predictor.model.theory,
         forms=tuple(compared),
     )
 
 
-def _exchanged(residuals: Residuals, free: Array) -> Array:
-    """Covariance that is added since a finger's response and a sensor's pole look alike.
+def _exchanged(residuals: Residuals, free: Array) -> tuple[Array, float] | None:
+    """Return the fit with the finger's response and the sensor's pole exchanged, and its odds.
 
-    Both are of first order, so at one speed the ripple alone does not tell which is which. The fit
-    with the two exchanged is weighed by its likelihood.
+    Both are of first order, so at one speed the ripple alone does not tell which is which.
     """
     names = residuals.parameters.free
     pair = "response_hz_per_mm_per_s", "sensor_pole_hz"
     if not set(pair) <= set(names):
-        return np.zeros((len(free), len(free)))
+        return None
     response, pole = (names.index(name) for name in pair)
     speed = log(float(np.mean([point.speed_mm_per_s for point in residuals.points])))
     start = free.copy()
     start[response], start[pole] = free[pole] - speed, free[response] + speed
     other = solve(residuals, start, most_steps=15)
     rise = max(residuals.cost(other) - residuals.cost(free), 0.0)
-    away = other - free
-    return np.asarray(exp(-rise / 2) * np.outer(away, away))
+    return other, exp(-rise / 2)
 
 
 def solve(
@@ -150,17 +166,27 @@ def solve(
         loss=residuals.loss,
         f_scale=SOFT_AT,
         x_scale=0.1,
+        ftol=_CLOSE_ENOUGH,
+        xtol=_CLOSE_ENOUGH,
         max_nfev=most_steps,
     )
     return whole(found.x)
 
 
 def _fitted(
-    predictor: StrokePredictor, parameters: Parameters, points: tuple[Point, ...]
+    predictor: StrokePredictor,
+    parameters: Parameters,
+    points: tuple[Point, ...],
+    start: Array | None = None,
 ) -> tuple[Residuals, Array]:
-    """Fit with the repeatability that the residuals themselves show."""
+    """Fit with the repeatability that the residuals themselves show.
+
+    From `start`, where a fit in another form has ended, or else from the parameters' own.
+    """
     residuals = Residuals(predictor, parameters, points, Repeatability())
-    free = residuals.with_best_sensor(_best_start(residuals))
+    free = residuals.start if start is None else solve(residuals, start, 25)
+    if start is None or not _is_good(residuals, residuals.cost(free)):
+        free = residuals.with_best_sensor(_best_start(residuals))
     for _ in range(_REPEATABILITY_ROUNDS):
         repeatability = residuals.estimated_repeatability(free)
         residuals = Residuals(predictor, parameters, points, repeatability)
@@ -178,37 +204,37 @@ def _best_start(residuals: Residuals) -> Array:
             start[free.index("h0_m")] += log(factor)
         solution = solve(residuals, start, 25)
         best = min(best, (solution, residuals.cost(solution)), key=lambda pair: pair[1])
-        if best[1] < _GOOD_START * residuals.data_rows:
+        if _is_good(residuals, best[1]):
             break
     return best[0]
+
+
+def _is_good(residuals: Residuals, cost: float) -> bool:
+    return cost < _GOOD_START * residuals.data_rows
 
 
 def _bootstrap(residuals: Residuals, free: Array, seed: int, count: int) -> Array:
     """Covariance from resampled strokes, each with priors drawn anew.
 
-    A replicate takes two Gauss-Newton steps from the fit, by the fit's Jacobian.
+    A replicate takes one Gauss-Newton step from the fit, by the fit's Jacobian.
     """
     rng = np.random.default_rng(seed)
     strokes = len(residuals.points)
     jacobian = residuals.data_jacobian(free)
-    weights, own = residuals.weights(free), residuals.data(free)
+    # The misfits of a few strokes are smaller than their errors: the fit has absorbed some.
+    spare = max(residuals.data_rows - residuals.parameters_used(free), 1.0)
+    misfit = residuals.data(free) * sqrt(residuals.data_rows / spare)
+    weights = residuals.weights(free)
     prior, row_of = residuals.prior_matrix, residuals.stroke_of_row
     found = []
     for _ in range(count):
         times = np.bincount(rng.integers(0, strokes, strokes), minlength=strokes)[row_of]
         target = residuals.prior_target + rng.normal(size=len(residuals.prior_target))
         weighted = (weights * times)[:, None] * jacobian
-        information = residuals.with_prior(weighted.T @ jacobian)
-        at, misfit = free, own
-        for last in (False, True):
-            slope = weighted.T @ misfit + prior.T @ (prior @ at - target)
-            step = np.linalg.solve(information, slope)
-            at = at - step * min(1.0, 0.7 / max(float(np.abs(step).max()), 1e-9))
-            misfit = misfit if last else residuals.data(at, jacobian=False)
-        found.append(at)
-    # Means of a few strokes vary less than those of all possible strokes would.
-    spare = max(residuals.data_rows - residuals.parameters_used(free), 1.0)
-    return np.asarray(np.atleast_2d(np.cov(np.array(found).T)) * residuals.data_rows / spare)
+        slope = weighted.T @ misfit + prior.T @ (prior @ free - target)
+        step = np.linalg.solve(residuals.with_prior(weighted.T @ jacobian), slope)
+        found.append(free - step)
+    return np.asarray(np.atleast_2d(np.cov(np.array(found).T)))
 
 
 def _larger(covariance: Array, other: Array) -> Array:
@@ -224,24 +250,19 @@ def _larger(covariance: Array, other: Array) -> Array:
     return np.asarray(spread @ spread.T)
 
 
-def _estimate(
-    residuals: Residuals, free: Array, covariance: Array, one: Parameter
-) -> ParameterEstimate:
+def _estimate(residuals: Residuals, posterior: Posterior, one: Parameter) -> ParameterEstimate:
     parameters = residuals.parameters
     estimate = partial(ParameterEstimate, name=one.name)
     if one.is_fixed:
         return estimate(value=one.value, low=one.value, high=one.value, spread=0.0, verdict="fixed")
-    # The repeatability was itself estimated: Student's t.
-    spare = max(len(residuals.points) - len(parameters.free), 3)
-    quantile = float(student.ppf(0.5 + _LEVEL / 2, spare))
-    index = parameters.free.index(one.name)
-    middle, spread = float(free[index]), sqrt(float(covariance[index, index]))
-    low, high = exp(middle - quantile * spread), exp(min(middle + quantile * spread, 700.0))
+    index, free = parameters.free.index(one.name), posterior.middle
+    middle, spread = float(free[index]), sqrt(float(posterior.covariance[index, index]))
+    low, high = (exp(min(end, 700.0)) for end in posterior.interval(index, _LEVEL))
     before = parameters.prior_spread(one.name)
     is_measured = before is None or spread < _PRIOR_SHARE * before
     if is_measured and spread <= reported_within(one.name):
         return estimate(value=exp(middle), low=low, high=high, spread=spread, verdict="determined")
-    if is_measured and one.name not in PER_RIG:
+    if is_measured and spread > _CURVED and one.name not in PER_RIG:
         # What other forms and an exchanged pole add, the likelihood of this form does not show.
         wider = profile(residuals, free, one.name, spread)
         low, high = min(low, wider[0]), max(high, wider[1])

@@ -59,22 +59,27 @@ class FormFit:
 
 
 def other_forms(
-    model: ContactModel, terms: Mapping[str, bool] | None = None
+    model: ContactModel,
+    terms: Mapping[str, bool] | None = None,
+    tables: StrokePredictor | None = None,
 ) -> dict[str, StrokePredictor]:
-    """Predictors in the other gap distribution, and in the other theory that calibrates."""
+    """Predictors in the other gap distribution, and in the other theory that calibrates.
+
+    `tables` is one that exists already, of the other theory.
+    """
     is_combined = model.contact.gap_distribution == "combined"
     other: GapDistribution = "plain" if is_combined else "combined"
     theory: TheoryName = "open-gaps" if model.theory == "corrected" else "corrected"
     finger, screen = model.finger, model.screen
-    # The other theory with the terms that are usual for it: finite size belongs to one of them.
-    usual = THEORIES[theory].usual_terms | THEORIES[model.theory].usual_terms
-    kept = {name: on for name, on in (terms or {}).items() if name not in usual}
     by_gaps = ContactModel(finger, screen, terms=terms, theory=model.theory, gap_distribution=other)
+    if tables is None:
+        # The other theory with the terms that are usual for it: finite size belongs to one of them.
+        usual = THEORIES[theory].usual_terms | THEORIES[model.theory].usual_terms
+        kept = {name: on for name, on in (terms or {}).items() if name not in usual}
+        tables = StrokePredictor(ContactModel(finger, screen, terms=kept, theory=theory))
     return {
         f'gap distribution "{other}"': StrokePredictor(by_gaps),
-        f'theory "{theory}"': StrokePredictor(
-            ContactModel(finger, screen, terms=kept, theory=theory)
-        ),
+        f'theory "{theory}"': tables,
     }
 
 
@@ -82,14 +87,11 @@ def compare_forms(
     residuals: Residuals,
     free: Array,
     others: Mapping[str, tuple[Residuals, Array]],
-) -> tuple[list[FormFit], Array]:
+) -> list[FormFit]:
     """Weigh fits of the same strokes in other forms.
 
-    Returns the comparison, and the covariance that the other forms add: for each the square of its
-    distance, times its weight. Both are compared at the smaller repeatability of the two, that of
-    the form that fits better.
+    Both are compared at the smaller repeatability of the two, that of the form that fits better.
     """
-    added = np.zeros((len(free), len(free)))
     mu = residuals.predict(free).log_mu
     found = []
     for name, (other, at) in others.items():
@@ -106,10 +108,8 @@ def compare_forms(
         if "h0_m" in residuals.parameters.free:
             index = residuals.parameters.free.index("h0_m")
             ratio = float(np.exp(at[index] - free[index]))
-        one = FormFit(name, costs[0] - costs[1], ratio, float(change))
-        added += one.weight * np.outer(at - free, at - free)
-        found.append(one)
-    return found, added
+        found.append(FormFit(name, costs[0] - costs[1], ratio, float(change)))
+    return found
 
 
 def in_form(parameters: Parameters, predictor: StrokePredictor) -> Parameters:
@@ -119,3 +119,16 @@ def in_form(parameters: Parameters, predictor: StrokePredictor) -> Parameters:
     if parameters[name].is_fixed or parameters[name].prior is not None:
         return parameters
     return parameters.started_at(**{name: shear})
+
+
+def carried_over(other: StrokePredictor, residuals: Residuals, free: Array) -> Array:
+    """Return where a fit in another form starts: at this one's, with tau_f as that form has it."""
+    start, name = free.copy(), "frictional_shear_stress_pa"
+    parameters = residuals.parameters
+    if name in parameters.free and parameters[name].prior is None:
+        there, here = (
+            float(one.model.finger.frictional_shear_stress_pa)
+            for one in (other, residuals.predictor)
+        )
+        start[parameters.free.index(name)] += np.log(there / here)
+    return start

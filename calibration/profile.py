@@ -39,12 +39,13 @@ def calibrated_screen(
     instruments: Iterable[str] = (),
     measured_on: date | None = None,
     assumed: Iterable[str] = (),
+    finger: Finger | None = None,
 ) -> Screen:
     """Return the screen with the fitted numbers; name, permittivity and limits are kept.
 
     Without a `verification` its verdict is "failed": it is what is still to be verified.
     `instruments` are names with serial numbers, `assumed` signals that none of them measured.
-    Without `measured_on` the date is today's.
+    Without `measured_on` the date is today's. `finger` is the one that is written beside it.
 
     Raises
     ------
@@ -70,6 +71,7 @@ def calibrated_screen(
             *(f"{name} (not measured)" for name in sorted(set(assumed))),
             *(f"{one} (not checked)" for one in (verification.untested if verification else ())),
         ),
+        finger_hash="" if finger is None else finger.content_hash(),
     )
     calibrated = screen.replace(**changed, is_placeholder=False, calibration=calibration)
     signed = calibration.model_copy(update={"content_hash": calibrated.content_hash()})
@@ -89,7 +91,8 @@ def calibrated_finger(finger: Finger, fit: Fit) -> Finger:
 
     Its numbers belong together: a single one is measured only if the fit determines it.
     """
-    return finger_at(finger, {name: fit.best(name) for name in PER_FINGER})
+    found = finger_at(finger, {name: fit.best(name) for name in PER_FINGER})
+    return found.replace(theory=fit.theory or finger.theory)
 
 
 def finger_at(finger: Finger, values: Mapping[str, float]) -> Finger:

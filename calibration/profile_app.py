@@ -251,12 +251,18 @@ def rounded(value: float) -> float | None:
 
 def _profiles(path: Path, finger: str | None) -> tuple[Screen, Finger]:
     from haptix.finger import Finger
+    from haptix.profiles import check_measured_with
     from haptix.screen import Screen
 
     beside = path.with_name("finger.toml")
     if finger is None and not beside.exists():
         raise InputError(f"--finger: expected a finger, since there is no {beside}")
-    return Screen.load(path), Finger.named(str(beside) if finger is None else finger)
+    screen = Screen.load(path)
+    if finger is not None:
+        return screen, Finger.named(finger)
+    own = Finger.load(beside)
+    check_measured_with(screen, own, beside)
+    return screen, own
 
 
 def _days_between(screen: Screen, folder: Path) -> int | None:

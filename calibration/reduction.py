@@ -21,6 +21,7 @@ from haptix.files import csv_text, parse_json, read_csv, write_whole
 
 _BLOCKS = 8  # of a segment: their scatter is the error of its mean
 _HIGHEST_SHARE = 0.4  # of the sampling rate, up to which a ripple is looked for
+_TOUCHING = 0.4  # of the usual normal force
 _LEAST_PERIODS = 8.0  # of the ripple in a segment
 _NEIGHBOURS = np.array([-9, -8, -7, -6, -5, 5, 6, 7, 8, 9])  # bins: where there is noise alone
 _GAIN_ERROR = 0.002  # of the ratio of two force channels, one way
@@ -44,6 +45,8 @@ class Point:
     crosstalk : float
         Half the difference of both directions, over the normal force: what a tilted sensor adds to
         mu in one direction; NaN for one-way strokes.
+    creep : float
+        Relative change of mu for each e-fold of the time in contact; NaN where it was not found.
     held_out : bool
         Whether it is kept for verification.
     outlier : str
@@ -62,6 +65,7 @@ class Point:
     ripple: float
     ripple_sd: float
     crosstalk: float = nan
+    creep: float = nan
     held_out: bool = False
     outlier: str = ""
     notes: tuple[str, ...] = ()
@@ -106,7 +110,7 @@ class Reduced:
             If the file is missing or is not such a table.
         """
         try:
-            cells = [dict(row.cells) for row in read_csv(path, _COLUMNS)]
+            cells = [dict(row.cells) for row in read_csv(path, _REQUIRED)]
             for one in cells:
                 one["notes"] = parse_json(one["notes"])
             return cls(TypeAdapter(tuple[Point, ...]).validate_python(cells))
@@ -121,6 +125,7 @@ class Reduced:
 
 
 _COLUMNS = [field.name for field in fields(Point)]
+_REQUIRED = [name for name in _COLUMNS if name != "creep"]  # older tables have none
 
 
 def reduce_session(
@@ -190,6 +195,7 @@ def reduce_stroke(recording: StrokeRecording, idle_s: float = 0.3, crosstalk: fl
         ripple=ripple,
         ripple_sd=ripple_sd,
         crosstalk=nan if is_one_way else float(ratios.mean()),
+        creep=_creep(recording, segments) / mu,
     )
 
 
@@ -229,6 +235,28 @@ def _ratio(recording: StrokeRecording, segment: Segment) -> tuple[float, float]:
     blocks = [misfit[a:b].mean() for a, b in pairwise(ends.tolist()) if b > a]
     spread = float(np.std(blocks, ddof=1)) if len(blocks) > 1 else 0.0
     return ratio, spread / sqrt(max(len(blocks), 1)) / abs(float(press.mean()))
+
+
+def _creep(recording: StrokeRecording, segments: list[Segment]) -> float:
+    """Slope of the friction over ln(time in contact); cross-talk is the same at all times."""
+    normal = recording.normal_force_n
+    touching = normal > _TOUCHING * np.median(normal[segments[0].samples])
+    begun = float(recording.t_s[int(touching.argmax())])
+    rows = []
+    for segment in segments:
+        parts = np.array_split(np.arange(segment.start, segment.stop), _BLOCKS)
+        for part in (one for one in parts if len(one)):
+            ratio = recording.tangential_force_n[part].mean() / normal[part].mean()
+            lasted = float(recording.t_s[part].mean()) - begun
+            if lasted > 0:
+                way = float(segment.direction)
+                rows.append((ratio, way, way * np.log(lasted), 1.0))
+    if len(rows) < _BLOCKS:
+        return nan
+    table = np.array(rows)
+    # One way only: cross-talk and friction are one number.
+    columns = table[:, 1:] if len(set(table[:, 1])) > 1 else table[:, 1:3]
+    return float(np.linalg.lstsq(columns, table[:, 0], rcond=None)[0][1])
 
 
 def _hum(recording: StrokeRecording, idle_s: float) -> float:

@@ -256,6 +256,7 @@ def _sizes(verification: Verification, fit: Fit) -> str:
         f"<p>Friction rests on, in JND: the scatter of the held-out strokes {scatter:.2f}; "
         f"{checked}; the fit's own uncertainty {verification.fit_bound_thresholds:.2f}; the form "
         f"of the model {forms:.2f}. At most: {verification.bound_thresholds:.2f}.</p>"
+        f"<p>Steadiness: {verification.steadiness.text}.</p>"
     )
 
 

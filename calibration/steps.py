@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from pydantic import TypeAdapter
 
+from calibration.choosing import fit_in_best_theory
 from calibration.comparison import TermNeed, compare_terms
 from calibration.fit import Fit
 from calibration.fitting import fit_strokes
@@ -45,12 +46,13 @@ from calibration.verification import TOLERANCE_THRESHOLDS, Verification, verify
 from haptix.errors import InputError
 from haptix.files import json_text, parse_json, read_text, reading, write_whole
 from haptix.finger import Finger
-from haptix.friction import ContactModel
+from haptix.friction import ContactModel, in_theory
 from haptix.screen import CalibrationWarning, Screen
 from haptix.terms import TERMS
 
 REDUCED, FIT, NEEDS = "reduced.csv", "fit.json", "terms.json"
 REPORT, ARCHIVE = "report.html", "archive.zip"
+RESTS_ON = (REDUCED, RIG, NEEDS)  # beside plan, session and strokes: what a verdict is made from
 
 
 class PlannedSession(NamedTuple):
@@ -115,24 +117,33 @@ def fit_folder(
 
     For `fixed` and `priors` see `Parameters.fixed` and `Parameters.known`. `finger_fit` is an
     earlier ``fit.json`` of the same finger. With `leaky_gap` the gap's resistivity is fitted, and
-    with `compare` it is found which terms the strokes need, and the uncertainty is widened by other
-    forms of the model; `terms` are switched on or off.
+    with `compare` it is found which theory and which terms the strokes need, and the uncertainty is
+    widened by other forms of the model; `terms` are switched on or off.
     """
     session = Session.open(folder)
     reduced = Reduced.load(session.folder / REDUCED)
     finger, screen = session.info.finger, session.info.screen
+    earlier = None if finger_fit is None else Fit.load(finger_fit)
+    if earlier is not None:
+        earlier.check_unedited(str(finger_fit))
+        finger = in_theory(finger, earlier.theory or finger.theory)
     predictor = StrokePredictor(ContactModel(finger, screen, terms=terms))
     parameters = Parameters.of(finger, screen, leaky_gap).with_rig()
-    if finger_fit is not None:
-        parameters = parameters.with_finger(Fit.load(finger_fit).finger_prior())
+    if earlier is not None:
+        parameters = parameters.with_finger(earlier.finger_prior())
     rig = rig_check(session.folder)
     tapped = {} if rig is None else rig.sensor()
     parameters = parameters.known(**{**tapped, **(priors or {})}).fixed(**fixed or {})
-    forms = other_forms(predictor.model, terms) if compare else None
-    fit = fit_strokes(reduced, predictor, parameters, forms=forms).signed(session.hashes(REDUCED))
-    fit.save(session.folder / FIT)
-    needs = compare_terms(fit, reduced, predictor, parameters) if compare else []
+    needs: list[TermNeed] = []
+    if compare:
+        forms = other_forms(predictor.model, terms)
+        fit, predictor, parameters = fit_in_best_theory(reduced, predictor, parameters, forms)
+        needs = compare_terms(fit, reduced, predictor, parameters)
+    else:
+        fit = fit_strokes(reduced, predictor, parameters)
     write_whole(session.folder / NEEDS, json_text([asdict(one) for one in needs]))
+    fit = fit.signed(session.hashes(*RESTS_ON))
+    fit.save(session.folder / FIT)
     return fit, needs
 
 
@@ -155,10 +166,11 @@ def verify_folder(
     recordings = session.recordings
     reduced = Reduced.load(session.folder / REDUCED)
     fit = Fit.load(session.folder / FIT)
-    fit.check_unchanged(session.hashes(REDUCED))
+    fit.check_unchanged(session.hashes(*RESTS_ON))
     _check_reduced(session, reduced, recordings)
     rig = rig_check(session.folder)
-    finger, believed = session.info.finger, session.info.screen
+    believed = session.info.screen
+    finger = in_theory(session.info.finger, fit.theory or session.info.finger.theory)
     # A term whose parameter is fitted is on even where the profile has no value for it.
     terms = {n: n in fit.terms and not term.missing(finger, believed) for n, term in TERMS.items()}
     predictor = StrokePredictor(ContactModel(finger, believed, terms=terms))
@@ -167,9 +179,10 @@ def verify_folder(
         started = min((one.conditions.started[:10] for one in recordings), default="")
         by_whom = session.info.operator, instruments_of(recordings), _date(started)
         assumed = {name for one in recordings for name in one.assumed}
-        make = partial(calibrated_screen, believed, fit)
+        measured = calibrated_finger(finger, fit)
+        measured.save(session.folder / FINGER)
+        make = partial(calibrated_screen, believed, fit, finger=measured)
         make(None, predictor, *by_whom, assumed).save(session.folder / SCREEN)
-        calibrated_finger(finger, fit).save(session.folder / FINGER)
         written = StrokePredictor(profile_model(session.folder))
         found = verify(fit, reduced, written, tolerance_thresholds, rig)
         screen = make(found, predictor, *by_whom, assumed)

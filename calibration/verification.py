@@ -10,7 +10,7 @@ Berger 1982). No single stroke decides.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import hypot, isfinite
 from typing import Literal, Self
 
@@ -23,6 +23,7 @@ from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.protocol import CARRIER_HZ, FREQUENCY_HZ
 from calibration.reduction import Point, Reduced
 from calibration.rig import RigCheck
+from calibration.steadiness import Steadiness, steadiness
 from haptix.perception import WEBER_FRACTION
 
 TOLERANCE_THRESHOLDS = 0.5
@@ -167,6 +168,8 @@ class Verification:
     fit_bound_thresholds : float
         Largest error [JND], at 95 %, that the fit's own uncertainty leaves where the screen is
         used.
+    steadiness : Steadiness
+        Repeatability, drift over the session, and creep in contact.
     """
 
     rows: tuple[HeldOutStroke, ...]
@@ -175,6 +178,7 @@ class Verification:
     groups: tuple[Equivalence, ...] = ()
     untested: tuple[str, ...] = ()
     fit_bound_thresholds: float = float("nan")
+    steadiness: Steadiness = field(default_factory=Steadiness)
 
     @property
     def passed(self) -> bool:
@@ -238,14 +242,29 @@ def verify(
         )
     if fit["h0_m"].value is None:
         failures.append(fit["h0_m"].refusal())
+    steady = steadiness(fit, reduced, predictor)
+    creeps = abs(steady.creep_thresholds) - steady.creep_uncertainty_thresholds
+    if creeps > tolerance_thresholds:
+        failures.append(
+            f"friction creeps by {steady.creep_thresholds:+.2g} JND in ten times the contact time: "
+            "no profile holds for all of them; let the finger rest on the screen as long before "
+            "each stroke, or dry it"
+        )
     untested = []
+    if tolerance_thresholds > TOLERANCE_THRESHOLDS:
+        untested.append(
+            f"half a JND: the tolerance was {tolerance_thresholds:g} JND, of which no verdict may "
+            "pass more than provisionally"
+        )
     if rig is None:
         untested.append(_gains_not_checked(rows, predictor))
     elif faults := rig.faults():
         failures += faults
     if rows and not any(one.group == "at the carrier" for one in groups):
         untested.append(f"the carrier: no two held-out strokes near {CARRIER_HZ:g} Hz")
-    return Verification(rows, tolerance_thresholds, tuple(failures), groups, tuple(untested), bound)
+    return Verification(
+        rows, tolerance_thresholds, tuple(failures), groups, tuple(untested), bound, steady
+    )
 
 
 def _gains_not_checked(rows: tuple[HeldOutStroke, ...], predictor: StrokePredictor) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Discriminator, Field, PositiveFloat, PositiveInt, Tag, model_validator
@@ -158,3 +160,8 @@ class Finger(Document):
     def apparent_area_m2(self, normal_force_n: Tensor) -> Tensor:
         """A0 [m^2] at normal forces [N] of any shape."""
         return self.apparent_area_at_1n_m2 * normal_force_n**self.apparent_area_exponent
+
+    def content_hash(self) -> str:
+        """SHA-256 of everything in the profile."""
+        text = json.dumps(self.model_dump(mode="json"), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()

@@ -47,8 +47,8 @@ def install_profile(serial: str, screen: str | Path, finger: str | Path) -> Prof
     Raises
     ------
     InputError
-        If the serial number is empty, or the screen is not calibrated, failed, is old or was
-        edited.
+        If the serial number is empty, the screen is not calibrated, failed, is old or was edited,
+        or the finger is not the one that was measured with it.
     FileFormatError
         If a file is no such profile.
     """
@@ -59,11 +59,24 @@ def install_profile(serial: str, screen: str | Path, finger: str | Path) -> Prof
         raise InputError(f"{screen}: expected a profile of a calibration, got one without")
     if reasons := own.warnings():
         raise InputError(f"{screen} is not installed: {'; '.join(reasons)}")
-    Finger.load(finger)
+    check_measured_with(own, Finger.load(finger), finger)
     folder = _folder_of(serial)
     contents = {_FINGER: Path(finger).read_bytes(), _SCREEN: Path(screen).read_bytes()}
     write_folder(folder, contents)
     return ProfileFiles(folder / _SCREEN, folder / _FINGER)
+
+
+def check_measured_with(screen: Screen, finger: Finger, file: str | Path) -> None:
+    """Raise `InputError` unless a finger is the one that was measured with a calibrated screen.
+
+    Its numbers and the screen's belong together; profiles of older versions do not name a finger.
+    """
+    known = "" if screen.calibration is None else screen.calibration.finger_hash
+    if known and finger.content_hash() != known:
+        raise InputError(
+            f"{file} is not the finger that was measured with screen {screen.name!r}, or was "
+            "edited: take the finger.toml of the same calibration"
+        )
 
 
 def installed_profile(serial: str) -> ProfileFiles | None:

@@ -44,6 +44,8 @@ class Calibration(Part):
         Standard deviation of the logarithm of each number that was found, such as 0.02 for 2 %.
     rests_on : tuple of str
         What was assumed and not measured.
+    finger_hash : str
+        `Finger.content_hash` of the finger that was measured with it; empty in older profiles.
     content_hash : str
         SHA-256 of the profile as it was written; an edited profile has another one.
     """
@@ -54,6 +56,7 @@ class Calibration(Part):
     verdict: Literal["passed", "provisional", "failed"]
     spread: dict[str, float] = Field(default={})
     rests_on: tuple[str, ...] = ()
+    finger_hash: Annotated[str, Field(exclude_if=lambda value: not value)] = ""
     content_hash: str = ""
 
 

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 import haptix
 from calibration import Fit, Protocol, Session
 from calibration.app import app
-from calibration.rig import RigCheck
-from calibration.steps import fit_folder, reduce_folder, verify_folder
+from calibration.rig import RIG, RigCheck
+from calibration.steps import RESTS_ON, fit_folder, reduce_folder, verify_folder
 from haptix.cli import app as whole
 
 run = CliRunner()
@@ -183,12 +183,16 @@ def edit_table(folder):
     cells[5] = f"{1.05 * float(cells[5]):.17g}"  # mu
     (folder / "reduced.csv").write_text("\n".join([*lines[:4], ",".join(cells), *lines[5:]]))
     session = Session.open(folder)  # a fit of the edited table
-    Fit.load(folder / "fit.json").signed(session.hashes("reduced.csv")).save(folder / "fit.json")
+    Fit.load(folder / "fit.json").signed(session.hashes(*RESTS_ON)).save(folder / "fit.json")
 
 
 def edit_plan(folder):
     plan = (folder / "protocol.toml").read_text()
     (folder / "protocol.toml").write_text(plan.replace("idle_s = 0.3", "idle_s = 0.25"))
+
+
+def check_rig(folder):
+    RigCheck(normal_gain=1.0, tangential_gain=1.0, voltage_gain=1.0).save(folder / RIG)
 
 
 @pytest.mark.parametrize(
@@ -200,8 +204,10 @@ def edit_plan(folder):
         (lambda s: (s / "strokes" / "stroke-002.h5").unlink(), r"stroke-002\.h5 was deleted"),
         (edit_table, r"reduced\.csv: stroke 4 is not what its recording gives"),
         (edit_plan, r"protocol\.toml was changed after the fit"),
+        (check_rig, r"rig\.toml was added after the fit"),
+        (lambda s: (s / "terms.json").write_text("[ ]"), r"terms\.json was changed after the fit"),
     ],
-    ids=["estimate", "version", "copied", "deleted", "table", "plan"],
+    ids=["estimate", "version", "copied", "deleted", "table", "plan", "rig", "terms"],
 )
 def test_a_fit_is_bound_to_its_session(tmp_path, fitted, spoil, said):
     copy = tmp_path / "s"
