@@ -135,12 +135,13 @@ def fit_folder(
     tapped = {} if rig is None else rig.sensor()
     parameters = parameters.known(**{**tapped, **(priors or {})}).fixed(**fixed or {})
     needs: list[TermNeed] = []
-    if compare:
-        forms = other_forms(predictor.model, terms)
+    forms = other_forms(predictor.model, terms) if compare else None
+    if forms and not terms:
         fit, predictor, parameters = fit_in_best_theory(reduced, predictor, parameters, forms)
-        needs = compare_terms(fit, reduced, predictor, parameters)
     else:
-        fit = fit_strokes(reduced, predictor, parameters)
+        fit = fit_strokes(reduced, predictor, parameters, forms=forms)
+    if compare:
+        needs = compare_terms(fit, reduced, predictor, parameters)
     write_whole(session.folder / NEEDS, json_text([asdict(one) for one in needs]))
     fit = fit.signed(session.hashes(*RESTS_ON))
     fit.save(session.folder / FIT)

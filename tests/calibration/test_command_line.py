@@ -64,6 +64,7 @@ def assert_for_machines(text):
                     "what",
                     "failures",
                     "group",
+                    "theory",
                 )
                 if isinstance(one, str):
                     assert key.startswith(words), (key, one)
@@ -93,6 +94,10 @@ def test_all_the_way_to_a_surface(folder):
     assert json.loads(done.stdout)["verdict"] == "provisional", done.output
     right = RigCheck(normal_gain=1.0, tangential_gain=1.0, voltage_gain=1.0)
     right.save(folder / "s" / "rig.toml")
+    # The fit takes the sensor's bandwidth from the check.
+    early = run.invoke(app, ["verify", session])
+    assert "rig.toml was added after the fit" in str(early.exception)
+    assert run.invoke(app, ["fit", session, *knowledge]).exit_code == 0
     done = run.invoke(app, ["verify", session, "--json"])
     assert json.loads(done.stdout)["verdict"] == "passed", done.output
     assert_for_machines(done.stdout)
