@@ -22,6 +22,14 @@ def test_client(service, tmp_path):
     assert (10.0 + 40.0 / 4.0, 5.0) in [(report.x_mm, report.y_mm) for report in reports]
     by_mm = next(report for report in reports if report.touch_id == 5)
     assert by_mm[2:] == ("down", 3.0, 4.0, 0.5, None)
+    told = [fields["ops"][0] for do, fields, _ in service.engine.told if do == "layout_change"]
+    added, moved, changed, removed = [op for op in told if op["name"] == "region 1"]
+    place = {"x_mm": 1.0, "y_mm": 2.0, "width_mm": 60.0, "opacity": 0.5}
+    material = {"kind": "grating", "period_mm": 2.0}
+    assert added == {"op": "add", "name": "region 1", "material": material} | place
+    assert moved == {"op": "move", "name": "region 1", "x_mm": 5.0, "over_s": 0.1}
+    assert changed == {"op": "change", "name": "region 1", "opacity": 1.0}
+    assert removed == {"op": "remove", "name": "region 1"}
 
 
 def test_example_compiles_without_unity(tmp_path):

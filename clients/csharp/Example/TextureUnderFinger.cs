@@ -5,9 +5,7 @@ using UnityEngine;
 
 public class TextureUnderFinger : MonoBehaviour
 {
-    const string Layout = @"{""regions"": [{""name"": ""ribs"", ""x_mm"": 0, ""y_mm"": 0,
-        ""width_mm"": 300, ""height_mm"": 200,
-        ""material"": {""kind"": ""grating"", ""period_mm"": 2.0, ""low"": 0.6, ""high"": 0.9}}]}";
+    const string Ribs = @"{""kind"": ""grating"", ""period_mm"": 2.0, ""low"": 0.6, ""high"": 0.9}";
 
     Session _session;
 
@@ -17,7 +15,7 @@ public class TextureUnderFinger : MonoBehaviour
         _session.On<Contact>(e => Debug.Log(e.Event + " " + e.Region));
         _session.On<Output>(e => Debug.Log("output " + e.State + ": " + e.Reason));
         await _session.Geometry(Screen.dpi / 25.4);
-        await _session.LayoutSet(Layout);
+        await _session.Layout.Add(Material.Parse(Ribs), widthMm: 300, heightMm: 200, name: "ribs");
         await _session.Acquire();
         await _session.Arm();
     }

@@ -52,6 +52,7 @@ static class Program
             add("touches and contacts", Touches);
             add("a busy main thread", Busy);
             add("refusals", Refusals);
+            add("layout", () => Regions(golden));
             add("takeover", Takeover);
             add("telemetry", Telemetry);
             add("reconnecting", Reconnecting);
@@ -90,6 +91,31 @@ static class Program
             h.Lift(5);
             await h.Stop();
             Check.That(h.Output.State == "off", "off");
+        }
+    }
+
+    static async Task Regions(string golden)
+    {
+        string path = Path.Combine(Path.GetTempPath(), Path.GetRandomFileName() + ".json");
+        using (Session h = await Session.Connect("test"))
+        {
+            File.WriteAllText(path, "{\"kind\": \"grating\", \"period_mm\": 2.0}");
+            Region ribs = await h.Layout.Add(Material.Load(path), 1, 2, widthMm: 60, opacity: 0.5);
+            File.Delete(path);
+            Check.That(ribs.Name == "region 1", "a name");
+            await ribs.Move(xMm: 5, overS: 0.1);
+            await ribs.Change(opacity: 1);
+            await ribs.Remove();
+            await h.Layout.Clear();
+            Refused refused = await Check.Refuses(() => ribs.Move(overS: -1));
+            Check.That(refused.Code == "message" && refused.Path.EndsWith("/over_s"), "a path");
+            string photograph = Path.Combine(golden, "bytes.jsonl"); // any file, under a name that is allowed
+            string copy = Path.ChangeExtension(path, ".png");
+            File.Copy(photograph, copy);
+            string name = await h.Asset(copy);
+            Check.That(name.Length == 68 && name.EndsWith(".png") && name == await h.Asset(copy), "an asset");
+            File.Delete(copy);
+            Check.That((await Check.Refuses(() => h.Asset(photograph))).Code == "document", "a suffix");
         }
     }
 
