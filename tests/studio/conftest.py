@@ -1,5 +1,6 @@
 """A studio in Chromium: before a front that writes down what it is told, or all of haptix."""
 
+import contextlib
 import os
 import re
 import shutil
@@ -36,7 +37,14 @@ def browser():
 @pytest.fixture
 def front(tmp_path):
     """The front alone, whose engine writes down what it is told; starts in no time."""
-    service = Service(tmp_path)
+    with a_front(tmp_path) as service:
+        yield service
+
+
+@contextlib.contextmanager
+def a_front(folder):
+    """Serve the pages with an engine that writes down, and a virtual driver."""
+    service = Service(folder)
     device = service.hub.inventory.devices[0]
     virtual = device.model_copy(update={"address": "mock:", "name": "mock", "is_real": False})
     service.hub.inventory = service.hub.inventory.model_copy(update={"devices": (virtual,)})
@@ -60,6 +68,13 @@ def studio(tmp_path_factory):
 @pytest.fixture
 def page(browser):
     """A page of 1280 x 800; what its scripts complain of fails the test."""
+    with a_page(browser) as page:
+        yield page
+
+
+@contextlib.contextmanager
+def a_page(browser):
+    """Open a page, and fail at its end if its scripts complained of something."""
     context = browser.new_context(viewport={"width": 1280, "height": 800})
     page = context.new_page()
     errors = page.expected_errors = []  # a test that provokes some clears them

@@ -75,7 +75,8 @@ export class Readings {
     if (!track?.count) return;
     const row = track.count - 1;
     values.wanted.textContent = track.at("wanted", row).toFixed(3);
-    values.felt.textContent = track.known ? track.at("felt", track.known - 1).toFixed(3) : "–";
+    const felt = track.known ? track.at("felt", track.known - 1) : NaN;
+    values.felt.textContent = Number.isNaN(felt) ? "–" : felt.toFixed(3); // a finger at rest feels none
     values.force.textContent = `${track.at("normal_force_n", row).toFixed(2)} N `;
     values.force.append(el("small", {}, source));
     values.speed.textContent = `${speedOf(track).toFixed(0)} mm/s`;

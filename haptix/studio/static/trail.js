@@ -7,6 +7,7 @@ import { texts } from "./texts.js";
 /** @import { Track } from "./telemetry.js" */
 
 const WIDTH_PX = 5;
+const EDGE = "#fff";
 const FRESH = "#8a949e";
 /** Colours of Okabe and Ito that stand apart on light and dark, by the size of the error [JND]. */
 export const SCALE = [
@@ -59,17 +60,21 @@ export class Trail {
     if (this.#clears) this.board.clear(trail);
     this.#clears = false;
     trail.lineCap = "round";
-    trail.lineWidth = WIDTH_PX * px;
     if (this.#fresh.length) {
-      trail.strokeStyle = FRESH;
       trail.beginPath();
       for (const { from, to } of this.#fresh) {
         trail.moveTo(from.x, from.y);
         trail.lineTo(to.x, to.y);
       }
-      trail.stroke();
+      // An edge, so that every colour stands out from every picture.
+      for (const [style, width] of /** @type {const} */ ([[EDGE, WIDTH_PX + 5], [FRESH, WIDTH_PX]])) {
+        trail.strokeStyle = style;
+        trail.lineWidth = width * px;
+        trail.stroke();
+      }
       this.#fresh = [];
     }
+    trail.lineWidth = WIDTH_PX * px;
     for (const part of this.#felt) this.#drawFelt(part);
     this.#felt = [];
     this.board.clear(over);

@@ -1,0 +1,263 @@
+"""The page "Play" before a front whose engine writes down touches, and is told what they feel."""
+
+import re
+import time
+
+import numpy as np
+import pytest
+
+from haptix.service.batches import TelemetryFrame, write_frame
+from tests.studio.conftest import a_front, a_page, address, violations
+
+STEP_S = 0.001
+
+
+@pytest.fixture(scope="module")
+def front(tmp_path_factory):
+    with a_front(tmp_path_factory.mktemp("service")) as service:
+        service.hub.profiles = PROFILES
+        yield service
+
+
+@pytest.fixture(scope="module")
+def opened(front, browser):
+    with a_page(browser) as page:
+        page.goto(address(front))
+        page.locator('.output[data-state="armed"]').wait_for()
+        page.locator(".uplot").first.wait_for()
+        yield page
+
+
+@pytest.fixture
+def play(front, opened):
+    """The page, armed, with nothing touched; one for all tests."""
+    front.engine.reports.clear()
+    return opened
+
+
+def until(is_so, wait_s=5.0):
+    """Wait until something is so; return it."""
+    end_s = time.monotonic() + wait_s
+    while not (found := is_so()) and time.monotonic() < end_s:
+        time.sleep(0.02)
+    assert found
+    return found
+
+
+def tell(front, felt_of_wanted, count=600, wanted=0.30, touch_id=0):
+    """Tell of a finger that slid along y = 17 mm over the first region, and what it felt."""
+    t0_s = time.monotonic() - count * STEP_S
+    x_mm = np.linspace(10, 50, count)
+    friction = np.tile([0, 17, 0.5, wanted, wanted, 0.25, 0.33, 0.6], (count, 1))
+    friction[:, 0] = x_mm
+    mu = felt_of_wanted * wanted
+    for stream, rows in (("friction", friction), ("felt", np.tile([mu, 0.5 * mu], (count, 1)))):
+        for first in range(0, count, 50):
+            part, at_s = rows[first : first + 50], t0_s + first * STEP_S
+            frame = TelemetryFrame(stream, touch_id, 1 + first // 50, 0, at_s, STEP_S, part)
+            front.hub.hear_frame(write_frame(frame))
+            time.sleep(0.004)  # a client is sent the newest four frames only
+
+
+def place(page, x_mm, y_mm):
+    """Where a place of the layout is on the page: the board shows 0 to 116 mm with 4 mm around."""
+    box = page.locator(".board").bounding_box()
+    scale = min(box["width"] / 124, box["height"] / 64)
+    left = box["x"] + (box["width"] - 124 * scale) / 2 + 4 * scale
+    top = box["y"] + (box["height"] - 64 * scale) / 2 + 4 * scale
+    return left + x_mm * scale, top + y_mm * scale
+
+
+def slide(page, start_mm, end_mm, steps=10):
+    page.mouse.move(*place(page, *start_mm))
+    page.mouse.down()
+    page.mouse.move(*place(page, *end_mm), steps=steps)
+    page.mouse.up()
+
+
+def test_a_slide_is_touches_in_millimetres_with_the_force_that_is_said(front, play):
+    slide(play, (10, 17), (50, 17))
+    until(lambda: front.engine.reports and front.engine.reports[-1].kind == "up")
+    reports = front.engine.reports
+    assert [reports[0].kind, reports[-1].kind] == ["down", "up"]
+    # Pixels of a mouse are whole: half of one is 0.07 mm here.
+    assert reports[0].x_mm == pytest.approx(10, abs=0.1)
+    assert reports[-1].x_mm == pytest.approx(50, abs=0.1)
+    assert {report.normal_force_n for report in reports[:-1]} == {0.5}
+    front.engine.reports.clear()
+    force = play.get_by_label("Normal force", exact=True)
+    force.select_option("assumed")
+    slide(play, (10, 17), (50, 17))
+    until(lambda: front.engine.reports and front.engine.reports[-1].kind == "up")
+    force.select_option("slider")
+    assert {report.normal_force_n for report in front.engine.reports} == {None}
+
+
+def test_two_fingers_at_once(front, opened, browser):
+    context = browser.new_context(viewport={"width": 1280, "height": 800}, has_touch=True)
+    page = context.new_page()
+    front.engine.reports.clear()
+    page.goto(address(front))
+    page.get_by_role("button", name="Take over").click()
+    page.locator('.output[data-state="armed"]').wait_for()
+    touches = context.new_cdp_session(page)
+    for number in range(6):
+        points = [
+            {"id": finger, "x": x + 4 * number, "y": y}
+            for finger, (x, y) in enumerate([place(page, 10, 17), place(page, 70, 17)])
+        ]
+        kind = "touchMove" if number else "touchStart"
+        touches.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    touches.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    until(lambda: [report.kind for report in front.engine.reports].count("up") == 2)
+    by_finger = {
+        touch_id: [
+            report.x_mm
+            for report in front.engine.reports
+            if report.touch_id == touch_id and report.kind != "up"
+        ]
+        for touch_id in (0, 1)
+    }
+    assert by_finger[0][0] == pytest.approx(10, abs=0.1)
+    assert by_finger[1][0] == pytest.approx(70, abs=0.1)
+    assert all(xs == sorted(xs) and len(xs) > 2 for xs in by_finger.values())
+    context.close()
+    opened.get_by_role("button", name="Arm").click()
+    opened.locator('.output[data-state="armed"]').wait_for()
+
+
+def test_arrow_keys_slide_at_sixty_millimetres_a_second(front, play):
+    play.locator(".board").focus()
+    play.keyboard.down("ArrowRight")
+    until(lambda: len(front.engine.reports) > 30)
+    play.keyboard.up("ArrowRight")
+    until(lambda: front.engine.reports[-1].kind == "up")
+    moves = front.engine.reports[:-1]
+    t_s = np.array([report.t_s for report in moves])
+    x_mm = np.array([report.x_mm for report in moves])
+    assert np.polyfit(t_s, x_mm, 1)[0] == pytest.approx(60, rel=0.02)
+    assert np.ptp([report.y_mm for report in moves]) == 0
+
+
+def test_what_is_told_is_shown(front, play):
+    tell(front, 1.03)
+    until(lambda: play.locator('[data-name="felt"] dd').inner_text() == "0.309")
+    assert play.locator('[data-name="wanted"] dd').inner_text() == "0.300"
+    assert play.locator('[data-name="force"] dd').inner_text().startswith("0.50 N")
+    assert play.locator('[data-name="voltage"] dd').inner_text().startswith("60 %")
+    # 40 mm in 0.6 s
+    assert play.locator('[data-name="speed"] dd').inner_text() == "67 mm/s"
+    # 3 % of 0.3 are 0.03 / 0.11 JND; all of it can be had here.
+    bars = play.locator(".bar").all_inner_texts()
+    assert [re.sub(r"\s+", " ", bar) for bar in bars] == [
+        "Rendering 0.27 JND", "Out of reach 0.00 JND", "Total 0.27 JND",
+    ]  # fmt: skip
+
+
+PIXEL = """([x, y]) => {
+    const canvas = document.querySelectorAll(".board canvas")[1];
+    const { left, top } = canvas.getBoundingClientRect();
+    return [...canvas.getContext("2d").getImageData(x - left, y - top, 1, 1).data];
+}"""
+
+
+def test_the_trail_has_the_colour_of_its_error(front, play):
+    for felt, wanted, color in [
+        (1.01, 0.30, [0, 158, 115]),  # 0.09 JND
+        (1.04, 0.30, [86, 180, 233]),  # 0.36 JND
+        (1.08, 0.30, [230, 159, 0]),
+        (1.20, 0.30, [213, 94, 0]),
+        (0.90, 0.36, [204, 121, 167]),  # above what can be had
+    ]:
+        tell(front, felt, 300, wanted)
+        at = place(play, 30, 17)
+        until(lambda at=at, color=color: play.evaluate(PIXEL, at) == [*color, 255])
+
+
+def test_a_stroke_is_recorded_replayed_and_kept(front, play):
+    play.get_by_role("button", name="Record", exact=True).click()
+    slide(play, (10, 17), (50, 17), steps=20)
+    until(lambda: front.engine.reports and front.engine.reports[-1].kind == "up")
+    first = list(front.engine.reports)
+    front.engine.reports.clear()
+    play.get_by_role("button", name="Replay").click()
+    until(lambda: front.engine.reports and front.engine.reports[-1].kind == "up")
+    again = front.engine.reports
+    for field in ("kind", "touch_id", "x_mm", "y_mm"):
+        values = [[getattr(report, field) for report in stroke[:-1]] for stroke in (first, again)]
+        assert values[0] == (pytest.approx(values[1], abs=1e-3) if "mm" in field else values[1])
+    times = [np.diff([report.t_s for report in stroke]) for stroke in (first, again)]
+    # The front reads the page's clock by its pings, to milliseconds on a busy machine.
+    assert np.median(np.abs(times[0] - times[1])) < 2e-3
+    with play.expect_download() as download:
+        play.get_by_role("button", name="Save CSV").click()
+    table = np.genfromtxt(download.value.path(), delimiter=",", names=True)
+    assert table.dtype.names == ("t_s", "x_mm", "y_mm", "normal_force_n")
+    assert table["x_mm"] == pytest.approx([one.x_mm for one in first[:-1]], abs=1e-3)
+
+
+@pytest.mark.slow  # its pauses are for people; what it is made of is tested above
+def test_two_materials_by_the_same_stroke_blind(front, play):
+    play.get_by_role("button", name="Record", exact=True).click()
+    slide(play, (10, 17), (50, 17))
+    play.get_by_text("Compare two materials").click()
+    play.get_by_label("A", exact=True).select_option("Sand")
+    play.get_by_label("B", exact=True).select_option("Button")
+    play.get_by_label("blind").check()
+    before = len(front.engine.told)
+    play.get_by_role("button", name="Compare").click()
+    assert play.get_by_text("Sand").count() == 2  # in both lists: nothing tells what plays
+    play.get_by_role("button", name="No difference").click(timeout=15_000)
+    play.get_by_text("You said: No difference").wait_for()
+    assert play.locator(".told-comparison th").count() == 2
+    layouts = [fields for do, fields, _ in front.engine.told[before:] if do.startswith("layout")]
+    assert len(layouts) >= 3  # one, the other, and the document again
+    assert not violations(play)
+
+
+@pytest.mark.parametrize("page_name", ["play", "screens"])
+def test_anyone_can_use_it(front, play, page_name):
+    play.evaluate("(name) => { location.hash = `#/${name}`; }", page_name)
+    play.locator(f"main.{page_name}").wait_for()
+    for scheme in ("light", "dark"):
+        play.emulate_media(color_scheme=scheme)
+        assert not violations(play)
+    for width in (360, 768, 2560):
+        play.set_viewport_size({"width": width, "height": 800})
+        overflow = play.evaluate("document.documentElement.scrollWidth - innerWidth")
+        assert overflow <= 0, f"{width} px"
+    play.set_viewport_size({"width": 1280, "height": 800})
+    play.evaluate("location.hash = '#/play'")
+    play.locator(".board").wait_for()
+
+
+PROFILES = {
+    kind: {
+        "name": kind, "source": "/a/long/path/of/a/profile/of/the/laboratory/screen.toml",
+        "calibrated": "2026-11-01", "age_days": 21, "verdict": "provisional",
+        "rests_on": ["the response of the finger"], "spread": {"insulator_thickness_m": 0.04},
+        "warnings": ["screen 'bench 3' (its calibration is provisional)"],
+        "document": {"name": kind, "insulator_thickness_m": 1e-6},
+    }
+    for kind in ("screen", "finger")
+}  # fmt: skip
+
+
+def test_a_profile_says_what_it_rests_on(front, play):
+    play.get_by_role("link", name="Screens").click()
+    play.get_by_text("2026-11-01, 21 days ago").first.wait_for()
+    for words in ("the response of the finger", "its calibration is provisional", "4.0 %"):
+        assert play.get_by_text(words).first.is_visible()
+    play.get_by_role("button", name="STOP", exact=True).click()
+    until(lambda: front.engine.when("stop"))
+    play.get_by_role("button", name="Arm").click()
+    play.locator('.output[data-state="armed"]').wait_for()
+    play.get_by_role("link", name="Play").click()
+
+
+def test_a_driver_that_fails_says_why_and_a_virtual_one_is_armed_again(front, play):
+    armed = len(front.engine.when("arm"))
+    event = {"event": "output", "state": "failed", "reason": "the cable was pulled"}
+    front.hub.hear_engine(event)
+    play.get_by_text("the cable was pulled").wait_for()
+    until(lambda: len(front.engine.when("arm")) > armed)
