@@ -93,7 +93,7 @@ def is_there(option: typer.CallbackParam, value: Any) -> Any:
             why = getattr(error, "strerror", None) or error
             raise InputError(f"{_name(option)}: no file has such a name: {why}") from None
         if missing:
-            raise InputError(f"{_name(option)}: there is no file {path}")
+            raise InputError(f"{_name(option)}: cannot read {path}: there is no such file")
         if path is not None and path.is_dir():
             raise InputError(f"{_name(option)}: expected a file, but {path} is a folder")
     return value

@@ -117,7 +117,10 @@ def test_all_the_way_to_a_surface(folder):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["plan", "x.toml", "--protocol", "long"], "expected paper, full or short, got 'long'"),
+        (
+            ["plan", "x.toml", "--protocol", "long"],
+            "expected one of paper, full, short, got 'long'",
+        ),
         (["plan", "x.toml", "--max-voltage-v", "300"], "at most the 200 V"),
         (["measure", "s"], "--plan: expected a protocol"),
         (["measure", "s", "--plan", "nowhere.toml", "--name", "x"], "cannot read nowhere.toml"),
@@ -140,7 +143,7 @@ def test_nonsense_is_one_sentence(tmp_path, monkeypatch, arguments, said):
     [
         (["--source", "csv"], "expected --csv FOLDER and --columns"),
         (["--source", "inputs"], "expected --inputs FILE"),
-        (["--source", "thin air"], "expected virtual, csv or inputs"),
+        (["--source", "thin air"], "expected one of virtual, csv, inputs"),
     ],
 )
 def test_sources_need_what_they_need(tmp_path, folder, source, said):
