@@ -14,6 +14,8 @@ from xdist.remote import Producer
 from xdist.scheduler import LoadFileScheduling
 
 from haptix import ContactModel, Finger, Screen
+from haptix.contact import MeanField
+from haptix.electro.attraction import AttractionTable
 from tests.command_line import CommandLine, run_haptix
 from tests.steady_clock import steady_driver
 
@@ -63,6 +65,39 @@ def plain_terminal() -> Iterator[None]:
         patch.setenv("TERM", "dumb")
         for name in ("FORCE_COLOR", "CLICOLOR_FORCE", "PY_COLORS"):
             patch.delenv(name, raising=False)
+        yield
+
+
+_SOLVE = AttractionTable.__dict__["solve"]
+
+
+@pytest.fixture
+def tables_solved_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every model solves its own tables, where two models are compared."""
+    monkeypatch.setattr(AttractionTable, "solve", _SOLVE)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def tables_solved_once() -> Iterator[None]:
+    """Solve the gaps of equal contacts once in a process, as one model does by itself.
+
+    Most tests make the same few fingers anew, and two thirds of a solve are these gaps. Which
+    gaps a contact has is asked of it directly in tests/contact.
+    """
+    solve = AttractionTable.solve
+    kept: list[AttractionTable] = []
+
+    def solve_once(contact: MeanField, lowest_pa: float, highest_pa: float) -> AttractionTable:
+        if contact.stress_variance.requires_grad:
+            return solve(contact, lowest_pa, highest_pa)
+        for table in kept:
+            if table.covers(lowest_pa, highest_pa) and table.contact.equals(contact):
+                return table.part(lowest_pa, highest_pa)
+        kept.append(solve(contact, lowest_pa, highest_pa))
+        return kept[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(AttractionTable, "solve", solve_once)
         yield
 
 

@@ -268,6 +268,7 @@ def test_more_states_than_are_solved_together(semi_wet: ContactModel) -> None:
     assert batch[some].tolist() == pytest.approx(alone, rel=1e-12)  # rounding
 
 
+@pytest.mark.usefixtures("tables_solved_anew")
 def test_a_result_does_not_depend_on_what_was_asked_before() -> None:
     finger, screen = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
     fresh, used = ContactModel(finger, screen), ContactModel(finger, screen)

@@ -221,6 +221,7 @@ def test_single_values_are_axes_that_do_not_vary(model: ContactModel) -> None:
         assert float(mu) == pytest.approx(float(expected), abs=1e-3)  # the tolerance
 
 
+@pytest.mark.usefixtures("tables_solved_anew")
 def test_the_same_inputs_give_the_same_surface(model: ContactModel, tmp_path: Path) -> None:
     first = FrictionSurface.build(model, SMALL, tolerance=1e-3)
     # Another model, which has been asked for other things before.
