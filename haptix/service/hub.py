@@ -24,7 +24,7 @@ from haptix.version import __version__
 TICK_S = 0.02
 """Between two looks at the sessions. A silent client's voltage is gone a tick after its limit."""
 _FIRST_PINGS = 8
-_MOST_SESSIONS = 16
+_MOST_SESSIONS, _MOST_STRANGERS = 16, 8  # who have said hello, and who not yet
 _MANY_ASKED, _MOST_ASKED = 32, 60  # of one session, that wait for the engine
 _ASKED_WAIT_S = 0.02
 
@@ -67,7 +67,8 @@ class Hub:
 
     def open(self, origin: str | None) -> ServiceSession:
         """Let a client in, before its hello."""
-        if len(self.sessions) >= _MOST_SESSIONS:
+        welcome = len(self.welcome())
+        if welcome >= _MOST_SESSIONS or len(self.sessions) - welcome >= _MOST_STRANGERS:
             raise Problem("limit", f"expected at most {_MOST_SESSIONS} sessions")
         session = ServiceSession(self._next, origin, self.now_s)
         self._next += 1

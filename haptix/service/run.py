@@ -86,6 +86,7 @@ def serve(
         from haptix.service.http_server import HttpServer
         from haptix.service.maker import Maker
 
+        m.build()
         maker = Maker({})
 
         async def start() -> None:

@@ -5,7 +5,7 @@ import json
 import socket
 import threading
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 
 import httpx
 import pytest
@@ -197,6 +197,19 @@ def test_a_page_is_paired_and_comes_in(service):
     assert httpx.get(f"{base}/v1/server", headers=headers).status_code == 403
 
 
+def test_who_says_no_hello_takes_no_place_of_a_session(service):
+    address = f"ws://127.0.0.1:{service.port}/v1/session"
+    with ExitStack() as stack:
+        for _ in range(8):
+            stack.enter_context(connect(address, subprotocols=[SPOKEN], proxy=None))
+        wait_for(lambda: len(service.hub.sessions) == 8)
+        with pytest.raises(InvalidStatus), connect(address, subprotocols=[SPOKEN], proxy=None):
+            pass
+    wait_for(lambda: not service.hub.sessions)
+    with Client(service) as client:
+        assert client.welcome["type"] == "welcome"
+
+
 def test_nothing_before_hello_and_every_id_rises(service):
     with connect(
         f"ws://127.0.0.1:{service.port}/v1/session", subprotocols=[SPOKEN], proxy=None
@@ -373,22 +386,40 @@ def test_an_engine_that_refuses_leaves_the_session_as_it_was(service):
         assert client.ask("arm")["state"] == "armed"
 
 
-def test_a_flood_slows_its_sender_only(service):
+MANY = write_touches([TouchMessage(t_s=0.0, x_mm=1.0, y_mm=1.0)] * 1024, 1)
+REGION = {"name": "x" * 90, "material": {"kind": "x" * 100}}
+FLOODS = {
+    "pongs": lambda n: json.dumps({"type": "pong", "n": 10**9, "clock_s": 0}),
+    "no JSON": lambda n: "{" * 15 + "x" * 60_000,
+    "brackets": lambda n: "[" * 60_000,
+    "strings": lambda n: '"' + "\\\\" * 30_000,
+    "layouts": lambda n: json.dumps(
+        {"type": "layout_set", "id": n, "document": {"regions": [REGION] * 200}}
+    ),
+    "other bytes": lambda n: b"\x00" * 60_000,
+    "touches": lambda n: MANY,
+    "questions": lambda n: json.dumps({"type": "inventory", "id": n}),
+}
+
+
+@pytest.mark.parametrize("kind", FLOODS)
+def test_a_flood_slows_its_sender_only(service, kind):
+    make = FLOODS[kind]
     with Client(service) as flooder, Client(service).holds() as other:
-        text = json.dumps({"type": "pong", "n": 10**9, "clock_s": 0})
+        service.engine.told.clear()
+        sent = [make(number) for number in range(10, 410)]
 
         def floods():
             with suppress(ConnectionClosed):
-                for _ in range(400):
-                    flooder.socket.send(text)
+                for data in sent:
+                    flooder.socket.send(data)
 
-        service.engine.told.clear()
         flood = threading.Thread(target=floods)
         flood.start()
         slowest = 0.0
         for _ in range(10):
             began_s = time.monotonic()
-            other.ask("inventory")
+            assert other.ask("inventory")["type"] == "inventory"
             slowest = max(slowest, time.monotonic() - began_s)
         # 400 messages take a second beyond the bucket's 200; the other waits for none of it.
         assert slowest < 1.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
@@ -15,8 +15,15 @@ from haptix.service.messages.from_server import ServerMessage
 _LATER = ConfigDict(defer_build=True)
 CLIENT: TypeAdapter[Any] = TypeAdapter(ClientMessage, config=_LATER)
 SERVER: TypeAdapter[Any] = TypeAdapter(ServerMessage, config=_LATER)
-_STRINGS = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"?', re.DOTALL)
+_STRINGS = re.compile(r'"(?:[^"\\]++|\\.)*+"?', re.DOTALL)  # possessive: no way back is kept
 _BRACKETS = re.compile(r"[\[\]{}]")
+
+
+def build() -> None:
+    """Build what the front reads and says, which a first client would wait for otherwise."""
+    CLIENT.rebuild()
+    for kind in get_args(get_args(ServerMessage)[0]):
+        kind.model_rebuild()
 
 
 def read_client(text: str) -> Any:
@@ -55,8 +62,8 @@ def id_of(text: str) -> int:
 def _depth(text: str) -> int:
     """Return how deep brackets nest, outside of strings; more than is allowed is not counted."""
     deepest = depth = 0
-    for bracket in _BRACKETS.findall(_STRINGS.sub("", text)):
-        depth += 1 if bracket in "[{" else -1
+    for bracket in _BRACKETS.finditer(_STRINGS.sub("", text)):
+        depth += 1 if bracket[0] in "[{" else -1
         deepest = max(deepest, depth)
         if deepest > MOST_DEPTH:
             break

@@ -1,0 +1,63 @@
+"""A connection whose packets are dropped: nothing closes it, and the output must not stay on.
+
+The front and a client run in a network of their own, whose loopback is taken down and up again.
+"""
+
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+pytestmark = pytest.mark.slow  # silence without a network is tested with the sessions
+
+SCRIPT = """
+    import subprocess, sys, time
+    from pathlib import Path
+    import haptix.client
+    from tests.service.service_under_test import Service
+
+    def loopback(state):
+        subprocess.run(["ip", "link", "set", "lo", state], check=True)
+
+    def wait_for(condition, seconds):
+        end_s = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < end_s, "it did not happen"
+            time.sleep(0.005)
+
+    loopback("up")
+    service = Service(Path(sys.argv[1]))
+    address = f"ws://127.0.0.1:{service.port}/v1/session"
+    client = haptix.client.connect("far", address, service.access.native)
+    try:
+        client.acquire()
+        client.arm()
+        time.sleep(0.5)
+        assert service.hub.control.output.state == "armed"
+        loopback("down")
+        began_s = time.monotonic()
+        wait_for(lambda: service.engine.when("sleep"), 5.0)
+        took_s = service.engine.when("sleep")[0] - began_s
+        # The last ping that was answered may be 0.1 s old; then 0.4 s, a tick, and a busy machine.
+        assert took_s < 0.1 + 0.4 + 0.02 + 0.5, took_s
+        assert service.hub.control.output.state == "asleep"
+        loopback("up")
+        wait_for(lambda: service.engine.when("wake"), 20.0)  # the system sends again, ever later
+        assert client.ask("inventory").devices
+        assert service.hub.control.output.state == "armed"
+    finally:
+        loopback("up")
+        client.close()
+        service.close()
+"""
+
+
+def test_packets_are_dropped_and_come_again(tmp_path):
+    lone = ["unshare", "--map-root-user", "--net"]
+    if subprocess.run([*lone, "ip", "link"], capture_output=True).returncode:
+        pytest.skip("needs namespaces of the system, and Debian's iproute2")
+    script = textwrap.dedent(SCRIPT)
+    command = [*lone, sys.executable, "-c", script, str(tmp_path / "service")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
