@@ -1,5 +1,13 @@
+from . import client as client
 from . import contact as contact
+from . import gallery as gallery
+from . import layout as layout
+from . import materials as materials
+from . import motion as motion
+from . import render as render
 from . import stimuli as stimuli
+from . import texture as texture
+from . import touch as touch
 from . import virtual_finger as virtual_finger
 from .devices import open_device as open_device
 from .errors import HaptixError as HaptixError

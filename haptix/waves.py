@@ -24,7 +24,8 @@ def turns(first: int, count: int, frequency_hz: float, sample_rate_hz: float) ->
     """
     whole, part = _turns_per_sample(frequency_hz, sample_rate_hz)
     start = int(first) * whole % part / part
-    return np.asarray(start + frequency_hz / sample_rate_hz * np.arange(count))
+    ramp = _ramp if count <= _STEP else _ramp.__wrapped__  # long ones would fill the memory
+    return np.asarray(start + ramp(count, frequency_hz, sample_rate_hz))
 
 
 def sine(
@@ -45,6 +46,12 @@ def sine(
     rows += np.cos(angle)[:, None] * table_sine
     offset = first - begin * _STEP
     return np.asarray(rows.reshape(-1)[offset : offset + count])
+
+
+@lru_cache(maxsize=8)
+def _ramp(count: int, frequency_hz: float, sample_rate_hz: float) -> Array:
+    """Phase since the first sample: a renderer asks for blocks of the same lengths."""
+    return np.asarray(frequency_hz / sample_rate_hz * np.arange(count))
 
 
 @lru_cache(maxsize=64)

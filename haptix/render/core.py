@@ -229,9 +229,7 @@ class RenderCore:
             target, status = np.empty(0), np.empty(0, dtype=np.int8)
         if queued_v is not None:
             self._join(line, queued_v)
-        change = line[1:] - line[:-1]
-        if np.abs(change).max() > self._most_step_v:
-            change = self._slewed(line)
+        change = self._slewed(line)
         amplitude = (line[:-1, None] + change[:, None] * self._share).ravel()
         drive_v = self.drive.modulate(amplitude, first_sample, self.sample_rate_hz)
         counts = (first_sample, self.step, motion.fingers)
@@ -342,12 +340,15 @@ class RenderCore:
 
     def _slewed(self, line: Array) -> Array:
         """Limit the slope of `line` in place, and return its steps."""
-        most = self._most_step_v
+        most, change = self._most_step_v, line[1:] - line[:-1]
+        steep = np.abs(change) > most
+        if not steep.any():
+            return change
         values = line.tolist()
         caught_up = 0
-        for steep in np.flatnonzero(np.abs(np.diff(line)) > most).tolist():
+        for at in steep.nonzero()[0].tolist():
             # From each step that is too steep to where the line is met again.
-            i = steep + 1
+            i = at + 1
             while i > caught_up and i < len(values):
                 before, wanted = values[i - 1], values[i]
                 values[i] = min(max(wanted, before - most), before + most)
@@ -356,7 +357,7 @@ class RenderCore:
                 i += 1
             caught_up = max(caught_up, i)
         line[:] = values
-        return np.diff(line)
+        return np.asarray(line[1:] - line[:-1])
 
 
 def _inverted(

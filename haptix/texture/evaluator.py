@@ -46,7 +46,9 @@ class Feelable(Protocol):
 
 def check_feelable(name: str, texture: Any) -> None:
     """Raise `InputError` unless a renderer can ask a texture."""
-    if isinstance(texture, type) or not hasattr(texture, "evaluator"):
+    # First the class, whose property is not asked: it may make much.
+    has_one = hasattr(type(texture), "evaluator") or hasattr(texture, "evaluator")
+    if isinstance(texture, type) or not has_one:
         hint = "haptix.Texture.from_image(path, width_mm=60) reads a photograph"
         raise InputError(
             f"{name}: expected a texture, a material or a layout, got {shown(texture)}; {hint}"

@@ -110,7 +110,8 @@ class FrictionField(ABC):
 
     def wanted(self, motion: Motion) -> Array:
         """`friction` under the fingers of a block."""
-        return self.friction(motion.x_mm, motion.y_mm, motion.footprint_mm)
+        x, y = motion.x_mm, motion.y_mm
+        return self._anywhere(x, y, motion.footprint_mm) if x.size else np.empty(0)
 
     def react(self, facts: Facts, before: Report | None, now: Report) -> Facts:
         """Return the facts as they are."""

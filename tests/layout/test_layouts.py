@@ -15,6 +15,7 @@ from haptix.layout.regions import FADE_S, GLIDE_S
 from haptix.motion import Depends, Facts, Motion, Report
 from haptix.texture import Composition, Grating, Sprite
 from haptix.texture.evaluator import Evaluator
+from haptix.texture.pyramid import Pyramid
 
 STRIPES = Grating(period_mm=4.0, low=0.2, high=0.8)
 HALF = Texture(np.full((4, 4), 0.5), width_mm=20.0)
@@ -309,7 +310,13 @@ def test_places_that_are_none():
     assert at(layout, []).size == 0
 
 
-def test_a_texture_that_is_added_again_is_not_made_again():
+def test_a_texture_that_is_added_again_is_not_made_again(monkeypatch):
+    made = []
+    begin = Pyramid.__init__
+    monkeypatch.setattr(Pyramid, "__init__", lambda *of: [made.append(1), begin(*of)][1])
+    layout = Layout()
+    layout.add(Texture(np.full((4, 4), 0.5), width_mm=20.0))
+    assert len(made) == 1  # held beyond its edges, and not the other one as well
     layout = Layout()
     regions = [layout.add(HALF) for _ in range(3)]
     assert len({id(one.evaluator) for one in layout._regions.shown}) == 1
