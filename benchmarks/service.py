@@ -67,9 +67,9 @@ def engine() -> None:
             super().__init__(*arguments)
             self._begun: deque[tuple[float, float]] = deque()
 
-        def _revise(self, touched_s: float | None) -> None:
+        def _revise(self) -> None:
             began_s, waiting = self._clock(), len(self._under_way)
-            super()._revise(touched_s)
+            super()._revise()
             if len(self._under_way) > waiting:
                 self._begun.append((began_s, self._under_way[-1][1]))
 

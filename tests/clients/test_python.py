@@ -1,0 +1,121 @@
+"""The Python client, with and without await, against the real front."""
+
+import asyncio
+import threading
+import time
+
+import pytest
+
+import haptix.client
+from haptix.errors import DeviceError, InputError
+
+
+def wait_for(condition, seconds=5.0):
+    end_s = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end_s, "it did not happen"
+        time.sleep(0.005)
+
+
+@pytest.fixture
+def connect(service, monkeypatch):
+    monkeypatch.setenv("HAPTIX_SERVICE", str(service.access._folder))
+    service.engine.reports.clear()
+    return haptix.client.connect
+
+
+def test_touches_go_out_in_order_and_contacts_come_back(service, connect):
+    with connect("test") as h:
+        events = []
+        h.on("contact", events.append)
+        h.acquire()
+        assert h.arm().state == "armed"
+        at_s = h.now_s()
+        h.touch(1.0, 2.0, 0.5, touch_id=3, kind="down", t_s=at_s)
+        for number in range(100):
+            h.touch(float(number), 2.0, touch_id=3)
+        h.lift(3)
+        wait_for(lambda: service.engine.reports and service.engine.reports[-1].kind == "up")
+        places = [report.x_mm for report in service.engine.reports]
+        assert places == [1.0, *map(float, range(100)), 0.0]
+        wait_for(lambda: events)
+        # Half a round trip of loopback, on a busy machine.
+        assert events[0].touch_id == 3 and abs(events[0].t_s - at_s) < 0.02
+
+
+def test_a_broken_connection_is_opened_again_with_the_lease_and_disarmed(service, connect):
+    with connect("test") as h:
+        told = []
+        for kind in ("lost", "resumed"):
+            h.on(kind, lambda event, kind=kind: told.append((kind, event)))
+        h.ask("geometry", px_per_mm=4.0)
+        h.acquire()
+        h.arm()
+        first = h.welcome.session
+        with pytest.raises(DeviceError):  # the echoing engine closes all sockets
+            h.ask("play", effect={"kind": "cut"})
+        wait_for(lambda: len(told) == 2)
+        (_, lost), (_, welcome) = told
+        assert "cut" in lost.reason and not lost.is_final
+        assert welcome is h.welcome and welcome.session != first
+        assert welcome.lease.is_mine and welcome.output.state == "off"
+        h.arm()
+        count = len(service.engine.reports)
+        h.touches([haptix.service.messages.TouchMessage(t_s=h.now_s(), x_px=40.0, y_px=0.0)])
+        wait_for(lambda: len(service.engine.reports) > count)
+        assert service.engine.reports[-1].x_mm == 10.0  # the geometry was told again
+
+
+def test_a_handler_that_fails_or_asks_ends_nothing(service, connect, caplog):
+    with connect("test") as h:
+        failures = []
+
+        def asks(_):
+            try:
+                h.ask("inventory")
+            except InputError as error:
+                failures.append(error)
+                raise
+
+        h.on("lease", asks)
+        h.acquire()
+        wait_for(lambda: failures)
+        assert h.ask("inventory").devices
+        assert "handler of lease failed" in caplog.text
+
+
+def test_after_close_nothing_is_sent_and_no_thread_is_left(service, connect):
+    before = threading.active_count()
+    h = connect("test")
+    h.acquire()
+    h.close()
+    with pytest.raises(DeviceError):
+        h.touch(1.0, 1.0)
+    assert threading.active_count() == before
+    wait_for(lambda: service.hub.control.holder is None)
+
+
+def test_a_wrong_token_is_no_reason_to_try_again(service, connect):
+    address = f"ws://127.0.0.1:{service.port}/v1/session"
+    with pytest.raises(haptix.client.Refused) as refused:
+        connect("test", address, "guess")
+    assert (refused.value.code, refused.value.path) == ("access", "/token")
+    with pytest.raises(DeviceError, match="start haptix serve"):
+        connect("test", "ws://127.0.0.1:1/", "x")
+
+
+def test_with_await(service, connect):
+    async def plays():
+        async with await haptix.client.connect_async("test") as h:
+            await h.acquire()
+            await h.arm()
+            await h.touch(7.0, 8.0)
+            resumed = asyncio.Event()
+            h.on("resumed", lambda _: resumed.set())
+            with pytest.raises(DeviceError):
+                await h.ask("play", effect={"kind": "cut"})
+            await asyncio.wait_for(resumed.wait(), 5.0)
+            assert h.welcome.lease.is_mine
+
+    asyncio.run(plays())
+    assert service.engine.reports[0].x_mm == 7.0
