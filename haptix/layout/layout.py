@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from math import nan
+from math import nan, sqrt
 from typing import Any
 
 import numpy as np
@@ -290,13 +290,18 @@ class Layout:
     def _converted(self, value: Array, kind: TargetKind, motion: Motion, fades: bool) -> Array:
         """Numbers of a kind in the target of the layout; with `fades`, none where fingers rest."""
         if kind == self.target and not (fades and kind == "mu"):
-            return value * np.hypot(motion.ux, motion.uy) if fades else value
+            return value * _sliding(motion) if fades else value
         lowest, highest = motion.reach
         mu = as_mu(kind, value, lowest, highest)
         if fades:
-            mu = lowest + (mu - lowest) * np.hypot(motion.ux, motion.uy)
+            mu = lowest + (mu - lowest) * _sliding(motion)
         if self.target == "mu":
             return np.asarray(mu)
         if self.target == "contrast":
             return np.asarray(mu / lowest - 1)
         return np.asarray((mu - lowest) / np.maximum(highest - lowest, 1e-12))
+
+
+def _sliding(motion: Motion) -> Array:
+    """Share that is left of what a finger at rest does not feel: whole from 2 mm/s on."""
+    return np.asarray(np.minimum(sqrt(2) * np.hypot(motion.ux, motion.uy), 1.0))

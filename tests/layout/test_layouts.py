@@ -292,6 +292,9 @@ def test_what_is_not_felt_at_rest_fades_there_beside_what_is():
     layout.add(button, 20, 0, 10, 10)
     assert layout.drives_at_rest
     np.testing.assert_array_equal(at(layout, [5.0, 25.0, 40.0]), [0.0, 0.6, 0.0])
+    for vx, left in ((1.0, np.sqrt(2 / 5)), (2.0, 1.0), (8.0, 1.0), (-100.0, 1.0)):
+        found = layout.wanted(Motion.of([5.0, 25.0, 40.0], 5.0, 0.0, vx))
+        np.testing.assert_allclose(found, [left * 0.8, 0.6, left * 0.3])
 
 
 def test_fingers_on_the_region_of_the_highest_priority():

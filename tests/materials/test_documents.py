@@ -2,6 +2,7 @@
 
 import re
 from hashlib import sha256
+from pathlib import Path
 from typing import Literal
 
 import jsonschema
@@ -14,8 +15,18 @@ from haptix.errors import FileFormatError, InputError
 from haptix.materials import KINDS, Material, material_of
 from haptix.materials.material import in_folder
 from haptix.motion import Depends, Motion
-from haptix.texture import Composition, Grating, Noise, RecordedProfile, Sprite, Texture, power_law
+from haptix.texture import (
+    Composition,
+    Grating,
+    Noise,
+    PennModel,
+    RecordedProfile,
+    Sprite,
+    Texture,
+    power_law,
+)
 
+MODEL = Path(materials.__file__).parents[2] / "examples" / "materials" / "made-up.xml"
 GRATING = {"kind": "grating", "period_mm": 2.0, "wave": "square", "low": 0.1, "high": 0.9}
 
 
@@ -49,6 +60,10 @@ def still(folder):
             {"kind": "recording", "file": "felt.csv", "beyond": "hold"},
             RecordedProfile.from_csv(folder / "felt.csv", beyond="hold"),
         ),
+        "penn": (
+            {"kind": "penn", "file": str(MODEL), "speed_mm_per_s": 80.0},
+            PennModel.load(MODEL).texture(speed_mm_per_s=80.0, normal_force_n=0.5),
+        ),
         "composition": (
             {"kind": "composition", "background": photograph,
              "sprites": [{"of": GRATING, "x_mm": 3.0, "width_mm": 9.0, "height_mm": 9.0}]},
@@ -64,7 +79,7 @@ def written(folder, table, name="one.json"):
 
 
 @pytest.mark.parametrize("kind", ["photograph", "heights", "grating", "noise", "recording",
-                                  "composition"])  # fmt: skip
+                                  "penn", "composition"])  # fmt: skip
 @pytest.mark.parametrize("ending", ["toml", "json"])
 def test_a_still_kind_is_read_back_and_answers_as_its_field(folder, kind, ending):
     table, field = still(folder)[kind]
