@@ -195,6 +195,42 @@ namespace Haptix.Messages
     }
 
     /// <summary>
+    /// A job: how far it is, what it asks, why it failed, or what it found.
+    /// </summary>
+    public partial class Job
+    {
+        [JsonProperty("choices")]
+        public string[] Choices { get; set; }
+
+        [JsonProperty("id")]
+        public long Id { get; set; }
+
+        [JsonProperty("job")]
+        public string JobJob { get; set; }
+
+        [JsonProperty("kind")]
+        public string Kind { get; set; }
+
+        [JsonProperty("prompt")]
+        public string Prompt { get; set; }
+
+        [JsonProperty("result")]
+        public Dictionary<string, object> Result { get; set; }
+
+        [JsonProperty("sentence")]
+        public string Sentence { get; set; }
+
+        [JsonProperty("share")]
+        public double Share { get; set; }
+
+        [JsonProperty("state")]
+        public string State { get; set; }
+
+        [JsonProperty("type")]
+        public string Type { get; set; }
+    }
+
+    /// <summary>
     /// The layout's revision, and the sample from which it is played, where one plays.
     /// </summary>
     public partial class LayoutReply
@@ -390,6 +426,21 @@ namespace Haptix.Messages
 
         [JsonProperty("sentence")]
         public string Sentence { get; set; }
+
+        [JsonProperty("type")]
+        public string Type { get; set; }
+    }
+
+    /// <summary>
+    /// Ask how far a job is, and be told of its changes until it ends.
+    /// </summary>
+    public partial class Watch
+    {
+        [JsonProperty("id")]
+        public long Id { get; set; }
+
+        [JsonProperty("job")]
+        public string Job { get; set; }
 
         [JsonProperty("type")]
         public string Type { get; set; }

@@ -220,7 +220,9 @@ class EngineServer:
             try:
                 answer = getattr(self, f"_do_{do}")(**message) or {}
             except HaptixError as error:
-                code = "device" if do in ("arm", "disarm", "open") else "document"
+                code = (
+                    "device" if do in ("arm", "disarm", "open", "lend", "take_back") else "document"
+                )
                 wrong = {"code": code, "sentence": str(error), "path": getattr(error, "path", "")}
                 answer = {"problem": wrong}
             except Exception as error:  # a fault of ours ends no session
@@ -248,6 +250,7 @@ class EngineServer:
         from haptix.service.profiles import profiles_of
 
         self._assets = Path(assets)
+        self._address = device
         self._device = open_device(device)
         finger, screen = profiles_for(self._device, finger, screen)
         used = Finger.named(finger), Screen.named(screen)
@@ -288,6 +291,8 @@ class EngineServer:
     def _do_arm(self, session: int) -> None:
         from haptix.render import LiveRenderer, LiveSettings
 
+        if self._device is None:
+            raise InputError("arm: a job has the device; wait for it, or cancel it")
         if session not in self._layouts:
             raise InputError("arm: expected a layout; send layout_set first")
         stops, layout = self._stops, self._layouts[session]
@@ -368,6 +373,20 @@ class EngineServer:
         if effect is None:
             raise InputError(f"effect_id: expected an effect that plays, got {effect_id}")
         effect.stop()
+
+    def _do_lend(self) -> None:
+        """Let another process have the device."""
+        self._stop("a job has the device")
+        device, self._device = self._device, None
+        if device is not None:
+            device.close()
+
+    def _do_take_back(self) -> None:
+        """Open the device again."""
+        from haptix.devices import open_device
+
+        if self._device is None:
+            self._device = open_device(self._address)
 
     def _do_disarm(self) -> None:
         self._stop("disarmed")

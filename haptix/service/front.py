@@ -18,6 +18,7 @@ from haptix.service.access import Access
 from haptix.service.answers import work
 from haptix.service.assets import AssetStore
 from haptix.service.hub import TICK_S, Hub
+from haptix.service.jobs_rest import jobs_router
 from haptix.service.messages import Problem
 from haptix.service.pages import pages
 from haptix.service.profiles import profiles_router
@@ -82,7 +83,8 @@ def _cors(origin: str) -> dict[str, str]:
     return {
         "access-control-allow-origin": origin,
         "access-control-allow-methods": "GET, POST, PUT, DELETE",
-        "access-control-allow-headers": "authorization, content-type",
+        "access-control-allow-headers": "authorization, content-type, if-match",
+        "access-control-expose-headers": "etag",
         "access-control-max-age": "600",
         "vary": "origin",
     }
@@ -132,7 +134,7 @@ class Token(BaseModel):
 
 
 _REFUSED: dict[int | str, dict[str, Any]] = {
-    status: {"model": m.Error} for status in (403, 404, 421, 422, 429)
+    status: {"model": m.Error} for status in (403, 404, 421, 422, 429, 503)
 }
 
 
@@ -155,6 +157,7 @@ def application(
         finally:
             ticking.cancel()
             hub.stop("the service ends")
+            await hub.jobs.stop()
             if end is not None:
                 await end()
 
@@ -236,6 +239,7 @@ def application(
         hub.stop("stopped by the button")
 
     app.include_router(profiles_router(hub, token))
+    app.include_router(jobs_router(hub.jobs), dependencies=[Depends(token)])
     app.include_router(pages(hub.access))
     if documents is not None:
         app.include_router(documents, dependencies=[Depends(token)])

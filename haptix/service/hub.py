@@ -16,6 +16,7 @@ from haptix.service import messages as m
 from haptix.service.access import Access
 from haptix.service.batches import ClientTouch, read_frame, read_touches
 from haptix.service.control import Engine, OutputControl
+from haptix.service.jobs import JobBoard
 from haptix.service.messages import Problem
 from haptix.service.session import ServiceSession
 from haptix.service.touch_reports import reports_of
@@ -62,6 +63,7 @@ class Hub:
         self.keep_alive = m.KeepAlive()
         self._next = 1
         self.control = OutputControl(engine, device, self.welcome)
+        self.jobs = JobBoard(engine, self.hear_job, self.control.disarm)
 
     # --- coming and going ------------------------------------------------------------------------
 
@@ -182,6 +184,12 @@ class Hub:
         elif kind == "warning":
             for session in self.welcome():
                 session.send(m.WarningMessage(sentence=event["sentence"]))
+
+    def hear_job(self, job: m.JobMessage) -> None:
+        """Pass a job's change on to those who watch it."""
+        for session in self.welcome():
+            if job.job in session.watched:
+                session.send(job)
 
     def hear_frame(self, data: bytes) -> None:
         """Pass telemetry on to those who subscribed to it."""

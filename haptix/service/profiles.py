@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from fastapi import APIRouter, Depends
 from pydantic import BaseModel
 
+from haptix.service.messages import Problem
+
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
@@ -88,6 +90,8 @@ def profiles_router(hub: Hub, token: Callable[..., Awaitable[None]]) -> APIRoute
     @router.get("/v1/profiles/{kind}")
     async def profile(kind: Literal["screen", "finger"]) -> Profile:
         """The profile in use: what it rests on, how old it is, whether to trust it."""
+        if kind not in hub.profiles:
+            raise Problem("device", "the engine is not there yet; ask again")
         return Profile.model_validate(hub.profiles[kind])
 
     return router

@@ -100,6 +100,9 @@ def serve(
             hub.profiles = found["profiles"]
             maker.opening = {key: opening[key] for key in ("surface", "assets")}
             maker.opening |= {"finger": found["finger"], "screen": found["screen"]}
+            used = {key: found[key] for key in ("finger", "screen")}
+            hub.jobs.context = {**used, "device": device, "assets": opening["assets"]}
+            hub.jobs.context["logs"] = str(folder / "experiments")
             on_ready(access, hub.inventory)
 
         async def end() -> None:

@@ -68,6 +68,7 @@ class ServiceSession:
         self.pings: dict[int, float] = {}
         self.next_ping = 0
         self.streams: dict[m.Stream, float] = {}
+        self.watched: set[str] = set()  # jobs
         self.waiting: deque[str] = deque()
         self._feeds: dict[tuple[m.Stream, int], _Feed] = {}
         self._full: deque[_Feed] = deque()  # each once, in the order of their oldest frames

@@ -14,6 +14,7 @@ export type ClientMessage =
   | Intensity
   | Switch
   | Subscribe
+  | Watch
   | Pong;
 export type ServerMessage =
   | Welcome
@@ -26,6 +27,7 @@ export type ServerMessage =
   | EffectEnded
   | Contact
   | Subscribed
+  | Job
   | Ping
   | Warning
   | Error
@@ -236,6 +238,14 @@ export interface Subscribe {
   };
 }
 /**
+ * Ask how far a job is, and be told of its changes until it ends.
+ */
+export interface Watch {
+  type: "watch";
+  id: number;
+  job: string;
+}
+/**
  * Answer to `ping`: its number, and the client's own clock.
  */
 export interface Pong {
@@ -384,6 +394,23 @@ export interface Subscribed {
   columns: {
     [k: string]: string[];
   };
+}
+/**
+ * A job: how far it is, what it asks, why it failed, or what it found.
+ */
+export interface Job {
+  type: "job";
+  id: number;
+  job: string;
+  kind: string;
+  state: "queued" | "running" | "asking" | "done" | "failed" | "cancelled";
+  share: number;
+  prompt: string;
+  choices: string[];
+  sentence: string;
+  result: {
+    [k: string]: unknown;
+  } | null;
 }
 /**
  * Asks for a `pong` at once.

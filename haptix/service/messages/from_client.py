@@ -202,6 +202,14 @@ class Subscribe(Message):
     ]
 
 
+class Watch(Message):
+    """Ask how far a job is, and be told of its changes until it ends."""
+
+    type: Literal["watch"]
+    id: Id
+    job: Name
+
+
 class Pong(Message):
     """Answer to `ping`: its number, and the client's own clock."""
 
@@ -223,6 +231,7 @@ ClientMessage = Annotated[
     | Intensity
     | Switch
     | Subscribe
+    | Watch
     | Pong,
     Field(discriminator="type"),
 ]

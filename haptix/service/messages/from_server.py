@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -158,6 +158,21 @@ class PingMessage(Message):
     clock_s: float
 
 
+class JobMessage(Message):
+    """A job: how far it is, what it asks, why it failed, or what it found."""
+
+    type: Literal["job"] = "job"
+    id: int = 0
+    job: str
+    kind: str
+    state: Literal["queued", "running", "asking", "done", "failed", "cancelled"]
+    share: float = 0.0
+    prompt: str = ""
+    choices: tuple[str, ...] = ()
+    sentence: str = ""
+    result: dict[str, Any] | None = None
+
+
 class WarningMessage(Message):
     """Something that needs no answer but a look."""
 
@@ -195,6 +210,7 @@ ServerMessage = Annotated[
     | EffectEnded
     | ContactMessage
     | Subscribed
+    | JobMessage
     | PingMessage
     | WarningMessage
     | Error

@@ -1,0 +1,275 @@
+"""``python -m haptix.service.job_work``: the process that does one job and ends.
+
+It reads the job from its standard input, says how far it is, asks, and tells the result. Whoever
+ends it ends the job. At the end of its input it ends too.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import closing, suppress
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from haptix.errors import HaptixError, InputError
+from haptix.files import parse_json
+from haptix.service.outbox import Outbox, own_output
+from haptix.service.wire import read_frame
+
+if TYPE_CHECKING:
+    from haptix.friction import ContactModel
+    from haptix.materials import Material
+
+NICE = 10
+MOST_MEMORY_BYTES = 6 * 2**30
+_LAST_S = 1.0  # once the service is gone
+
+
+class Work:
+    """One job, by the names of its kinds.
+
+    Parameters
+    ----------
+    context : dict
+        Folder of assets and of logs, address of the device, finger and screen in use.
+    say : callable
+        Takes fields of a message to the service.
+    answers : Queue
+        What a person answers.
+    """
+
+    def __init__(
+        self,
+        context: dict[str, Any],
+        say: Callable[..., None],
+        answers: queue.SimpleQueue[str | None],
+    ) -> None:
+        self._context, self._say, self._answers = context, say, answers
+
+    def surface(
+        self, finger: str | None, screen: str | None, tolerance_jnd: float
+    ) -> dict[str, Any]:
+        """Build a surface as the service does at its start."""
+        from haptix.render.core import DEFAULT_CARRIER_HZ
+        from haptix.service.engine import FORCES_N
+        from haptix.surface import cached_surface
+
+        scene = {"normal_force_n": FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
+        model = self._model(finger, screen)
+        found, was_kept = cached_surface(model, scene, f"{tolerance_jnd:g} JND", self._progress)
+        info = found.info
+        return {
+            "key": info["key"],
+            "was_kept": was_kept,
+            "grid": list(found.mu_table.shape),
+            "error_max_mu": info.get("error_max"),
+            "error_p99_mu": info.get("error_p99"),
+        }
+
+    def headroom(
+        self,
+        finger: str | None,
+        screen: str | None,
+        material: dict[str, Any],
+        width_mm: float,
+        height_mm: float,
+        normal_force_n: float,
+        columns: int,
+    ) -> dict[str, Any]:
+        """Shares of a material's places that are out of reach, and the range."""
+        import numpy as np
+
+        from haptix.materials.picture import picture
+        from haptix.render.core import DEFAULT_CARRIER_HZ
+        from haptix.status import Status
+        from haptix.surface import cached_surface
+        from haptix.texture import as_mu
+
+        scene = {"normal_force_n": normal_force_n, "frequency_hz": DEFAULT_CARRIER_HZ}
+        surface, _ = cached_surface(self._model(finger, screen), scene, "0.05 JND", self._progress)
+        one = self._read(material)
+        column = surface.driven_at(DEFAULT_CARRIER_HZ).column(normal_force_n, None)
+        low, high = float(column.lowest_mu), float(column.highest_mu)
+        wanted = picture(one, width_mm, height_mm, columns, 0.0)
+        target = np.asarray(as_mu(one.evaluator.target, wanted, low, high))
+        _, status = column.voltage(target)
+        return {
+            "below": float((status == Status.BELOW).mean()),
+            "above": float((status == column.ends_by).mean()),
+            "lowest_mu": low,
+            "highest_mu": high,
+            "target_mu": [float(target.min()), float(target.max())],
+        }
+
+    def rendering(
+        self,
+        finger: str | None,
+        screen: str | None,
+        material: dict[str, Any],
+        t_s: list[float],
+        x_mm: list[float],
+        y_mm: list[float],
+        normal_force_n: list[float],
+        touch_hz: float,
+        touch_latency_s: float,
+        lead_s: float,
+    ) -> dict[str, Any]:
+        """Do as `haptix render` does; what has to do with volts stays here."""
+        from haptix.motion import Trajectory
+        from haptix.render import LiveSettings
+        from haptix.simulation import Setting, simulate
+        from haptix.simulation.folder import summary_of
+        from haptix.virtual_finger import TouchPanel
+
+        path = Trajectory.of(t_s, x_mm, y_mm, normal_force_n)
+        setting = Setting(self._model(finger, screen), self._read(material), path)
+        surface, _ = setting.surface(lambda share: self._progress(share / 2))
+        simulation = simulate(
+            setting,
+            surface,
+            TouchPanel(touch_hz, touch_latency_s),
+            LiveSettings(lead_s=lead_s),
+            "mock:",
+            lambda share: self._progress(0.5 + share / 2),
+        )
+        summary = summary_of(simulation)
+        told = ("placeholders", "target_mu", "evaluation", "parts", "periods", "out_of_range")
+        return {name: summary[name] for name in told}
+
+    def experiment(self, recipe: dict[str, Any], log: str) -> dict[str, Any]:
+        """Run an adaptive experiment; a person answers each trial."""
+        _refuse_files_and_volts(recipe)
+        from haptix.devices import open_device
+        from haptix.stimuli.adaptive import Experiment
+        from haptix.stimuli.experiment_recipe import ExperimentRecipe
+        from haptix.units import with_numbers
+
+        names = {kind: self._name(kind, recipe.get(kind)) for kind in ("finger", "screen")}
+        plan = ExperimentRecipe(**with_numbers("recipe", {**recipe, **names}))
+        method = plan.make_method()
+        folder = Path(self._context["logs"])
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        with closing(open_device(self._context["device"])) as device:
+            experiment = Experiment(
+                method,
+                plan.presentation(device.capabilities.sample_rate_hz),
+                device,
+                lambda question: self._ask("Which one?", question.choices),
+                folder / f"{log}.csv",
+                plan.task,
+                plan.seed,
+                None,
+                plan.pause_s,
+            )
+            experiment.run()
+        found = method.estimate()
+        row = {"threshold_db": found.threshold, "spread_db": found.spread, **found.others}
+        known = {name: value if isfinite(value) else None for name, value in row.items()}
+        return {"trials": experiment.trials, **known}
+
+    def _ask(self, prompt: str, choices: tuple[str, ...]) -> str:
+        self._say(prompt=prompt, choices=choices)
+        answer = self._answers.get()
+        if answer is None:
+            raise SystemExit(1)
+        return answer
+
+    def _progress(self, share: float) -> None:
+        self._say(share=float(share))
+
+    def _model(self, finger: str | None, screen: str | None) -> ContactModel:
+        from haptix.finger import Finger
+        from haptix.friction import ContactModel
+        from haptix.screen import Screen
+
+        return ContactModel(
+            Finger.named(self._name("finger", finger)), Screen.named(self._name("screen", screen))
+        )
+
+    def _name(self, kind: str, name: str | None) -> str:
+        """Return a preset or what is in use: a client names no files."""
+        from haptix.finger import Finger
+        from haptix.screen import Screen
+
+        used: str = self._context[kind]
+        presets = (Finger if kind == "finger" else Screen).presets
+        if name is None or name == used:
+            return used
+        if name not in presets:
+            raise InputError(f"{kind}: expected {used} or one of {', '.join(presets)}, got {name}")
+        return name
+
+    def _read(self, document: dict[str, Any]) -> Material:
+        from haptix.materials import material_of
+        from haptix.materials.material import in_folder
+
+        with in_folder(Path(self._context["assets"]), is_sealed=True):
+            return material_of(document)
+
+
+def _refuse_files_and_volts(recipe: dict[str, Any]) -> None:
+    """Refuse what a client of the network may not say."""
+    if "folder" in recipe or recipe.get("ceiling_v") is not None:
+        raise InputError("recipe: expected no folder and no ceiling_v: no volts come in")
+    tables = [recipe.get(name) for name in ("stimulus", "pedestal", "method")]
+    while tables:
+        one = tables.pop()
+        if isinstance(one, dict):
+            tables += one.values()
+        elif isinstance(one, list):
+            tables += one
+        elif isinstance(one, str) and (one == "volts" or set(one) & set("./\\")):
+            raise InputError(f"recipe: expected neither volts nor files, got {one!r:.40}")
+
+
+def limit_memory(most_bytes: int = MOST_MEMORY_BYTES) -> None:
+    """End with MemoryError what takes more, where the system can."""
+    with suppress(ImportError, ValueError, OSError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (most_bytes, most_bytes))
+
+
+def main() -> None:
+    """Do the job that comes first on the input."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    outbox, answers = Outbox(own_output()), queue.SimpleQueue[str | None]()
+    if hasattr(os, "nice"):
+        os.nice(NICE)
+    limit_memory()
+    found = read_frame(sys.stdin.buffer)
+    if found is None:
+        return
+    message = parse_json(found[1])
+    threading.Thread(target=_listens, args=(answers,), daemon=True).start()
+    work = Work(message.pop("context"), outbox.say, answers)
+    try:
+        outbox.say(result=getattr(work, message.pop("do"))(**message))
+    except HaptixError as error:
+        outbox.say(sentence=str(error))
+    except MemoryError:
+        outbox.say(sentence=f"needs more than {MOST_MEMORY_BYTES / 2**30:g} GiB of memory")
+    except Exception as error:  # a fault of ours is told as one
+        sys.excepthook(type(error), error, error.__traceback__)
+        outbox.say(sentence=f"{type(error).__name__}: {error}")
+    outbox.close()
+    os._exit(0)  # a thread still reads the input
+
+
+def _listens(answers: queue.SimpleQueue[str | None]) -> None:
+    while (found := read_frame(sys.stdin.buffer)) is not None:
+        answers.put(parse_json(found[1])["text"])
+    answers.put(None)
+    time.sleep(_LAST_S)
+    os._exit(1)  # what it plays ends at 0 V by the driver's watchdog
+
+
+if __name__ == "__main__":
+    main()

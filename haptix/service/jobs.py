@@ -1,0 +1,198 @@
+"""Jobs: work that takes long or asks a person, each in a process of its own that can be ended."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Literal
+
+from haptix.service.control import Engine
+from haptix.service.helper import HelperProcess
+from haptix.service.messages import JobMessage, Problem
+
+MOST_QUEUED = 8
+_KEPT = 50  # jobs that have ended
+_FULL_S = 1.0
+_SHARE = 0.01  # of a job: smaller steps are not told
+_ENDED = ("done", "failed", "cancelled")
+
+Kind = Literal["surface", "rendering", "headroom", "experiment"]
+ON_DEVICE: tuple[Kind, ...] = ("experiment",)
+"""Kinds that play: the engine gives them the device meanwhile."""
+
+
+class Job(HelperProcess):
+    """One job, and the process that does it.
+
+    Parameters
+    ----------
+    message : JobMessage
+        What is told of it.
+    fields : dict
+        What was asked.
+    tell : callable
+        Takes each change.
+    """
+
+    def __init__(
+        self, message: JobMessage, fields: dict[str, Any], tell: Callable[[JobMessage], None]
+    ) -> None:
+        super().__init__("job_work", _FULL_S)
+        self.message, self._fields, self._tell = message, fields, tell
+        self._over = asyncio.Event()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it is done, failed or cancelled."""
+        return self.message.state in _ENDED
+
+    async def run(self) -> None:
+        """Do it until it ends, by whichever way."""
+        if not self.is_over:
+            await self.launch()
+            self.change(state="running")
+            self.tell(self.message.kind, **self._fields)
+            await self._over.wait()
+
+    def cancel(self) -> None:
+        """End it."""
+        if not self.is_over:
+            self.change(state="cancelled", prompt="", choices=())
+            self.kill()
+
+    def answer(self, text: str) -> None:
+        """Answer what it asks.
+
+        Raises
+        ------
+        Problem
+            If it asks nothing, or this is no answer to it.
+        """
+        if self.message.state != "asking":
+            raise Problem("order", "expected a job that asks")
+        if self.message.choices and text not in self.message.choices:
+            raise Problem("document", f"expected one of {', '.join(self.message.choices)}", "/text")
+        self.change(state="running", prompt="", choices=())
+        self.tell("answer", text=text)
+
+    def change(self, **fields: Any) -> None:
+        """Take a change and tell it."""
+        self.message = self.message.model_copy(update=fields)
+        self._tell(self.message)
+
+    def heard(self, message: dict[str, Any]) -> None:
+        """Take progress, a prompt, the result or a refusal."""
+        if self.is_over:
+            return
+        if "share" in message:
+            if message["share"] - self.message.share >= _SHARE:
+                self.change(share=message["share"])
+        elif "prompt" in message:
+            choices = tuple(message["choices"])
+            self.change(state="asking", prompt=message["prompt"], choices=choices)
+        elif "result" in message:
+            self.change(state="done", share=1.0, result=message["result"])
+        else:
+            self.change(state="failed", sentence=message["sentence"])
+
+    def ended(self, code: int | None) -> None:
+        """Take note that its process has ended."""
+        if not self.is_over:
+            self.change(state="failed", sentence=f"its process ended with code {code}")
+        self._over.set()
+
+
+class JobBoard:
+    """All jobs: one runs, up to eight wait, the last fifty are remembered.
+
+    Parameters
+    ----------
+    engine : Engine
+        Lends its device to jobs that play.
+    tell : callable
+        Takes each change of a job.
+    disarm : callable
+        Ends at 0 V, for a reason, before a job plays.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        tell: Callable[[JobMessage], None],
+        disarm: Callable[[str], None],
+    ) -> None:
+        self._engine, self._tell, self._disarm = engine, tell, disarm
+        self.context: dict[str, Any] = {}
+        """What all jobs know: assets, device, finger, screen."""
+        self._jobs: dict[str, Job] = {}
+        self._queue: deque[Job] = deque()
+        self._runner: asyncio.Task[None] | None = None
+
+    def begin(self, kind: Kind, **fields: Any) -> JobMessage:
+        """Queue a job.
+
+        Raises
+        ------
+        Problem
+            If too many wait.
+        """
+        if len(self._queue) >= MOST_QUEUED:
+            raise Problem("limit", f"expected at most {MOST_QUEUED} jobs that wait; cancel one")
+        message = JobMessage(job=secrets.token_hex(8), kind=kind, state="queued")
+        job = Job(message, {**fields, "context": self.context}, self._tell)
+        for old in [one for one in self._jobs.values() if one.is_over][: len(self._jobs) - _KEPT]:
+            del self._jobs[old.message.job]
+        self._jobs[message.job] = job
+        self._queue.append(job)
+        if self._runner is None or self._runner.done():
+            self._runner = asyncio.create_task(self._runs())
+        return message
+
+    def get(self, name: str) -> Job:
+        """Return a job.
+
+        Raises
+        ------
+        Problem
+            If there is none of this name.
+        """
+        if name not in self._jobs:
+            raise Problem("unknown", f"no job is called {name!r:.40}", "/job")
+        return self._jobs[name]
+
+    def all(self) -> tuple[JobMessage, ...]:
+        """Return what is known of all jobs, the oldest first."""
+        return tuple(job.message for job in self._jobs.values())
+
+    def cancel(self, name: str) -> None:
+        """End a job."""
+        job = self.get(name)
+        with suppress(ValueError):
+            self._queue.remove(job)
+        job.cancel()
+
+    async def stop(self) -> None:
+        """End all jobs."""
+        for name in list(self._jobs):
+            self.cancel(name)
+        if self._runner is not None:
+            await self._runner
+
+    async def _runs(self) -> None:
+        while self._queue:
+            job = self._queue.popleft()
+            plays = job.message.kind in ON_DEVICE
+            try:
+                if plays:
+                    self._disarm("a job has the device")
+                    await self._engine.ask("lend")
+                await job.run()
+            except Problem as problem:
+                job.change(state="failed", sentence=problem.sentence)
+            finally:
+                if plays:
+                    with suppress(Problem):  # an engine that has died opens it anew
+                        await self._engine.ask("take_back")

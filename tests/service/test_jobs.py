@@ -1,0 +1,184 @@
+"""Jobs: queued, watched, answered, cancelled; each in a real process."""
+
+import json
+import os
+import signal
+import time
+from http.client import HTTPConnection
+from typing import Any
+
+import numpy as np
+import pytest
+
+import haptix
+from haptix.motion import Trajectory
+from haptix.render import LiveSettings
+from haptix.service.job_work import Work
+from haptix.simulation import Setting, simulate
+from haptix.virtual_finger import TouchPanel
+from tests.service.service_under_test import Service
+from tests.service.test_sessions import Client, wait_for
+
+GRATING = {"kind": "grating", "period_mm": 3.0, "low": 0.2, "high": 0.8}
+RECIPE: dict[str, Any] = {
+    "name": "threshold",
+    "stimulus": {
+        "quantity": "contrast",
+        "carrier_hz": 4000.0,
+        "signal": {"kind": "sine", "amplitude": 0.1, "frequency_hz": 60.0, "length_s": 0.1},
+    },
+    "pedestal": {"kind": "constant", "value": 0.15},
+    "method": {"kind": "constant-stimuli", "levels": [-6.0, 0.0], "repeats": 2},
+}
+SLOW = {"t_s": [0.0, 30.0], "x_mm": [0.0, 900.0], "y_mm": [5.0, 5.0], "normal_force_n": [0.4, 0.6]}
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("service")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HAPTIX_CACHE", str(folder / "cache"))
+        service = Service(folder)
+        service.hub.jobs.context = {
+            "finger": "semi-wet",
+            "screen": "3m-sct3250",
+            "device": "mock:",
+            "assets": str(folder / "assets"),
+            "logs": str(folder / "logs"),
+        }
+        yield service
+        service.close()
+
+
+def rest(service, method, path, body=None, status=None):
+    connection = HTTPConnection("127.0.0.1", service.port, timeout=20)
+    headers = {"Authorization": f"Bearer {service.access.native}"}
+    text = None if body is None else json.dumps(body)
+    headers |= {"Content-Type": "application/json"} if text else {}
+    connection.request(method, path, text, headers)
+    answer = connection.getresponse()
+    content = answer.read()
+    assert status in (None, answer.status), content
+    return json.loads(content) if content else None
+
+
+def until(service, job, *states):
+    """The job once it is in one of some states."""
+    end_s = time.monotonic() + 180  # a busy machine loads torch slowly
+    while True:
+        found = rest(service, "GET", f"/v1/jobs/{job}", status=200)
+        if found["state"] in states:
+            return found
+        assert time.monotonic() < end_s, found
+        time.sleep(0.05)
+
+
+def begin(service, kind, **body):
+    return rest(service, "POST", f"/v1/{kind}", body, 202)["job"]
+
+
+def test_one_runs_eight_wait_and_any_can_be_cancelled(service):
+    jobs = [begin(service, "renderings", material=GRATING, **SLOW)]
+    hang(service, jobs[0])
+    jobs += [begin(service, "renderings", material=GRATING, **SLOW) for _ in range(8)]
+    body = {"material": GRATING, **SLOW}
+    assert rest(service, "POST", "/v1/renderings", body, 429)["code"] == "limit"
+    assert until(service, jobs[1], "queued")["share"] == 0.0
+    with Client(service) as client:
+        client.ask("watch", job=jobs[0])
+        pid = service.hub.jobs.get(jobs[0]).pid
+        for job in jobs[2:] + jobs[:1]:
+            rest(service, "DELETE", f"/v1/jobs/{job}", status=204)
+        told = client.until(lambda m: m["type"] == "job" and m["id"] == 0)
+        assert (told["job"], told["state"]) == (jobs[0], "cancelled")
+    wait_for(lambda: not is_alive(pid), 5.0)
+    # A process that is killed from outside fails its job alone, and the next goes on.
+    hang(service, jobs[1])
+    os.kill(service.hub.jobs.get(jobs[1]).pid, signal.SIGKILL)
+    assert "code -9" in until(service, jobs[1], "failed")["sentence"]
+    after = begin(service, "experiments", recipe={"ceiling_v": 190.0}, log="never")
+    assert "no volts" in until(service, after, "failed")["sentence"]
+
+
+def hang(service, job):
+    """Stop the process of a job, so that it is busy for as long as the test wants."""
+    until(service, job, "running")
+    os.kill(service.hub.jobs.get(job).pid, signal.SIGSTOP)
+
+
+def is_alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.slow  # loads torch in a process; refusals and answers are quick above and below
+def test_an_experiment_asks_and_borrows_the_device(service):
+    began = len(service.engine.told)
+    job = begin(service, "experiments", recipe=RECIPE, log="first")
+    for trial in range(4):
+        asked = until(service, job, "asking", "failed")
+        assert asked["state"] == "asking" and len(asked["choices"]) == 2, asked
+        if trial == 0:
+            wrong = rest(service, "POST", f"/v1/jobs/{job}/answer", {"text": "maybe"}, 422)
+            assert wrong["path"] == "/text"
+        rest(service, "POST", f"/v1/jobs/{job}/answer", {"text": asked["choices"][0]}, 204)
+    done = until(service, job, "done", "failed")
+    assert done["result"]["trials"] == 4
+    rest(service, "POST", f"/v1/jobs/{job}/answer", {"text": "1"}, 409)
+
+    def told():
+        found = [do for do, *_ in service.engine.told[began:]]
+        return [do for do in found if do in ("stop", "lend", "take_back")]
+
+    wait_for(lambda: told() == ["stop", "lend", "take_back"], 5.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"ceiling_v": 190.0}, "no volts"),
+        ({"stimulus": {**RECIPE["stimulus"], "quantity": "volts"}}, "volts"),
+        ({"stimulus": {**RECIPE["stimulus"], "signal": {"file": "/etc/passwd"}}}, "nor files"),
+        ({"finger": "../finger.toml"}, "one of"),
+        ({"folder": "/etc"}, "folder"),
+    ],
+)
+def test_a_recipe_of_the_network_names_no_files_and_no_volts(tmp_path, change, words):
+    context = {"finger": "semi-wet", "screen": "3m-sct3250", "device": "mock:"}
+    context |= {"assets": str(tmp_path), "logs": str(tmp_path)}
+    work = Work(context, lambda **_: None, None)
+    with pytest.raises(haptix.InputError, match=words):
+        work.experiment({**RECIPE, **change}, "log")
+
+
+@pytest.mark.slow  # builds a surface, and renders twice
+def test_a_rendering_has_the_numbers_of_haptix_render(tmp_path, model, monkeypatch):
+    monkeypatch.setenv("HAPTIX_CACHE", str(tmp_path))
+    t_s = np.arange(0, 0.3, 0.01)
+    stroke = {"t_s": t_s, "x_mm": 60 * t_s, "y_mm": 5.0 + 0 * t_s, "normal_force_n": 0.5 + 0 * t_s}
+    context = {"finger": "semi-wet", "screen": "3m-sct3250", "assets": str(tmp_path)}
+    shares = []
+    work = Work(context, lambda share: shares.append(share), None)
+    lists = {name: column.tolist() for name, column in stroke.items()}
+    found = work.rendering(None, None, GRATING, **lists, touch_hz=100.0, touch_latency_s=0.02,
+                           lead_s=0.025)  # fmt: skip
+    setting = Setting(model, haptix.materials.material_of(GRATING), Trajectory.of(*stroke.values()))
+    surface, was_kept = setting.surface()
+    assert was_kept  # the job has built the very surface that `haptix render` takes
+    whole = simulate(setting, surface, TouchPanel(100.0, 0.02), LiveSettings(lead_s=0.025))
+    assert found["evaluation"]["error_rms_jnd"] == whole.evaluation.error_rms_jnd
+    assert shares == sorted(shares) and shares[-1] > 0.9
+    told = json.dumps(found)
+    assert '"voltage' not in told and '_v"' not in told
+
+
+def test_a_job_that_is_not_there(service):
+    for method, path in (("GET", ""), ("DELETE", ""), ("POST", "/answer")):
+        body = {"text": "1"} if method == "POST" else None
+        assert rest(service, method, f"/v1/jobs/abc{path}", body, 404)["code"] == "unknown"
+    with Client(service) as client:
+        assert client.ask("watch", job="abc")["code"] == "unknown"
+    assert rest(service, "GET", "/v1/surfaces", status=200) == []
