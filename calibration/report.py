@@ -249,9 +249,11 @@ def _sizes(verification: Verification, fit: Fit) -> str:
     rig = max((one.rig_thresholds for one in verification.groups), default=0.0)
     scatter = max((one.uncertainty_thresholds for one in verification.groups), default=np.nan)
     forms = max((one.effect_thresholds * one.weight for one in fit.forms), default=0.0)
-    checked = "the rig's gains: not checked"
-    if not any("gains" in one for one in verification.untested):
-        checked = f"the rig's gains {rig:.2f}"
+    checked = f"the rig's gains {rig:.2f}"
+    if any("no known weight" in one for one in verification.untested):
+        checked = "the rig's gains: not checked"
+    elif any("no second reading" in one for one in verification.untested):
+        checked = f"the forces' gains {rig:.2f}; the volts: not checked"
     return (
         f"<p>Friction rests on, in JND: the scatter of the held-out strokes {scatter:.2f}; "
         f"{checked}; the fit's own uncertainty {verification.fit_bound_thresholds:.2f}; the form "

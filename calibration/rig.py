@@ -44,8 +44,9 @@ class RigCheck(Document):
         right.
     force_gain_spread : float
         Relative standard uncertainty of either gain: that of the weight and of the reading.
-    voltage_gain : float
-        Amplitude on the screen, by an instrument of its own, over that in the recordings.
+    voltage_gain : float or None
+        Amplitude on the screen, by an instrument of its own, over that in the recordings; None
+        where no second instrument read it.
     voltage_gain_spread : float
         Its relative standard uncertainty.
     pole_hz, resonance_hz, quality : float or None
@@ -58,7 +59,7 @@ class RigCheck(Document):
     normal_gain: float
     tangential_gain: float
     force_gain_spread: PositiveFloat = 0.005
-    voltage_gain: float
+    voltage_gain: float | None = None
     voltage_gain_spread: PositiveFloat = 0.005
     pole_hz: PositiveFloat | None = None
     resonance_hz: PositiveFloat | None = None
@@ -67,10 +68,14 @@ class RigCheck(Document):
 
     @model_validator(mode="after")
     def _is_finite(self) -> Self:
-        gains = self.normal_gain, self.tangential_gain, self.voltage_gain
+        gains = self.normal_gain, self.tangential_gain, self._volts
         if not all(isfinite(one) and one != 0 for one in gains):
             raise ValueError("expected gains that are finite and not 0: is a channel dead?")
         return self
+
+    @property
+    def _volts(self) -> float:
+        return 1.0 if self.voltage_gain is None else self.voltage_gain
 
     def faults(self) -> list[str]:
         """Return what is wrong beyond the scale of a gain, and what to do."""
@@ -83,7 +88,7 @@ class RigCheck(Document):
                 found.append(
                     f"the {name} force reads {gain:.3g} times a known weight: check its unit"
                 )
-        if self.voltage_gain < 0:
+        if self._volts < 0:
             found.append("voltage_gain: expected a ratio of amplitudes, above 0")
         return found
 
@@ -102,7 +107,7 @@ class RigCheck(Document):
         `volts_power` is d ln mu / d ln V, shape (strokes,).
         """
         ratio = abs(log(abs(self.tangential_gain / self.normal_gain)))
-        size = ratio + np.abs(volts_power * log(abs(self.voltage_gain)))
+        size = ratio + np.abs(volts_power * log(abs(self._volts)))
         spread = np.hypot(
             hypot(self.force_gain_spread, self.force_gain_spread),
             volts_power * self.voltage_gain_spread,
@@ -128,7 +133,7 @@ def measure_rig(
     ask : callable
         Shows a prompt, returns when the person is ready, with what was typed.
     device : Device, optional
-        Plays 100 V at 125 Hz for the voltmeter; without it the volts are taken as right.
+        Plays 100 V at 125 Hz for the voltmeter; without it the volts are not checked.
     record : callable, optional
         Records one step; by default the source and the device do.
 
@@ -158,7 +163,8 @@ def measure_rig(
     ask("Take the weight off, press Enter and tap the screen's edge once along x, with metal ")
     tap = take(still)
     response = tap_response(tap["t_s"], tap[forces[1]])
-    gain, known = 1.0, [f"weight: {weight:g} N"]
+    gain: float | None = None
+    known = [f"weight: {weight:g} N"]
     if device is not None:
         ask(
             f"Put a voltmeter on the screen: {_TESTED_V:g} V at {_TESTED_HZ:g} Hz play, then Enter "

@@ -214,8 +214,8 @@ def verify(
 
     It fails where a group's mean error, its uncertainty included, may be above the tolerance, where
     the fit's own uncertainty of friction is, where fewer than four strokes were kept out, or where
-    the strokes do not determine the screen's insulator. It is provisional without a `rig` check and
-    where no two held-out strokes are at the carrier.
+    the strokes do not determine the screen's insulator. It is provisional without a `rig` check of
+    forces and volts, and where no two held-out strokes are at the carrier.
     """
     sensor = {name: fit.best(name) for name in PER_RIG if name in fit.names}
     predicted = HeldOutStroke.predicted(reduced.held_out, predictor, sensor)
@@ -251,15 +251,22 @@ def verify(
             "each stroke, or dry it"
         )
     untested = []
+    bounds = [one.bound_thresholds for one in groups]
+    if creeps <= tolerance_thresholds < max(bounds, default=0.0) + max(creeps, 0.0):
+        untested.append(
+            f"other times in contact: friction creeps by {steady.creep_thresholds:+.2g} ± "
+            f"{steady.creep_uncertainty_thresholds:.2g} JND in ten times the contact time, and the "
+            "profile holds for that of the strokes"
+        )
     if tolerance_thresholds > TOLERANCE_THRESHOLDS:
         untested.append(
             f"half a JND: the tolerance was {tolerance_thresholds:g} JND, of which no verdict may "
             "pass more than provisionally"
         )
-    if rig is None:
-        untested.append(_gains_not_checked(rows, predictor))
-    elif faults := rig.faults():
-        failures += faults
+    if rig is None or rig.voltage_gain is None:
+        untested.append(_gains_not_checked(rows, predictor, rig))
+    if rig is not None:
+        failures += rig.faults()
     if rows and not any(one.group == "at the carrier" for one in groups):
         untested.append(f"the carrier: no two held-out strokes near {CARRIER_HZ:g} Hz")
     return Verification(
@@ -267,13 +274,18 @@ def verify(
     )
 
 
-def _gains_not_checked(rows: tuple[HeldOutStroke, ...], predictor: StrokePredictor) -> str:
+def _gains_not_checked(
+    rows: tuple[HeldOutStroke, ...], predictor: StrokePredictor, rig: RigCheck | None
+) -> str:
     """Say what the gains that no stroke tells from friction would do."""
     power = _volts_power([row.point for row in rows], predictor) if rows else np.zeros(1)
-    each, volts = (0.01 * one / WEBER_FRACTION for one in (1.0, float(power.max())))
+    force, volts = (0.01 * one / WEBER_FRACTION for one in (1.0, float(power.max())))
+    of_volts = f"1 % of the volts up to {volts:.2f} JND"
+    if rig is not None:
+        return f"the volts, by no second reading of them: {of_volts}"
     return (
         f"the rig's gains, by no known weight and no second reading of the volts: 1 % of a force "
-        f"is {each:.2f} JND, 1 % of the volts up to {volts:.2f} JND"
+        f"is {force:.2f} JND, {of_volts}"
     )
 
 

@@ -90,6 +90,15 @@ def test_gains_are_those_of_the_rig(gains, faults):
     assert all(said in found.faults()[0] for said in faults)
 
 
+def test_volts_that_nothing_read_are_not_checked():
+    bench = Bench(volts=0.9)
+    found = measure_rig(None, 2.0, bench.ask, None, bench.record)
+    assert found.voltage_gain is None
+    assert found.faults() == []
+    size, _ = found.friction_error(np.array([0.0, 2.0]))
+    np.testing.assert_allclose(size, 0.0, atol=1e-9)
+
+
 def test_readings_that_were_written_down(tmp_path):
     t, force = tap(500.0, 2500.0, 10.0)
     lines = "\n".join(f"{a:.6f},{b:.6f}" for a, b in zip(t, force, strict=True))

@@ -124,6 +124,10 @@ def test_what_was_not_tested_makes_the_verdict_provisional(fit, strokes, written
     found = verify(fit, strokes, written)
     assert (found.verdict, found.failures) == ("provisional", ())
     assert "known weight" in found.untested[0]
+    # A weight alone says nothing of an amplifier that is weak behind its monitor.
+    found = verify(fit, strokes, written, rig=RIGHT.replace(voltage_gain=None))
+    assert found.verdict == "provisional"
+    assert "no second reading" in found.untested[0]
     slow = [replace(p, frequency_hz=min(p.frequency_hz, 125.0)) for p in strokes.held_out]
     found = verify(fit, Reduced((*strokes.used, *slow)), written, rig=RIGHT)
     assert any("near 4000 Hz" in one for one in found.untested)
@@ -139,6 +143,18 @@ def test_a_gain_that_no_stroke_shows_fails_by_the_rig_check(fit, strokes, writte
     found = verify(fit, strokes, written, rig=RIGHT.replace(**gains))
     assert found.verdict == "failed"
     assert "rig" in found.failures[0] or "sign" in found.failures[0]
+
+
+@pytest.mark.parametrize(
+    ("creep", "verdict"), [(0.0, "passed"), (0.02, "provisional"), (0.04, "failed")]
+)
+def test_creep_in_contact_counts(fit, strokes, written, creep, verdict):
+    """0.02 for each e-fold of time is 0.42 JND in ten times the time, 0.04 twice that."""
+    points = tuple(replace(point, creep=creep) for point in strokes.points)
+    found = verify(fit, Reduced(points), written, rig=RIGHT)
+    assert found.verdict == verdict
+    if creep:
+        assert "creeps by +0" in (*found.untested, *found.failures)[0]
 
 
 def test_without_held_out_strokes_nothing_passes(fit, strokes, predictor):
