@@ -7,5 +7,6 @@
 /** @type {Entry[]} the first one opens at a bare start; its title is `texts.pages[path]` */
 export const PAGES = [
   { path: "play", load: () => import("./pages/play.js") },
+  { path: "make", load: () => import("./pages/make.js") },
   { path: "screens", load: () => import("./pages/screens.js") },
 ];

@@ -1,0 +1,137 @@
+/** The gallery, and files that are dropped in: what a new region is made of. */
+
+import { el, fill } from "./dom.js";
+import { sentence } from "./service.js";
+import { texts } from "./texts.js";
+
+/** @import { Service } from "./service.js" */
+/**
+ * What a region is begun with.
+ * @typedef {{title: string, width_mm: number | undefined, height_mm: number | undefined,
+ *   document: Record<string, any>}} Start
+ */
+/**
+ * @typedef {Start & {name: string, family: string, help: string, reachable: number, thumbnail: string}} Preset
+ */
+
+const t = texts.make;
+const PICTURES = [".png", ".jpg", ".jpeg", ".tif", ".tiff"];
+const SOUNDS = [".wav", ".flac"];
+export const TAKEN = [...PICTURES, ...SOUNDS, ".csv", ".xml"];
+const WIDE_MM = 60;
+
+/** Presets by family, and a place for files. */
+export class Gallery {
+  /** @type {Preset[]} */
+  presets = [];
+  /** @type {Preset | null} what is drawn on the board */
+  chosen = null;
+  #list = el("div.presets");
+  #find = el("input", { type: "search", placeholder: t.find, "aria-label": t.find, oninput: () => this.#show() });
+
+  /**
+   * @param {Service} service
+   * @param {(start: Start) => void} add
+   */
+  constructor(service, add) {
+    this.service = service;
+    this.add = add;
+    const input = el("input", {
+      type: "file", multiple: true, accept: TAKEN.join(","), id: "file",
+      onchange: async () => {
+        await this.take(input.files ?? []);
+        input.value = "";
+      },
+    });
+    this.told = el("p.told", { role: "alert" });
+    this.element = el("section.gallery.sheet", { "aria-label": t.gallery },
+      el("label.drop", { for: "file" }, el("b", {}, t.drop), el("small", {}, t.dropHelp), input),
+      this.told, this.#find, this.#list);
+  }
+
+  /** Read what the service has. */
+  async load() {
+    this.presets = await (await this.service.rest("GET", "/v1/gallery")).json();
+    this.#show();
+  }
+
+  /** Make regions of files; tell of those that are none. @param {Iterable<File>} files */
+  async take(files) {
+    this.told.textContent = "";
+    for (const file of files) {
+      try {
+        this.add(await this.start(file));
+      } catch (error) {
+        this.told.textContent = t.refused(file.name, sentence(error));
+      }
+    }
+  }
+
+  /**
+   * Send a file; return what a region of it is begun with.
+   * @param {File} file
+   * @returns {Promise<Start>}
+   */
+  async start(file) {
+    const suffix = file.name.slice(file.name.lastIndexOf(".")).toLowerCase();
+    if (!TAKEN.includes(suffix)) throw new TypeError(t.noFile(TAKEN.join(", ")));
+    const { session } = this.service;
+    if (!session) throw new TypeError(texts.state.lost);
+    const name = await session.asset(file, suffix);
+    const asset = `sha256:${name.slice(0, -suffix.length)}`;
+    const title = file.name.slice(0, -suffix.length).slice(0, 40) || "file";
+    const document = documentOf(asset, suffix);
+    // The service looks into the file: what it cannot read becomes no region.
+    await this.service.rest("POST", "/v1/pictures", { material: document, width_mm: 10, height_mm: 10, columns: 8 });
+    const size = PICTURES.includes(suffix) ? await sizeOf(file) : { width_mm: WIDE_MM, height_mm: 40 };
+    return { title, document, ...size };
+  }
+
+  #show() {
+    const words = this.#find.value.trim().toLowerCase().split(/\s+/);
+    const fits = (/** @type {Preset} */ one) => {
+      const text = `${one.title} ${one.family} ${one.help} ${one.document.kind}`.toLowerCase();
+      return words.every((word) => text.includes(word));
+    };
+    const found = this.presets.filter(fits);
+    const families = [...new Set(found.map(({ family }) => family))];
+    fill(this.#list,
+      families.map((family) => el("section", {},
+        el("h2", {}, t.families[/** @type {keyof typeof t.families} */ (family)] ?? family),
+        el("div.thumbs", {}, found.filter((one) => one.family === family).map((one) => this.#thumb(one))))),
+      found.length ? null : el("p.quiet", {}, t.none));
+  }
+
+  /** @param {Preset} one */
+  #thumb(one) {
+    return el("button.thumb", {
+      type: "button", draggable: true, title: one.help, "aria-label": `${one.title}. ${one.help}`,
+      onclick: () => {
+        this.chosen = one;
+        this.add(one);
+      },
+      ondragstart: (/** @type {DragEvent} */ event) => event.dataTransfer?.setData("text/haptix-preset", one.name),
+    }, el("img", { src: one.thumbnail, alt: "" }), el("span", {}, one.title));
+  }
+}
+
+/** Return the document of a file. @param {string} asset @param {string} suffix @returns {Record<string, any>} */
+function documentOf(asset, suffix) {
+  if (suffix === ".csv") return { kind: "recording", file: asset };
+  if (suffix === ".xml") return { kind: "penn", file: asset };
+  if (SOUNDS.includes(suffix)) {
+    return { kind: "transient", begins: "down", curve: { kind: "recorded", file: asset } };
+  }
+  return { kind: "photograph", file: asset, width_mm: WIDE_MM };
+}
+
+/** Return the size of a picture on the screen; of what a browser cannot read, the service knows it.
+ * @param {File} file */
+async function sizeOf(file) {
+  try {
+    const { width, height } = await createImageBitmap(file);
+    return { width_mm: WIDE_MM, height_mm: Math.round((10 * WIDE_MM * height) / width) / 10 };
+  } catch {
+    return { width_mm: undefined, height_mm: undefined };
+  }
+}

@@ -1,0 +1,93 @@
+/** Where a layout asks for what the screen cannot give, over the board. */
+
+import { placeOf } from "./board.js";
+import { el } from "./dom.js";
+import { texts } from "./texts.js";
+import { Value } from "./value.js";
+
+/** @import { Board } from "./board.js" */
+/** @import { Service } from "./service.js" */
+/** @import * as m from "../../../clients/typescript/types/messages.js" */
+/** @typedef {{columns: number, rows: number, levels: string, below: number, above: number}} Map_ */
+
+const COLUMNS = 160;
+const LEVELS = 127.5; // (share + 0.5) * LEVELS is the byte of a place
+const WITHIN = 0.01;
+const BELOW = [0, 114, 178], ABOVE = [213, 94, 0]; // of Okabe and Ito
+const SETTLED_MS = 200;
+const t = texts.make;
+
+export class Headroom {
+  is_shown = false;
+  /** @type {Value<string>} in a sentence */
+  told = new Value("");
+  #layer = el("div.headroom", { hidden: true, "aria-hidden": "true" });
+  #timer = 0;
+  #number = 0;
+
+  /** @param {Board} board @param {Service} service */
+  constructor(board, service) {
+    this.board = board;
+    this.service = service;
+    board.element.append(this.#layer);
+  }
+
+  /** Show it or not; return which. */
+  toggle() {
+    this.is_shown = !this.is_shown;
+    this.#layer.hidden = !this.is_shown;
+    this.show(this.board.document);
+    return this.is_shown;
+  }
+
+  /** @param {m.LayoutDocument} document */
+  show(document) {
+    clearTimeout(this.#timer);
+    if (this.is_shown) this.#timer = setTimeout(() => void this.#draw(document), SETTLED_MS);
+  }
+
+  /** @param {m.LayoutDocument} document */
+  async #draw(document) {
+    const number = ++this.#number;
+    /** @type {HTMLCanvasElement[]} */
+    const drawn = [];
+    const parts = [];
+    for (const region of document.regions) {
+      const { x, y, width, height, turn } = placeOf(region);
+      const asked = { material: region.material, width_mm: width, height_mm: height, columns: COLUMNS };
+      try {
+        const map = await (await this.service.rest("POST", "/v1/pictures", asked)).json();
+        const canvas = mask(map);
+        const { box, px_per_mm } = this.board;
+        Object.assign(canvas.style, {
+          left: `${(x - box.left) * px_per_mm}px`, top: `${(y - box.top) * px_per_mm}px`,
+          width: `${width * px_per_mm}px`, height: `${height * px_per_mm}px`, transform: `rotate(${turn}rad)`,
+        });
+        drawn.push(canvas);
+        if (map.below + map.above > WITHIN / 2) parts.push(t.outside(region.name, map.below, map.above));
+      } catch {
+        parts.push(t.unknown(region.name));
+      }
+      if (number !== this.#number) return;
+    }
+    this.#layer.replaceChildren(...drawn);
+    this.told.set(parts.length ? parts.join(" ") : t.allWithin);
+  }
+}
+
+/** Return stripes where a map is out of reach. @param {Map_} map */
+function mask({ columns, rows, levels }) {
+  const bytes = Uint8Array.from(atob(levels), (char) => char.charCodeAt(0));
+  const canvas = el("canvas", { width: columns, height: rows });
+  const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  const image = context.createImageData(columns, rows);
+  bytes.forEach((level, at) => {
+    const share = level / LEVELS - 0.5;
+    const color = share < -WITHIN ? BELOW : share > 1 + WITHIN ? ABOVE : null;
+    const [x, y] = [at % columns, Math.floor(at / columns)];
+    if (color) image.data.set([...color, (x + y) % 4 < 2 ? 255 : 150], 4 * at);
+    else image.data.set([255, 255, 255, 90], 4 * at);
+  });
+  context.putImageData(image, 0, 0);
+  return canvas;
+}

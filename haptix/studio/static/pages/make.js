@@ -1,0 +1,297 @@
+/** Make a layout: the gallery, regions on the board, the parameters of each, and files to take away. */
+
+import { Board, boxOf, placeOf } from "../board.js";
+import { el, fill } from "../dom.js";
+import { Gallery } from "../gallery.js";
+import { Headroom } from "../headroom.js";
+import { Kept } from "../kept.js";
+import { Panel } from "../panel.js";
+import { Regions } from "../regions.js";
+import { sentence } from "../service.js";
+import { texts } from "../texts.js";
+
+/** @import { App } from "../app.js" */
+/** @import { Start } from "../gallery.js" */
+/** @import * as m from "../../../../clients/typescript/types/messages.js" */
+
+const t = texts.make;
+const GAP_MM = 4;
+const CHECKED_MS = 300;
+const FORMS = /** @type {const} */ (["document", "friction-map", "wav", "ahap", "hjif"]);
+
+/** @param {HTMLElement} root @param {App} app */
+export function mount(root, app) {
+  const { service, history } = app;
+  const kept = new Kept(app);
+  const board = new Board({ "aria-label": t.board, role: "group" });
+  const headroom = new Headroom(board, service);
+  const gallery = new Gallery(service, (start) => add(start));
+  const regions = new Regions(board, history, {
+    choose: () => showPanel(history.current),
+    draw: (place) => add({ ...(gallery.chosen ?? t.drawn), ...place }, place),
+  });
+  /** @type {Panel | null} */
+  let panel = null;
+  let [checking, checked] = [0, 0];
+
+  const undo = el("button", { type: "button", "aria-keyshortcuts": "Control+Z", onclick: () => void history.undo() }, t.undo);
+  const redo = el("button", { type: "button", "aria-keyshortcuts": "Control+Y", onclick: () => void history.redo() }, t.redo);
+  const shows = el("button", {
+    type: "button", "aria-pressed": "false", title: t.headroomHelp,
+    onclick: () => {
+      shows.setAttribute("aria-pressed", String(headroom.toggle()));
+      reach.hidden = !headroom.is_shown;
+    },
+  }, t.headroom);
+  const reach = el("p.reach", { hidden: true, role: "status" });
+  headroom.told.on((text) => void (reach.textContent = text));
+  const state = el("span.quiet", { role: "status" });
+  const list = el("ol.order", { "aria-label": t.order });
+  const parameters = el("section.sheet.parameters", { "aria-label": t.parameters });
+  const told = el("p.told", { role: "alert" });
+  const range = el("p.range");
+  root.append(
+    gallery.element,
+    el("section.bench", {},
+      el("div.row.bar-of", {}, undo, redo, shows, naming(), exports(), state),
+      board.element, reach, el("p.quiet.hint-of", {}, t.hint)),
+    el("div.side", {}, el("section.sheet", {}, el("h2", {}, t.order), list), parameters),
+  );
+
+  /** Add a region. @param {Start} start @param {Partial<m.Region>} [place] */
+  function add(start, place = {}) {
+    const { regions: all } = history.current;
+    let name = start.title;
+    for (let number = 2; all.some((region) => region.name === name); number += 1) name = `${start.title} ${number}`;
+    const { width_mm, height_mm } = start;
+    const material = structuredClone(start.document);
+    const region = /** @type {m.Region} */ (JSON.parse(JSON.stringify(
+      { name, material, ...freePlace(history.current, width_mm ?? 60, height_mm ?? 40), width_mm, height_mm, ...place })));
+    history.change(t.did.add(name), (draft) => void draft.regions.push(region));
+    regions.focus(name);
+  }
+
+  /** @param {m.LayoutDocument} document */
+  function showList(document) {
+    const in_order = document.regions.map((region, index) => ({ region, index }));
+    in_order.sort((a, b) => (b.region.z ?? 0) - (a.region.z ?? 0) || b.index - a.index);
+    fill(list, in_order.map(({ region: { name } }, at) => el("li", {},
+      el("button.small.name", { type: "button", "aria-pressed": String(name === regions.chosen), onclick: () => regions.focus(name) }, name),
+      el("button.small", { type: "button", "aria-label": t.up(name), title: t.up(name), disabled: at === 0, onclick: () => lift(in_order, at, -1) }, "↑"),
+      el("button.small", { type: "button", "aria-label": t.down(name), title: t.down(name), disabled: at === in_order.length - 1, onclick: () => lift(in_order, at, 1) }, "↓"),
+      el("button.small", { type: "button", "aria-label": t.remove(name), title: t.remove(name), onclick: () => regions.remove(name) }, "×"))));
+    if (!in_order.length) fill(list, el("li.quiet", {}, t.empty));
+  }
+
+  /** Exchange two regions in the order, by their heights.
+   * @param {{region: m.Region}[]} in_order @param {number} at @param {number} by */
+  function lift(in_order, at, by) {
+    const names = in_order.map(({ region }) => region.name);
+    [names[at], names[at + by]] = [names[at + by], names[at]];
+    history.change(t.did.order, (draft) => {
+      for (const region of draft.regions) region.z = names.length - names.indexOf(region.name);
+    });
+  }
+
+  /** @param {m.LayoutDocument} document */
+  function showPanel(document) {
+    const region = document.regions.find(({ name }) => name === regions.chosen);
+    showList(document);
+    if (!region || !panel) {
+      fill(parameters, el("h2", {}, t.parameters), el("p.quiet", {}, t.choose));
+      return;
+    }
+    if (parameters.dataset.of !== region.name || !panel.element.isConnected) {
+      parameters.dataset.of = region.name;
+      fill(parameters, el("h2", {}, t.parametersOf(region.name)), range, told, panel.element, placing(region));
+      told.textContent = range.textContent = "";
+    }
+    panel.show(region.material);
+    for (const [name, input] of Object.entries(places)) {
+      if (input !== document_.activeElement) input.value = String(/** @type {any} */ (region)[name] ?? defaults[name]);
+    }
+    clearTimeout(checking);
+    checking = setTimeout(() => void check(region), CHECKED_MS);
+  }
+
+  /** Ask what the material can do here. @param {m.Region} region */
+  async function check(region) {
+    const number = ++checked;
+    try {
+      const answer = await service.rest("POST", "/v1/materials/check", { material: region.material });
+      const found = await answer.json();
+      if (number !== checked || ended) return;
+      told.textContent = "";
+      range.textContent = t.range(found.lowest_mu, found.highest_mu, found.range_jnd);
+      panel?.tell(found.effects_jnd);
+    } catch (error) {
+      if (number === checked) told.textContent = sentence(error);
+    }
+  }
+
+  const document_ = root.ownerDocument;
+  /** @type {Record<string, HTMLInputElement>} */
+  const places = {};
+  const defaults = /** @type {Record<string, any>} */ ({ x_mm: 0, y_mm: 0, width_mm: "", height_mm: "", rotation_deg: 0, opacity: 1, z: 0 });
+
+  /** Where the region lies. @param {m.Region} region */
+  function placing({ name }) {
+    const fields = Object.keys(defaults).map((key) => {
+      const input = el("input", {
+        id: `r-${key}`, type: "number", step: "any",
+        onchange: () => {
+          const value = Number(input.value);
+          if (input.value !== "" && input.checkValidity()) change(name, key, value);
+        },
+      });
+      places[key] = input;
+      return el("div.field", {}, el("label", { for: input.id }, t.place[key]), input, t.unit[key] ? el("span.unit", {}, t.unit[key]) : null);
+    });
+    const shape = el("select", { id: "r-shape", onchange: () => change(name, "shape", shape.value) },
+      ["rectangle", "ellipse"].map((one) => el("option", { value: one, selected: history.current.regions.find((each) => each.name === name)?.shape === one }, one)));
+    return el("details.placing", { open: true }, el("summary", {}, t.placing), fields,
+      el("div.field", {}, el("label", { for: "r-shape" }, t.shape), shape));
+  }
+
+  /** @param {string} name @param {string} key @param {any} value */
+  function change(name, key, value) {
+    history.change(t.did.place, (draft) => {
+      const region = /** @type {any} */ (draft.regions.find((each) => each.name === name));
+      if (region) region[key] = value;
+    }, `${key} ${name}`);
+  }
+
+  /** Change a parameter of the chosen region's material. @param {(string | number)[]} path @param {any} value */
+  function changeMaterial(path, value) {
+    const name = regions.chosen;
+    history.change(t.did.parameter, (draft) => {
+      const region = draft.regions.find((each) => each.name === name);
+      if (!region) return;
+      if (!path.length) region.material = value;
+      else {
+        /** @type {any} */
+        const parent = path.slice(0, -1).reduce((part, key) => /** @type {any} */ (part)[key], /** @type {any} */ (region.material));
+        const last = /** @type {string} */ (path.at(-1));
+        if (value === undefined) delete parent[last];
+        else parent[last] = value;
+      }
+    }, `${path.join(".")} ${name}`);
+  }
+
+  function naming() {
+    const input = el("input.title", { type: "text", value: kept.name, maxLength: 60, pattern: "[A-Za-z0-9][A-Za-z0-9 _.\\-]*", "aria-label": t.name, title: t.nameHelp,
+      onchange: () => {
+        if (input.reportValidity()) void kept.rename(input.value);
+      } });
+    const menu = el("div.menu");
+    const others = el("details.drop-down", {
+      ontoggle: async () => {
+        if (!others.open) return;
+        const names = (await service.attempt(() => kept.names())) ?? [];
+        fill(menu, names.map((name) => el("button", { type: "button", onclick: () => {
+          others.open = false;
+          void service.attempt(async () => {
+            await kept.open(name);
+            input.value = name;
+          });
+        } }, name)), names.length ? null : el("p.quiet", {}, t.noneKept));
+      },
+    }, el("summary", {}, t.open), menu);
+    return el("span.row", {}, input, others);
+  }
+
+  function exports() {
+    const details = el("details.drop-down", {}, el("summary.main", {}, t.export),
+      el("div.menu", {}, FORMS.map((form) => el("button", {
+        type: "button", onclick: () => {
+          details.open = false;
+          void service.attempt(() => take(form));
+        },
+      }, el("b", {}, t.forms[form][0]), el("small", {}, t.forms[form][1])))));
+    return details;
+  }
+
+  /** @param {typeof FORMS[number]} form */
+  async function take(form) {
+    const document = history.current;
+    const region = document.regions.find(({ name }) => name === regions.chosen) ?? document.regions[0];
+    if (!region) throw new TypeError(t.empty);
+    const { y, height } = placeOf(region);
+    state.textContent = t.exporting;
+    const answer = await service.rest("POST", "/v1/exports", { document, form, y_mm: y + height / 2 });
+    const href = URL.createObjectURL(await answer.blob());
+    const link = el("a", { href, download: `${kept.name.replaceAll(" ", "-")}-${form}.zip` });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(href));
+    state.textContent = t.exported(t.forms[form][0]);
+  }
+
+  board.element.addEventListener("dragover", (event) => event.preventDefault());
+  board.element.addEventListener("drop", (event) => {
+    event.preventDefault();
+    const name = event.dataTransfer?.getData("text/haptix-preset");
+    const preset = gallery.presets.find((one) => one.name === name);
+    const { x_mm, y_mm } = board.place(event);
+    if (preset) add(preset, { x_mm: Math.round(x_mm), y_mm: Math.round(y_mm) });
+    else void gallery.take([...(event.dataTransfer?.files ?? [])]);
+  });
+  const keys = (/** @type {KeyboardEvent} */ event) => {
+    if (!(event.ctrlKey || event.metaKey) || /** @type {Element} */ (event.target).matches("input, textarea")) return;
+    const again = event.key === "y" || (event.key === "z" && event.shiftKey) || event.key === "Z";
+    if (event.key !== "z" && !again) return;
+    event.preventDefault();
+    if (again) history.redo();
+    else history.undo();
+  };
+  addEventListener("keydown", keys);
+
+  let ended = false;
+  const ends = [
+    history.document.on((document) => {
+      regions.show(document);
+      showPanel(document);
+      headroom.show(document);
+      const { undo: back, redo: again } = history.next;
+      [undo.disabled, redo.disabled] = [!back, !again];
+      undo.title = back && t.undoes(back);
+      redo.title = again && t.redoes(again);
+    }),
+    kept.state.on((text) => void (state.textContent = text)),
+    service.state.on(({ phase }) => {
+      if (phase !== "open" || panel) return;
+      void service.attempt(async () => {
+        const schema = await (await service.rest("GET", "/v1/kinds")).json();
+        panel = new Panel(schema, changeMaterial);
+        showPanel(history.current);
+      });
+      void service.attempt(() => gallery.load());
+    }),
+  ];
+  return () => {
+    ended = true;
+    removeEventListener("keydown", keys);
+    for (const end of ends) end();
+    kept.close();
+    board.close();
+  };
+}
+
+/**
+ * Return a place beside or below all regions.
+ * @param {m.LayoutDocument} document @param {number} width @param {number} height
+ */
+function freePlace(document, width, height) {
+  if (!document.regions.length) return { x_mm: 0, y_mm: 0 };
+  const boxes = document.regions.map(placeOf);
+  const is_free = (/** @type {number} */ x, /** @type {number} */ y) => boxes.every((box) =>
+    x >= box.x + box.width || x + width <= box.x || y >= box.y + box.height || y + height <= box.y);
+  const whole = boxOf(document);
+  const xs = [0, ...boxes.map((box) => box.x + box.width + GAP_MM)];
+  const ys = [0, ...boxes.map((box) => box.y + box.height + GAP_MM)];
+  const found = ys.flatMap((y) => xs.map((x) => ({ x, y }))).filter(({ x, y }) => is_free(x, y));
+  // The one that makes the plane grow least.
+  const grows = (/** @type {{x: number, y: number}} */ { x, y }) =>
+    Math.max(x + width, whole.left + whole.width) * Math.max(y + height, whole.top + whole.height) + 1e-3 * (x + y);
+  found.sort((a, b) => grows(a) - grows(b));
+  return { x_mm: Math.round(found[0].x), y_mm: Math.round(found[0].y) };
+}

@@ -1,0 +1,224 @@
+/** The parameters of a material: drawn from the JSON Schema of its kind, with units and help. */
+
+import { el, fill } from "./dom.js";
+import { texts } from "./texts.js";
+
+/** @typedef {Record<string, any>} Schema */
+/** @typedef {Record<string, any>} Table */
+/** @typedef {(path: (string | number)[], value: any) => void} Change */
+
+const t = texts.make;
+const LAST = ["low", "high", "target"]; // how high: after what it is
+const FILES = ["file", "heights", "normals"];
+const MATERIAL = "#/$defs/material";
+/** Kinds that change another material. */
+const WRAPS = /** @type {Record<string, (of: Table) => Table>} */ ({
+  moving: (of) => ({ kind: "moving", velocity_mm_s: [20, 0], of }),
+  "by-speed": (of) => ({ kind: "by-speed", speed_mm_s: [0, 50, 200], share: [0.2, 0.6, 1], of }),
+  "by-force": (of) => ({ kind: "by-force", normal_force_n: [0.2, 0.9], share: [0.15, 1], of }),
+  envelope: (of) => ({
+    kind: "envelope", loop: true, of,
+    curve: { kind: "points", t_s: [0, 0.3, 0.6], values_at: [0.1, 1, 0.1] },
+  }),
+});
+
+/** Return the definition of a kind. @param {Schema} schema @param {string} kind @returns {Schema | undefined} */
+export function definitionOf(schema, kind) {
+  const ref = schema.$defs?.material?.discriminator?.mapping?.[kind];
+  return ref && schema.$defs[ref.slice(ref.lastIndexOf("/") + 1)];
+}
+
+/** The fields of one material, and of those within it. */
+export class Panel {
+  element = el("div.panel");
+  /** @type {Map<string, HTMLElement>} by the field's name, of the outer material */
+  #effects = new Map();
+  #drawn = "";
+  #schema;
+  #change;
+
+  /** @param {Schema} schema @param {Change} change called with the path within the material */
+  constructor(schema, change) {
+    this.#schema = schema;
+    this.#change = change;
+  }
+
+  /** Show a material; fields that have the focus stay as they are typed. @param {Table} material */
+  show(material) {
+    const form = JSON.stringify(shapeOf(material));
+    if (form === this.#drawn) return this.#update(material, []);
+    this.#drawn = form;
+    this.#effects.clear();
+    fill(this.element, this.#fields(material, []));
+    return undefined;
+  }
+
+  /** Say what a step of each field changes [JND]. @param {Record<string, number>} effects */
+  tell(effects) {
+    for (const [name, element] of this.#effects) {
+      const jnd = effects[name];
+      element.textContent = jnd === undefined ? "" : t.effect(jnd);
+    }
+  }
+
+  /** @param {Table} material @param {(string | number)[]} path @returns {HTMLElement} */
+  #fields(material, path) {
+    const definition = definitionOf(this.#schema, material.kind);
+    const title = definition?.title ?? material.kind;
+    if (!definition) return el("fieldset", {}, el("legend", {}, title), this.#json(material, path, title));
+    const names = Object.keys(definition.properties).filter((name) => !["kind", "schema_version"].includes(name));
+    names.sort((a, b) => LAST.indexOf(a) - LAST.indexOf(b));
+    return el("fieldset", {},
+      el("legend", {}, title), el("p.quiet", {}, plain(definition.description)),
+      this.#wrapping(material, path),
+      names.map((name) => this.#field(definition.properties[name], material, [...path, name])));
+  }
+
+  /** Buttons that put a material into another, or take it out. @param {Table} material @param {(string | number)[]} path */
+  #wrapping(material, path) {
+    const kinds = Object.keys(WRAPS).filter((kind) => kind !== material.kind);
+    const is_wrap = material.kind in WRAPS && material.of;
+    const select = el("select", {
+      "aria-label": t.wrap,
+      onchange: () => this.#change(path, WRAPS[select.value](material)),
+    }, el("option", { value: "" }, t.wrap), kinds.map((kind) => el("option", { value: kind }, t.wraps[kind])));
+    const as = FILES.find((name) => String(material[name] ?? "").startsWith("sha256:"));
+    return el("div.row", {}, select,
+      is_wrap ? el("button.small", { type: "button", onclick: () => this.#change(path, material.of) }, t.unwrap) : null,
+      as && material.width_mm ? this.#reading(material, path, material[as]) : null);
+  }
+
+  /** The ways to read a picture. @param {Table} material @param {(string | number)[]} path @param {string} asset */
+  #reading(material, path, asset) {
+    const { width_mm } = material;
+    const ways = /** @type {Record<string, Table>} */ ({
+      photograph: { kind: "photograph", file: asset, width_mm },
+      relief: { kind: "relief", heights: asset, width_mm },
+      heights: { kind: "heights", file: asset, width_mm },
+    });
+    const select = el("select", { "aria-label": t.reading, onchange: () => this.#change(path, ways[select.value]) },
+      Object.keys(ways).map((kind) => el("option", { value: kind, selected: kind === material.kind }, t.readings[kind])));
+    return select;
+  }
+
+  /** @param {Schema} field @param {Table} material @param {(string | number)[]} path */
+  #field(field, material, path) {
+    const name = String(path.at(-1));
+    const value = material[name] ?? field.default;
+    const [id, help] = [`p-${path.join("-")}`, plain(field.description)];
+    const ways = [field, ...(field.anyOf ?? [])];
+    if (ways.some((way) => way.$ref === MATERIAL)) {
+      if (value && typeof value === "object") return this.#fields(value, path);
+      if (!ways.some((way) => way.type === "number")) return el("p.quiet", {}, `${field.title}: ${t.noMaterial}`);
+    }
+    const effect = path.length === 1 ? el("small.effect") : null;
+    if (effect) this.#effects.set(name, effect);
+    const unit = field["x-unit"] ? el("span.unit", {}, field["x-unit"]) : null;
+    const label = el("label", { for: id, title: help }, field.title);
+    const control = this.#control(field, ways, value, path, id);
+    return el("div.field", { title: help }, label, control, unit, effect);
+  }
+
+  /** @param {Schema} field @param {Schema[]} ways @param {any} value @param {(string | number)[]} path @param {string} id */
+  #control(field, ways, value, path, id) {
+    const change = (/** @type {any} */ to) => this.#change(path, to);
+    const choices = field.enum ?? ways.find((way) => way.enum)?.enum;
+    if (choices) {
+      const select = el("select", { id, onchange: () => change(select.value) },
+        choices.map((/** @type {string} */ one) => el("option", { value: one, selected: one === value }, one)));
+      return select;
+    }
+    if (typeof value === "boolean") {
+      const box = el("input", { id, type: "checkbox", checked: value, onchange: () => change(box.checked) });
+      return box;
+    }
+    if (typeof value === "string") return el("output", { id }, value.replace(/^(sha256:.{6}).*/, "$1…"));
+    if (field["x-range"] && (typeof value === "number" || value === undefined)) {
+      return this.#number(field, value, change, id);
+    }
+    const is_row = Array.isArray(value) && value.every((one) => typeof one === "number");
+    if (is_row) {
+      const input = el("input.row-of", {
+        id, type: "text", value: value.join(", "),
+        onchange: () => {
+          const numbers = input.value.split(/[\s,;]+/).filter(Boolean).map(Number);
+          if (numbers.some(Number.isNaN)) input.setCustomValidity(t.numbers);
+          else change(numbers);
+          input.reportValidity();
+        },
+        oninput: () => input.setCustomValidity(""),
+      });
+      return input;
+    }
+    return this.#json(value, path, field.title, id);
+  }
+
+  /** @param {Schema} field @param {number | undefined} value @param {(to: number) => void} change @param {string} id */
+  #number(field, value, change, id) {
+    const [low, high] = field["x-range"];
+    const step = field["x-step"];
+    const exact = el("input", { id, type: "number", step: "any", value: value ?? "" });
+    const slider = el("input", {
+      type: "range", min: String(low), max: String(Math.max(high, value ?? high)), step: String(step),
+      value: String(value ?? low), tabIndex: -1, "aria-hidden": "true",
+      oninput: () => {
+        exact.value = slider.value;
+        change(Number(slider.value));
+      },
+    });
+    exact.onchange = () => {
+      if (exact.value === "" || !exact.checkValidity()) return;
+      slider.value = exact.value;
+      change(Number(exact.value));
+    };
+    return el("span.number", {}, slider, exact);
+  }
+
+  /** What no other control can show: its JSON. @param {any} value @param {(string | number)[]} path @param {string} title @param {string} [id] */
+  #json(value, path, title, id = `p-${path.join("-")}`) {
+    const area = el("textarea", {
+      id, rows: 4, spellcheck: false, "aria-label": title,
+      value: value === undefined ? "" : JSON.stringify(value, null, 1),
+      onchange: () => {
+        try {
+          this.#change(path, area.value.trim() ? JSON.parse(area.value) : undefined);
+          area.setCustomValidity("");
+        } catch {
+          area.setCustomValidity(t.json);
+        }
+        area.reportValidity();
+      },
+    });
+    return el("details.json", {}, el("summary", {}, t.asJson), area);
+  }
+
+  /** Put new values into the controls that are there. @param {Table} material @param {(string | number)[]} path */
+  #update(material, path) {
+    for (const [name, value] of Object.entries(material)) {
+      if (value && typeof value === "object" && !Array.isArray(value) && value.kind) this.#update(value, [...path, name]);
+      const control = /** @type {any} */ (this.element.querySelector(`[id="p-${[...path, name].join("-")}"]`));
+      if (!control || control === document.activeElement) continue;
+      if (control.type === "checkbox") control.checked = value;
+      else if (Array.isArray(value) && control.type === "text") control.value = value.join(", ");
+      else if (typeof value !== "object" && control.tagName !== "OUTPUT") {
+        control.value = String(value);
+        const slider = control.parentElement?.querySelector("input[type=range]");
+        if (slider) slider.value = String(value);
+      }
+    }
+  }
+}
+
+/** What decides which controls there are: the kinds and the names and types of the fields.
+ * @param {any} value @returns {any} */
+function shapeOf(value) {
+  if (Array.isArray(value)) return value.every((one) => typeof one === "number") ? "row" : value;
+  if (!value || typeof value !== "object") return typeof value;
+  const entries = Object.entries(value).map(([key, one]) => [key, key === "kind" ? one : shapeOf(one)]);
+  return Object.fromEntries(entries.filter(([key, one]) => key === "kind" || key === "of" || one === "row" || typeof one === "object"));
+}
+
+/** Take the marks of Python's documentation out of a text. @param {string | undefined} text */
+function plain(text = "") {
+  return text.replaceAll("`", "").replaceAll(/; see haptix[\w.]*/g, "").replaceAll(/ see haptix[\w.]*\.?/g, "");
+}
