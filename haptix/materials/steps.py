@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from haptix.checks import Array
@@ -35,7 +33,7 @@ def effects_of_steps(material: Material, lowest_mu: float, highest_mu: float) ->
     -------
     dict
         The 95th percentile of the change, in JND, over seeded places, times, directions, speeds and
-        forces, by the field's name. A pattern that is moved changes by its whole height; that is
+        forces, by the field's name; without those that allow no step. A pattern that is moved changes by its whole height; that is
         what a finger would feel at that place, not how well it could tell both patterns apart.
     """
     motion = _motion(material)
@@ -45,21 +43,16 @@ def effects_of_steps(material: Material, lowest_mu: float, highest_mu: float) ->
         value = getattr(material, name)
         if isinstance(value, bool) or not isinstance(value, int | float):
             continue
-        changed = _changed(material, name, value, step)
-        if changed is not None:
-            after = _friction(changed, motion, lowest_mu, highest_mu)
+        for by in (step, -step):
+            try:  # some rules are those of what is made of the document
+                changed = material.replace(**{name: value + by})
+                after = _friction(changed, motion, lowest_mu, highest_mu)
+            except InputError:
+                continue
             away = np.abs(after - before) / (WEBER_FRACTION * before)
             found[name] = float(np.percentile(away, _FELT))
+            break
     return found
-
-
-def _changed(material: Material, name: str, value: Any, step: float) -> Material | None:
-    for by in (step, -step):
-        try:
-            return material.replace(**{name: value + by})
-        except InputError:
-            continue
-    return None
 
 
 def _motion(material: Material) -> Motion:

@@ -116,6 +116,9 @@ def test_a_check_tells_the_range_and_what_a_step_changes(making):
     assert 0 < found["effects_jnd"]["high"] < 0.01 * jnd
     assert found["effects_jnd"]["duty"] == 0.0  # a sine has none
     assert found["effects_jnd"]["phase"] > found["effects_jnd"]["high"]
+    noise = making.check({"kind": "noise", "pixels": 64}, 0.5)["effects_jnd"]
+    assert "pixels" not in noise  # a power of two allows no step, which is no fault
+    assert noise["mean"] > 0
     with pytest.raises(haptix.InputError, match="period_mm"):
         making.check({"kind": "grating", "period_mm": -1}, 0.5)
 

@@ -44,9 +44,10 @@ export class Gallery {
       },
     });
     this.told = el("p.told", { role: "alert" });
+    this.busy = el("p.told.busy", { role: "status" });
     this.element = el("section.gallery.sheet", { "aria-label": t.gallery },
       el("label.drop", { for: "file" }, el("b", {}, t.drop), el("small", {}, t.dropHelp), input),
-      this.told, this.#find, this.#list);
+      this.busy, this.told, this.#find, this.#list);
   }
 
   /** Read what the service has. */
@@ -57,14 +58,18 @@ export class Gallery {
 
   /** Make regions of files; tell of those that are none. @param {Iterable<File>} files */
   async take(files) {
-    this.told.textContent = "";
+    let wrong = "";
     for (const file of files) {
+      this.told.textContent = "";
+      this.busy.textContent = t.sending(file.name);
       try {
         this.add(await this.start(file));
       } catch (error) {
-        this.told.textContent = t.refused(file.name, sentence(error));
+        wrong += `${t.refused(file.name, sentence(error))} `;
       }
     }
+    this.busy.textContent = "";
+    this.told.textContent = wrong;
   }
 
   /**

@@ -22,6 +22,8 @@ export class Headroom {
   /** @type {Value<string>} in a sentence */
   told = new Value("");
   #layer = el("div.headroom", { hidden: true, "aria-hidden": "true" });
+  /** @type {Map<m.Region, HTMLCanvasElement>} */
+  #drawn = new Map();
   #timer = 0;
   #number = 0;
 
@@ -46,31 +48,39 @@ export class Headroom {
     if (this.is_shown) this.#timer = setTimeout(() => void this.#draw(document), SETTLED_MS);
   }
 
+  /** Put the maps where their regions are on the board. */
+  place() {
+    const { box, px_per_mm } = this.board;
+    for (const [region, canvas] of this.#drawn) {
+      const { x, y, width, height, turn } = placeOf(region);
+      Object.assign(canvas.style, {
+        left: `${(x - box.left) * px_per_mm}px`, top: `${(y - box.top) * px_per_mm}px`,
+        width: `${width * px_per_mm}px`, height: `${height * px_per_mm}px`, transform: `rotate(${turn}rad)`,
+      });
+    }
+  }
+
   /** @param {m.LayoutDocument} document */
   async #draw(document) {
     const number = ++this.#number;
-    /** @type {HTMLCanvasElement[]} */
-    const drawn = [];
+    /** @type {Map<m.Region, HTMLCanvasElement>} */
+    const drawn = new Map();
     const parts = [];
     for (const region of document.regions) {
-      const { x, y, width, height, turn } = placeOf(region);
+      const { width, height } = placeOf(region);
       const asked = { material: region.material, width_mm: width, height_mm: height, columns: COLUMNS };
       try {
         const map = await (await this.service.rest("POST", "/v1/pictures", asked)).json();
-        const canvas = mask(map);
-        const { box, px_per_mm } = this.board;
-        Object.assign(canvas.style, {
-          left: `${(x - box.left) * px_per_mm}px`, top: `${(y - box.top) * px_per_mm}px`,
-          width: `${width * px_per_mm}px`, height: `${height * px_per_mm}px`, transform: `rotate(${turn}rad)`,
-        });
-        drawn.push(canvas);
+        drawn.set(region, mask(map));
         if (map.below + map.above > WITHIN / 2) parts.push(t.outside(region.name, map.below, map.above));
       } catch {
         parts.push(t.unknown(region.name));
       }
       if (number !== this.#number) return;
     }
-    this.#layer.replaceChildren(...drawn);
+    this.#drawn = drawn;
+    this.#layer.replaceChildren(...drawn.values());
+    this.place();
     this.told.set(parts.length ? parts.join(" ") : t.allWithin);
   }
 }
@@ -86,7 +96,7 @@ function mask({ columns, rows, levels }) {
     const color = share < -WITHIN ? BELOW : share > 1 + WITHIN ? ABOVE : null;
     const [x, y] = [at % columns, Math.floor(at / columns)];
     if (color) image.data.set([...color, (x + y) % 4 < 2 ? 255 : 150], 4 * at);
-    else image.data.set([255, 255, 255, 90], 4 * at);
+    else image.data.set([255, 255, 255, 60], 4 * at);
   });
   context.putImageData(image, 0, 0);
   return canvas;

@@ -31,12 +31,10 @@ export class Regions {
    * @param {{choose: (name: string) => void, draw: (place: Rectangle) => void}} on
    */
   constructor(board, history, on) {
-    Object.assign(this, { board, history, on });
     this.board = board;
     this.history = history;
     this.on = on;
     board.element.append(this.#layer, this.#drawing);
-    board.onFit = () => this.place();
     board.element.addEventListener("pointerdown", (event) => this.#begin(event));
   }
 

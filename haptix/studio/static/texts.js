@@ -159,6 +159,7 @@ export const texts = {
       widgets: "Widgets", motion: "Moving and beating", behaviour: "By speed, force, touch",
     },
     refused: (/** @type {string} */ name, /** @type {string} */ why) => `${name} was not added: ${why}`,
+    sending: (/** @type {string} */ name) => `${name} is sent and read…`,
     noFile: (/** @type {string} */ known) => `expected a file that ends in ${known}`,
     undo: "Undo",
     redo: "Redo",
@@ -218,7 +219,7 @@ export const texts = {
     exporting: "exporting…",
     exported: (/** @type {string} */ name) => `${name}: exported`,
     forms: {
-      document: ["Document", "all regions with their files; haptix render --material reads it"],
+      document: ["Document", "all regions with their files, to keep, render and play"],
       "friction-map": ["Friction map", "16-bit PNG with its meaning; no time, speed or force"],
       wav: ["Drive as WAV", "volts of one stroke through the chosen region, with a sidecar"],
       ahap: ["AHAP", "Core Haptics: one stroke as vibration strength"],

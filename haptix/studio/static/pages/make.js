@@ -30,6 +30,10 @@ export function mount(root, app) {
     choose: () => showPanel(history.current),
     draw: (place) => add({ ...(gallery.chosen ?? t.drawn), ...place }, place),
   });
+  board.onFit = () => {
+    regions.place();
+    headroom.place();
+  };
   /** @type {Panel | null} */
   let panel = null;
   let [checking, checked] = [0, 0];
@@ -53,8 +57,8 @@ export function mount(root, app) {
   root.append(
     gallery.element,
     el("section.bench", {},
-      el("div.row.bar-of", {}, undo, redo, shows, naming(), exports(), state),
-      board.element, reach, el("p.quiet.hint-of", {}, t.hint)),
+      el("div.row.bar-of", {}, undo, redo, shows, naming(), exports()),
+      board.element, reach, el("div.hint-of", {}, el("p.quiet", {}, t.hint), state)),
     el("div.side", {}, el("section.sheet", {}, el("h2", {}, t.order), list), parameters),
   );
 
