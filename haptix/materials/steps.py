@@ -33,8 +33,9 @@ def effects_of_steps(material: Material, lowest_mu: float, highest_mu: float) ->
     -------
     dict
         The 95th percentile of the change, in JND, over seeded places, times, directions, speeds and
-        forces, by the field's name; without those that allow no step. A pattern that is moved changes by its whole height; that is
-        what a finger would feel at that place, not how well it could tell both patterns apart.
+        forces, by the field's name; without those that allow no step. A pattern that is moved
+        changes by its whole height: that is what a finger would feel at a place, not how well it
+        could tell both patterns apart.
     """
     motion = _motion(material)
     before = _friction(material, motion, lowest_mu, highest_mu)

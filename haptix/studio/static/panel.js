@@ -34,6 +34,8 @@ export class Panel {
   /** @type {Map<string, HTMLElement>} by the field's name, of the outer material */
   #effects = new Map();
   #drawn = "";
+  /** @type {Table} as it is now: controls are drawn once, and values change under them */
+  #material = {};
   #schema;
   #change;
 
@@ -45,6 +47,7 @@ export class Panel {
 
   /** Show a material; fields that have the focus stay as they are typed. @param {Table} material */
   show(material) {
+    this.#material = material;
     const form = JSON.stringify(shapeOf(material));
     if (form === this.#drawn) return this.#update(material, []);
     this.#drawn = form;
@@ -80,24 +83,29 @@ export class Panel {
     const is_wrap = material.kind in WRAPS && material.of;
     const select = el("select", {
       "aria-label": t.wrap,
-      onchange: () => this.#change(path, WRAPS[select.value](material)),
+      onchange: () => this.#change(path, WRAPS[select.value](this.#at(path))),
     }, el("option", { value: "" }, t.wrap), kinds.map((kind) => el("option", { value: kind }, t.wraps[kind])));
     const as = FILES.find((name) => String(material[name] ?? "").startsWith("sha256:"));
     return el("div.row", {}, select,
-      is_wrap ? el("button.small", { type: "button", onclick: () => this.#change(path, material.of) }, t.unwrap) : null,
+      is_wrap ? el("button.small", { type: "button", onclick: () => this.#change(path, this.#at(path).of) }, t.unwrap) : null,
       as && material.width_mm ? this.#reading(material, path, material[as]) : null);
+  }
+
+  /** @param {(string | number)[]} path @returns {Table} */
+  #at(path) {
+    return path.reduce((part, key) => part[key], this.#material);
   }
 
   /** The ways to read a picture. @param {Table} material @param {(string | number)[]} path @param {string} asset */
   #reading(material, path, asset) {
-    const { width_mm } = material;
-    const ways = /** @type {Record<string, Table>} */ ({
-      photograph: { kind: "photograph", file: asset, width_mm },
-      relief: { kind: "relief", heights: asset, width_mm },
-      heights: { kind: "heights", file: asset, width_mm },
-    });
-    const select = el("select", { "aria-label": t.reading, onchange: () => this.#change(path, ways[select.value]) },
-      Object.keys(ways).map((kind) => el("option", { value: kind, selected: kind === material.kind }, t.readings[kind])));
+    const field = /** @type {Record<string, string>} */ ({ photograph: "file", relief: "heights", heights: "file" });
+    const select = el("select", {
+      "aria-label": t.reading,
+      onchange: () => {
+        const { width_mm } = this.#at(path);
+        this.#change(path, { kind: select.value, [field[select.value]]: asset, width_mm });
+      },
+    }, Object.keys(field).map((kind) => el("option", { value: kind, selected: kind === material.kind }, t.readings[kind])));
     return select;
   }
 

@@ -109,6 +109,7 @@ export function mount(root, app) {
       parameters.dataset.of = region.name;
       fill(parameters, el("h2", {}, t.parametersOf(region.name)), range, told, panel.element, placing(region));
       told.textContent = range.textContent = "";
+      parameters.scrollTop = 0;
     }
     panel.show(region.material);
     for (const [name, input] of Object.entries(places)) {
