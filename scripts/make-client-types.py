@@ -4,6 +4,7 @@
 
 writes into `clients/typescript/types`: `messages.d.ts` by json-schema-to-typescript, the others by
 tsc from the JavaScript; and `clients/csharp/Messages.cs` by quicktype. With FOLDER, all into that.
+Without it also `clients/asyncapi.json`, which describes the session.
 Needs node and, once, `npm ci --prefix clients/typescript`.
 """
 
@@ -17,7 +18,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from haptix.service.messages import schema
+from haptix.service.messages import asyncapi, schema
 
 ROOT = Path(__file__).parents[1]
 CLIENTS = ROOT / "clients"
@@ -27,6 +28,8 @@ BANNER = "Made by scripts/make-client-types.py from the schema of the messages; 
 
 def main(folder: Path | None = None) -> None:
     """Write the types of both languages."""
+    if folder is None:
+        (CLIENTS / "asyncapi.json").write_text(json.dumps(asyncapi(), indent=1) + "\n")
     definitions = prepared()
     typescript = folder or CLIENTS / "typescript" / "types"
     csharp = folder or CLIENTS / "csharp"

@@ -17,6 +17,7 @@ from haptix.service import messages as m
 from haptix.service.access import Access
 from haptix.service.answers import work
 from haptix.service.assets import AssetStore
+from haptix.service.docs_page import POLICY, docs_page
 from haptix.service.hub import TICK_S, Hub
 from haptix.service.jobs_rest import jobs_router
 from haptix.service.messages import Problem
@@ -230,6 +231,16 @@ def application(
     async def schema() -> dict[str, Any]:
         """JSON Schema of the session's messages."""
         return m.schema()
+
+    @app.get("/v1/asyncapi.json", include_in_schema=False)
+    async def session_description() -> dict[str, Any]:
+        return m.asyncapi()
+
+    @app.get("/docs", include_in_schema=False)
+    async def docs() -> Response:
+        content = docs_page(app.openapi(), m.asyncapi())
+        headers = {"content-security-policy": POLICY}
+        return Response(content, media_type="text/html; charset=utf-8", headers=headers)
 
     @app.post("/stop", status_code=204)
     async def stop(request: Request) -> None:

@@ -14,6 +14,7 @@ import haptix
 from haptix.motion import Trajectory
 from haptix.render import LiveSettings
 from haptix.service.job_work import Work
+from haptix.service.messages import asyncapi
 from haptix.simulation import Setting, simulate
 from haptix.virtual_finger import TouchPanel
 from tests.service.service_under_test import Service
@@ -182,3 +183,18 @@ def test_a_job_that_is_not_there(service):
     with Client(service) as client:
         assert client.ask("watch", job="abc")["code"] == "unknown"
     assert rest(service, "GET", "/v1/surfaces", status=200) == []
+
+
+def test_the_page_of_routes_and_messages_is_whole_and_loads_nothing(service):
+    connection = HTTPConnection("127.0.0.1", service.port, timeout=20)
+    connection.request("GET", "/docs")  # no token: it is a page
+    answer = connection.getresponse()
+    text = answer.read().decode()
+    assert answer.status == 200
+    assert "default-src 'none'" in answer.headers["content-security-policy"]
+    for path, methods in rest(service, "GET", "/v1/openapi.json", status=200)["paths"].items():
+        for method in methods:
+            assert f"<code>{method.upper()} {path}</code>" in text
+    assert rest(service, "GET", "/v1/asyncapi.json", status=200) == asyncapi()
+    assert "<code>layout_change</code>" in text and "<code>subscribed</code>" in text
+    assert "<script" not in text and "http" not in text and service.access.native not in text

@@ -1,6 +1,7 @@
 """Every message is read or refused by name; nothing else comes out."""
 
 import json
+import re
 import string
 from math import inf, nan
 
@@ -10,6 +11,8 @@ from hypothesis import strategies as st
 
 from haptix.service import messages as m
 from haptix.service.messages import Problem
+from haptix.service.messages.asyncapi import REPLIES
+from tests.clients.golden import GOLDEN
 
 SCALARS = st.sampled_from([None, True, -1, 0, 7, 2**60, 1.5, nan, inf, "", "1", "up", [], {}])
 JSON_VALUES = SCALARS | st.lists(
@@ -108,3 +111,27 @@ def test_no_message_speaks_of_volts():
         if name.endswith("_v") or "volt" in name
     }
     assert names == set()
+
+
+def test_asyncapi_is_that_of_todays_messages():
+    kept = json.loads((GOLDEN.parent / "asyncapi.json").read_text())
+    assert kept == m.asyncapi(), "run scripts/make-client-types.py"
+
+
+def test_asyncapi_names_every_message_and_every_reference_leads_somewhere():
+    document = m.asyncapi()
+    sides = {"ClientMessage": "receive", "ServerMessage": "send"}
+    for side, action in sides.items():
+        for kind in m.schema()["$defs"][side]["discriminator"]["mapping"]:
+            assert document["operations"][f"{action}_{kind}"]["action"] == action
+    for reference in re.findall(r'"#/([^"]+)"', json.dumps(document)):
+        found = document
+        for part in reference.split("/"):
+            found = found[part]
+
+
+def test_replies_are_those_of_the_page_for_writers_of_clients():
+    page = (GOLDEN.parents[1] / "docs" / "clients.md").read_text()
+    rows = re.findall(r"^\| (`[a-z_`, ]+?)(?: with `id`)? \| `([a-z_]+)` \|$", page, re.MULTILINE)
+    told = {kind: reply for kinds, reply in rows for kind in re.findall(r"`([a-z_]+)`", kinds)}
+    assert told == REPLIES

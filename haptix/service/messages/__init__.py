@@ -5,6 +5,7 @@ A client's messages are numbered by `id`, which rises; each is answered once, wi
 Every field says since which version of the protocol it is there.
 """
 
+from haptix.service.messages.asyncapi import asyncapi as asyncapi
 from haptix.service.messages.base import *  # noqa: F403
 from haptix.service.messages.from_client import *  # noqa: F403
 from haptix.service.messages.from_server import *  # noqa: F403
