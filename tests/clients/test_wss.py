@@ -1,0 +1,145 @@
+"""Behind `--listen`: a certificate that was made here, and every client by TLS."""
+
+import os
+import shutil
+import subprocess
+import threading
+import time
+
+import pytest
+
+import haptix.client
+from haptix.errors import DeviceError
+from haptix.service.access import Access
+from haptix.service.assets import AssetStore
+from haptix.service.front import application
+from haptix.service.http_server import HttpServer
+from haptix.service.hub import Hub
+from haptix.service.listen import Listen, listens
+from haptix.service.messages import DeviceMessage, Inventory
+from tests.clients.compiled import CSHARP, compiled
+from tests.service.service_under_test import WrittenEngine
+
+TYPESCRIPT = CSHARP.parent / "typescript"
+
+pytestmark = pytest.mark.slow  # the same clients speak to the front without TLS
+
+NODE = """
+import { createRequire } from "node:module";
+const [client, url, token] = process.argv.slice(-3);
+const { connect } = await import(client + "/src/haptix.js");
+const WebSocket = createRequire(client + "/")("ws");
+const h = await connect({ name: "far", url, token, WebSocket });
+await h.acquire();
+await h.arm();
+h.touch({ x_mm: 7, y_mm: 8 });
+await h.asset(new Blob(["a photograph"]), ".png");
+await h.close();
+"""
+
+MONO = """
+using Haptix;
+static class Far
+{
+    static void Main(string[] arguments)
+    {
+        var service = new Service(arguments[0], arguments[1]);
+        using (Session h = Session.Connect("far", () => service).Result)
+        {
+            h.Acquire().Wait();
+            h.Arm().Wait();
+            h.Touch(7f, 8f);
+            h.Asset(arguments[2]).Wait();
+        }
+    }
+}
+"""
+
+
+class FarService:
+    """A front as `haptix serve --listen localhost` starts it."""
+
+    def __init__(self, folder):
+        self.certificate, key = folder / "certificate.pem", folder / "key.pem"
+        made = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2"]
+        made += ["-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost"]
+        files = ["-keyout", str(key), "-out", str(self.certificate)]
+        subprocess.run([*made, *files], check=True, capture_output=True)
+        self.engine = WrittenEngine()
+        self.listener = listens("localhost", 0)
+        port = self.listener.getsockname()[1]
+        self.access = Access(port, folder / "service", ("localhost",))
+        device = DeviceMessage(address="mock:", name="mock", is_real=False)
+        inventory = Inventory(devices=(device,), finger="semi-wet", screen="x", kinds=())
+        hub = Hub(self.access, self.engine, inventory, "mock:")
+        app = application(hub, AssetStore(folder / "assets"))
+        self.server = HttpServer(app, hub, Listen("localhost", self.certificate, key))
+        self.url = f"wss://localhost:{port}/v1/session"
+        self.thread = threading.Thread(target=self.server.run, args=([self.listener],))
+        self.thread.start()
+        while not self.server.started:
+            time.sleep(0.01)
+
+    def felt(self):
+        """Whether the touch of a client came, and its file."""
+        return [report.x_mm for report in self.engine.reports] == [7.0]
+
+    def close(self):
+        self.server.should_exit = True
+        self.thread.join()
+
+
+@pytest.fixture
+def far(tmp_path):
+    if shutil.which("openssl") is None:
+        pytest.skip("needs openssl, to make a certificate")
+    service = FarService(tmp_path)
+    yield service
+    service.close()
+
+
+def test_python(far, monkeypatch):
+    with pytest.raises(DeviceError, match="certificate"):
+        haptix.client.connect("far", far.url, far.access.native)
+    monkeypatch.setenv("SSL_CERT_FILE", str(far.certificate))
+    with haptix.client.connect("far", far.url, far.access.native) as h:
+        h.acquire()
+        h.arm()
+        h.touch(7.0, 8.0)
+    assert far.felt()
+
+
+def test_typescript(far, tmp_path):
+    if shutil.which("node") is None or not (TYPESCRIPT / "node_modules" / "ws").exists():
+        pytest.skip("needs node, and npm ci in clients/typescript")
+    script = tmp_path / "far.mjs"
+    script.write_text(NODE)
+    command = ["node", script, TYPESCRIPT, far.url, far.access.native]
+    stranger = subprocess.run(command, capture_output=True, text=True, timeout=30)
+    assert stranger.returncode != 0  # a certificate that nobody vouches for
+    trusting = os.environ | {"NODE_EXTRA_CA_CERTS": str(far.certificate)}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30, env=trusting)
+    assert done.returncode == 0, done.stderr
+    assert far.felt()
+
+
+def test_csharp(far, tmp_path):
+    source = tmp_path / "source"
+    source.mkdir()
+    (source / "Far.cs").write_text(MONO)
+    program = compiled(tmp_path / "far.exe", source)
+    photograph = tmp_path / "photograph.png"
+    photograph.write_bytes(b"a photograph")
+    home = os.environ | {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path / ".config")}
+    command = ["mono", program, far.url, far.access.native, photograph]
+    stranger = subprocess.run(command, capture_output=True, text=True, timeout=60, env=home)
+    assert stranger.returncode != 0
+    # Where `cert-sync --user` of ca-certificates-mono puts what this user trusts.
+    trusted = tmp_path / ".config" / ".mono" / "new-certs" / "Trust"
+    trusted.mkdir(parents=True)
+    naming = ["openssl", "x509", "-noout", "-subject_hash", "-in", far.certificate]
+    named = subprocess.run(naming, check=True, capture_output=True, text=True)
+    shutil.copy(far.certificate, trusted / f"{named.stdout.strip()}.0")
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=home)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert far.felt()
