@@ -20,10 +20,13 @@ import haptix
 from haptix.layout import LayoutEvent, Patch, ScreenGeometry
 from haptix.materials import Button, Slider
 from haptix.render import LiveSettings
+from haptix.render.played import COLUMNS, PlayedRecord
 from haptix.texture import Grating
 from haptix.touch import TouchEvent
 
 WIDTH_MM, HEIGHT_MM, PIXELS_PER_MM, SHOWN_S, FRAME_MS = 120.0, 70.0, 7.0, 3.0, 33
+SETTLED_S = 0.02  # before now: what is played later may still be rendered again
+WANTED = COLUMNS.index("wanted")
 LINES = (("friction", "#2266bb", 0.25, 0.4), ("voltage (V)", "#7733aa", 0.0, 210.0))
 
 
@@ -46,10 +49,12 @@ class Session:
         self.layout.add(Grating(period_mm=3.0, wave="square"), 65, 5, 50, 25)
         self.layout.add(Slider(travel_mm=80, detents=9), 20, 50, 80, 14)
         self.layout.add(Button(), 80, 35, 16, 12)
-        settings = LiveSettings(keep_blocks=True, strict=False)
+        settings = LiveSettings(strict=False)
         self.renderer = haptix.LiveRenderer(
             surface, self.layout, haptix.open_device(device), settings=settings
         )
+        self.record = self.renderer.record = PlayedRecord(self.renderer)
+        self.rows = np.zeros((3, 0))
         self.force_n = 0.5
         self.said = "press the left button and slide"
         for kind in ("enter", "leave", "press", "release", "detent"):
@@ -75,20 +80,16 @@ class Session:
 
     def lately(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Times before now [s], friction (NaN where no finger is) and amplitude [V]."""
-        rate, kept = self.renderer.sample_rate_hz, self.renderer.blocks
-        rows: list[tuple[float, float, float]] = []
-        # The newest first: a block that was rendered again later is not what is played.
-        for block in reversed(list(kept)):
-            t_s = block.first_sample / rate
-            if not rows or t_s < rows[-1][0]:
-                mu = block.target_mu[0] if block.fingers else np.nan
-                rows.append((t_s, mu, block.amplitude_v[0]))
-        if not rows:
-            return (np.zeros(0),) * 3
-        t, mu, volts = np.array(rows[::-1]).T
-        kept_s = (block.first_sample / rate for block in list(kept))
-        del kept[: sum(one < t[-1] - SHOWN_S for one in kept_s)]  # the renderer adds at the end
-        return t - t[-1], mu, volts
+        part = self.record.take(self.renderer.now_s() - SETTLED_S)
+        if part is not None:
+            volts = part.amplitude_v[:: round(part.row_s / part.step_s)]
+            t = part.t0_s + part.row_s * np.arange(len(volts))
+            finger = part.rows.get(0)
+            mu = np.full(len(t), np.nan) if finger is None else finger[:, WANTED]
+            self.rows = np.hstack([self.rows, [t, mu, volts]])
+            self.rows = self.rows[:, self.rows[0] > t[-1] - SHOWN_S]
+        t, mu, volts = self.rows
+        return t - t[-1:], mu, volts
 
 
 class Window(tk.Tk):
@@ -179,8 +180,9 @@ class Window(tk.Tk):
 
 def main(device: str = "mock:pace=real", photograph: Path | None = None) -> None:
     session = Session(device, photograph)
+    window = Window(session)  # first: a driver that plays waits for no window to open
     with session.renderer:
-        Window(session).mainloop()
+        window.mainloop()
     print(session.renderer.stats)
 
 

@@ -22,7 +22,7 @@ from pydantic import (
     model_validator,
 )
 
-from haptix.checks import Array, choice
+from haptix.checks import Array, choice, shown
 from haptix.documents import Part, first_error
 from haptix.errors import FileFormatError, InputError
 from haptix.files import json_text, read_json, read_toml, write_whole
@@ -108,7 +108,13 @@ class Material(ByFields):
 
     kind: str
 
-    def __init__(self, /, **fields: Any) -> None:
+    def __init__(self, /, *values: Any, **fields: Any) -> None:
+        if values:
+            names = [name for name in type(self).model_fields if name != "kind"]
+            raise InputError(
+                f"{type(self).__name__}: expected its fields by name, such as {names[0]}=..., got "
+                f"{shown(values[0])}"
+            )
         try:
             super().__init__(**fields)
         except ValidationError as error:
@@ -195,6 +201,8 @@ def load(path: str | Path) -> Material:
     InputError
         If the kind or a field is unknown, missing or outside its range.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"load: expected the path of a document, got {shown(path)}")
     path = Path(path)
     fields = read_json(path) if path.suffix == ".json" else read_toml(path)
     version = fields.pop("schema_version", 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
+from firmware_io.revised_playback import LONGEST_HORIZON_S
 from haptix.checks import (
     Length,
     NotNegative,
@@ -22,6 +23,9 @@ Combination = Literal["strongest", "first", "mean"]
 
 LONGEST_S = 1.0
 """A longer block or lead is one in milliseconds."""
+
+LONGEST_REACTION_S = 0.1
+"""A longer reaction is one in milliseconds, or is late for what a finger does."""
 
 SLEW_V_PER_S = 4e5
 """Largest slope of the amplitude. An edge of the texture takes 0.5 ms to the full 200 V; a faster
@@ -142,8 +146,10 @@ class LiveSettings(RenderSettings):
         super().__post_init__()
         instance("touch", self.touch, TouchSettings)
         _not_ms("lead_s", self.lead_s)
+        _not_ms("reaction_s", self.reaction_s, LONGEST_REACTION_S)
+        _not_ms("horizon_s", self.horizon_s, LONGEST_HORIZON_S)
 
 
-def _not_ms(name: str, value: float) -> None:
-    if value > LONGEST_S:
-        raise InputError(f"{name}: expected {LONGEST_S:g} s at most, got {value:g}; is it in ms?")
+def _not_ms(name: str, value: float, most: float = LONGEST_S) -> None:
+    if value > most:
+        raise InputError(f"{name}: expected {most:g} s at most, got {value:g}; is it in ms?")

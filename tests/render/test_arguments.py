@@ -8,6 +8,7 @@ import torch
 
 import haptix
 from haptix import ContactModel, Finger, FrictionSurface, InputError, Screen, Texture, Trajectory
+from haptix.materials import Slider
 from haptix.motion import Motion
 from haptix.render import LiveRenderer, LiveSettings, Renderer, RenderSettings, SineCarrier, Sliding
 from haptix.touch import (
@@ -82,6 +83,10 @@ RENDERERS = {
     "words to reach": (lambda g: g.renderer().reachable("a", 50), "reachable"),
 }
 OTHERS = {
+    "a reaction in ms": (lambda: LiveSettings(reaction_s=3), "reaction_s: expected 0.1 s at most"),
+    "a long horizon": (lambda: LiveSettings(horizon_s=1.0), "horizon_s: expected 0.11 s at most"),
+    "fields without names": (lambda: Slider(60, 9), "Slider: .*by name, such as .*got 60"),  # type: ignore[call-arg]
+    "no path": (lambda: haptix.materials.load(3), "load: expected the path"),
     "lead with a unit": (lambda: LiveSettings(lead_s="25ms"), "lead_s: .*25ms"),
     "lead in ms": (lambda: LiveSettings(lead_s=25), "lead_s: .*in ms"),
     "a lead of days": (lambda: LiveSettings(lead_s=1e6), "lead_s: .*1e"),
