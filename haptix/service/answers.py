@@ -65,7 +65,8 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
     if control.holder is not session:
         raise Problem("lease", f"{message.type}: expected the lease; send acquire first")
     if isinstance(message, m.TouchesMessage):
-        for problem in hub.touch(session, message.touches):
+        _, problem = hub.touch(session, message.touches)
+        if problem is not None:
             raise problem
     elif isinstance(message, m.Play):
         fields = message.model_dump(exclude={"type", "id"})

@@ -73,6 +73,10 @@ class ClientClock:
         at_s, offset_s, drift = self._line
         return service_s + offset_s + drift * (service_s - at_s)
 
+    def window(self, now_s: float) -> tuple[float, float]:
+        """Return the oldest and newest stamp that `stamp` takes; nan while the clock is unknown."""
+        return self.client_s(now_s - PAST_S), self.client_s(now_s + FUTURE_S + self.error_s)
+
     def stamp(self, client_s: float, now_s: float) -> float:
         """Return a touch's time by the service's clock.
 

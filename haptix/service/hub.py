@@ -133,7 +133,7 @@ class Hub:
                     raise Problem("order", "expected hello first")
                 touches = read_touches(data).touches
                 wait_s = max(wait_s, session.touches.wait_s(len(touches)))
-                session.refuse_touches(self.touch(session, touches))
+                session.refuse_touches(*self.touch(session, touches))
             else:
                 message = m.read_client(data)
                 self._heard(session)
@@ -153,7 +153,7 @@ class Hub:
         if isinstance(message, m.TouchesMessage):
             wait_s = session.touches.wait_s(len(message.touches))
             if message.id is None:
-                session.refuse_touches(self.touch(session, message.touches))
+                session.refuse_touches(*self.touch(session, message.touches))
                 return wait_s
         if message.id <= session.last_id:
             raise Problem("order", f"id: expected more than {session.last_id}", "/id")
@@ -264,15 +264,16 @@ class Hub:
 
     def touch(
         self, session: ServiceSession, touches: Sequence[m.TouchMessage | ClientTouch | Problem]
-    ) -> list[Problem]:
-        """Pass the holder's touches on; return what is wrong with those that are left out."""
+    ) -> tuple[int, Problem | None]:
+        """Pass the holder's touches on; return how many are left out, and why the first is."""
         if self.control.holder is not session:
             wrong = next((touch for touch in touches if isinstance(touch, Problem)), None)
-            return [wrong or Problem("lease", "touch: expected the lease; send acquire first")]
-        reports, refused = reports_of(session, touches, self.now_s())
-        if reports:
-            self.engine.touch(reports)
-        return refused
+            wrong = wrong or Problem("lease", "touch: expected the lease; send acquire first")
+            return len(touches), wrong
+        taken = reports_of(session, touches, self.now_s())
+        if taken.reports:
+            self.engine.touch(taken.reports)
+        return taken.left_out, taken.problem
 
     def _heard(self, session: ServiceSession) -> None:
         session.unanswered_s = None

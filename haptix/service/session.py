@@ -129,14 +129,12 @@ class ServiceSession:
             m.Error(id=number, code=problem.code, sentence=problem.sentence, path=problem.path)
         )
 
-    def refuse_touches(self, problems: list[m.Problem]) -> None:
+    def refuse_touches(self, left_out: int, first: m.Problem | None) -> None:
         """Tell the first of touches that were left out, ten times a second at most."""
-        self._left_out += len(problems)
-        if problems and self._touch_errors.takes():
+        self._left_out += left_out
+        if first is not None and self._touch_errors.takes():
             more = f" ({self._left_out - 1} more were left out)" if self._left_out > 1 else ""
-            self.refuse(
-                0, m.Problem(problems[0].code, problems[0].sentence + more, problems[0].path)
-            )
+            self.refuse(0, m.Problem(first.code, first.sentence + more, first.path))
             self._left_out = 0
 
     def send_frame(self, frame: TelemetryFrame) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import cos, radians, sin
+from typing import NamedTuple
 
 from haptix.service.batches import ClientTouch
 from haptix.service.messages import Geometry, Problem, TouchMessage
@@ -11,28 +12,42 @@ from haptix.service.session import ServiceSession
 from haptix.service.wire import TouchRecord
 
 
+class Taken(NamedTuple):
+    """The touches of a message that can be used."""
+
+    reports: list[TouchRecord]
+    left_out: int
+    problem: Problem | None
+    """What is wrong with the first that cannot."""
+
+
 def reports_of(
     session: ServiceSession, touches: Sequence[TouchMessage | ClientTouch | Problem], now_s: float
-) -> tuple[list[TouchRecord], list[Problem]]:
+) -> Taken:
     """Return a session's touches by the service's clock, and what is wrong with the others."""
     reports: list[TouchRecord] = []
-    wrong: list[Problem] = []
-    stamp, geometry = session.clock.stamp, session.geometry
+    wrong: Problem | None = None
+    clock, geometry = session.clock, session.geometry
+    oldest_s, newest_s = clock.window(now_s)
+    service_s = clock.service_s
     for index, touch in enumerate(touches):
         try:
             if isinstance(touch, Problem):
                 raise touch
-            t_s = stamp(touch.t_s, now_s)
+            if not oldest_s <= touch.t_s <= newest_s:
+                if wrong is not None:
+                    continue  # who is late is late with all, and is not to be held up by it
+                clock.stamp(touch.t_s, now_s)
             x_mm, y_mm = touch.x_mm, touch.y_mm
             if x_mm is None or y_mm is None or touch.x_px is not None:
                 x_mm, y_mm = _place(geometry, touch)
         except Problem as problem:
             path = problem.path if problem is touch else f"/touches/{index}{problem.path}"
-            wrong.append(Problem(problem.code, problem.sentence, path))
+            wrong = wrong or Problem(problem.code, problem.sentence, path)
             continue
-        force_n, area_m2 = touch.normal_force_n, touch.contact_area_m2
+        t_s, force_n, area_m2 = service_s(touch.t_s), touch.normal_force_n, touch.contact_area_m2
         reports.append(TouchRecord(t_s, touch.touch_id, touch.kind, x_mm, y_mm, force_n, area_m2))
-    return reports, wrong
+    return Taken(reports, len(touches) - len(reports), wrong)
 
 
 def _place(geometry: Geometry | None, touch: TouchMessage | ClientTouch) -> tuple[float, float]:

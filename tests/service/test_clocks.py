@@ -73,3 +73,21 @@ def test_a_stamp_of_now_is_taken_however_slow_the_first_answers_were():
     for trip_s in (0.001, 0.06, 0.06, 0.06):
         clock.add(1990.0, 1990.0 + trip_s, 1990.0)
     assert clock.stamp(1991.0, 1991.0) == pytest.approx(1991.0, abs=clock.error_s + 1e-6)
+
+
+@pytest.mark.parametrize("off_s", [-0.501, -0.499, 0.0, 0.0049, 0.0071])
+def test_the_window_is_that_of_the_stamps(off_s):
+    clock = ClientClock()
+    for number in range(40):  # 100 ppm fast
+        at_s = 1000.0 + number
+        clock.add(at_s, at_s + 0.002, 7000.0 + 1.0001 * (at_s + 0.001))
+    now_s = 1041.0
+    stamp_s = clock.client_s(now_s + off_s)
+    oldest_s, newest_s = clock.window(now_s)
+    if oldest_s <= stamp_s <= newest_s:
+        assert -0.5 <= off_s <= 0.0061
+        assert clock.stamp(stamp_s, now_s) == pytest.approx(now_s + off_s, abs=1e-6)
+    else:
+        assert not -0.5 <= off_s <= 0.0059
+        with pytest.raises(Problem):
+            clock.stamp(stamp_s, now_s)
