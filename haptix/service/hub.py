@@ -256,6 +256,7 @@ class Hub:
     def stop(self, reason: str) -> None:
         """End at 0 V, for all. What was asked before it and is not done is refused."""
         self.engine.tell("stop", reason=reason)
+        self.jobs.end_playing()  # the engine has lent them the device
         for session in self.welcome():
             asked, session.asked = session.asked, deque()
             for message in asked:

@@ -174,6 +174,12 @@ class JobBoard:
             self._queue.remove(job)
         job.cancel()
 
+    def end_playing(self) -> None:
+        """End all jobs that play or wait to; the driver's watchdog ends at 0 V."""
+        for name, job in list(self._jobs.items()):
+            if job.message.kind in ON_DEVICE:
+                self.cancel(name)
+
     async def stop(self) -> None:
         """End all jobs."""
         for name in list(self._jobs):

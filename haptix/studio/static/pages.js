@@ -9,4 +9,5 @@ export const PAGES = [
   { path: "play", load: () => import("./pages/play.js") },
   { path: "make", load: () => import("./pages/make.js") },
   { path: "screens", load: () => import("./pages/screens.js") },
+  { path: "sit", load: () => import("./pages/sit.js") },
 ];

@@ -1,0 +1,196 @@
+/** Sit a participant down: instructions, practice, trials, pauses; a second page looks on. */
+
+import { el, fill } from "../dom.js";
+import { EXPERIMENTS, practiceOf } from "../experiments.js";
+import { sentence } from "../service.js";
+import { texts } from "../texts.js";
+
+/** @import { App } from "../app.js" */
+/** @import { Recipe } from "../experiments.js" */
+/**
+ * @typedef {{job: string, kind: string, state: string, share: number, prompt: string,
+ *   choices: string[], sentence: string, result: Record<string, any> | null}} Job
+ */
+
+const t = texts.sit;
+const REST_EVERY = 20;
+const ENDED = ["done", "failed", "cancelled"];
+const LOG = "[A-Za-z0-9][A-Za-z0-9_\\-]{0,60}";
+
+/** @param {HTMLElement} root @param {App} app */
+export function mount(root, app) {
+  const { service } = app;
+  let ended = false;
+  /** @type {Job | null} the job that this page began */
+  let own = null;
+  /** @type {((job: Job) => void) | null} */
+  let follow = null;
+  /** @type {Map<string, {job: Job, trials: number, at_ms: number}>} what the second page shows */
+  const seen = new Map();
+  const keys = new AbortController();
+  const stage = el("div.stage", { hidden: true, role: "region", "aria-label": t.participant });
+  const looking = el("div.looking");
+  const told = el("p.told", { role: "alert" });
+  root.append(setUp(), el("section.sheet", {}, el("h2", {}, t.running), looking), stage);
+
+  function setUp() {
+    const which = el("select", { id: "which" },
+      Object.keys(EXPERIMENTS).map((name) => el("option", { value: name }, t.experiments[name] ?? name)),
+      el("option", { value: "" }, t.ownRecipe));
+    const file = el("input", { id: "recipe", type: "file", accept: ".json" });
+    const own_recipe = el("div.field-of", { hidden: true }, el("label", { for: "recipe" }, t.recipe), file, el("small", {}, t.recipeHelp));
+    which.onchange = () => void (own_recipe.hidden = which.value !== "");
+    const log = el("input", { id: "log", type: "text", required: true, pattern: LOG, value: `participant-${new Date().toISOString().slice(0, 10)}` });
+    const practice = el("input", { id: "practice", type: "checkbox", checked: true });
+    return el("form.sheet.set-up", {
+      onsubmit: async (/** @type {SubmitEvent} */ event) => {
+        event.preventDefault();
+        told.textContent = "";
+        try {
+          const recipe = which.value ? EXPERIMENTS[which.value] : JSON.parse(await (file.files?.[0]?.text() ?? Promise.reject(new TypeError(t.noRecipe))));
+          await document.documentElement.requestFullscreen?.().catch(() => {}); // as large as it can be
+          await participant(recipe, log.value, practice.checked);
+        } catch (error) {
+          told.textContent = sentence(error);
+          leave();
+        }
+      },
+    },
+    el("h2", {}, t.title), el("p", {}, t.help),
+    el("div.field-of", {}, el("label", { for: "which" }, t.experiment), which), own_recipe,
+    el("div.field-of", {}, el("label", { for: "log" }, t.log), log, el("small", {}, t.logHelp)),
+    el("label.check", {}, practice, t.practice),
+    told, el("div.row", {}, el("button.main", {}, t.begin), el("a", { href: "#/sit", target: "_blank" }, t.second)));
+  }
+
+  /** @param {Recipe} recipe @param {string} log @param {boolean} practises */
+  async function participant(recipe, log, practises) {
+    stage.hidden = false;
+    await screen(t.instructions(recipe.task ?? "2ifc"), t.ready);
+    if (practises) {
+      await run(practiceOf(recipe), `${log}-practice`);
+      await screen([t.practised], t.ready);
+    }
+    const result = await run(recipe, log);
+    await screen([t.thanks, t.trials(result?.trials ?? 0)], t.finish);
+    leave();
+  }
+
+  function leave() {
+    stage.hidden = true;
+    fill(stage);
+    follow = null;
+    own = null;
+    if (document.fullscreenElement) void document.exitFullscreen();
+  }
+
+  /** Show sentences until the button or the space bar is pressed. @param {string[]} lines @param {string} button */
+  function screen(lines, button) {
+    return new Promise((resolve) => {
+      const go = el("button.main.large", { type: "button", onclick: () => resolve(undefined) }, button);
+      fill(stage, el("div.card", {}, lines.map((line) => el("p", {}, line)), go));
+      go.focus();
+    });
+  }
+
+  /** Run a recipe; return its result. @param {Recipe} recipe @param {string} log @returns {Promise<Job["result"]>} */
+  async function run(recipe, log) {
+    fill(stage, el("div.card", {}, el("p", { role: "status" }, t.prepares)));
+    const begun = await (await service.rest("POST", "/v1/experiments", { recipe, log })).json();
+    let trials = 0;
+    return new Promise((resolve, reject) => {
+      follow = async (job) => {
+        own = job;
+        if (job.state === "asking") {
+          if (trials && trials % REST_EVERY === 0) await screen([t.rest(trials)], t.goOn);
+          trials += 1;
+          ask(job, trials);
+        } else if (job.state === "running") {
+          fill(stage, el("div.card", {}, el("p.large", { role: "status" }, t.feel), el("p.quiet", {}, t.feelHelp)));
+        } else if (job.state === "done") resolve(job.result);
+        else if (ENDED.includes(job.state)) reject(new Error(job.sentence || t.stopped));
+      };
+      own = begun;
+      void watch(begun);
+    });
+  }
+
+  /** @param {Job} job @param {number} trial */
+  function ask(job, trial) {
+    const answer = (/** @type {string} */ text) =>
+      void service.attempt(() => service.rest("POST", `/v1/jobs/${job.job}/answer`, { text }));
+    const buttons = job.choices.map((choice) =>
+      el("button.choice", { type: "button", "data-key": choice, onclick: () => answer(choice) },
+        el("b", {}, choice), t.choices[choice] ?? ""));
+    const card = el("div.card", { tabIndex: -1 }, el("p.large", { role: "status" }, t.question),
+      el("div.choices", {}, buttons), el("p.quiet", {}, t.trial(trial)));
+    fill(stage, card);
+    card.focus(); // on neither: a space bar that is pressed by habit is no answer
+  }
+
+  /** @param {Job} begun */
+  async function watch(begun) {
+    await service.attempt(async () => {
+      take(await /** @type {any} */ (service.session)?.ask("watch", { job: begun.job }));
+    });
+  }
+
+  /** @param {Job | undefined} job */
+  function take(job) {
+    if (!job?.job || ended) return;
+    const before = seen.get(job.job);
+    const is_new = job.state === "asking" && before?.job.state !== "asking";
+    seen.set(job.job, { job, trials: (before?.trials ?? 0) + (is_new ? 1 : 0), at_ms: performance.now() });
+    if (own?.job === job.job && before?.job.state !== job.state) void follow?.(job);
+    look();
+  }
+
+  function look() {
+    const rows = [...seen.values()].filter(({ job }) => job.kind === "experiment").map(({ job, trials }) =>
+      el("tr", {}, el("td", {}, t.states[job.state] ?? job.state), el("td", {}, String(job.result?.trials ?? trials)),
+        el("td", {}, job.sentence || found(job)),
+        el("td", {}, ENDED.includes(job.state) ? null : el("button.small", {
+          type: "button", onclick: () => void service.attempt(() => service.rest("DELETE", `/v1/jobs/${job.job}`)),
+        }, t.end))));
+    if (!rows.length) fill(looking, el("p.quiet", {}, t.none));
+    else fill(looking, el("table", {}, el("thead", {}, el("tr", {}, t.columns.map((name) => el("th", { scope: "col" }, name)))), el("tbody", {}, rows)));
+  }
+
+  /** @param {Job} job */
+  function found({ result }) {
+    if (!result || result.threshold_db === null || result.threshold_db === undefined) return "";
+    return t.threshold(result.threshold_db, result.spread_db);
+  }
+
+  addEventListener("keydown", (event) => {
+    if (stage.hidden || event.repeat) return;
+    const choice = /** @type {HTMLElement | null} */ (stage.querySelector(`[data-key="${CSS.escape(event.key)}"]`));
+    if (choice) choice.click();
+  }, { signal: keys.signal });
+
+  /** Jobs that others began are looked at, too. */
+  async function findJobs() {
+    const jobs = /** @type {Job[]} */ (await (await service.rest("GET", "/v1/jobs")).json());
+    for (const job of jobs) if (job.kind === "experiment" && !seen.has(job.job)) await watch(job);
+    look();
+  }
+  let unheard = () => {};
+  const end = service.state.on(({ phase }) => {
+    if (phase !== "open") return;
+    unheard(); // of the session before
+    unheard = /** @type {any} */ (service.session)?.on("job", take);
+    void service.attempt(findJobs);
+  });
+  const timer = setInterval(() => {
+    if (service.state.get().phase === "open" && stage.hidden) void findJobs().catch(() => {});
+  }, 2000);
+  look();
+  return () => {
+    ended = true;
+    clearInterval(timer);
+    keys.abort();
+    end();
+    unheard();
+    if (own && !ENDED.includes(own.state)) void service.rest("DELETE", `/v1/jobs/${own.job}`).catch(() => {});
+  };
+}

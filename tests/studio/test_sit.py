@@ -1,0 +1,122 @@
+"""A participant at the page, and an experimenter who looks on; the experiment's process is played.
+
+That a job of the service runs the product's own experiment is tested with the jobs.
+"""
+
+import json
+import shutil
+import subprocess
+from typing import Any
+
+import pytest
+
+from haptix.service.job_work import _refuse_files_and_volts
+from haptix.service.jobs import Job
+from haptix.service.messages import JobMessage
+from haptix.stimuli.experiment_recipe import ExperimentRecipe
+from tests.studio.conftest import ROOT, address, keep, violations
+
+
+class Played:
+    """Stands for the processes of jobs: each asks a number of trials, and ends."""
+
+    def __init__(self, front):
+        self.front, self.begun, self.given = front, [], []
+        board = front.hub.jobs
+        board.begin = self.begin
+        self.board = board
+
+    def begin(self, kind, recipe, log):
+        message = JobMessage(job=f"{len(self.begun) + 1:x}", kind=kind, state="queued")
+        job = Job(message, {}, self.board._tell)
+        played: Any = job
+        played.tell = self.hear
+        self.board._jobs[message.job] = job
+        self.begun.append((job, recipe, log))
+        return message
+
+    def hear(self, do, text):
+        self.given.append(text)
+
+    def asks(self, page, job):
+        job.change(state="running")
+        page.get_by_text("Slide and feel").wait_for()
+        job.change(state="asking", prompt="Which one?", choices=("1", "2"))
+        page.get_by_role("button", name="the first").wait_for()
+
+
+def begins(front, page):
+    page.goto(address(front))
+    page.get_by_role("link", name="Sit").click()
+    page.get_by_role("button", name="Begin").click()
+    page.get_by_text("Rest a fingertip").wait_for()
+
+
+def begun(page, played, count):
+    for _ in range(100):
+        if len(played.begun) == count:
+            return played.begun[-1]
+        page.wait_for_timeout(50)
+    pytest.fail("no experiment was begun")
+
+
+def test_from_instructions_by_practice_and_trials_to_thanks(front, page):
+    played = Played(front)
+    begins(front, page)
+    assert not violations(page)
+    page.keyboard.press("Space")
+    practice, recipe, log = begun(page, played, 1)
+    assert log.endswith("-practice") and recipe["method"]["kind"] == "constant-stimuli"
+    played.asks(page, practice)
+    keep(page, "sit")
+    assert not violations(page)
+    page.keyboard.press("2")
+    practice.change(state="done", result={"trials": 1})
+    page.get_by_text("That was the practice").wait_for()
+    page.keyboard.press("Space")
+    job, recipe, log = begun(page, played, 2)
+    assert recipe["method"]["kind"] == "quest+" and not log.endswith("-practice")
+    for trial in range(3):
+        played.asks(page, job)
+        page.keyboard.press("Space")  # by habit: no answer
+        page.get_by_text(f"Trial {trial + 1}.").wait_for()
+        page.get_by_role("button", name="the first").click()
+        page.get_by_role("button", name="the first").wait_for(state="detached")
+    looks = page.context.new_page()
+    looks.goto(f"http://127.0.0.1:{front.port}/#/sit")
+    looks.get_by_text("plays").or_(looks.get_by_text("asks the participant")).first.wait_for()
+    looks.close()
+    found = {"trials": 3, "threshold_db": -14.2, "spread_db": 1.5}
+    job.change(state="done", result=found)
+    page.get_by_text("3 trials were counted").wait_for()
+    page.keyboard.press("Space")
+    page.get_by_text("threshold -14.2 dB").wait_for()
+    assert played.given == ["2", "1", "1", "1"]
+
+
+def test_stop_ends_the_experiment_and_says_so(front, page):
+    played = Played(front)
+    begins(front, page)
+    page.keyboard.press("Space")
+    job, _, _ = begun(page, played, 1)
+    played.asks(page, job)
+    page.keyboard.press("Escape")
+    page.get_by_text("the experiment was ended").wait_for()
+    assert job.message.state == "cancelled"
+
+
+def test_the_page_s_recipes_are_those_of_the_command():
+    if shutil.which("node") is None:
+        pytest.skip("needs node")
+    path = ROOT / "haptix" / "studio" / "static" / "experiments.js"
+    script = (
+        f"import {{EXPERIMENTS, practiceOf}} from {json.dumps(str(path))};"
+        "const all = Object.values(EXPERIMENTS);"
+        "console.log(JSON.stringify([...all, ...all.map(practiceOf)]))"
+    )
+    done = subprocess.run(
+        ["node", "--input-type=module", "-e", script], capture_output=True, text=True, check=True
+    )
+    for recipe in json.loads(done.stdout):
+        _refuse_files_and_volts(recipe)
+        assert ExperimentRecipe(**recipe).make_method().level <= 0
