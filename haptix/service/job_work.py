@@ -174,6 +174,15 @@ class Work:
         known = {name: value if isfinite(value) else None for name, value in row.items()}
         return {"trials": experiment.trials, **known}
 
+    def calibration(self, name: str, minutes: float) -> dict[str, Any]:
+        """Continue the calibration that was planned under a name, or begin a practice."""
+        from haptix.service.calibration_job import begin_practice, calibrate
+
+        folder = Path(self._context["calibrations"]) / name
+        if not (folder / "session.json").exists():
+            begin_practice(folder, self._context["finger"], self._context["screen"], minutes)
+        return calibrate(folder, self._context["device"], self._ask, self._progress)
+
     def _ask(self, prompt: str, choices: tuple[str, ...]) -> str:
         self._say(prompt=prompt, choices=choices)
         answer = self._answers.get()

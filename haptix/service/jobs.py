@@ -19,8 +19,8 @@ _FULL_S = 1.0
 _SHARE = 0.01  # of a job: smaller steps are not told
 _ENDED = ("done", "failed", "cancelled")
 
-Kind = Literal["surface", "rendering", "headroom", "experiment"]
-ON_DEVICE: tuple[Kind, ...] = ("experiment",)
+Kind = Literal["surface", "rendering", "headroom", "experiment", "calibration"]
+ON_DEVICE: tuple[Kind, ...] = ("experiment", "calibration")
 """Kinds that play: the engine gives them the device meanwhile."""
 
 

@@ -68,6 +68,16 @@ class ExperimentAsked(BaseModel):
     """Name of the table of trials. One that exists is continued."""
 
 
+class CalibrationAsked(BaseModel):
+    """What `POST /v1/calibrations` takes."""
+
+    model_config = ConfigDict(extra="forbid")
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,79}$")]
+    """Of its folder: one that was planned on this machine is continued, another is a practice."""
+    minutes: Annotated[float, Field(ge=2, le=60)] = 3.0
+    """Of a practice's strokes."""
+
+
 class Answer(BaseModel):
     """What `POST /v1/jobs/{job}/answer` takes."""
 
@@ -103,6 +113,11 @@ def jobs_router(board: JobBoard) -> APIRouter:
     async def experiment(asked: ExperimentAsked) -> JobMessage:
         """Run an adaptive experiment on the device; each trial asks."""
         return board.begin("experiment", **asked.model_dump())
+
+    @router.post("/calibrations", status_code=202)
+    async def calibration(asked: CalibrationAsked) -> JobMessage:
+        """Measure a screen stroke by stroke, and verify; each stroke asks."""
+        return board.begin("calibration", **asked.model_dump())
 
     @router.get("/jobs")
     async def jobs() -> tuple[JobMessage, ...]:

@@ -103,6 +103,7 @@ def serve(
             used = {key: found[key] for key in ("finger", "screen")}
             hub.jobs.context = {**used, "device": device, "assets": opening["assets"]}
             hub.jobs.context["logs"] = str(folder / "experiments")
+            hub.jobs.context["calibrations"] = str(folder / "calibrations")
             on_ready(access, hub.inventory)
 
         async def end() -> None:

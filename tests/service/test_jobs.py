@@ -2,6 +2,7 @@
 
 import json
 import os
+import queue
 import signal
 import time
 from http.client import HTTPConnection
@@ -174,6 +175,25 @@ def test_a_rendering_has_the_numbers_of_haptix_render(tmp_path, model, monkeypat
     assert shares == sorted(shares) and shares[-1] > 0.9
     told = json.dumps(found)
     assert '"voltage' not in told and '_v"' not in told
+
+
+@pytest.mark.slow  # plans a calibration, and makes a virtual screen
+def test_a_calibration_asks_before_each_stroke_and_is_continued(tmp_path):
+    context = {"finger": "semi-wet", "screen": "3m-sct3250", "device": "mock:"}
+    context["calibrations"] = str(tmp_path)
+    said, answers = [], queue.SimpleQueue()
+    work = Work(context, lambda **fields: said.append(fields), answers)
+    for text in ("go", "stop", "stop"):
+        answers.put(text)
+    first = work.calibration("panel-7", 2.0)
+    assert first["verdict"] is None
+    second = work.calibration("panel-7", 2.0)  # goes on where it was stopped
+    prompts = [one["prompt"] for one in said if "prompt" in one]
+    assert len(prompts) == 3 and prompts[1] == prompts[2] != prompts[0]
+    assert second["still_open"] == first["still_open"]
+    total = int(prompts[0].split(" of ")[1].split(":")[0])
+    assert len(first["still_open"]) == total - 1
+    assert not any(" V" in prompt or "olt" in prompt for prompt in prompts)
 
 
 def test_a_job_that_is_not_there(service):
