@@ -104,6 +104,13 @@ def material_file(option: typer.CallbackParam, value: Any) -> Any:
     return value if str(value).startswith("gallery:") else is_there(option, value)
 
 
+def refuse_input(out: Path, *inputs: Path) -> None:
+    """Refuse to write a file onto one that is read."""
+    for one in inputs:
+        if out.exists() and one.exists() and out.samefile(one):
+            raise InputError(f"{out} is the file that is read: name another one to write")
+
+
 def folder(option: typer.CallbackParam, value: Any) -> Any:
     """Refuse a folder that cannot be made, because a file has its name."""
     if value is not None and (above := _first_that_exists(value)) and not above.is_dir():

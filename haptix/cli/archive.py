@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from haptix.arguments import is_there
+from haptix.arguments import is_there, refuse_input
 from haptix.cli.surfaces import check_writable
 from haptix.terminal import AsJson, show
 
@@ -24,6 +24,7 @@ def export(
     from haptix.surface import FrictionSurface
 
     check_writable(out, overwrite)
+    refuse_input(out, surface)
     table = FrictionSurface.load(surface)
     table.to_netcdf(out)
     rows = [{"file": str(out), "values": table.mu_table.numel(), "bytes": out.stat().st_size}]

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from haptix.arguments import material_file
+from haptix.arguments import material_file, refuse_input
 from haptix.terminal import AsJson, show
 
 app = typer.Typer(
@@ -33,9 +33,10 @@ def show_material(
     from haptix.gallery import load
     from haptix.materials import draw
 
+    out = out or file.with_name(file.name.removeprefix("gallery:")).with_suffix(".png")
+    refuse_input(out, file)
     material = load(file)
     figure = draw(material)
-    out = out or file.with_name(file.name.removeprefix("gallery:")).with_suffix(".png")
     write_whole(out, lambda draft: figure.savefig(draft, format="png", dpi=70))
     evaluator = material.evaluator
     row = {

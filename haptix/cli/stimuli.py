@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from haptix.arguments import device_address, folder, is_there, number
+from haptix.arguments import device_address, folder, is_there, number, refuse_input
 from haptix.errors import InputError
 from haptix.terminal import AsJson, breakdown_note, progress_bar, show
 
@@ -88,6 +88,7 @@ def look(
     from haptix.stimuli.drawing import draw_stimulus
 
     picture = what.with_suffix(".png") if out is None else out
+    refuse_input(picture, what, what.with_suffix(".json"))
     write_whole(picture, draw_stimulus(what))
     table = read_json(what.with_suffix(".json"))
     with reading(what.with_suffix(".json"), "the sidecar of a stimulus"):

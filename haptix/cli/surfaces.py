@@ -19,6 +19,7 @@ from haptix.arguments import (
     preset_or_file,
     read_numbers,
     read_pair,
+    refuse_input,
 )
 from haptix.errors import InputError, LimitError, ToleranceError
 from haptix.files import reading
@@ -187,6 +188,7 @@ def build(
         _refuse_beside_a_scene(context)
     target = what if scene is None else out or what.with_suffix(".surface")
     check_writable(target, overwrite)
+    refuse_input(target, *_files(scene, finger, screen))
     largest_bytes = int(min(largest_mb, 1e6) * 1e6)
     texts = {"normal_force_n": normal_force_n, "frequency_hz": frequency_hz, "h0_m": h0_m}
     ranges = {
@@ -307,6 +309,10 @@ def invert(
     found = table.voltage(**inputs)
     title = f"voltage{_note(table, surface)}"
     show(title, _rows(inputs, {"voltage_v": found.voltage_v}, found.status), as_json)
+
+
+def _files(scene: Path | None, *names: str) -> list[Path]:
+    return [*([] if scene is None else [scene]), *(Path(one) for one in names)]
 
 
 def _option(name: str) -> str:

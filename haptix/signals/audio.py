@@ -80,9 +80,12 @@ class AudioWriter:
         self._full_scale_v = full_scale_v
         subtype = "FLOAT" if encoding == "float32" else "PCM_24"
         kind = "WAV" if container == "wav" else "FLAC"
-        self._file = soundfile.SoundFile(
-            path, "w", round(sample_rate_hz), channels, subtype, format=kind
-        )
+        try:
+            self._file = soundfile.SoundFile(
+                path, "w", round(sample_rate_hz), channels, subtype, format=kind
+            )
+        except soundfile.SoundFileError as error:  # "System error.", whatever the reason
+            raise OSError(f"cannot begin {path.name}: is the disk full? {error}") from None
 
     def write(self, drive_v: Array, trigger: npt.NDArray[np.float32] | None) -> None:
         """Append samples, or raise `OSError` if the disk takes no more."""

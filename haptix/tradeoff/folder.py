@@ -70,7 +70,8 @@ def draw(tradeoff: Tradeoff) -> Figure:
     panels = figure.subplots(1, len(COSTS), sharey=True)
     for axes, name in zip(panels, COSTS, strict=True):
         _panel(axes, tradeoff, name)
-        axes.set(xlabel=_LABELS[name], xscale="log", yscale="log")
+        title = f"Error against {_LABELS[name].partition(' [')[0]}"
+        axes.set(xlabel=_LABELS[name], xscale="log", yscale="log", title=title)
         for axis in (axes.xaxis, axes.yaxis):
             low, high = axis.get_view_interval()
             # Times often span less than a decade: powers of ten alone would leave them unlabelled.
@@ -125,7 +126,7 @@ def _legend(tradeoff: Tradeoff) -> list[Line2D]:
     handles += [
         mark("*", _COLORS["planned"], "as planned"),
         mark("o", "0.3", "whole surface"),
-        mark("s", "0.3", "slice"),
+        mark("s", "0.3", "slice at one frequency"),
         mark("o", "0.3", "float32"),
         mark("o", "0.3", "float64", filled=False),
     ]
@@ -133,7 +134,7 @@ def _legend(tradeoff: Tradeoff) -> list[Line2D]:
         handles.append(mark("o", "0.8", "on the GPU", edge="black"))
     return [
         *handles,
-        Line2D([], [], color="0.4", lw=1.2, label="Pareto front"),
+        Line2D([], [], color="0.4", lw=1.2, label="no other is better in both"),
         Line2D([], [], color="tab:green", ls="--", lw=1.2, label="budget of the scene"),
     ]
 
