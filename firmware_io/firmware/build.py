@@ -1,4 +1,4 @@
-"""The firmware as a shared library, compiled on first use and kept in the user's cache."""
+"""The firmware as a shared library: in the wheel, or compiled on first use and kept in a cache."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import shlex
 import shutil
 import stat
 import subprocess
+import sys
 import tempfile
 from contextlib import suppress
 from pathlib import Path
@@ -15,33 +16,33 @@ from pathlib import Path
 import platformdirs
 
 from firmware_io.errors import DeviceError
+from firmware_io.firmware.flags import FLAGS, SOURCES
 
 SOURCE_DIR = Path(__file__).parent
-SOURCES = (
-    "haptix_wire.c",
-    "haptix_receive.c",
-    "haptix_session.c",
-    "haptix_answer.c",
-    "haptix_play.c",
-    "haptix_window.c",
-)
 HEADERS = ("haptix_wire.h", "haptix_device.h", "haptix_internal.h", "haptix_sine.h")
 
-#: A desktop has memory for the longest frame of the format and a queue of 2.7 s at 48 kHz.
-QUEUE_SAMPLES = 1 << 17
-FRAME_SAMPLES = 32765
-_FLAGS = (
-    "-std=c99",
-    "-O2",
-    "-fPIC",
-    "-shared",
-    f"-DHX_QUEUE_SAMPLES={QUEUE_SAMPLES}u",
-    f"-DHX_MAX_FRAME_SAMPLES={FRAME_SAMPLES}u",
-)
+_FLAGS = (*FLAGS, "-fPIC")
+
+
+def shipped() -> Path | None:
+    """Return the firmware that was compiled when the wheel was built; None in a pure one."""
+    suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+    path = SOURCE_DIR / f"haptix-firmware{suffix}"
+    return path if path.exists() else None
+
+
+def can_be_had() -> bool:
+    """Whether the firmware is there, or there is a compiler for it."""
+    return shipped() is not None or find_compiler() is not None
 
 
 def find_compiler() -> list[str] | None:
-    """Return the command of a C compiler: $CC, cc, gcc or clang; None if there is none."""
+    """Return the command of a C compiler: $CC, cc, gcc or clang; None if there is none.
+
+    What it makes is kept in a folder of this user alone, which only POSIX systems tell.
+    """
+    if os.name != "posix":
+        return None
     for command in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
         words = shlex.split(command)
         if words and shutil.which(words[0]):
@@ -50,13 +51,15 @@ def find_compiler() -> list[str] | None:
 
 
 def library() -> Path:
-    """Return the path of the compiled firmware, building it if its sources have changed.
+    """Return the path of the compiled firmware: the shipped one, or one built from the sources.
 
     Raises
     ------
     DeviceError
         If there is no compiler, or it refuses the sources.
     """
+    if found := shipped():
+        return found
     compiler = find_compiler()
     if compiler is None:
         raise DeviceError(

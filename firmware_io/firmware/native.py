@@ -38,8 +38,8 @@ def _firmware() -> tuple[cffi.FFI, Any]:
         return ffi, ffi.dlopen(str(path))
     except OSError as error:
         raise DeviceError(
-            f"The compiled firmware {path} cannot be loaded: {error}; delete it, or use the Python "
-            'reference, core="python".'
+            f"The compiled firmware {path} cannot be loaded: {error}; install haptix again, or use "
+            'the Python reference, core="python".'
         ) from error
 
 

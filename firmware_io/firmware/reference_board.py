@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from firmware_io.errors import DeviceError
-from firmware_io.firmware.build import FRAME_SAMPLES, QUEUE_SAMPLES
+from firmware_io.firmware.flags import FRAME_SAMPLES, QUEUE_SAMPLES
 from firmware_io.protocol import CapabilitiesReport
 
 RAMP_MS = 5

@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -108,6 +109,20 @@ def test_without_a_compiler_the_reference_plays(no_cache, monkeypatch):
     assert MockDriver().core == "python"
     with pytest.raises(DeviceError, match=r"needs a C compiler.*apt install gcc"):
         build.library()
+
+
+def test_a_wheel_of_a_platform_needs_neither_a_compiler_nor_the_reference(no_cache, monkeypatch):
+    need("cc")
+    built = build.library().read_bytes()
+    monkeypatch.setattr(build, "SOURCE_DIR", no_cache)
+    (no_cache / "haptix-firmware.so").write_bytes(built)
+    monkeypatch.setenv("PATH", str(no_cache / "nothing"))
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setitem(sys.modules, "firmware_io.firmware.reference", None)  # as if not there
+    assert build.library() == no_cache / "haptix-firmware.so"
+    assert MockDriver().core == "c"
+    with pytest.raises(DeviceError, match=r"py3-none-any\.whl"):
+        MockDriver(core="python")
 
 
 def test_a_compiler_that_fails_is_told_and_not_hidden(no_cache, monkeypatch):
