@@ -2,6 +2,7 @@
 
 import ast
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -31,10 +32,9 @@ def test_truths_import_nothing_of_the_package(name):
 def simulator():
     sys.path.insert(0, str(BENCHMARKS))
     try:
-        import independent_finger
+        return import_module("independent_finger")
     finally:
         sys.path.remove(str(BENCHMARKS))
-    return independent_finger
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def test_friction_is_that_of_the_model_by_other_means(simulator, simulated, fing
     true = simulator.Finger(simulated, values)
     places = np.array([(f, v, h) for f in (0.3, 0.8) for v in (0.0, 150.0) for h in (60.0, 4e3)])
     known = own.started_at(skin_dielectric_scale=1.4)
-    conditions = StrokeConditions(*places.T, np.full(len(places), 50.0))
+    conditions = StrokeConditions(*np.vstack([places.T, np.full(len(places), 50.0)]))
     model = StrokePredictor(haptix.ContactModel(finger, screen))
     found = model(conditions, known.names, known.log_values, jacobian=False)
     mu = np.array([true.mean_mu(*one) for one in places])
