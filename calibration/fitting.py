@@ -28,6 +28,8 @@ _PROFILE_LIMIT = log(1e3)
 _FEWEST_STROKES = 6
 _LEAST_FREEDOM = 3.0
 _CURVED = 0.4  # spread of a logarithm beyond which the likelihood is no parabola
+_SAME_ANSWER = 0.5  # standard deviations within which two fits are one
+_OTHER_FORM = 0.5  # odds before the strokes: the default is the form that boundary elements chose
 _MOST_EVIDENCE = 300.0  # beyond it a form's likelihood is no number
 _CLOSE_ENOUGH = 1e-5  # relative, of cost and logarithms: below a hundredth of any spread
 
@@ -97,7 +99,7 @@ def fit_strokes(
             others[name] = _fitted(other, known, points, carried_over(other, residuals, free))
         compared = compare_forms(residuals, free, others)
         components += [
-            (at, exp(min(-one.evidence / 2, _MOST_EVIDENCE)))
+            (at, _OTHER_FORM * exp(min(-one.evidence / 2, _MOST_EVIDENCE)))
             for one, (_, at) in zip(compared, others.values(), strict=True)
         ]
     posterior = Posterior(
@@ -127,7 +129,8 @@ def fit_strokes(
 def _exchanged(residuals: Residuals, free: Array) -> tuple[Array, float] | None:
     """Return the fit with the finger's response and the sensor's pole exchanged, and its odds.
 
-    Both are of first order, so at one speed the ripple alone does not tell which is which.
+    Both are of first order, so at one speed the ripple alone does not tell which is which. None
+    where the exchanged fit leads back to the fit itself.
     """
     names = residuals.parameters.free
     pair = "response_hz_per_mm_per_s", "sensor_pole_hz"
@@ -138,6 +141,9 @@ def _exchanged(residuals: Residuals, free: Array) -> tuple[Array, float] | None:
     start = free.copy()
     start[response], start[pole] = free[pole] - speed, free[response] + speed
     other = solve(residuals, start, most_steps=15)
+    spread = np.sqrt(np.diag(np.linalg.inv(residuals.information(free))))
+    if float(np.abs((other - free) / spread).max()) < _SAME_ANSWER:
+        return None
     rise = max(residuals.cost(other) - residuals.cost(free), 0.0)
     return other, exp(-rise / 2)
 
