@@ -6,6 +6,7 @@ import { texts } from "./texts.js";
 
 /** @import { Telemetry, Track } from "./telemetry.js" */
 
+const STILL_S = 1; // so long a number stays that is no longer new
 const OVER_S = 1; // the errors are of the last second
 
 /** @typedef {{rows: number, reach: number, rendering: number, total: number, unreachable: number}} Errors */
@@ -44,6 +45,16 @@ export function speedOf(track) {
   return Math.hypot(dx, dy) / (track.at("t", to) - track.at("t", from));
 }
 
+/** Return what was felt last; NaN for a finger that rests, which feels nothing. @param {Track} track */
+function lastFelt(track) {
+  const end = track.known;
+  for (let row = end - 1; row >= track.first && track.end_s - track.at("t", row) < STILL_S; row -= 1) {
+    const felt = track.at("felt", row);
+    if (!Number.isNaN(felt)) return felt;
+  }
+  return NaN;
+}
+
 const NUMBERS = /** @type {const} */ (["wanted", "felt", "force", "speed", "voltage", "reaction"]);
 
 /** The newest values, and bars of the error's parts. */
@@ -75,8 +86,8 @@ export class Readings {
     if (!track?.count) return;
     const row = track.count - 1;
     values.wanted.textContent = track.at("wanted", row).toFixed(3);
-    const felt = track.known ? track.at("felt", track.known - 1) : NaN;
-    values.felt.textContent = Number.isNaN(felt) ? "–" : felt.toFixed(3); // a finger at rest feels none
+    const felt = lastFelt(track);
+    values.felt.textContent = Number.isNaN(felt) ? "–" : felt.toFixed(3);
     values.force.textContent = `${track.at("normal_force_n", row).toFixed(2)} N `;
     values.force.append(el("small", {}, source));
     values.speed.textContent = `${speedOf(track).toFixed(0)} mm/s`;

@@ -1,6 +1,7 @@
 /** The session with the service: pairing, the lease, the output, and REST. */
 
 import { connect, pair, Refused } from "/client/haptix.js";
+import { texts } from "./texts.js";
 import { Value } from "./value.js";
 
 /** @import { Session } from "/client/haptix.js" */
@@ -16,6 +17,7 @@ import { Value } from "./value.js";
 const KEY = "haptix.token";
 const URL_HERE = `${location.origin.replace(/^http/, "ws")}/v1/session`;
 const AGAIN_MS = 1000;
+const ATTEMPTS = 4;
 const MOST_NOTICES = 20;
 
 export class Service {
@@ -194,7 +196,10 @@ export class Service {
       session.on("lease", (lease) => this.lease.set(lease));
       session.on("inventory", (inventory) => this.inventory.set(inventory));
       session.on("warning", (warning) => this.notify("warning", warning.sentence));
-      session.on("error", (error) => this.notify("error", error.sentence));
+      session.on("error", ({ code, sentence: why }) => {
+        if (code === "clock") this.notify("warning", texts.frame.late); // touches of a busy page
+        else this.notify("error", why);
+      });
       session.on("frame", (frame) => this.#frames.forEach((handler) => handler(frame)));
       session.on("contact", (contact) => this.#contacts.forEach((handler) => handler(contact)));
       session.on("lost", ({ reason }) => this.#lost(reason));
@@ -223,14 +228,27 @@ export class Service {
     // A real driver is armed by a person's hand, here and after each loss.
     const is_free = lease.holder === null || lease.is_mine;
     // Also what is kept for a client that is gone: the page before this one, most likely.
-    if (!this.isReal && is_free) await this.attempt(() => this.arm(lease.holder === null));
+    if (!this.isReal && is_free) await this.#armVirtual(lease.holder === null);
+  }
+
+  /** A busy machine may need some attempts: the first one loads what renders.
+   * @param {boolean} takeover */
+  async #armVirtual(takeover) {
+    for (let left = ATTEMPTS; left > 0; left -= 1) {
+      try {
+        return await this.arm(takeover);
+      } catch (error) {
+        if (left === 1 || !this.session) return this.notify("error", sentence(error));
+        await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
+      }
+    }
   }
 
   /** @param {string} reason */
   #failed(reason) {
     this.notify(this.isReal ? "error" : "warning", reason);
     // A virtual finger cannot be hurt: a busy machine is no reason to make a person arm again.
-    const arm = () => this.output.get()?.state === "failed" && this.attempt(() => this.arm());
+    const arm = () => this.output.get()?.state === "failed" && this.#armVirtual(false);
     if (!this.isReal && this.lease.get()?.is_mine) setTimeout(arm, AGAIN_MS);
   }
 

@@ -15,6 +15,7 @@ export const texts = {
     close: "Close",
     notices: "Messages",
     loading: "Loading…",
+    late: "Some touches came too late to be felt: this machine is busy.",
     failed: "This page could not be loaded.",
   },
   state: {
@@ -104,6 +105,7 @@ export const texts = {
     spread: "Spread of what was found",
     warnings: "Trust",
     trusted: "nothing speaks against it",
+    preset: "numbers of the literature, not of your screen or finger",
     numbers: "All numbers",
     live: "While it plays",
     liveHelp: "Voltage as a share of the highest that is ever sent, over the last ten seconds of touching.",

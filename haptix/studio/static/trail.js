@@ -66,12 +66,15 @@ export class Trail {
         trail.moveTo(from.x, from.y);
         trail.lineTo(to.x, to.y);
       }
-      // An edge, so that every colour stands out from every picture.
-      for (const [style, width] of /** @type {const} */ ([[EDGE, WIDTH_PX + 5], [FRESH, WIDTH_PX]])) {
-        trail.strokeStyle = style;
-        trail.lineWidth = width * px;
-        trail.stroke();
-      }
+      trail.lineWidth = WIDTH_PX * px;
+      trail.strokeStyle = FRESH;
+      trail.stroke();
+      // An edge below all, so that every colour stands out from every picture.
+      trail.globalCompositeOperation = "destination-over";
+      trail.lineWidth = (WIDTH_PX + 5) * px;
+      trail.strokeStyle = EDGE;
+      trail.stroke();
+      trail.globalCompositeOperation = "source-over";
       this.#fresh = [];
     }
     trail.lineWidth = WIDTH_PX * px;

@@ -136,7 +136,7 @@ function described({ name, source, calibrated, age_days, verdict, rests_on, spre
   const rows = [
     [t.source, source === "preset" ? `${name} (preset)` : `${name}, ${source}`],
     [t.calibrated, calibrated ? t.age(calibrated, age_days ?? 0) : t.never],
-    [t.warnings, warnings.length ? list(warnings) : t.trusted],
+    [t.warnings, warnings.length ? list(warnings) : calibrated ? t.trusted : t.preset],
   ];
   if (verdict) rows.push([t.verdict, verdict]);
   if (rests_on.length) rows.push([t.rests, list(rests_on)]);

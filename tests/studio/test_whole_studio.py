@@ -1,0 +1,177 @@
+"""`haptix studio` as a person starts it: from nothing to a felt texture, and what goes wrong."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from haptix.service.batches import COLUMNS, read_frame
+from tests.service.test_processes import Running
+from tests.studio.conftest import a_page, keep, violations
+
+pytestmark = pytest.mark.slow  # starts the whole service; the pages alone are tested before a front
+
+
+def slide(page, seconds=1.5):
+    """Slide over the first region, as fast as this machine sends."""
+    box = page.locator(".board").bounding_box()
+    page.mouse.move(box["x"] + 0.1 * box["width"], box["y"] + 0.25 * box["height"])
+    page.mouse.down()
+    began_s = time.monotonic()
+    while (t_s := time.monotonic() - began_s) < seconds:
+        x = 0.1 + 0.3 * (0.5 - 0.5 * np.cos(4 * t_s))
+        page.mouse.move(box["x"] + x * box["width"], box["y"] + 0.25 * box["height"])
+    felt = page.locator('[data-name="felt"] dd').inner_text()  # a finger at rest feels none
+    page.mouse.up()
+    return felt
+
+
+def armed(page):
+    page.locator('.output[data-state="armed"]').wait_for(timeout=60_000)
+
+
+def slide_until_felt(page):
+    """The twin makes its tables first, and a busy machine takes long."""
+    for _ in range(20):
+        if slide(page) != "–":
+            return
+        armed(page)
+    raise AssertionError("nothing was felt")
+
+
+def test_from_a_bare_start_to_a_felt_texture(studio, browser):
+    with a_page(browser) as page:
+        frames = []
+        page.on("websocket", lambda socket: socket.on("framereceived", frames.append))
+        page.goto(studio)
+        armed(page)
+        slide_until_felt(page)
+        keep(page, "play")
+        rows = [read_frame(data) for data in frames if isinstance(data, bytes)]
+        felt = np.concatenate([one.rows[:, 0] for one in rows if one.stream == "felt"])
+        friction = np.concatenate([one.rows for one in rows if one.stream == "friction"])
+        low, high = (friction[:, COLUMNS["friction"].index(name)] for name in ("low", "high"))
+        known = felt[~np.isnan(felt)]
+        assert len(known) > 200
+        # The ribs ask for all that can be had.
+        assert np.nanmin(low) * 0.98 < known.min() < known.max() < np.nanmax(high) * 1.02
+        assert known.max() - known.min() > 0.5 * np.nanmedian(high - low)
+        shown = float(page.locator('[data-name="wanted"] dd').inner_text())
+        assert np.nanmin(low) - 0.001 <= shown <= np.nanmax(high) + 0.001
+        # The picture is the service's own, not the draft: stripes from the lowest to the highest.
+        page.wait_for_function(
+            """() => {
+                const canvas = document.querySelector(".board canvas");
+                const { data } = canvas.getContext("2d").getImageData(
+                    canvas.width * 0.1, canvas.height * 0.3, canvas.width * 0.2, 1);
+                const greens = [...data].filter((_, at) => at % 4 === 1);
+                return Math.max(...greens) - Math.min(...greens) > 150;
+            }""",
+            timeout=60_000,
+        )
+        page.get_by_role("link", name="Screens").click()
+        page.get_by_text("3m-sct3250 (preset)").wait_for()
+        page.get_by_text("roughness: a placeholder").wait_for()
+        keep(page, "screens")
+        assert not violations(page)
+
+
+def test_an_engine_that_dies_is_seen_and_comes_again(tmp_path, browser):
+    service = Running(tmp_path / "service")
+    try:
+        with a_page(browser) as page:
+            code = re.search(r"code for a page: (\w+)", "".join(service.lines))[1]
+            page.goto(f"http://127.0.0.1:{service.port}/#code={code}")
+            page.locator('.output[data-state="off"]').wait_for()
+            page.get_by_role("button", name="Arm").click()  # its driver counts as real
+            armed(page)
+            slide(page)
+            assert service.is_live() or np.any(service.driver.output_v)
+            subprocess.run(["kill", "-9", str(service.engine)], check=True)
+            page.locator('.output:not([data-state="armed"])').wait_for()
+            page.locator('.notice[data-kind="error"]').wait_for()
+            time.sleep(0.5)
+            assert not service.is_live()
+            keep(page, "error-engine")
+            page.get_by_role("button", name="Arm").click()
+            armed(page)
+    finally:
+        service.close()
+
+
+def test_a_driver_that_is_unplugged_is_named(tmp_path, browser):
+    service = Running(tmp_path / "service")
+    try:
+        with a_page(browser) as page:
+            code = re.search(r"code for a page: (\w+)", "".join(service.lines))[1]
+            page.goto(f"http://127.0.0.1:{service.port}/#code={code}")
+            page.get_by_role("button", name="Arm").click()
+            armed(page)
+            service.server.stop()
+            slide(page, 1.0)
+            page.locator('.output:not([data-state="armed"])').wait_for()
+            page.locator(".notice").first.wait_for()
+            keep(page, "error-unplugged")
+    finally:
+        service.close()
+
+
+def test_stop_while_the_script_hangs_ends_the_volts(tmp_path, browser):
+    service = Running(tmp_path / "service")
+    try:
+        with a_page(browser) as page:
+            code = re.search(r"code for a page: (\w+)", "".join(service.lines))[1]
+            page.goto(f"http://127.0.0.1:{service.port}/#code={code}")
+            page.get_by_role("button", name="Arm").click()
+            armed(page)
+            page.get_by_role("link", name="Play").click()
+            slide(page)
+            page.evaluate(
+                "setTimeout(() => { const end = Date.now() + 5000; while (Date.now() < end); }, 20)"
+            )
+            time.sleep(0.1)
+            began_s = time.monotonic()
+            page.mouse.click(1200, 30)
+            assert time.monotonic() - began_s < 3.0  # the page's process did not have to answer
+            with service.connect() as client:  # the front itself says so
+                assert client.output["reason"] == "stopped by the button"
+            assert not service.is_live()
+    finally:
+        service.close()
+
+
+def test_the_service_that_ends_is_said_and_a_new_one_is_found(tmp_path, browser):
+    environment = {"HAPTIX_SERVICE": str(tmp_path)}
+
+    def start(port):
+        command = [sys.executable, "-m", "haptix.cli", "studio", "--port", str(port), "--no-open"]
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, text=True, env=os.environ | environment
+        )
+        return process, process.stdout.readline()
+
+    process, line = start(0)
+    address = re.search(r"http://\S+", line)[0]
+    port = int(re.search(r":(\d+)/", address)[1])
+    try:
+        with a_page(browser) as page:
+            page.goto(address)
+            armed(page)
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+            page.locator('.output[data-state="lost"]').wait_for()
+            keep(page, "error-lost")
+            process.stdout.close()
+            process, _ = start(port)
+            armed(page)  # by the token of this browser; no code is asked for
+            page.expected_errors.clear()  # the attempts between
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=20)
+    assert json.loads((tmp_path / "tokens.json").read_text())
