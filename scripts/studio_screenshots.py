@@ -76,7 +76,7 @@ def main():
         for number, frame in enumerate(frames):
             small = frame.resize((STRIP_PX, height), Image.Resampling.LANCZOS)
             strip.paste(small, (number * STRIP_PX, 0))
-        strip.quantize(128).save(folder / "studio-strip.png", optimize=True)
+        strip.save(folder / "studio-strip.png", optimize=True)
         page.get_by_role("link", name="Screens").click()
         page.get_by_text("roughness: a placeholder").wait_for()
         _shot(page, folder / "studio-screens.png")
@@ -96,7 +96,7 @@ def main():
 
 def _shot(page, path, **options):
     page.screenshot(path=path, **options)
-    Image.open(path).convert("RGB").quantize(128).save(path, optimize=True)
+    Image.open(path).convert("RGB").save(path, optimize=True)
     return path
 
 
