@@ -56,7 +56,7 @@ def tell(front, felt_of_wanted, count=600, wanted=0.30, touch_id=0):
             part, at_s = rows[first : first + 50], t0_s + first * STEP_S
             frame = TelemetryFrame(stream, touch_id, 1 + first // 50, 0, at_s, STEP_S, part)
             front.hub.hear_frame(write_frame(frame))
-            time.sleep(0.004)  # a client is sent the newest four frames only
+            time.sleep(0.02)  # a client is sent the newest four frames only
 
 
 def place(page, x_mm, y_mm):
