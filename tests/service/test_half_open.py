@@ -53,6 +53,7 @@ SCRIPT = """
 """
 
 
+@pytest.mark.optional
 def test_packets_are_dropped_and_come_again(tmp_path):
     lone = ["unshare", "--map-root-user", "--net"]
     if subprocess.run([*lone, "ip", "link"], capture_output=True).returncode:

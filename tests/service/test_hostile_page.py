@@ -29,6 +29,17 @@ async ([base, digest, token]) => {
         method: "POST", headers: {"Content-Type": "application/json"},
         body: JSON.stringify({code: "AAAAAAAA", name: "hostile"})}));
     await attempt("stop", () => reads("/stop", {method: "POST", mode: "no-cors"}));
+    await attempt("form", () => new Promise((done) => {
+        const frame = document.createElement("iframe");
+        frame.name = "answer";
+        document.body.append(frame);
+        const form = document.createElement("form");
+        Object.assign(form, {action: base + "/stop", method: "post", target: "answer"});
+        document.body.append(form);
+        frame.onload = () => done("sent");
+        form.submit();
+        setTimeout(() => done("sent"), 1000);
+    }));
     await attempt("asset", () => new Promise((done, fail) => {
         const image = new Image();
         image.onload = () => done("loaded " + image.width);
@@ -122,8 +133,9 @@ def test_a_hostile_page_gets_nothing(service, other_site, browser, where):
         page.goto(f"http://{host}:{other_site}/")
     found = page.evaluate(ATTACK, [base, digest, service.access.native])
     page.close()
-    # "stop" is fetched without reading: it may be sent, and must not be obeyed.
+    # These need no reading: they may be sent, and must not be obeyed.
     found.pop("stop")
+    assert found.pop("form") == "sent"
     if where == "another origin":
         pair = found.pop("pair")  # any page may try a code, and is told that it is wrong
         assert '"access"' in pair and "token" not in pair

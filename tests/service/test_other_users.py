@@ -19,6 +19,7 @@ async def chunks(content):
     yield content
 
 
+@pytest.mark.optional
 def test_nobody_reads_tokens_and_assets():
     if os.getuid() != 0:
         pytest.skip("needs root, to become another user")
