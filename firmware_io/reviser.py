@@ -21,8 +21,8 @@ WINDOW_S = 0.02
 SPARE_S = 0.07
 """Samples beyond the horizon: of the piece that is appended next, and for two stalls in a row."""
 
-_PIECE_S = 0.03  # of what is appended, in the time between touches
-_APPENDED_WITHIN_S = 0.01  # of when there is room for a piece: mostly by the next look
+_PIECE_S = 0.02  # of what is appended, in the time between touches
+_APPENDED_WITHIN_S = 0.007  # of when there is room for a piece: mostly by the next look
 _PIECE_TAKES_S = 0.002  # on a slow link
 _STATUS_S = 0.02
 _ASK_S = 0.25  # a report that waits in a socket is late; an answer to a question is not
@@ -116,7 +116,7 @@ class Reviser:
             if device.link_bytes_per_s is not None:
                 piece = min(piece, int(_PIECE_TAKES_S * device.link_bytes_per_s / 2))
         self._piece = max(grid, piece // grid * grid)
-        self._patience_s = min(_APPENDED_WITHIN_S, self._piece / rate_hz / 3)
+        self._patience_s = min(_APPENDED_WITHIN_S, self._piece / rate_hz / 2)
         self._guard_s = device.capabilities.guard_s
         self.need_s = self._guard_s + _FIRST_NEED_S  # from reading the clock to the first sample
         self._needs: deque[float] = deque([self.need_s], maxlen=len(_WEIGHTS))
