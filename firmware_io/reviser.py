@@ -28,7 +28,9 @@ _STATUS_S = 0.02
 _ASK_S = 0.25  # a report that waits in a socket is late; an answer to a question is not
 _LOOK_S = 5e-4  # from when a revision is due: whether it was refused is known by then
 _FIRST_NEED_S = 1e-3  # beyond the guard
-_REFUSED_S = 0.01  # by which a refusal delays a reaction, besides the time of the next revision
+# By which a refusal delays a reaction: until it is told, and the needs of what is sent again and
+# of what it holds up on the link.
+_REFUSED_S, _REFUSED_NEEDS = 0.01, 3
 _WEIGHTS = [0.1 * 0.9**age for age in range(31, -1, -1)]  # of what revisions needed
 _SPARE_S = 1e-4  # beyond the need: of reading two clocks
 _LONGEST_NEED_S = 0.05
@@ -236,7 +238,7 @@ class Reviser:
         for need_s, weight in sorted(zip(self._needs, weights, strict=True), reverse=True):
             if need_s + refused_s < least_s:
                 least_s, self.need_s = need_s + refused_s, need_s + _SPARE_S
-            refused_s += weight * (need_s + _REFUSED_S)
+            refused_s += weight * (_REFUSED_S + _REFUSED_NEEDS * need_s)
 
     def _revise(self) -> None:
         """Make what is played next anew, from as soon as it may reach the driver."""

@@ -15,6 +15,9 @@ from firmware_io.protocol import FULL_SCALE_CODE, Setup, StreamMode, samples_per
 DEFAULT_CARRIER_HZ = 4000.0
 """The carrier of a driver in envelope mode: above what skin feels."""
 
+_STREAM_SHARE = (
+    0.9  # of a link's bytes, two for each sample: the rest is headers, questions, revisions
+)
 _LEAD_S = 0.025  # default delay before playback begins
 MOST_REPORTS_PER_S = 900.0
 """Of the 1000 that a full-speed device accepts."""
@@ -43,6 +46,8 @@ def choose_rate(sample_rate_hz: float | None, mode: Mode, driver: Capabilities, 
     most_hz = math.inf
     if link.report_bytes is not None:
         most_hz = MOST_REPORTS_PER_S / 3 * samples_per_frame(3, link.report_bytes)
+    elif link.bytes_per_s is not None:
+        most_hz = _STREAM_SHARE * link.bytes_per_s / 2
     return driver.best_rate_hz(mode, most_hz)
 
 
