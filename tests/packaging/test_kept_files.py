@@ -76,6 +76,8 @@ def _thickness_shift(finger, h0_m, frequency_hz):
 def _case(case):
     # Fitting takes half a minute; with the finger's own fit it reads one file more.
     again = case["command"][:2] == ["calibrate", "fit"] and "--finger" in case["command"]
+    # The plan of another scene runs the same code.
+    again = again or case["command"][:2] == ["plan", "direct.toml"]
     marks = pytest.mark.slow if again else ()
     return pytest.param(case, id=" ".join(case["command"][:4]), marks=marks)
 

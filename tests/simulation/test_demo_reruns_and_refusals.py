@@ -35,7 +35,16 @@ def test_a_second_run_takes_the_surface_from_the_cache(demo, tmp_path, monkeypat
         assert (tmp_path / "again" / name).read_bytes() == (demo.folder / name).read_bytes()
 
 
-@pytest.mark.parametrize("damage", ["garbage", "truncated", "empty", "unwritable"])
+# A truncated file is refused by the same check as the other two.
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "truncated",
+        "unwritable",
+        pytest.param("garbage", marks=pytest.mark.slow),
+        pytest.param("empty", marks=pytest.mark.slow),
+    ],
+)
 def test_a_bad_cache_changes_no_sample(demo, tmp_path, private_cache, damage):
     good = demo.cache / f"{demo.summary['surface']['key']}.surface"
     if damage == "unwritable":
@@ -164,6 +173,7 @@ def test_a_path_shorter_than_the_figures_zoom(demo, tmp_path):
     assert summary["evaluation"]["evaluated"] == 0
 
 
+@pytest.mark.slow  # the demo of all other tests runs the same code with less to simulate
 def test_the_demo_without_any_input(haptix_cli, tmp_path):
     """The defaults are complete: photograph, path, presets."""
     summary = summary_of(haptix_cli("demo", "--out", tmp_path / "out", "--json"))
