@@ -38,13 +38,13 @@ class Controls:
         """Take a real report of a finger, on the clock of samples."""
         regions = self._regions
         for region in regions.shown:
-            if region.opacity.after[0] == 0.0:
-                continue
             key = region.key
             control = _control_of(regions.materials.get(key))
+            if control is None or region.opacity.after[0] == 0.0:
+                continue
             finger = self._fingers.get(key)
             is_its_own = finger is not None and finger.touch_id == touch_id
-            if control is None or not (is_its_own or region.is_near(report)):
+            if not (is_its_own or region.is_near(report)):
                 continue
             there, on = region.on_outline(report)
             with regions.lock:
@@ -96,4 +96,4 @@ class Controls:
 
 
 def _control_of(material: Any) -> Control | None:
-    return material if hasattr(material, "frame_at") else None
+    return material if hasattr(type(material), "frame_at") else None

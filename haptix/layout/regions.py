@@ -179,13 +179,16 @@ class Regions:
 
     def _fade(self, key: int, now_s: float, from_s: float) -> None:
         """Fade a region out, from a time on; what covers it until then hides its end."""
-        draft = self._draft or []
-        for i, region in enumerate(draft):
+        kept: list[Region] = []
+        for region in self._draft or []:
             if region.key == key and region.opacity.after[0] > 0.0:
+                if region.opacity.at(now_s)[0] == 0.0:
+                    continue  # it has not begun to show: in a pause, changes do not pile up
                 over_s = 0.0 if from_s > now_s else FADE_S
                 now = region.opacity.at(from_s)
-                fade = Glide(now, (0.0,), from_s, from_s + over_s)
-                draft[i] = replace(region, opacity=fade)
+                region = replace(region, opacity=Glide(now, (0.0,), from_s, from_s + over_s))
+            kept.append(region)
+        self._draft = kept
 
     def _region(self, key: int, given: dict[str, Any], now_s: float) -> Region:
         material = given["material"]

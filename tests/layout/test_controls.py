@@ -121,6 +121,20 @@ def test_a_dial_turns_and_a_toggle_goes_over():
     assert (toggle.value, finger.detents) == (1.0, [1.0])
 
 
+def test_changes_in_a_pause_do_not_pile_up():
+    patch, finger = placed(Slider(travel_mm=40.0, detents=5))
+    finger.at(21.0)
+    shown = finger.layout._regions
+    for i in range(50):  # the clock stands
+        patch.set(value=(i % 10) / 10)
+        patch.set(opacity=1.0)
+    assert len(shown.shown) == 2  # the one that is felt, and the one that comes
+    np.testing.assert_allclose(ridges(finger, 0, 20), [10], atol=0.02)  # 0.9 is at 21
+    finger.clock.t_s += 0.02
+    patch.set(value=0.5)
+    assert len(shown.shown) == 2
+
+
 def test_what_has_no_value_says_so():
     patch, _ = placed(Grating(period_mm=3.0))
     with pytest.raises(InputError, match="expected a control"):
