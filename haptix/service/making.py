@@ -18,6 +18,7 @@ import numpy as np
 
 from haptix.errors import HaptixError, InputError
 from haptix.files import parse_json
+from haptix.service.job_work import limit_memory
 from haptix.service.wire import json_frame, read_frame
 
 if TYPE_CHECKING:
@@ -126,6 +127,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
         os.nice(_NICE)
+    limit_memory()
     making: Making | None = None
     while (found := read_frame(sys.stdin.buffer)) is not None:
         message = parse_json(found[1])

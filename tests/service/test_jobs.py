@@ -4,6 +4,8 @@ import json
 import os
 import queue
 import signal
+import subprocess
+import sys
 import time
 from http.client import HTTPConnection
 from typing import Any
@@ -218,3 +220,14 @@ def test_the_page_of_routes_and_messages_is_whole_and_loads_nothing(service):
     assert rest(service, "GET", "/v1/asyncapi.json", status=200) == asyncapi()
     assert "<code>layout_change</code>" in text and "<code>subscribed</code>" in text
     assert "<script" not in text and "http" not in text and service.access.native not in text
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such limit")
+def test_what_takes_too_much_memory_is_refused_it():
+    program = (
+        "from haptix.service.job_work import limit_memory; limit_memory(200 * 2**20)\n"
+        "try: bytearray(400 * 2**20)\n"
+        "except MemoryError: print('refused')"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stdout == "refused\n", done.stderr
