@@ -26,7 +26,7 @@ class Played:
         board.begin = self.begin
         self.board = board
 
-    def begin(self, kind, recipe, log):
+    def begin(self, kind, recipe=None, log=""):
         message = JobMessage(job=f"{len(self.begun) + 1:x}", kind=kind, state="queued")
         job = Job(message, {}, self.board._tell)
         played: Any = job
@@ -43,6 +43,37 @@ class Played:
         page.get_by_text("Slide and feel").wait_for()
         job.change(state="asking", prompt="Which one?", choices=("1", "2"))
         page.get_by_role("button", name="the first").wait_for()
+
+
+def test_a_calibration_asks_is_answered_and_reports(front, page):
+    played = Played(front)
+    played.board.begin = lambda kind, name, minutes: played.begin(kind, {}, name)
+    page.goto(address(front))
+    page.get_by_role("link", name="Calibrate").click()
+    page.get_by_role("button", name="Begin").click()
+    job, _, name = begun(page, played, 1)
+    assert (job.message.kind, name) == ("calibration", "practice")
+    job.change(
+        state="asking", share=0.25, prompt="Clean the screen.", choices=("continue", "repeat")
+    )
+    page.get_by_text("Clean the screen.").wait_for()
+    assert not violations(page)
+    page.get_by_role("button", name="continue").click()
+    job.change(state="asking", prompt="Who measures?", choices=())
+    page.get_by_label("Who measures?").fill("me")
+    page.keyboard.press("Enter")
+    until_given(page, played, ["continue", "me"])
+    job.change(state="done", share=1.0, result={"strokes": 12})
+    page.get_by_text("12").wait_for()
+    keep(page, "calibrate")
+
+
+def until_given(page, played, given):
+    for _ in range(100):
+        if played.given == given:
+            return
+        page.wait_for_timeout(50)
+    pytest.fail(f"answered: {played.given}")
 
 
 def begins(front, page):

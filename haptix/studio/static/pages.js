@@ -9,5 +9,6 @@ export const PAGES = [
   { path: "play", load: () => import("./pages/play.js") },
   { path: "make", load: () => import("./pages/make.js") },
   { path: "screens", load: () => import("./pages/screens.js") },
+  { path: "calibrate", load: () => import("./pages/calibrate.js") },
   { path: "sit", load: () => import("./pages/sit.js") },
 ];

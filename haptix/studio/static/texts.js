@@ -2,7 +2,7 @@
 
 export const texts = {
   name: "haptix studio",
-  pages: { play: "Play", make: "Make", screens: "Screens", sit: "Sit" },
+  pages: { play: "Play", make: "Make", screens: "Screens", calibrate: "Calibrate", sit: "Sit" },
   frame: {
     skip: "Skip to the page",
     pages: "Pages",
@@ -273,5 +273,20 @@ export const texts = {
     }),
     end: "End it",
     threshold: (/** @type {number} */ level, /** @type {number} */ spread) => `threshold ${level.toFixed(1)} dB ± ${(spread ?? 0).toFixed(1)} dB`,
+  },
+  calibrate: {
+    title: "Calibrate this screen",
+    help: "Strokes over the screen with and without voltage, guided step by step. The output is off until a stroke plays, and the device is the calibration's meanwhile. STOP and Esc end it at 0 V.",
+    name: "Name",
+    nameHelp: "A calibration that was planned on this machine under this name is continued; another name begins a practice.",
+    practice: "practice",
+    minutes: "Minutes of a practice",
+    begin: "Begin",
+    progress: "How far it is",
+    answer: "Answer",
+    end: "End it",
+    states: /** @type {Record<string, string>} */ ({
+      queued: "It waits", running: "It measures", asking: "It asks", done: "Done", failed: "It failed", cancelled: "It was ended",
+    }),
   },
 };
