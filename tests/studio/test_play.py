@@ -1,5 +1,6 @@
 """The page "Play" before a front whose engine writes down touches, and is told what they feel."""
 
+import itertools
 import re
 import time
 
@@ -10,6 +11,7 @@ from haptix.service.batches import TelemetryFrame, write_frame
 from tests.studio.conftest import a_front, a_page, address, violations
 
 STEP_S = 0.001
+BEGINS_S = itertools.count(1000.0, 10.0)  # of strokes that are told of: each is a finger's new one
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +48,7 @@ def until(is_so, wait_s=5.0):
 
 def tell(front, felt_of_wanted, count=600, wanted=0.30, touch_id=0):
     """Tell of a finger that slid along y = 17 mm over the first region, and what it felt."""
-    t0_s = time.monotonic() - count * STEP_S
+    t0_s = next(BEGINS_S)
     x_mm = np.linspace(10, 50, count)
     friction = np.tile([0, 17, 0.5, wanted, wanted, 0.25, 0.33, 0.6], (count, 1))
     friction[:, 0] = x_mm
