@@ -169,11 +169,16 @@ def test_the_trail_has_the_colour_of_its_error(front, play):
         (1.04, 0.30, [86, 180, 233]),  # 0.36 JND
         (1.08, 0.30, [230, 159, 0]),
         (1.20, 0.30, [213, 94, 0]),
-        (0.90, 0.36, [204, 121, 167]),  # above what can be had
     ]:
-        tell(front, felt, 300, wanted)
-        at = place(play, 30, 17)
-        until(lambda at=at, color=color: play.evaluate(PIXEL, at) == [*color, 255])
+        at = place(play, 31.5, 17)
+
+        def is_drawn(felt=felt, wanted=wanted, color=color, at=at):
+            # A busy page reads late and misses frames, as it should: it is told again.
+            tell(front, felt, 300, wanted)
+            play.wait_for_timeout(150)
+            return play.evaluate(PIXEL, at) == [*color, 255]
+
+        until(is_drawn, 20.0)
 
 
 def test_a_stroke_is_recorded_replayed_and_kept(front, play):
