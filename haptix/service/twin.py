@@ -49,7 +49,7 @@ _KEPT_S = 1.0
 _JUMP_S = 0.005  # between the end of a part and the next: a break in what is played
 
 
-class Path:
+class FingerPath:
     """Reports of one finger, until they have been felt."""
 
     def __init__(self) -> None:
@@ -95,7 +95,7 @@ class Twin:
         model.solve(normal_force_n=list(_FORCES_N), voltage_v=0.0)
         self._finger = LiveVirtualFinger(VirtualFinger(model), carrier_hz, _FINER / _ROW_S)
         self._force = ForceModel()
-        self._paths: dict[int, Path] = {}
+        self._paths: dict[int, FingerPath] = {}
         self._amplitude: Array = np.empty(0)
         self._start_s = self._felt_s = self._step_s = 0.0
         self._lock = threading.Lock()
@@ -110,7 +110,7 @@ class Twin:
                         path.up_s = t_s
                     continue
                 if path is None or path.up_s is not None:
-                    path = self._paths[touch_id] = Path()
+                    path = self._paths[touch_id] = FingerPath()
                 known = self._force.estimate(force_n, area_m2) or self._force.assumed
                 if not path.reports or path.reports[-1][0] < t_s:
                     path.reports.append((t_s, x_mm, y_mm, known.normal_force_n))

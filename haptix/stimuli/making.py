@@ -38,7 +38,7 @@ class SetResult:
     """Files that an earlier run had finished."""
 
 
-class Job:
+class MakingJob:
     """One run of `StimulusSet.make`: it makes, checks and publishes."""
 
     def __init__(self, parts: SetPlan, folder: Path, threads: int, on_progress: Progress) -> None:
@@ -222,7 +222,7 @@ class StimulusSet(SetPlan):
         InputError
             If the folder cannot be written.
         """
-        job = Job(self, Path(folder), threads, on_progress)
+        job = MakingJob(self, Path(folder), threads, on_progress)
         try:
             return job.run()
         except OSError as error:

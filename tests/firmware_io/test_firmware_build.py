@@ -10,7 +10,7 @@ import pytest
 
 import firmware_io
 from firmware_io import ABSOLUTE_CEILING_V, DeviceError, MockDriver
-from firmware_io.firmware import build, reference_board
+from firmware_io.firmware import build, flags, reference_board
 from firmware_io.firmware.opening import open_core
 from firmware_io.firmware.sine import TURN, c_header, sine_table
 from firmware_io.protocol import FaultCode, FrameKind
@@ -82,7 +82,7 @@ def test_the_sine_table_in_c_is_the_references():
 
 
 def test_everything_the_build_needs_is_in_the_package():
-    for name in (*build.SOURCES, *build.HEADERS):
+    for name in (*flags.SOURCES, *build.HEADERS):
         assert (FIRMWARE / name).is_file()
 
 

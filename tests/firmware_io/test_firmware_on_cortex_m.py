@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import firmware_io
-from firmware_io.firmware.build import SOURCES
+from firmware_io.firmware.flags import SOURCES
 
 ROOM = Path(firmware_io.__file__).parent
 BOARD = Path(__file__).parent / "cortex_m"

@@ -201,7 +201,7 @@ def test_a_stall_does_not_slow_the_reactions_after_it(rig, clock):
     playback.stop()
 
 
-def test_what_a_write_reads_is_known_before_the_next_revision(rig, clock):
+def test_what_a_write_reads_is_known_before_the_next_revision(rig, clock, monkeypatch):
     """A refusal that is read while samples are appended counts for those sent before it alone."""
     playback, _, driver, link = rig
     playback.stop()
@@ -216,10 +216,10 @@ def test_what_a_write_reads_is_known_before_the_next_revision(rig, clock):
         if held.pop():
             playback.device.progress(is_due=True)
             playback.touch()
-        playback.device.write = write
+        monkeypatch.setattr(playback.device, "write", write)
 
     link.receive = lambda timeout_s=0.0: b"" if held else receive(timeout_s)
-    playback.device.write = write_and_read
+    monkeypatch.setattr(playback.device, "write", write_and_read)
     link.inject("stall", 0, 0.004)
     source.level = 9.0
     playback.touch()

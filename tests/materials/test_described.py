@@ -7,7 +7,7 @@ from haptix.materials import KINDS, material_of, schema
 
 DEFINITIONS = {kind: schema()["$defs"][model.__name__] for kind, model in KINDS.items()
                if model.__module__.startswith("haptix.")}  # fmt: skip
-NEEDED = {
+NEEDED: dict[str, dict[str, str | float]] = {
     "photograph": {"file": "a.png", "width_mm": 40.0},
     "heights": {"file": "a.png", "width_mm": 40.0},
     "recording": {"file": "a.csv"},
