@@ -230,7 +230,7 @@ export const texts = {
   },
   sit: {
     title: "Sit a participant down",
-    help: "An adaptive experiment fills the screen. The output is off until it begins, and the device is the experiment's meanwhile. STOP and Esc end it at 0 V.",
+    help: "An adaptive experiment fills the screen. The output is off until it begins, and the device is the experiment's meanwhile. STOP and Esc end it at 0 V; in full screen the first Esc only leaves full screen, so use STOP.",
     experiment: "Experiment",
     experiments: /** @type {Record<string, string>} */ ({
       "ripple-20-Hz": "Ripple of friction at 20 Hz: the least that is felt",
