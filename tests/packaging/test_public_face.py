@@ -116,11 +116,6 @@ def test_results_have_their_names():
     assert issubclass(haptix.LimitError, haptix.HaptixError)
 
 
-def test_the_version_is_the_same_everywhere():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert project["version"] == haptix.__version__
-
-
 def test_the_command_and_the_data_files_ship():
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
     module, _, function = settings["project"]["scripts"]["haptix"].partition(":")

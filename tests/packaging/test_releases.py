@@ -1,0 +1,113 @@
+"""One version everywhere; the files that GitHub reads have their schemas' form; workflows exist."""
+
+import json
+import re
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+
+import jsonschema
+import pytest
+from ruamel.yaml import YAML
+
+import haptix
+
+ROOT = Path(haptix.__file__).parents[1]
+WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
+ISSUES = ROOT / ".github" / "ISSUE_TEMPLATE"
+SCHEMAS = {
+    **dict.fromkeys(WORKFLOWS, "github-workflows"),
+    ISSUES / "config.yml": "github-issue-config",
+    ISSUES / "defect.yml": "github-issue-forms",
+    ISSUES / "wish.yml": "github-issue-forms",
+    ROOT / "CITATION.cff": "citation-file-format",
+}
+
+
+def read_yaml(path):
+    # As JSON has it: a date is a text.
+    read = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+    return json.loads(json.dumps(read, default=str))
+
+
+def schema_of(name):
+    folder = files("check_jsonschema") / "builtin_schemas" / "vendor"
+    return json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("path", SCHEMAS, ids=lambda path: path.name)
+def test_what_github_reads_has_its_form(path):
+    check = jsonschema.validators.validator_for(schema_of(SCHEMAS[path]))(schema_of(SCHEMAS[path]))
+    read = read_yaml(path)
+    check.validate(read)
+    # Without its first key it is something else: the schema sees what it should.
+    required = {"github-workflows": "jobs", "citation-file-format": "title"}
+    first = required.get(SCHEMAS[path]) or ("body" if "body" in read else None)
+    if first:
+        with pytest.raises(jsonschema.ValidationError):
+            check.validate({key: value for key, value in read.items() if key != first})
+
+
+def test_the_version_stands_in_one_place():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert settings["project"]["dynamic"] == ["version"]
+    source = (ROOT / settings["tool"]["hatch"]["version"]["path"]).read_text(encoding="utf-8")
+    assert f'__version__ = "{haptix.__version__}"' in source
+    # What cannot read it there says the same.
+    assert read_yaml(ROOT / "CITATION.cff")["version"] == haptix.__version__
+    package = json.loads((ROOT / "clients" / "typescript" / "package.json").read_text())
+    assert package["version"] == haptix.__version__
+
+
+def test_the_changelog_begins_with_what_is_not_released_and_then_this_version():
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    headings = re.findall(r"^## \[(.+?)\](?: - (\S+))?$", text, re.MULTILINE)
+    assert headings[0] == ("Unreleased", "")
+    cited = read_yaml(ROOT / "CITATION.cff")["date-released"]
+    assert headings[1] == (haptix.__version__, cited)
+
+
+def test_the_workflows_call_commands_of_this_project():
+    made = set(re.findall(r"^([a-z-]+):.*## ", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    scripts = 0
+    for path in WORKFLOWS:
+        for job in read_yaml(path)["jobs"].values():
+            for step in job["steps"]:
+                command = step.get("run", "")
+                assert set(re.findall(r"\bmake ([a-z-]+)", command)) <= made
+                for script in re.findall(r"(?:scripts|\.ci)/[\w.-]+", command):
+                    assert (ROOT / script).is_file(), script
+                    scripts += 1
+                for extra in re.findall(r"\[(\w+)\]|--extra (\w+)", command):
+                    assert (
+                        "".join(extra)
+                        in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+                            "optional-dependencies"
+                        ]
+                    )
+    assert scripts >= 3
+
+
+def test_the_matrix_has_the_versions_that_the_package_claims():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    claimed = re.findall(r":: (3\.\d+)$", "\n".join(settings["project"]["classifiers"]), re.M)
+    matrix = read_yaml(ROOT / ".github/workflows/platforms.yml")["jobs"]["newest"]["strategy"]
+    assert matrix["matrix"]["python"] == claimed
+    assert len(matrix["matrix"]["os"]) == 3
+
+
+def test_the_release_tries_every_wheel_that_is_built():
+    source = (ROOT / "hatch_build.py").read_text(encoding="utf-8")
+    tags = set(re.findall(r'"((?:manylinux_2|win|macosx)_\w+)[".]', source))
+    jobs = read_yaml(ROOT / ".github/workflows/release.yml")["jobs"]
+    tried = {one["wheel"] for one in jobs["try"]["strategy"]["matrix"]["include"]}
+    assert len(tags) == 5
+    assert tried == tags
+
+
+def test_what_is_pinned_for_a_release_has_hashes_and_the_versions_of_the_build():
+    text = (ROOT / "scripts" / "release-requirements.txt").read_text(encoding="utf-8")
+    pins = re.findall(r"^([\w-]+==\S+) \\\n    --hash=sha256:[0-9a-f]{64}", text, re.MULTILINE)
+    assert len(pins) == len(re.findall(r"^[\w-]+", text, re.MULTILINE))
+    compiler = re.search(r'_ZIGLANG = "(.+?)"', (ROOT / "hatch_build.py").read_text())[1]
+    assert compiler in pins
