@@ -1,17 +1,15 @@
 """The renderer's times, and its error under the virtual finger, as the README quotes them.
 
-    .venv/bin/python benchmarks/renderer.py [--stalls SECONDS]
+    .venv/bin/python benchmarks/renderer.py
 
 A block is 1 ms at 48 kHz. Its time runs from asking the touches for the fingers' paths to the drive
 samples: prediction, texture, surface, fades, wave. For comparison, the same run times the bare path
 (one texture row, one table row, the inverse, a sine, 16 bits) in numpy, in eager torch and, where
-numba is installed, compiled. With --stalls, the whole chain plays on a mock device in real time
-while the renderer's thread and the link each stop for 10 ms now and then.
+numba is installed, compiled. reaction.py plays in real time, with stalls.
 """
 
 import argparse
 import gc
-import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -21,7 +19,7 @@ import torch
 from skimage.data import brick
 
 import haptix
-from firmware_io import Device, MockDriver, MockLink, open_device
+from firmware_io import open_device
 from haptix.motion import Trajectory
 from haptix.render import (
     DirectWave,
@@ -34,7 +32,6 @@ from haptix.render.live import LiveFingers
 from haptix.render.target import Amplitudes, Target
 from haptix.simulation import FINGER_PATH, Setting, simulate
 from haptix.surface import Slice
-from haptix.texture import FrictionField
 from haptix.touch import TouchEvent, TouchSettings
 from haptix.virtual_finger import TouchPanel
 
@@ -173,28 +170,6 @@ def errors(model: Any, texture: Any, path: Trajectory) -> None:
             print(f"    mean friction of each period {found.periods.error_p95_jnd:.2g}")
 
 
-class Stalling(FrictionField):
-    """A texture that takes 10 ms to answer now and then."""
-
-    def __init__(self, field: FrictionField) -> None:
-        self._field = field
-        self._next_s = time.monotonic() + 0.5
-
-    @property
-    def target(self) -> Any:
-        return self._field.target
-
-    @property
-    def outside(self) -> float:
-        return self._field.outside
-
-    def _sample(self, x_mm: Any, y_mm: Any, footprint_mm: Any) -> Any:
-        if time.monotonic() > self._next_s:
-            self._next_s += 0.41
-            time.sleep(0.010)
-        return self._field._sample(x_mm, y_mm, footprint_mm)
-
-
 def direct(model: Any) -> None:
     """Friction over a period of a direct sine at full voltage, against what was asked for."""
     print("direct sine, 0.3 N, 200 V: mean friction minus that of the mean attraction, and minus")
@@ -210,49 +185,8 @@ def direct(model: Any) -> None:
         print(f"  {frequency:g} Hz: {parts[0]:.2f}, {parts[1]:.2f}")
 
 
-class FixedLead(haptix.LiveRenderer):
-    """As with a driver that cannot revise; benchmarks/reaction.py has the others."""
-
-    _revises = False
-
-
-def stalls(surface: Any, texture: Any, seconds: float) -> None:
-    print(f"{seconds:g} s in real time, 10 ms stalls in the renderer and in the link")
-    for lead_ms in (25.0, 5.0):
-        link = MockLink(MockDriver(pace="real"))
-        device = Device(link)
-        settings = LiveSettings(lead_s=lead_ms / 1e3, block_s=0.001)
-        renderer = FixedLead(surface, Stalling(texture), device, settings=settings)
-        end = threading.Event()
-
-        def disturb(link: MockLink = link, end: threading.Event = end) -> None:
-            while not end.wait(0.37):
-                link.inject("stall", seconds=0.010)
-
-        thread = threading.Thread(target=disturb)
-        thread.start()
-        try:
-            with renderer:
-                start = renderer.now_s()
-                while (t := renderer.now_s() - start) < seconds:
-                    x, y = 30 + 20 * np.sin(2 * t), 20 + 10 * np.cos(2.1 * t)
-                    renderer.touch(start + t, x, y, 0.5)
-                    time.sleep(0.01)
-        finally:
-            end.set()
-            thread.join()
-            device.close()
-        stats = renderer.stats
-        print(
-            f"  lead {lead_ms:g} ms: {stats.underruns} underruns, {stats.late_blocks} late blocks; "
-            f"block p50 {stats.p50_block_s * 1e6:.0f}, p99 {stats.p99_block_s * 1e6:.0f} us"
-        )
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--stalls", type=float, metavar="SECONDS", help="time to play, with stalls")
-    arguments = parser.parse_args()
+    argparse.ArgumentParser(description=__doc__.split("\n")[0]).parse_args()
     torch.set_num_threads(1)
     model = haptix.ContactModel(
         haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")
@@ -267,8 +201,6 @@ def main() -> None:
     offline(surface, texture)
     direct(model)
     errors(model, texture, Trajectory.from_csv(FINGER_PATH))
-    if arguments.stalls:
-        stalls(surface, texture, arguments.stalls)
 
 
 if __name__ == "__main__":

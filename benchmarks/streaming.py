@@ -1,7 +1,8 @@
 """Streaming in real time against the mock driver, with stalls injected; see --help.
 
 Plays a known signal for a minute, with stalls of 10 ms in the sample source and in the link,
-and compares every sample that the driver took with what was sent.
+and compares every sample that the driver took with what was sent. Playback and wire alone:
+reaction.py has the renderer, and streams that are revised.
 """
 
 from __future__ import annotations
