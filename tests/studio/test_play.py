@@ -169,6 +169,7 @@ def test_the_trail_has_the_colour_of_its_error(front, play):
         (1.04, 0.30, [86, 180, 233]),  # 0.36 JND
         (1.08, 0.30, [230, 159, 0]),
         (1.20, 0.30, [213, 94, 0]),
+        (0.90, 0.36, [204, 121, 167]),  # above what can be had
     ]:
         at = place(play, 31.5, 17)
 
