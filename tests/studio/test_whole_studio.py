@@ -45,10 +45,22 @@ def slide_until_felt(page):
     raise AssertionError("nothing was felt")
 
 
+def slide_until_live(page, service):
+    """A busy machine may send the first strokes too late to be felt."""
+    for _ in range(10):
+        slide(page)
+        if np.any(service.driver.output_v):
+            return
+        armed(page)
+    raise AssertionError("nothing was played")
+
+
 def test_from_a_bare_start_to_a_felt_texture(studio, browser):
     with a_page(browser) as page:
         frames = []
-        page.on("websocket", lambda socket: socket.on("framereceived", frames.append))
+        page.on(
+            "websocket", lambda socket: socket.on("framereceived", lambda data: frames.append(data))
+        )
         page.goto(studio)
         armed(page)
         slide_until_felt(page)
@@ -91,16 +103,20 @@ def test_an_engine_that_dies_is_seen_and_comes_again(tmp_path, browser):
             page.locator('.output[data-state="off"]').wait_for()
             page.get_by_role("button", name="Arm").click()  # its driver counts as real
             armed(page)
-            slide(page)
-            assert service.is_live() or np.any(service.driver.output_v)
+            slide_until_live(page, service)
             subprocess.run(["kill", "-9", str(service.engine)], check=True)
             page.locator('.output:not([data-state="armed"])').wait_for()
             page.locator('.notice[data-kind="error"]').wait_for()
             time.sleep(0.5)
             assert not service.is_live()
             keep(page, "error-engine")
-            page.get_by_role("button", name="Arm").click()
-            armed(page)
+            end_s = time.monotonic() + 60  # a new engine opens the driver first, and says so
+            while not page.locator('.output[data-state="armed"]').count():
+                assert time.monotonic() < end_s
+                button = page.get_by_role("button", name="Arm", exact=True)
+                if button.is_visible():
+                    button.click()
+                page.wait_for_timeout(1000)
     finally:
         service.close()
 
@@ -131,7 +147,7 @@ def test_stop_while_the_script_hangs_ends_the_volts(tmp_path, browser):
             page.get_by_role("button", name="Arm").click()
             armed(page)
             page.get_by_role("link", name="Play").click()
-            slide(page)
+            slide_until_live(page, service)
             page.evaluate(
                 "setTimeout(() => { const end = Date.now() + 5000; while (Date.now() < end); }, 20)"
             )
@@ -139,8 +155,8 @@ def test_stop_while_the_script_hangs_ends_the_volts(tmp_path, browser):
             began_s = time.monotonic()
             page.mouse.click(1200, 30)
             assert time.monotonic() - began_s < 3.0  # the page's process did not have to answer
-            with service.connect() as client:  # the front itself says so
-                assert client.output["reason"] == "stopped by the button"
+            page.locator('.output[data-state="off"]').wait_for()  # once the script is back
+            assert page.locator(".output .word").get_attribute("title") == "stopped by the button"
             assert not service.is_live()
     finally:
         service.close()
