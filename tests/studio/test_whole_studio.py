@@ -112,7 +112,7 @@ def test_an_engine_that_dies_is_seen_and_comes_again(tmp_path, browser):
             keep(page, "error-engine")
             end_s = time.monotonic() + 60  # a new engine opens the driver first, and says so
             while not page.locator('.output[data-state="armed"]').count():
-                assert time.monotonic() < end_s
+                assert time.monotonic() < end_s, page.locator(".notice").all_inner_texts()
                 button = page.get_by_role("button", name="Arm", exact=True)
                 if button.is_visible():
                     button.click()

@@ -82,11 +82,18 @@ export class Service {
   /** Get the lease and let touches be felt.
    * @param {boolean} [takeover] */
   async arm(takeover = false) {
-    if (!this.session) return;
+    const { session } = this;
+    if (!session) return;
     this.isArming.set(true);
     try {
-      await this.session.acquire(takeover);
-      this.output.set(await this.session.arm());
+      await session.acquire(takeover);
+      const again = async (/** @type {unknown} */ error) => {
+        if (!(error instanceof Refused) || error.code !== "device") throw error;
+        for (const begin of this.onBegin) await begin(session);
+        return session.arm();
+      };
+      // An engine that was started again knows no layout: it is told, and asked once more.
+      this.output.set(await session.arm().catch(again));
     } finally {
       this.isArming.set(false);
     }
