@@ -66,7 +66,7 @@ def library() -> Path:
             "The firmware in C needs a C compiler, but none of $CC, cc, gcc and clang was found; "
             'install one (on Debian: apt install gcc), or use the Python reference, core="python".'
         )
-    path = _cache_dir() / f"haptix-firmware-{_key(compiler)}.so"
+    path = _cache_folder() / file_name(_key(compiler))
     if not _is_as_built(path):
         _compile(compiler, path)
     return path
@@ -79,12 +79,34 @@ def _key(compiler: list[str]) -> str:
     return digest.hexdigest()[:16]
 
 
-def _cache_dir() -> Path:
-    """Return a folder that nobody but this user can write; a library in it is run."""
-    for path in (
+def file_name(key: str) -> str:
+    """Return the name of a library that was compiled here."""
+    return f"haptix-firmware-{key}.so"
+
+
+def compiled_files() -> list[Path]:
+    """Return what was compiled here and is kept: libraries and their check sums."""
+    if os.name != "posix":
+        return []
+    folders = [path for path in _cache_folders() if path.is_dir() and _is_ours(path)]
+    return [
+        path
+        for folder in folders
+        for pattern in (file_name("*"), str(_seal(Path(file_name("*")))))
+        for path in sorted(folder.glob(pattern))
+    ]
+
+
+def _cache_folders() -> tuple[Path, Path]:
+    return (
         platformdirs.user_cache_path("haptix", appauthor=False),
         Path(tempfile.gettempdir()) / f"haptix-{os.getuid()}",
-    ):
+    )
+
+
+def _cache_folder() -> Path:
+    """Return a folder that nobody but this user can write; a library in it is run."""
+    for path in _cache_folders():
         with suppress(OSError):
             path.mkdir(mode=0o700, parents=True, exist_ok=True)
             if _is_ours(path) and os.access(path, os.W_OK):

@@ -77,6 +77,10 @@ COMMANDS = {
         "haptix.cli.hardware:doctor",
         "Check this machine: packages, system libraries, cache, and a solve against known numbers.",
     ),
+    "cache": (
+        "haptix.cli.cache:cache",
+        "List what is kept so that it is not made twice, or remove it.",
+    ),
 }
 
 

@@ -14,7 +14,7 @@ from haptix.surface import FrictionSurface
 from haptix.terminal import show
 
 ROOT = Path(haptix.__file__).parents[1]
-COMMANDS = ["demo", "build", "query", "invert", "devices", "doctor"]
+COMMANDS = ["demo", "build", "query", "invert", "devices", "doctor", "cache"]
 
 
 def model(finger="semi-wet", screen="3m-sct3250"):
@@ -46,6 +46,7 @@ def test_help_names_what_it_takes(haptix_cli, command):
         "invert": ["--mu", "--normal-force-n", "--json"],
         "devices": ["--json"],
         "doctor": ["--json"],
+        "cache": ["--clear", "--json"],
     }[command]
     for word in wanted:
         assert word in shown.out
