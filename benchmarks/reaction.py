@@ -158,11 +158,11 @@ def long_path(seconds: float) -> Trajectory:
 
 def play(
     where: Any, kind: type[haptix.LiveRenderer], settings: LiveSettings, setting: Setting,
-    surface: Any, stalls: bool,
+    surface: Any, panel: TouchPanel, stalls: bool,
 ) -> dict[str, Any]:  # fmt: skip
     renderer_stalls = Stalls(RENDERER_STALL_S, RENDERER_EVERY_S)
     link_stalls = Stalls(LINK_STALL_S, LINK_EVERY_S)
-    seen = TouchPanel(100.0, 0.02).read(setting.path)
+    seen = panel.read(setting.path)
     end = threading.Event()
     with where as place:
         link = stalling(place.link, link_stalls)
@@ -228,6 +228,8 @@ def main() -> None:
     parser.add_argument("--where", choices=("mock", "served", "both"), default="both")
     parser.add_argument("--revised-only", action="store_true")
     parser.add_argument("--no-stalls", action="store_true")
+    parser.add_argument("--panel-noise-mm", type=float, default=0.0)
+    parser.add_argument("--panel-step-mm", type=float, default=0.0)
     options = parser.parse_args()
     torch.set_num_threads(1)
     model = haptix.ContactModel(
@@ -252,11 +254,12 @@ def main() -> None:
             )
             for lead in (0.025, 0.005)
         ]
+    panel = TouchPanel(100.0, 0.02, options.panel_noise_mm, 0.0, options.panel_step_mm)
     places = {"mock": (InProcess,), "served": (Served,), "both": (InProcess, Served)}
     for where in places[options.where]:
         for name, kind, settings in ways:
             try:
-                row = play(where(), kind, settings, setting, surface, not options.no_stalls)
+                row = play(where(), kind, settings, setting, surface, panel, not options.no_stalls)
             except haptix.HaptixError as error:
                 row = {"failed": str(error)}
             print(json.dumps({"where": where.__name__, "way": name, **row}), flush=True)
