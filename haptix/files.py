@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import json
 import os
 import re
+import shutil
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -59,7 +61,7 @@ def write_whole(path: str | Path, content: Content) -> None:
     try:
         _write({path: content})
     except OSError as error:
-        raise FileFormatError(f"cannot write {path}: {error.strerror or error}") from None
+        raise FileFormatError(f"cannot write {path}: {write_failure(error, path)}") from None
 
 
 def write_folder(folder: Path, files: Mapping[str, Content]) -> list[Path]:
@@ -73,8 +75,22 @@ def write_folder(folder: Path, files: Mapping[str, Content]) -> list[Path]:
     try:
         _write(targets)
     except OSError as error:
-        raise InputError(f"cannot write to {folder}: {error.strerror or error}") from None
+        raise InputError(f"cannot write to {folder}: {write_failure(error, folder)}") from None
     return list(targets)
+
+
+def write_failure(error: OSError, path: Path) -> str:
+    """Return why `path` could not be written; of a full disk, which one and what is free on it."""
+    why = error.strerror or str(error)
+    if error.errno not in (errno.ENOSPC, getattr(errno, "EDQUOT", None)):  # no quota on Windows
+        return why
+    there = next(above for above in (path.absolute(), *path.absolute().parents) if above.exists())
+    disk = next(above for above in (there, *there.parents) if os.path.ismount(above))
+    free_mb = shutil.disk_usage(disk).free / 1e6
+    return (
+        f"{why}: the disk at {disk} has {free_mb:.3g} MB free; make room there, or name a place on "
+        "another"
+    )
 
 
 def _write(files: Mapping[Path, Content]) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
+import os
+import shutil
 from pathlib import Path
 from typing import Literal, Self, get_args
 
@@ -19,6 +22,7 @@ Container = Literal["wav", "flac"]
 Encoding = Literal["float32", "24-bit"]
 
 _CODES = 1 << 23  # of 24 bits; every reader divides by this
+_FULL_BYTES = 1_000_000  # free, with a block half written: a block has at most as much
 _LARGEST_WAV = 4_000_000_000  # bytes: sizes in its header have 32 bits
 MOST_SAMPLES = 50_000_000
 """Read or resampled at once: 17 minutes at 48 kHz, 0.4 GB."""
@@ -84,8 +88,8 @@ class AudioWriter:
             self._file = soundfile.SoundFile(
                 path, "w", round(sample_rate_hz), channels, subtype, format=kind
             )
-        except soundfile.SoundFileError as error:  # "System error.", whatever the reason
-            raise OSError(f"cannot begin {path.name}: is the disk full? {error}") from None
+        except soundfile.SoundFileError as error:
+            raise _failure("begin", path, error) from None
 
     def write(self, drive_v: Array, trigger: npt.NDArray[np.float32] | None) -> None:
         """Append samples, or raise `OSError` if the disk takes no more."""
@@ -98,9 +102,7 @@ class AudioWriter:
             else:
                 self._file.write(np.rint(shares * _CODES).astype(np.int32) << 8)
         except (AssertionError, soundfile.SoundFileError) as error:  # a short write is an assertion
-            raise OSError(f"cannot write all of {self.path.name}: is the disk full? {error}") from (
-                None
-            )
+            raise _failure("write all of", self.path, error) from None
 
     def __enter__(self) -> Self:
         return self
@@ -111,7 +113,14 @@ class AudioWriter:
             if error is None:
                 _forget_time(self.path)
         except soundfile.SoundFileError as failure:
-            raise OSError(f"cannot finish {self.path.name}: is the disk full? {failure}") from None
+            raise _failure("finish", self.path, failure) from None
+
+
+def _failure(did: str, path: Path, error: Exception) -> OSError:
+    """Tell a full disk from all else, of which libsndfile says "System error." as well."""
+    if shutil.disk_usage(path.parent).free < _FULL_BYTES:
+        return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+    return OSError(f"cannot {did} {path.name}: {error}")
 
 
 def _forget_time(path: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from haptix.errors import FileFormatError, InputError, LimitError, RangeError
-from haptix.files import json_text, publish, read_json, reading
+from haptix.files import json_text, publish, read_json, reading, write_failure
 from haptix.signals.audio import file_hash, step_v
 from haptix.stimuli.apparatus import TOLERANCE, Apparatus
 from haptix.stimuli.drawing import contact_sheet
@@ -226,9 +226,10 @@ class StimulusSet(SetPlan):
         try:
             return job.run()
         except OSError as error:
+            why = write_failure(error, Path(folder))
             raise InputError(
-                f"cannot write to {folder}: {error.strerror or error}; no unfinished file has its "
-                "final name, and the same command continues where this one stopped"
+                f"cannot write to {folder}: {why}; no unfinished file has its final name, and the "
+                "same command continues where this one stopped"
             ) from None
 
 

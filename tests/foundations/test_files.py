@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -212,3 +213,20 @@ def test_the_cache_is_where_it_was(monkeypatch, tmp_path):
         assert files.cache_folder() == tmp_path / ".cache" / "haptix"
     monkeypatch.setenv("HAPTIX_CACHE", str(tmp_path / "own"))
     assert files.cache_folder() == tmp_path / "own"
+
+
+def test_a_full_disk_is_named_by_its_path_with_what_is_free(tmp_path, monkeypatch):
+    def fill_up(draft):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(files.shutil, "disk_usage", lambda path: SimpleNamespace(free=40_000))
+    monkeypatch.setattr(files.os.path, "ismount", lambda path: path == tmp_path)
+    told = (
+        rf"No space left on device: the disk at {tmp_path} has 0\.04 MB free; make room there, or "
+        "name a place on another"
+    )
+    path = tmp_path / "new" / "a"
+    with pytest.raises(FileFormatError, match=f"cannot write {path}: {told}"):
+        files.write_whole(path, fill_up)
+    with pytest.raises(InputError, match=f"cannot write to {path.parent}: {told}"):
+        files.write_folder(path.parent, {"a": fill_up})

@@ -1,9 +1,11 @@
 """Sets in folders: what is in the files, what is refused, and what a full disk leaves behind."""
 
 import csv
+import errno
 import json
 import re
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -162,6 +164,24 @@ def test_what_is_finished_is_not_made_again(parts, tmp_path):
     assert tree(tmp_path) == before
 
 
+def test_a_full_disk_is_told_from_other_failures_of_the_library(tmp_path, monkeypatch):
+    """libsndfile says "System error." of a full disk and of all else."""
+
+    def fail(self, data):
+        raise soundfile.LibsndfileError(2)
+
+    monkeypatch.setattr(soundfile.SoundFile, "write", fail)
+    for free, told in ((0, r"No space left on device.*a\.wav"), (10**9, r"cannot write.*a\.wav")):
+        usage = SimpleNamespace(free=free)
+        monkeypatch.setattr("shutil.disk_usage", lambda path, usage=usage: usage)
+        with (
+            pytest.raises(OSError, match=told) as caught,
+            AudioWriter(tmp_path / "a.wav", "wav", "float32", RATE, 250.0, 10, False) as file,
+        ):
+            file.write(np.zeros(10), None)
+        assert (caught.value.errno == errno.ENOSPC) == (free == 0)
+
+
 def test_a_full_disk_leaves_no_half_file_and_the_next_run_goes_on(parts, tmp_path, monkeypatch):
     write, written = AudioWriter.write, []
 
@@ -173,7 +193,7 @@ def test_a_full_disk_leaves_no_half_file_and_the_next_run_goes_on(parts, tmp_pat
 
     with monkeypatch.context() as patch:
         patch.setattr(AudioWriter, "write", fill_up)
-        with pytest.raises(InputError, match=r"No space left.*continues where"):
+        with pytest.raises(InputError, match=r"No space left.*the disk at /.*continues where"):
             parts.make(tmp_path)
     assert tree(tmp_path) == {}  # nothing bears a final name
     result = parts.make(tmp_path)

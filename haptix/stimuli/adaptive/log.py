@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from haptix.errors import FileFormatError, InputError
-from haptix.files import LARGEST_TABLE_BYTES, parse_json, read_bytes, write_whole
+from haptix.files import LARGEST_TABLE_BYTES, parse_json, read_bytes, write_failure, write_whole
 
 COLUMNS = (
     "trial", "attempt", "time_s", "level_asked", "level", "lowered_to_ceiling", "right", "answer",
@@ -64,8 +64,8 @@ class TrialLog:
                 os.fsync(file.fileno())
         except OSError as error:
             raise InputError(
-                f"cannot write trial {row['trial']} to {self.path}: {error.strerror}; make room, "
-                "and start again: the run continues from its log"
+                f"cannot write trial {row['trial']} to {self.path}: "
+                f"{write_failure(error, self.path)}; start again: the run continues from its log"
             ) from None
         self.rows.append(dict(zip(COLUMNS, cells, strict=True)))
 
