@@ -48,6 +48,7 @@ class Setting:
     rate_hz: float = 100.0
     latency_s: float = 0.03
     noise_mm: float = 0.1
+    step_mm: float = 0.0  # of the reported place; 0 for none
     missing: float = 0.0
     duration_s: float = 10.0
 
@@ -60,6 +61,10 @@ def errors_mm(
     events = finger.reports(
         seed + 1000, setting.rate_hz, setting.latency_s, setting.noise_mm, missing=setting.missing
     )[:-1]
+    if step := setting.step_mm:
+        events = [
+            e._replace(x_mm=rounded(e.x_mm, step), y_mm=rounded(e.y_mm, step)) for e in events
+        ]
     arrivals = [event.t_s for event in events]
     t0 = arrivals[0] + 0.1
     starts = np.arange(t0, setting.duration_s, BLOCK_S)
@@ -81,6 +86,10 @@ def errors_mm(
     return (
         np.hypot(*(held - truth).T), np.hypot(*(predicted - truth).T), sliding / len(starts),
     )  # fmt: skip
+
+
+def rounded(value: float, step: float) -> float:
+    return round(value / step) * step
 
 
 def p95(values: np.ndarray) -> float:
@@ -168,17 +177,17 @@ def noises(seeds: Sequence[int]) -> None:
     """p95 at a short horizon, with the noise of the panel assumed and estimated."""
     print(f"| noise of the panel | filter | {' | '.join(KINDS)} |")
     print("|---" * (len(KINDS) + 2) + "|")
-    for noise_mm in (0.2, 0.1, 0.05, 0.02):
-        setting = Setting(latency_s=0.023, noise_mm=noise_mm)  # panel 20 ms, reaction 3 ms
+    panels = {f"{noise} mm": Setting(noise_mm=noise) for noise in (0.2, 0.1, 0.05, 0.02)}
+    panels["steps of 0.1 mm"] = Setting(noise_mm=0.0, step_mm=0.1)
+    for panel, surrounding in panels.items():
+        setting = replace(surrounding, latency_s=0.023)  # panel 20 ms, reaction 3 ms
         for name, reports in (("assumed 0.1 mm", 0.0), ("estimated", 30.0)):
             settings = TouchSettings(filter=SingerKalman(noise_reports=reports))
             cells = [
                 p95(np.concatenate([errors_mm(kind, s, setting, settings)[1] for s in seeds]))
                 for kind in KINDS
             ]
-            print(
-                f"| {noise_mm} mm | {name} | {' | '.join(f'{c:.2f}' for c in cells)} |", flush=True
-            )
+            print(f"| {panel} | {name} | {' | '.join(f'{c:.2f}' for c in cells)} |", flush=True)
 
 
 def sliding(seeds: Sequence[int]) -> None:
