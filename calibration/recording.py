@@ -18,6 +18,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -139,7 +140,9 @@ class StrokeRecording:
         }
 
         def write(draft: Path) -> None:
-            with h5py.File(draft, "w") as file:
+            # In memory: where a disk is full, HDF5 prints tracebacks and then crashes.
+            whole = BytesIO()
+            with h5py.File(whole, "w") as file:
                 file.attrs.update({key: one for key, one in attributes.items() if one is not None})
                 signals = file.create_group("signals")
                 for name, unit in SIGNALS.items():
@@ -148,6 +151,7 @@ class StrokeRecording:
                         name, data=values, compression="gzip", compression_opts=1, shuffle=True
                     )
                     data.attrs["unit"] = unit
+            draft.write_bytes(whole.getbuffer())
 
         write_whole(path, write)
 

@@ -57,6 +57,19 @@ def test_a_write_that_fails_leaves_what_was_there(tmp_path, stroke, recorded, mo
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_file_that_may_not_grow_is_told_and_hdf5_stays_silent(tmp_path, stroke, recorded, capfd):
+    resource = pytest.importorskip("resource", reason="needs POSIX's limit of a file's size")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, before[1]))
+        with pytest.raises(haptix.HaptixError, match=r"stroke\.h5: File too large"):
+            recorded(stroke).save(tmp_path / "stroke.h5")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr().err == ""
+
+
 def damaged(file, how):
     if how == "foreign":
         del file.attrs["format"]
