@@ -205,7 +205,7 @@ def test_wrong_files_are_named(tmp_path, stroke, head, rows, said):
         ('[columns]\nx_mm = {column = "t", unit = "m"}', "expected t_s"),
         ("[columns]\nt_s = {}", "one of column, speed_mm_per_s and value"),
         ('[columns]\nt_s = {column = "t", unit = "s"}\ndrive_v = {speed_mm_per_s = 3}', "x_mm"),
-        ("[rows]", "columns"),
+        ("[rows]", "ColumnMap.rows"),
     ],
 )
 def test_wrong_maps_are_named(tmp_path, columns, said):
