@@ -21,6 +21,8 @@ from calibration.virtual import VirtualFingerSource
 def main() -> None:
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp()) / "panel-7"
 
+    print("takes about 1 minute, on a slow machine 5 minutes; strokes are told one by one")
+
     # The assumed finger and screen, from which the fit starts.
     finger = haptix.Finger.preset("semi-wet")
     screen = haptix.Screen.preset("3m-sct3250").replace(name="panel 7")

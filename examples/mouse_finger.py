@@ -9,7 +9,6 @@ rendered. The screen is a mock driver in real time; any other device plays the s
 """
 
 import sys
-import tkinter as tk
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,11 @@ from haptix.render import LiveSettings
 from haptix.render.played import COLUMNS, PlayedRecord
 from haptix.texture import Grating
 from haptix.touch import TouchEvent
+
+try:
+    import tkinter as tk
+except ModuleNotFoundError:  # a package of its own in some systems
+    sys.exit("mouse_finger: needs Python's tkinter; on Debian: apt install python3-tk")
 
 WIDTH_MM, HEIGHT_MM, PIXELS_PER_MM, SHOWN_S, FRAME_MS = 120.0, 70.0, 7.0, 3.0, 33
 SETTLED_S = 0.02  # before now: what is played later may still be rendered again

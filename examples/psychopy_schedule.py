@@ -56,7 +56,12 @@ def run(folder: Path, log: Path, device: Device, show: Show, ask: Ask) -> int:
 
 
 def main() -> None:
-    from psychopy import event, visual  # GPL: not a dependency of haptix
+    if len(sys.argv) != 3:
+        sys.exit("psychopy_schedule: expected FOLDER LOG, a set of stimuli and a table to write")
+    try:
+        from psychopy import event, visual  # GPL: not a dependency of haptix
+    except ModuleNotFoundError as error:
+        sys.exit(f"psychopy_schedule: {error.name} is missing; run: pip install psychopy")
 
     window = visual.Window()
     text = visual.TextStim(window)
