@@ -56,7 +56,7 @@ def library() -> Path:
     Raises
     ------
     DeviceError
-        If there is no compiler, or it refuses the sources.
+        If there is no compiler, it refuses the sources, or what it makes cannot be kept.
     """
     if found := shipped():
         return found
@@ -68,7 +68,13 @@ def library() -> Path:
         )
     path = _cache_folder() / file_name(_key(compiler))
     if not _is_as_built(path):
-        _compile(compiler, path)
+        try:
+            _compile(compiler, path)
+        except OSError as error:
+            raise DeviceError(
+                f"cannot keep the compiled firmware in {path.parent}: {error.strerror or error}. "
+                'Make room there, or use the reference in Python, core="python".'
+            ) from None
     return path
 
 

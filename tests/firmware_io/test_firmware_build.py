@@ -133,6 +133,16 @@ def test_a_compiler_that_fails_is_told_and_not_hidden(no_cache, monkeypatch):
     assert list((no_cache / "haptix").iterdir()) == []
 
 
+def test_a_full_disk_is_told_by_its_folder(no_cache, monkeypatch):
+    def fill_up(*arguments, **options):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(build, "find_compiler", lambda: ["cc"])
+    monkeypatch.setattr(build.tempfile, "TemporaryDirectory", fill_up)
+    with pytest.raises(DeviceError, match=r"in /.*: No space left on device\. Make room"):
+        build.library()
+
+
 def test_the_core_can_be_chosen():
     about = MockDriver(core="python").about
     assert open_core(about, "python").name == "python"
