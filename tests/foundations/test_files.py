@@ -219,8 +219,8 @@ def test_a_full_disk_is_named_by_its_path_with_what_is_free(tmp_path, monkeypatc
     def fill_up(draft):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(files.shutil, "disk_usage", lambda path: SimpleNamespace(free=40_000))
-    monkeypatch.setattr(files.os.path, "ismount", lambda path: path == tmp_path)
+    monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=40_000))
+    monkeypatch.setattr("os.path.ismount", lambda path: path == tmp_path)
     told = (
         rf"No space left on device: the disk at {tmp_path} has 0\.04 MB free; make room there, or "
         "name a place on another"
