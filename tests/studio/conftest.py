@@ -20,8 +20,9 @@ SCREENSHOTS = os.environ.get("HAPTIX_SCREENSHOTS")
 """Folder that screenshots are kept in, for docs/studio.md; nothing is kept without it."""
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser():
+    """Chromium; Playwright's loop ends with each file, since asyncio bears no other beside it."""
     chromium = shutil.which("chromium")
     if chromium is None:
         pytest.skip("needs Debian's chromium: bash scripts/setup-devices.sh")

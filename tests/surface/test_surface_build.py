@@ -49,8 +49,8 @@ def test_impossible_tolerances(model: ContactModel, bad: float) -> None:
 
 
 def test_a_tolerance_that_cannot_be_met(model: ContactModel) -> None:
-    with pytest.raises(ToleranceError, match=r"tolerance 1e-07 mu.*600 bytes: reached") as caught:
-        FrictionSurface.build(model, SMALL, tolerance=1e-7, largest_bytes=600)
+    with pytest.raises(ToleranceError, match=r"tolerance 2e-06 mu.*600 bytes: reached") as caught:
+        FrictionSurface.build(model, SMALL, tolerance=2e-6, largest_bytes=600)
     best = caught.value.best
     assert best.nbytes <= 600
     assert best.info["tolerance_met"] is False
@@ -58,7 +58,7 @@ def test_a_tolerance_that_cannot_be_met(model: ContactModel) -> None:
     force, voltage = torch.rand(2, 500, dtype=torch.float64)
     force, voltage = 0.4 + 0.1 * force, 100 * voltage
     error = (best.mu(force, voltage) - model.solve(force, voltage).mu).abs()
-    assert 1e-7 < float(error.max()) <= 1.1 * best.info["error_max"]  # a sample of others
+    assert 2e-6 < float(error.max()) <= 1.1 * best.info["error_max"]  # a sample of others
 
 
 def test_no_surface_fits_into_a_few_bytes(model: ContactModel) -> None:
