@@ -37,7 +37,7 @@ def play(front, opened):
     return opened
 
 
-def until(is_so, wait_s=5.0):
+def until(is_so, wait_s=30.0):
     """Wait until something is so; return it."""
     end_s = time.monotonic() + wait_s
     while not (found := is_so()) and time.monotonic() < end_s:
