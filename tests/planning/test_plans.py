@@ -146,14 +146,15 @@ def test_a_larger_budget_never_keeps_more(plain):
         h0_m=(0.1e-6, 0.2e-6), override={"terms": {"breakdown": False}}, normal_force_n=(0.1, 1.0)
     )
     kept = []
-    for budget in (1e-7, 0.5, 50.0):
+    for budget in (1.2e-5, 0.5, 50.0):
         plan = plan_scene(wider.replace(budget_thresholds=budget), points=100)
         assert plan.effect.thresholds_max <= budget / 2  # the share for modelling
         kept.append({row.name for row in plan.rows if row.kept})
     for small, large in pairwise(kept):
         assert large <= small
-    # Not because nothing ever changes: a budget of nothing keeps what a vast one drops.
-    assert {"h0_m", "finite-size", "mean-field", "float64"} <= kept[0]
+    # Not because nothing ever changes: the smallest budget keeps what a vast one drops (float64's
+    # own effect is below the smallest tolerance that a surface takes).
+    assert {"h0_m", "finite-size", "mean-field"} <= kept[0]
     assert not kept[-1] & {"h0_m", "finite-size", "mean-field", "float64"}
 
 
