@@ -223,7 +223,10 @@ class Reviser:
                 )
         self._source.settle(obeyed, bool(undone))
         margin_s = progress.margin_samples / self._rate_hz
-        self._learn(min(lead_s - margin_s + self._guard_s, _LONGEST_NEED_S))
+        # A margin above the lead tells of an output that stood meanwhile, not of a driver that
+        # takes revisions of the past.
+        needed_s = max(lead_s - margin_s, 0.0) + self._guard_s
+        self._learn(min(needed_s, _LONGEST_NEED_S))
 
     def _learn(self, needed_s: float) -> None:
         """Choose the time that revisions need, so that a reaction is short on average.

@@ -367,3 +367,24 @@ def test_a_line_that_carries_no_rate_is_refused(monkeypatch):
     monkeypatch.setattr(MockLink, "bytes_per_s", 11_520.0)
     with pytest.raises(ProtocolError, match="no waveform mode at up to 5184 Hz"):
         Device(MockLink(MockDriver()))
+
+
+def test_a_clock_that_was_ahead_leads_to_no_revision_of_the_past(rig, clock, monkeypatch):
+    """While the output stands, the host's clock of it runs on: revisions then look early."""
+    playback, _, _, _ = rig
+    output, observe = playback._writer.feeder.output, OutputClock.observe
+    run(playback, clock, 0.1)
+    ahead = int(0.02 * RATE)
+    monkeypatch.setattr(
+        output, "observe", lambda at_s, played: observe(output, at_s, played + ahead)
+    )
+    for _ in range(60):
+        playback.touch()
+        run(playback, clock, 0.01)
+    monkeypatch.setattr(output, "observe", lambda at_s, played: observe(output, at_s, played))
+    output._origins.clear()  # as after an underrun
+    for _ in range(5):
+        run(playback, clock, 0.004)
+        playback.touch()
+    assert playback._writer.feeder.need_s >= playback.device.capabilities.guard_s
+    playback.stop()
