@@ -138,7 +138,7 @@ def test_a_full_disk_is_told_by_its_folder(no_cache, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(build, "find_compiler", lambda: ["cc"])
-    monkeypatch.setattr(build.tempfile, "TemporaryDirectory", fill_up)
+    monkeypatch.setattr("tempfile.TemporaryDirectory", fill_up)
     with pytest.raises(DeviceError, match=r"in /.*: No space left on device\. Make room"):
         build.library()
 
