@@ -102,6 +102,7 @@ def test_from_instructions_by_practice_and_trials_to_thanks(front, page):
     keep(page, "sit")
     assert not violations(page)
     page.keyboard.press("2")
+    until_given(page, played, ["2"])
     practice.change(state="done", result={"trials": 1})
     page.get_by_text("That was the practice").wait_for()
     page.keyboard.press("Space")
