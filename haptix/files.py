@@ -51,6 +51,16 @@ def file_at(name: str, path: Any) -> Path:
     return Path(path)
 
 
+def file_name(name: str, text: str) -> str:
+    """Return a text that names a file or folder on every system, or raise `InputError`."""
+    if not re.fullmatch(r"[\w-](?:[\w .,()+-]{0,98}[\w)+-])?", text):
+        raise InputError(
+            f"{name}: names a file or a folder: expected letters, digits, '-' and '_', with spaces "
+            f"and points between them, got {text!r:.80}"
+        )
+    return text
+
+
 def write_whole(path: str | Path, content: Content) -> None:
     """Write a file, or leave what was there before and raise `FileFormatError`.
 

@@ -48,10 +48,12 @@ def make(
     """
     with progress_bar(_STAGES) as update:
         update("surface", 0.0)
+        from haptix.files import file_name
         from haptix.stimuli.recipe import Recipe
 
         parts = Recipe.load(recipe).stimulus_set()
-        result = parts.make(Path(parts.name) if out is None else out, threads, update)
+        place = Path(file_name("name", parts.name)) if out is None else out
+        result = parts.make(place, threads, update)
     rows = [dict(one) for one in result.sidecars] if as_json else [*map(_row, result.sidecars)]
     again = f", {result.reused} of them from an earlier run" if result.reused else ""
     show(f"{len(rows)} stimuli in {result.folder}{again}", rows, as_json)
@@ -112,6 +114,9 @@ def run(
             callback=number(),
         ),
     ] = None,
+    another_program: Annotated[
+        bool, typer.Option(help="Continue a log that another version of haptix began.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Run an adaptive experiment on a device; keys answer (1/2, or l/r).
@@ -138,6 +143,7 @@ def run(
             plan.seed,
             plan.ceiling_v,
             plan.pause_s,
+            another_program=another_program,
             **waiting,
         )
         experiment.run()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -23,6 +24,7 @@ from haptix.stimuli.apparatus import Apparatus
 from haptix.stimuli.rendering import Rendering
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
 from haptix.surface import Column
+from haptix.surface.request import digest
 
 
 class ExperimentRecipe(Document):
@@ -76,7 +78,17 @@ class ExperimentRecipe(Document):
         apparatus = Apparatus.build(finger, screen, [stimulus], self.ceiling_v)
         response, _ = apparatus.responses(stimulus)
         pedestal = None if self.pedestal is None else signal_from(self.pedestal, "pedestal")
-        return presentation_of(stimulus, response, sample_rate_hz, pedestal)
+        made = presentation_of(stimulus, response, sample_rate_hz, pedestal)
+        found = {
+            "finger": finger.content_hash(),
+            "screen": screen.content_hash(),
+            "recipe": digest(self.model_dump(mode="json")),
+        }
+        return replace(
+            made,
+            identity={**made.identity, **found},
+            profile=f"{finger.name} on {screen.name} {digest(found)[:12]}",
+        )
 
 
 def presentation_of(
@@ -125,4 +137,18 @@ def presentation_of(
         return inf if (status == response.ends_by).any() else float(volts.max())
 
     reference = drive(ground.lasting(unit.length_s))
-    return Presentation(target, reference, peak)
+    described = {
+        "stimulus": stimulus.describe(),
+        "pedestal": None if pedestal is None else pedestal.describe(),
+        "sample_rate_hz": rate,
+    }
+    asked = digest(_by_content(described))
+    return Presentation(target, reference, peak, {"stimulus": asked})
+
+
+def _by_content(value: Any) -> Any:
+    """Leave out where recordings lie: their hash says what they are."""
+    if isinstance(value, Mapping):
+        at = {"file"} if value.get("sha256") else set()
+        return {name: _by_content(one) for name, one in value.items() if name not in at}
+    return [_by_content(one) for one in value] if isinstance(value, list | tuple) else value

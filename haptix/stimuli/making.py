@@ -12,6 +12,7 @@ from typing import Any
 
 from haptix.errors import FileFormatError, InputError, LimitError, RangeError
 from haptix.files import json_text, publish, read_json, reading, write_failure
+from haptix.screen import Screen
 from haptix.signals.audio import file_hash, step_v
 from haptix.stimuli.apparatus import TOLERANCE, Apparatus
 from haptix.stimuli.drawing import contact_sheet
@@ -55,6 +56,8 @@ class MakingJob:
         parts = self.parts
         if self.folder.exists() and not self.folder.is_dir():
             raise InputError(f"{self.folder} is a file; name a folder")
+        tables = self._tables()
+        self._check_tables(tables)
         self.drafts.mkdir(parents=True, exist_ok=True)
         found: list[dict[str, Any]] = []
         total = len(parts.screens) * len(parts.stimuli)
@@ -75,14 +78,50 @@ class MakingJob:
                 f'{head}\nlower what they ask for, or say unreachable = "nearest" to play the '
                 "nearest reachable friction"
             )
-        return self._publish(found)
+        return self._publish(found, tables)
+
+    def _name(self, stimulus: Stimulus, screen: Screen) -> str:
+        """Name of a drive file."""
+        return f"{stimulus.name}{self.parts.suffix(screen)}.{self.parts.container}"
+
+    def _tables(self) -> dict[str, bytes]:
+        """Trial tables and their descriptions, by their names."""
+        parts, found = self.parts, {}
+        for screen in parts.screens:
+            files = [self._name(one, screen) for one in parts.stimuli]
+            table, columns = events(parts.stimuli, files, parts.trials)
+            found[f"events{parts.suffix(screen)}.tsv"] = table.encode()
+            found[f"events{parts.suffix(screen)}.json"] = json_text(columns).encode()
+        return found
+
+    def _check_tables(self, tables: dict[str, bytes]) -> None:
+        """Refuse to replace a trial table that somebody has added to.
+
+        Raises
+        ------
+        InputError
+            If one in the folder is neither what this set has, nor what its manifest lists.
+        """
+        try:
+            listed = read_json(self.folder / "manifest.json")["files"]
+        except (FileFormatError, KeyError):
+            listed = {}
+        for name, table in tables.items():
+            path = self.folder / name
+            if not path.exists() or path.read_bytes() == table:
+                continue
+            if listed.get(name, {}).get("sha256") != file_hash(path):
+                raise InputError(
+                    f"{path}: was changed since it was made, and is not replaced; move it away, or "
+                    "name another folder"
+                )
 
     def _one(
         self, apparatus: Apparatus, stimulus: Stimulus, index: int, done: int, total: int
     ) -> dict[str, Any]:
         """Make one file and its sidecar in the drafts, or find them there or published."""
         parts = self.parts
-        name = f"{stimulus.name}{parts.suffix(apparatus.screen)}.{parts.container}"
+        name = self._name(stimulus, apparatus.screen)
         recipe = self._recipe(apparatus, stimulus, index)
         if (finished := self._finished(name, recipe)) is not None:
             self.reused += 1
@@ -158,7 +197,7 @@ class MakingJob:
                 return table
         return None
 
-    def _publish(self, found: list[dict[str, Any]]) -> SetResult:
+    def _publish(self, found: list[dict[str, Any]], tables: dict[str, bytes]) -> SetResult:
         parts = self.parts
         self.on_progress("write", 0.0)
         files = [str(table["file"]) for table in found]
@@ -168,13 +207,7 @@ class MakingJob:
             for one in files
             for name in (one, _beside(one))
         }
-        others: dict[str, bytes] = {"profiles.json": json_text(self.profiles).encode()}
-        for number, screen in enumerate(parts.screens):
-            first = number * len(parts.stimuli)
-            on_screen = files[first : first + len(parts.stimuli)]
-            table, columns = events(parts.stimuli, on_screen, parts.trials)
-            others[f"events{parts.suffix(screen)}.tsv"] = table.encode()
-            others[f"events{parts.suffix(screen)}.json"] = json_text(columns).encode()
+        others: dict[str, bytes] = {"profiles.json": json_text(self.profiles).encode(), **tables}
         others["sheet.png"] = contact_sheet(parts.name, [places[name] for name in files], found)
         for name, data in others.items():
             places[name] = self.drafts / name
@@ -191,6 +224,10 @@ class MakingJob:
         }
         places["manifest.json"] = self.drafts / "manifest.json"
         places["manifest.json"].write_text(json_text(manifest), encoding="utf-8")
+        self._check_tables(tables)  # rendering may have taken an hour
+        for name in tables:
+            # Without a manifest nothing says whose they are: a stop would leave them to be refused.
+            (self.folder / name).unlink(missing_ok=True)
         drafts = {path: self.folder / path.name for path in places.values()}
         publish({path: target for path, target in drafts.items() if path != target})
         shutil.rmtree(self.drafts, ignore_errors=True)

@@ -95,6 +95,20 @@ def test_an_experiment_on_friction(haptix_stimuli):
     assert json.loads(again.out) == json.loads(done.out)  # it was over
 
 
+def test_a_set_s_name_stays_inside_its_folder(haptix_stimuli):
+    for name in ("../mine", "/tmp/mine", "a/b", "..", "", "a\\\\b", "mine "):
+        Path("set.toml").write_text(SET.replace('"mine"', f'"{name}"'))
+        done = haptix_stimuli("make", "set.toml")
+        assert done.code == 2 and "name: names a file or a folder" in done.err, name
+
+
+def test_a_log_is_refused_in_a_sentence(haptix_stimuli):
+    Path("thesis.txt").write_text("all of it")
+    done = haptix_stimuli("run", "experiment.toml", "--log", "thesis.txt", "--simulate-db", "-22")
+    assert done.code == 2 and "is not a log of trials, and stays as it is" in done.err
+    assert Path("thesis.txt").read_text() == "all of it"
+
+
 WRONG = {
     "missing": (("make", "no.toml"), "", "", r"no\.toml"),
     "no TOML": (("make", "set.toml"), "name", "= = name", "TOML"),

@@ -1,10 +1,11 @@
 """Adaptive methods that choose levels by the answers, and the experiment that presents them."""
 
 from haptix.stimuli.adaptive.constant import ConstantStimuli, fit
-from haptix.stimuli.adaptive.experiment import Experiment, Presentation, Touch
+from haptix.stimuli.adaptive.experiment import Experiment
 from haptix.stimuli.adaptive.log import TrialLog
 from haptix.stimuli.adaptive.method import Estimate, Method
 from haptix.stimuli.adaptive.observer import Keys, Question, SimulatedObserver
+from haptix.stimuli.adaptive.presentation import Presentation, Touch
 from haptix.stimuli.adaptive.quest import Quest
 from haptix.stimuli.adaptive.updown import UpDown, weighted_up_down
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
@@ -12,11 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io import Device
+from firmware_io.clock import HOST_CLOCK
 from haptix import checks
-from haptix.errors import InputError, LimitError
-from haptix.stimuli.adaptive.log import TrialLog
+from haptix.errors import FileFormatError, InputError, LimitError
+from haptix.stimuli.adaptive.log import TrialLog, program
 from haptix.stimuli.adaptive.method import Method
 from haptix.stimuli.adaptive.observer import AnswerTo, Question
+from haptix.stimuli.adaptive.presentation import Presentation, Touch
 
 Array = npt.NDArray[np.float64]
 Task = Literal["2ifc", "2afc"]
@@ -26,33 +29,6 @@ CHOICES: dict[str, tuple[str, str]] = {"2ifc": ("1", "2"), "2afc": ("l", "r")}
 
 _CLOSE = 1e-9
 _MOST_ATTEMPTS = 20  # at one trial
-
-
-@dataclass(frozen=True)
-class Touch:
-    """Mean force and speed of the finger in a trial."""
-
-    normal_force_n: float
-    speed_mm_per_s: float
-
-
-@dataclass(frozen=True)
-class Presentation:
-    """Drive signals of a trial, for a level.
-
-    Parameters
-    ----------
-    target : callable
-        Drive [V], shape (samples,), for a level.
-    reference : ndarray
-        Drive [V] of the other alternative.
-    peak_v : callable
-        Highest voltage of the target at a level; must rise with it.
-    """
-
-    target: Callable[[float], Array]
-    reference: Array
-    peak_v: Callable[[float], float]
 
 
 @dataclass(eq=False)
@@ -94,6 +70,16 @@ class Experiment:
         Relative tolerance of `touch`.
     clock, wait : callable
         Time [s] for the log, and a function that waits [s].
+    another_program : bool
+        Continue a log that another version of haptix began; its rows say which wrote them.
+
+    Raises
+    ------
+    InputError
+        If another process writes the log.
+    FileFormatError
+        If the log is of another stimulus, finger, screen, method or setting, is none, or was begun
+        by another version of haptix and is not over.
     """
 
     method: Method
@@ -111,6 +97,7 @@ class Experiment:
     tolerance: float = 0.15
     clock: Callable[[], float] = time.monotonic
     wait: Callable[[float], None] = time.sleep
+    another_program: bool = False
 
     def __post_init__(self) -> None:
         checks.choice("task", self.task, CHOICES)
@@ -131,10 +118,12 @@ class Experiment:
                 f"ceiling_v: expected above 0 and at most the device's {allowed:g} V, got "
                 f"{self._ceiling_v:g} V"
             )
-        self._start = self.clock()
-        settings = {"method": self.method.describe(), "ceiling_v": self._ceiling_v} | {
-            name: getattr(self, name)
-            for name in ("task", "seed", "normal_force_n", "speed_mm_per_s", "tolerance")
+        names = ("task", "seed", "pause_s", "normal_force_n", "speed_mm_per_s", "tolerance")
+        settings = {
+            "method": self.method.describe(),
+            "ceiling_v": self._ceiling_v,
+            **{name: getattr(self, name) for name in names},
+            "hashes": self.presentation.hashes(self.allowed(self.method.level)),
         }
         self.log = TrialLog(self.log_file, settings)
         self.trials = 0
@@ -145,16 +134,30 @@ class Experiment:
                 self._accept(row["is_right"] == "true", float(row["level"]))
             else:
                 self._attempt += 1
+        self._session, self._start = _resumed(self.log.rows, self.clock())
+        if not self.method.is_done and self.log.version != program():
+            if not self.another_program:
+                self.log.close()
+                raise FileFormatError(
+                    f"{self.log.path}: was begun by haptix {self.log.version}, and this is "
+                    f"{program()}: trials of two programs would be mixed. Finish it with that one, "
+                    "or ask for another_program (--another-program)"
+                )
+            self.log.go_on()
 
     def run(self) -> None:
-        """Present trials until the method is done."""
+        """Present trials until the method is done; then others can write the log."""
         for _ in self:
             pass
 
     def __iter__(self) -> Iterator[dict[str, str]]:
         """Present trials one by one; yields the log's line of each attempt."""
-        while not self.method.is_done:
-            yield self._present()
+        self.log.open()
+        try:
+            while not self.method.is_done:
+                yield self._present()
+        finally:
+            self.log.close()
 
     def _present(self) -> dict[str, str]:
         asked = float(self.method.level)
@@ -173,20 +176,22 @@ class Experiment:
         if right:
             parts.reverse()
         if self.task == "2afc":
-            self._play(np.concatenate(parts))
+            onset = self._play(np.concatenate(parts))
         else:
-            self._play(parts[0])
+            onset = self._play(parts[0])
             self.wait(self.pause_s)
             self._play(parts[1])
         felt = None if self.touch is None else self.touch()
         why = self._objection(felt)
+        asked_s = self.clock()
         given = self.answer(Question(self.trials, choices, level, choices[right]))
+        answered_s = self.clock()
         is_right = checks.choice("answer", given, choices) == choices[right]
         self.log.append(
             {
                 "trial": self.trials,
                 "attempt": self._attempt,
-                "time_s": round(self.clock() - self._start, 3),
+                "time_s": round(answered_s - self._start, 3),
                 "level_asked": asked,
                 "level": level,
                 "lowered_to_ceiling": level < asked,
@@ -197,6 +202,13 @@ class Experiment:
                 "speed_mm_per_s": None if felt is None else felt.speed_mm_per_s,
                 "accepted": not why,
                 "why": why,
+                "session": self._session,
+                "onset_s": round(onset - self._start, 4),
+                "reaction_s": round(answered_s - asked_s, 4),
+                "date": datetime.now(UTC).isoformat(timespec="milliseconds"),
+                "version": program(),
+                "device": _name(self.device),
+                "profile": self.presentation.profile,
             }
         )
         if why:
@@ -228,10 +240,21 @@ class Experiment:
             low, high = (middle, high) if peak(middle) <= self._ceiling_v else (low, middle)
         return low
 
-    def _play(self, drive_v: Array) -> None:
-        """Play to the end; afterwards the device is at 0 V and disarmed, whatever happens."""
+    def _play(self, drive_v: Array) -> float:
+        """Play to the end, and return when the output began, by `clock`.
+
+        Afterwards the device is at 0 V and disarmed, whatever happens.
+        """
         with self.device as device:
+            began, host_s = self.clock(), HOST_CLOCK()
             device.write(drive_v)
+            delay = 0.0
+            if hasattr(device, "progress"):  # a stand-in for a device has none
+                found = device.progress(is_fresh=True)
+                if found.is_playing and found.samples_played:
+                    rate = device.capabilities.sample_rate_hz
+                    delay = found.reported_s - found.samples_played / rate - host_s
+            return began + max(0.0, delay)
 
     def _objection(self, felt: Touch | None) -> str:
         """Why a touch does not count; empty if it does."""
@@ -244,3 +267,23 @@ class Experiment:
             if asked is not None and not abs(was - asked) <= self.tolerance * asked * (1 + _CLOSE):
                 return f"{name} was {was:g}, not {asked:g} within {self.tolerance:.0%}"
         return ""
+
+
+def _resumed(rows: Sequence[Mapping[str, str]], now_s: float) -> tuple[int, float]:
+    """Number of this session, and the time by the clock that is 0 s in the log.
+
+    A resumed log goes on after its last trial, by as much as has passed since.
+    """
+    if not rows:
+        return 1, now_s
+    last, past = rows[-1], 0.0
+    if last["date"] != "n/a":
+        past = (datetime.now(UTC) - datetime.fromisoformat(last["date"])).total_seconds()
+    session = 1 if last["session"] == "n/a" else int(last["session"])
+    return session + 1, now_s - float(last["time_s"]) - max(0.0, past)
+
+
+def _name(device: Device) -> str:
+    """Address of a device, and the serial number of its driver."""
+    serial = getattr(getattr(device, "capabilities", None), "serial", "")
+    return " ".join(filter(None, (getattr(device, "name", ""), serial)))
