@@ -47,6 +47,8 @@ def number(
 
 def plain(value: Any) -> float | None:
     """Return a real number as a float, and None for anything else."""
+    if type(value) is float:
+        return value
     with suppress(AttributeError, ValueError, RuntimeError):  # not an array or tensor of one
         value = value.item()
     with suppress(OverflowError):  # an integer beyond all floats

@@ -37,7 +37,7 @@ class Controls:
     def heard(self, touch_id: int, report: Report) -> None:
         """Take a real report of a finger, on the clock of samples."""
         regions = self._regions
-        for region in regions.shown:
+        for region in regions.shown.regions:
             key = region.key
             control = _control_of(regions.materials.get(key))
             if control is None or region.opacity.after[0] == 0.0:

@@ -150,7 +150,7 @@ class Layout:
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Left, right, top and bottom of the box around all regions."""
-        boxes = [region.box for region in self._regions.shown if region.opacity.after[0]]
+        boxes = [region.box for region in self._regions.shown.regions if region.opacity.after[0]]
         if not boxes:
             return (0.0, 40.0, 0.0, 20.0)
         left, right, top, bottom = zip(*boxes, strict=True)
@@ -162,14 +162,14 @@ class Layout:
         below = self._background
         found = Depends.PLACE if isinstance(below, float) else below.depends_on
         now_s = self._regions.now()
-        for region in self._regions.shown:
+        for region in self._regions.shown.regions:
             found |= region.depends_on(now_s)
         return found
 
     @property
     def drives_at_rest(self) -> bool:
         """Whether any region is felt at rest; the others fade there."""
-        return any(region.evaluator.drives_at_rest for region in self._regions.shown)
+        return self._regions.shown.drives_at_rest
 
     def wanted(self, motion: Motion) -> Array:
         """Friction wanted under the fingers, of the motion's shape."""
@@ -182,15 +182,15 @@ class Layout:
             far = ~((np.abs(x) <= FARTHEST_MM) & (np.abs(y) <= FARTHEST_MM))
             found = self.wanted(motion.at_places(np.where(far, 0.0, x), np.where(far, 0.0, y)))
             return np.where(far, self.outside, found)
-        regions = self._regions.shown  # read once
-        if any(region.blend == "multiply" for region in regions):
+        shown = self._regions.shown  # read once
+        if shown.multiplies:
             motion = motion.with_footprint(2 * motion.footprint_mm)
         near = 2 * motion.footprint_mm + 1e-9
         start_s = motion.start_s
         first_s = float(start_s.min()) if isinstance(start_s, np.ndarray) else start_s
         layers: list[tuple[Region, Motion, float | Array]] = []
         hidden = False
-        for region in regions:
+        for region in shown.near(left - near, right + near, top - near, bottom + near):
             is_still = first_s >= region.place.end_s
             at_left, at_right, at_top, at_bottom = region.box if is_still else region.way
             if (
@@ -213,7 +213,7 @@ class Layout:
                 hidden = True  # and so is all below it
                 break
         below = self._background
-        rests = self.drives_at_rest
+        rests = shown.drives_at_rest
         value: Array
         if hidden:
             value = np.zeros(x.shape)
@@ -241,8 +241,11 @@ class Layout:
         of: dict[int, Facts] = {}
         states: dict[int, int] = {}
         facts = facts if isinstance(facts, LayoutFacts) else LayoutFacts.newest({}, facts)
-        held, left = facts.of, facts
-        for region in self._regions.shown:
+        held, left, shown = facts.of, facts, self._regions.shown
+        near = shown.near(now.x_mm, now.x_mm, now.y_mm, now.y_mm)
+        if held.keys() - {one.key for one in near}:
+            near = shown.regions
+        for region in near:
             if region.opacity.after[0] == 0.0:
                 continue  # it goes
             known = held.get(region.key)
@@ -265,18 +268,18 @@ class Layout:
         """Keys of the regions under a report, the highest first."""
         return [
             region.key
-            for region in self._regions.shown
+            for region in self._regions.shown.near(*(report.x_mm,) * 2, *(report.y_mm,) * 2)
             if region.opacity.after[0] > 0.0 and region.is_near(report) and region.seen(report)[1]
         ]
 
     def priorities(self, motion: Motion) -> Array | None:
         """Priority of each finger at each point; None where all are alike."""
-        regions = self._regions.shown
-        if not any(region.priority for region in regions):
+        shown = self._regions.shown
+        if not shown.has_priorities:
             return None
         found = np.zeros(motion.x_mm.shape)
         first_s = float(np.min(motion.start_s))
-        for region in reversed(regions):
+        for region in reversed(shown.regions):
             on = motion.seen_from(region.axes(motion, first_s))
             inside = region.outline.cover(on.x_mm, on.y_mm, 0.0) >= 0.5
             found[inside] = region.priority

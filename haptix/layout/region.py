@@ -108,17 +108,14 @@ class Region:
     """An upright rectangle without a mask: inside its box it covers all."""
 
     def __post_init__(self) -> None:
-        ends = [self._corners(*row) for row in (self.place.before, self.place.after)]
-        boxes = [
-            (min(x), max(x), min(y), max(y)) for x, y in (zip(*one, strict=True) for one in ends)
-        ]
-        sides = list(zip(*boxes, strict=True))
-        widest = tuple(rule(side) for rule, side in zip((min, max, min, max), sides, strict=True))
-        core = tuple(rule(side) for rule, side in zip((max, min, max, min), sides, strict=True))
+        left, right, top, bottom = self._box(*self.place.before)
+        box = at_left, at_right, at_top, at_bottom = self._box(*self.place.after)
+        way = min(left, at_left), max(right, at_right), min(top, at_top), max(bottom, at_bottom)
+        core = max(left, at_left), min(right, at_right), max(top, at_top), min(bottom, at_bottom)
         level = self.outline.shape == "rectangle" and self.mask is None
         level = level and self.place.before[2] == self.place.after[2] == 0.0
-        object.__setattr__(self, "way", widest)
-        object.__setattr__(self, "box", boxes[1])
+        object.__setattr__(self, "way", way)
+        object.__setattr__(self, "box", box)
         object.__setattr__(self, "core", core)
         object.__setattr__(self, "frame", LocalFrame(*self.place.after))
         object.__setattr__(self, "is_level", level)
@@ -220,18 +217,21 @@ class Region:
         # These axes neither move nor grow: their fields are numbers.
         return _in_axes(there, inner.x_mm, inner.y_mm, inner.angle_rad, inner.scale)  # type: ignore[arg-type]
 
-    def _corners(
-        self, x_mm: float, y_mm: float, angle: float, scale: float
-    ) -> list[tuple[float, float]]:
-        c, s = cos(angle) * scale, sin(angle) * scale
+    def _box(self, x_mm: float, y_mm: float, angle: float, scale: float) -> Box:
+        """Return the box around the region at a place."""
         shape = self.outline.shape
         width, height = self.outline.width_mm, self.outline.height_mm
+        if angle == 0.0 and isinstance(shape, str):
+            return x_mm, x_mm + width * scale, y_mm, y_mm + height * scale
+        c, s = cos(angle) * scale, sin(angle) * scale
         local = (
             [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)]
             if isinstance(shape, str)
             else shape
         )
-        return [(x_mm + x * c - y * s, y_mm + x * s + y * c) for x, y in local]
+        across = [x_mm + x * c - y * s for x, y in local]
+        down = [y_mm + x * s + y * c for x, y in local]
+        return min(across), max(across), min(down), max(down)
 
 
 def _in_axes(report: Report, x_mm: float, y_mm: float, angle: float, scale: float) -> Report:

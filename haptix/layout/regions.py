@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import chain
 from math import cos, inf, radians, sin
 from typing import Any, get_args
 
@@ -14,6 +15,7 @@ from haptix.errors import InputError
 from haptix.layout.glide import Glide
 from haptix.layout.outlines import Outline
 from haptix.layout.region import Region
+from haptix.layout.shown import Shown
 from haptix.motion import LocalFrame
 from haptix.texture import Evaluator, Feelable, FrictionField, check_feelable
 from haptix.texture.composition import Blend, held
@@ -32,14 +34,14 @@ class Regions:
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
-        self.shown: tuple[Region, ...] = ()
-        """The highest first."""
+        self.shown = Shown()
         self.materials: dict[int, Feelable] = {}
         """By their keys; of those that have not been removed."""
         self.now: Callable[[], float] = lambda: -inf
         """The first time [s] that can still be changed."""
         self._changed: Callable[[], None] = lambda: None
         self._draft: list[Region] | None = None
+        self._last_at: dict[int, int] = {}  # by key: where it was found last
         self._depth = 0
         self._given: dict[int, dict[str, Any]] = {}
         self._held: dict[int, tuple[Feelable, Evaluator]] = {}
@@ -50,7 +52,9 @@ class Regions:
         with self.lock:
             self.now, self._changed = now, changed
             # What came, went and moved by another clock has done so.
-            self.shown = tuple(one.settled() for one in self.shown if one.opacity.after[0])
+            self.shown = Shown.of(
+                [one.settled() for one in self.shown.regions if one.opacity.after[0]]
+            )
 
     @contextmanager
     def change(self) -> Iterator[None]:
@@ -59,12 +63,12 @@ class Regions:
             self._depth += 1
             if self._depth == 1:
                 now_s = self.now()
-                self._draft = [one for one in self.shown if not one.is_gone(now_s)]
+                self._draft = [one for one in self.shown.regions if not one.is_gone(now_s)]
                 before = dict(self._given), dict(self.materials)
             try:
                 yield
                 if self._depth == 1 and self._draft is not None:
-                    self.shown = tuple(self._draft)
+                    self.shown = Shown.of(self._draft)
             except BaseException:
                 if self._depth == 1:
                     self._given, self.materials = before
@@ -108,6 +112,7 @@ class Regions:
             self._fade(key, now_s, now_s)
             self._given.pop(key, None)
             self.materials.pop(key, None)
+            self._last_at.pop(key, None)
 
     def move(self, key: int, values: dict[str, float], over_s: float) -> None:
         """Move a region along a line, to another corner, rotation or scale."""
@@ -115,20 +120,28 @@ class Regions:
             given = self.given(key) | values
             positive("scale", given["scale"])
             self._given[key] = given
-            corner, now_s = _corner(given), self.now()
-            regions = self.shown if self._draft is None else self._draft
-            moved = [
-                one.moved(one.place.to(corner, now_s, over_s))
-                if one.key == key and one.opacity.after[0] > 0.0
-                else one
-                for one in regions
-            ]
-            if self._draft is None:
-                self.shown = tuple(moved)
-            else:
-                self._draft = moved
+            draft = self._draft
+            if (at := self._find(key)) is not None:
+                one = (self.shown.regions if draft is None else draft)[at]
+                moved = one.moved(one.place.to(_corner(given), self.now(), over_s))
+                if draft is None:
+                    self.shown = self.shown.moved(at, moved)
+                else:
+                    draft[at] = moved
+            if draft is not None:
                 return
         self._changed()
+
+    def _find(self, key: int) -> int | None:
+        """Return the place of a region in the order, of the one that stays; None if none does."""
+        regions = self.shown.regions if self._draft is None else self._draft
+        # Mostly where it was: so a move costs the same among many.
+        for at in chain((self._last_at.get(key, 0),), range(len(regions))):
+            one = regions[at] if at < len(regions) else None
+            if one is not None and one.key == key and one.opacity.after[0] > 0.0:
+                self._last_at[key] = at
+                return at
+        return None
 
     def set(self, key: int, changes: dict[str, Any]) -> None:
         """Change what a region was given, in a cross-fade."""
@@ -156,10 +169,9 @@ class Regions:
 
     def _last_of(self, key: int) -> tuple[LocalFrame | None, int]:
         """Return the axes in which a region shows its material, and the number of that state."""
-        for one in self._draft or []:
-            if one.key == key and one.opacity.after[0] > 0.0:
-                return one.inner, one.state
-        return None, 0  # opacity 0
+        if self._draft is None or (at := self._find(key)) is None:
+            return None, 0  # opacity 0
+        return self._draft[at].inner, self._draft[at].state
 
     def _put(
         self,

@@ -128,11 +128,11 @@ def test_changes_in_a_pause_do_not_pile_up():
     for i in range(50):  # the clock stands
         patch.set(value=(i % 10) / 10)
         patch.set(opacity=1.0)
-    assert len(shown.shown) == 2  # the one that is felt, and the one that comes
+    assert len(shown.shown.regions) == 2  # the one that is felt, and the one that comes
     np.testing.assert_allclose(ridges(finger, 0, 20), [10], atol=0.02)  # 0.9 is at 21
     finger.clock.t_s += 0.02
     patch.set(value=0.5)
-    assert len(shown.shown) == 2
+    assert len(shown.shown.regions) == 2
 
 
 def test_what_has_no_value_says_so():

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptix import InputError, Layout, Screen, Texture
-from haptix.layout import ScreenGeometry
+from haptix.layout import ScreenGeometry, shown
 from haptix.layout.regions import FADE_S, GLIDE_S
 from haptix.motion import Depends, Facts, Motion, Report
 from haptix.texture import Composition, Grating, Sprite
@@ -150,7 +150,7 @@ def test_a_scale_glides_as_the_places_it_gives():
 def test_a_change_is_told_once_when_it_is_whole():
     told = []
     layout = Layout()
-    layout.attach(Clock(1.0), lambda: told.append(len(layout._regions.shown)))
+    layout.attach(Clock(1.0), lambda: told.append(len(layout._regions.shown.regions)))
     with layout.change():
         one = layout.add(Level(1.0), 0, 0, 10, 10)
         layout.add(Level(1.0), 0, 0, 10, 10)
@@ -203,7 +203,7 @@ def test_all_that_changes_fades():
     np.testing.assert_allclose(felt(), 0.3 - 0.1 * part, atol=1e-9)
     clock.t_s = 5.0
     layout.add(Level(0.8), 50, 50, 10, 10)
-    assert len(layout._regions.shown) == 1  # what has gone is forgotten
+    assert len(layout._regions.shown.regions) == 1  # what has gone is forgotten
     patch.remove()
     with pytest.raises(InputError, match="removed"):
         patch.move(x_mm=3)
@@ -256,6 +256,53 @@ def test_any_thread_may_change_it_while_another_asks():
     stop.set()
     thread.join()
     assert not wrong
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_many_regions_answer_as_if_each_were_asked(monkeypatch, seed):
+    def made():
+        rng, clock = np.random.default_rng(seed), Clock()
+        layout = Layout(0.1)
+        layout.attach(clock)
+        patches = [
+            layout.add(
+                Level(rng.random()), *rng.uniform(0, 100, 2), *rng.uniform(5, 20, 2),
+                rotation_deg=rng.choice([0.0, 30.0]), z=int(rng.integers(3)),
+                blend=rng.choice(["over", "over", "max", "multiply"]), opacity=rng.uniform(0.3, 1),
+                shape=rng.choice(["rectangle", "ellipse"]), priority=int(rng.integers(3)),
+            )
+            for _ in range(25)
+        ]  # fmt: skip
+        clock.t_s = 1.0
+        for patch in patches[:15]:
+            x, y = rng.uniform(0, 100, 2)
+            patch.move(x, y, over_s=0.05)
+        patches[3].remove()
+        patches[4].set(material=Level(0.9))
+        patches[4].move(x_mm=50)
+        with layout.change():
+            patches[5].move(x_mm=20)
+            patches[6].remove()
+            patches[7].move(y_mm=20)
+        return layout
+
+    def answers(layout):
+        rng, facts = np.random.default_rng(seed + 10), Facts()
+        for k in range(20):
+            x, y = rng.uniform(0, 110, 2)
+            t_s = 1.0 + 0.006 * k
+            path = x + 0.05 * np.arange(12.0)
+            motion = Motion.of(path, y, t_s + 1e-4 * np.arange(12), 50.0, footprint_mm=0.05)
+            yield layout.wanted(motion), layout.priorities(motion)
+            now = Report(t_s, x, y, 2.0)
+            facts = layout.react(facts, None, now)
+            yield layout.under(now), facts, facts.of
+
+    many = list(answers(made()))
+    monkeypatch.setattr(shown, "_LOOPED", 100)
+    for found, wanted in zip(many, answers(made()), strict=True):
+        for a, b in zip(found, wanted, strict=True):
+            np.testing.assert_equal(a, b)
 
 
 def test_facts_are_those_of_the_region():
@@ -322,10 +369,10 @@ def test_a_texture_that_is_added_again_is_not_made_again(monkeypatch):
     assert len(made) == 1  # held beyond its edges, and not the other one as well
     layout = Layout()
     regions = [layout.add(HALF) for _ in range(3)]
-    assert len({id(one.evaluator) for one in layout._regions.shown}) == 1
+    assert len({id(one.evaluator) for one in layout._regions.shown.regions}) == 1
     for region in regions:
         region.move(x_mm=3)
-    assert len({id(one.evaluator) for one in layout._regions.shown}) == 1
+    assert len({id(one.evaluator) for one in layout._regions.shown.regions}) == 1
 
 
 @pytest.mark.parametrize("turn", [0, 90, 180, 270])
