@@ -15,6 +15,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -156,6 +157,32 @@ def long_path(seconds: float) -> Trajectory:
     return Trajectory(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
+def of_felt(
+    renderer: haptix.LiveRenderer, setting: Setting, surface: Any, volts: np.ndarray,
+    end_s: float, left_out: Sequence[tuple[float, float]] = (),
+) -> dict[str, Any]:  # fmt: skip
+    """Error of what a virtual finger feels on the setting's path, without and with some spans."""
+    path = setting.path
+    # In pieces: a minute at 48 kHz is long for one call.
+    felt = VirtualFinger(setting.model).feel(
+        volts, RATE_HZ, path.t_s, path.x_mm, path.y_mm, path.normal_force_n, 0.0
+    )
+    axis = surface.normal_force_n
+    force = felt.normal_force_n.clip(axis.low, axis.high)
+    low, high = renderer.reachable(force, felt.speed_mm_per_s)
+    evaluator = setting.texture.evaluator
+    motion = Motion.of(felt.x_mm, felt.y_mm, felt.t_s, *path.velocity_mm_per_s(felt.t_s), force)
+    target = np.asarray(as_mu(evaluator.target, evaluator.wanted(motion), low, high))
+    every = (felt.t_s > 0.3) & (felt.t_s < end_s) & (target >= low) & (target <= high)
+    counts = every.copy()
+    for began, ended in left_out:
+        counts &= ~((felt.t_s >= began) & (felt.t_s <= ended))
+    found = {"error p95 JND": round(evaluate(felt, target, counts).error_p95_jnd, 3)}
+    if left_out:
+        found["with stalls"] = round(evaluate(felt, target, every).error_p95_jnd, 3)
+    return found
+
+
 def play(
     where: Any, kind: type[haptix.LiveRenderer], settings: LiveSettings, setting: Setting,
     surface: Any, panel: TouchPanel, stalls: bool,
@@ -184,26 +211,13 @@ def play(
             seconds = time.monotonic() - start_s
         volts, began_s = place.output(device)
     stats = renderer.stats
-    first = round((start_s - began_s) * RATE_HZ)
-    volts = volts[first:]
-    path = setting.path
-    finger = VirtualFinger(setting.model)
-    # In pieces: a minute at 48 kHz is long for one call.
-    felt = finger.feel(volts, RATE_HZ, path.t_s, path.x_mm, path.y_mm, path.normal_force_n, 0.0)
-    axis = surface.normal_force_n
-    force = felt.normal_force_n.clip(axis.low, axis.high)
-    low, high = renderer.reachable(force, felt.speed_mm_per_s)
-    evaluator = setting.texture.evaluator
-    motion = Motion.of(felt.x_mm, felt.y_mm, felt.t_s, *path.velocity_mm_per_s(felt.t_s), force)
-    target = np.asarray(as_mu(evaluator.target, evaluator.wanted(motion), low, high))
-    counts = (felt.t_s > 0.3) & (felt.t_s < seen.arrival_s[-1]) & (target >= low) & (target <= high)
-    every = counts.copy()
-    for began, ended in renderer_stalls.spans + link_stalls.spans:
-        at = felt.t_s + start_s
-        counts &= ~((at >= began) & (at <= ended + FELT_AFTER_S))
+    volts = volts[round((start_s - began_s) * RATE_HZ) :]
+    spans = [
+        (began - start_s, ended - start_s + FELT_AFTER_S)
+        for began, ended in renderer_stalls.spans + link_stalls.spans
+    ]
     row: dict[str, Any] = {
-        "error p95 JND": round(evaluate(felt, target, counts).error_p95_jnd, 3),
-        "with stalls": round(evaluate(felt, target, every).error_p95_jnd, 3),
+        **of_felt(renderer, setting, surface, volts, seen.arrival_s[-1], spans),
         "underruns": stats.underruns,
         "stalls": len(renderer_stalls.spans) + len(link_stalls.spans),
         "CPU share": round(cpu_s / seconds, 3),
