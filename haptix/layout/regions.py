@@ -181,12 +181,12 @@ class Regions:
         inner: LocalFrame | None = None,
         state: int = 0,
     ) -> None:
-        """Add a region on top of those of its height, fading in."""
+        """Add a region, fading in: of one height, those that were added later lie on top."""
         region = replace(self._region(key, given, now_s), inner=inner, state=state)
         self._given[key] = given
         self.materials[key] = given["material"]
         draft = self._draft or []
-        draft.insert(sum(one.z > region.z for one in draft), region)
+        draft.insert(sum((one.z, one.key) > (region.z, key) for one in draft), region)
         self._draft = draft
 
     def _fade(self, key: int, now_s: float, from_s: float) -> None:

@@ -77,6 +77,19 @@ def test_a_still_layout_is_a_composition(blend, shape, footprint_mm):
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12)
 
 
+def test_a_changed_region_stays_below_those_that_came_after_it():
+    layout = Layout()
+    low, high = (layout.add(Level(level), 0, 0, 20, 10) for level in (0.2, 0.8))
+    assert at(layout, 5.0)[0] == 0.8
+    low.set(material=Level(0.3))
+    assert at(layout, 5.0)[0] == 0.8
+    high.remove()
+    assert at(layout, 5.0)[0] == 0.3
+    low.set(z=1.0)
+    layout.add(Level(0.9), 0, 0, 20, 10)
+    assert at(layout, 5.0)[0] == 0.3
+
+
 @given(st.floats(-180, 180), st.floats(0.3, 3), st.floats(-20, 60), st.floats(-20, 60))
 def test_a_turned_and_scaled_region(angle_deg, scale, x, y):
     layout = Layout()
