@@ -11,11 +11,9 @@ from fastapi import APIRouter, Depends, FastAPI, Header, Request, WebSocket
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse, Response
 from pydantic import BaseModel, ConfigDict, Field
-from starlette.websockets import WebSocketDisconnect
 
 from haptix.service import messages as m
 from haptix.service.access import Access
-from haptix.service.answers import work
 from haptix.service.assets import AssetStore
 from haptix.service.docs_page import POLICY, docs_page
 from haptix.service.hub import TICK_S, Hub
@@ -23,7 +21,7 @@ from haptix.service.jobs_rest import jobs_router
 from haptix.service.messages import Problem
 from haptix.service.pages import pages
 from haptix.service.profiles import profiles_router
-from haptix.service.session import ServiceSession
+from haptix.service.session_socket import serve_session
 from haptix.version import __version__
 
 SUBPROTOCOL = "haptix.v1"
@@ -266,53 +264,9 @@ def application(
             await socket.close(4429, problem.sentence)
             return
         await socket.accept(SUBPROTOCOL)
-        await _serve(hub, socket, client)
+        await serve_session(hub, socket, client)
 
     return Guard(app, hub.access)
-
-
-async def _serve(hub: Hub, socket: WebSocket, client: ServiceSession) -> None:
-    """Serve one session until it closes, by whichever side."""
-    tasks = [
-        asyncio.create_task(part)
-        for part in (_reads(hub, socket, client), _writes(socket, client), work(hub, client))
-    ]
-    try:
-        await asyncio.wait(tasks[:2], return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        hub.gone(client)
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-
-
-async def _reads(hub: Hub, socket: WebSocket, client: ServiceSession) -> None:
-    with contextlib.suppress(WebSocketDisconnect):
-        while client.closing is None:
-            message = await socket.receive()
-            if message["type"] == "websocket.disconnect":
-                return
-            data = message.get("text")
-            wait_s = hub.receive(client, message["bytes"] if data is None else data)
-            if wait_s > 0:
-                await asyncio.sleep(wait_s)
-        await asyncio.sleep(1.0)  # its writer says why, and closes
-
-
-async def _writes(socket: WebSocket, client: ServiceSession) -> None:
-    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-        while True:
-            if client.waiting:
-                await socket.send_text(client.waiting.popleft())
-            elif client.closing is not None:
-                code, reason = client.closing
-                await socket.close(code, reason[:120])
-                return
-            elif (frame := client.next_frame()) is not None:
-                await socket.send_bytes(frame)
-            else:
-                client.has_more.clear()
-                await client.has_more.wait()
 
 
 async def _ticks(hub: Hub) -> None:

@@ -19,6 +19,7 @@ from haptix.service.control import Engine, OutputControl
 from haptix.service.jobs import JobBoard
 from haptix.service.messages import Problem
 from haptix.service.session import ServiceSession
+from haptix.service.touch_inbox import Stalls
 from haptix.service.touch_reports import reports_of
 from haptix.version import __version__
 
@@ -59,6 +60,7 @@ class Hub:
         self.material_schema: dict[str, Any] = {}
         self.profiles: dict[str, Any] = {}
         self.now_s = now_s
+        self.stalls = Stalls(now_s())
         self.sessions: dict[int, ServiceSession] = {}
         self.keep_alive = m.KeepAlive()
         self._next = 1
@@ -92,6 +94,7 @@ class Hub:
     def tick(self) -> None:
         """Look after pings and silences; every `TICK_S`."""
         now_s, keep, control = self.now_s(), self.keep_alive, self.control
+        self.stalls.look(now_s)
         self.engine.tell("tick")
         control.tick(now_s)
         for session in list(self.sessions.values()):
@@ -118,7 +121,8 @@ class Hub:
     def receive(self, session: ServiceSession, data: str | bytes) -> float:
         """Take what a client sent; return how long not to read from it [s].
 
-        Pongs, touches and stop are obeyed at once; the others wait for `answers.work`.
+        Pongs and stop are obeyed at once; touches in bytes wait for `pass_touches`, which comes
+        before the next message, and the others for `answers.work`.
         """
         if session.closing is not None:
             return 0.0
@@ -126,6 +130,7 @@ class Hub:
             wait_s = session.batches.wait_s()
         else:
             wait_s = session.messages.wait_s(1 + len(data) // m.COUNTED_BYTES)
+            self.pass_touches(session)
         try:
             if isinstance(data, bytes):
                 self._heard(session)
@@ -133,7 +138,7 @@ class Hub:
                     raise Problem("order", "expected hello first")
                 touches = read_touches(data).touches
                 wait_s = max(wait_s, session.touches.wait_s(len(touches)))
-                session.refuse_touches(*self.touch(session, touches))
+                session.inbox.put(touches)
             else:
                 message = m.read_client(data)
                 self._heard(session)
@@ -141,6 +146,15 @@ class Hub:
         except Problem as problem:
             session.refuse(m.id_of(data) if isinstance(data, str) else 0, problem)
         return wait_s
+
+    def pass_touches(self, session: ServiceSession) -> None:
+        """Pass on the touches in bytes that a client has sent."""
+        if session.inbox:
+            now_s = self.now_s()
+            late_s = self.stalls.late_s(now_s)
+            batches = session.inbox.take(session.clock, now_s, late_s)
+            session.refuse_touches(*self.touch(session, *batches))
+            session.warn_of_dropped(now_s)
 
     def _sort(self, session: ServiceSession, message: Any) -> float:
         if not session.is_welcome and not isinstance(message, m.HelloMessage):
@@ -264,17 +278,22 @@ class Hub:
         self.control.set(state="off", reason=reason)
 
     def touch(
-        self, session: ServiceSession, touches: Sequence[m.TouchMessage | ClientTouch | Problem]
+        self,
+        session: ServiceSession,
+        *batches: Sequence[m.TouchMessage | ClientTouch | Problem | None],
     ) -> tuple[int, Problem | None]:
         """Pass the holder's touches on; return how many are left out, and why the first is."""
         if self.control.holder is not session:
+            touches = [touch for touches in batches for touch in touches if touch is not None]
             wrong = next((touch for touch in touches if isinstance(touch, Problem)), None)
             wrong = wrong or Problem("lease", "touch: expected the lease; send acquire first")
             return len(touches), wrong
-        taken = reports_of(session, touches, self.now_s())
-        if taken.reports:
-            self.engine.touch(taken.reports)
-        return taken.left_out, taken.problem
+        taken = [reports_of(session, touches, self.now_s()) for touches in batches]
+        reports = [report for one in taken for report in one.reports]
+        if reports:
+            self.engine.touch(reports)
+        first = next((one.problem for one in taken if one.problem is not None), None)
+        return sum(one.left_out for one in taken), first
 
     def _heard(self, session: ServiceSession) -> None:
         session.unanswered_s = None

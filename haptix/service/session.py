@@ -13,11 +13,13 @@ from typing import Any
 from haptix.service import messages as m
 from haptix.service.batches import TelemetryFrame, numbered, write_frame
 from haptix.service.clocks import ClientClock
+from haptix.service.touch_inbox import TouchInbox
 
 _MOST_WAITING = 64  # replies that a client has not read
 _MOST_FRAMES = 4
 _MOST_PINGS = 64  # that wait for an answer
 _TOUCH_ERRORS_PER_S = 10
+_DROPPED_S = 10.0  # between two warnings of touches that were left out
 
 
 class Bucket:
@@ -82,6 +84,8 @@ class ServiceSession:
         self.touches = Bucket(limits.touches_per_s, now_s)
         self._touch_errors = Bucket(_TOUCH_ERRORS_PER_S, now_s)
         self._left_out = 0  # touches whose refusal was not told
+        self.inbox = TouchInbox()
+        self._warned_s = float("-inf")
 
     @property
     def is_welcome(self) -> bool:
@@ -136,6 +140,16 @@ class ServiceSession:
             more = f" ({self._left_out - 1} more were left out)" if self._left_out > 1 else ""
             self.refuse(0, m.Problem(first.code, first.sentence + more, first.path))
             self._left_out = 0
+
+    def warn_of_dropped(self, now_s: float) -> None:
+        """Tell how many touches were left out because the service was late, now and then."""
+        if self.inbox.dropped and now_s - self._warned_s > _DROPPED_S:
+            sentence = (
+                f"this machine was busy: {self.inbox.dropped} touches came late to the service, "
+                "and newer ones of the same fingers replaced them"
+            )
+            self.send(m.WarningMessage(sentence=sentence))
+            self.inbox.dropped, self._warned_s = 0, now_s
 
     def send_frame(self, frame: TelemetryFrame) -> None:
         """Queue the rows that the asked rate leaves; the newest replace those that were not read.

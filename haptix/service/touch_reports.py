@@ -22,20 +22,26 @@ class Taken(NamedTuple):
 
 
 def reports_of(
-    session: ServiceSession, touches: Sequence[TouchMessage | ClientTouch | Problem], now_s: float
+    session: ServiceSession,
+    touches: Sequence[TouchMessage | ClientTouch | Problem | None],
+    now_s: float,
 ) -> Taken:
     """Return a session's touches by the service's clock, and what is wrong with the others."""
     reports: list[TouchRecord] = []
+    left_out = 0
     wrong: Problem | None = None
     clock, geometry = session.clock, session.geometry
     oldest_s, newest_s = clock.window(now_s)
     service_s = clock.service_s
     for index, touch in enumerate(touches):
+        if touch is None:
+            continue
         try:
             if isinstance(touch, Problem):
                 raise touch
             if not oldest_s <= touch.t_s <= newest_s:
                 if wrong is not None:
+                    left_out += 1
                     continue  # who is late is late with all, and is not to be held up by it
                 clock.stamp(touch.t_s, now_s)
             x_mm, y_mm = touch.x_mm, touch.y_mm
@@ -43,11 +49,12 @@ def reports_of(
                 x_mm, y_mm = _place(geometry, touch)
         except Problem as problem:
             path = problem.path if problem is touch else f"/touches/{index}{problem.path}"
+            left_out += 1
             wrong = wrong or Problem(problem.code, problem.sentence, path)
             continue
         t_s, force_n, area_m2 = service_s(touch.t_s), touch.normal_force_n, touch.contact_area_m2
         reports.append(TouchRecord(t_s, touch.touch_id, touch.kind, x_mm, y_mm, force_n, area_m2))
-    return Taken(reports, len(touches) - len(reports), wrong)
+    return Taken(reports, left_out, wrong)
 
 
 def _place(geometry: Geometry | None, touch: TouchMessage | ClientTouch) -> tuple[float, float]:

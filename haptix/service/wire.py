@@ -21,6 +21,7 @@ MOST_BYTES = 64 * 2**20
 _TOUCH = struct.Struct("<dHHdddd")
 _AMPLITUDE = struct.Struct("<dd")
 _KINDS: tuple[Literal["down", "move", "up"], ...] = ("down", "move", "up")
+_NUMBERS = {kind: number for number, kind in enumerate(_KINDS)}
 
 
 class TouchRecord(NamedTuple):
@@ -51,7 +52,7 @@ def touch_frame(reports: list[TouchRecord]) -> bytes:
         _TOUCH.pack(
             t_s,
             touch_id,
-            _KINDS.index(kind),
+            _NUMBERS[kind],
             x_mm,
             y_mm,
             nan if force_n is None else force_n,

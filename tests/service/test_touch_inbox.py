@@ -1,0 +1,118 @@
+"""Touches that waited while the front did not run: the newest count, and none is refused for it."""
+
+import threading
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from haptix.service.batches import ClientTouch, write_touches
+from haptix.service.clocks import PAST_S, ClientClock
+from haptix.service.messages import Problem, TouchMessage
+from haptix.service.touch_inbox import OLD_S, Stalls, TouchInbox
+from tests.service.test_sessions import Client, running, service, wait_for
+
+__all__ = ["running", "service"]  # fixtures
+
+NOW_S = 100.0
+
+
+def touch(t_s, touch_id=0, kind="move", x_mm=1.0):
+    return ClientTouch(t_s, touch_id, kind, x_mm, 2.0, None, None, None, None)
+
+
+@pytest.fixture(scope="module")
+def clock():
+    """A client's clock that is the service's."""
+    clock = ClientClock()
+    for number in range(8):
+        clock.add(number, number, number)
+    return clock
+
+
+def test_what_is_in_time_is_passed_on_whole(clock):
+    inbox = TouchInbox()
+    batches = [[touch(NOW_S - 0.4), touch(NOW_S - 0.3)], [touch(NOW_S - 0.2)]]
+    for batch in batches:
+        inbox.put(list(batch))
+    assert inbox.take(clock, NOW_S, 0.0) == batches
+    assert not inbox and not inbox.dropped
+
+
+@given(
+    st.lists(
+        st.lists(
+            st.tuples(
+                st.floats(0.0, 1.0), st.integers(0, 2), st.sampled_from(["move"] * 5 + ["up"])
+            ),
+            max_size=4,
+        ),
+        max_size=8,
+    )
+)
+def test_after_a_stall_the_newest_of_each_finger_is_kept(clock, ages):
+    late_s, inbox = 0.6, TouchInbox()
+    sent = [[touch(NOW_S - age, finger, kind) for age, finger, kind in batch] for batch in ages]
+    for batch in sent:
+        inbox.put(list(batch))
+    passed = inbox.take(clock, NOW_S, late_s)
+    assert [len(batch) for batch in passed] == [len(batch) for batch in sent]  # places are told
+    flat = [one for batch in sent for one in batch]
+    kept = [one for batch in passed for one in batch]
+    assert inbox.dropped == kept.count(None)
+    for place, (before, after) in enumerate(zip(flat, kept, strict=True)):
+        later = [one for one in flat[place + 1 :] if one.touch_id == before.touch_id]
+        if after is None:
+            assert before.kind == later[0].kind == "move" and before.t_s < NOW_S - OLD_S
+        else:
+            assert after.t_s == max(before.t_s, NOW_S - PAST_S)
+            is_replaced = bool(later) and later[0].kind == "move"
+            assert not (is_replaced and before.kind == "move" and before.t_s < NOW_S - OLD_S)
+
+
+def test_a_clock_of_another_unit_is_not_taken_for_a_delay_of_ours(clock):
+    inbox = TouchInbox()
+    problem = Problem("message", "no touch")
+    inbox.put([touch(NOW_S - 5.0), problem])
+    assert inbox.take(clock, NOW_S, 0.6) == [[touch(NOW_S - 5.0), problem]]
+
+
+def test_stalls_add_up_and_are_forgotten():
+    stalls = Stalls(0.0)
+    assert stalls.late_s(0.02) == 0.0
+    assert stalls.late_s(0.62) == pytest.approx(0.6)
+    assert stalls.late_s(0.92) == pytest.approx(0.9)
+    for number in range(60):
+        stalls.look(0.94 + 0.02 * number)
+    assert stalls.late_s(2.14) == 0.0
+
+
+def test_a_front_that_did_not_run_refuses_nothing_for_it(service, monkeypatch):
+    stalled, tick = threading.Event(), service.hub.tick
+
+    def stall():
+        monkeypatch.setattr(service.hub, "tick", tick)
+        stalled.set()
+        time.sleep(PAST_S + 0.2)
+        tick()
+
+    with Client(service).holds() as client:
+        monkeypatch.setattr(service.hub, "stalls", Stalls(time.monotonic()))
+        monkeypatch.setattr(service.hub, "tick", stall)
+        assert stalled.wait(5)
+        for number in range(200):
+            one = TouchMessage(t_s=client.now_s(), x_mm=float(number), y_mm=1.0)
+            client.socket.send(write_touches([one], number))
+            time.sleep(0.003)
+        warned = client.until(lambda message: message["type"] == "warning")
+        assert not [said for said in client.heard if said["type"] == "error"]
+        wait_for(lambda: service.engine.reports[-1].x_mm == 199.0)
+        dropped = int(warned["sentence"].split()[4])
+        assert dropped + len(service.engine.reports) == 200 and dropped > 50
+        monkeypatch.undo()
+        # The next batches are as before the stall.
+        time.sleep(0.1)
+        before = len(service.engine.reports)
+        client.socket.send(write_touches([one.model_copy(update={"t_s": client.now_s()})], 1))
+        wait_for(lambda: len(service.engine.reports) == before + 1)
