@@ -80,6 +80,9 @@ namespace Haptix
                 { "height_mm", heightMm }, { "opacity", opacity } });
         }
 
+        /// <summary>Set the value of a control, such as a slider, 0 to 1.</summary>
+        public Task<LayoutReply> SetValue(double value) { return Send("value", new JObject { { "value", value } }); }
+
         /// <summary>Remove it; it fades out.</summary>
         public Task<LayoutReply> Remove() { return Send("remove", new JObject()); }
 
@@ -99,7 +102,7 @@ namespace Haptix
         /// <summary>What is felt where. The service keeps it for who connects again.</summary>
         public Layout Layout { get { return _layout ?? (_layout = new Layout(this)); } }
 
-        /// <summary>Send a file that materials read, once; return the name by which a document calls it.</summary>
+        /// <summary>Send a file that materials read, once; return `sha256:...`, by which a document calls it.</summary>
         public Task<string> Asset(string path)
         {
             return Task.Run(() =>
@@ -124,7 +127,7 @@ namespace Haptix
                     using (var reader = new StreamReader(error.Response.GetResponseStream()))
                         throw new Refused(JObject.Parse(reader.ReadToEnd()).ToObject<Error>());
                 }
-                return digest + suffix;
+                return "sha256:" + digest;
             });
         }
     }

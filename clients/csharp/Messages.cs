@@ -100,6 +100,9 @@ namespace Haptix.Messages
         [JsonProperty("effect_id")]
         public long EffectId { get; set; }
 
+        [JsonProperty("felt_share")]
+        public double FeltShare { get; set; }
+
         [JsonProperty("how")]
         public string How { get; set; }
 

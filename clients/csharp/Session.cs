@@ -33,7 +33,7 @@ namespace Haptix
         {
             { "lease", typeof(Lease) }, { "output", typeof(Output) }, { "inventory", typeof(Inventory) },
             { "contact", typeof(Contact) }, { "effect_ended", typeof(EffectEnded) },
-            { "warning", typeof(Warning) }, { "error", typeof(Error) }, { "bye", typeof(Bye) },
+            { "job", typeof(Job) }, { "warning", typeof(Warning) }, { "error", typeof(Error) }, { "bye", typeof(Bye) },
         };
 
         readonly string _name;
@@ -164,6 +164,9 @@ namespace Haptix
         public Task<Output> Pause(bool on) { return Ask<Output>(new Switch { Type = "pause", On = on }); }
 
         public Task<Inventory> Inventory() { return Ask<Inventory>(new Plain { Type = "inventory" }); }
+
+        /// <summary>Return how far a job is; `Job` tells its changes until it ends. Not told to who connects again.</summary>
+        public Task<Job> Watch(string job) { return Ask<Job>(new Watch { Type = "watch", Job = job }); }
 
         /// <summary>Ask for a stream of `Frame` at a rate; 0 ends it.</summary>
         public async Task<Subscribed> Subscribe(string stream, double rateHz)

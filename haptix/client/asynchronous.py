@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import json
-import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.client import connect as _connect
 from websockets.exceptions import WebSocketException
 from websockets.typing import Subprotocol
 
+from haptix.client.layout import ClientLayout
+from haptix.client.touching import Touching
 from haptix.errors import DeviceError, HaptixError
 from haptix.files import read_json
 from haptix.service import messages as m
@@ -26,7 +27,6 @@ _SUBPROTOCOL = Subprotocol("haptix.v1")
 _WAIT_S, _CLOSE_S = 10.0, 1.0
 _FIRST_S, _LAST_S = 0.1, 5.0  # between two attempts to connect again
 _KEPT = ("geometry", "subscribe")  # what the service does not keep for who resumes
-TouchKind = Literal["down", "move", "up"]
 
 
 class LostConnection(NamedTuple):
@@ -45,26 +45,7 @@ class Refused(HaptixError):
         self.code, self.path = error.code, error.path
 
 
-def one_touch(
-    x_mm: float,
-    y_mm: float,
-    normal_force_n: float | None,
-    touch_id: int,
-    kind: TouchKind,
-    t_s: float,
-) -> m.TouchMessage:
-    """Return the message of one touch in millimetres."""
-    return m.TouchMessage(
-        t_s=t_s,
-        touch_id=touch_id,
-        kind=kind,
-        x_mm=x_mm,
-        y_mm=y_mm,
-        normal_force_n=normal_force_n,
-    )
-
-
-class AsyncClient:
+class AsyncClient(Touching[Awaitable[None]]):
     """A session with the service; made by `connect_async`.
 
     A broken connection is opened again, with the lease and layout where the service kept them, and
@@ -74,12 +55,15 @@ class AsyncClient:
     ----------
     welcome : Welcome
         What the service said at first: limits, devices, profiles.
+    layout : ClientLayout
+        What is felt where, by calls.
     """
 
     welcome: m.Welcome
 
     def __init__(self, name: str, find: Callable[[], tuple[str, str]], resume: str = "") -> None:
         self._name, self._find, self._resume = name, find, resume
+        self.layout = ClientLayout(self.layout_change)
         self._asked: dict[int, asyncio.Future[Any]] = {}
         self._handlers: dict[str, list[Callable[[Any], None]]] = {}
         self._number = self._batch = 0
@@ -143,6 +127,8 @@ class AsyncClient:
             raise DeviceError(f"{kind}: the service did not answer within {_WAIT_S:g} s") from None
         finally:
             self._asked.pop(number, None)
+        if kind == "subscribe":  # a stream that is not named stays as it was
+            fields = {"streams": self._kept.get(kind, {}).get("streams", {}) | fields["streams"]}
         if kind in _KEPT:
             self._kept[kind] = fields
         return found
@@ -185,32 +171,15 @@ class AsyncClient:
         output: m.OutputMessage = await self.ask("intensity", value=value)
         return output
 
-    async def touch(
-        self,
-        x_mm: float,
-        y_mm: float,
-        normal_force_n: float | None = None,
-        touch_id: int = 0,
-        kind: TouchKind = "move",
-        t_s: float | None = None,
-    ) -> None:
-        """Report a touch, at `now_s` unless `t_s` says when."""
-        stamp_s = self.now_s() if t_s is None else t_s
-        await self.touches([one_touch(x_mm, y_mm, normal_force_n, touch_id, kind, stamp_s)])
-
     async def touches(self, touches: list[m.TouchMessage]) -> None:
         """Report many touches in one batch of bytes."""
         self._batch += 1
         await self._send(write_touches(touches, self._batch))
 
-    async def lift(self, touch_id: int = 0, t_s: float | None = None) -> None:
-        """Take a finger off."""
-        await self.touch(0.0, 0.0, touch_id=touch_id, kind="up", t_s=t_s)
-
-    @staticmethod
-    def now_s() -> float:
-        """Time of the clock that stamps touches."""
-        return time.monotonic()
+    async def watch(self, job: str) -> m.JobMessage:
+        """Return how far a job is; `on("job", ...)` is called with its changes until it ends."""
+        found: m.JobMessage = await self.ask("watch", job=job)
+        return found
 
     async def _open(self) -> None:
         address, token = self._find()

@@ -10,14 +10,34 @@ from concurrent.futures import Future
 from types import TracebackType
 from typing import Any, Self
 
-from haptix.client.asynchronous import AsyncClient, TouchKind, connect_async, one_touch
+from haptix.client.asynchronous import AsyncClient, connect_async
+from haptix.client.layout import ClientRegion
+from haptix.client.touching import Touching
 from haptix.errors import InputError
 from haptix.service import messages as m
 
 _MOST_SENDING = 64  # batches that are not sent yet; then a touch waits
 
 
-class Client:
+class _Plain:
+    """What is called with await, called without."""
+
+    def __init__(self, target: Any, run: Callable[[Any], Any]) -> None:
+        self._target, self._run = target, run
+
+    def __getattr__(self, name: str) -> Any:
+        call = getattr(self._target, name)
+        if not callable(call):
+            return call
+
+        def plain(*args: Any, **fields: Any) -> Any:
+            found = self._run(call(*args, **fields))
+            return _Plain(found, self._run) if isinstance(found, ClientRegion) else found
+
+        return plain
+
+
+class Client(Touching[None]):
     """The plain face of `AsyncClient`: the same calls, without ``await``.
 
     A thread of its own answers the service's pings, so a program that computes for long stays
@@ -36,7 +56,8 @@ class Client:
         except BaseException:
             self._end()
             raise
-        self.on, self.now_s = self._client.on, self._client.now_s
+        self.on = self._client.on
+        self.layout = _Plain(self._client.layout, self._run)
         self._sent: deque[Future[None]] = deque()
 
     def __enter__(self) -> Self:
@@ -51,34 +72,13 @@ class Client:
         self.close()
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
-        call = getattr(self._client, name)
-
-        def plain(*args: Any, **fields: Any) -> Any:
-            return self._run(call(*args, **fields))
-
-        return plain
+        call: Callable[..., Any] = getattr(_Plain(self._client, self._run), name)
+        return call
 
     @property
     def welcome(self) -> m.Welcome:
         """What the service said at first: limits, devices, profiles."""
         return self._client.welcome
-
-    def touch(
-        self,
-        x_mm: float,
-        y_mm: float,
-        normal_force_n: float | None = None,
-        touch_id: int = 0,
-        kind: TouchKind = "move",
-        t_s: float | None = None,
-    ) -> None:
-        """Report a touch, at `now_s` unless `t_s` says when."""
-        stamp_s = self.now_s() if t_s is None else t_s
-        self.touches([one_touch(x_mm, y_mm, normal_force_n, touch_id, kind, stamp_s)])
-
-    def lift(self, touch_id: int = 0, t_s: float | None = None) -> None:
-        """Take a finger off."""
-        self.touch(0.0, 0.0, touch_id=touch_id, kind="up", t_s=t_s)
 
     def touches(self, touches: list[m.TouchMessage]) -> None:
         """Report many touches in one batch of bytes.

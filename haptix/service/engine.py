@@ -271,6 +271,15 @@ class EngineServer:
     def _do_layout_change(self, session: int, ops: list[dict[str, Any]]) -> dict[str, Any]:
         return self._changed(session, "change", ops)
 
+    def _do_layout_again(
+        self, session: int, document: dict[str, Any], values: dict[str, float], revision: int
+    ) -> None:
+        """Take what the engine before this one had."""
+        self._changed(session, "set", document)
+        ops = [{"op": "value", "name": name, "value": value} for name, value in values.items()]
+        self._changed(session, "change", ops)
+        self._layouts[session].revision = revision
+
     def _changed(self, session: int, how: str, change: Any) -> dict[str, Any]:
         from haptix.service.layouts import SessionLayout
 
@@ -365,7 +374,11 @@ class EngineServer:
     def _ended_effect(self, number: int, ended: EffectEnd) -> None:
         self._effects.pop(number, None)
         self._outbox.say(
-            event="effect_ended", effect_id=number, how=ended.outcome, sample=int(ended.sample)
+            event="effect_ended",
+            effect_id=number,
+            how=ended.outcome,
+            sample=int(ended.sample),
+            felt_share=float(ended.felt_share),
         )
 
     def _do_cancel(self, effect_id: int) -> None:

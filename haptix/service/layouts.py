@@ -59,10 +59,16 @@ class SessionLayout:
             Naming the change, and what is wrong with it.
         """
         patches = dict(self.patches)
+        values: list[tuple[Patch, float]] = []
         try:
             with self.layout.change():
                 for number, op in enumerate(ops):
-                    self._do(f"/ops/{number}", op)
+                    if op["op"] == "value":
+                        values.append((self._control(f"/ops/{number}", op["name"]), op["value"]))
+                    else:
+                        self._do(f"/ops/{number}", op)
+                for patch, value in values:  # they cannot be taken back, and fail no more
+                    patch.set(value=value)
         except BaseException:
             self.patches = patches
             raise
@@ -75,9 +81,7 @@ class SessionLayout:
             if kind == "add":
                 self._add(name, fields)
                 return
-            if name not in self.patches:
-                raise InputError(f"expected the name of a region, got {name!r}")
-            patch = self.patches[name]
+            patch = self._named(name)
             if kind == "move":
                 patch.move(**fields)
             elif kind == "change":
@@ -87,6 +91,20 @@ class SessionLayout:
                 del self.patches[name]
         except HaptixError as error:
             raise RegionError(path, f"{name}: {error}") from None
+
+    def _control(self, path: str, name: str) -> Patch:
+        """Return a region that has a value."""
+        try:
+            patch = self._named(name)
+            _ = patch.value
+        except HaptixError as error:
+            raise RegionError(path, f"{name}: {error}") from None
+        return patch
+
+    def _named(self, name: str) -> Patch:
+        if name not in self.patches:
+            raise InputError(f"expected the name of a region, got {name!r}")
+        return self.patches[name]
 
     def _add(self, name: str, fields: dict[str, Any]) -> None:
         if name in self.patches:

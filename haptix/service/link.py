@@ -9,6 +9,7 @@ from typing import Any
 
 from haptix.service.helper import HelperProcess
 from haptix.service.messages import Problem
+from haptix.service.told import Told
 from haptix.service.wire import AMPLITUDE, TELEMETRY, TouchRecord, frame, touch_frame
 
 _AGAIN_S = 1.0  # from the end of a process to its next start
@@ -25,7 +26,7 @@ class TwinProcess(HelperProcess):
     """
 
     def __init__(self, hear_frame: Callable[[bytes], None]) -> None:
-        super().__init__("twin", _TWIN_FULL_S)
+        super().__init__("twin", "twin", _TWIN_FULL_S)
         self._hear_frame = hear_frame
         self._opening: dict[str, Any] = {}
         self._is_wanted = self._is_open = False
@@ -74,6 +75,8 @@ class TwinProcess(HelperProcess):
 class EngineProcess(HelperProcess):
     """Starts the engine, and again when it has died; disarmed each time.
 
+    A new one is told the layouts and settings of the one before.
+
     Parameters
     ----------
     opening : dict
@@ -91,10 +94,11 @@ class EngineProcess(HelperProcess):
         hear_frame: Callable[[bytes], None],
     ) -> None:
         # One that hangs is killed: the driver's watchdog ends at 0 V.
-        super().__init__("engine", _ENGINE_FULL_S)
+        super().__init__("engine", "engine", _ENGINE_FULL_S)
         self._opening, self._hear, self._hear_frame = opening, hear, hear_frame
         self._ends = False
         self._rates: dict[str, float] = {}
+        self._told = Told()
         self.twin = TwinProcess(hear_frame)
 
     async def start(self) -> dict[str, Any]:
@@ -104,6 +108,14 @@ class EngineProcess(HelperProcess):
         self.twin.opens({name: found[name] for name in ("finger", "screen", "carrier_hz")})
         if self._rates:
             self.tell("streams", rates=self._rates)
+        for do, fields in self._told.again():
+            super().tell(do, **fields)
+        return found
+
+    async def ask(self, do: str, **fields: Any) -> dict[str, Any]:
+        """Return the answer to a question."""
+        found = await super().ask(do, **fields)
+        self._told.note(do, fields)
         return found
 
     async def stop(self) -> None:
@@ -116,6 +128,7 @@ class EngineProcess(HelperProcess):
         if do == "streams":
             self._rates = fields["rates"]
             self.twin.want(self._rates.get("felt", 0.0) > 0)
+        self._told.note(do, fields)
         super().tell(do, **fields)
 
     def touch(self, reports: list[TouchRecord]) -> None:

@@ -23,12 +23,13 @@ def test_client(service, tmp_path):
     by_mm = next(report for report in reports if report.touch_id == 5)
     assert by_mm[2:] == ("down", 3.0, 4.0, 0.5, None)
     told = [fields["ops"][0] for do, fields, _ in service.engine.told if do == "layout_change"]
-    added, moved, changed, removed = [op for op in told if op["name"] == "region 1"]
+    added, moved, changed, valued, removed = [op for op in told if op["name"] == "region 1"]
     place = {"x_mm": 1.0, "y_mm": 2.0, "width_mm": 60.0, "opacity": 0.5}
     material = {"kind": "grating", "period_mm": 2.0}
     assert added == {"op": "add", "name": "region 1", "material": material} | place
     assert moved == {"op": "move", "name": "region 1", "x_mm": 5.0, "over_s": 0.1}
     assert changed == {"op": "change", "name": "region 1", "opacity": 1.0}
+    assert valued == {"op": "value", "name": "region 1", "value": 0.5}
     assert removed == {"op": "remove", "name": "region 1"}
 
 

@@ -119,3 +119,42 @@ def test_with_await(service, connect):
 
     asyncio.run(plays())
     assert service.engine.reports[0].x_mm == 7.0
+
+
+def test_a_layout_by_calls_plain_and_with_await(service, connect):
+    ribs = {"kind": "grating"}
+    with connect("test") as h:
+        service.engine.told.clear()
+        patch = h.layout.add(ribs, x_mm=1.0, width_mm=60.0)
+        patch.move(x_mm=5.0, over_s=0.1)
+        patch.change(opacity=0.5)
+        patch.set_value(0.25)
+        assert patch.remove().revision == 1
+        named = h.layout.add(haptix.materials.Button(), name="ok")
+        assert (patch.name, named.name) == ("region 1", "ok")
+        with pytest.raises(haptix.client.Refused, match="less than or equal to 1"):
+            patch.set_value(2.0)
+        with pytest.raises(haptix.client.Refused, match="no job") as refused:
+            h.watch("none")
+        assert refused.value.code == "unknown"
+    ops = [fields["ops"][0] for do, fields, _ in service.engine.told if do == "layout_change"]
+    assert ops[:5] == [
+        {"op": "add", "name": "region 1", "material": ribs, "x_mm": 1.0, "width_mm": 60.0},
+        {"op": "move", "name": "region 1", "x_mm": 5.0, "over_s": 0.1},
+        {"op": "change", "name": "region 1", "opacity": 0.5},
+        {"op": "value", "name": "region 1", "value": 0.25},
+        {"op": "remove", "name": "region 1"},
+    ]
+    assert ops[5]["material"]["kind"] == "button"
+
+
+def test_streams_that_were_asked_for_one_by_one_are_all_asked_for_again(service, connect):
+    with connect("test") as h:
+        resumed = []
+        h.on("resumed", resumed.append)
+        h.ask("subscribe", streams={"stats": 10.0})
+        h.ask("subscribe", streams={"friction": 100.0})
+        service.hub.sessions[h.welcome.session].close(1012, "cut")
+        wait_for(lambda: resumed)
+        (session,) = service.hub.sessions.values()
+        assert session.streams == {"stats": 10.0, "friction": 100.0}

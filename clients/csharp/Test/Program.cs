@@ -105,6 +105,8 @@ static class Program
             Check.That(ribs.Name == "region 1", "a name");
             await ribs.Move(xMm: 5, overS: 0.1);
             await ribs.Change(opacity: 1);
+            await ribs.SetValue(0.5);
+            Check.That((await Check.Refuses(() => ribs.SetValue(2))).Path.EndsWith("/value"), "a path of the value");
             await ribs.Remove();
             await h.Layout.Clear();
             Refused refused = await Check.Refuses(() => ribs.Move(overS: -1));
@@ -113,7 +115,7 @@ static class Program
             string copy = Path.ChangeExtension(path, ".png");
             File.Copy(photograph, copy);
             string name = await h.Asset(copy);
-            Check.That(name.Length == 68 && name.EndsWith(".png") && name == await h.Asset(copy), "an asset");
+            Check.That(name.Length == 71 && name.StartsWith("sha256:") && name == await h.Asset(copy), "an asset");
             File.Delete(copy);
             Check.That((await Check.Refuses(() => h.Asset(photograph))).Code == "document", "a suffix");
         }
@@ -137,6 +139,7 @@ static class Program
         Check.That((await Check.Refuses(() => h.Arm())).Code == "lease", "lease");
         Refused refused = await Check.Refuses(() => h.Intensity(2));
         Check.That(refused.Code == "message" && refused.Path == "/value", "a path");
+        Check.That((await Check.Refuses(() => h.Watch("none"))).Code == "unknown", "a job");
         Error error = Check.Next<Error>(h, () => h.Touch(1f, 1f));
         Check.That(error.Code == "lease", "an error of the touch");
         Check.Next<Closed>(h, () => h.Dispose());

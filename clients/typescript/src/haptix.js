@@ -8,6 +8,7 @@
 
 import { writeTouches } from "./batches.js";
 import { Connection, http, now, URL_HERE } from "./connection.js";
+import { Layout } from "./layout.js";
 import { Pointers } from "./pointers.js";
 
 /** @import * as m from "../types/messages.js" */
@@ -46,13 +47,20 @@ export class Session extends Connection {
   /** @type {object | undefined} */
   #geometry;
   #pointers = new Pointers(10);
+  /** @type {Set<string>} */
+  #watched = new Set();
+  /** What is felt where, by calls. */
+  layout = new Layout((ops) => this.layoutChange(ops));
 
-  /** The service keeps lease and layout for who resumes; these two are of the session.
+  /** The service keeps lease and layout for who resumes; these are of the session.
    * @protected @override */
   async restore() {
     this.#pointers = new Pointers(this.welcome.limits.fingers);
     if (this.#geometry) await this.ask("geometry", this.#geometry);
     if (Object.keys(this.#streams).length) await this.subscribe(this.#streams);
+    for (const job of this.#watched) {
+      await this.watch(job).catch(() => this.#watched.delete(job)); // another service knows none
+    }
   }
 
   /** Ask for the lease on the output; with `takeover` also from who holds it.
@@ -99,7 +107,7 @@ export class Session extends Connection {
     return this.ask("layout_change", { ops });
   }
 
-  /** Send a file that materials read, once; return the name by which a document calls it.
+  /** Send a file that materials read, once; return `sha256:...`, by which a document calls it.
    * @param {Blob} file
    * @param {string} suffix what it is: ".png", ".jpg", ".wav" ...
    * @returns {Promise<string>} */
@@ -109,7 +117,7 @@ export class Session extends Connection {
     const headers = { authorization: `Bearer ${this.service.token}` };
     const path = `/v1/assets/${digest}?suffix=${encodeURIComponent(suffix)}`;
     await http(this.service.url, path, { method: "PUT", headers, body: file });
-    return digest + suffix;
+    return `sha256:${digest}`;
   }
 
   /** Say how pixels become millimetres: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``.
@@ -163,6 +171,15 @@ export class Session extends Connection {
     const found = await this.ask("subscribe", { streams });
     Object.assign(this.#streams, streams);
     this.columns = found.columns;
+    return found;
+  }
+
+  /** Return how far a job is; `job` tells its changes until it ends.
+   * @param {string} job
+   * @returns {Promise<m.Job>} */
+  async watch(job) {
+    const found = await this.ask("watch", { job });
+    this.#watched.add(job);
     return found;
   }
 

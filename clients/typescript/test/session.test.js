@@ -116,9 +116,28 @@ test("a broken connection is opened again, with the lease and disarmed", async (
 test("a file is sent once, under its hash", async () => {
   const h = await open();
   const name = await h.asset(new Blob(["a photograph"]), ".png");
-  assert.match(name, /^[0-9a-f]{64}\.png$/);
+  assert.match(name, /^sha256:[0-9a-f]{64}$/); // the engine refuses any other name of a file
   assert.equal(await h.asset(new Blob(["a photograph"]), ".png"), name);
   await assert.rejects(h.asset(new Blob(["x"]), ".exe"), { code: "document" });
+  await h.close();
+});
+
+test("a layout by calls, each in its order", async () => {
+  const h = await open();
+  const ribs = await h.layout.add({ kind: "grating", period_mm: 2 }, { width_mm: 60, opacity: 0.5 });
+  assert.equal(ribs.name, "region 1");
+  await ribs.move({ x_mm: 5, over_s: 0.1 });
+  await ribs.change({ opacity: 1 });
+  await ribs.setValue(0.5);
+  assert.equal((await ribs.remove()).type, "layout");
+  assert.equal((await h.layout.add({ kind: "dial" }, { name: "volume" })).name, "volume");
+  await assert.rejects(ribs.setValue(2), { code: "message", path: "/ops/0/value/value" });
+  await h.close();
+});
+
+test("a job is watched", async () => {
+  const h = await open();
+  await assert.rejects(h.watch("none"), { code: "unknown", path: "/job" });
   await h.close();
 });
 

@@ -6,6 +6,7 @@
  *     canvas.onpointerdown = canvas.onpointermove = canvas.onpointerup = (e) => h.pointer(e);
  */
 import { Connection } from "./connection.js";
+import { Layout } from "./layout.js";
 import type * as m from "../types/messages.js";
 import type { Options } from "./connection.js";
 export type Touch = m.Touch & {
@@ -34,7 +35,9 @@ export { Lost, now, Refused } from "./connection.js";
 /** A session with the service, made by `connect`. */
 export declare class Session extends Connection {
     #private;
-    /** The service keeps lease and layout for who resumes; these two are of the session.
+    /** What is felt where, by calls. */
+    layout: Layout;
+    /** The service keeps lease and layout for who resumes; these are of the session.
      * @protected @override */
     protected restore(): Promise<void>;
     /** Ask for the lease on the output; with `takeover` also from who holds it.
@@ -60,7 +63,7 @@ export declare class Session extends Connection {
      * @param {m.LayoutChange["ops"]} ops
      * @returns {Promise<m.LayoutReply>} */
     layoutChange(ops: m.LayoutChange["ops"]): Promise<m.LayoutReply>;
-    /** Send a file that materials read, once; return the name by which a document calls it.
+    /** Send a file that materials read, once; return `sha256:...`, by which a document calls it.
      * @param {Blob} file
      * @param {string} suffix what it is: ".png", ".jpg", ".wav" ...
      * @returns {Promise<string>} */
@@ -97,6 +100,10 @@ export declare class Session extends Connection {
      * @param {m.Subscribe["streams"]} streams
      * @returns {Promise<m.Subscribed>} */
     subscribe(streams: m.Subscribe["streams"]): Promise<m.Subscribed>;
+    /** Return how far a job is; `job` tells its changes until it ends.
+     * @param {string} job
+     * @returns {Promise<m.Job>} */
+    watch(job: string): Promise<m.Job>;
     /** Return devices and profiles.
      * @returns {Promise<m.Inventory>} */
     inventory(): Promise<m.Inventory>;

@@ -131,7 +131,7 @@ export interface Region {
 export interface LayoutChange {
   type: "layout_change";
   id: number;
-  ops: (AddRegion | ChangeRegion | MoveRegion | RemoveRegion)[];
+  ops: (AddRegion | ChangeRegion | MoveRegion | RemoveRegion | SetValue)[];
 }
 /**
  * Add a region.
@@ -192,6 +192,14 @@ export interface MoveRegion {
 export interface RemoveRegion {
   op: "remove";
   name: string;
+}
+/**
+ * Set the value of a control: a slider, a toggle, a dial. It comes after all other changes.
+ */
+export interface SetValue {
+  op: "value";
+  name: string;
+  value: number;
 }
 /**
  * Play an effect that ends, such as a transient, for all fingers.
@@ -372,6 +380,7 @@ export interface EffectEnded {
   effect_id: number;
   how: "played" | "cut" | "dropped";
   sample: number;
+  felt_share: number;
 }
 /**
  * A finger entered, left, pressed or released a region, or crossed a detent.

@@ -148,7 +148,17 @@ class RemoveRegion(Message):
     name: Name
 
 
-Change = Annotated[AddRegion | ChangeRegion | MoveRegion | RemoveRegion, Field(discriminator="op")]
+class SetValue(Message):
+    """Set the value of a control: a slider, a toggle, a dial. It comes after all other changes."""
+
+    op: Literal["value"]
+    name: Name
+    value: Annotated[float, Field(ge=0, le=1)]
+
+
+Change = Annotated[
+    AddRegion | ChangeRegion | MoveRegion | RemoveRegion | SetValue, Field(discriminator="op")
+]
 
 
 class LayoutChange(Message):

@@ -127,6 +127,7 @@ class EffectEnded(Message):
     effect_id: int
     how: Literal["played", "cut", "dropped"]
     sample: int
+    felt_share: float = 1.0  # of its length that was played with a finger on the screen
 
 
 class ContactMessage(Message):

@@ -82,8 +82,7 @@ export class Gallery {
     if (!TAKEN.includes(suffix)) throw new TypeError(t.noFile(TAKEN.join(", ")));
     const { session } = this.service;
     if (!session) throw new TypeError(texts.state.lost);
-    const name = await session.asset(file, suffix);
-    const asset = `sha256:${name.slice(0, -suffix.length)}`;
+    const asset = await session.asset(file, suffix);
     const title = file.name.slice(0, -suffix.length).slice(0, 40) || "file";
     const document = documentOf(asset, suffix);
     // The service looks into the file: what it cannot read becomes no region.

@@ -87,13 +87,7 @@ export class Service {
     this.isArming.set(true);
     try {
       await session.acquire(takeover);
-      const again = async (/** @type {unknown} */ error) => {
-        if (!(error instanceof Refused) || error.code !== "device") throw error;
-        for (const begin of this.onBegin) await begin(session);
-        return session.arm();
-      };
-      // An engine that was started again knows no layout: it is told, and asked once more.
-      this.output.set(await session.arm().catch(again));
+      this.output.set(await session.arm());
     } finally {
       this.isArming.set(false);
     }
