@@ -20,12 +20,14 @@ class HelperProcess:
     ----------
     module : str
         Name of the module in ``haptix.service``.
+    name : str
+        What people call it.
     full_s : float
         A process that does not read for so long, with much waiting, is killed.
     """
 
-    def __init__(self, module: str, full_s: float) -> None:
-        self.module, self._full_s = module, full_s
+    def __init__(self, module: str, name: str, full_s: float) -> None:
+        self.module, self.name, self._full_s = module, name, full_s
         self._process: asyncio.subprocess.Process | None = None
         self._asked: dict[int, asyncio.Future[dict[str, Any]]] = {}
         self._next = 1
@@ -84,7 +86,7 @@ class HelperProcess:
         self._asked[number] = answer
         try:
             if not self.write(json_frame({"do": do, "n": number, **fields})):
-                raise Problem("device", f"{do}: the {self.module} is being started again; try anew")
+                raise Problem("device", f"{do}: the {self.name} is being started again; try anew")
             return await answer
         finally:
             self._asked.pop(number, None)
@@ -133,7 +135,7 @@ class HelperProcess:
         self._process = None
         for answer in self._asked.values():
             if not answer.done():
-                sentence = f"the {self.module} ended; it is started again"
+                sentence = f"the {self.name} ended; it is started again, try anew"
                 answer.set_exception(Problem("device", sentence))
         self.ended(process.returncode)
 

@@ -7,12 +7,9 @@ ends it ends the job. At the end of its input it ends too.
 from __future__ import annotations
 
 import os
-import queue
 import signal
 import sys
-import threading
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
 from math import isfinite
 from pathlib import Path
@@ -20,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 from haptix.errors import HaptixError, InputError
 from haptix.files import parse_json
+from haptix.service.helper_input import frames
 from haptix.service.outbox import Outbox, own_output
-from haptix.service.wire import read_frame
 
 if TYPE_CHECKING:
     from haptix.friction import ContactModel
@@ -29,7 +26,6 @@ if TYPE_CHECKING:
 
 NICE = 10
 MOST_MEMORY_BYTES = 6 * 2**30
-_LAST_S = 1.0  # once the service is gone
 
 
 class Work:
@@ -41,7 +37,7 @@ class Work:
         Folder of assets and of logs, address of the device, finger and screen in use.
     say : callable
         Takes fields of a message to the service.
-    answers : Queue
+    answers : iterator of str
         What a person answers.
     """
 
@@ -49,7 +45,7 @@ class Work:
         self,
         context: dict[str, Any],
         say: Callable[..., None],
-        answers: queue.SimpleQueue[str | None],
+        answers: Iterator[str],
     ) -> None:
         self._context, self._say, self._answers = context, say, answers
 
@@ -185,7 +181,7 @@ class Work:
 
     def _ask(self, prompt: str, choices: tuple[str, ...]) -> str:
         self._say(prompt=prompt, choices=choices)
-        answer = self._answers.get()
+        answer = next(self._answers, None)
         if answer is None:
             raise SystemExit(1)
         return answer
@@ -249,16 +245,17 @@ def limit_memory(most_bytes: int = MOST_MEMORY_BYTES) -> None:
 def main() -> None:
     """Do the job that comes first on the input."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    outbox, answers = Outbox(own_output()), queue.SimpleQueue[str | None]()
+    outbox = Outbox(own_output())
     if hasattr(os, "nice"):
         os.nice(NICE)
     limit_memory()
-    found = read_frame(sys.stdin.buffer)
-    if found is None:
+    # What it plays once the service is gone ends at 0 V by the driver's watchdog.
+    asked = frames()
+    first = next(asked, None)
+    if first is None:
         return
-    message = parse_json(found[1])
-    threading.Thread(target=_listens, args=(answers,), daemon=True).start()
-    work = Work(message.pop("context"), outbox.say, answers)
+    message = parse_json(first[1])
+    work = Work(message.pop("context"), outbox.say, (parse_json(data)["text"] for _, data in asked))
     try:
         outbox.say(result=getattr(work, message.pop("do"))(**message))
     except HaptixError as error:
@@ -270,14 +267,6 @@ def main() -> None:
         outbox.say(sentence=f"{type(error).__name__}: {error}")
     outbox.close()
     os._exit(0)  # a thread still reads the input
-
-
-def _listens(answers: queue.SimpleQueue[str | None]) -> None:
-    while (found := read_frame(sys.stdin.buffer)) is not None:
-        answers.put(parse_json(found[1])["text"])
-    answers.put(None)
-    time.sleep(_LAST_S)
-    os._exit(1)  # what it plays ends at 0 V by the driver's watchdog
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ class Job(HelperProcess):
     def __init__(
         self, message: JobMessage, fields: dict[str, Any], tell: Callable[[JobMessage], None]
     ) -> None:
-        super().__init__("job_work", _FULL_S)
+        super().__init__("job_work", "job", _FULL_S)
         self.message, self._fields, self._tell = message, fields, tell
         self._over = asyncio.Event()
 

@@ -18,8 +18,9 @@ import numpy as np
 
 from haptix.errors import HaptixError, InputError
 from haptix.files import parse_json
+from haptix.service.helper_input import frames
 from haptix.service.job_work import limit_memory
-from haptix.service.wire import json_frame, read_frame
+from haptix.service.outbox import Outbox, own_output
 
 if TYPE_CHECKING:
     from haptix.materials import Material
@@ -122,15 +123,14 @@ class Making:
 
 def main() -> None:
     """Answer until the input ends."""
-    output = os.fdopen(os.dup(1), "wb", buffering=0)
-    os.dup2(2, 1)  # what a library prints must not break the frames
+    outbox = Outbox(own_output())
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
         os.nice(_NICE)
     limit_memory()
     making: Making | None = None
-    while (found := read_frame(sys.stdin.buffer)) is not None:
-        message = parse_json(found[1])
+    for _, data in frames():
+        message = parse_json(data)
         number, do = message.pop("n"), message.pop("do")
         answer: dict[str, Any]
         try:
@@ -145,7 +145,8 @@ def main() -> None:
             sys.excepthook(type(error), error, error.__traceback__)
             sentence = f"{do}: {type(error).__name__}: {error}"
             answer = {"problem": {"code": "internal", "sentence": sentence}}
-        output.write(json_frame({"n": number, **answer}))
+        outbox.say(n=number, **answer)
+    outbox.close()
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from haptix.friction import ContactModel
 from haptix.motion import Trajectory
 from haptix.screen import Screen
 from haptix.service.batches import TelemetryFrame, write_frame
+from haptix.service.helper_input import frames
 from haptix.service.outbox import Outbox, own_output
 from haptix.service.wire import (
     AMPLITUDE,
@@ -32,7 +33,6 @@ from haptix.service.wire import (
     TouchRecord,
     amplitude_of,
     frame,
-    read_frame,
     touches_of,
 )
 from haptix.touch.force import ForceModel
@@ -170,8 +170,7 @@ def main() -> None:
     if hasattr(os, "nice"):
         os.nice(NICE)
     outbox, twin, ends = Outbox(own_output()), None, threading.Event()
-    while (found := read_frame(sys.stdin.buffer)) is not None:
-        kind, data = found
+    for kind, data in frames():
         if kind == JSON:
             message = parse_json(data)
             if message["do"] == "open" and twin is None:
