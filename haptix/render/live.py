@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import inf
 from typing import Any, Self
 
@@ -78,14 +78,20 @@ class _LiveSession(RenderSession):
         """
         return self._master.play(effect, lambda: self._since_s, priority, done)
 
-    def _take(self, event: TouchEvent, arrival_s: float) -> None:
-        """Take a touch event, and tell what it did if it was one."""
-        counts = self.touch_counts
-        before = counts.taken
-        self._fingers.take(event, arrival_s, self._felt[1].react)
-        self._touched(arrival_s)  # before callbacks, which may take long
-        if counts.taken > before or getattr(event, "kind", None) == "up":
-            self._heard(event)
+    def _take(self, events: Sequence[TouchEvent], arrival_s: float) -> None:
+        """Take touch events, and tell what those did that were some."""
+        counts, react = self.touch_counts, self._felt[1].react
+        heard: list[TouchEvent] = []
+        try:
+            for event in events:
+                before = counts.taken
+                self._fingers.take(event, arrival_s, react)
+                if counts.taken > before or getattr(event, "kind", None) == "up":
+                    heard.append(event)
+        finally:
+            self._touched(arrival_s)  # once, and before callbacks, which may take long
+            for event in heard:
+                self._heard(event)
 
     def _touched(self, now_s: float) -> None:
         """Fingers have news since a time."""
@@ -117,7 +123,7 @@ class PredictingRenderer(_LiveSession, VirtualTimeSession):
             return
         # What plays within the lead was computed before the event arrived.
         self._render_until(arrival_s + self.settings.lead_s)
-        self._take(event, arrival_s)
+        self._take([event], arrival_s)
         if self._start_s is None:
             self._start_s = self._fingers.newest_s
 
@@ -234,12 +240,16 @@ class LiveRenderer(_LiveSession):
 
     def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
         """Take a touch event; see `touch`."""
+        self.events([event])
+
+    def events(self, events: Sequence[TouchEvent]) -> None:
+        """Take the touch events of several fingers, which are rendered together; see `touch`."""
         producer = self._producer
         if producer is None:
             raise InputError("touch: expected a renderer that was entered; use it in a with block")
         producer.raise_once()
         now_s = self.now_s()
-        self._take(event, now_s)
+        self._take(events, now_s)
         revises = isinstance(producer, RevisedProducer)
         if revises and producer.shortages[0] != self.stats.underruns:
             self._take_stats(producer)

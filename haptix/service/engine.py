@@ -24,7 +24,7 @@ from haptix.files import parse_json
 from haptix.service.outbox import Outbox, own_output
 from haptix.service.telemetry import Telemetry
 from haptix.service.touch_gate import TouchGate
-from haptix.service.wire import JSON, TOUCHES, TouchRecord, read_frame, touches_of
+from haptix.service.wire import JSON, TOUCHES, FrameReader, TouchRecord, touches_of
 from haptix.touch import TouchEvent
 
 if TYPE_CHECKING:
@@ -92,19 +92,24 @@ class EngineServer:
         self._ended = threading.Event()
         self._telemetry = Telemetry(self._outbox.tell, _LOOK_S)
 
-    def run(self, source: BinaryIO) -> None:
+    def run(self, source: FrameReader) -> None:
         """Obey until the input ends; then end at 0 V."""
         worker = threading.Thread(target=self._works, name="haptix engine worker", daemon=True)
         watcher = threading.Thread(target=self._watches, name="haptix engine watch", daemon=True)
         worker.start()
         watcher.start()
         try:
-            while (found := read_frame(source)) is not None:
-                kind, data = found
-                if kind == TOUCHES:
-                    self._touches.put(touches_of(data))
-                elif kind == JSON:
-                    self._obey(data)
+            while found := source.read():
+                # Of all that has come, the newest touches count.
+                touches: list[TouchRecord] = []
+                for kind, data in found:
+                    if kind == TOUCHES:
+                        touches += touches_of(data)
+                    elif kind == JSON:
+                        self._put(touches)
+                        touches = []
+                        self._obey(data)
+                self._put(touches)
         finally:
             self._ended.set()
             self._stop("the service ended")
@@ -130,17 +135,26 @@ class EngineServer:
         else:
             self._work.put(message)
 
+    def _put(self, touches: list[TouchRecord]) -> None:
+        if touches:
+            self._touches.put(touches)
+
     def _touch(self, touches: list[TouchRecord]) -> None:
         renderer = self._renderer
         if renderer is None or self._sleeps:
             return
         try:
-            for t_s, touch_id, kind, x_mm, y_mm, force_n, area_m2 in touches:
-                renderer.event(TouchEvent(t_s, touch_id, x_mm, y_mm, kind, force_n, area_m2))
-                if kind == "up":
-                    self._touching.discard(touch_id)
+            renderer.events(
+                [
+                    TouchEvent(t_s, touch_id, x_mm, y_mm, kind, force_n, area_m2)
+                    for t_s, touch_id, kind, x_mm, y_mm, force_n, area_m2 in touches
+                ]
+            )
+            for touch in touches:
+                if touch.kind == "up":
+                    self._touching.discard(touch.touch_id)
                 else:
-                    self._touching.add(touch_id)
+                    self._touching.add(touch.touch_id)
         except HaptixError as error:
             self._fail(error)
 
@@ -418,7 +432,7 @@ def main() -> None:
     """Serve the front until it closes our input."""
     # An interrupt of the terminal goes to all processes of its group; the front ends us in order.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    EngineServer(own_output()).run(sys.stdin.buffer)
+    EngineServer(own_output()).run(FrameReader(sys.stdin.fileno()))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ file is the death of the other side.
 from __future__ import annotations
 
 import json
+import os
 import struct
 from math import isnan, nan
 from typing import Any, BinaryIO, Literal, NamedTuple
@@ -18,6 +19,7 @@ from haptix.checks import Array
 HEADER = struct.Struct("<IB")
 JSON, TOUCHES, TELEMETRY, AMPLITUDE = 0, 1, 2, 3
 MOST_BYTES = 64 * 2**20
+_READ_BYTES = 2**18
 _TOUCH = struct.Struct("<dHHdddd")
 _AMPLITUDE = struct.Struct("<dd")
 _KINDS: tuple[Literal["down", "move", "up"], ...] = ("down", "move", "up")
@@ -89,6 +91,40 @@ def amplitude_of(data: bytes) -> tuple[float, float, Array]:
     """Return time, step and amplitudes of a frame."""
     t0_s, step_s = _AMPLITUDE.unpack_from(data)
     return t0_s, step_s, np.frombuffer(data, "<f4", offset=_AMPLITUDE.size).astype(np.float64)
+
+
+class FrameReader:
+    """Frames as they come: all that are there at once, so that a late reader sees how late it is.
+
+    Parameters
+    ----------
+    number : int
+        File descriptor.
+    """
+
+    def __init__(self, number: int) -> None:
+        self._number, self._left = number, bytearray()
+
+    def read(self) -> list[tuple[int, bytes]]:
+        """Wait for frames, and return the kind and bytes of each; none at the end of the file."""
+        found: list[tuple[int, bytes]] = []
+        while not found:
+            data = os.read(self._number, _READ_BYTES)
+            if not data:
+                break
+            self._left += data
+            at = 0
+            while len(self._left) >= at + HEADER.size:
+                length, kind = HEADER.unpack_from(self._left, at)
+                if length > MOST_BYTES:
+                    return []  # these are no frames
+                begin = at + HEADER.size
+                if len(self._left) < begin + length:
+                    break
+                found.append((kind, bytes(self._left[begin : begin + length])))
+                at = begin + length
+            del self._left[:at]
+        return found
 
 
 def read_frame(stream: BinaryIO) -> tuple[int, bytes] | None:

@@ -1,5 +1,6 @@
 """Bytes of touches and telemetry, against records packed by hand."""
 
+import os
 import struct
 from math import inf, nan
 
@@ -18,6 +19,7 @@ from haptix.service.batches import (
     write_touches,
 )
 from haptix.service.messages import Problem, TouchMessage
+from haptix.service.wire import FrameReader, frame
 
 TOUCHES = st.builds(
     TouchMessage,
@@ -95,3 +97,24 @@ def test_telemetry_there_and_back():
     assert again[:6] == sent._replace(number=5, dropped=77)[:6]
     with pytest.raises(Problem):
         read_frame(write_frame(sent)[:-1])
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.binary(max_size=40)), max_size=8), st.data())
+def test_frames_of_the_link_are_read_however_they_are_cut(frames, data):
+    sent = b"".join(frame(kind, body) for kind, body in frames)
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(sent)), max_size=5)))
+    found = []
+    reading, writing = os.pipe()
+    reader = FrameReader(reading)
+    try:
+        for first, last in zip([0, *cuts], [*cuts, len(sent)], strict=True):
+            whole = len(found)
+            os.write(writing, sent[first:last])
+            while whole < len(frames) and sum(5 + len(b) for _, b in frames[: whole + 1]) <= last:
+                found += reader.read()  # waits for no more than there is
+                whole = len(found)
+        os.close(writing)
+        assert found == frames
+        assert reader.read() == []
+    finally:
+        os.close(reading)

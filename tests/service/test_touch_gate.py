@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from haptix.service import touch_gate
 from haptix.service.touch_gate import TouchGate
 from haptix.service.wire import TouchRecord
 
@@ -61,7 +62,7 @@ def test_moves_at_1_khz_pass_at_the_interval_and_slow_ones_all():
     assert [each.t_s for each in passed] == stamps
 
 
-def test_touches_are_taken_by_one_thread_at_a_time_and_what_is_forgotten_is_not():
+def test_touches_are_taken_by_one_thread_at_a_time_and_what_is_forgotten_is_not(monkeypatch):
     inside, most = 0, 0
 
     def take(_):
@@ -82,9 +83,29 @@ def test_touches_are_taken_by_one_thread_at_a_time_and_what_is_forgotten_is_not(
         thread.join()
     assert most == 1
     passed = []
+    monkeypatch.setattr(touch_gate, "_MOST_INTERVAL_S", 60.0)
     gate = TouchGate(passed.extend, lambda: 60.0)
     gate.put([touch(0.0)])  # the first passes at once
     gate.put([touch(0.001)])
     gate.forget()
     gate.put([touch(0.002, kind="up")])
     assert [each.t_s for each in passed] == pytest.approx([0.0, 0.002])
+
+
+def test_a_renderer_that_takes_long_is_given_touches_less_often():
+    taken = []
+
+    def take(touches):
+        taken.append(len(touches))
+        end_s = time.monotonic() + 0.004
+        while time.monotonic() < end_s:
+            pass
+
+    gate = TouchGate(take, lambda: 0.0)
+    began_s = time.monotonic()
+    for number in range(100):
+        gate.put([touch(0.001 * number)])
+        time.sleep(0.001)
+    spent_s = time.monotonic() - began_s
+    # Once eight were taken, which may come one after the other, 16 ms of rest lie between two.
+    assert len(taken) <= 9 + spent_s / 0.016
