@@ -96,7 +96,7 @@ class EngineProcess(HelperProcess):
         # One that hangs is killed: the driver's watchdog ends at 0 V.
         super().__init__("engine", "engine", _ENGINE_FULL_S)
         self._opening, self._hear, self._hear_frame = opening, hear, hear_frame
-        self._ends = False
+        self._ends = self._is_open = False
         self._rates: dict[str, float] = {}
         self._told = Told()
         self.twin = TwinProcess(hear_frame)
@@ -104,7 +104,8 @@ class EngineProcess(HelperProcess):
     async def start(self) -> dict[str, Any]:
         """Start the engine; return what it has opened."""
         await self.launch()
-        found = await self.ask("open", **self._opening)
+        found = await super().ask("open", **self._opening)
+        self._is_open = True
         self.twin.opens({name: found[name] for name in ("finger", "screen", "carrier_hz")})
         if self._rates:
             self.tell("streams", rates=self._rates)
@@ -114,6 +115,8 @@ class EngineProcess(HelperProcess):
 
     async def ask(self, do: str, **fields: Any) -> dict[str, Any]:
         """Return the answer to a question."""
+        if not self._is_open:  # it would answer once its driver is there, which takes seconds
+            raise Problem("device", f"{do}: the engine is being started again; try anew")
         found = await super().ask(do, **fields)
         self._told.note(do, fields)
         return found
@@ -150,6 +153,7 @@ class EngineProcess(HelperProcess):
 
     def ended(self, code: int | None) -> None:
         """Start it again."""
+        self._is_open = False
         if not self._ends:
             reason = f"the engine ended with code {code}; it is started again"
             self._hear({"event": "output", "state": "failed", "reason": reason})
