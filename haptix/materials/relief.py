@@ -15,7 +15,7 @@ from haptix.errors import InputError
 from haptix.materials.material import AnyAsset, Scaled
 from haptix.materials.sharing import shared
 from haptix.motion import Depends, Motion
-from haptix.texture.levels import read_grey, read_normals
+from haptix.texture.pictures import read_grey, read_normals
 from haptix.texture.pyramid import Pyramid
 
 _STEEPEST = 99.0  # percentile of steepness that reaches the ends of the range

@@ -15,7 +15,8 @@ from haptix.checks import Array, choice, number, positive, shown
 from haptix.documents import Document
 from haptix.errors import FileFormatError, InputError
 from haptix.texture.field import FrictionField, TargetKind, check_range
-from haptix.texture.levels import LARGEST_BYTES, HeightRule, levels_by_rule, read_grey, stretched
+from haptix.texture.levels import HeightRule, levels_by_rule, stretched
+from haptix.texture.pictures import LARGEST_BYTES, read_grey
 from haptix.texture.pyramid import Pyramid
 
 Polarity = Literal["bright-high", "dark-high"]

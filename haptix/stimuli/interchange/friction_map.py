@@ -22,7 +22,7 @@ from haptix.files import (
     reading,
     write_folder,
 )
-from haptix.texture.levels import check_picture
+from haptix.texture.pictures import check_picture
 
 Array = npt.NDArray[np.float64]
 MapQuantity = Literal["mu", "contrast"]

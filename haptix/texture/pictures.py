@@ -1,0 +1,305 @@
+"""Pictures from files, as they are seen: upright, over white, in grey."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from functools import cache
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import tifffile
+from PIL import Image, ImageCms, ImageOps
+
+from haptix.checks import Array, positive
+from haptix.errors import InputError
+
+LARGEST_BYTES = 1_500_000_000
+"""Default limit of the memory that making a texture takes: some 24 megapixels."""
+
+# For each pixel: grey and level, the levels of the pyramid (7/3) and one more that is being made,
+# each as a float64.
+_BYTES_PER_PIXEL = 8 * 6
+
+# Pillow knows many formats more, whose decoders nobody needs here; one of them runs a program.
+_FORMATS = ("PNG", "JPEG", "TIFF", "GIF", "BMP", "WEBP", "PPM", "JPEG2000", "AVIF")
+_EXPECTED = "expected PNG, JPEG, TIFF, GIF, WebP, AVIF, JPEG 2000, BMP or PPM"
+
+# How files begin that are pictures, or are taken for such, and are not read.
+_NOT_READ = (
+    (0, b"8BPS", "a Photoshop document"),
+    (0, b"%PDF", "a PDF"),
+    (0, b"%!PS", "PostScript"),
+    (0, b"\xff\x0a", "a JPEG XL"),
+    (4, b"JXL ", "a JPEG XL"),
+    (0, b"v/1\x01", "an OpenEXR"),
+    (0, b"#?RADIANCE", "a Radiance HDR"),
+    (0, b"\0\0\1\0", "an icon"),
+    (4, b"ftyphei", "a HEIC"),
+    (4, b"ftyphev", "a HEIC"),
+    (4, b"ftypmif1", "a HEIF"),
+    (4, b"ftypcrx", "a camera's raw picture (CR3)"),
+    (4, b"ftyp", "a video"),
+    (8, b"CR\x02\0", "a camera's raw picture (CR2)"),
+    (0, b"FUJIFILMCCD-RAW", "a camera's raw picture (RAF)"),
+    (0, b"<svg", "an SVG drawing"),
+    (0, b"<?xml", "an XML document or SVG drawing"),
+)
+_KEPT_AS_THEY_ARE = (tifffile.PHOTOMETRIC.MINISWHITE, tifffile.PHOTOMETRIC.MINISBLACK,
+                     tifffile.PHOTOMETRIC.RGB)  # fmt: skip
+_CONVERTED = ("PALETTE", "SEPARATED", "YCBCR", "CIELAB")  # by Pillow
+
+
+@cache
+def _formats() -> tuple[str, ...]:
+    """Return those that this Pillow was built with."""
+    Image.init()
+    return tuple(one for one in _FORMATS if one in Image.OPEN)
+
+
+def read_grey(image: str | Path | npt.ArrayLike, largest_bytes: int = LARGEST_BYTES) -> Array:
+    """Return grey pixels, shape (rows, columns), from a file or from grey or colour pixels.
+
+    A picture is turned as its camera noted, shown over white where it is transparent, and
+    converted from palettes, inks and colour profiles to sRGB. Of an animation the first frame is
+    taken. `largest_bytes` limits the memory for reading it and making a texture of it. A larger
+    image raises `InputError` before more than its header is read. So does a file that is not an
+    image, and one of a format that is not read, by its name.
+    """
+    positive("largest_bytes", largest_bytes)
+    if isinstance(image, str | Path):
+        pixels, premultiplied = _read(f"image: {image}", Path(image), largest_bytes)
+    else:
+        premultiplied = False
+        try:
+            pixels = np.asarray(image)
+            if pixels.dtype.kind not in "buif":
+                raise ValueError
+        except ValueError:
+            raise InputError("image: expected numbers in rows of one length") from None
+        _check_size("image", pixels.shape, 0, largest_bytes)
+    if not pixels.size or not (
+        pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] in (2, 3, 4))
+    ):
+        raise InputError(
+            "image: expected pixels of shape (rows, columns), or (rows, columns, channels) with 2 "
+            f"to 4 channels, got {pixels.shape}"
+        )
+    grey = _grey(pixels, premultiplied)
+    if not np.isfinite(grey).all():
+        raise InputError("image: expected finite pixels")
+    return np.asarray(grey, dtype=np.float64)
+
+
+def read_normals(path: Path, largest_bytes: int = LARGEST_BYTES) -> tuple[Array, Array]:
+    """Return slopes to the right and downwards of a normal map, both of shape (rows, columns).
+
+    Red is the normal's part to the right, green upwards, blue out of the surface; half of their
+    range is 0.
+    """
+    from skimage.util import img_as_float64  # takes a third of a second
+
+    pixels, _ = _read(f"normals: {path}", path, largest_bytes)
+    if pixels.ndim != 3 or pixels.shape[2] < 3:
+        raise InputError(f"normals: expected a picture in colour, got shape {pixels.shape}")
+    right, up, out = (2 * img_as_float64(pixels)[..., channel] - 1 for channel in range(3))
+    out = np.maximum(out, 0.05)  # steeper than 87 degrees is noise
+    return -right / out, up / out
+
+
+def _grey(pixels: npt.NDArray[Any], premultiplied: bool) -> Array:
+    """Grey of 1 to 4 channels; an even number of them ends with the opacity."""
+    from skimage.color import rgb2gray  # these take a third of a second
+    from skimage.util import img_as_float64
+
+    if pixels.ndim == 2:
+        return pixels.astype(np.float64)
+    channels = pixels.shape[2]
+    if channels == 2:
+        grey, white = pixels[..., 0].astype(np.float64), 1.0
+        if pixels.dtype.kind in "ui":
+            white = float(np.iinfo(pixels.dtype).max)
+    else:
+        grey, white = rgb2gray(img_as_float64(pixels[..., :3])), 1.0
+    if channels in (2, 4):
+        opacity = img_as_float64(pixels[..., -1])
+        if not ((opacity >= 0) & (opacity <= 1)).all():
+            raise InputError("image: expected opacities from 0 to 1 in the last channel")
+        if opacity.min() < 1:
+            grey = (grey if premultiplied else opacity * grey) + (1 - opacity) * white
+    return np.asarray(grey)
+
+
+def _read(name: str, path: Path, largest_bytes: int) -> tuple[npt.NDArray[Any], bool]:
+    """Pixels of a file, 1 to 4 channels, and whether colours have been multiplied by opacity."""
+    if not path.is_file():
+        what = name.partition(":")[0]
+        raise InputError(f"{what}: no file at {path}; give the path of a photograph")
+    check_picture(name, path, largest_bytes)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # size is checked
+            if path.suffix.lower() in (".tif", ".tiff"):
+                with tifffile.TiffFile(path) as tiff:
+                    if tiff.pages.first.photometric in _KEPT_AS_THEY_ARE:
+                        try:
+                            return _of_tiff(tiff)
+                        except ValueError:  # a compression that tifffile leaves to others
+                            pass
+            with Image.open(path, formats=_formats()) as picture:
+                return _of_pillow(picture), False
+    except Exception:  # each format has errors of its own
+        raise _no_image(name, path) from None
+
+
+def _of_pillow(picture: Image.Image) -> npt.NDArray[Any]:
+    """Pixels of the first frame, upright and in grey or sRGB."""
+    picture.load()
+    seen: Image.Image = ImageOps.exif_transpose(picture)
+    if seen.mode in ("CMYK", "LAB", "RGB", "RGBA"):
+        seen = _in_srgb(seen)
+    if seen.mode[0] in "IF":  # more than 8 bits
+        return np.asarray(seen)
+    if seen.mode in ("1", "L", "LA", "La") and seen.has_transparency_data:
+        seen = seen.convert("LA")
+    elif seen.has_transparency_data:
+        seen = seen.convert("RGBA")
+    elif seen.mode in ("P", "CMYK", "YCbCr", "HSV", "RGBX"):
+        seen = seen.convert("RGB")
+    return np.asarray(seen)
+
+
+def _in_srgb(picture: Image.Image) -> Image.Image:
+    """Apply the profile of a picture's colours, as viewers do; without one inks are ideal."""
+    mode = "RGBA" if picture.mode == "RGBA" else "RGB"
+    data = picture.info.get("icc_profile")
+    found: Image.Image | None = None
+    if picture.mode == "LAB":
+        of, to = ImageCms.createProfile("LAB"), ImageCms.createProfile("sRGB")
+        found = ImageCms.profileToProfile(picture, of, to, outputMode=mode)
+    elif data:
+        try:
+            profile = ImageCms.ImageCmsProfile(io.BytesIO(data))
+            if "srgb" not in ImageCms.getProfileDescription(profile).lower():
+                to = ImageCms.createProfile("sRGB")
+                found = ImageCms.profileToProfile(picture, profile, to, outputMode=mode)
+        except (ImageCms.PyCMSError, OSError):  # a damaged profile says nothing
+            pass
+    return picture if found is None else found
+
+
+def _of_tiff(tiff: tifffile.TiffFile) -> tuple[npt.NDArray[Any], bool]:
+    """Pixels of grey and RGB with all their bits, upright; what else is stored is left out."""
+    page = tiff.pages.first
+    pixels = np.asarray(tiff.series[0].asarray())
+    if tiff.series[0].axes.startswith("S"):  # channel by channel
+        pixels = np.moveaxis(pixels, 0, -1)
+    if page.photometric == tifffile.PHOTOMETRIC.MINISWHITE:
+        pixels = (2**page.bitspersample - 1) - pixels.astype(np.int64)
+    colours = 3 if page.photometric == tifffile.PHOTOMETRIC.RGB else 1
+    extra = [int(kind) for kind in page.extrasamples]
+    alphas = [i for i, kind in enumerate(extra) if kind in (1, 2)]
+    if pixels.ndim == 3:
+        kept = [*range(colours), *(colours + i for i in alphas[:1])]
+        pixels = pixels[..., kept] if len(kept) > 1 else pixels[..., 0]
+    tag = page.tags.get("Orientation")
+    pixels = _turned(pixels, 1 if tag is None else int(tag.value))
+    return pixels, bool(alphas) and extra[alphas[0]] == 1
+
+
+def _turned(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
+    """Upright pixels; the orientation says where row 0 and column 0 are (TIFF 6.0, page 36)."""
+    if orientation in (5, 6, 7, 8):
+        pixels = pixels.swapaxes(0, 1)
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    return pixels
+
+
+def check_picture(name: str, file: Path | io.BytesIO, largest_bytes: int = LARGEST_BYTES) -> None:
+    """Refuse, by its header alone, a file that is no single picture or has too many pixels.
+
+    Parameters
+    ----------
+    name : str
+        What error messages call it.
+    file : Path or BytesIO
+        Of any format.
+    largest_bytes : int
+        Limit of the memory for reading it and making a texture of it.
+
+    Raises
+    ------
+    InputError
+        If it is not such a picture.
+    """
+    try:
+        shape, kind = _header(name, file)
+    except Image.DecompressionBombError as error:
+        raise InputError(f"{name} is too large ({error}); scale it down") from None
+    except InputError:
+        raise
+    except Exception:  # each format has errors of its own
+        raise _no_image(name, file) from None
+    _check_size(name, shape, kind, largest_bytes)
+
+
+def _no_image(name: str, file: Path | io.BytesIO) -> InputError:
+    """Say what a file is, if it is known and not read."""
+    head = b""
+    try:
+        with io.BytesIO(file.getvalue()) if isinstance(file, io.BytesIO) else file.open("rb") as f:
+            head = f.read(64).lstrip(b"\xef\xbb\xbf \r\n\t")
+    except OSError:
+        pass
+    for at, begins, what in _NOT_READ:
+        if head[at:].startswith(begins):
+            return InputError(f"{name} is {what}, which is not read; save it as PNG")
+    return InputError(f"{name} is not an image that can be read; {_EXPECTED}")
+
+
+def _header(name: str, file: Path | io.BytesIO) -> tuple[tuple[int, ...], int]:
+    """Shape of the pixels, and bytes of each channel of one."""
+    # TIFF is read by tifffile, which may take more of a file than Pillow's first frame.
+    if isinstance(file, Path) and file.suffix.lower() in (".tif", ".tiff"):
+        with tifffile.TiffFile(file) as tiff:
+            return _tiff_header(name, tiff)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        with Image.open(file, formats=_formats()) as picture:
+            # A palette, and what is transparent by one colour, become channels.
+            channels = max(len(picture.getbands()), 4 if picture.has_transparency_data else 1)
+            return (picture.height, picture.width, 3 if picture.mode == "P" else channels), 2
+
+
+def _tiff_header(name: str, tiff: tifffile.TiffFile) -> tuple[tuple[int, ...], int]:
+    page, series = tiff.pages.first, tiff.series[0]
+    if "DNGVersion" in page.tags:
+        raise InputError(f"{name} is a camera's raw picture (DNG), which is not read; develop it")
+    if not isinstance(page.photometric, tifffile.PHOTOMETRIC) or (
+        page.photometric not in _KEPT_AS_THEY_ARE and page.photometric.name not in _CONVERTED
+    ):
+        kind = getattr(page.photometric, "name", page.photometric)
+        raise InputError(f"{name} is a TIFF of colours {kind}, which is not read; save it as RGB")
+    if series.axes.strip("S") != "YX":
+        raise InputError(f"{name} has several pages or frames; expected one picture, save one")
+    rows, columns = page.imagelength, page.imagewidth
+    return (rows, columns, page.samplesperpixel), int(series.dtype.itemsize)
+
+
+def _check_size(name: str, shape: tuple[int, ...], kind: int, largest_bytes: int) -> None:
+    pixels = prod(shape[:2])
+    # Colour is converted in one float64 for each channel.
+    channels = prod(shape[2:])
+    needed = pixels * (_BYTES_PER_PIXEL + channels * kind + (8 * channels if channels > 2 else 0))
+    if needed > largest_bytes:
+        raise InputError(
+            f"{name} has {' x '.join(map(str, shape[1::-1]))} pixels, a texture of some "
+            f"{needed / 1e9:.3g} GB; expected at most {largest_bytes / 1e9:.3g} GB: scale it down, "
+            "since a fingertip feels nothing below some 0.05 mm, or raise largest_bytes"
+        )
