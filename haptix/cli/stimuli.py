@@ -71,7 +71,7 @@ def look(
     from haptix.files import read_json, reading, write_whole
 
     if what.is_dir():
-        from haptix.stimuli.making import check_manifest
+        from haptix.stimuli.making import check_manifest, read_manifest
 
         wrong = check_manifest(what)
         if wrong:
@@ -79,7 +79,7 @@ def look(
                 f"{what}: {len(wrong)} files are missing or differ from the manifest: "
                 f"{', '.join(wrong[:5])}; make the set again"
             )
-        manifest = read_json(what / "manifest.json")
+        manifest = read_manifest(what)
         with reading(what, "a set with its sidecars"):
             names = [name for name in manifest["files"] if name.endswith((".wav", ".flac"))]
             tables = [read_json((what / name).with_suffix(".json")) for name in names]

@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import shutil
 from collections.abc import Callable
+from concurrent.futures import Executor, wait
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from haptix.errors import FileFormatError, InputError, LimitError, RangeError
 from haptix.files import json_text, publish, read_json, reading, write_failure
-from haptix.screen import Screen
-from haptix.signals.audio import file_hash, step_v
-from haptix.stimuli.apparatus import TOLERANCE, Apparatus
+from haptix.signals.audio import file_hash
 from haptix.stimuli.drawing import contact_sheet
-from haptix.stimuli.rendering import Rendering, write_drive
+from haptix.stimuli.set_files import DRAFTS, Made, SetFiles, beside, make_batch
 from haptix.stimuli.set_plan import SetPlan
-from haptix.stimuli.sidecar import reach, sidecar
-from haptix.stimuli.stimulus import Stimulus
-from haptix.stimuli.trials import Trigger, events, trigger_code
+from haptix.stimuli.trials import events
 from haptix.version import __version__
 
 Progress = Callable[[str, float], None]
 
-_DRAFTS = ".drafts"
+_BATCHES = 32  # of a set, so that workers of different speed end at about one time
+_LARGEST_BATCH = 64
+_MANIFEST_BYTES, _MANIFEST_VALUES = 64_000_000, 2_000_000  # of some 200,000 files
 
 
 @dataclass(frozen=True)
@@ -42,14 +39,18 @@ class SetResult:
 class MakingJob:
     """One run of `StimulusSet.make`: it makes, checks and publishes."""
 
-    def __init__(self, parts: SetPlan, folder: Path, threads: int, on_progress: Progress) -> None:
+    def __init__(
+        self,
+        parts: SetPlan,
+        folder: Path,
+        threads: int,
+        on_progress: Progress,
+        executor: Executor | None = None,
+    ) -> None:
         self.parts, self.folder, self.threads = parts, folder, threads
-        self.drafts = folder / _DRAFTS
-        self.on_progress = on_progress
-        self.reused = 0
+        self.drafts = folder / DRAFTS
+        self.on_progress, self.executor = on_progress, executor
         self.profiles: dict[str, Any] = {}
-        self.limits: list[str] = []
-        self.unreachable: list[str] = []
 
     def run(self) -> SetResult:
         """See `StimulusSet.make`."""
@@ -59,36 +60,33 @@ class MakingJob:
         tables = self._tables()
         self._check_tables(tables)
         self.drafts.mkdir(parents=True, exist_ok=True)
-        found: list[dict[str, Any]] = []
-        total = len(parts.screens) * len(parts.stimuli)
+        made: list[Made] = []
         for screen in parts.screens:
             self.on_progress("surface", 0.0)
-            apparatus = parts.apparatus(screen)
+            files = SetFiles.of(parts, screen, self.folder)  # the surface, which a cache keeps
             self.on_progress("surface", 1.0)
-            self.profiles[apparatus.profile_hash()] = apparatus.profiles()
-            for index, stimulus in enumerate(parts.stimuli):
-                found.append(self._one(apparatus, stimulus, index, len(found), total))
-        if self.limits or (self.unreachable and parts.unreachable == "reject"):
+            self.profiles[files.apparatus.profile_hash()] = files.apparatus.profiles()
+            made += self._all(files, len(made))
+        limits = [line for one in made for line in one.limits]
+        unreachable = [one.unreachable for one in made if one.unreachable]
+        if limits or (unreachable and parts.unreachable == "reject"):
             shutil.rmtree(self.drafts, ignore_errors=True)
-            lines = "\n  ".join([*self.limits, *self.unreachable])
+            lines = "\n  ".join([*limits, *unreachable])
             head = f"set {parts.name!r} is rejected whole, nothing was written:\n  {lines}"
-            if self.limits:
+            if limits:
                 raise LimitError(head)
             raise RangeError(
                 f'{head}\nlower what they ask for, or say unreachable = "nearest" to play the '
                 "nearest reachable friction"
             )
-        return self._publish(found, tables)
-
-    def _name(self, stimulus: Stimulus, screen: Screen) -> str:
-        """Name of a drive file."""
-        return f"{stimulus.name}{self.parts.suffix(screen)}.{self.parts.container}"
+        reused = sum(one.is_reused for one in made)
+        return self._publish([one.table for one in made], tables, reused)
 
     def _tables(self) -> dict[str, bytes]:
         """Trial tables and their descriptions, by their names."""
         parts, found = self.parts, {}
         for screen in parts.screens:
-            files = [self._name(one, screen) for one in parts.stimuli]
+            files = [parts.file_name(one, screen) for one in parts.stimuli]
             table, columns = events(parts.stimuli, files, parts.trials)
             found[f"events{parts.suffix(screen)}.tsv"] = table.encode()
             found[f"events{parts.suffix(screen)}.json"] = json_text(columns).encode()
@@ -103,7 +101,7 @@ class MakingJob:
             If one in the folder is neither what this set has, nor what its manifest lists.
         """
         try:
-            listed = read_json(self.folder / "manifest.json")["files"]
+            listed = read_manifest(self.folder)["files"]
         except (FileFormatError, KeyError):
             listed = {}
         for name, table in tables.items():
@@ -116,96 +114,48 @@ class MakingJob:
                     "name another folder"
                 )
 
-    def _one(
-        self, apparatus: Apparatus, stimulus: Stimulus, index: int, done: int, total: int
-    ) -> dict[str, Any]:
-        """Make one file and its sidecar in the drafts, or find them there or published."""
-        parts = self.parts
-        name = self._name(stimulus, apparatus.screen)
-        recipe = self._recipe(apparatus, stimulus, index)
-        if (finished := self._finished(name, recipe)) is not None:
-            self.reused += 1
-            self.on_progress("render", (done + 1) / total)
-            return finished
-        response, each = apparatus.responses(stimulus)
-        rendering = Rendering(stimulus, response, parts.sample_rate_hz)
-        if rendering.samples < 1:
-            raise InputError(f"{stimulus.name}: expected one sample or more, got none")
-        trigger = None
-        if parts.trigger:
-            trigger = Trigger(trigger_code(index), rendering.samples, parts.sample_rate_hz)
-        draft = self.drafts / f"{name}.part"
+    def _all(self, files: SetFiles, done: int) -> list[Made]:
+        """Make the files of one screen, here or by the executor."""
+        count, total = len(self.parts.stimuli), len(self.parts.stimuli) * len(self.parts.screens)
+        if self.executor is None:
+            made = []
+            for index, stimulus in enumerate(self.parts.stimuli):
+                at = done + index
+
+                def tell(share: float, at: int = at) -> None:
+                    self.on_progress("render", (at + share) / total)
+
+                made.append(files.make(index, stimulus, self.threads, tell))
+                self.on_progress("render", (at + 1) / total)
+            return made
+        size = min(_LARGEST_BATCH, max(1, count // _BATCHES))
+        waiting = [
+            self.executor.submit(make_batch, files.batch(first, first + size), self.threads)
+            for first in range(0, count, size)
+        ]
+        found: list[Made] = []
         try:
-            tally = write_drive(
-                draft, rendering, parts, trigger, self.threads,
-                lambda share: self.on_progress("render", (done + share) / total),
-            )  # fmt: skip
-        except OSError:
-            draft.unlink(missing_ok=True)  # what is finished may need the room
-            raise
-        if tally.limits:
-            self.limits += [f"{name}: {line}" for line in tally.limits]
-            draft.unlink()
-            return {}
-        if not tally.is_reached:
-            self.unreachable.append(reach(name, tally, response))
-        table = {
-            "haptix": __version__,
-            "file": name,
-            "set": parts.name,
-            "volts": "sample of channel 1, read as -1 to 1, times full_scale_v",
-            "full_scale_v": parts.full_scale_v,
-            "format": parts.container,
-            "encoding": parts.encoding,
-            "quantisation_step_v": step_v(parts.encoding, parts.full_scale_v, tally.peak_v),
-            "ceiling_v": parts.limits.ceiling_v,
-            "trigger": None if trigger is None else trigger.describe(),
-            **sidecar(rendering, apparatus, each, tally, parts.perception),
-            "sha256": file_hash(draft),
-            "recipe_sha256": recipe,
-        }
-        draft.replace(self.drafts / name)
-        (self.drafts / _beside(name)).write_text(json_text(table), encoding="utf-8")
-        return table
+            for one in waiting:
+                found += one.result()
+                self.on_progress("render", (done + len(found)) / total)
+        finally:
+            for one in waiting:
+                one.cancel()
+            wait(waiting)  # none of them writes after this
+        return found
 
-    def _recipe(self, apparatus: Apparatus, stimulus: Stimulus, index: int) -> str:
-        """Hash of everything that determines a file and its sidecar."""
-        parts = self.parts
-        text = json.dumps(
-            [
-                __version__, stimulus.describe(), apparatus.surface_keys(),
-                apparatus.profile_hash(), parts.sample_rate_hz, parts.container, parts.encoding,
-                parts.full_scale_v, parts.limits.ceiling_v, parts.trigger and trigger_code(index),
-                parts.name, TOLERANCE, repr(parts.perception),
-            ],
-            sort_keys=True,
-        )  # fmt: skip
-        return hashlib.sha256(text.encode()).hexdigest()
-
-    def _finished(self, name: str, recipe: str) -> dict[str, Any] | None:
-        """Sidecar of a file that this recipe has made before, if both are whole."""
-        for place in (self.drafts, self.folder):
-            try:
-                table = read_json(place / _beside(name))
-            except FileFormatError:
-                continue
-            made = table.get("recipe_sha256") == recipe and (place / name).is_file()
-            if made and table.get("sha256") == file_hash(place / name):
-                target = table.get("wanted") or {}
-                if target.get("share_below_reach") or target.get("share_above_reach"):
-                    continue  # rendered again, so that it is reported again
-                return table
-        return None
-
-    def _publish(self, found: list[dict[str, Any]], tables: dict[str, bytes]) -> SetResult:
+    def _publish(
+        self, found: list[dict[str, Any]], tables: dict[str, bytes], reused: int
+    ) -> SetResult:
         parts = self.parts
         self.on_progress("write", 0.0)
         files = [str(table["file"]) for table in found]
+        known = {str(table["file"]): str(table["sha256"]) for table in found}
         # Finished files are drafts, or published by an earlier run.
         places = {
             name: next(path for path in (self.drafts / name, self.folder / name) if path.exists())
             for one in files
-            for name in (one, _beside(one))
+            for name in (one, beside(one))
         }
         others: dict[str, bytes] = {"profiles.json": json_text(self.profiles).encode(), **tables}
         others["sheet.png"] = contact_sheet(parts.name, [places[name] for name in files], found)
@@ -218,7 +168,10 @@ class MakingJob:
             "is_placeholder": any(table["is_placeholder"] for table in found),
             "trials": asdict(parts.trials),
             "files": {
-                name: {"sha256": file_hash(places[name]), "bytes": places[name].stat().st_size}
+                name: {
+                    "sha256": known.get(name) or file_hash(places[name]),
+                    "bytes": places[name].stat().st_size,
+                }
                 for name in sorted(places)
             },
         }
@@ -232,7 +185,7 @@ class MakingJob:
         publish({path: target for path, target in drafts.items() if path != target})
         shutil.rmtree(self.drafts, ignore_errors=True)
         self.on_progress("write", 1.0)
-        return SetResult(self.folder, tuple(found), manifest, self.reused)
+        return SetResult(self.folder, tuple(found), manifest, reused)
 
 
 class StimulusSet(SetPlan):
@@ -243,11 +196,25 @@ class StimulusSet(SetPlan):
         folder: str | Path,
         threads: int = 2,
         on_progress: Progress = lambda stage, share: None,
+        executor: Executor | None = None,
     ) -> SetResult:
         """Render all stimuli, check the whole set, and publish it in a folder.
 
         Finished files wait in ``.drafts`` within the folder. If the disk fills up or the run is
         stopped, the same call continues from there.
+
+        Parameters
+        ----------
+        folder : path-like
+            Where the set is written.
+        threads : int
+            Threads that render one file; they pay for stimuli of many seconds.
+        on_progress : callable
+            Called with a stage and the share of it that is done.
+        executor : concurrent.futures.Executor, optional
+            Makes files at the same time, in batches: threads, processes, or a cluster whose
+            workers share `folder` and the cache of surfaces (Dask's ``client.get_executor()``).
+            The bytes do not depend on it. It stays open.
 
         Raises
         ------
@@ -259,7 +226,7 @@ class StimulusSet(SetPlan):
         InputError
             If the folder cannot be written.
         """
-        job = MakingJob(self, Path(folder), threads, on_progress)
+        job = MakingJob(self, Path(folder), threads, on_progress, executor)
         try:
             return job.run()
         except OSError as error:
@@ -279,7 +246,7 @@ def check_manifest(folder: str | Path) -> list[str]:
         If there is no manifest.
     """
     folder = Path(folder)
-    table = read_json(folder / "manifest.json")
+    table = read_manifest(folder)
     with reading(folder / "manifest.json", "the manifest of a set"):
         return [
             name
@@ -288,5 +255,6 @@ def check_manifest(folder: str | Path) -> list[str]:
         ]
 
 
-def _beside(name: str) -> str:
-    return f"{Path(name).stem}.json"
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Read the manifest of a finished folder, or raise `FileFormatError`."""
+    return read_json(folder / "manifest.json", _MANIFEST_BYTES, _MANIFEST_VALUES)

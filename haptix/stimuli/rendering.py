@@ -15,6 +15,7 @@ import numpy.typing as npt
 from firmware_io.drive_window import DriveWindow
 from firmware_io.limits import Current
 from haptix.errors import InputError, LimitError
+from haptix.perception import SensationInTime
 from haptix.signals.audio import AudioWriter
 from haptix.status import Status
 from haptix.stimuli.set_plan import SetPlan
@@ -41,6 +42,8 @@ class Block:
     each sample, shape (samples,)."""
     instant_v: Array
     """Amplitude of the carrier, or of the sine with the attraction of the instant."""
+    mu: Array
+    """Predicted friction, shape (samples,)."""
     target_low: float
     """Lowest friction asked for; NaN for volts."""
     target_high: float
@@ -83,9 +86,9 @@ class Rendering:
                 mean = self._over_period(first, count)
                 # The attraction of a sine is that of its mean square: here of the sine sqrt(2) |v|.
                 instant = np.abs(values) * np.sqrt(2)
-                return Block(first, values, mean, instant, np.nan, np.nan, 0, 0)
+                return Block(first, values, mean, instant, response.mu(mean), np.nan, np.nan, 0, 0)
             drive, size = values * self._carrier(first, count), np.abs(values)
-            return Block(first, drive, size, size, np.nan, np.nan, 0, 0)
+            return Block(first, drive, size, size, response.mu(size), np.nan, np.nan, 0, 0)
         mu = values
         if stimulus.quantity == "contrast":
             mu = (1 + values) * response.lowest_mu
@@ -96,7 +99,8 @@ class Rendering:
         below = int(np.count_nonzero(status == Status.BELOW))
         above = int(np.count_nonzero(status == response.ends_by))
         drive = amplitude * self._carrier(first, count)
-        return Block(first, drive, amplitude, amplitude, low, high, below, above)
+        nearest = mu.clip(response.lowest_mu, response.highest_mu)
+        return Block(first, drive, amplitude, amplitude, nearest, low, high, below, above)
 
     def _over_period(self, first: int, count: int) -> Array:
         """Amplitude of the sine with the same mean attraction over the drive's period."""
@@ -156,9 +160,40 @@ def in_order(make: Callable[[int], Block], starts: range, threads: int) -> Itera
 
 
 @dataclass
-class Tally:
-    """Extremes and counts of a rendered stimulus, gathered block by block."""
+class Friction:
+    """Mean, spread and extremes of the predicted friction."""
 
+    samples: int = 0
+    total: float = 0.0
+    square: float = 0.0
+    ground: float | None = None
+    low: float = inf
+    high: float = -inf
+
+    def take(self, mu: Array) -> None:
+        """Add the friction at some samples."""
+        if self.ground is None:
+            self.ground = float(mu[0])
+        change = mu - self.ground  # rounding is that of the changes
+        self.samples += len(mu)
+        self.total += float(np.sum(change))
+        self.square += float(np.sum(change * change))
+        self.low, self.high = min(self.low, float(mu.min())), max(self.high, float(mu.max()))
+
+    def describe(self) -> dict[str, float]:
+        """Mean, rms of the changes about it, and depth (highest - lowest) / (their sum)."""
+        mean = self.total / max(self.samples, 1)
+        changes = sqrt(max(self.square / max(self.samples, 1) - mean**2, 0.0))
+        depth = (self.high - self.low) / (self.high + self.low)
+        return {"mean": mean + (self.ground or 0.0), "rms_change": changes, "depth": depth}
+
+
+@dataclass
+class Tally:
+    """Extremes, counts and sensation of a rendered stimulus, gathered block by block."""
+
+    sensation: SensationInTime
+    friction: Friction = field(default_factory=Friction)
     samples: int = 0
     peak_v: float = 0.0
     square_sum: float = 0.0
@@ -171,6 +206,8 @@ class Tally:
     target_high: float = -inf
     below: int = 0
     above: int = 0
+    only: Block | None = None
+    """The block, as long as there is one."""
     past_the_surface: int = 0
     """Samples of a drive in volts beyond the end of the surface."""
     limits: list[str] = field(default_factory=list)
@@ -196,6 +233,10 @@ class Tally:
             self.past_the_surface += int(np.count_nonzero(amplitude > response.end_v))
         self.below += block.below
         self.above += block.above
+        # The attraction is a^2 / 4 for a sine of amplitude a.
+        self.sensation.take(np.square(block.instant_v) / 4)
+        self.friction.take(block.mu)
+        self.only = block if self.samples == len(drive) else None
 
     @property
     def rms_v(self) -> float:
@@ -228,7 +269,8 @@ def write_drive(
     that the file cannot be written.
     """
     rate, limits = rendering.sample_rate_hz, plan.limits
-    tally, window = Tally(), DriveWindow(limits, rate)
+    tally = Tally(SensationInTime(plan.perception, rate))
+    window = DriveWindow(limits, rate)
     previous, total = 0.0, rendering.samples
     form = plan.container, plan.encoding, rate, plan.full_scale_v
     with AudioWriter(path, *form, total, trigger is not None) as file:

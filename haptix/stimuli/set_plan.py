@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 
 from firmware_io.limits import BODY_CAPACITANCE_F, DriveLimits
@@ -74,7 +75,7 @@ class SetPlan:
             raise InputError("stimuli and screens: expected at least one of each")
         choice("unreachable", self.unreachable, ("reject", "nearest"))
         names = [one.name for one in self.stimuli]
-        twice = sorted({name for name in names if names.count(name) > 1})
+        twice = sorted(name for name, count in Counter(names).items() if count > 1)
         if twice:
             raise InputError(f"stimuli: two are called {twice[0]!r}; names are those of files")
         taken = sorted({"events", "manifest", "profiles", "sheet"} & set(names))
@@ -108,3 +109,7 @@ class SetPlan:
     def suffix(self, screen: Screen) -> str:
         """End of the names of a screen's files, where there are several screens."""
         return "" if len(self.screens) == 1 else f"_on_{screen.name.replace('/', '-')}"
+
+    def file_name(self, stimulus: Stimulus, screen: Screen) -> str:
+        """Name of a drive file."""
+        return f"{stimulus.name}{self.suffix(screen)}.{self.container}"

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from firmware_io.limits import MAX_PEAK_A, MAX_RMS_A, series_capacitance_f
-from haptix.errors import InputError
-from haptix.perception import Perception, components_of_pull, detection
+from haptix.perception import Perception
 from haptix.status import Status
 from haptix.stimuli.apparatus import Apparatus
 from haptix.stimuli.rendering import Array, Block, Rendering, Tally
@@ -50,25 +50,31 @@ def predicted(tally: Tally, response: Column, each: Sequence[Column]) -> dict[st
     return found
 
 
-def felt(middle: Block, rate_hz: float, known: Perception) -> dict[str, Any] | None:
-    """Sensation level of the middle of a stimulus; None outside the thresholds' data."""
-    # Attraction is proportional to a^2 / 4 for a carrier of amplitude a, v^2 / 2 for a voltage v.
-    try:
-        found = detection(components_of_pull(middle.instant_v / np.sqrt(2), rate_hz), known)
-    except InputError:
+def felt(tally: Tally) -> dict[str, Any] | None:
+    """Highest sensation level of a stimulus; None outside the thresholds' data."""
+    found = tally.sensation.finish()
+    if found.sensation_db is None:
         return None
     return {
         "channel": found.channel,
         "sensation_db": found.sensation_db,
+        "at_s": found.at_s,
+        "share_without_threshold": found.outside_share,
         "threshold_is_placeholder": found.is_placeholder,
     }
 
 
 def spectrum(values: Array, rate_hz: float) -> tuple[Array, Array]:
     """Frequencies [Hz] and amplitudes of a signal's components, in a Hann window."""
-    taper = np.hanning(len(values) + 2)[1:-1]
+    taper = _taper(len(values))
     amplitude = np.abs(np.fft.rfft(values * taper)) * 2 / taper.sum()
     return np.asarray(np.fft.rfftfreq(len(values), 1 / rate_hz)), amplitude
+
+
+@lru_cache(maxsize=2)
+def _taper(size: int) -> Array:
+    """Hann window without its zeros."""
+    return np.asarray(np.hanning(size + 2)[1:-1])
 
 
 def heard(middle: Block, rate_hz: float, capacitance_f: float, known: Perception) -> dict[str, Any]:
@@ -184,11 +190,13 @@ def sidecar(
     # The middle, whose spectra are taken.
     rate = rendering.sample_rate_hz
     count = min(round(_LOOK_S * rate), rendering.samples)
-    middle = rendering.block((rendering.samples - count) // 2, count)
-    state = apparatus.state(stimulus, min(tally.highest_amplitude_v, response.end_v))
+    middle = tally.only or rendering.block((rendering.samples - count) // 2, count)
+    contact, highest_v = apparatus.contact(stimulus), tally.highest_amplitude_v
     assert stimulus.frequency_hz is not None  # the apparatus has asked for it
-    leak = float(state.conductance_s) / (2 * np.pi * stimulus.frequency_hz)
-    capacitance = float(np.hypot(float(state.capacitance_f), leak))
+    leak = contact.at("conductance_s", highest_v) / (2 * np.pi * stimulus.frequency_hz)
+    capacitance = float(np.hypot(contact.at("capacitance_f", highest_v), leak))
+    model, length_s = apparatus.models[0], tally.samples / rate
+    current = _current(apparatus, tally, rate, capacitance)
     return {
         "name": stimulus.name,
         "stimulus": stimulus.describe(),
@@ -217,9 +225,17 @@ def sidecar(
         "h0_m": apparatus.screen.h0_m if stimulus.h0_m is None else stimulus.h0_m,
         "wanted": target,
         "predicted": prediction,
-        "felt": felt(middle, rate, known),
-        "pull_past_breakdown": float(state.pull_past_breakdown),
-        "current": _current(apparatus, tally, rate, capacitance),
+        "friction": tally.friction.describe(),
+        "felt": felt(tally),
+        "theory": model.theory,
+        "terms": sorted(model.terms),
+        "x": contact.x,
+        "pull_past_breakdown": contact.at("pull_past_breakdown", highest_v),
+        "current": current,
+        "dose": {
+            "square_voltage_v2_s": tally.square_sum / rate,
+            "square_current_a2_s": current["expected_rms_a"] ** 2 * length_s,
+        },
         "audibility": heard(middle, rate, capacitance, known),
         "placeholders": apparatus.placeholders(),
         "is_placeholder": bool(apparatus.placeholders()),

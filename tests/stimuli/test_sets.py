@@ -4,7 +4,9 @@ import csv
 import errno
 import json
 import re
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from itertools import pairwise
+from multiprocessing import get_context
 from types import SimpleNamespace
 
 import numpy as np
@@ -148,6 +150,37 @@ def test_equal_sets_are_equal_bytes(parts, tmp_path):
     parts.make(tmp_path / "a", threads=1)
     parts.make(tmp_path / "b", threads=2)
     assert tree(tmp_path / "a") == tree(tmp_path / "b")
+
+
+@pytest.mark.parametrize(
+    "workers", [ThreadPoolExecutor, pytest.param(ProcessPoolExecutor, marks=pytest.mark.slow)]
+)
+def test_an_executor_changes_no_byte_and_stays_open(parts, tmp_path, workers):
+    """Processes are of their own, as on a cluster: what they need is sent or in the cache."""
+    parts.make(tmp_path / "alone")
+    told = []
+    context = {"mp_context": get_context("spawn")} if workers is ProcessPoolExecutor else {}
+    with workers(2, **context) as executor:
+        made = parts.make(
+            tmp_path / "many", on_progress=lambda *at: told.append(at), executor=executor
+        )
+        assert executor.submit(abs, -1).result() == 1
+    assert tree(tmp_path / "alone") == tree(tmp_path / "many")
+    assert [one["name"] for one in made.sidecars] == [one.name for one in parts.stimuli]
+    assert [share for stage, share in told if stage == "render"][-1] == 1.0
+
+
+def test_what_fails_in_a_worker_is_said_and_nothing_runs_on(parts, tmp_path, monkeypatch):
+    def fill_up(self, drive_v, trigger):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with ThreadPoolExecutor(2) as executor:
+        with monkeypatch.context() as patch:
+            patch.setattr(AudioWriter, "write", fill_up)
+            with pytest.raises(InputError, match=r"No space left.*continues where"):
+                parts.make(tmp_path, executor=executor)
+        assert tree(tmp_path) == {}
+        assert len(parts.make(tmp_path, executor=executor).sidecars) == 3
 
 
 def test_what_is_finished_is_not_made_again(parts, tmp_path):
@@ -403,7 +436,7 @@ def test_a_direct_drive_needs_its_frequency(finger, screen, tmp_path):
 def test_a_single_sample_is_a_stimulus(finger, screen, tmp_path):
     one = Stimulus("tick", Constant(0.05).lasting(1 / RATE))
     (table,) = StimulusSet("x", (one,), finger, (screen,)).make(tmp_path).sidecars
-    assert table["samples"] == 1 and table["felt"] is None
+    assert table["samples"] == 1 and table["felt"]["sensation_db"] < 0
     none = Stimulus("none", Constant(0.05).lasting(0.1 / RATE))
     with pytest.raises(InputError, match="one sample"):
         StimulusSet("x", (none,), finger, (screen,)).make(tmp_path)

@@ -1,0 +1,191 @@
+"""Sensation level against time: channels that sum energy, over a stimulus of any length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import ceil, log10
+
+import numpy as np
+import numpy.typing as npt
+
+from haptix.checks import Array
+from haptix.perception.thresholds import Channel, Perception
+
+_SKIRT_HZ = 8.0  # half of the transition of the filters, which lies outside a channel's data
+_FILTER_S = 2 / _SKIRT_HZ  # a Hann window of this length has that transition
+_OVERSAMPLED = 3.0  # rate at which energies are summed, over the highest frequency
+_ROUNDING = 1e-20  # of the energy
+_LONGEST = 300.0  # time constants whose exponential a float64 holds
+
+
+@dataclass(frozen=True)
+class Loudest:
+    """Highest sensation level of a stimulus.
+
+    Attributes
+    ----------
+    channel : str or None
+        Channel that mediates detection; None if nothing lies within the thresholds' data.
+    sensation_db : float or None
+        Its level above the detection threshold [dB]; felt where above 0.
+    at_s : float or None
+        When it is highest [s].
+    is_placeholder : bool
+        Whether the thresholds or the time constant of that channel were not measured.
+    outside_share : float
+        Share of the energy of the attraction's changes whose frequencies have no thresholds. What
+        it adds is not known.
+    """
+
+    channel: str | None
+    sensation_db: float | None
+    at_s: float | None
+    is_placeholder: bool
+    outside_share: float
+
+
+class SensationInTime:
+    """Sensation level of an attraction that comes in blocks, by the rule of two channels.
+
+    In each channel the attraction is filtered by the inverse of its detection thresholds, squared,
+    and summed with the channel's time constant T: ``E' = (e - E) / T``. A tone that lasts has the
+    level of `haptix.perception.detection`; one of duration d has ``1 - exp(-d / T)`` of its energy
+    (the form of Zwislocki, J. Acoust. Soc. Am. 32, 1046 (1960)). The highest level counts.
+
+    Parameters
+    ----------
+    perception : Perception
+        Detection thresholds.
+    sample_rate_hz : float
+        Samples per second.
+    """
+
+    def __init__(self, perception: Perception, sample_rate_hz: float) -> None:
+        self._channels, self._rate = perception.channels, sample_rate_hz
+        self._design = _design(perception.channels, sample_rate_hz)
+        self._before = np.zeros(self._design.taps - 1)
+        self._energy = np.zeros(len(self._channels))
+        self._best = np.zeros(len(self._channels))
+        self._best_at = np.zeros(len(self._channels))
+        self._taken = 0
+        self._known = self._changes = 0.0
+
+    def take(self, attraction: Array) -> None:
+        """Take the next samples of ``v^2 / 2``, shape (samples,), for a drive v in volts."""
+        if not len(attraction):
+            return
+        self._count_known(attraction)
+        self._sum_up(attraction)
+        self._taken += len(attraction)
+
+    def finish(self) -> Loudest:
+        """Return the highest level; the attraction ends with the last sample that was taken."""
+        self._sum_up(np.zeros(self._design.taps - 1))
+        outside = 0.0
+        if self._changes > 0:
+            outside = max(0.0, 1.0 - self._known / self._changes)
+        best = int(np.argmax(self._best))
+        if self._best[best] <= 1e-12:  # 60 dB below threshold
+            return Loudest(None, None, None, False, outside)
+        channel = self._channels[best]
+        guessed = channel.is_placeholder or channel.summation_is_placeholder
+        level = 5 * log10(float(self._best[best]))
+        return Loudest(channel.name, level, float(self._best_at[best]), guessed, outside)
+
+    def _count_known(self, attraction: Array) -> None:
+        """Add the energy of the changes, and of those within the data of a channel."""
+        taper, inside = self._design.taper(len(attraction))
+        spectrum = np.fft.rfft((attraction - attraction.mean()) * taper)
+        energy = spectrum.real**2 + spectrum.imag**2
+        total = float(energy.sum())
+        if total > _ROUNDING * float(np.sum(attraction * attraction)) * len(attraction):
+            self._changes += total
+            self._known += float(energy[inside].sum())
+
+    def _sum_up(self, attraction: Array) -> None:
+        """Filter the next samples, and sum their energies."""
+        values = np.concatenate([self._before, attraction])
+        self._before = values[len(attraction) :]
+        each, taps = self._design.each, self._design.taps
+        # A spectrum cut short is that of fewer samples per second. What a circular convolution
+        # mixes are the first samples, which were taken before.
+        few = _next_fast(ceil(len(values) / each))
+        spectrum = np.fft.rfft(values, few * each)[: few // 2 + 1]
+        at = np.arange(ceil((taps - 1) / each), ceil(len(values) / each))
+        for index, response in enumerate(self._design.responses(few)):
+            shares = np.fft.irfft(spectrum * response, few)[at] / each
+            # Twice the square has a mean of 1 for a sine at its threshold.
+            self._summed(index, 2 * shares * shares, at * each)
+
+    def _summed(self, index: int, energy: Array, at: npt.NDArray[np.intp]) -> None:
+        channel = self._channels[index]
+        step = self._design.each / self._rate
+        # Without summation, over one period of the lowest frequency.
+        time_s = channel.summation_s or 1 / channel.felt_hz[0]
+        piece = max(1, int(_LONGEST * time_s / step))
+        for first in range(0, len(energy), piece):
+            part = energy[first : first + piece]
+            fall = np.exp(-step / time_s * np.arange(1, len(part) + 1))
+            new = -np.expm1(-step / time_s) * np.cumsum(part / fall)
+            summed = fall * (self._energy[index] + new)
+            self._energy[index] = summed[-1]
+            best = int(np.argmax(summed))
+            if summed[best] > self._best[index]:
+                self._best[index] = summed[best]
+                sample = self._taken - (self._design.taps - 1) * 3 // 2 + at[first + best]
+                self._best_at[index] = max(0.0, sample / self._rate)
+
+
+class _Design:
+    """Filters of some channels at a sample rate."""
+
+    def __init__(self, channels: tuple[Channel, ...], rate_hz: float) -> None:
+        self._channels, self._rate = channels, rate_hz
+        highest = max(one.felt_hz[-1] for one in channels) + _SKIRT_HZ
+        self.each = max(1, int(rate_hz / (_OVERSAMPLED * highest)))
+        """Samples for each at which energies are summed."""
+        self.taps = round(_FILTER_S * rate_hz) | 1
+        """Length of a filter in samples."""
+        self._filters = [self._filter(one) for one in channels]
+        self.taper = lru_cache(maxsize=8)(self._taper)
+        self.responses = lru_cache(maxsize=8)(self._responses)
+
+    def _filter(self, channel: Channel) -> Array:
+        """Impulse response, which turns the attraction into shares of its detection threshold."""
+        size = 1 << (4 * self.taps).bit_length()
+        felt = np.fft.rfftfreq(size, 1 / self._rate)
+        low, high = channel.felt_hz[0], channel.felt_hz[-1]
+        inside = (felt >= low - _SKIRT_HZ) & (felt <= high + _SKIRT_HZ)
+        threshold_v = 10 ** (channel.thresholds(felt.clip(low, high)) / 20)
+        # A sine drive of amplitude V attracts with V^2 / 4.
+        response = np.fft.irfft(np.where(inside, 4 / threshold_v**2, 0.0))
+        return np.roll(response, self.taps // 2)[: self.taps] * np.hanning(self.taps + 2)[1:-1]
+
+    def _responses(self, few: int) -> list[npt.NDArray[np.complex128]]:
+        """Frequency responses for transforms of `few` times `each` samples."""
+        return [np.fft.rfft(one, few * self.each)[: few // 2 + 1] for one in self._filters]
+
+    def _taper(self, size: int) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """Hann window of a length, and which lines of its spectrum have thresholds."""
+        felt = np.fft.rfftfreq(size, 1 / self._rate)
+        inside = np.zeros(len(felt), bool)
+        for one in self._channels:
+            inside |= (felt >= one.felt_hz[0] - _SKIRT_HZ) & (felt <= one.felt_hz[-1] + _SKIRT_HZ)
+        return np.hanning(size + 2)[1:-1], inside
+
+
+_design = lru_cache(maxsize=4)(_Design)
+
+
+def _next_fast(size: int) -> int:
+    """Next even size that has only the factors 2, 3 and 5, as fast transforms want it."""
+    size += size % 2
+    while True:
+        rest = size
+        for factor in (2, 3, 5):
+            while rest % factor == 0:
+                rest //= factor
+        if rest == 1:
+            return size
+        size += 2
