@@ -34,7 +34,7 @@ from calibration.parameters import Array
 from calibration.protocol import Stroke
 from calibration.sources import ForceSource, Live, StrokeDrive
 from haptix.documents import Document, Part
-from haptix.errors import DeviceError, InputError
+from haptix.errors import DeviceError, InputError, from_extra
 
 
 class InputChannel(Part):
@@ -212,7 +212,8 @@ class NationalInstrumentsReader:
     """Inputs of a National Instruments device, such as "Dev1/ai0", through nidaqmx."""
 
     def __init__(self, channels: Sequence[str], sample_rate_hz: float) -> None:
-        daq = _module("nidaqmx", "pip install nidaqmx, and NI's driver")
+        with from_extra("daq"):
+            import nidaqmx as daq
         self._count = len(channels)
         try:
             self._task = daq.Task()

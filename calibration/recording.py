@@ -22,15 +22,17 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from calibration.parameters import Array
 from calibration.protocol import Stroke
 from haptix.documents import first_error
-from haptix.errors import FileFormatError, InputError
+from haptix.errors import FileFormatError, InputError, from_extra
 from haptix.files import parse_json, reading, write_whole
+
+with from_extra("calibration"):
+    import h5py
 
 SIGNALS: Mapping[str, str] = {
     "t_s": "s",

@@ -12,8 +12,6 @@ from itertools import cycle
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from calibration.comparison import TermNeed
 from calibration.fit import Fit
@@ -24,9 +22,14 @@ from calibration.recording import StrokeRecording
 from calibration.reduction import Point, Reduced
 from calibration.traces import traces
 from calibration.verification import Verification
+from haptix.errors import from_extra
 from haptix.files import write_whole
 from haptix.perception import WEBER_FRACTION
 from haptix.screen import Screen
+
+with from_extra("calibration"):
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _STYLE = """
 @media print{body{max-width:none;font-size:11px}img,table,details[open]{break-inside:avoid}

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import typer
-from skimage import data
 
 import haptix
 from haptix.layout import LayoutEvent, Patch, ScreenGeometry
@@ -22,6 +21,11 @@ from haptix.render import LiveSettings
 from haptix.render.played import COLUMNS, PlayedRecord
 from haptix.texture import Grating
 from haptix.touch import TouchEvent
+
+try:
+    from skimage import data
+except ModuleNotFoundError as error:
+    sys.exit(f"needs {error.name}; run: pip install 'haptix-electrovibration[figures]'")
 
 try:
     import tkinter as tk

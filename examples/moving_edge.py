@@ -13,13 +13,17 @@ from pathlib import Path
 
 import numpy as np
 import typer
-from matplotlib.figure import Figure
 
 import haptix
 from haptix.render import LiveSettings, PredictingRenderer
 from haptix.texture import Composition, Grating, Sprite, as_mu
 from haptix.touch import events_of, paced
 from haptix.virtual_finger import VirtualFinger, evaluate
+
+try:
+    from matplotlib.figure import Figure
+except ModuleNotFoundError as error:
+    sys.exit(f"needs {error.name}; run: pip install 'haptix-electrovibration[figures]'")
 
 SECONDS, RIGHT_MM, LEAD_S, LATENCY_S = 2.5, 60.0, 0.025, 0.02
 GRATING = Grating(period_mm=5.0, wave="square", low=0.15, high=0.85)  # shares of what is reachable

@@ -15,8 +15,6 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from matplotlib.figure import Figure
-from skimage.data import brick
 
 import haptix
 from haptix.render import PredictingRenderer
@@ -24,6 +22,12 @@ from haptix.simulation import FINGER_PATH
 from haptix.texture import as_mu
 from haptix.touch import TouchEvent, events_of, paced
 from haptix.virtual_finger import TouchPanel, VirtualFinger, evaluate
+
+try:
+    from matplotlib.figure import Figure
+    from skimage.data import brick
+except ModuleNotFoundError as error:
+    sys.exit(f"needs {error.name}; run: pip install 'haptix-electrovibration[figures]'")
 
 
 def main(

@@ -10,16 +10,16 @@ import sys
 import haptix
 from haptix.simulation import FINGER_PATH
 
+try:
+    from skimage.data import brick
+except ModuleNotFoundError as error:
+    sys.exit(f"needs {error.name}; run: pip install 'haptix-electrovibration[figures]'")
+
 CARRIER_HZ = 4000.0
 
 
 def main() -> None:
-    if len(sys.argv) > 1:
-        photograph = sys.argv[1]
-    else:
-        from skimage.data import brick
-
-        photograph = brick()
+    photograph = sys.argv[1] if len(sys.argv) > 1 else brick()
 
     model = haptix.ContactModel(
         haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")

@@ -13,13 +13,17 @@ from pathlib import Path
 
 import numpy as np
 import typer
-from matplotlib.figure import Figure
 
 import haptix
 from haptix.render import PredictingRenderer
 from haptix.texture import RecordedProfile, as_mu
 from haptix.touch import events_of, paced
 from haptix.virtual_finger import VirtualFinger, evaluate
+
+try:
+    from matplotlib.figure import Figure
+except ModuleNotFoundError as error:
+    sys.exit(f"needs {error.name}; run: pip install 'haptix-electrovibration[figures]'")
 
 LEFT_MM, LENGTH_MM, RIDGE_MM, SECONDS, LATENCY_S = 10.0, 60.0, 1.2, 3.0, 0.02
 

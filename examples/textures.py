@@ -10,8 +10,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
-from skimage.data import brick, gravel
 
 import haptix
 from haptix.texture import (
@@ -24,6 +22,12 @@ from haptix.texture import (
     headroom,
     power_law,
 )
+
+try:
+    from matplotlib.figure import Figure
+    from skimage.data import brick, gravel
+except ModuleNotFoundError as error:
+    sys.exit(f"needs {error.name}; run: pip install 'haptix-electrovibration[figures]'")
 
 WIDTH_MM, HEIGHT_MM = 120.0, 70.0
 ENVELOPE_RATE_HZ = 200.0  # direct drive at 100 Hz, which attracts twice in each period

@@ -14,14 +14,18 @@ from pathlib import Path
 
 import numpy as np
 import typer
-from matplotlib.figure import Figure
-from skimage.data import brick
 
 import haptix
 from haptix.render import LiveSettings, PredictingRenderer
 from haptix.texture import Composition, Grating, Sprite, Texture, as_mu
 from haptix.touch import events_of, paced
 from haptix.virtual_finger import VirtualFinger, evaluate
+
+try:
+    from matplotlib.figure import Figure
+    from skimage.data import brick
+except ModuleNotFoundError as error:
+    sys.exit(f"needs {error.name}; run: pip install 'haptix-electrovibration[figures]'")
 
 LATENCY_S = 0.02
 COLOURS = ("tab:red", "tab:blue")

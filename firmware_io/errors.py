@@ -1,5 +1,8 @@
 """The one error hierarchy of the distribution, in its lowest package, so that all can use it."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class HaptixError(Exception):
     """Root of every error that haptix, firmware_io and calibration raise on purpose."""
@@ -35,3 +38,28 @@ class DeviceFaultError(DeviceError):
 
 class LimitError(HaptixError):
     """A voltage, slew, energy or limit beyond what is allowed: rejected, never clamped."""
+
+
+class MissingExtraError(HaptixError, ModuleNotFoundError):
+    """A package that an extra brings is not installed; the message names the extra."""
+
+
+@contextmanager
+def from_extra(extra: str) -> Iterator[None]:
+    """Import, in the body, what an extra of the distribution brings.
+
+    Raises
+    ------
+    MissingExtraError
+        If one of these packages is not installed.
+    """
+    try:
+        yield
+    except MissingExtraError:
+        raise  # of another extra, further down
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(
+            f"expected the package {error.name}, which is not installed; run: "
+            f"pip install 'haptix-electrovibration[{extra}]'",
+            name=error.name,
+        ) from None

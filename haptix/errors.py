@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from firmware_io.errors import DeviceError, HaptixError, LimitError
+from firmware_io.errors import (
+    DeviceError,
+    HaptixError,
+    LimitError,
+    MissingExtraError,
+    from_extra,
+)
 
 __all__ = [
     "DeviceError",
@@ -12,9 +18,11 @@ __all__ = [
     "HaptixError",
     "InputError",
     "LimitError",
+    "MissingExtraError",
     "OverloadWarning",
     "RangeError",
     "ToleranceError",
+    "from_extra",
 ]
 
 

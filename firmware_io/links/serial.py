@@ -14,6 +14,7 @@ from firmware_io.errors import (
     DeviceError,
     DeviceNotFoundError,
     DevicePermissionError,
+    from_extra,
 )
 from firmware_io.link import Link
 from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID
@@ -30,16 +31,11 @@ def pyserial() -> Any:
 
     Raises
     ------
-    DeviceError
+    MissingExtraError
         If it is not installed.
     """
-    try:
+    with from_extra("serial"):
         return import_module("serial")
-    except ImportError:
-        raise DeviceError(
-            "serial: needs the package pyserial; install the extra with "
-            'pip install "haptix-electrovibration[serial]".'
-        ) from None
 
 
 def _ports() -> list[tuple[Any, bool]]:

@@ -63,6 +63,7 @@ def demo(
         update("surface", 0.0)
         from haptix.files import check_folder
         from haptix.simulation import FILES, simulate, write
+        from haptix.texture import Texture
 
         check_folder(out, ("demo.png", *FILES))
         setting, photograph = setting_of(
@@ -74,7 +75,7 @@ def demo(
         simulation = simulate(setting, surface, on_progress=partial(update, "simulate"))
         about = {
             "photograph": photograph,
-            "width_mm": width_mm,
+            "width_mm": width_mm if isinstance(setting.texture, Texture) else None,
             "polarity": polarity,
             "finger": finger,
             "screen": screen,
@@ -94,8 +95,9 @@ def _rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
     shares, stream, surface = summary["out_of_range"], summary["stream"], summary["surface"]
     origin = "from the cache" if summary["is_surface_cached"] else "built"
     low, high = summary["target_mu"]
+    width = "" if summary["width_mm"] is None else f", {summary['width_mm']:g} mm wide"
     lines = {
-        "photograph": f"{summary['photograph']}, {summary['width_mm']:g} mm wide",
+        "photograph": f"{summary['photograph']}{width}",
         "contact": f"{summary['finger']} finger on {summary['screen']}; placeholders: "
         f"{' and '.join(summary['placeholders'])}",
         "surface": f"{origin} in {summary['seconds']['surface']:.2f} s, error in mu at most "
@@ -111,6 +113,7 @@ def _rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
         f"{stream['block_p99_ms']:.2f} ms, for {stream['block_length_ms']:.2f} ms of signal",
         "stream": f"{stream['frames_sent']} frames, {stream['bytes_sent']} bytes, "
         f"{stream['underruns']} underruns, {stream['faults']} faults",
+        "picture": summary["picture"],
     }
     return [{"": name, "result": text} for name, text in lines.items()]
 

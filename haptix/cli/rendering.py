@@ -22,14 +22,14 @@ from haptix.arguments import (
     preset_or_file,
     read_pair,
 )
-from haptix.errors import InputError, OverloadWarning
+from haptix.errors import InputError, MissingExtraError, OverloadWarning, from_extra
 from haptix.presets import FINGERS, SCREENS
 from haptix.terminal import AsJson, breakdown_note, placeholder_note, progress_bar, show
 
 if TYPE_CHECKING:
     from haptix.simulation import Setting
     from haptix.surface import FrictionSurface
-    from haptix.texture import Feelable, FrictionField
+    from haptix.texture import Feelable
 
 Image = Annotated[
     Path | None,
@@ -52,6 +52,8 @@ FingerPath = Annotated[
         help="CSV: t_s, x_mm, y_mm, normal_force_n. [default: a recorded path]", callback=is_there
     ),
 ]
+_BRICKS = "scikit-image brick (CC0)"
+_WITHOUT_PHOTOGRAPHS = "gallery:basket"
 NARROWEST_MM, WIDEST_MM = 0.1, 10_000.0
 width = number(least=NARROWEST_MM, most=WIDEST_MM)
 Width = Annotated[
@@ -303,16 +305,14 @@ def setting_of(
         drive = DirectWave(direct_hz, waveform)
     path = Trajectory.from_csv(trajectory or FINGER_PATH)
     targets = None if mu_range is None else read_pair("--mu-range", mu_range)
-    texture: Feelable
     if material is None:
-        texture = _texture(image, width_mm, targets, polarity)
+        texture, name = _texture(image, width_mm, targets, polarity)
     else:
         if image is not None or width_mm is not None or targets is not None:
             raise InputError("--material: expected no --image, --width-mm or --mu-range beside it")
-        texture = load(material)
+        texture, name = load(material), str(material)
     model = ContactModel(Finger.named(finger), Screen.named(screen))
-    name = material or image or "scikit-image brick (CC0)"
-    return Setting(model, texture, path, drive), str(name)
+    return Setting(model, texture, path, drive), name
 
 
 def current_of(current: Mapping[str, float]) -> str:
@@ -337,21 +337,28 @@ def _texture(
     width_mm: float | None,
     mu_range: tuple[float, float] | None,
     polarity: Any,
-) -> FrictionField:
+) -> tuple[Feelable, str]:
+    """Texture, and what it is called."""
+    from haptix.gallery import load
     from haptix.texture import Sidecar, Texture
 
     if image is None:
-        from skimage.data import brick
-
+        try:
+            with from_extra("figures"):
+                from skimage.data import brick
+        except MissingExtraError as error:
+            if mu_range is not None:
+                raise
+            return load(_WITHOUT_PHOTOGRAPHS), f"{_WITHOUT_PHOTOGRAPHS}, no photograph: {error}"
         width_mm = 60.0 if width_mm is None else width_mm
-        return Texture.from_image(brick(), width_mm, polarity, mu_range)
+        return Texture.from_image(brick(), width_mm, polarity, mu_range), _BRICKS
     if width_mm is not None:
-        return Texture.from_image(image, width_mm, polarity, mu_range)
+        return Texture.from_image(image, width_mm, polarity, mu_range), str(image)
     if not Sidecar.path_for(image).exists():
         raise InputError(
             f"--image: {image} has no {Sidecar.path_for(image).name} beside it; give --width-mm"
         )
-    return Texture.load(image)
+    return Texture.load(image), str(image)
 
 
 def _rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:

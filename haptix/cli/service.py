@@ -107,14 +107,9 @@ def _serve(
     beyond: tuple[str, Path, Path] | None,
     ready: Callable[[Access, Inventory], None],
 ) -> None:
-    try:
-        from haptix.service.listen import Listen
-        from haptix.service.run import serve as serve_until_interrupted
-    except ModuleNotFoundError as error:
-        raise InputError(
-            f"the service needs the extra serve ({error.name} is missing): install "
-            "haptix-electrovibration[serve]"
-        ) from None
+    from haptix.service.listen import Listen
+    from haptix.service.run import serve as serve_until_interrupted
+
     listen = Listen(*beyond) if beyond else None
     serve_until_interrupted(device, surface, finger, screen, port, listen=listen, on_ready=ready)
 

@@ -10,18 +10,19 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
-from websockets.asyncio.client import ClientConnection
-from websockets.asyncio.client import connect as _connect
-from websockets.exceptions import WebSocketException
-from websockets.typing import Subprotocol
-
 from haptix.client.layout import ClientLayout
 from haptix.client.touching import Touching
-from haptix.errors import DeviceError, HaptixError
+from haptix.errors import DeviceError, HaptixError, from_extra
 from haptix.files import read_json
 from haptix.service import messages as m
 from haptix.service.access import service_folder
 from haptix.service.batches import TelemetryFrame, read_frame, write_touches
+
+with from_extra("serve"):
+    from websockets.asyncio.client import ClientConnection
+    from websockets.asyncio.client import connect as _connect
+    from websockets.exceptions import WebSocketException
+    from websockets.typing import Subprotocol
 
 _SUBPROTOCOL = Subprotocol("haptix.v1")
 _WAIT_S, _CLOSE_S = 10.0, 1.0

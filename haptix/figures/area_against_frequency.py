@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import torch
-from matplotlib.axes import Axes
-from matplotlib.ticker import EngFormatter
 
 from haptix.electro import SkinDielectric
+from haptix.errors import from_extra
 from haptix.figures import data, drawing
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
 from haptix.status import Status
+
+with from_extra("figures"):
+    from matplotlib.ticker import EngFormatter
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 FORCE_N, VOLTAGE_V = 0.5, 100.0
 _GAPS = {"dry_gap": None} | {f"leaky_gap_1e{n}_ohm_m": 10.0**n for n in (7, 6, 5)}

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-from matplotlib.axes import Axes
 
 from haptix.contact import THEORIES, HalfSpace, RoughnessSpectrum, Theory
 from haptix.electro import Pull
 from haptix.fidelity import Contact, Load, MeanFieldBalance
 from haptix.figures.data import COLD_TO_HOT, Array, FigureData
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # What 512 x 512 points can hold with eight of them per shortest wavelength: 1 um of roughness on
 # skin of 40 MPa, not a whole finger.

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import torch
-from matplotlib.axes import Axes
 
 from haptix.figures import data, drawing
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
 from haptix.status import Status
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 H0_UM = (0.03, 0.05, 0.1, 0.2, 0.5, 1.0)
 PRESSURE_PA, MODULUS_PA = 10e3, 100e6

@@ -7,13 +7,15 @@ import re
 from textwrap import wrap
 from typing import Any
 
-import matplotlib
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.ticker import NullFormatter
-
+from haptix.errors import from_extra
 from haptix.figures.data import FigureData
+
+with from_extra("figures"):
+    import matplotlib
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+    from matplotlib.ticker import NullFormatter
 
 _DPI = 200
 # Width and height of the panels and their legend, by rows and columns of panels.

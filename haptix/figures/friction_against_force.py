@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import torch
-from matplotlib.axes import Axes
 
 from haptix.electro.breakdown import NARROW_GAP_FIELD_V_PER_M
 from haptix.figures import data
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 VOLTAGES_V = (0.0, 50.0, 100.0, 150.0, 200.0)
 _FORCES_N = np.linspace(0.1, 1.0, 361)

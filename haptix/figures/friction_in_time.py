@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.axes import Axes
 
 from haptix.figures import data
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 FORCE_N, VOLTAGE_V, FREQUENCY_HZ = 1.0, 200.0, 125.0
 SHOWN_S = 0.04

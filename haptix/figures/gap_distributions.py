@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import torch
-from matplotlib.axes import Axes
 
 from haptix.contact import GapDistribution
 from haptix.figures.data import COLD_TO_HOT, FigureData, numbers, placeholders
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.screen import Screen
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 PRESSURES_PA = (3e3, 20e3, 200e3)
 """The paper's range of nominal pressure, and what an attraction near pull-in makes of it."""

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import torch
-from matplotlib.axes import Axes
 
 from haptix.contact import RoughnessSpectrum
 from haptix.figures.data import COLD_TO_HOT, Array, FigureData, numbers
 from haptix.finger import Finger, Roughness
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 PLACEHOLDERS = (
     Roughness(q1_per_m=1e8, q_rolloff_per_m=5981.5),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from haptix.checks import Array
+from haptix.errors import from_extra
 from haptix.materials.material import Material
 from haptix.motion import Depends, Facts, Motion, Trajectory
 from haptix.motion.reactions import facts_on
@@ -30,7 +31,8 @@ def draw(material: Material) -> Figure:
     The map and the strokes are those of a finger at 80 mm/s, 0.5 N. Against time, the finger slides
     through the middle; its force goes from 0.2 to 1.1 N and back, and an event happens at 0.2 s.
     """
-    from matplotlib.figure import Figure
+    with from_extra("figures"):
+        from matplotlib.figure import Figure
 
     depends_on = material.evaluator.depends_on
     panels = [

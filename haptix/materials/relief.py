@@ -15,7 +15,6 @@ from haptix.errors import InputError
 from haptix.materials.material import AnyAsset, Scaled
 from haptix.materials.sharing import shared
 from haptix.motion import Depends, Motion
-from haptix.texture.pictures import read_grey, read_normals
 from haptix.texture.pyramid import Pyramid
 
 _STEEPEST = 99.0  # percentile of steepness that reaches the ends of the range
@@ -50,6 +49,8 @@ class Slopes:
 
 
 def _slopes(path: Path, is_normals: bool, width_mm: float) -> Slopes:
+    from haptix.texture.pictures import read_grey, read_normals  # needs an extra
+
     if is_normals:
         return Slopes.of(*read_normals(path), width_mm)
     heights = read_grey(path)

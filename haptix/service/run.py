@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from haptix.errors import DeviceError
+from haptix.errors import DeviceError, from_extra
 from haptix.gallery import ASSETS as GALLERY_ASSETS
 from haptix.service import messages as m
 from haptix.service.access import Access, service_folder
@@ -55,7 +56,13 @@ def serve(
         If the port is taken, or the device or surface cannot be opened.
     InputError
         If certificate and key cannot be used.
+    MissingExtraError
+        If the extra ``serve`` is not installed.
     """
+    with from_extra("serve"):
+        for name in ("fastapi", "uvicorn", "websockets"):  # imported while the engine starts
+            if find_spec(name) is None:
+                raise ModuleNotFoundError(name=name)
     if listen is not None:
         check_certificate(listen)
     listener = listens(listen.host if listen else "127.0.0.1", port)

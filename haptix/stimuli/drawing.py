@@ -10,9 +10,8 @@ from textwrap import fill
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
+from haptix.errors import from_extra
 from haptix.files import read_json, reading
 from haptix.perception import Perception, components_of_pull
 from haptix.render.drive import SineCarrier
@@ -20,6 +19,10 @@ from haptix.signals.audio import Array, read_drive
 from haptix.stimuli.rendering import over_period
 from haptix.stimuli.sidecar import spectrum
 from haptix.terminal import placeholder_note
+
+with from_extra("stimuli"):
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _LONGEST_S = 10.0  # of a drawing
 _ZOOM_PERIODS = 24

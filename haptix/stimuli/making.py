@@ -12,7 +12,6 @@ from typing import Any
 from haptix.errors import FileFormatError, InputError, LimitError, RangeError
 from haptix.files import json_text, publish, read_json, reading, write_failure
 from haptix.signals.audio import file_hash
-from haptix.stimuli.drawing import contact_sheet
 from haptix.stimuli.set_files import DRAFTS, Made, SetFiles, beside, make_batch
 from haptix.stimuli.set_plan import SetPlan
 from haptix.stimuli.trials import events
@@ -47,6 +46,9 @@ class MakingJob:
         on_progress: Progress,
         executor: Executor | None = None,
     ) -> None:
+        from haptix.stimuli.drawing import contact_sheet  # a missing extra is said at the start
+
+        self.contact_sheet = contact_sheet
         self.parts, self.folder, self.threads = parts, folder, threads
         self.drafts = folder / DRAFTS
         self.on_progress, self.executor = on_progress, executor
@@ -158,7 +160,8 @@ class MakingJob:
             for name in (one, beside(one))
         }
         others: dict[str, bytes] = {"profiles.json": json_text(self.profiles).encode(), **tables}
-        others["sheet.png"] = contact_sheet(parts.name, [places[name] for name in files], found)
+        drives = [places[name] for name in files]
+        others["sheet.png"] = self.contact_sheet(parts.name, drives, found)
         for name, data in others.items():
             places[name] = self.drafts / name
             places[name].write_bytes(data)

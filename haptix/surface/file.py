@@ -15,7 +15,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as to_bytes
 from torch import Tensor
 
-from haptix.errors import FileFormatError, HaptixError
+from haptix.errors import FileFormatError, from_extra
 from haptix.files import parse_json, reading, write_whole
 from haptix.friction import ContactModel
 from haptix.surface.axes import AXES, AXIS_NAMES, Axes
@@ -230,7 +230,7 @@ def export_netcdf(table: Interpolant, info: Mapping[str, Any], path: Path) -> No
 
     Raises
     ------
-    HaptixError
+    MissingExtraError
         If xarray or h5netcdf are not installed.
     FileFormatError
         If the file cannot be written.
@@ -244,14 +244,9 @@ def export_netcdf(table: Interpolant, info: Mapping[str, Any], path: Path) -> No
 
 
 def _dataset(table: Interpolant, info: Mapping[str, Any]) -> xarray.Dataset:
-    try:
+    with from_extra("netcdf"):
         import h5netcdf  # noqa: F401  # by which xarray writes
         import xarray
-    except ImportError as error:
-        raise HaptixError(
-            f"export to NetCDF: expected xarray and h5netcdf, but {error.name} is not installed; "
-            "run: pip install 'haptix-electrovibration[netcdf]'"
-        ) from None
 
     def variable(name: str, dims: tuple[str, ...], values: Tensor) -> xarray.Variable:
         return xarray.Variable(dims, values.detach().cpu().numpy(), _ATTRIBUTES[name])

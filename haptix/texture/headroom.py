@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from haptix import checks
 from haptix.checks import Array
-from haptix.errors import InputError
+from haptix.errors import InputError, from_extra
 from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
 from haptix.texture.field import FrictionField, as_mu
@@ -92,9 +92,10 @@ class Headroom:
 
     def draw(self) -> Figure:
         """Map of the places out of range, and the target friction beside the reachable range."""
-        from matplotlib.colors import ListedColormap
-        from matplotlib.figure import Figure
-        from matplotlib.patches import Patch
+        with from_extra("figures"):
+            from matplotlib.colors import ListedColormap
+            from matplotlib.figure import Figure
+            from matplotlib.patches import Patch
 
         figure = Figure(figsize=(12, 4.6), layout="constrained")
         target, reach, counts = figure.subplots(1, 3, width_ratios=(1.25, 1.1, 0.9))

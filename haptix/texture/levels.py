@@ -10,6 +10,9 @@ import numpy as np
 from haptix.checks import Array, choice
 from haptix.errors import InputError
 
+LARGEST_BYTES = 1_500_000_000
+"""Default limit of the memory that making a texture takes: some 24 megapixels."""
+
 HeightRule = Literal["height", "slope-magnitude", "slope-along"]
 """``"height"``: the higher, the more friction. ``"slope-magnitude"``: the steeper in whatever
 direction, the more. ``"slope-along"``: what a finger that strokes along `direction_deg` feels as

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import tifffile
-from PIL import Image, ImageCms, ImageOps
 
 from haptix.checks import Array, positive
-from haptix.errors import InputError
+from haptix.errors import InputError, from_extra
+from haptix.texture.levels import LARGEST_BYTES
 
-LARGEST_BYTES = 1_500_000_000
-"""Default limit of the memory that making a texture takes: some 24 megapixels."""
+with from_extra("photographs"):
+    import tifffile
+    from PIL import Image, ImageCms, ImageOps
 
 # For each pixel: grey and level, the levels of the pyramid (7/3) and one more that is being made,
 # each as a float64.
@@ -100,7 +100,8 @@ def read_normals(path: Path, largest_bytes: int = LARGEST_BYTES) -> tuple[Array,
     Red is the normal's part to the right, green upwards, blue out of the surface; half of their
     range is 0.
     """
-    from skimage.util import img_as_float64  # takes a third of a second
+    with from_extra("photographs"):
+        from skimage.util import img_as_float64  # takes a third of a second
 
     pixels, _ = _read(f"normals: {path}", path, largest_bytes)
     if pixels.ndim != 3 or pixels.shape[2] < 3:
@@ -112,8 +113,9 @@ def read_normals(path: Path, largest_bytes: int = LARGEST_BYTES) -> tuple[Array,
 
 def _grey(pixels: npt.NDArray[Any], premultiplied: bool) -> Array:
     """Grey of 1 to 4 channels; an even number of them ends with the opacity."""
-    from skimage.color import rgb2gray  # these take a third of a second
-    from skimage.util import img_as_float64
+    with from_extra("photographs"):
+        from skimage.color import rgb2gray  # these take a third of a second
+        from skimage.util import img_as_float64
 
     if pixels.ndim == 2:
         return pixels.astype(np.float64)

@@ -15,8 +15,7 @@ from haptix.checks import Array, choice, number, positive, shown
 from haptix.documents import Document
 from haptix.errors import FileFormatError, InputError
 from haptix.texture.field import FrictionField, TargetKind, check_range
-from haptix.texture.levels import HeightRule, levels_by_rule, stretched
-from haptix.texture.pictures import LARGEST_BYTES, read_grey
+from haptix.texture.levels import LARGEST_BYTES, HeightRule, levels_by_rule, stretched
 from haptix.texture.pyramid import Pyramid
 
 Polarity = Literal["bright-high", "dark-high"]
@@ -164,6 +163,8 @@ class Texture(FrictionField):
         InputError
             If the file is missing, not an image or too large, or a value is outside its range.
         """
+        from haptix.texture.pictures import read_grey  # needs an extra
+
         choice("polarity", polarity, get_args(Polarity))
         level = stretched(read_grey(image, largest_bytes))
         if polarity == "dark-high":
@@ -215,6 +216,8 @@ class Texture(FrictionField):
         InputError
             If the heights cannot be read or hold nothing to feel, or a value is outside its range.
         """
+        from haptix.texture.pictures import read_grey  # needs an extra
+
         number("direction_deg", direction_deg)
         level = levels_by_rule(read_grey(heights, largest_bytes), rule, direction_deg)
         return cls(level, width_mm, mu_range, contrast_range, share_range)

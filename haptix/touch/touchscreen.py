@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import select
 import struct
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self
 
 from haptix import checks
-from haptix.errors import DeviceError, InputError
+from haptix.errors import DeviceError, InputError, from_extra
 from haptix.touch.events import TouchEvent
 from haptix.touch.slots import (
     ABS_MT_POSITION_X,
@@ -81,7 +81,7 @@ class Touchscreen:
                 )
             self._slots = ranges[ABS_MT_SLOT].max + 1
             self._codes = [code for code in SLOT_CODES if code in ranges]
-            fcntl.ioctl(self._device.fd, _EVIOCSCLOCKID, struct.pack("i", _CLOCK_MONOTONIC))
+            _fcntl().ioctl(self._device.fd, _EVIOCSCLOCKID, struct.pack("i", _CLOCK_MONOTONIC))
             self._decoder = SlotDecoder(self.axes, self._ask)
         except OSError as error:
             self.close()
@@ -132,7 +132,7 @@ class Touchscreen:
         layout = struct.Struct(f"I{self._slots}i")
         for code in self._codes:
             buffer = bytearray(layout.pack(code, *[0] * self._slots))
-            fcntl.ioctl(self._device.fd, _eviocgmtslots(layout.size), buffer)
+            _fcntl().ioctl(self._device.fd, _eviocgmtslots(layout.size), buffer)
             for slot, value in enumerate(layout.unpack(buffer)[1:]):
                 found[slot][code] = value
         return self._device.absinfo(ABS_MT_SLOT).value, found
@@ -161,14 +161,17 @@ def _eviocgmtslots(length: int) -> int:
     return 0x8000450A | length << 16
 
 
+def _fcntl() -> Any:
+    import fcntl  # Linux only, as all of this; the module is imported on other systems too
+
+    return fcntl
+
+
 def _evdev() -> Any:
-    try:
+    if not sys.platform.startswith("linux"):
+        raise DeviceError("touchscreens are read through evdev, which is for Linux only")
+    with from_extra("evdev"):
         import evdev
-    except ImportError:
-        raise DeviceError(
-            "touchscreens need the package evdev, which is for Linux only: install the extra "
-            '"evdev" of haptix-electrovibration'
-        ) from None
     return evdev
 
 

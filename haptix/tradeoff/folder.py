@@ -6,17 +6,19 @@ import io
 from pathlib import Path
 from textwrap import wrap
 
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter
-
+from haptix.errors import from_extra
 from haptix.files import check_folder, csv_text, json_text, write_folder
 from haptix.scene import Scene
 from haptix.tradeoff.run import Progress, Tradeoff, machine, run_tradeoff
 from haptix.tradeoff.settings import COSTS
 from haptix.version import __version__
+
+with from_extra("figures"):
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+    from matplotlib.lines import Line2D
+    from matplotlib.ticker import LogLocator, NullFormatter
 
 _FILES = ("tradeoff.csv", "tradeoff.png", "tradeoff.json")
 

@@ -58,7 +58,8 @@ def test_a_path_that_cannot_be_evaluated_is_told_without_nan(setting, surface, t
 
 
 def test_a_folder_is_whole_or_as_it_was(simulation, tmp_path, monkeypatch):
-    monkeypatch.setattr("haptix.simulation.folder.draw", lambda _, file: file.write_bytes(b"first"))
+    draw = "haptix.simulation.drawing.draw"
+    monkeypatch.setattr(draw, lambda _, file: file.write_bytes(b"first"))
     write(tmp_path, simulation, {"run": 1})
     before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
 
@@ -66,7 +67,7 @@ def test_a_folder_is_whole_or_as_it_was(simulation, tmp_path, monkeypatch):
         file.write_bytes(b"sec")
         raise OSError("No space left on device")
 
-    monkeypatch.setattr("haptix.simulation.folder.draw", full)
+    monkeypatch.setattr(draw, full)
     with pytest.raises(InputError, match=r"cannot write to .*No space left"):
         write(tmp_path, simulation, {"run": 2})
     # No drafts, and no picture of one run beside the numbers of another.

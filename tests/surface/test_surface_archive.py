@@ -90,7 +90,7 @@ def test_a_package_that_is_not_installed(
 ) -> None:
     pytest.importorskip("h5netcdf")
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(HaptixError, match=rf"{package} is not installed.*pip.*\[netcdf\]"):
+    with pytest.raises(HaptixError, match=rf"{package}, which is not installed.*pip.*\[netcdf\]"):
         plain.to_netcdf(tmp_path / "my.nc")
     assert list(tmp_path.iterdir()) == []
 

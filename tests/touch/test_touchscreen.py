@@ -4,13 +4,13 @@ import sys
 
 import pytest
 
-from haptix.errors import DeviceError
+from haptix.errors import DeviceError, MissingExtraError
 from haptix.touch import Touchscreen
 
 
 def test_without_the_package_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "evdev", None)
-    with pytest.raises(DeviceError, match='extra "evdev"'):
+    with pytest.raises(MissingExtraError, match=r"\[evdev\]"):
         Touchscreen("/dev/input/event0")
 
 

@@ -10,10 +10,9 @@ from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
 
 from haptix import checks
-from haptix.errors import FileFormatError, InputError
+from haptix.errors import FileFormatError, InputError, from_extra
 from haptix.files import (
     LARGEST_PICTURE_BYTES,
     json_text,
@@ -22,7 +21,6 @@ from haptix.files import (
     reading,
     write_folder,
 )
-from haptix.texture.pictures import check_picture
 
 Array = npt.NDArray[np.float64]
 MapQuantity = Literal["mu", "contrast"]
@@ -66,6 +64,9 @@ class FrictionMap:
 
         Black and white are the lowest and highest value; nothing but rounding to 16 bits is lost.
         """
+        with from_extra("stimuli"):
+            from PIL import Image
+
         path = Path(path)
         low, high = float(self.values.min()), float(self.values.max())
         span = high - low
@@ -98,6 +99,11 @@ class FrictionMap:
         InputError
             If the picture has more pixels than a texture may have: see `check_picture`.
         """
+        with from_extra("stimuli"):
+            from PIL import Image
+
+            from haptix.texture.pictures import check_picture
+
         path = Path(path)
         beside = path.with_suffix(".json")
         table = read_json(beside)

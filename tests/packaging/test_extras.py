@@ -1,0 +1,142 @@
+"""Without the extras: what is left works, and what is not says which one brings it."""
+
+import json
+import subprocess
+import sys
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import haptix
+from calibration.inputs import NationalInstrumentsReader
+from haptix.errors import MissingExtraError, from_extra
+
+ROOT = Path(haptix.__file__).parents[1]
+EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+    "optional-dependencies"
+]
+KEPT = ROOT / "tests" / "data" / "kept-files" / "direct.surface"
+BLOCKED = (
+    "matplotlib", "skimage", "PIL", "tifffile", "imageio", "h5py", "xarray", "h5netcdf", "serial",
+    "nidaqmx", "evdev", "fastapi", "uvicorn", "websockets", "SurfaceTopography",
+)  # fmt: skip
+# What a person would do that needs each extra.
+NEEDS = {
+    "photographs": "haptix.Texture.from_image('photo.png', 60)",
+    "figures": "import_module('haptix.figures').write_figures",
+    "calibration": "calibration.StrokeRecording",
+    "stimuli": "import_module('haptix.stimuli.drawing')",
+    "serve": "import_module('haptix.client')",
+    "netcdf": "surface.to_netcdf('my.nc')",
+    "serial": "haptix.open_device('serial:port=COM3')",
+    "evdev": "import_module('haptix.touch').Touchscreen('/dev/input/event5')",
+}
+COMMANDS = {
+    "figures": ("figures", "gaps"),
+    "serve": ("studio", "--no-open"),
+    "netcdf": ("export", "my.surface", "my.nc"),
+    "photographs": ("play", "--image", "photo.png", "--width-mm", "60"),
+}
+BARE = f"""
+import contextlib, io, json, sys
+from importlib import import_module
+
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {BLOCKED!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name.partition(".")[0])
+
+sys.meta_path.insert(0, Blocker())
+import calibration, haptix
+from haptix.cli import main
+
+open("photo.png", "wb").write(b"PNG")
+surface = haptix.FrictionSurface.load({str(KEPT)!r})
+surface.save("my.surface")
+
+def said(code):
+    try:
+        eval(code)
+    except haptix.errors.MissingExtraError as error:
+        return str(error)
+
+def run(arguments):
+    err, sys.argv = io.StringIO(), ["haptix", *arguments]
+    with contextlib.redirect_stderr(err), contextlib.redirect_stdout(io.StringIO()) as out:
+        try:
+            main()
+        except SystemExit as end:
+            return [end.code or 0, out.getvalue() + err.getvalue()]
+
+open("path.csv", "w").write("t_s,x_mm,y_mm,normal_force_n\\n0,5,5,0.5\\n0.02,20,9,0.5\\n")
+print(json.dumps({{
+    "said": {{extra: said(code) for extra, code in {NEEDS!r}.items()}},
+    "commands": {{extra: run(arguments) for extra, arguments in {COMMANDS!r}.items()}},
+    "demo": run(["demo", "--trajectory", "path.csv", "--json"]),
+}}))
+"""
+
+
+@pytest.fixture(scope="module")
+def without_extras(tmp_path_factory):
+    """What a program with nothing but the base said."""
+    done = subprocess.run(
+        [sys.executable, "-c", BARE],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path_factory.mktemp("bare"),
+        check=False,
+        timeout=300,  # a service that starts would wait for ever
+    )
+    assert not done.returncode, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_every_extra_that_the_code_needs_is_named_where_it_is_missing(without_extras):
+    for_developers = {"dev", "release", "all"}
+    # Its objects come from the caller, who has it; daq: below.
+    assert set(EXTRAS) - for_developers - {"topography", "daq"} == set(NEEDS)
+    for extra, sentence in without_extras["said"].items():
+        assert sentence is not None, f"{extra} was not needed"
+        assert f"[{extra}]" in sentence
+
+
+def test_a_command_says_so_in_one_sentence(without_extras):
+    for extra, (code, text) in without_extras["commands"].items():
+        assert code == 2, text
+        assert text.count("\n") == 1
+        assert f"pip install 'haptix-electrovibration[{extra}]'" in text
+
+
+def test_the_demo_plays_without_photograph_and_picture_and_says_so(without_extras):
+    code, text = without_extras["demo"]
+    assert code == 0, text
+    summary = json.loads(text)[0]
+    for key in ("photograph", "picture"):
+        assert "haptix-electrovibration[figures]" in summary[key]
+    assert summary["stream"]["underruns"] == summary["stream"]["faults"] == 0
+
+
+def test_inputs_without_their_package_name_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "nidaqmx", None)
+    with pytest.raises(MissingExtraError, match=r"nidaqmx.*\[daq\]"):
+        NationalInstrumentsReader(["Dev1/ai0"], 1000.0)
+
+
+def test_what_is_missing_further_down_keeps_its_extra():
+    with (
+        pytest.raises(MissingExtraError, match=r"\[serial\]") as missing,
+        from_extra("serve"),
+        from_extra("serial"),
+    ):
+        import_module("no_such_package")
+    assert missing.value.name == "no_such_package"
+
+
+def test_all_has_every_extra_that_installs_everywhere():
+    named = EXTRAS["all"][0].partition("[")[2].rstrip("]").split(",")
+    alone = {"all", "dev", "release", "daq", "evdev"}
+    assert set(named) | {"photographs"} == set(EXTRAS) - alone
+    assert EXTRAS["dev"][0] == "haptix-electrovibration[all]"
