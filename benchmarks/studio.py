@@ -23,7 +23,7 @@ from playwright.sync_api import sync_playwright
 
 WATCH = """
 () => {
-    const found = window.measured = {frames: [], plotted: []};
+    const found = window.measured = {frames: [], plotted: [], handled: []};
     let before = null;
     const frame = (at) => {
         if (before !== null) found.frames.push(at - before);
@@ -34,6 +34,7 @@ WATCH = """
     // An event comes before its frame's callbacks, in which the trail is drawn; the next frame
     // begins when that is on the screen.
     document.querySelector(".board").addEventListener("pointermove", (event) => {
+        found.handled.push(performance.now() - event.timeStamp);
         requestAnimationFrame(() => requestAnimationFrame(
             (shown) => found.plotted.push(shown - event.timeStamp)));
     });
@@ -128,6 +129,7 @@ def measure(seconds, fingers):
         "frame_p50_ms": round(share(frames, 50), 2),
         "frame_p95_ms": round(share(frames, 95), 2),
         "frames_below_20_ms": round(sum(one < 20 for one in frames) / len(frames), 4),
+        "event_p50_ms": round(share(found["handled"], 50), 2),  # the browser's own part
         "plotted_p50_ms": round(share(plotted, 50), 2),
         "plotted_p95_ms": round(share(plotted, 95), 2),
         "service_cores": round(busy, 3),

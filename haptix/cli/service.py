@@ -95,7 +95,7 @@ def studio(
             # Some browsers answer only when they end.
             threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
 
-    _serve(device, surface, finger, screen, port, None, ready)
+    _serve(device, surface, finger, screen, port, None, ready, warms=True)
 
 
 def _serve(
@@ -106,12 +106,15 @@ def _serve(
     port: int,
     beyond: tuple[str, Path, Path] | None,
     ready: Callable[[Access, Inventory], None],
+    warms: bool = False,
 ) -> None:
     from haptix.service.listen import Listen
     from haptix.service.run import serve as serve_until_interrupted
 
     listen = Listen(*beyond) if beyond else None
-    serve_until_interrupted(device, surface, finger, screen, port, listen=listen, on_ready=ready)
+    serve_until_interrupted(
+        device, surface, finger, screen, port, listen=listen, warms=warms, on_ready=ready
+    )
 
 
 def _has_browser() -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
@@ -23,10 +24,12 @@ class HttpServer(uvicorn.Server):
         Is stopped first.
     listen : Listen, optional
         Where other machines reach it.
+    end : callable
+        Called before it waits for answers that are under way.
     """
 
-    def __init__(self, app: Any, hub: Hub, listen: Listen | None) -> None:
-        self._hub = hub
+    def __init__(self, app: Any, hub: Hub, listen: Listen | None, end: Callable[[], None]) -> None:
+        self._hub, self._end = hub, end
         super().__init__(
             uvicorn.Config(
                 app,
@@ -45,4 +48,5 @@ class HttpServer(uvicorn.Server):
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Take a signal to end."""
         self._hub.stop("the service ends")
+        self._end()
         super().handle_exit(sig, frame)

@@ -29,7 +29,7 @@ class TwinProcess(HelperProcess):
         super().__init__("twin", "twin", _TWIN_FULL_S)
         self._hear_frame = hear_frame
         self._opening: dict[str, Any] = {}
-        self._is_wanted = self._is_open = False
+        self._is_wanted = self._is_open = self._is_kept = False
         self._starter: asyncio.Task[None] | None = None
 
     def opens(self, opening: dict[str, Any]) -> None:
@@ -39,17 +39,23 @@ class TwinProcess(HelperProcess):
     def want(self, on: bool) -> None:
         """Start it if it is wanted; once started it stays."""
         self._is_wanted = on
-        if on and self.pid is None and (self._starter is None or self._starter.done()):
+        if on:
+            self.warm()
+
+    def warm(self) -> None:
+        """Start it before it is wanted: its tables take seconds."""
+        self._is_kept = True
+        if self.pid is None and (self._starter is None or self._starter.done()):
             self._starter = asyncio.create_task(self._start(0.0))
 
     async def stop(self) -> None:
         """End it."""
-        self._is_wanted = False
+        self._is_wanted = self._is_kept = False
         await super().stop()
 
     async def _start(self, after_s: float) -> None:
         await asyncio.sleep(after_s)
-        if self._is_wanted and self._opening:
+        if self._is_kept and self._opening:
             await self.launch()
             with suppress(Problem):  # it has ended, and is started again
                 await self.ask("open", **self._opening)
@@ -68,7 +74,7 @@ class TwinProcess(HelperProcess):
     def ended(self, code: int | None) -> None:
         """Start it again."""
         self._is_open = False
-        if self._is_wanted:
+        if self._is_kept:
             self._starter = asyncio.create_task(self._start(_AGAIN_S))
 
 

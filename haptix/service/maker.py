@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from typing import Any
 
 from haptix.service.helper import HelperProcess
@@ -30,6 +31,7 @@ class Maker(HelperProcess):
         self.opening, self._longest_s = opening, longest_s
         self._turn = asyncio.Lock()
         self._waiting = 0
+        self._ends = False
 
     async def ask(self, do: str, **fields: Any) -> dict[str, Any]:
         """Return the answer to a question.
@@ -44,9 +46,21 @@ class Maker(HelperProcess):
         self._waiting += 1
         try:
             async with self._turn:
+                if self._ends:
+                    raise Problem("device", f"{do}: the service ends")
                 return await self._ask_now(do, fields)
         finally:
             self._waiting -= 1
+
+    async def warm(self) -> None:
+        """Start the process before the first question."""
+        with suppress(Problem):  # the question that needs it will tell
+            await self.ask("warm")
+
+    def end(self) -> None:
+        """End the process at once; all questions that wait are refused."""
+        self._ends = True
+        self.kill()
 
     async def stop(self) -> None:
         """End the process."""

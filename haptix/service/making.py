@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from haptix.surface import Column
 
 _NICE = 10
+_FORCE_N = 0.5  # what is asked for where nobody says another
 
 
 class Making:
@@ -43,6 +44,13 @@ class Making:
     def __init__(self, assets: Path, opening: dict[str, Any]) -> None:
         self._assets, self._opening = assets, opening
         self.reach = lru_cache(64)(self._reach)
+
+    def warm(self) -> dict[str, Any]:
+        """Load what the first answers need."""
+        from haptix.materials import picture, steps  # noqa: F401
+
+        self.reach(_FORCE_N)
+        return {}
 
     def picture(
         self,
@@ -97,7 +105,7 @@ class Making:
         """Return a layout in a form of interchange, as an archive of files."""
         from haptix.service.exports import export
 
-        column = partial(self.reach, 0.5)
+        column = partial(self.reach, _FORCE_N)
         content = export(self.read(document), self._assets, form, y_mm, column, self._opening)
         return {"content": base64.b64encode(content).decode()}
 

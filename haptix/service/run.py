@@ -29,6 +29,7 @@ def serve(
     port: int = DEFAULT_PORT,
     folder: Path | None = None,
     listen: Listen | None = None,
+    warms: bool = False,
     on_ready: Callable[[Access, m.Inventory], None] = lambda access, inventory: None,
 ) -> None:
     """Serve clients of this machine until interrupted.
@@ -47,6 +48,8 @@ def serve(
         Where tokens are kept, see `service_folder`.
     listen : Listen, optional
         Where other machines reach the service; by default none does.
+    warms : bool
+        Whether to start what draws and what feels before anybody asks for it.
     on_ready : callable
         Called once clients can come, with the keeper of the codes and what there is.
 
@@ -94,7 +97,7 @@ def serve(
         from haptix.service.maker import Maker
 
         m.build()
-        maker = Maker({})
+        maker, warming = Maker({}), list[asyncio.Task[None]]()
 
         async def start() -> None:
             try:
@@ -112,13 +115,17 @@ def serve(
             hub.jobs.context["logs"] = str(folder / "experiments")
             hub.jobs.context["calibrations"] = str(folder / "calibrations")
             on_ready(access, hub.inventory)
+            if warms:
+                link.twin.warm()
+                warming.append(asyncio.create_task(maker.warm()))
 
         async def end() -> None:
             await maker.stop()
             await link.stop()
 
         documents = documents_router(maker, folder / "layouts")
-        server = HttpServer(application(hub, assets, start, end, documents), hub, listen)
+        app = application(hub, assets, start, end, documents)
+        server = HttpServer(app, hub, listen, maker.end)
         await server.serve(sockets=[listener])
 
     try:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import uniform_filter1d
 
 from haptix.checks import Array, number, positive
 from haptix.errors import InputError
@@ -147,6 +146,8 @@ def _averaged(
     usable: npt.NDArray[np.bool_], width: int, *columns: Array
 ) -> tuple[npt.NDArray[np.bool_], list[Array]]:
     """Where a whole window is usable, and the mean of each column over each sample's window."""
+    from scipy.ndimage import uniform_filter1d  # half a second of the live finger's start
+
     filled = (np.where(usable, column, 0.0) for column in columns)
     means = [uniform_filter1d(column, width, mode="constant") for column in filled]
     unusable = uniform_filter1d((~usable).astype(float), width, mode="constant", cval=1.0)

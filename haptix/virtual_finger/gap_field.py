@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from numpy.polynomial.chebyshev import chebpts1, chebvander
-from scipy.signal import welch
 
 from haptix.checks import Array
 from haptix.errors import InputError
@@ -60,6 +59,8 @@ class GapField:
         cls, drive_v: Array, sample_rate_hz: float, thickness_m: Thickness, widest_gap_m: float
     ) -> GapField:
         """Choose the points for this drive's attraction, see `for_bands`."""
+        from scipy.signal import welch  # a second of every start of the live finger
+
         length = min(_WELCH, len(drive_v))
         # Include the silence around it: switching on and off is part of the drive.
         drive_v = np.pad(drive_v, length // 2)

@@ -36,14 +36,20 @@ def making(tmp_path_factory):
     return Making(store.folder, OPENING)
 
 
-@pytest.fixture
-def rest(tmp_path):
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("served")
+
+
+@pytest.fixture(scope="module")
+def rest(folder):
     """A client of a service whose documents are served, and its maker."""
-    maker = Maker({**OPENING, "assets": str(tmp_path / "assets")})
-    service = Service(tmp_path, documents_router(maker, tmp_path / "layouts"))
+    maker = Maker({**OPENING, "assets": str(folder / "assets")})
+    service = Service(folder, documents_router(maker, folder / "layouts"))
     headers = {"authorization": f"Bearer {service.access.native}"}
     with httpx.Client(base_url=f"http://127.0.0.1:{service.port}/v1", headers=headers) as client:
         yield client
+    maker.end()
     service.close()
 
 
@@ -74,10 +80,10 @@ def test_a_layout_is_kept_and_two_writers_do_not_lose_each_other_s_work(rest):
 
 
 @pytest.mark.parametrize("name", ["..", "%2e%2e%2fservice", ".hidden", "a/b", "x" * 81])
-def test_a_name_that_could_leave_the_folder_is_refused(rest, name, tmp_path):
-    before = sorted(tmp_path.rglob("*"))
+def test_a_name_that_could_leave_the_folder_is_refused(rest, name, folder):
+    before = sorted(folder.rglob("*"))
     assert rest.put(f"/layouts/{name}", json=LAYOUT).status_code in (404, 405, 422)
-    assert sorted(tmp_path.rglob("*")) == before
+    assert sorted(folder.rglob("*")) == before
 
 
 def shares(answer):
@@ -186,3 +192,19 @@ async def _asks(longest_s):
 def test_a_question_that_takes_too_long_is_ended():
     with pytest.raises(Problem, match="took more than"):
         asyncio.run(_asks(0.01))
+
+
+async def _ends_while_some_wait():
+    maker = Maker({**OPENING, "assets": "/nowhere"})
+    asked = [
+        asyncio.create_task(maker.ask("check", material=RIBS, normal_force_n=0.5)) for _ in range(3)
+    ]
+    while maker.pid is None:
+        await asyncio.sleep(0.01)
+    maker.end()
+    return await asyncio.gather(*asked, return_exceptions=True)
+
+
+def test_questions_that_wait_when_the_service_ends_are_refused():
+    for refused in asyncio.run(_ends_while_some_wait()):
+        assert isinstance(refused, Problem) and refused.code == "device"
