@@ -150,9 +150,18 @@ def run(
     finally:
         opened.close()
     found = method.estimate()
-    spread = None if isnan(found.spread) else found.spread
-    row = {"trials": experiment.trials, "threshold_db": found.threshold, "spread_db": spread}
-    show(f"{plan.name}: trials in {log}", [{**row, **found.others}], as_json)
+    row = {
+        "trials": experiment.trials,
+        "threshold_db": _known(found.threshold),
+        "spread_db": _known(found.spread),
+        **found.others,
+    }
+    title = "; warning: ".join((f"{plan.name}: trials in {log}", *found.warnings))
+    show(title, [{**row, "warnings": list(found.warnings)} if as_json else row], as_json)
+
+
+def _known(value: float) -> float | None:
+    return None if isnan(value) else value
 
 
 def _current(tables: Sequence[Mapping[str, Any]]) -> str:

@@ -168,7 +168,7 @@ class Work:
         found = method.estimate()
         row = {"threshold_db": found.threshold, "spread_db": found.spread, **found.others}
         known = {name: value if isfinite(value) else None for name, value in row.items()}
-        return {"trials": experiment.trials, **known}
+        return {"trials": experiment.trials, **known, "warnings": list(found.warnings)}
 
     def calibration(self, name: str, minutes: float) -> dict[str, Any]:
         """Continue the calibration that was planned under a name, or begin a practice."""

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import isnan, nan
 
 import numpy as np
 import numpy.typing as npt
 
 from haptix.checks import row, whole
 from haptix.errors import InputError
+from haptix.stimuli.adaptive.evidence import counted, misfit, unless_by_chance, without
 from haptix.stimuli.adaptive.method import Estimate, Method
 from haptix.stimuli.adaptive.psychometric import function_named
 
@@ -74,9 +76,11 @@ def fit(
     guess: float = 0.5,
     lapse: float = 0.02,
 ) -> Estimate:
-    """Most likely threshold and slope; the spread is from the curvature of the likelihood.
+    """Most likely threshold and slope; the spread is from the curvature of the likelihood in both.
 
     `answers` say for the level of each trial whether it was right; guess and lapse are held fixed.
+    There is no threshold where the answers are those of a guesser, or beyond the levels. A lapse
+    rate that fits far better is warned of.
     """
     from scipy.optimize import minimize
 
@@ -85,21 +89,49 @@ def fit(
     if len(x) != len(right) or len(set(x.tolist())) < 2:
         raise InputError("fit: expected answers at two levels or more")
     shape = function_named(function)
+    pairs = [*zip(x.tolist(), right.tolist(), strict=True)]
+    is_guessed = function != "symmetric-normal"
+    if is_guessed:
+        nothing = unless_by_chance(Estimate(nan, nan, {}), pairs, guess)
+        if nothing.warnings:
+            return nothing
+    at_level, hits, misses = counted(pairs)
 
     def cost(at: Array) -> float:
         """Minus the log-likelihood of threshold and ln slope."""
-        p = shape(x, at[0], np.exp(at[1]), guess, lapse).clip(1e-12, 1 - 1e-12)
-        return float(-np.log(np.where(right, p, 1 - p)).sum())
+        p = shape(at_level, at[0], np.exp(at[1]), guess, lapse).clip(1e-12, 1 - 1e-12)
+        return -float(hits @ np.log(p) + misses @ np.log1p(-p))
 
     width = float(np.ptp(x))
     log_slope = np.log(3.5 if function == "weibull" else width / 4)
     options = {"xatol": 1e-6, "fatol": 1e-9, "maxiter": 2000}
-    found = [
+    tries = [
         minimize(cost, (start, log_slope), method="Nelder-Mead", options=options)
         for start in np.quantile(x, (0.25, 0.5, 0.75))
     ]
-    best = min(found, key=lambda one: float(one.fun))
-    step = np.array([1e-3 * width, 0.0])
-    bend = (cost(best.x + step) - 2 * float(best.fun) + cost(best.x - step)) / step[0] ** 2
-    spread = float(1 / np.sqrt(bend)) if bend > 0 else float("nan")
-    return Estimate(float(best.x[0]), spread, {"slope": float(np.exp(best.x[1]))})
+    best = min(tries, key=lambda one: float(one.fun))
+    bend = _curvature(cost, best.x, np.array([1e-3 * width, 1e-2]))
+    well = bool(np.all(np.linalg.eigvalsh(bend) > 0))
+    spread = float(np.sqrt(np.linalg.inv(bend)[0, 0])) if well else nan
+    found = Estimate(float(best.x[0]), spread, {"slope": float(np.exp(best.x[1]))})
+    if not x.min() <= found.threshold <= x.max():
+        why = f"none lies within the levels, {x.min():g} to {x.max():g}"
+        found = without(found, f"no threshold: {why}")
+    if isnan(found.threshold) or not is_guessed:
+        return found
+    return replace(found, warnings=misfit(pairs, function, None, (guess,), (lapse,)))
+
+
+def _curvature(cost: Callable[[Array], float], at: Array, step: Array) -> Array:
+    """Second derivatives by central differences, shape (2, 2)."""
+    e = np.diag(step)
+    return np.array(
+        [
+            [
+                cost(at + e[i] + e[j]) - cost(at + e[i] - e[j])
+                - cost(at - e[i] + e[j]) + cost(at - e[i] - e[j])
+                for j in range(2)
+            ]
+            for i in range(2)
+        ]
+    ) / (4 * np.outer(step, step))  # fmt: skip

@@ -12,11 +12,13 @@ class Estimate:
     """Result of a method: threshold, spread and other parameters."""
 
     threshold: float
-    """Detection threshold, in the units of the levels."""
+    """Detection threshold, in the units of the levels; NaN if the answers give none."""
     spread: float
     """Standard deviation of the threshold; NaN if unknown."""
     others: dict[str, float]
     """Slope and other estimated parameters."""
+    warnings: tuple[str, ...] = ()
+    """Why there is no threshold, or why it may be wrong."""
 
 
 @dataclass(eq=False)

@@ -20,9 +20,9 @@ def weibull(level: Array, threshold: Array, slope: Array, guess: Array, lapse: A
     At the threshold ``1 - 1/e`` of the way from guess to ``1 - lapse`` is reached (Watson, J.
     Vision 17(3):10 (2017), Eq. 6).
     """
-    return np.asarray(
-        1 - lapse - (1 - guess - lapse) * np.exp(-(10 ** (slope * (level - threshold) / 20)))
-    )
+    # Beyond that all are right.
+    steps = np.minimum(slope * (level - threshold) / 20, 300.0)
+    return np.asarray(1 - lapse - (1 - guess - lapse) * np.exp(-(10**steps)))
 
 
 def normal(level: Array, threshold: Array, slope: Array, guess: Array, lapse: Array) -> Array:

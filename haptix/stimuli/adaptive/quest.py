@@ -6,8 +6,8 @@ Watson, J. Vision 17(3):10 (2017); Kontsevich & Tyler, Vision Res. 39, 2729 (199
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from math import prod
+from dataclasses import dataclass, field, replace
+from math import isnan, prod, sqrt
 from typing import Any, Literal
 
 import numpy as np
@@ -15,12 +15,14 @@ import numpy.typing as npt
 
 from haptix.checks import choice, increasing, row, whole
 from haptix.errors import InputError
+from haptix.stimuli.adaptive.evidence import misfit, unless_by_chance, without
 from haptix.stimuli.adaptive.method import Estimate, Method
 from haptix.stimuli.adaptive.psychometric import function_named
 
 Array = npt.NDArray[np.float64]
 
 _NAMES = ("threshold", "slope", "guess", "lapse")
+_MOST_AT_END = 0.1  # of the posterior, on the first or last threshold of the grid
 _MOST_PROBABILITIES = 10_000_000  # levels times parameters: 160 MB
 
 
@@ -79,7 +81,8 @@ class Quest(Method):
         # Shape (answers, levels, parameters): wrong, right.
         self._likelihood = np.stack([1 - right, right])
         self.posterior = self._prior_weights().reshape(-1)
-        self.asked = 0
+        self.answers: list[tuple[float, bool]] = []
+        """Level of each trial, and whether the answer was right."""
         self._next: int | None = None
 
     def _prior_weights(self) -> Array:
@@ -114,6 +117,11 @@ class Quest(Method):
     def is_done(self) -> bool:
         return self.asked >= self.trials
 
+    @property
+    def asked(self) -> int:
+        """Answers that it has taken."""
+        return len(self.answers)
+
     def update(self, is_right: bool, level: float | None = None) -> None:
         """Take an answer; a level between two of the grid counts as the nearest."""
         at = self.level if level is None else float(level)
@@ -126,20 +134,48 @@ class Quest(Method):
                 "allow for a guess and a lapse"
             )
         self.posterior = posterior / total
-        self.asked += 1
+        self.answers.append((at, bool(is_right)))
         self._next = None
 
     def estimate(self) -> Estimate:
-        """Mean or mode of the posterior."""
+        """Mean or mode of the posterior.
+
+        Once it is done, there is no threshold where the answers are those of a guesser, or the
+        posterior lies at the end of the grid. A misfit of the function is warned of.
+        """
+        found = self._of_posterior()
+        if not self.is_done:
+            return found
+        low, high = (float(self._marginal("threshold")[at]) for at in (0, -1))
+        grid = self.grids["threshold"]
+        if len(grid) > 2 and max(low, high) > _MOST_AT_END:
+            end, beyond = (grid[0], "below") if low > high else (grid[-1], "above")
+            found = without(found, f"no threshold: it lies at {end:g} or {beyond}, where the "
+                                   "grid ends")  # fmt: skip
+        found = unless_by_chance(found, self.answers, self._guess())
+        if isnan(found.threshold) or self.function == "symmetric-normal":
+            return found
+        held = [self.grids[name].tolist() for name in _NAMES[1:]]
+        return replace(found, warnings=misfit(self.answers, self.function, *held))
+
+    def _guess(self) -> float:
+        """Share right of one who guesses; two equal answers have none of their own."""
+        return 0.0 if self.function == "symmetric-normal" else float(self.grids["guess"][0])
+
+    def _marginal(self, name: str) -> Array:
+        table, at = self.posterior.reshape(self._shape), _NAMES.index(name)
+        return np.asarray(table.sum(tuple(i for i in range(table.ndim) if i != at)))
+
+    def _of_posterior(self) -> Estimate:
         table = self.posterior.reshape(self._shape)
         found: dict[str, float] = {}
         spread = 0.0
         best = np.unravel_index(int(table.argmax()), self._shape)
         for axis, (name, grid) in enumerate(self.grids.items()):
-            marginal = table.sum(tuple(i for i in range(table.ndim) if i != axis))
+            marginal = self._marginal(name)
             mean = float(marginal @ grid)
             if name == "threshold":
-                spread = float(np.sqrt(max(0.0, marginal @ (grid - mean) ** 2)))
+                spread = sqrt(max(0.0, float(marginal @ (grid - mean) ** 2)))
             found[name] = mean if self.estimate_by == "mean" else float(grid[best[axis]])
         return Estimate(found.pop("threshold"), spread, found)
 

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import inf, nan, sqrt
+from dataclasses import dataclass, replace
+from math import erfc, exp, inf, isnan, nan, sqrt
+from random import Random
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 
 from haptix.checks import number, positive, whole
 from haptix.errors import InputError
+from haptix.stimuli.adaptive.evidence import counted, log_shares, unless_by_chance, without
 from haptix.stimuli.adaptive.method import Estimate, Method
+
+_MOST_HELD = 0.25  # of the trials, at an end of the range
+_WALKS = 100  # of a bootstrap: its spread is known to 7 %
+_LAPSE = 0.02
 
 
 @dataclass(eq=False)
@@ -37,6 +44,10 @@ class UpDown(Method):
         Size of a step up over that of one down (w).
     lowest, highest : float
         Range of the levels.
+    most_trials : int
+        It is done after this many, whatever the reversals.
+    guess : float
+        Share right of one who guesses; a walk to a lower share is taken to have none.
     """
 
     start: float
@@ -47,6 +58,8 @@ class UpDown(Method):
     up_weight: float = 1.0
     lowest: float = -inf
     highest: float = inf
+    most_trials: int = 300
+    guess: float = 0.5
 
     kind = "up-down"
 
@@ -56,13 +69,18 @@ class UpDown(Method):
             raise InputError("steps: expected one size or more")
         for size in (*self.steps, self.up_weight):
             positive("steps and up_weight", size)
-        for name in ("reversals_per_step", "stop_after", "down_after"):
+        for name in ("reversals_per_step", "stop_after", "down_after", "most_trials"):
             whole(name, getattr(self, name), 1)
         if not self.lowest <= self.start <= self.highest:
             raise InputError(
                 f"start: expected {self.lowest:g} to {self.highest:g}, got {self.start:g}"
             )
+        if not 0 <= number("guess", self.guess) < 1:
+            raise InputError(f"guess: expected a share of 0 to below 1, got {self.guess:g}")
         self._level = float(self.start)
+        self.answers: list[tuple[float, bool]] = []
+        """Level of each trial, and whether the answer was right."""
+        self._ends = [self.lowest, self.highest]
         self._in_a_row = self._direction = 0
         self.reversals: list[float] = []
         """Levels at which the direction changed."""
@@ -73,12 +91,17 @@ class UpDown(Method):
         return float((self.up_weight / (1 + self.up_weight)) ** (1 / self.down_after))
 
     @property
+    def _guess(self) -> float:
+        return self.guess if self.guess < self.target else 0.0
+
+    @property
     def level(self) -> float:
         return self._level
 
     @property
     def is_done(self) -> bool:
-        return len(self.reversals) >= self._before_last_size + self.stop_after
+        enough = len(self.reversals) >= self._before_last_size + self.stop_after
+        return enough or len(self.answers) >= self.most_trials
 
     @property
     def _before_last_size(self) -> int:
@@ -91,6 +114,9 @@ class UpDown(Method):
 
     def update(self, is_right: bool, level: float | None = None) -> None:
         at = self._level if level is None else float(level)
+        if at < self._level:  # it was lowered to what can be presented
+            self._ends[1] = at
+        self.answers.append((at, bool(is_right)))
         if is_right:
             self._in_a_row += 1
             if self._in_a_row < self.down_after:
@@ -104,13 +130,59 @@ class UpDown(Method):
         self._level = min(max(at + direction * size, self.lowest), self.highest)
 
     def estimate(self) -> Estimate:
-        """Mean of the reversals at the last size of step, an even number of them."""
-        used = self.reversals[self._before_last_size :]
-        used = used[len(used) % 2 :]
+        """Mean of the reversals at the last size of step, an even number of them.
+
+        Reversals hang together: their standard error is two to three times too small. The spread is
+        that of a parametric bootstrap instead: the same walk is simulated with an observer of the
+        function that was fitted to the answers (Foster & Bischof, Psychol. Bull. 109, 152 (1991)).
+        There is no threshold where the answers are those of a guesser, or where the walk was held
+        at an end of its range.
+        """
+        used = self._used
         if not used:
-            return Estimate(self._level, nan, {})
-        spread = float(np.std(used, ddof=1) / sqrt(len(used))) if len(used) > 1 else nan
-        return Estimate(float(np.mean(used)), spread, {"share_right": self.target})
+            return Estimate(nan, nan, {}, ("no threshold: no reversals at the last size of step",))
+        found = Estimate(float(np.mean(used)), nan, {"share_right": self.target})
+        held = sum(level in self._ends for level, _ in self.answers)
+        if held > _MOST_HELD * len(self.answers):
+            why = f"{held} of {len(self.answers)} trials were at the end of what can be presented"
+            found = without(found, f"no threshold: {why}")
+        found = unless_by_chance(found, self.answers, self._guess)
+        if isnan(found.threshold):
+            return found
+        if not self.is_done or len(self.reversals) < self._before_last_size + self.stop_after:
+            found = replace(found, warnings=("it is not over: fewer reversals than asked for",))
+        return replace(found, spread=self._spread())
+
+    @property
+    def _used(self) -> list[float]:
+        used = self.reversals[self._before_last_size :]
+        return used[len(used) % 2 :]
+
+    def _spread(self) -> float:
+        """Spread of the mean reversal over walks of an observer as wide as the answers say."""
+        size, (levels, right, wrong) = self.steps[-1], counted(self.answers)
+        threshold = np.linspace(levels.min() - 5 * size, levels.max() + 5 * size, 101)
+        widths = size * np.geomspace(0.5, 20.0, 25)
+        t, width = (one.ravel() for one in np.meshgrid(threshold, widths, indexing="ij"))
+        fixed = np.array(self._guess), np.array(_LAPSE)
+        log_right, log_wrong = log_shares(levels, "normal", t, width, *fixed)
+        # Steps are chosen by the width that is expected, some three of them, within a factor of e.
+        prior = -0.5 * np.log(width / (3 * size)) ** 2
+        likelihood = right @ log_right + wrong @ log_wrong + prior
+        weight = np.exp(likelihood - likelihood.max())
+        wide = exp(float(weight @ np.log(width) / weight.sum()))
+        share = (self.target - self._guess) / (1 - self._guess - _LAPSE)
+        middle = float(np.mean(self._used)) - wide * NormalDist().inv_cdf(share)
+        draw = Random(len(self.answers))
+        return float(np.nanstd([self._walk(middle, wide, draw) for _ in range(_WALKS)], ddof=1))
+
+    def _walk(self, threshold: float, width: float, draw: Random) -> float:
+        """Mean reversal of the walk of one observer."""
+        one = replace(self)
+        while not one.is_done:
+            p = 0.5 * erfc((threshold - one.level) / (width * sqrt(2)))
+            one.update(draw.random() < self._guess + (1 - self._guess - _LAPSE) * p)
+        return float(np.mean(one._used)) if one._used else nan
 
     def describe(self) -> dict[str, Any]:
         return super().describe() | {"target": self.target}
