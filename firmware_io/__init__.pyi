@@ -17,6 +17,7 @@ from .limits import ABSOLUTE_CEILING_V as ABSOLUTE_CEILING_V
 from .limits import DriveLimits as DriveLimits
 from .link import Link as Link
 from .links.mock import MockLink as MockLink
+from .marks import Marked as Marked
 from .mock import MockDriver as MockDriver
 from .opening import open_device as open_device
 from .playback import Playback as Playback

@@ -49,6 +49,8 @@ class Capabilities:
     guard_s : float
         Time ahead of the output from which queued samples can be revised, in seconds; 0 if they
         cannot.
+    takes_marks : bool
+        Whether it tells by a digital line, and by its clock, when a sample is played.
 
     Raises
     ------
@@ -69,6 +71,7 @@ class Capabilities:
     rates: tuple[tuple[int, tuple[Mode, ...]], ...]
     reports_touch: bool
     guard_s: float = 0.0
+    takes_marks: bool = False
 
     def __post_init__(self) -> None:
         for field in ("sample_rate_hz", "full_scale_v", "ceiling_v", "max_slew_v_per_s"):
@@ -113,6 +116,7 @@ class Capabilities:
             rates=tuple((rate.sample_rate_hz, _modes(rate.modes)) for rate in report.rates),
             reports_touch=report.reports_touch,
             guard_s=report.guard_ticks / report.output_rate_hz,
+            takes_marks=report.takes_marks,
         )
 
     def best_rate_hz(self, mode: Mode, most_hz: float = math.inf) -> int:

@@ -16,6 +16,7 @@ from firmware_io.errors import DeviceDisconnectedError, DeviceError, LimitError
 from firmware_io.limits import DriveLimits
 from firmware_io.link import Link
 from firmware_io.links.mock import MockLink
+from firmware_io.marks import Marked
 from firmware_io.mock import MockDriver
 from firmware_io.protocol import StreamMode, TouchReport
 from firmware_io.protocol_client import ProtocolClient
@@ -292,6 +293,51 @@ class Device:
         """Return the touches that the panel has reported since the last call, oldest first."""
         latest = self._stream.client.touches
         return [latest.popleft() for _ in range(len(latest))]
+
+    def mark(self, sample_index: int, code: int = 0) -> None:
+        """Let the driver tell when it plays a sample: by its digital line, and in `marked`.
+
+        The line is high for a millisecond from the sample's first output sample on. STOP forgets
+        marks whose samples were not played. On any error the output is brought to 0 V, as from
+        `write`.
+
+        Parameters
+        ----------
+        sample_index : int
+            Samples sent before it since the device was armed; it may be sent later.
+        code : int
+            What `marked` repeats, 0 to 65535.
+
+        Raises
+        ------
+        DeviceError
+            If the driver takes no marks, is not armed, or holds as many as it can.
+        """
+        if not self._capabilities.takes_marks:
+            raise DeviceError(
+                f"{self.name} takes no marks; use the trigger channel of a stimulus file, or a "
+                "driver whose firmware takes them."
+            )
+        if not self._stream.is_armed:
+            raise DeviceError("The device must be armed to mark its samples; call arm() first.")
+        if sample_index < 0 or not 0 <= code < 2**16:
+            raise DeviceError(
+                f"A mark has a sample index of 0 or more and a code of 0 to 65535, but "
+                f"{sample_index} and {code} came."
+            )
+        try:
+            self._stream.mark(sample_index, code)
+        except BaseException as error:
+            self._stop_after(error)
+            raise
+
+    def marked(self) -> list[Marked]:
+        """Return the samples that were marked and played, read since the last call."""
+        client = self._stream.client
+        return [
+            Marked.of(client.marked.popleft(), client.output_clock)
+            for _ in range(len(client.marked))
+        ]
 
     def arm(self, *, revisable: bool = False) -> None:
         """Prepare the driver to play, from sample index 0; no effect if armed.

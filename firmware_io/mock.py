@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io.errors import DeviceError
-from firmware_io.firmware.core import CoreName, Output
+from firmware_io.firmware.core import LINE, CoreName, Output
 from firmware_io.firmware.opening import open_core
 from firmware_io.limits import ABSOLUTE_CEILING_V, DEFAULT_MAX_SLEW_V_PER_S, WATCHDOG_S, DriveLimits
 from firmware_io.protocol import (
@@ -38,7 +38,7 @@ _BOTH = frozenset(StreamMode)
 _KEPT_S = 60.0
 # So few bytes that no queue overflows, whatever frames they hold.
 _PIECE_BYTES = 512
-_PLAYED = np.isin(np.arange(256), (Output.STREAM, Output.RAMP))
+_PLAYED = np.isin(np.arange(256) & ~LINE, (Output.STREAM, Output.RAMP))
 
 
 class MockDriver:
@@ -132,6 +132,7 @@ class MockDriver:
             calibration_id=calibration_id,
             reports_touch=True,
             rates=tuple(Rate(_whole("rates_hz", rate, 1, rate_hz), _BOTH) for rate in rates_hz),
+            takes_marks=True,
         )
         self.pace = pace
         self.clock = clock

@@ -14,6 +14,7 @@ from firmware_io.errors import (
     ProtocolError,
 )
 from firmware_io.link import Link
+from firmware_io.output_clock import OutputClock
 from firmware_io.protocol import (
     OLDEST_VERSION,
     SEQUENCE_MODULUS,
@@ -27,6 +28,7 @@ from firmware_io.protocol import (
     FrameParser,
     Hello,
     HostMessage,
+    MarkedReport,
     Ping,
     StatusReport,
     Stop,
@@ -60,8 +62,14 @@ class ProtocolClient:
         The first fault that was not raised yet.
     touches : deque of TouchReport
         The latest touches of the panel, oldest first.
+    marked : deque of MarkedReport
+        The latest samples that were marked and played, oldest first.
+    marked_count : int
+        All that came.
     frames_sent, bytes_sent : int
         Delivered frames and bytes.
+    output_clock : OutputClock
+        The driver's clock against the host's, by its reports.
     version : int
         That of the frames sent: the oldest until the handshake.
     """
@@ -74,9 +82,12 @@ class ProtocolClient:
         self.status_s = 0.0
         self.fault: FaultReport | None = None
         self.touches: deque[TouchReport] = deque(maxlen=_KEPT_TOUCHES)
+        self.marked: deque[MarkedReport] = deque(maxlen=_KEPT_TOUCHES)
+        self.marked_count = 0
         self.frames_sent = 0
         self.bytes_sent = 0
         self.version = OLDEST_VERSION
+        self.output_clock = OutputClock(1.0)
         self._sequence = 0
         self._token = 0
         self._parser = FrameParser(max_payload_bytes=1024)
@@ -101,6 +112,7 @@ class ProtocolClient:
                     if isinstance(item, CapabilitiesReport):
                         self.fault = None
                         self.version = min(item.newest_version, VERSION)
+                        self.output_clock = OutputClock(item.output_rate_hz)
                         return item
                     if isinstance(item, FaultReport) and item.code is FaultCode.VERSION:
                         raise ProtocolError(
@@ -252,10 +264,14 @@ class ProtocolClient:
         message = item.message
         if isinstance(message, StatusReport):
             self.status, self.status_s = message, now_s
+            self.output_clock.observe(now_s, message.clock_ticks)
         elif isinstance(message, FaultReport):
             self.fault = self.fault or message
         elif isinstance(message, TouchReport):
             self.touches.append(message)
+        elif isinstance(message, MarkedReport):
+            self.marked.append(message)
+            self.marked_count += 1
         elif not isinstance(message, CapabilitiesReport):
             return ProtocolError(
                 f"{self.link.name} sent a {type(message).__name__.upper()}, which only hosts send; "

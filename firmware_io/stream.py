@@ -12,12 +12,14 @@ import numpy.typing as npt
 from firmware_io.drive_window import DriveWindow
 from firmware_io.errors import DeviceDisconnectedError, DeviceError, DeviceFaultError
 from firmware_io.limits import DriveLimits
+from firmware_io.marks import MOST_MARKS
 from firmware_io.protocol import (
     INDEX_MODULUS,
     SEQUENCE_MODULUS,
     STREAM_OVERHEAD_BYTES,
     Arm,
     DeviceState,
+    Mark,
     Revise,
     Setup,
     StatusReport,
@@ -134,6 +136,7 @@ class Stream:
         self.setup = setup
         self._is_in_doubt = False
         self._sent = 0  # since armed
+        self._marks_sent = 0
         self._queued: Revisable | None = None  # what the driver holds, if it may be revised
         self._before_v = 0.0  # the sample before those
         self._seen: StatusReport | None = None
@@ -202,6 +205,7 @@ class Stream:
             raise
         self._is_in_doubt = False
         self.is_armed = True
+        self._marks_sent = self.client.marked_count  # those of before are forgotten
         self._queued = Revisable() if revisable else None
         self._before_v = 0.0
         self._seen = self.client.status
@@ -252,6 +256,17 @@ class Stream:
         self.last_v = before_v
         self._revised += 1
         queued.replace(first, volts)
+
+    def mark(self, index: int, code: int) -> None:
+        """Ask the driver to tell when it plays a sample."""
+        waiting = self._marks_sent - self.client.marked_count
+        if waiting >= MOST_MARKS:
+            raise DeviceError(
+                f"{waiting} marks wait to be played, and a driver holds {MOST_MARKS}; mark fewer "
+                "samples ahead."
+            )
+        self.client.send(Mark(index % INDEX_MODULUS, code))
+        self._marks_sent += 1
 
     def _check(self, volts: npt.NDArray[np.float64], before_v: float) -> None:
         """Reject samples that break ceiling or slew behind the one before them."""

@@ -22,6 +22,10 @@ class Output(IntEnum):
     RAMP = 3
 
 
+#: Added to the kind of an output sample while the digital line is high.
+LINE = 0x80
+
+
 class Core(Protocol):
     """The device side of the protocol: it takes bytes, answers with bytes, and plays samples.
 
@@ -47,7 +51,7 @@ class Core(Protocol):
         """Return one HID report for the host; empty if there is none."""
 
     def play(self, ticks: int) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint8]]:
-        """Return the next output samples as codes, and the kind of each (an `Output`)."""
+        """Return the next output samples as codes, and the kind of each: `Output`, and `LINE`."""
 
     def status(self) -> StatusReport:
         """Return the state of the device, without a frame on the wire."""

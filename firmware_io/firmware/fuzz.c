@@ -22,7 +22,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 static hx_device device;
 
 static const hx_config config = {
-    RATE_HZ, 250000, 200000, 4666666, 160, 150, WATCHDOG_MS, 64, 1, 2,
+    RATE_HZ, 250000, 200000, 4666666, 160, 150, WATCHDOG_MS, 64,
+    HX_SENDS_TOUCH | HX_TAKES_MARK, 2,
     {{RATE_HZ, 3}, {RATE_HZ / 4, 3}}, "fuzzed", "1", "none", GUARD_TICKS};
 
 /* The last second of the output. */
@@ -44,12 +45,13 @@ static void play(uint32_t n) {
     static int16_t out[4096];
     static uint8_t what[4096];
     uint32_t pending = hx_device_pending(&device);
+    demand(device.marks <= HX_MARKS);
     hx_device_play(&device, out, what, n);
     for (uint32_t i = 0; i < n && device.faults == 0 && i < pending && device.received == 0; i++)
-        demand(what[i] != HX_OUT_HELD);
+        demand((what[i] & 0x7f) != HX_OUT_HELD);
     for (uint32_t i = 0; i < n; i++) {
         demand(out[i] <= CEILING_CODE && out[i] >= -CEILING_CODE);
-        demand(what[i] != HX_OUT_IDLE || out[i] == 0);
+        demand((what[i] & 0x7f) != HX_OUT_IDLE || out[i] == 0);
         int64_t goes = second[second_at], comes = out[i];
         second[second_at] = out[i];
         second_at = (second_at + 1u) % RATE_HZ;

@@ -108,6 +108,15 @@ static uint32_t put_next(hx_device *d, uint8_t *bytes, uint32_t capacity) {
         hx_device_status(d, payload);
         return put_frame(d, bytes, HX_STATUS, HX_STATUS_BYTES);
     }
+    for (uint32_t i = 0; i < d->marks; i++) {
+        if (!d->mark[i].is_due) continue;
+        if (HX_FRAME_OVERHEAD_BYTES + HX_MARKED_BYTES > capacity) return 0;
+        hx_put_u64(payload, d->mark[i].clock);
+        hx_put_u32(payload + 8, d->mark[i].index);
+        hx_put_u16(payload + 12, d->mark[i].code);
+        hx_drop_mark(d, i);
+        return put_frame(d, bytes, HX_MARKED, HX_MARKED_BYTES);
+    }
     if (d->touches > 0) {
         if (HX_FRAME_OVERHEAD_BYTES + HX_TOUCH_BYTES > capacity) return 0;
         put_touch(&d->touch[0], payload);

@@ -23,6 +23,10 @@
 #define HX_MAX_REPORT_BYTES 64u
 #define HX_MAX_RATES 8u
 #define HX_TOUCHES 8u
+#define HX_MARKS 8u
+/* Flags of a configuration. */
+#define HX_SENDS_TOUCH 1u
+#define HX_TAKES_MARK 2u
 
 /* No board may be built to drive more, whatever its configuration says. */
 #define HX_ABSOLUTE_CEILING_MV 200000u
@@ -43,6 +47,8 @@
 /* Of the second that energy and mean are taken over: 0.8 % of either is the error. */
 #define HX_WINDOW_BLOCKS 128u
 #define HX_ENERGY_SHIFT 12u
+/* The digital line is high for this long from the sample that was marked on. */
+#define HX_MARK_MS 1u
 /* A frame whose bytes pause for this long is given up. */
 #define HX_PAUSE_MS 100u
 /* What a received byte buys of check sums and copying; an ordinary frame needs less. */
@@ -88,8 +94,15 @@ typedef struct {
     uint8_t phase;
 } hx_touch;
 
-/* What an output sample is: nothing, a sample of the stream, the last one held, the ramp. */
-enum hx_output { HX_OUT_IDLE = 0, HX_OUT_STREAM = 1, HX_OUT_HELD = 2, HX_OUT_RAMP = 3 };
+/* What an output sample is: nothing, a sample of the stream, the last one held, the ramp; and,
+ * added to it, whether the digital line is high. */
+enum hx_output {
+    HX_OUT_IDLE = 0,
+    HX_OUT_STREAM = 1,
+    HX_OUT_HELD = 2,
+    HX_OUT_RAMP = 3,
+    HX_OUT_LINE = 0x80
+};
 
 typedef struct hx_device hx_device;
 
@@ -137,6 +150,14 @@ typedef struct {
     uint32_t got;
     uint64_t clock;
 } hx_fault;
+
+/* A sample of the stream to tell of, by the digital line and by a MARKED. */
+typedef struct {
+    uint64_t clock; /* all ones: the sample had been played when the MARK came */
+    uint32_t index;
+    uint16_t code;
+    uint8_t is_due; /* to be told */
+} hx_mark;
 
 /* Output samples: their sum, the highest and lowest sum up to the last of them, the energy. */
 typedef struct {
@@ -227,6 +248,11 @@ struct hx_device {
 
     uint32_t touches;
     hx_touch touch[HX_TOUCHES];
+
+    uint32_t marks;
+    hx_mark mark[HX_MARKS];
+    uint32_t line_ticks;
+    uint32_t line_ticks_left; /* the line is high */
 
     uint32_t head;
     uint32_t queued;

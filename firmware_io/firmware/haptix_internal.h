@@ -7,6 +7,9 @@
 /* Begin the safety ramp, throw the queue away, disarm. */
 void hx_end_output(hx_device *device);
 
+/* Forget a mark. */
+void hx_drop_mark(hx_device *device, uint32_t at);
+
 /* Refuse: end the output, remember and count the first cause, owe the host a FAULT. */
 void hx_refuse(hx_device *device, enum hx_fault_code code, uint8_t field, uint16_t sequence,
                uint32_t expected, uint32_t got);

@@ -12,7 +12,25 @@ static int32_t sine(uint32_t phase) {
     return a + (b - a) * fraction / 65536;
 }
 
+void hx_drop_mark(hx_device *d, uint32_t at) {
+    d->marks--;
+    for (; at < d->marks; at++) d->mark[at] = d->mark[at + 1u];
+}
+
+/* The line rises with a sample that was marked. */
+static void meet_marks(hx_device *d, uint32_t index) {
+    for (uint32_t i = 0; i < d->marks; i++) {
+        hx_mark *mark = &d->mark[i];
+        if (mark->is_due || mark->index != index) continue;
+        mark->is_due = 1;
+        mark->clock = d->clock;
+        d->line_ticks_left = d->line_ticks;
+    }
+}
+
 void hx_end_output(hx_device *d) {
+    for (uint32_t i = d->marks; i-- > 0;)
+        if (!d->mark[i].is_due) hx_drop_mark(d, i); /* its sample will not be played */
     d->is_armed = 0;
     d->has_begun = 0;
     d->is_playing = 0;
@@ -74,7 +92,7 @@ static enum hx_output advance(hx_device *d) {
         d->to = d->queue[d->head];
         d->head = d->head + 1u == HX_QUEUE_SAMPLES ? 0u : d->head + 1u;
         d->queued--;
-        d->samples_played++;
+        meet_marks(d, d->samples_played++);
         d->tick_of_sample = 0;
     }
     d->tick_of_sample++;
@@ -132,7 +150,8 @@ void hx_device_play(hx_device *d, int16_t *out, uint8_t *what, uint32_t n) {
         if (d->has_carrier && is != HX_OUT_IDLE) d->phase += d->phase_step_now;
         hx_window_take(d, code);
         out[i] = code;
-        if (what != NULL) what[i] = (uint8_t)is;
+        if (what != NULL) what[i] = (uint8_t)(d->line_ticks_left > 0 ? is | HX_OUT_LINE : is);
+        if (d->line_ticks_left > 0) d->line_ticks_left--;
         pass_time(d);
     }
 }

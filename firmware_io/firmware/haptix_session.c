@@ -53,6 +53,7 @@ int hx_device_init(hx_device *d, const hx_config *config) {
     d->top_code = (int16_t)ceiling_code(config->ceiling_mv, config->full_scale_mv);
     d->ramp_ticks = (config->output_rate_hz * HX_RAMP_MS + 999u) / 1000u;
     d->hold_ticks = config->output_rate_hz * HX_DRY_MS / 1000u - d->ramp_ticks;
+    d->line_ticks = (config->output_rate_hz * HX_MARK_MS + 999u) / 1000u;
     hx_window_init(d);
     hx_receive_init(d);
     forget_setup(d);
@@ -92,6 +93,7 @@ static void take_hello(hx_device *d, uint16_t sequence, const uint8_t *payload) 
     forget_setup(d);
     clear_fault(d);
     d->status_due = 0;
+    d->marks = 0;
     d->token = 0;
     if (payload[0] > HX_VERSION || payload[1] < HX_VERSION) {
         uint32_t got = payload[0] > HX_VERSION ? payload[0] : payload[1];
@@ -315,6 +317,25 @@ static void take_revise(hx_device *d, uint16_t sequence, uint16_t mode, const ui
     accept(d, sequence);
 }
 
+/* Tell of a sample when it is played. */
+static void take_mark(hx_device *d, uint16_t sequence, const uint8_t *payload) {
+    uint32_t index = hx_get_u32(payload);
+    if (!d->is_armed) {
+        hx_refuse(d, HX_FAULT_NOT_ARMED, 0, sequence, 0, 0);
+        return;
+    }
+    if (d->marks == HX_MARKS) {
+        hx_refuse(d, HX_FAULT_QUEUE_FULL, 0, sequence, 0, 1);
+        return;
+    }
+    hx_mark *mark = &d->mark[d->marks++];
+    mark->index = index;
+    mark->code = hx_get_u16(payload + HX_INDEX_BYTES);
+    mark->clock = ~(uint64_t)0;
+    mark->is_due = index - d->samples_played > 0x7fffffffu; /* too late for the line */
+    accept(d, sequence);
+}
+
 static uint32_t longest_stream(const hx_device *d) {
     return HX_INDEX_BYTES + 2u * d->config.max_frame_samples;
 }
@@ -325,6 +346,7 @@ static uint32_t fixed_length(uint8_t kind) {
     case HX_HELLO: return HX_HELLO_BYTES;
     case HX_SETUP: return HX_SETUP_BYTES;
     case HX_PING: return HX_PING_BYTES;
+    case HX_MARK: return HX_MARK_BYTES;
     default: return 0;
     }
 }
@@ -340,7 +362,8 @@ void hx_take_frame(hx_device *d, const uint8_t *frame) {
     uint16_t sequence = hx_get_u16(frame + 4), mode = hx_get_u16(frame + 8);
     uint32_t length = hx_get_u16(frame + 6);
 
-    if (kind < HX_HELLO || kind > HX_REVISE) {
+    uint8_t last_kind = d->config.flags & HX_TAKES_MARK ? HX_MARK : HX_REVISE;
+    if (kind < HX_HELLO || kind > last_kind) {
         hx_refuse(d, HX_FAULT_KIND, 0, sequence, 0, kind);
         return;
     }
@@ -376,6 +399,7 @@ void hx_take_frame(hx_device *d, const uint8_t *frame) {
     case HX_ARM: take_arm(d, sequence); break;
     case HX_STREAM: take_stream(d, sequence, mode, payload, length); break;
     case HX_REVISE: take_revise(d, sequence, mode, payload, length); break;
+    case HX_MARK: take_mark(d, sequence, payload); break;
     case HX_STOP:
         accept(d, sequence);
         hx_end_output(d);
@@ -401,4 +425,5 @@ void hx_device_release(hx_device *d) {
     d->answer_bytes = 0;
     d->answer_sent = 0;
     d->touches = 0;
+    d->marks = 0;
 }

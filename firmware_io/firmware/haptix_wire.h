@@ -19,10 +19,12 @@ enum hx_kind {
     HX_STOP = 0x05,
     HX_PING = 0x06,
     HX_REVISE = 0x07,
+    HX_MARK = 0x08,
     HX_CAPABILITIES = 0x81,
     HX_STATUS = 0x82,
     HX_FAULT = 0x83,
-    HX_TOUCH = 0x84
+    HX_TOUCH = 0x84,
+    HX_MARKED = 0x85
 };
 
 enum hx_mode { HX_WAVEFORM = 0, HX_ENVELOPE = 1, HX_MODES = 2 };
@@ -62,6 +64,8 @@ enum hx_fault_code {
 #define HX_STATUS_BYTES 44u
 #define HX_FAULT_BYTES 20u
 #define HX_TOUCH_BYTES 20u
+#define HX_MARK_BYTES 6u
+#define HX_MARKED_BYTES 14u
 
 #define HX_REPORT_ID 1u
 #define HX_REPORT_BEGINS 0x80u

@@ -84,7 +84,7 @@ class NativeCore:
                     "max_frame_samples": config.max_frame_samples,
                     "max_watchdog_ms": config.max_watchdog_ms,
                     "report_bytes": config.report_bytes,
-                    "flags": int(config.reports_touch),
+                    "flags": config.reports_touch | config.takes_marks << 1,
                     "rate_count": len(config.rates),
                     "rates": [
                         (rate.sample_rate_hz, sum(1 << mode for mode in rate.modes))

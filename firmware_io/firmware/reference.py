@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from firmware_io.firmware.core import LINE
 from firmware_io.firmware.reference_board import (
     DRY_MS,
     MIN_CARRIER_MHZ,
@@ -26,6 +27,7 @@ from firmware_io.firmware.reference_window import MAX_RMS_MV, MEAN_DIVISOR, Refe
 from firmware_io.protocol import (
     FULL_SCALE_CODE,
     INDEX_MODULUS,
+    NEVER,
     SEQUENCE_MODULUS,
     VERSION,
     CapabilitiesReport,
@@ -35,6 +37,8 @@ from firmware_io.protocol import (
     FaultReport,
     Frame,
     FrameKind,
+    Mark,
+    MarkedReport,
     Setup,
     StatusReport,
     StreamMode,
@@ -42,9 +46,10 @@ from firmware_io.protocol import (
     encode,
     to_reports,
 )
-from firmware_io.protocol.payloads import LAYOUTS
+from firmware_io.protocol.payloads import LAYOUTS, read_payload
 
-MAX_TOUCHES = 8
+MAX_TOUCHES = MAX_MARKS = 8
+MARK_MS = 1
 
 _SETUP = LAYOUTS[FrameKind.SETUP].fields
 #: Bytes in front of the samples of a payload.
@@ -101,6 +106,8 @@ class ReferenceCore:
         self._capabilities_due = self._fault_due = self._status_due = False
         self._answer_sequence = 0
         self._reports: list[bytes] = []
+        self._marks: list[tuple[Mark, int | None]] = []  # and when its sample was played
+        self._line_until = 0
         self._touches: list[TouchReport] = []
 
     # Bytes in
@@ -117,7 +124,8 @@ class ReferenceCore:
 
     def take_frame(self, head: Head, payload: bytes) -> None:
         """Obey a whole frame, or refuse it."""
-        if not FrameKind.HELLO <= head.kind <= FrameKind.REVISE:
+        last_kind = FrameKind.MARK if self._config.takes_marks else FrameKind.REVISE
+        if not FrameKind.HELLO <= head.kind <= last_kind:
             return self.refuse(FaultCode.KIND, head.sequence, 0, head.kind)
         kind = FrameKind(head.kind)
         if kind in _SAMPLE_HEADS:
@@ -145,6 +153,8 @@ class ReferenceCore:
             self._take_stream(head, payload)
         elif kind is FrameKind.REVISE:
             self._take_revise(head, payload)
+        elif kind is FrameKind.MARK:
+            self._take_mark(head.sequence, payload)
         else:
             self._accept(head.sequence)
             self._status_due = True
@@ -160,6 +170,7 @@ class ReferenceCore:
         self._forget_setup()
         self._clear_fault()
         self._status_due = False
+        self._marks = []
         self._token = 0
         if oldest <= VERSION <= newest:
             self._accept(sequence)
@@ -298,6 +309,29 @@ class ReferenceCore:
         self._silent_ticks = 0
         return self._accept(sequence)
 
+    def _take_mark(self, sequence: int, payload: bytes) -> None:
+        if not self.is_armed:
+            return self.refuse(FaultCode.NOT_ARMED, sequence, 0, 0)
+        if len(self._marks) == MAX_MARKS:
+            return self.refuse(FaultCode.QUEUE_FULL, sequence, 0, 1)
+        mark: Mark = read_payload(FrameKind.MARK, payload)
+        is_late = _signed(mark.sample_index - self._output.samples_played) < 0
+        self._marks.append((mark, NEVER if is_late else None))
+        return self._accept(sequence)
+
+    def _meet_marks(self, what: Whats) -> None:
+        """Note marks whose samples were just played, and add the line to the kinds of samples."""
+        ticks = -(-self._config.output_rate_hz * MARK_MS // 1000)
+        what[: max(0, self._line_until - self._clock)] |= LINE
+        for offset, first, count, each in self._output.taken:
+            for place, (mark, clock) in enumerate(self._marks):
+                ahead = (mark.sample_index - first) % INDEX_MODULUS
+                if clock is None and ahead < count:
+                    at = offset + ahead * each
+                    self._marks[place] = (mark, self._clock + at)
+                    what[at : at + ticks] |= LINE
+                    self._line_until = max(self._line_until, self._clock + at + ticks)
+
     def _may_be_queued(self, head: Head, codes: npt.NDArray[np.int64], setup: Setup) -> bool:
         """Whether mode and ceiling hold for samples; refuse them if not."""
         full_scale_mv = self._config.full_scale_mv
@@ -348,6 +382,7 @@ class ReferenceCore:
 
     def _end_output(self) -> None:
         self.is_armed = False
+        self._marks = [one for one in self._marks if one[1] is not None]
         self._output.end()
 
     def _forget_setup(self) -> None:
@@ -363,6 +398,7 @@ class ReferenceCore:
         self._capabilities_due = self._fault_due = self._status_due = False
         self._reports.clear()
         self._touches.clear()
+        self._marks = []
 
     # Time
 
@@ -377,6 +413,7 @@ class ReferenceCore:
         while ticks:
             count = min(ticks, self._ticks_to_event())
             pieces.append(self._output.play(count))
+            self._meet_marks(pieces[-1][1])
             count = pieces[-1][0].size
             ticks -= count
             self._pass_time(count)
@@ -502,6 +539,10 @@ class ReferenceCore:
         if self._status_due:
             self._status_due = False
             return self.status()
+        for place, (mark, clock) in enumerate(self._marks):
+            if clock is not None:
+                del self._marks[place]
+                return MarkedReport(clock, mark.sample_index, mark.code)
         return self._touches.pop(0) if self._touches else None
 
 

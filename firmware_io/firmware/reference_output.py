@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +48,9 @@ class ReferenceOutput:
     ----------
     broken : FaultCode
         The limit that the next sample would have broken; it was not played.
+    taken : list of (int, int, int, int)
+        Runs of samples that the last `play` has taken from the queue: offset of the first in its
+        output samples, index of the first, how many, and output samples of each.
     """
 
     def __init__(
@@ -54,6 +58,7 @@ class ReferenceOutput:
     ) -> None:
         self.ramp_ticks = ramp_ticks
         self.broken = FaultCode.NONE
+        self.taken: list[tuple[int, int, int, int]] = []
         self._window = window
         self._hold_ticks = hold_ticks
         self._dry_ticks = 0
@@ -104,6 +109,7 @@ class ReferenceOutput:
         what = np.zeros(ticks, np.uint8)
         done = 0
         self.broken = FaultCode.NONE
+        self.taken = []
         while done < ticks and self.broken is FaultCode.NONE:
             before = vars(self).copy()
             levels, driven, kind = self._drive(ticks - done)
@@ -119,16 +125,26 @@ class ReferenceOutput:
                     else:
                         levels, driven = levels[:0], driven[:0]
                     self.broken = broken
+            self._note_taken(before, done)
             after = done + levels.size
             codes[done:after] = driven
             what[done:after] = kind
             self._window.take(driven)
             done = after
         if self.broken is not FaultCode.NONE:
-            level = self._level
+            before = vars(self).copy()
             self._run(1)  # the sample that gives way to the ramp is gone
-            self._level = level
+            self._level = before["_level"]
+            self._note_taken(before, done)
         return codes[:done], what[:done]
+
+    def _note_taken(self, before: dict[str, Any], offset: int) -> None:
+        """Note the samples taken since a state, which was that at an offset."""
+        index, each = before["samples_played"], self._playing.ticks_per_sample
+        count = (self.samples_played - index) % 2**32
+        if count:
+            tick = before["_tick_of_sample"] if before["is_playing"] else each
+            self.taken.append((offset + each - tick, index, count, each))
 
     def _drive(self, most: int) -> tuple[_Integers, _Integers, Output]:
         """Return levels and codes of up to `most` ticks that are all of one kind; at least one."""

@@ -14,6 +14,7 @@ from .frames import Frame as Frame
 from .frames import decode as decode
 from .frames import encode as encode
 from .messages import MAX_SAMPLES as MAX_SAMPLES
+from .messages import NEVER as NEVER
 from .messages import Arm as Arm
 from .messages import CapabilitiesReport as CapabilitiesReport
 from .messages import DeviceMessage as DeviceMessage
@@ -21,6 +22,8 @@ from .messages import DeviceState as DeviceState
 from .messages import FrameKind as FrameKind
 from .messages import Hello as Hello
 from .messages import HostMessage as HostMessage
+from .messages import Mark as Mark
+from .messages import MarkedReport as MarkedReport
 from .messages import Message as Message
 from .messages import Ping as Ping
 from .messages import Rate as Rate

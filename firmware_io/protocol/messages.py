@@ -22,10 +22,12 @@ class FrameKind(IntEnum):
     STOP = 0x05
     PING = 0x06
     REVISE = 0x07
+    MARK = 0x08
     CAPABILITIES = 0x81
     STATUS = 0x82
     FAULT = 0x83
     TOUCH = 0x84
+    MARKED = 0x85
 
 
 class StreamMode(IntEnum):
@@ -193,6 +195,22 @@ class Ping:
 
 
 @dataclass(frozen=True)
+class Mark:
+    """Host: tell when a sample is played, by the digital line and by MARKED.
+
+    Parameters
+    ----------
+    sample_index : int
+        Index of the sample, counted as in `StreamSamples`; it may be sent later.
+    code : int
+        What MARKED repeats, 0 to 65535.
+    """
+
+    sample_index: int
+    code: int = 0
+
+
+@dataclass(frozen=True)
 class Rate:
     """A sample rate of the device, and its modes at that rate."""
 
@@ -228,6 +246,8 @@ class CapabilitiesReport:
         1 to 8 sample rates.
     guard_ticks : int
         Output samples that a revision must begin ahead of the output; 0 if it takes none.
+    takes_marks : bool
+        Whether it takes MARK, and has a digital line for it.
     """
 
     oldest_version: int
@@ -246,6 +266,7 @@ class CapabilitiesReport:
     reports_touch: bool
     rates: tuple[Rate, ...] = field(default_factory=tuple)
     guard_ticks: int = 16
+    takes_marks: bool = False
 
 
 @dataclass(frozen=True)
@@ -317,8 +338,29 @@ class TouchReport:
     phase: TouchPhase
 
 
-HostMessage = Hello | Setup | Arm | StreamSamples | Revise | Stop | Ping
-DeviceMessage = CapabilitiesReport | StatusReport | FaultReport | TouchReport
+@dataclass(frozen=True)
+class MarkedReport:
+    """Device: a sample that was marked is on the output.
+
+    Parameters
+    ----------
+    clock_ticks : int
+        Time of its first output sample, at which the digital line rose, by the device's clock;
+        `NEVER` if it had been played when the MARK came.
+    sample_index, code : int
+        As in the MARK.
+    """
+
+    clock_ticks: int
+    sample_index: int
+    code: int
+
+
+#: Time of a mark that came too late.
+NEVER = 2**64 - 1
+
+HostMessage = Hello | Setup | Arm | StreamSamples | Revise | Stop | Ping | Mark
+DeviceMessage = CapabilitiesReport | StatusReport | FaultReport | TouchReport | MarkedReport
 Message = HostMessage | DeviceMessage
 
 #: Samples in a payload of 65535 bytes, behind a sample index of four.

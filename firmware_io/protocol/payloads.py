@@ -16,6 +16,8 @@ from firmware_io.protocol.messages import (
     DeviceState,
     FrameKind,
     Hello,
+    Mark,
+    MarkedReport,
     Message,
     Ping,
     Rate,
@@ -60,6 +62,8 @@ LAYOUTS: Mapping[int, Packing] = {
     FrameKind.TOUCH: Packing(
         TouchReport, struct.Struct("<QIIHBB"), {5: (TouchPhase, "touch phase")}
     ),
+    FrameKind.MARK: Packing(Mark, struct.Struct("<IH")),
+    FrameKind.MARKED: Packing(MarkedReport, struct.Struct("<QIH")),
 }
 _KINDS = {layout.message: FrameKind(kind) for kind, layout in LAYOUTS.items()}
 
@@ -103,10 +107,10 @@ def _write_capabilities(report: CapabilitiesReport) -> bytes:
             f"A device has 1 to {_MAX_RATES} sample rates, but {len(report.rates)} are given; "
             "correct the list."
         )
-    *numbers, name, serial, calibration_id, reports_touch, _, guard = vars(report).values()
+    *numbers, name, serial, calibration_id, touch, _, guard, marks = vars(report).values()
     texts = (_text_bytes(text) for text in (name, serial, calibration_id))
     head = LAYOUTS[FrameKind.CAPABILITIES].fields.pack(
-        *numbers, *texts, reports_touch, len(report.rates)
+        *numbers, *texts, touch | marks << 1, len(report.rates)
     )
     rates = (_RATE.pack(r.sample_rate_hz, sum(1 << mode for mode in r.modes)) for r in report.rates)
     return head + b"".join(rates) + _GUARD.pack(guard)
@@ -126,8 +130,9 @@ def _read_capabilities(payload: bytes, fields: struct.Struct) -> CapabilitiesRep
         for rate_hz, modes in _RATE.iter_unpack(payload[fields.size : rates_end])
     )
     texts = (_text(data) for data in (name, serial, calibration_id))
-    values: tuple[Any, ...] = (*numbers, *texts, bool(flags & 1), rates)
-    return CapabilitiesReport(*values, *_GUARD.unpack(guard))
+    ends = (bool(flags & 1), rates, *_GUARD.unpack(guard), bool(flags & 2))
+    values: tuple[Any, ...] = (*numbers, *texts, *ends)
+    return CapabilitiesReport(*values)
 
 
 def _text_bytes(text: str) -> bytes:

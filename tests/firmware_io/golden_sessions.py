@@ -31,8 +31,9 @@ BOARD = {
     "rates": [[8000, [0, 1]], [2000, [0, 1]]],
     "guard_ticks": 16,
 }
-HELLO, SETUP, ARM, STREAM, STOP, PING, REVISE = range(1, 8)
-CAPABILITIES, STATUS, FAULT = 0x81, 0x82, 0x83
+HELLO, SETUP, ARM, STREAM, STOP, PING, REVISE, MARK = range(1, 9)
+CAPABILITIES, STATUS, FAULT, MARKED = 0x81, 0x82, 0x83, 0x85
+NEVER = 2**64 - 1
 
 
 def crc16(data):
@@ -71,7 +72,8 @@ def sine(phase):
 class Session:
     """The steps of a session, with the numbers of both sides."""
 
-    def __init__(self, in_reports=False):
+    def __init__(self, in_reports=False, takes_marks=False):
+        self.board = BOARD | ({"takes_marks": True} if takes_marks else {})
         self.steps = []
         self.in_reports = in_reports
         self.sent = self.answered = 0
@@ -117,6 +119,9 @@ class Session:
     def revise(self, index, revision, codes):
         self.receive(REVISE, struct.pack(f"<IH{len(codes)}h", index, revision, *codes))
 
+    def mark(self, index, code, **how):
+        self.receive(MARK, struct.pack("<IH", index, code), **how)
+
     def transmit(self, *answers):
         data = b""
         for kind, payload in answers:
@@ -127,7 +132,8 @@ class Session:
     def capabilities(self):
         about = [*list(BOARD.values())[:10]]
         texts = [str(BOARD[name]).encode() for name in ("name", "serial", "calibration_id")]
-        payload = struct.pack("<BBHIIIIIHH16s16s16sHH", *about, *texts, 0, 2)
+        flags = 2 if self.board.get("takes_marks") else 0
+        payload = struct.pack("<BBHIIIIIHH16s16s16sHH", *about, *texts, flags, 2)
         self.transmit((CAPABILITIES, payload + struct.pack("<5I", 8000, 3, 2000, 3, 16)))
 
     def play(self, codes):
@@ -135,7 +141,7 @@ class Session:
 
     def text(self, about):
         steps = ",\n".join("  " + json.dumps(step) for step in self.steps)
-        head = f' "about": {json.dumps(about)},\n "board": {json.dumps(BOARD)},\n'
+        head = f' "about": {json.dumps(about)},\n "board": {json.dumps(self.board)},\n'
         return f'{{\n{head} "steps": [\n{steps}\n ]\n}}\n'
 
 
@@ -363,6 +369,51 @@ def revise():
     )
 
 
+def marked(clock, index, code):
+    return MARKED, struct.pack("<QIH", clock, index, code)
+
+
+def marks():
+    """Samples marked before they come, too late, and not played; too many marks."""
+    session = Session(takes_marks=True)
+    session.hello()
+    session.capabilities()
+    session.setup(rate_hz=2000, status_ms=0)
+    session.transmit(status(0, 0, 2, 0, 0, 0, 0, 0, 0))
+    session.receive(ARM)
+    session.transmit(status(1, 0, 3, 0, 0, 0, 0, 0, 0))
+    codes = [200 * n for n in range(20)]
+    session.mark(3, 0x1234)
+    session.mark(0, 1)
+    session.stream(0, codes)
+    session.mark(3, 2)  # of a sample that is marked already
+    session.play([0] * LEAD + lines(codes[:10], 4)[:-1])
+    # The line to a sample begins 4 output samples before it stands.
+    clock = LEAD + 40 - 1
+    session.transmit(marked(LEAD + 12, 3, 0x1234), marked(LEAD, 0, 1), marked(LEAD + 12, 3, 2))
+    session.mark(9, 7)  # its line has begun
+    session.mark(15, 8)
+    session.transmit(marked(NEVER, 9, 7))
+    session.receive(STOP)  # before sample 15
+    session.transmit(status(3, 0, 10, 0, 0, 10, 0, 0, clock))
+    level = lines(codes[:10], 4)[-2]
+    session.play([*ramp(level), 0])
+    clock += RAMP + 1
+    session.transmit(status(0, 0, 10, 0, 0, 10, 0, 0, clock))
+    session.mark(0, 1)
+    session.transmit(fault(7, 10, 0, 0, clock))
+    # Eight wait, and no more; sequences while disarmed are free.
+    session.receive(ARM, sequence=10)
+    session.transmit(status(1, 0, 11, 0, 0, 0, 0, 1, clock))
+    for n in range(9):
+        session.mark(100 + n, n)
+    session.transmit(fault(14, 19, 0, 1, clock))
+    return session.text(
+        "What a board of this description plays and answers when samples are marked: before they "
+        "come, too late, thrown away, too many. Made by tests/firmware_io/golden_sessions.py."
+    )
+
+
 def samples(kind, sequence, index, codes, mode=0, revision=None):
     head = struct.pack("<I", index) + (b"" if revision is None else struct.pack("<H", revision))
     fields = {"sample_index": index, "mode": mode, "codes": codes}
@@ -419,13 +470,22 @@ def frames():
         row(STOP, 9, "<", {}),
         row(PING, 10, "<I", {"token": 3735928559}),
         samples(REVISE, 11, 4294967290, [-2, 258], 1, 65534),
+        row(MARK, 12, "<IH", {"sample_index": 4294967290, "code": 65534}),
         (kind, number, fields, told, 0),
         row(STATUS, 1, "<BBHIIIIIIQHHi", named((*state, "margin_samples"), *played)),
         row(FAULT, 2, "<BBHIIQ", named(cause, 12, 0, 7, 180_000, 180_007, 123_456_789)),
+        row(
+            MARKED,
+            4,
+            "<QIH",
+            {"clock_ticks": 1099511627781, "sample_index": 480, "code": 258},
+        ),
         row(0x84, 3, "<QIIHBB", named(touch, 48_000, 60_000, 20_000, 500, 1, 2)),
     ]
-    names = dict(enumerate(("HELLO", "SETUP", "ARM", "STREAM", "STOP", "PING", "REVISE"), 1))
-    names |= dict(enumerate(("CAPABILITIES", "STATUS", "FAULT", "TOUCH"), 0x81))
+    names = dict(
+        enumerate(("HELLO", "SETUP", "ARM", "STREAM", "STOP", "PING", "REVISE", "MARK"), 1)
+    )
+    names |= dict(enumerate(("CAPABILITIES", "STATUS", "FAULT", "TOUCH", "MARKED"), 0x81))
     lines = [
         json.dumps(
             {
@@ -444,6 +504,7 @@ SESSIONS = {
     "frames": frames,
     "session-edges": edges,
     "session-envelope": envelope,
+    "session-marks": marks,
     "session-revise": revise,
     "session-waveform": waveform,
 }

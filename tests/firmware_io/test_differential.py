@@ -43,6 +43,7 @@ class Pair:
             queue_samples=int(rng.choice([300, 2000])),
             rates=tuple(Rate(rate, BOTH) for rate in self.rates_hz),
         )
+        self.board = board
         self.cores = [open_core(board, which) for which in ("c", "python")]
         self.sequence = self.index = 0
         self.setup = None

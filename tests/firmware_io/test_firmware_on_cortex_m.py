@@ -29,7 +29,8 @@ def c_header(session):
         "typedef struct { step_kind kind; uint32_t count; const uint8_t *bytes;"
         " const int16_t *codes; } step;",
         f"static const hx_config config = {{{', '.join(str(board[n]) for n in numbers)},"
-        f" {int(board['reports_touch'])}, {len(board['rates'])}, {{{rates}}}, {texts},"
+        f" {board['reports_touch'] | board.get('takes_marks', False) << 1},"
+        f" {len(board['rates'])}, {{{rates}}}, {texts},"
         f" {board['guard_ticks']}}};",
     ]
     steps = []

@@ -21,6 +21,7 @@ from firmware_io.protocol import (
     Frame,
     FrameParser,
     Hello,
+    Mark,
     Ping,
     Rate,
     Setup,
@@ -38,6 +39,7 @@ BOTH = frozenset(StreamMode)
 BOARD = CapabilitiesReport(
     *(2, 2, 64, 16_000, 25_000, 20_000, 2_600_000, 300, 120, 60),
     *("fuzzed", "1", "", True, (Rate(16_000, BOTH), Rate(4_000, BOTH))),
+    takes_marks=True,
 )
 TOP = 26213
 WATCHDOG_TICKS = 60 * 16
@@ -84,6 +86,7 @@ talk = st.one_of(
     st.tuples(st.just("say"), good_setups | setups | st.builds(Stop) | st.builds(Ping, st.just(7))),
     st.tuples(st.just("say"), st.builds(Hello, st.sampled_from([2, 3]), st.sampled_from([2, 9]))),
     st.tuples(st.just("say"), st.builds(Arm)),
+    st.tuples(st.just("say"), st.builds(Mark, st.integers(0, 300), st.integers(0, 9))),
     st.tuples(st.just("stream"), codes),
     st.tuples(st.just("stream"), codes),
     st.tuples(st.just("play"), st.integers(0, 50) | st.sampled_from([100, 1000, 2000])),

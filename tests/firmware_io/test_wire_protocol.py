@@ -29,6 +29,8 @@ from firmware_io.protocol import (
     Frame,
     FrameParser,
     Hello,
+    Mark,
+    MarkedReport,
     Ping,
     Rate,
     Revise,
@@ -116,12 +118,14 @@ def from_golden(golden):
             "STATUS": StatusReport,
             "FAULT": FaultReport,
             "TOUCH": TouchReport,
+            "MARK": Mark,
+            "MARKED": MarkedReport,
         }
         enums = {
             "mode": StreamMode,
             "state": DeviceState,
             "fault": FaultCode,
-            "code": FaultCode,
+            **({"code": FaultCode} if golden["kind"] == "FAULT" else {}),
             "phase": TouchPhase,
         }
         for name in enums.keys() & values.keys():
