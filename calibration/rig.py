@@ -8,6 +8,7 @@ reading of the volts do.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from datetime import UTC, date, datetime
 from math import hypot, isfinite, log, sqrt
 from typing import Annotated, Self
 
@@ -54,6 +55,8 @@ class RigCheck(Document):
         quality; None where none is seen.
     instruments : tuple of str
         What was known: the weight, the voltmeter.
+    measured_on : date or None
+        Day of the check.
     """
 
     normal_gain: float
@@ -65,6 +68,7 @@ class RigCheck(Document):
     resonance_hz: PositiveFloat | None = None
     quality: Annotated[float | None, Field(gt=0)] = None
     instruments: tuple[str, ...] = ()
+    measured_on: date | None = None
 
     @model_validator(mode="after")
     def _is_finite(self) -> Self:
@@ -91,6 +95,12 @@ class RigCheck(Document):
         if self._volts < 0:
             found.append("voltage_gain: expected a ratio of amplitudes, above 0")
         return found
+
+    def days_from(self, day: date | None) -> int:
+        """Days between the check and `day`; 0 where either is not known."""
+        if self.measured_on is None or day is None:
+            return 0
+        return abs((self.measured_on - day).days)
 
     def sensor(self) -> dict[str, tuple[float, float]]:
         """Value and spread of each of `calibration.parameters.PER_RIG`; empty without a tap."""
@@ -185,7 +195,13 @@ def measure_rig(
         resonance_hz=response.resonance_hz,
         quality=response.quality,
         instruments=tuple(known),
+        measured_on=today(),
     )
+
+
+def today() -> date:
+    """Day of a check that is made now."""
+    return datetime.now(UTC).date()
 
 
 def _amplitude(signals: Mapping[str, Array], stroke: Stroke) -> float:

@@ -118,7 +118,7 @@ def stated(
     tap: Path | None,
 ) -> RigCheck:
     """Check a rig by readings that a person has written down."""
-    from calibration.rig import RigCheck
+    from calibration.rig import RigCheck, today
     from calibration.tap import tap_response
     from haptix.files import read_csv
 
@@ -151,4 +151,5 @@ def stated(
         voltage_gain=voltmeter / monitor,
         **bandwidth,
         instruments=(f"weight: {weight_n:g} N", "voltmeter"),
+        measured_on=today(),
     )

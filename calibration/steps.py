@@ -185,7 +185,7 @@ def verify_folder(
         make = partial(calibrated_screen, believed, fit, finger=measured)
         make(None, predictor, *by_whom, assumed).save(session.folder / SCREEN)
         written = StrokePredictor(profile_model(session.folder))
-        found = verify(fit, reduced, written, tolerance_thresholds, rig)
+        found = verify(fit, reduced, written, tolerance_thresholds, rig, by_whom[2])
         screen = make(found, predictor, *by_whom, assumed)
         screen.save(session.folder / SCREEN)
     else:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import date
 from math import hypot, isfinite
 from typing import Literal, Self
 
@@ -28,6 +29,9 @@ from haptix.perception import WEBER_FRACTION
 
 TOLERANCE_THRESHOLDS = 0.5
 """Largest error of friction that passes, its uncertainty included [JND]."""
+
+RIG_HOLDS_DAYS = 31
+"""A rig checked longer before or after its strokes is not known: cables and gains are changed."""
 
 FEWEST_HELD_OUT = 4
 FEWEST_OF_GROUP = 2
@@ -209,13 +213,15 @@ def verify(
     predictor: StrokePredictor,
     tolerance_thresholds: float = TOLERANCE_THRESHOLDS,
     rig: RigCheck | None = None,
+    measured_on: date | None = None,
 ) -> Verification:
     """Predict the held-out strokes, compare, and test for equivalence.
 
     It fails where a group's mean error, its uncertainty included, may be above the tolerance, where
     the fit's own uncertainty of friction is, where fewer than four strokes were kept out, or where
     the strokes do not determine the screen's insulator. It is provisional without a `rig` check of
-    forces and volts, and where no two held-out strokes are at the carrier.
+    forces and volts, with one that lies more than `RIG_HOLDS_DAYS` from the strokes of
+    `measured_on`, and where no two held-out strokes are at the carrier.
     """
     sensor = {name: fit.best(name) for name in PER_RIG if name in fit.names}
     predicted = HeldOutStroke.predicted(reduced.held_out, predictor, sensor)
@@ -267,6 +273,11 @@ def verify(
         untested.append(_gains_not_checked(rows, predictor, rig))
     if rig is not None:
         failures += rig.faults()
+        if (days := rig.days_from(measured_on)) > RIG_HOLDS_DAYS:
+            untested.append(
+                f"the rig on the day of the strokes: it was checked on {rig.measured_on}, "
+                f"{days} days away; repeat `haptix calibrate rig`"
+            )
     if rows and not any(one.group == "at the carrier" for one in groups):
         untested.append(f"the carrier: no two held-out strokes near {CARRIER_HZ:g} Hz")
     return Verification(

@@ -127,6 +127,12 @@ def test_what_was_not_tested_makes_the_verdict_provisional(fit, strokes, written
     # A weight alone says nothing of an amplifier that is weak behind its monitor.
     found = verify(fit, strokes, written, rig=RIGHT.replace(voltage_gain=None))
     assert found.verdict == "provisional"
+    day = date(2026, 3, 1)
+    for days, verdict in ((0, "passed"), (31, "passed"), (-32, "provisional")):
+        checked = RIGHT.replace(measured_on=day + timedelta(days=days))
+        aged = verify(fit, strokes, written, rig=checked, measured_on=day)
+        assert aged.verdict == verdict
+    assert "2026-01-28" in aged.untested[0] and "32 days" in aged.untested[0]
     assert "no second reading" in found.untested[0]
     slow = [replace(p, frequency_hz=min(p.frequency_hz, 125.0)) for p in strokes.held_out]
     found = verify(fit, Reduced((*strokes.used, *slow)), written, rig=RIGHT)
