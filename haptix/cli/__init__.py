@@ -56,6 +56,10 @@ COMMANDS = {
         "haptix.cli.scenes:tradeoff",
         "Measure error, build time, query time and memory of many ways to build a scene's surface.",
     ),
+    "campaign": (
+        "haptix.cli.campaign:campaign",
+        "Do many independent tasks: surfaces of many people and screens, calibrations, and more.",
+    ),
     "material": ("haptix.cli.materials:app", "Materials: what a surface feels like, as documents."),
     "stimuli": (
         "haptix.cli.stimuli:app",

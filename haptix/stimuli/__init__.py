@@ -1,5 +1,6 @@
 """Offline stimuli: signals, sets, files, and the methods that choose among them."""
 
+from haptix.campaign.population import Population
 from haptix.signals.in_time import Chirp, Points, Pulse, Ramp, Recorded, Sine, Square, Step
 from haptix.signals.signal import (
     Concatenation,
@@ -22,7 +23,7 @@ from haptix.stimuli.along_path import (
     grating,
     relief,
 )
-from haptix.stimuli.apparatus import Apparatus, Population
+from haptix.stimuli.apparatus import Apparatus
 from haptix.stimuli.making import SetResult, StimulusSet, check_manifest
 from haptix.stimuli.of_material import MaterialSignal
 from haptix.stimuli.rendering import Rendering

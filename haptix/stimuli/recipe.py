@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PositiveFloat, model_validator
 
+from haptix.campaign.population import Drawn, Population
 from haptix.documents import Document, Part
 from haptix.errors import InputError
 from haptix.finger import Finger
@@ -14,7 +15,6 @@ from haptix.materials.material import in_folder
 from haptix.perception import Perception
 from haptix.screen import Screen
 from haptix.signals.audio import Container, Encoding
-from haptix.stimuli.apparatus import Population
 from haptix.stimuli.designs import (
     constant_stimuli,
     equal_friction,
@@ -90,12 +90,10 @@ Design = Annotated[
 ]
 
 
-class PopulationTable(Part):
+class PopulationTable(Drawn):
     """Table of a recipe: how its fingers differ."""
 
     size: Annotated[int, Field(le=1000)]  # each has a surface of its own
-    seed: int = 0
-    spread: dict[str, float]
 
 
 class TrialsTable(Part):

@@ -6,13 +6,14 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from firmware_io.limits import BODY_CAPACITANCE_F, DriveLimits
+from haptix.campaign.population import Population
 from haptix.checks import Positive, check_fields, choice
 from haptix.errors import InputError, LimitError
 from haptix.finger import Finger
 from haptix.perception import Perception
 from haptix.screen import Screen
 from haptix.signals.audio import Container, Encoding, check_format
-from haptix.stimuli.apparatus import Apparatus, Population
+from haptix.stimuli.apparatus import Apparatus
 from haptix.stimuli.stimulus import Stimulus
 from haptix.stimuli.trials import TrialPlan
 

@@ -1,0 +1,154 @@
+"""What a campaign is: a document that expands to tasks, each a pure function of its document."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Self
+
+from pydantic import Field
+
+from haptix.documents import Document
+from haptix.errors import FileFormatError, InputError
+from haptix.files import Content, file_at, read_json, read_toml
+from haptix.version import __version__
+
+# Where each kind stands; a plan may also name a class of an installed module, as "module:Class".
+KINDS = {
+    "surfaces": "haptix.campaign.surfaces:Surfaces",
+}
+
+Value = str | float | int | bool | None
+
+
+@dataclass(frozen=True)
+class Task:
+    """One task of a campaign.
+
+    Parameters
+    ----------
+    kind : str
+        Name of the kind whose `Campaign.run` does it.
+    document : mapping
+        Plain values: with the version of haptix, all that its results depend on.
+    labels : mapping
+        What people know it by, for the table; no result depends on them.
+    """
+
+    kind: str
+    document: Mapping[str, Any]
+    labels: Mapping[str, Value] = field(default_factory=dict)
+
+    @cached_property
+    def key(self) -> str:
+        """SHA-256 of kind, document and version: the name of its results."""
+        text = json.dumps([__version__, self.kind, self.document], sort_keys=True, allow_nan=False)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a task leaves.
+
+    Parameters
+    ----------
+    row : mapping
+        Its numbers, for the table.
+    files : mapping
+        Its files by name: bytes, text, or a function that writes to a path.
+    measured : mapping
+        Numbers that differ from run to run, such as times: kept with the costs of the task, not
+        among its results.
+    """
+
+    row: Mapping[str, Value]
+    files: Mapping[str, Content] = field(default_factory=dict)
+    measured: Mapping[str, Value] = field(default_factory=dict)
+
+
+class Campaign(Document):
+    """A plan of many tasks; each kind is a subclass.
+
+    Parameters
+    ----------
+    name : str
+        Name of the campaign.
+    kind : str
+        Which tasks these are: a name of `KINDS`, or ``module:Class``.
+    folder : Path
+        Folder to which paths are relative: that of the file, or the current one.
+    """
+
+    shown: ClassVar[tuple[str, ...]] = ()
+    """Columns of the table whose distributions the report draws."""
+    maps: ClassVar[tuple[tuple[str, str], ...]] = ()
+    """Pairs of columns that the report draws against each other."""
+
+    name: Annotated[str, Field(min_length=1)]
+    kind: str
+    folder: Annotated[Path, Field(exclude=True)] = Path()
+
+    @abstractmethod
+    def tasks(self) -> Iterator[Task]:
+        """Yield the tasks, the same ones in the same order each time."""
+
+    @staticmethod
+    @abstractmethod
+    def run(document: Mapping[str, Any]) -> Outcome:
+        """Do one task: a pure function of its document."""
+
+    @staticmethod
+    def needed_bytes(document: Mapping[str, Any]) -> int:
+        """Memory that a task needs beside the process itself."""
+        return 500_000_000
+
+    @classmethod
+    def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
+        if "folder" in fields:
+            raise InputError("folder: a file has none; its paths are relative to the file")
+        return cls(**fields, folder=folder)
+
+
+def kind_named(name: str) -> type[Campaign]:
+    """Return the class of a kind.
+
+    Raises
+    ------
+    InputError
+        If there is no such kind, or its module is not installed.
+    """
+    module, _, attribute = KINDS.get(name, name).partition(":")
+    known = f"one of {', '.join(KINDS)}, or an installed module:Class"
+    if not attribute:
+        raise InputError(f"kind: expected {known}, got {name!r:.80}")
+    try:
+        found = getattr(import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"kind: expected {known}, got {name!r:.80}: {error}") from None
+    if not (isinstance(found, type) and issubclass(found, Campaign)):
+        raise InputError(f"kind: expected {known}, got {name!r:.80}, which is no Campaign")
+    return found
+
+
+def load_campaign(path: str | Path) -> Campaign:
+    """Read a campaign's file, whatever its kind.
+
+    Raises
+    ------
+    HaptixError
+        If the file cannot be read, or is no campaign; the message says what is wrong.
+    """
+    path = file_at("path", path)
+    fields = read_json(path) if path.suffix == ".json" else read_toml(path)
+    if not isinstance(kind := fields.get("kind"), str):
+        raise FileFormatError(
+            f"{path}: expected a campaign, whose kind is one of {', '.join(KINDS)}, "
+            f"got {kind!r:.40}"
+        )
+    return kind_named(kind).load(path)

@@ -1,0 +1,114 @@
+"""A population: fingers, and how they were drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from haptix.checks import positive, whole
+from haptix.documents import Part
+from haptix.errors import InputError
+from haptix.finger import Finger
+
+
+class Drawn(Part):
+    """People around each finger, see `Population.around`.
+
+    Parameters
+    ----------
+    size : int
+        People around each finger.
+    seed : int
+        Seed of the draw.
+    spread : mapping
+        Standard deviation of the logarithm, by field of the finger.
+    """
+
+    size: int
+    seed: int = 0
+    spread: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Population:
+    """Fingers, and how they were drawn.
+
+    Parameters
+    ----------
+    fingers : tuple of Finger
+        All of them.
+    statement : str
+        The spread and its origin, for sidecars.
+    """
+
+    fingers: tuple[Finger, ...]
+    statement: str
+
+    def __post_init__(self) -> None:
+        if not self.fingers:
+            raise InputError("fingers: expected one or more")
+
+    @classmethod
+    def around(
+        cls, finger: Finger, size: int, spread: Mapping[str, float], seed: int
+    ) -> Population:
+        """Draw fingers whose fields vary by equal ratios (log-normally), independently.
+
+        Parameters
+        ----------
+        finger : Finger
+            The median of every field.
+        size, seed : int
+            Number of fingers, 2 or more, and seed of the draw.
+        spread : mapping
+            Standard deviation of the logarithm, by field: ``{"youngs_modulus_pa": 0.3,
+            "roughness.h_rms_m": 0.1}``. There is no default.
+        """
+        fingers = tuple(one for one, _ in cls.draw(finger, size, spread, seed))
+        widths = ", ".join(f"{name} {width:g}" for name, width in sorted(spread.items()))
+        return cls(
+            fingers,
+            f"{size} fingers around {finger.name!r}, log-normal with standard deviations of the "
+            f"logarithm {widths}; seed {seed}",
+        )
+
+    @staticmethod
+    def draw(
+        finger: Finger, size: int, spread: Mapping[str, float], seed: int
+    ) -> Iterator[tuple[Finger, dict[str, float]]]:
+        """Yield the fingers of `around` one by one, with the ratio of each field to its median."""
+        whole("size", size, 2)
+        if not spread:
+            raise InputError("spread: expected the spread of one field of the finger or more")
+        spread = dict(sorted(spread.items()))
+        for name, value in spread.items():
+            positive(f"spread.{name}", value)
+            _get(finger, name)
+        generator = np.random.default_rng(seed)
+        for _ in range(size):
+            one, ratios = finger, {}
+            for name, width in spread.items():
+                ratios[name] = float(np.exp(width * generator.standard_normal()))
+                one = _scaled(one, name, ratios[name])
+            yield one, ratios
+
+
+def _get(finger: Finger, name: str) -> float:
+    value: Any = finger
+    for part in name.split("."):
+        value = getattr(value, part, None)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"spread.{name}: {finger.name!r} has no such number")
+    return float(value)
+
+
+def _scaled(finger: Finger, name: str, ratio: float) -> Finger:
+    value = _get(finger, name) * ratio
+    if "." not in name:
+        return finger.replace(**{name: value})
+    part, field = name.split(".", 1)
+    inner = getattr(finger, part)
+    return finger.replace(**{part: {**inner.model_dump(), field: value}})

@@ -1,0 +1,231 @@
+"""Run a campaign: what is missing is done, what is finished is left alone."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor, CancelledError, Executor
+from dataclasses import dataclass
+from os import cpu_count
+from pathlib import Path
+from typing import Any
+
+from haptix.campaign.kinds import Campaign, Task
+from haptix.campaign.ledger import Ledger
+from haptix.campaign.report import report_html
+from haptix.campaign.store import Store, store_at
+from haptix.campaign.worker import do, identity
+from haptix.errors import HaptixError, InputError
+from haptix.executors import Here, executor_of, finished
+from haptix.version import __version__
+
+_MOST_LOST = 6  # times that an executor may lose a task that never began
+_TABLE_EVERY_S = 60.0
+
+
+@dataclass(frozen=True)
+class Seen:
+    """How far a campaign is."""
+
+    total: int
+    """Tasks in all."""
+    counts: Counter[str]
+    """Tasks by status; what has not begun is "waiting"."""
+    seconds_left: float | None
+    """From the costs measured so far; None before the first."""
+
+
+Progress = Callable[[Seen], None]
+
+
+@dataclass(frozen=True)
+class CampaignResult:
+    """A campaign that was run."""
+
+    where: str
+    """Folder or URL."""
+    rows: tuple[dict[str, Any], ...]
+    """The table: labels, numbers, status, costs and key of each task."""
+    counts: Counter[str]
+    """Tasks by status."""
+    reused: int
+    """Tasks that an earlier run had finished."""
+
+
+def run_campaign(
+    campaign: Campaign,
+    where: str | Path,
+    executor: Any = None,
+    on_progress: Progress = lambda seen: None,
+    again: bool = False,
+    most: int | None = None,
+) -> CampaignResult:
+    """Do the tasks of a campaign that are not done yet.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The plan.
+    where : str or Path
+        Folder, or a URL of fsspec such as ``s3://bucket/campaign``.
+    executor : concurrent.futures.Executor or Dask client, optional
+        Where tasks are done; without it in this process, one after the other. Its workers must
+        have this haptix and reach `where`.
+    on_progress : callable
+        Called with a `Seen` after each task.
+    again : bool
+        Also do those again that failed or were set aside.
+    most : int, optional
+        End after so many tasks, as a measurement of costs does.
+
+    Raises
+    ------
+    InputError
+        If `where` belongs to another version, is in use, or cannot be written: a full disk. The
+        same call goes on from there.
+    HaptixError
+        If the executor's workers are lost, or have another version.
+    """
+    store, own = store_at(where), identity()
+    with store.held():
+        _begin(store, campaign, own)
+        ledger = Ledger.of(store, campaign, again)
+        reused = ledger.counts["done"]
+        total = len(ledger.rows)
+        began, ended = time.monotonic(), 0
+        written = began
+        workers = _workers(executor, store)
+        try:
+            for _ in _records(store, campaign, ledger, workers, most):
+                ended += 1
+                now = time.monotonic()
+                left = ledger.counts["waiting"] + ledger.counts["in work"]
+                on_progress(Seen(total, ledger.counts, left * (now - began) / ended))
+                if now - written > _TABLE_EVERY_S:
+                    written = now
+                    store.write("table.csv", ledger.csv().encode())
+        finally:
+            ledger.let_go()
+            if ended or store.read("table.csv") is None:
+                _conclude(store, campaign, ledger)
+    return CampaignResult(store.where, tuple(ledger.table()), ledger.counts, reused)
+
+
+def _begin(store: Store, campaign: Campaign, own: dict[str, str]) -> None:
+    """Write what this campaign is, or check that it is of this version."""
+    known = store.read_table("campaign.json")
+    before = (known or {}).get("identity", own)
+    other = [
+        f"{name} {before.get(name)} (here {own[name]})"
+        for name in own
+        if before.get(name) != own[name]
+    ]
+    if other:
+        raise InputError(
+            f"{store.where}: expected a campaign of this haptix, got one begun with "
+            f"{', '.join(other)}; name another --out, since its results may differ"
+        )
+    plan = campaign.model_dump(mode="json", exclude_none=True)
+    try:
+        store.write_table(
+            "campaign.json",
+            {"haptix": __version__, "identity": own, "plan": plan},
+        )
+    except OSError as error:
+        raise InputError(f"cannot write to {store.where}: {error.strerror or error}") from None
+
+
+def _workers(executor: Any, store: Store) -> Executor:
+    """Return what tasks are done on, its workers checked where they are elsewhere."""
+    if hasattr(executor, "get_executor"):  # a Dask client
+        from haptix.campaign.cluster import DaskWorkers
+
+        executor = DaskWorkers(executor)
+    if hasattr(executor, "expect"):
+        executor.expect(store.where)
+    return executor_of(executor)
+
+
+class _Waiting:
+    """The tasks that are to be done, as texts for `do`; some may come back."""
+
+    def __init__(self, store: Store, campaign: Campaign, ledger: Ledger, most: int | None) -> None:
+        self._where, self._ledger = store.where, ledger
+        self._tasks, self._most = self._new(campaign), most
+        self.again: deque[tuple[str, str]] = deque()
+        self.keys: dict[str, str] = {}
+
+    def _new(self, campaign: Campaign) -> Iterator[Task]:
+        for task in campaign.tasks():
+            if self._ledger.take(task.key):
+                yield task
+
+    def __iter__(self) -> Iterator[str]:
+        return self
+
+    def __next__(self) -> str:
+        if self.again:
+            key, text = self.again.popleft()
+        else:
+            if self._most == 0:
+                raise StopIteration
+            task = next(self._tasks)
+            if self._most is not None:
+                self._most -= 1
+            key = task.key
+            text = json.dumps(
+                {"where": self._where, "key": key, "kind": task.kind, "document": task.document}
+            )
+        self.keys[text] = key
+        return text
+
+
+def _records(
+    store: Store,
+    campaign: Campaign,
+    ledger: Ledger,
+    executor: Executor,
+    most: int | None,
+) -> Iterator[None]:
+    """Do tasks, and enter each into the ledger as it ends."""
+    waiting, lost = _Waiting(store, campaign, ledger, most), Counter[str]()
+    alone = 1 if isinstance(executor, Here) else 2 * (cpu_count() or 1)
+    try:
+        for text, future in finished(
+            executor, do, waiting, lambda: getattr(executor, "at_once", alone)
+        ):
+            key = waiting.keys.pop(text)
+            try:
+                record = json.loads(future.result())
+            except (BrokenExecutor, CancelledError) as error:
+                lost[key] += 1
+                if lost[key] < _MOST_LOST:
+                    waiting.again.append((key, text))
+                    continue
+                record = {
+                    "status": "set aside",
+                    "error": f"its worker ended {lost[key]} times, the last time with {error!r}",
+                }
+            if record["status"] == "not written":
+                raise InputError(
+                    f"cannot write to {store.where}: {record['error']}; finished tasks are kept, "
+                    "and the same command goes on"
+                )
+            ledger.enter(key, record)
+            yield
+    except BrokenExecutor as error:
+        raise HaptixError(
+            f"the executor has lost its workers ({error}); finished tasks are kept, and the same "
+            "call with a new one goes on"
+        ) from None
+
+
+def _conclude(store: Store, campaign: Campaign, ledger: Ledger) -> None:
+    """Write the table and the report."""
+    try:
+        store.write("table.csv", ledger.csv().encode())
+        store.write("report.html", report_html(campaign, ledger.table()).encode())
+    except OSError as error:
+        raise InputError(f"cannot write to {store.where}: {error.strerror or error}") from None

@@ -1,0 +1,184 @@
+"""What a worker does: one task, told and answered as JSON text.
+
+A worker knows everything by name and takes no code from a message. Before a task begins its record
+says so, and afterwards how it ended. A task that finds itself begun and never ended has cost a
+worker its life; after three of them it is set aside.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import socket
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+from haptix.campaign.kinds import Outcome, kind_named
+from haptix.campaign.store import Store, folder_of, record_of, store_at
+from haptix.errors import HaptixError
+from haptix.version import __version__
+
+MOST_DEATHS = 3
+"""Workers that a task may cost."""
+
+# Rooms that no result depends on.
+_NO_RESULT = {"cli", "service", "studio", "client"}
+
+_store = lru_cache(maxsize=4)(store_at)
+_begun: list[tuple[Store, str, dict[str, Any]]] = []  # the task that this process is doing
+
+
+def do(text: str) -> str:
+    """Do one task, and answer with its record.
+
+    Parameters
+    ----------
+    text : str
+        JSON: ``where``, ``key``, ``kind``, ``document``.
+
+    Returns
+    -------
+    str
+        JSON of the record: ``status`` ("done", "failed", "set aside" or "not written") and more;
+        of a task that is done also its ``row``.
+    """
+    from haptix.threads import one_thread
+
+    job = json.loads(text)
+    store, key = _store(job["where"]), str(job["key"])
+    name = record_of(key)
+    record = store.read_table(name) or {}
+    deaths = [*record.get("deaths", ())]
+    if record.get("status") == "begun":
+        deaths.append(str(record.get("worker")))
+    about: dict[str, Any] = {"worker": worker_name(), "deaths": deaths}
+    if len(deaths) >= MOST_DEATHS:
+        error = f"its worker died {len(deaths)} times: {', '.join(deaths)}"
+        return _ended(store, name, {**about, "status": "set aside", "error": error})
+    try:
+        store.write_table(name, {**about, "status": "begun"})
+    except (OSError, HaptixError) as error:
+        return _told({**about, "key": key, "status": "not written", "error": _said(error)})
+    _begun.append((store, name, {**about, "status": "stopped"}))
+    _forget_peak_memory()
+    began, began_cpu = time.perf_counter(), time.process_time()
+    try:
+        with one_thread():
+            found = kind_named(job["kind"]).run(job["document"])
+        about |= {
+            "seconds": time.perf_counter() - began,
+            "cpu_seconds": time.process_time() - began_cpu,
+            "peak_bytes": _peak_memory(),
+            **found.measured,
+        }
+    except Exception as error:  # whatever it is, it is this task's
+        _begun.clear()
+        return _ended(store, name, {**about, "status": "failed", "error": _said(error)})
+    try:
+        about["bytes"] = _publish(store, job, found)
+    except Exception as error:  # a full disk, or a place that is gone
+        _begun.clear()
+        if store.read(f"{folder_of(key)}/result.json") is None:
+            with suppress(Exception):
+                store.write_table(name, {**about, "status": "stopped"})
+            return _told({**about, "status": "not written", "error": _said(error)})
+    _begun.clear()
+    return _ended(store, name, {**about, "status": "done"}, dict(found.row))
+
+
+def _publish(store: Store, job: dict[str, Any], found: Outcome) -> int:
+    result = {
+        "kind": job["kind"],
+        "haptix": __version__,
+        "document": job["document"],
+        "row": dict(found.row),
+    }
+    return store.publish(job["key"], found.files, result)
+
+
+def _ended(
+    store: Store, name: str, record: dict[str, Any], row: dict[str, Any] | None = None
+) -> str:
+    with suppress(Exception):  # the results are what counts
+        store.write_table(name, record)
+    return _told(record if row is None else {**record, "row": row})
+
+
+def _told(record: dict[str, Any]) -> str:
+    return json.dumps(record)
+
+
+def _said(error: BaseException) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())[:1000]
+
+
+def release() -> None:
+    """Say of the task that this process is doing that it was stopped, and did not fail."""
+    for store, name, record in _begun:
+        with suppress(Exception):
+            store.write_table(name, record)
+
+
+def worker_name() -> str:
+    """Host and process of this worker."""
+    return f"{socket.gethostname()}:{os.getpid()}"
+
+
+def identity() -> dict[str, str]:
+    """Return what must be equal on all workers, for equal bytes."""
+    import numpy
+    import torch
+
+    return {
+        "haptix": __version__,
+        "code": code_digest(),
+        "torch": str(torch.__version__).partition("+")[0],
+        "numpy": numpy.__version__,
+        "processor": torch.backends.cpu.get_cpu_capability(),
+    }
+
+
+def differences(found: Mapping[str, Any], own: Mapping[str, str]) -> list[str]:
+    """Return what of `own` is another in `found`, as people read it."""
+    return [f"{k} {found.get(k)} (here {v})" for k, v in own.items() if found.get(k) != v]
+
+
+def as_seen_here(where: str) -> dict[str, str]:
+    """Return `identity`, and the hash of the campaign's own file as this process sees it."""
+    try:
+        data = _store(where).read("campaign.json")
+    except (OSError, HaptixError) as error:
+        seen = _said(error)
+    else:
+        seen = "no file" if data is None else hashlib.sha256(data).hexdigest()[:16]
+    return {**identity(), f"{where}/campaign.json": seen}
+
+
+@cache
+def code_digest() -> str:
+    """Hash of the source code of everything that results may depend on."""
+    code = hashlib.sha256()
+    package = Path(__file__).parents[1]
+    for file in sorted(package.rglob("*.py")):
+        if file.relative_to(package).parts[0] not in _NO_RESULT:
+            code.update(file.read_bytes())
+    return code.hexdigest()[:16]
+
+
+def _forget_peak_memory() -> None:
+    with suppress(OSError):  # Linux only
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def _peak_memory() -> int | None:
+    """Return the most memory [bytes] that this process had since `_forget_peak_memory`."""
+    with suppress(OSError):
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
+    return None

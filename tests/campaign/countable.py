@@ -1,0 +1,46 @@
+"""A kind of tasks for tests: cheap, and on demand slow, wrong or deadly."""
+
+import os
+import signal
+import time
+
+from haptix.campaign import Campaign, Outcome, Task
+
+
+class Countable(Campaign):
+    """Squares of numbers; some of them do harm."""
+
+    shown = ("square",)
+    maps = (("number", "square"),)
+
+    numbers: int
+    seconds: float = 0.0
+    file_bytes: int = 0
+    deadly: tuple[int, ...] = ()
+    wrong: tuple[int, ...] = ()
+    greedy: tuple[int, ...] = ()
+
+    def tasks(self):
+        for number in range(self.numbers):
+            document = {"number": number, "seconds": self.seconds, "file_bytes": self.file_bytes}
+            for harm in ("deadly", "wrong", "greedy"):
+                if number in getattr(self, harm):
+                    document[harm] = True
+            yield Task(self.kind, document, {"label": f"n{number}"})
+
+    @staticmethod
+    def run(document):
+        number = document["number"]
+        if document.get("deadly"):
+            os.kill(os.getpid(), signal.SIGKILL)
+        if document.get("wrong"):
+            raise ValueError(f"no square of {number}")
+        if document.get("greedy"):
+            bytearray(4_000_000_000)
+        end = time.monotonic() + document["seconds"]
+        while time.monotonic() < end:
+            time.sleep(0.001)
+        files = {}
+        if size := document["file_bytes"]:
+            files["numbers.bin"] = bytes((number + i) % 251 for i in range(size))
+        return Outcome({"number": number, "square": number**2}, files, {"slept": 1.0})

@@ -1,0 +1,259 @@
+"""Campaigns in this process and on processes of this machine."""
+
+import csv
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from haptix.campaign import load_campaign, run_campaign
+from haptix.campaign.processes import Processes
+from haptix.campaign.report import report_html
+from haptix.errors import HaptixError, InputError
+from tests.campaign.countable import Countable
+
+KIND = "tests.campaign.countable:Countable"
+
+
+def plan(**fields):
+    return Countable(name="squares", kind=KIND, **fields)
+
+
+@pytest.fixture(autouse=True)
+def pages(monkeypatch, request):
+    """Reports without pictures, which take half a second each; tests of pictures ask for them."""
+    if "pictures" not in request.fixturenames:
+        monkeypatch.setattr("haptix.campaign.run.report_html", lambda campaign, rows: "page")
+
+
+@pytest.fixture
+def pictures():
+    """Reports with pictures."""
+
+
+def results(folder):
+    """Hashes of everything under results/, by path."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.glob("results/**/*"))
+        if path.is_file()
+    }
+
+
+def test_each_task_leaves_its_result_and_a_row(tmp_path, pictures):
+    seen = []
+    done = run_campaign(plan(numbers=4, file_bytes=10), tmp_path, on_progress=seen.append)
+    assert [(row["label"], row["square"], row["status"]) for row in done.rows] == [
+        (f"n{n}", n * n, "done") for n in range(4)
+    ]
+    assert done.counts["done"] == 4 and done.reused == 0
+    assert len(seen) == 4 and seen[-1].seconds_left == 0
+    with (tmp_path / "table.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["square"] for row in rows] == ["0", "1", "4", "9"]
+    for row in rows:
+        folder = tmp_path / "results" / row["key"][:2] / row["key"]
+        result = json.loads((folder / "result.json").read_text())
+        data = (folder / "numbers.bin").read_bytes()
+        assert result["files"]["numbers.bin"]["sha256"] == hashlib.sha256(data).hexdigest()
+        assert result["row"] == {"number": int(row["number"]), "square": int(row["square"])}
+        assert float(row["seconds"]) >= 0 and row["worker"].endswith(str(os.getpid()))
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("<img") == 3 and "squares" in page
+
+
+def test_what_is_finished_is_not_done_again_and_a_longer_plan_goes_on(tmp_path):
+    run_campaign(plan(numbers=3), tmp_path)
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("results/*/*/*")}
+    done = run_campaign(plan(numbers=5), tmp_path)
+    assert done.reused == 3 and done.counts["done"] == 5
+    assert all(path.stat().st_mtime_ns == at for path, at in before.items())
+
+
+def test_a_damaged_result_is_made_again(tmp_path):
+    run_campaign(plan(numbers=2), tmp_path)
+    whole = results(tmp_path)
+    victim = next(tmp_path.glob("results/*/*/result.json"))
+    victim.write_bytes(b"\0" * 50)  # as a power cut leaves it
+    assert run_campaign(plan(numbers=2), tmp_path).reused == 1
+    assert results(tmp_path) == whole
+
+
+def test_what_fails_has_its_reason_and_is_done_again_only_when_asked(tmp_path):
+    first = run_campaign(plan(numbers=3, wrong=(1,)), tmp_path)
+    assert first.counts["failed"] == 1 and first.counts["done"] == 2
+    assert first.rows[1]["error"] == "ValueError: no square of 1"
+    assert "no square of 1" in report_html(plan(numbers=3), first.rows)
+    calls = []
+    run_campaign(plan(numbers=3, wrong=(1,)), tmp_path, on_progress=calls.append)
+    assert calls == []
+    run_campaign(plan(numbers=3, wrong=(1,)), tmp_path, on_progress=calls.append, again=True)
+    assert len(calls) == 1
+
+
+class Killed(BaseException):
+    """As the death of the process: nothing after it is done."""
+
+
+def test_a_task_that_never_ends_is_set_aside_after_three_times(tmp_path, monkeypatch):
+    real = Countable.run
+
+    def run(document):
+        if document["number"] == 1:
+            raise Killed
+        return real(document)
+
+    monkeypatch.setattr(Countable, "run", staticmethod(run))
+    for _ in range(3):
+        with pytest.raises(Killed):
+            run_campaign(plan(numbers=3), tmp_path)
+    done = run_campaign(plan(numbers=3), tmp_path)
+    assert [row["status"] for row in done.rows] == ["done", "set aside", "done"]
+    assert "its worker died 3 times" in done.rows[1]["error"]
+    monkeypatch.setattr(Countable, "run", staticmethod(real))
+    assert run_campaign(plan(numbers=3), tmp_path).counts["set aside"] == 1
+    assert run_campaign(plan(numbers=3), tmp_path, again=True).counts["done"] == 3
+
+
+def test_processes_leave_the_same_bytes_as_this_one(tmp_path):
+    with Processes(1) as pool:
+        there = run_campaign(plan(numbers=4, wrong=(1,), file_bytes=7), tmp_path / "a", pool)
+    here = run_campaign(plan(numbers=4, wrong=(1,), file_bytes=7), tmp_path / "b")
+    assert there.counts == here.counts
+    assert len({row["worker"] for row in there.rows} | {here.rows[0]["worker"]}) == 2
+    assert results(tmp_path / "a") == results(tmp_path / "b")
+
+
+@pytest.mark.slow
+def test_a_deadly_task_is_set_aside_and_the_others_are_done_the_same(tmp_path):
+    with Processes(2) as pool:
+        hurt = run_campaign(plan(numbers=6, deadly=(2,), file_bytes=9), tmp_path / "hurt", pool)
+    assert hurt.counts["done"] == 5 and hurt.counts["set aside"] == 1
+    assert "its worker died 3 times" in hurt.rows[2]["error"]
+    assert len(set(hurt.rows[2]["error"].split(": ", 1)[1].split(", "))) == 3  # three workers
+    # In this process and in order: the same bytes.
+    alone = run_campaign(plan(numbers=6, wrong=(2,), file_bytes=9), tmp_path / "alone")
+    assert alone.counts["done"] == 5
+    assert results(tmp_path / "alone") == results(tmp_path / "hurt")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")
+def test_a_task_that_needs_more_memory_than_it_may_fails_alone(tmp_path):
+    with Processes(1, memory_bytes=500_000_000) as pool:
+        done = run_campaign(plan(numbers=3, greedy=(1,)), tmp_path, pool)
+    assert [row["status"] for row in done.rows] == ["done", "failed", "done"]
+    assert "MemoryError" in done.rows[1]["error"]
+
+
+def test_another_version_does_not_mix_its_results(tmp_path, monkeypatch):
+    run_campaign(plan(numbers=1), tmp_path)
+    monkeypatch.setattr("haptix.campaign.worker.code_digest", lambda: "other")
+    with pytest.raises(InputError, match=r"begun with code .* name another --out"):
+        run_campaign(plan(numbers=2), tmp_path)
+
+
+def test_two_at_once_are_refused(tmp_path):
+    class Second(Exception):
+        pass
+
+    def meanwhile(seen):
+        with pytest.raises(InputError, match="another campaign is at work"):
+            run_campaign(plan(numbers=1), tmp_path)
+        raise Second
+
+    with pytest.raises(Second):
+        run_campaign(plan(numbers=1), tmp_path, on_progress=meanwhile)
+
+
+def test_a_full_disk_stops_it_and_the_same_call_goes_on(tmp_path, monkeypatch):
+    from haptix.campaign import store
+
+    real, left = store.Folder.publish, [2]
+
+    def publish(self, *given):
+        left[0] -= 1
+        if left[0] < 0:
+            raise OSError(28, "No space left on device")
+        return real(self, *given)
+
+    monkeypatch.setattr(store.Folder, "publish", publish)
+    with pytest.raises(InputError, match=r"No space left.*same command goes on"):
+        run_campaign(plan(numbers=4), tmp_path)
+    monkeypatch.setattr(store.Folder, "publish", real)
+    done = run_campaign(plan(numbers=4), tmp_path)
+    assert done.reused == 2 and done.counts["done"] == 4
+    assert not any(row["deaths"] for row in done.rows)
+
+
+def start(folder, *options):
+    """The command, in a process group of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "haptix.cli", "campaign", str(folder / "plan.toml"),
+         "--out", str(folder / "out"), *options],
+        start_new_session=True, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def wait_for(condition, seconds=60):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kill", [signal.SIGKILL, signal.SIGINT])
+def test_a_client_that_is_stopped_leaves_no_process_and_goes_on(tmp_path, kill):
+    (tmp_path / "plan.toml").write_text(
+        f'name = "squares"\nkind = "{KIND}"\nnumbers = 8\nseconds = 0.3\nfile_bytes = 5\n'
+    )
+    out = tmp_path / "out"
+    command = start(tmp_path, "--processes", "1")
+    wait_for(lambda: len([*out.glob("results/*/*/result.json")]) >= 2)
+    [record] = [p for p in out.glob("runs/*/*.json") if "begun" in p.read_text()] or [None]
+    if record is None:
+        wait_for(lambda: any("begun" in p.read_text() for p in out.glob("runs/*/*.json")))
+    command.send_signal(kill)
+    said = command.communicate(timeout=60)[1]
+    if kill == signal.SIGINT:
+        assert command.returncode == 130 and "the same command goes on" in said
+    # The worker says that it was stopped, and ends.
+    wait_for(lambda: not any("begun" in p.read_text() for p in out.glob("runs/*/*.json")))
+    kept = len([*out.glob("results/*/*/result.json")])
+    done = run_campaign(load_campaign(tmp_path / "plan.toml"), out)
+    assert done.reused == kept and done.counts["done"] == 8
+    assert not any(row["deaths"] for row in done.rows)
+    whole = run_campaign(load_campaign(tmp_path / "plan.toml"), tmp_path / "whole")
+    assert whole.counts["done"] == 8 and results(out) == results(tmp_path / "whole")
+
+
+@pytest.mark.slow
+def test_an_executor_that_lost_its_workers_is_one_sentence(tmp_path):
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    with (
+        ProcessPoolExecutor(1, get_context("spawn")) as pool,
+        pytest.raises(HaptixError, match="lost its workers"),
+    ):
+        run_campaign(plan(numbers=2, deadly=(0,)), tmp_path, pool)
+
+
+def test_a_wrong_plan_is_one_sentence(tmp_path):
+    path = tmp_path / "plan.toml"
+    for text, why in (
+        ('name = "a"\n', "whose kind is one of surfaces"),
+        ('name = "a"\nkind = "surface"\n', "kind: expected one of surfaces"),
+        ('name = "a"\nkind = "os:system"\n', "no Campaign"),
+        ('name = "a"\nkind = "nowhere:Any"\n', "No module named 'nowhere'"),
+        ('name = "a"\nkind = "surfaces"\nscene = {}\nfinger = "wet"\n', r"finger: extra"),
+    ):
+        path.write_text(text)
+        with pytest.raises(HaptixError, match=why):
+            load_campaign(path)
