@@ -22,6 +22,7 @@ from haptix.version import __version__
 # Where each kind stands; a plan may also name a class of an installed module, as "module:Class".
 KINDS = {
     "surfaces": "haptix.campaign.surfaces:Surfaces",
+    "trade-off": "haptix.campaign.tradeoffs:Tradeoffs",
 }
 
 Value = str | float | int | bool | None

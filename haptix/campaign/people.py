@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, PositiveFloat
 
 from haptix.campaign.kinds import Campaign, Value
 from haptix.campaign.population import Drawn, Population
 from haptix.finger import Finger
+from haptix.scene import Scene
 from haptix.screen import Screen
 
 
@@ -53,3 +54,24 @@ class PeopleOnScreens(Campaign):
             people = Population.draw(finger, drawn.size, drawn.spread, drawn.seed)
             for number, (one, ratios) in enumerate(people):
                 yield one, {"finger": name, "person": number, **ratios}
+
+
+class ScenesOfPeople(PeopleOnScreens):
+    """A scene for every finger on every screen.
+
+    Parameters
+    ----------
+    scene : mapping
+        The fields of a `Scene` but finger, screen and name.
+    """
+
+    scene: dict[str, Any]
+
+    def scenes(self) -> Iterator[tuple[Scene, dict[str, Value]]]:
+        """Yield every scene, and how it is called."""
+        for finger, screen, labels in self.pairs():
+            name = (
+                f"{finger.name} on {screen.name}"  # not the campaign's: a result has no part in it
+            )
+            fields = {"name": name, **self.scene, "finger": finger, "screen": screen}
+            yield Scene(**fields, folder=self.folder), labels

@@ -6,30 +6,23 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
 from haptix.campaign.kinds import Outcome, Task
-from haptix.campaign.people import PeopleOnScreens
+from haptix.campaign.people import ScenesOfPeople
 from haptix.planning import plan_scene
-from haptix.scene import Scene
+from haptix.scene import Scene, plain_scene
 
 
-class Surfaces(PeopleOnScreens):
-    """A surface for every finger on every screen, as ``haptix build SCENE.toml`` makes it.
+class Surfaces(ScenesOfPeople):
+    """A surface for every finger on every screen, as ``haptix build SCENE.toml`` makes it."""
 
-    Parameters
-    ----------
-    scene : mapping
-        The fields of a `Scene` without finger, screen and name.
-    """
-
-    shown = ("mu_at_rest", "mu_span", "surface_bytes", "voltage_end_v")
-    maps = (("seconds", "error_max"), ("mu_at_rest", "mu_span"))
+    shown = ("mu_low", "mu_high", "mu_span", "surface_bytes")
+    maps = (("mu_low", "mu_high"), ("seconds", "error_max"))
 
     kind: Literal["surfaces"]
-    scene: dict[str, Any]
 
     def tasks(self) -> Iterator[Task]:
         """Yield a task for each finger on each screen."""
-        for finger, screen, labels in self.pairs():
-            yield Task(self.kind, scene_document(self, finger, screen), labels)
+        for scene, labels in self.scenes():
+            yield Task(self.kind, plain_scene(scene), labels)
 
     @staticmethod
     def run(document: Mapping[str, Any]) -> Outcome:
@@ -45,13 +38,3 @@ class Surfaces(PeopleOnScreens):
             "surface_bytes": surface.nbytes,
         }
         return Outcome(row, {"friction.surface": surface.save})
-
-
-def scene_document(plan: Any, finger: Any, screen: Any) -> dict[str, Any]:
-    """Return the document of a scene with this finger and screen; it names no file.
-
-    Textures and materials are left out, since no surface depends on them.
-    """
-    fields = {**plan.scene, "name": plan.name, "finger": finger, "screen": screen}
-    scene = Scene(**fields, folder=plan.folder)
-    return scene.model_dump(mode="json", exclude={"textures", "materials"}, exclude_none=True)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from os import cpu_count
 from time import perf_counter
 from timeit import repeat
 from typing import Any
@@ -13,12 +16,13 @@ import torch
 from torch import Tensor
 
 from haptix.errors import ToleranceError
+from haptix.executors import Here, executor_of, finished
 from haptix.fidelity import BoundaryElementBox, FidelityName
 from haptix.friction import ContactModel
 from haptix.planning import Effect, Plan, plan_scene
 from haptix.planning.choices import COLLAPSIBLE, Choice, friction_terms, kept_reports, middle
 from haptix.planning.effects import SampledPlaces, Trials
-from haptix.scene import Scene
+from haptix.scene import Scene, plain_scene
 from haptix.status import Status
 from haptix.surface import FrictionSurface, MeasuredPoints, MeasuringJob
 from haptix.tradeoff.settings import (
@@ -88,6 +92,7 @@ def run_tradeoff(
     quick: bool = False,
     on_progress: Progress = lambda stage, share: None,
     boundary_elements: bool = False,
+    executor: Any = None,
 ) -> Tradeoff:
     """Measure every setting of a scene.
 
@@ -103,64 +108,121 @@ def run_tradeoff(
     boundary_elements : bool
         Also measure a surface that boundary elements correct, from a small box and four states;
         takes minutes.
+    executor : concurrent.futures.Executor or Dask client, optional
+        Where settings are measured. Without it here, one after the other: times of settings that
+        are measured side by side on one machine are longer.
 
     Raises
     ------
     InputError
         If the scene contradicts itself.
     """
-    # First: an unsuitable box is refused before any work.
-    boxed = None
+    jobs = [*setting_jobs(scene, quick, boundary_elements)]
     if boundary_elements:
-        terms = _terms(scene, "boundary-element")
-        boxed = ContactModel(
-            scene.finger,
-            scene.screen,
-            "boundary-element",
-            terms=terms,
-            theory=scene.override.theory,
-            boundary_elements=_BOX,
-        )
+        _boxed(scene)  # an unsuitable box is refused before any work
     began = perf_counter()
     plan = plan_scene(scene, lambda share: on_progress("plan", share))
     plan_s = perf_counter() - began
-    count, batch, tolerances = _QUICK if quick else _THOROUGH
-    bench = _Comparison(scene, count, batch)
+    workers = executor_of(executor)
+    work, at_once = measure_setting, 2 * (cpu_count() or 1)
+    if isinstance(workers, Here):
+        work, at_once = partial(measure_setting, on_progress=on_progress, plan=plan), 1
+    found: dict[str, dict[str, Any]] = {}
+    texts = [json.dumps(job) for job in jobs]
+    for text, future in finished(workers, work, texts, lambda: at_once):
+        found[text] = json.loads(future.result())
+        on_progress("run", len(found) / len(jobs))
+    runs = [Run.of(row) for text in texts for row in found[text]["runs"]]
+    points, batch = found[texts[0]]["points"], (_QUICK if quick else _THOROUGH)[1]
+    return Tradeoff(scene, with_fronts(runs), plan, plan_s, points, batch)
+
+
+def setting_jobs(scene: Scene, quick: bool, boundary_elements: bool) -> Iterator[dict[str, Any]]:
+    """Yield the documents of `measure_setting`, the planned setting's first."""
+    plain = plain_scene(scene)
+    tolerances = (_QUICK if quick else _THOROUGH)[2]
+    settings = [("planned", "")]
+    settings += [(fidelity, f"{value:g} JND") for fidelity in TABULATED for value in tolerances]
+    if boundary_elements:
+        settings.append(("boundary-element", f"{QUICK_TOLERANCES[0]:g} JND"))
+    for model, tolerance in settings:
+        yield {"scene": plain, "quick": quick, "model": model, "tolerance": tolerance}
+
+
+def measure_setting(
+    text: str,
+    on_progress: Progress = lambda stage, share: None,
+    plan: Plan | None = None,
+) -> str:
+    """Build the surface of one setting, and measure it in every way to ask it.
+
+    Parameters
+    ----------
+    text : str
+        JSON of one of `setting_jobs`.
+    on_progress : callable
+        As for `run_tradeoff`.
+    plan : Plan, optional
+        Plan of the scene, where it is known.
+
+    Returns
+    -------
+    str
+        JSON: ``runs``, see `Run.row`, and ``points``, the number of held-out states.
+    """
+    job = json.loads(text)
+    model, tolerance = job["model"], job["tolerance"]
+    bench = _comparison(json.dumps(job["scene"]), job["quick"])
     on_progress("truth", 1.0)
-    runs = bench.measure_planned(plan)
-    builds = [(fidelity, f"{value:g} JND") for fidelity in TABULATED for value in tolerances]
-    on_progress("run", 1 / (1 + len(builds)))
-    for number, (fidelity, tolerance) in enumerate(builds, start=2):
+    if model == "planned":
+        runs = bench.measure_planned(plan or plan_scene(bench.scene))
+    elif model == "boundary-element":
+        boxed = _boxed(bench.scene)
         began = perf_counter()
-        model = scene.model(fidelity, terms=_terms(scene, fidelity))
-        try:
-            surface = FrictionSurface.build(model, scene.ranges(), tolerance)
-        except ToleranceError as error:  # keep the best that fits into the size
-            surface, tolerance = error.best, f"{tolerance}, not met"
-        build_s = perf_counter() - began
-        runs += bench.measure(surface, fidelity, tolerance, build_s)
-        on_progress("run", number / (1 + len(builds)))
-    if boxed is not None:
-        began = perf_counter()
-        tolerance = f"{QUICK_TOLERANCES[0]:g} JND"
         surface = FrictionSurface.measured(
-            MeasuringJob(boxed, scene, _MEASURED),
+            MeasuringJob(boxed, bench.scene, _MEASURED),
             tolerance,
             lambda share: on_progress("measure", share),
         )
         build_s = perf_counter() - began
-        runs += bench.measure(surface, "boundary-element", tolerance, build_s, "float64", "cpu")
-    return Tradeoff(scene, with_fronts(runs), plan, plan_s, bench.count, bench.batch)
+        runs = bench.measure(surface, model, tolerance, build_s, "float64", "cpu")
+    else:
+        began = perf_counter()
+        full = bench.scene.model(model, terms=_terms(bench.scene, model))
+        try:
+            surface = FrictionSurface.build(full, bench.scene.ranges(), tolerance)
+        except ToleranceError as error:  # keep the best that fits into the size
+            surface, tolerance = error.best, f"{tolerance}, not met"
+        runs = bench.measure(surface, model, tolerance, perf_counter() - began)
+    return json.dumps({"points": bench.count, "runs": [run.row() for run in runs]})
+
+
+def _boxed(scene: Scene) -> ContactModel:
+    return ContactModel(
+        scene.finger,
+        scene.screen,
+        "boundary-element",
+        terms=_terms(scene, "boundary-element"),
+        theory=scene.override.theory,
+        boundary_elements=_BOX,
+    )
 
 
 def _terms(scene: Scene, fidelity: FidelityName) -> frozenset[str]:
     return friction_terms(scene, fidelity) | kept_reports(scene)
 
 
+@lru_cache(maxsize=1)  # a process measures many settings of one scene
+def _comparison(scene: str, quick: bool) -> _Comparison:
+    count, batch, _ = _QUICK if quick else _THOROUGH
+    return _Comparison(Scene(**json.loads(scene)), count, batch)
+
+
 class _Comparison:
     """Held-out points, the truth at them, and the queries that are timed."""
 
     def __init__(self, scene: Scene, count: int, batch: int) -> None:
+        self.scene = scene
         everything = Choice(friction_terms(scene))
         self.batch = batch
         self.middles = {axis: middle(*scene.ranges()[axis]) for axis in COLLAPSIBLE}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import product
 from typing import Any, Literal, Self
 
@@ -67,6 +67,21 @@ class Run:
     fronts: tuple[str, ...] = ()
     """Pareto fronts that it is on, of "build", "query" and "memory": no other run is better in both
     error and this cost."""
+
+    @classmethod
+    def of(cls, row: Mapping[str, Any]) -> Self:
+        """Return the run of a `row`."""
+        setting = SurfaceSetting(**{one.name: row[one.name] for one in fields(SurfaceSetting)})
+        error = Effect(
+            mu_max=row["error_max_mu"],
+            mu_p99=row["error_p99_mu"],
+            thresholds_max=row["error_max_thresholds"],
+            thresholds_p99=row["error_p99_thresholds"],
+        )
+        names = ("build_s", "query_s_per_million", "invert_s_per_million", "memory_bytes")
+        costs = {name: row[name] for name in names}
+        fronts = tuple(row["fronts"].split())
+        return cls(setting, error, row["outside_share"], **costs, fronts=fronts)
 
     def row(self) -> dict[str, Any]:
         """Everything as plain values, for files and tables."""

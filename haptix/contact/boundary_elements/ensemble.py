@@ -6,7 +6,7 @@ import io
 import os
 import zipfile
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from haptix.errors import FileFormatError
+from haptix.executors import Here, finished
 from haptix.files import reading, write_whole
 from haptix.threads import one_thread
 
@@ -70,19 +71,17 @@ def run_ensemble(
             progress(len(done), jobs)
 
     workers = min(workers, len(missing))
-    with one_thread():
-        if workers <= 1:
-            for job in missing:
-                finish(job, work(job))
-            return [done[job] for job in range(jobs)]
-        pool = ThreadPoolExecutor(workers, initializer=torch.set_num_threads, initargs=(1,))
-        try:
-            running = {pool.submit(work, job): job for job in missing}
-            for future in as_completed(running):
-                finish(running[future], future.result())
-        finally:
-            pool.shutdown(cancel_futures=True)
+    at_once = 1 if workers <= 1 else 2 * workers
+    with one_thread(), _threads(workers) as pool:
+        for job, future in finished(pool, work, missing, lambda: at_once):
+            finish(job, future.result())
     return [done[job] for job in range(jobs)]
+
+
+def _threads(count: int) -> Executor:
+    if count <= 1:
+        return Here()
+    return ThreadPoolExecutor(count, initializer=torch.set_num_threads, initargs=(1,))
 
 
 def _load(path: Path, fingerprint: str) -> dict[int, Row]:

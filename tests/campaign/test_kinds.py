@@ -1,0 +1,103 @@
+"""The kinds of campaigns: what they expand to, and that each task is a pure function."""
+
+import json
+
+import pytest
+
+from haptix.campaign import load_campaign, run_campaign
+from haptix.campaign.kinds import kind_named
+from haptix.planning import plan_scene
+from haptix.scene import Scene
+from haptix.surface import FrictionSurface
+from haptix.tradeoff import run_tradeoff
+
+
+@pytest.fixture(autouse=True)
+def page(monkeypatch):
+    """Reports are tested elsewhere."""
+    monkeypatch.setattr("haptix.campaign.run.report_html", lambda campaign, rows: "page")
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Load the campaign of a text; "gel.toml" beside it is a half-space, which is cheap."""
+
+    def load(text):
+        (tmp_path / "gel.toml").write_text('name = "gel"\n')
+        (tmp_path / "plan.toml").write_text(text)
+        return load_campaign(tmp_path / "plan.toml")
+
+    return load
+
+
+SCENE = """
+[scene]
+normal_force_n = ["0.2 N", 1.0]
+drive = { scheme = "direct", frequency_hz = 125 }
+budget_thresholds = 2
+"""
+
+
+def test_people_times_screens_have_their_names_and_keys(load):
+    plan = load(
+        'name = "a"\nkind = "surfaces"\nfingers = ["gel.toml", "wet"]\n'
+        'insulator_thickness_m = ["1 um", "2 um", "3 um"]\n'
+        "[population]\nsize = 4\nseed = 3\nspread = { youngs_modulus_pa = 0.3 }\n" + SCENE
+    )
+    tasks = [*plan.tasks()]
+    assert len({task.key for task in tasks}) == 2 * 4 * 3
+    assert [task.key for task in plan.tasks()] == [task.key for task in tasks]
+    first = tasks[0]
+    assert first.document["normal_force_n"] == [0.2, 1.0]
+    modulus = first.document["finger"]["youngs_modulus_pa"]
+    assert modulus == pytest.approx(40e6 * first.labels["youngs_modulus_pa"])
+    assert {task.labels["insulator_thickness_m"] for task in tasks} == {1e-6, 2e-6, 3e-6}
+    # The name of the campaign is no part of a result.
+    other = plan.replace(name="b")
+    assert [task.key for task in other.tasks()] == [task.key for task in tasks]
+    # A longer one has the same people at its beginning.
+    more = plan.replace(population={**plan.population.model_dump(), "size": 5})
+    assert {task.key for task in tasks} < {task.key for task in more.tasks()}
+
+
+@pytest.mark.slow
+def test_a_surface_is_that_of_its_scene(load, tmp_path):
+    plan = load('name = "a"\nkind = "surfaces"\nfingers = ["gel.toml"]\n' + SCENE)
+    done = run_campaign(plan, tmp_path / "out")
+    [row], [task] = done.rows, plan.tasks()
+    file = tmp_path / "out" / "results" / row["key"][:2] / row["key"] / "friction.surface"
+    surface = plan_scene(Scene(**task.document)).build()
+    surface.save(tmp_path / "same.surface")
+    assert file.read_bytes() == (tmp_path / "same.surface").read_bytes()
+    assert FrictionSurface.load(file).info["mu_low"] == row["mu_low"] > 0
+
+
+def test_a_document_survives_its_way_to_a_worker(load):
+    for kind in ("surfaces", "trade-off"):
+        plan = load(f'name = "a"\nkind = "{kind}"\n' + SCENE)
+        task = next(plan.tasks())
+        assert json.loads(json.dumps(task.document)) == task.document
+        assert kind_named(kind).needed_bytes(task.document) > 0
+
+
+@pytest.mark.slow
+def test_the_trade_off_is_the_same_by_any_executor(load, tmp_path, monkeypatch):
+    monkeypatch.setattr("haptix.tradeoff.run.TABULATED", ("closed-form",))
+    monkeypatch.setattr("haptix.tradeoff.run._QUICK", (100, 1000, (0.5,)))
+    plan = load('name = "a"\nkind = "trade-off"\nquick = true\nfingers = ["gel.toml"]\n' + SCENE)
+    [(scene, _)] = plan.scenes()
+    done = run_campaign(plan, tmp_path / "out")
+    assert done.counts["done"] == 2
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(2) as pool:
+        both = [run_tradeoff(scene, True, executor=one) for one in (None, pool)]
+    errors = [[(run.setting, run.error, run.memory_bytes) for run in one.runs] for one in both]
+    assert errors[0] == errors[1]
+    files = [path.read_text() for path in (tmp_path / "out").glob("results/*/*/runs.json")]
+    runs = [run for text in files for run in json.loads(text)["runs"]]
+    assert not any("build_s" in run for run in runs)  # two runs would differ
+    assert {run["error_max_thresholds"] for run in runs} == {
+        run.error.thresholds_max for run in both[0].runs
+    }
+    assert all(row["build_s"] > 0 for row in done.rows)
