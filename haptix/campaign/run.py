@@ -15,13 +15,13 @@ from typing import Any
 from haptix.campaign.kinds import Campaign, Task
 from haptix.campaign.ledger import Ledger
 from haptix.campaign.report import report_html
-from haptix.campaign.store import Store, store_at
+from haptix.campaign.store import Store, record_of, store_at
 from haptix.campaign.worker import do, identity
 from haptix.errors import HaptixError, InputError
 from haptix.executors import Here, executor_of, finished
 from haptix.version import __version__
 
-_MOST_LOST = 6  # times that an executor may lose a task that never began
+_MOST_LOST = 6  # workers in a row that may end before they begin a task
 _TABLE_EVERY_S = 60.0
 
 
@@ -34,7 +34,7 @@ class Seen:
     counts: Counter[str]
     """Tasks by status; what has not begun is "waiting"."""
     seconds_left: float | None
-    """From the costs measured so far; None before the first."""
+    """From the costs measured so far; None before the second task has ended."""
 
 
 Progress = Callable[[Seen], None]
@@ -94,15 +94,18 @@ def run_campaign(
         ledger = Ledger.of(store, campaign, again)
         reused = ledger.counts["done"]
         total = len(ledger.rows)
-        began, ended = time.monotonic(), 0
-        written = began
+        ended, first = 0, 0.0
+        written = time.monotonic()
         workers = _workers(executor, store)
         try:
             for _ in _records(store, campaign, ledger, workers, most):
-                ended += 1
                 now = time.monotonic()
+                first = first or now
+                # A worker may take long to start: its time counts from the first end on.
+                each = (now - first) / ended if ended else None
+                ended += 1
                 left = ledger.counts["waiting"] + ledger.counts["in work"]
-                on_progress(Seen(total, ledger.counts, left * (now - began) / ended))
+                on_progress(Seen(total, ledger.counts, each and left * each))
                 if now - written > _TABLE_EVERY_S:
                     written = now
                     store.write("table.csv", ledger.csv().encode())
@@ -190,7 +193,7 @@ def _records(
     most: int | None,
 ) -> Iterator[None]:
     """Do tasks, and enter each into the ledger as it ends."""
-    waiting, lost = _Waiting(store, campaign, ledger, most), Counter[str]()
+    waiting, lost = _Waiting(store, campaign, ledger, most), 0
     alone = 1 if isinstance(executor, Here) else 2 * (cpu_count() or 1)
     try:
         for text, future in finished(
@@ -200,14 +203,18 @@ def _records(
             try:
                 record = json.loads(future.result())
             except (BrokenExecutor, CancelledError) as error:
-                lost[key] += 1
-                if lost[key] < _MOST_LOST:
-                    waiting.again.append((key, text))
-                    continue
-                record = {
-                    "status": "set aside",
-                    "error": f"its worker ended {lost[key]} times, the last time with {error!r}",
-                }
+                # A task that began counts its workers' deaths itself; without one that began, the
+                # workers are what is wrong.
+                begun = (store.read_table(record_of(key)) or {}).get("status") == "begun"
+                lost = 0 if begun else lost + 1
+                if lost > _MOST_LOST:
+                    raise HaptixError(
+                        f"workers end before they begin a task, the last with: {error}; a script "
+                        'that starts processes needs `if __name__ == "__main__":`'
+                    ) from None
+                waiting.again.append((key, text))
+                continue
+            lost = 0
             if record["status"] == "not written":
                 raise InputError(
                     f"cannot write to {store.where}: {record['error']}; finished tasks are kept, "

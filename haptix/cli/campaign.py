@@ -129,17 +129,18 @@ class _Say:
 
     def __call__(self, seen: Any) -> None:
         now, live = time.monotonic(), sys.stderr.isatty()
-        if now - self._said < (0.2 if live else _SAY_EVERY_S) and seen.seconds_left:
+        counts = seen.counts
+        is_last = not counts["waiting"] + counts["in work"]
+        if now - self._said < (0.2 if live else _SAY_EVERY_S) and not is_last:
             return
         self._said = now
-        counts = seen.counts
         text = f"{counts['done']} of {seen.total} tasks"
         for status in ("failed", "set aside"):
             text += f", {counts[status]} {status}" * bool(counts[status])
         if seen.seconds_left:
             text += f", {duration(seen.seconds_left)} left"
         sys.stderr.write(f"\r\x1b[K{text}" if live else f"{text}\n")
-        if live and not seen.seconds_left:
+        if live and is_last:
             sys.stderr.write("\n")
         sys.stderr.flush()
 

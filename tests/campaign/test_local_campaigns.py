@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import Executor, Future
+from concurrent.futures.process import BrokenProcessPool
 
 import pytest
 
@@ -52,7 +54,7 @@ def test_each_task_leaves_its_result_and_a_row(tmp_path, pictures):
         (f"n{n}", n * n, "done") for n in range(4)
     ]
     assert done.counts["done"] == 4 and done.reused == 0
-    assert len(seen) == 4 and seen[-1].seconds_left == 0
+    assert len(seen) == 4 and seen[0].seconds_left is None and seen[-1].seconds_left == 0
     with (tmp_path / "table.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["square"] for row in rows] == ["0", "1", "4", "9"]
@@ -243,6 +245,25 @@ def test_an_executor_that_lost_its_workers_is_one_sentence(tmp_path):
         pytest.raises(HaptixError, match="lost its workers"),
     ):
         run_campaign(plan(numbers=2, deadly=(0,)), tmp_path, pool)
+
+
+class Stillborn(Executor):
+    """Its workers end before they begin."""
+
+    calls = 0
+
+    def submit(self, work, /, *given, **named):
+        self.calls += 1
+        future = Future()
+        future.set_exception(BrokenProcessPool("a worker ended"))
+        return future
+
+
+def test_workers_that_never_begin_end_the_campaign(tmp_path):
+    workers = Stillborn()
+    with pytest.raises(HaptixError, match=r"before they begin a task.*a worker ended"):
+        run_campaign(plan(numbers=100), tmp_path, workers)
+    assert workers.calls < 20
 
 
 def test_a_wrong_plan_is_one_sentence(tmp_path):
