@@ -339,6 +339,10 @@ class Device:
             for _ in range(len(client.marked))
         ]
 
+    def host_time_s(self, clock_ticks: float) -> float:
+        """Return a time of the driver's clock as one of the host's, by its latest reports."""
+        return self._stream.client.output_clock.time_of(clock_ticks)
+
     def arm(self, *, revisable: bool = False) -> None:
         """Prepare the driver to play, from sample index 0; no effect if armed.
 

@@ -20,7 +20,7 @@ EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["p
 KEPT = ROOT / "tests" / "data" / "kept-files" / "direct.surface"
 BLOCKED = (
     "matplotlib", "skimage", "PIL", "tifffile", "imageio", "h5py", "xarray", "h5netcdf", "serial",
-    "nidaqmx", "evdev", "fastapi", "uvicorn", "websockets", "SurfaceTopography",
+    "nidaqmx", "pylsl", "evdev", "fastapi", "uvicorn", "websockets", "SurfaceTopography",
 )  # fmt: skip
 # What a person would do that needs each extra.
 NEEDS = {
@@ -31,6 +31,7 @@ NEEDS = {
     "serve": "import_module('haptix.client')",
     "netcdf": "surface.to_netcdf('my.nc')",
     "serial": "haptix.open_device('serial:port=COM3')",
+    "lab": "import_module('haptix.stimuli.outlets').LabOutlets(None)",
     "evdev": "import_module('haptix.touch').Touchscreen('/dev/input/event5')",
 }
 COMMANDS = {
