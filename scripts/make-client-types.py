@@ -4,7 +4,8 @@
 
 writes into `clients/typescript/types`: `messages.d.ts` by json-schema-to-typescript, the others by
 tsc from the JavaScript; and `clients/csharp/Messages.cs` by quicktype. With FOLDER, all into that.
-Without it also `clients/asyncapi.json`, which describes the session.
+Without it also `clients/asyncapi.json`, which describes the session, and `clients/types-made-from`, by
+which a test sees in no time that the types are those of today's messages.
 Needs node and, once, `npm ci --prefix clients/typescript`.
 """
 
@@ -15,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,7 @@ def main(folder: Path | None = None) -> None:
     """Write the types of both languages."""
     if folder is None:
         (CLIENTS / "asyncapi.json").write_text(json.dumps(asyncapi(), indent=1) + "\n")
+        (CLIENTS / "types-made-from").write_text(f"{made_from()}\n")
     definitions = prepared()
     typescript = folder or CLIENTS / "typescript" / "types"
     csharp = folder or CLIENTS / "csharp"
@@ -49,6 +52,15 @@ def main(folder: Path | None = None) -> None:
         options += ["-s", "schema", "-l", "csharp", f"{source}#/$defs/", "-o", str(target)]
         run("quicktype", *options)
         target.write_text(f"// {BANNER}\n{target.read_text()}")
+
+
+def made_from() -> str:
+    """Return the hash of all that types are made from."""
+    found = sha256(json.dumps(schema(), sort_keys=True).encode())
+    for path in sorted((CLIENTS / "typescript" / "src").iterdir()):
+        found.update(path.read_bytes())
+    found.update(Path(__file__).read_bytes())
+    return found.hexdigest()
 
 
 def prepared() -> dict[str, Any]:

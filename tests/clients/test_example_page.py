@@ -2,13 +2,13 @@
 
 import functools
 import http.server
-import shutil
 import threading
 import time
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import sync_playwright
+
+from tests.chromium import chromium
 
 CLIENT = Path(__file__).parents[2] / "clients" / "typescript"
 
@@ -30,14 +30,8 @@ def address():
 
 
 def test_ribs_under_the_pointer(service, address):
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        pytest.skip("needs Debian's chromium: bash scripts/setup-devices.sh")
-    arguments = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
     # A person grants this in the browser's own prompt.
-    arguments.append("--disable-features=LocalNetworkAccessChecks")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=arguments)
+    with chromium("--disable-features=LocalNetworkAccessChecks") as browser:
         page = browser.new_page()
         page.goto(f"{address}?url=ws://127.0.0.1:{service.port}/v1/session")
         page.get_by_role("button", name="Connect").click()
@@ -54,7 +48,6 @@ def test_ribs_under_the_pointer(service, address):
         page.mouse.up()
         page.get_by_role("button", name="Stop").click()
         page.get_by_text("stopped by session").wait_for()
-        browser.close()
     reports = service.engine.reports
     assert [reports[0].kind, reports[-1].kind] == ["down", "up"]
     assert {report.kind for report in reports[1:-1]} == {"move"}
@@ -62,5 +55,5 @@ def test_ribs_under_the_pointer(service, address):
     assert (reports[-1].x_mm, reports[-1].y_mm) == (55.0, 10.0)
     times = [report.t_s for report in reports]
     assert times == sorted(times)
-    # The browser's clock by ours: its events are milliseconds old; a busy machine adds to that.
-    assert abs(reports[-1].t_s - began_s) < 1.0
+    # The browser's clock by ours, which began hours before; a busy machine adds seconds.
+    assert abs(reports[-1].t_s - began_s) < 30.0

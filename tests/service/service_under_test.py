@@ -46,7 +46,7 @@ class Service:
     """Serves until it is closed."""
 
     def __init__(self, folder, documents=None):
-        self.engine = WrittenEngine()
+        self.engine, self.folder = WrittenEngine(), folder
         config = uvicorn.Config(
             lambda: self.app,
             factory=True,

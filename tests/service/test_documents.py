@@ -172,6 +172,7 @@ def test_a_line_is_exported_with_what_it_loses(making, form):
         unpacked(making, form, y_mm=500.0)
 
 
+@pytest.mark.slow  # the process itself starts; what it answers is tested above, refusals with REST
 def test_a_question_is_refused_in_one_sentence_and_the_next_is_answered(rest):
     asked = {"material": {"kind": "velvet"}, "width_mm": 10, "height_mm": 10}
     refused = rest.post("/pictures", json=asked, timeout=60)

@@ -2,14 +2,13 @@
 
 import hashlib
 import http.server
-import shutil
 import threading
 import time
 
 import httpx
 import pytest
-from playwright.sync_api import sync_playwright
 
+from tests.chromium import chromium
 from tests.service.service_under_test import Service
 
 PAGE = b"<!doctype html><title>hostile</title><body></body>"
@@ -92,21 +91,12 @@ def other_site():
 
 @pytest.fixture(scope="module")
 def browser():
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        pytest.skip("needs Debian's chromium: bash scripts/setup-devices.sh")
-    with sync_playwright() as playwright:
-        # Chromium's own barrier between sites and this machine is off: ours must hold alone.
-        browser = playwright.chromium.launch(
-            executable_path=chromium,
-            args=[
-                *("--no-sandbox", "--disable-gpu", "--disable-background-networking"),
-                "--host-resolver-rules=MAP rebound.example 127.0.0.1",
-                "--disable-features=LocalNetworkAccessChecks,BlockInsecurePrivateNetworkRequests",
-            ],
-        )
+    # Chromium's own barrier between sites and this machine is off: ours must hold alone.
+    with chromium(
+        "--host-resolver-rules=MAP rebound.example 127.0.0.1",
+        "--disable-features=LocalNetworkAccessChecks,BlockInsecurePrivateNetworkRequests",
+    ) as browser:
         yield browser
-        browser.close()
 
 
 @pytest.mark.parametrize("where", ["another origin", "a rebound name", "a rebound name of ours"])

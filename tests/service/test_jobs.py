@@ -95,7 +95,7 @@ def test_one_runs_eight_wait_and_any_can_be_cancelled(service):
             rest(service, "DELETE", f"/v1/jobs/{job}", status=204)
         told = client.until(lambda m: m["type"] == "job" and m["id"] == 0)
         assert (told["job"], told["state"]) == (jobs[0], "cancelled")
-    wait_for(lambda: not is_alive(pid), 5.0)
+    wait_for(lambda: not is_alive(pid), 30.0)
     # A process that is killed from outside fails its job alone, and the next goes on.
     hang(service, jobs[1])
     os.kill(service.hub.jobs.get(jobs[1]).pid, signal.SIGKILL)
@@ -137,7 +137,7 @@ def test_an_experiment_asks_and_borrows_the_device(service):
         found = [do for do, *_ in service.engine.told[began:]]
         return [do for do in found if do in ("stop", "lend", "take_back")]
 
-    wait_for(lambda: told() == ["stop", "lend", "take_back"], 5.0)
+    wait_for(lambda: told() == ["stop", "lend", "take_back"], 30.0)
 
 
 @pytest.mark.parametrize(

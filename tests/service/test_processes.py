@@ -126,7 +126,7 @@ class Sliding:
         self.thread.join()
 
 
-def wait_until(condition, seconds=10.0):
+def wait_until(condition, seconds=60.0):
     end_s = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end_s, "it did not happen"
@@ -177,13 +177,11 @@ def test_what_a_finger_does_is_told_and_what_an_app_sets_is_obeyed(running):
         assert (entered.event, entered.region, entered.touch_id) == ("enter", "ribs", 0)
         assert abs(client.now_s() - entered.t_s) < 60.0  # by the client's own clock
         assert client.ask("mute", on=True).muted
-        time.sleep(0.3)
-        assert not running.is_live()
+        wait_until(lambda: not running.is_live())
         assert not client.ask("mute", on=False).muted
         wait_until(running.is_live)
         assert client.intensity(0.0).intensity == 0.0
-        time.sleep(0.3)
-        assert not running.is_live()
+        wait_until(lambda: not running.is_live())
         assert client.ask("pause", on=True).paused
         assert not client.ask("pause", on=False).paused
         client.intensity(1.0)
@@ -194,8 +192,7 @@ def test_what_a_finger_does_is_told_and_what_an_app_sets_is_obeyed(running):
         ended = next(event for event in events if event.type == "effect_ended")
         assert (ended.effect_id, ended.how) == (effect, "played")
         client.layout_change({"op": "remove", "name": "ribs"})
-        time.sleep(0.3)
-        assert not running.is_live()
+        wait_until(lambda: not running.is_live())
         sliding.stop()
 
 

@@ -3,15 +3,14 @@
 import contextlib
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import sync_playwright
 
+from tests.chromium import chromium
 from tests.service.service_under_test import Service
 
 ROOT = Path(__file__).parents[2]
@@ -20,19 +19,11 @@ SCREENSHOTS = os.environ.get("HAPTIX_SCREENSHOTS")
 """Folder that screenshots are kept in, for docs/studio.md; nothing is kept without it."""
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def browser():
-    """Chromium; Playwright's loop ends with each file, since asyncio bears no other beside it."""
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        pytest.skip("needs Debian's chromium: bash scripts/setup-devices.sh")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=chromium,
-            args=["--no-sandbox", "--disable-gpu", "--disable-background-networking"],
-        )
+    """Chromium, one for all pages."""
+    with chromium() as browser:
         yield browser
-        browser.close()
 
 
 @pytest.fixture
@@ -43,9 +34,9 @@ def front(tmp_path):
 
 
 @contextlib.contextmanager
-def a_front(folder):
+def a_front(folder, documents=None):
     """Serve the pages with an engine that writes down, and a virtual driver."""
-    service = Service(folder)
+    service = Service(folder, documents)
     device = service.hub.inventory.devices[0]
     virtual = device.model_copy(update={"address": "mock:", "name": "mock", "is_real": False})
     service.hub.inventory = service.hub.inventory.model_copy(update={"devices": (virtual,)})

@@ -3,6 +3,7 @@
 import asyncio
 import io
 import json
+import time
 import zipfile
 
 import pytest
@@ -16,8 +17,7 @@ from haptix.service.assets import AssetStore
 from haptix.service.documents import documents_router
 from haptix.service.making import Making
 from haptix.service.messages import Problem
-from tests.service.service_under_test import Service
-from tests.studio.conftest import a_page, address, keep, violations
+from tests.studio.conftest import a_front, a_page, address, keep, violations
 
 
 class MakerHere:
@@ -37,16 +37,26 @@ class MakerHere:
             raise Problem("document", str(error)) from None
 
 
-@pytest.fixture
-def maker(tmp_path):
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
     """A front whose engine writes down what it is told; all else is real."""
-    service = Service(tmp_path, documents_router(MakerHere(tmp_path / "assets"), tmp_path / "kept"))
-    device = service.hub.inventory.devices[0]
-    virtual = device.model_copy(update={"address": "mock:", "name": "mock", "is_real": False})
-    service.hub.inventory = service.hub.inventory.model_copy(update={"devices": (virtual,)})
-    service.hub.material_schema = materials.schema()
-    yield service
-    service.close()
+    folder = tmp_path_factory.mktemp("service")
+    routes = documents_router(MakerHere(folder / "assets"), folder / "kept")
+    with a_front(folder, routes) as service:
+        service.hub.material_schema = materials.schema()
+        yield service
+
+
+@pytest.fixture
+def maker(served):
+    """The same front, with nothing told and no layout kept."""
+    end_s = time.monotonic() + 30
+    while served.hub.sessions and time.monotonic() < end_s:
+        time.sleep(0.01)
+    served.engine.__init__()
+    for kept in (served.folder / "kept").glob("*.json"):
+        kept.unlink()
+    return served
 
 
 @pytest.fixture
@@ -80,11 +90,11 @@ def known(service):
 
 def until(page, true):
     """Wait for what the page causes elsewhere."""
-    for _ in range(100):
+    for _ in range(600):
         if true():
             return
         page.wait_for_timeout(50)
-    pytest.fail("it did not come about in 5 s")
+    pytest.fail("it did not come about in 30 s")
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +104,7 @@ def brick(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow  # a whole journey; its steps are tested one by one below
 def test_a_stranger_makes_stripes_that_move_a_button_and_a_slider_of_a_photograph(
     maker, page, brick
 ):
@@ -112,7 +123,6 @@ def test_a_stranger_makes_stripes_that_move_a_button_and_a_slider_of_a_photograp
     assert known(maker)["brick"]["height_mm"] == 60.0  # the picture is a square of 60 mm
     places = [(one["x_mm"], one["y_mm"]) for one in known(maker).values()]
     assert len(set(places)) == 4
-    page.wait_for_timeout(500)  # for the pictures
     keep(page, "make")
     assert not violations(page)
     page.get_by_text("saved as untitled").wait_for()

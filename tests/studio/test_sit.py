@@ -59,6 +59,7 @@ def test_a_calibration_asks_is_answered_and_reports(front, page):
     page.get_by_text("Clean the screen.").wait_for()
     assert not violations(page)
     page.get_by_role("button", name="continue").click()
+    until_given(page, played, ["continue"])
     job.change(state="asking", prompt="Who measures?", choices=())
     page.get_by_label("Who measures?").fill("me")
     page.keyboard.press("Enter")
@@ -69,7 +70,7 @@ def test_a_calibration_asks_is_answered_and_reports(front, page):
 
 
 def until_given(page, played, given):
-    for _ in range(100):
+    for _ in range(600):
         if played.given == given:
             return
         page.wait_for_timeout(50)
@@ -84,7 +85,7 @@ def begins(front, page):
 
 
 def begun(page, played, count):
-    for _ in range(100):
+    for _ in range(600):
         if len(played.begun) == count:
             return played.begun[-1]
         page.wait_for_timeout(50)
@@ -114,6 +115,7 @@ def test_from_instructions_by_practice_and_trials_to_thanks(front, page):
         page.get_by_text(f"Trial {trial + 1}.").wait_for()
         page.get_by_role("button", name="the first").click()
         page.get_by_role("button", name="the first").wait_for(state="detached")
+        until_given(page, played, ["2"] + ["1"] * (trial + 1))
     looks = page.context.new_page()
     looks.goto(f"http://127.0.0.1:{front.port}/#/sit")
     looks.get_by_text("plays").or_(looks.get_by_text("asks the participant")).first.wait_for()
@@ -123,7 +125,6 @@ def test_from_instructions_by_practice_and_trials_to_thanks(front, page):
     page.get_by_text("3 trials were counted").wait_for()
     page.keyboard.press("Space")
     page.get_by_text("threshold -14.2 dB").wait_for()
-    assert played.given == ["2", "1", "1", "1"]
 
 
 def test_stop_ends_the_experiment_and_says_so(front, page):

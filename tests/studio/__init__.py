@@ -1,0 +1,1 @@
+"""The studio: its pages share one browser."""
