@@ -4,8 +4,8 @@
 
 writes into `clients/typescript/types`: `messages.d.ts` by json-schema-to-typescript, the others by
 tsc from the JavaScript; and `clients/csharp/Messages.cs` by quicktype. With FOLDER, all into that.
-Without it also `clients/asyncapi.json`, which describes the session, and `clients/types-made-from`, by
-which a test sees in no time that the types are those of today's messages.
+Without it also `clients/asyncapi.json`, which describes the session, and `clients/types-made-from`,
+by which a test sees in no time that the types are those of today's messages.
 Needs node and, once, `npm ci --prefix clients/typescript`.
 """
 
