@@ -1,5 +1,7 @@
 """Wheels with the driver's firmware compiled, for the platform that HAPTIX_TARGET names.
 
+The description in their metadata is the README without what leads into the repository.
+
 Without the variable the wheel is pure: it compiles the firmware at first use where there is a
 compiler, and has the reference in Python where there is none.
 """
@@ -7,6 +9,7 @@ compiler, and has the reference in Python where there is none.
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +18,7 @@ from tempfile import mkdtemp
 from typing import Any, NamedTuple
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 _ZIGLANG = "ziglang==0.17.0"  # a C compiler for all targets, as a package; glibc's versions too
 
@@ -39,6 +43,17 @@ TARGETS = {
 
 # What a compiled firmware has no need of: its sources, and the reference that checks it.
 _ONLY_IN_PURE = ("firmware_io/firmware/*.c", "firmware_io/firmware/reference*.py")
+
+
+class CustomMetadataHook(MetadataHookInterface):
+    """Give the description."""
+
+    def update(self, metadata: dict[str, Any]) -> None:
+        """Add the README: no pictures of the repository, and links to its files as their names."""
+        text = (Path(self.root) / "README.md").read_text(encoding="utf-8")
+        text = re.sub(r"!\[[^\]]*\]\((?!https?:)[^)]*\)\n\n", "", text)
+        text = re.sub(r"\[([^\]]*)\]\((?!https?:|#)([^)]*)\)", r"\1 (`\2`)", text)
+        metadata["readme"] = {"content-type": "text/markdown", "text": text}
 
 
 class CustomBuildHook(BuildHookInterface[Any]):

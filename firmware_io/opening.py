@@ -33,6 +33,12 @@ def open_device(address: str) -> Device:
         If the address cannot be read or describes an impossible device.
     LimitError
         If the address asks for a ceiling above the absolute one.
+
+    Examples
+    --------
+    >>> with open_device("mock:ceiling_v=150") as device:
+    ...     device.capabilities.ceiling_v
+    150.0
     """
     name, selector = split_address(address, tuple(SCHEMES))
     scheme = SCHEMES[name]

@@ -35,6 +35,11 @@ class HalfSpace:
         E [Pa].
     poisson_ratio : float
         nu, in (-1, 0.5].
+
+    Examples
+    --------
+    >>> HalfSpace(0.75, 0.5).effective_modulus(torch.ones(2, dtype=torch.float64)).tolist()
+    [1.0, 1.0]
     """
 
     youngs_modulus_pa: float | Tensor

@@ -100,6 +100,14 @@ class MeanField:
         1 or more: its own share of the stress is lost where they break the contact up.
     size : {"capped", "smooth"}
         How a contact of finite size leaves that of infinite size (`haptix.contact.finite_size`).
+
+    Examples
+    --------
+    >>> from haptix.contact import HalfSpace, MeanField, RoughnessSpectrum
+    >>> spectrum = RoughnessSpectrum.self_affine(1.0, 0.8, 1.0, 1.0, 1e3)
+    >>> contact = MeanField(spectrum, HalfSpace(0.75, 0.5))
+    >>> print(f"{float(contact.area_fraction(1e-2)):.4e}")  # physics page, section 5
+    2.0706e-03
     """
 
     def __init__(

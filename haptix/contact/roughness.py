@@ -54,6 +54,12 @@ class RoughnessSpectrum:
         ------
         InputError
             If a value is outside its range.
+
+        Examples
+        --------
+        >>> spectrum = RoughnessSpectrum.self_affine(1e-6, hurst=0.8, q0=1e4, q_rolloff=1e5, q1=1e7)
+        >>> print(f"{float(spectrum.h_rms_m):.3e} m")
+        1.000e-06 m
         """
         for name, value in (("h_rms_m", h_rms_m), ("q0", q0), ("q1", q1), ("hurst", hurst)):
             checks.positive(name, value)

@@ -232,6 +232,17 @@ class ContactModel:
             If a value is not finite or outside its range.
         LimitError
             If a voltage is above the screen's limit.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> finger, screen = haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")
+        >>> model = haptix.ContactModel(finger, screen)
+        >>> state = model.solve(normal_force_n=0.5, voltage_v=[0.0, 100.0])
+        >>> bool(state.mu[1] > state.mu[0])  # the voltage attracts the skin
+        True
+        >>> haptix.Status(int(state.status[1])).name
+        'OK'
         """
         voltage = self._voltage(voltage_v)
         return self._solve(voltage, *self._places(normal_force_n, frequency_hz, h0_m))

@@ -80,6 +80,11 @@ def preset(name: str) -> Preset:
     ------
     InputError
         If there is none.
+
+    Examples
+    --------
+    >>> preset("corduroy").document
+    {'kind': 'grating', 'period_mm': 2.5}
     """
     for one in presets():
         if one.name == name:

@@ -35,6 +35,14 @@ class Layout:
         What is felt below all regions, a number of the kind `target`.
     target : {"share", "mu", "contrast"}
         What the answers are. Materials of another kind are converted by what the screen can reach.
+
+    Examples
+    --------
+    >>> from haptix.texture import Grating
+    >>> layout = Layout()
+    >>> ribs = layout.add(Grating(period_mm=2.0), x_mm=10, y_mm=5, width_mm=30, height_mm=20)
+    >>> ribs.move(x_mm=20, y_mm=5)
+    >>> ribs.remove()
     """
 
     def __init__(self, background: float | Feelable = 0.0, target: TargetKind = "share") -> None:

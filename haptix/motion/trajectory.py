@@ -52,6 +52,13 @@ class Trajectory:
     InputError
         If lengths differ, a value is not finite, times do not increase, a force is negative or a
         place lies beyond `FARTHEST_MM`.
+
+    Examples
+    --------
+    >>> path = Trajectory([0.0, 1.0], [0.0, 50.0], [5.0, 5.0], [0.5, 0.5])
+    >>> x_mm, y_mm, normal_force_n = path.at(0.2)
+    >>> float(x_mm)
+    10.0
     """
 
     t_s: Array

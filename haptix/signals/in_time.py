@@ -65,7 +65,14 @@ class Pulse(Signal):
 
 @dataclass(frozen=True)
 class Sine(Signal):
-    """``offset + amplitude * sin(2 pi f t + phase)``."""
+    """``offset + amplitude * sin(2 pi f t + phase)``.
+
+    Examples
+    --------
+    >>> signal = Sine(0.1, 100.0).lasting(0.5) + 0.3
+    >>> signal.length_s
+    0.5
+    """
 
     kind = "sine"
     amplitude: float

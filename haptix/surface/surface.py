@@ -102,6 +102,17 @@ class FrictionSurface:
             If a range is invalid, or lies past pull-in everywhere.
         ToleranceError
             If the tolerance cannot be met within the size; it carries the best surface reached.
+
+        Examples
+        --------
+        >>> import haptix
+        >>> finger, screen = haptix.Finger.preset("wet"), haptix.Screen.preset("3m-sct3250")
+        >>> model = haptix.ContactModel(finger, screen, fidelity="closed-form")
+        >>> ranges = {"normal_force_n": (0.4, 0.6)}
+        >>> surface = haptix.FrictionSurface.build(model, ranges, tolerance=0.01)
+        >>> target = float(surface.mu(0.5, 60.0))
+        >>> print(f"{float(surface.voltage(target, 0.5).voltage_v):.1f} V")
+        60.0 V
         """
         instance("model", model, ContactModel, "the order is (model, scene)")
         if model.boxed is not None:

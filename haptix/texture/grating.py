@@ -45,6 +45,14 @@ class Grating(FrictionField):
     ------
     InputError
         If a value is outside its range.
+
+    Examples
+    --------
+    >>> from haptix.motion import Motion
+    >>> grating = Grating(period_mm=2.0, wave="square", low=0.2, high=0.8)
+    >>> slow = Motion.of([0.5, 1.5], 0.0, 0.0, 10.0, 0.0)
+    >>> grating.evaluator.wanted(slow).tolist()  # a ridge, a valley
+    [0.8, 0.2]
     """
 
     period_mm: Positive

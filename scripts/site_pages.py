@@ -1,0 +1,104 @@
+"""Pages of the site that are made when it is built: the API reference, and files outside docs/.
+
+A hook of mkdocs. A page of the reference shows every public name of one package; a name without
+documentation fails the build.
+"""
+
+from __future__ import annotations
+
+import re
+from importlib import import_module
+from inspect import getdoc, isclass, ismodule, isroutine
+from pathlib import Path
+from typing import Any
+
+from mkdocs.exceptions import PluginError
+from mkdocs.structure.files import File
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = (
+    "haptix", "haptix.contact", "haptix.electro", "haptix.fidelity", "haptix.surface",
+    "haptix.planning", "haptix.tradeoff", "haptix.texture", "haptix.materials",
+    "haptix.gallery", "haptix.layout", "haptix.motion", "haptix.touch", "haptix.render",
+    "haptix.virtual_finger", "haptix.simulation", "haptix.perception", "haptix.stimuli",
+    "haptix.figures", "haptix.client", "haptix.errors", "firmware_io", "calibration",
+)  # fmt: skip
+OUTSIDE = {
+    "protocol.md": "firmware_io/PROTOCOL.md",
+    "changelog.md": "CHANGELOG.md",
+    "contributing.md": "CONTRIBUTING.md",
+    "security.md": "SECURITY.md",
+}
+
+
+def public_names(package: str) -> list[str]:
+    """Names that a package gives out, but its modules, which have pages of their own."""
+    module = import_module(package)
+    listed = getattr(module, "__all__", None) or [
+        name for name, found in vars(module).items()
+        if name[0] != "_" and getattr(found, "__module__", "").startswith(package)
+    ]  # fmt: skip
+    return [n for n in listed if n[0] != "_" and not ismodule(getattr(module, n))]
+
+
+def reference(package: str) -> str:
+    """Page of a package: what it is for, and each of its names."""
+    module = import_module(package)
+    about = getdoc(module)
+    names = public_names(package)
+    if not about or not names:
+        raise PluginError(f"{package}: expected a docstring and public names")
+    documented = [name for name in names if isclass(one := getattr(module, name)) or isroutine(one)]
+    if blank := [name for name in documented if not getdoc(getattr(module, name))]:
+        raise PluginError(f"{package}: no documentation of {', '.join(blank)}")
+    elsewhere = (
+        {}
+        if package != "haptix"
+        else {
+            name: other
+            for other in PACKAGES[1:]
+            for name in public_names(other)
+            if name in names and getattr(import_module(other), name) is getattr(module, name)
+        }
+    )
+    links = [f"[`{name}`][{_path(other, name)}]" for name, other in sorted(elsewhere.items())]
+    parts = [f"Also here: {', '.join(links)}."] if links else []
+    parts += [f"::: {_path(package, name)}" for name in names if name not in elsewhere]
+    return "\n\n".join([f"# {package}", _plain(about), *parts]) + "\n"
+
+
+def _path(package: str, name: str) -> str:
+    """Where a name is documented: an error of `firmware_io` there."""
+    home = getattr(getattr(import_module(package), name), "__module__", package)
+    return f"{home if home.startswith('firmware_io') else package}.{name}"
+
+
+def _plain(docstring: str) -> str:
+    """Markdown of a package's docstring: literal blocks become code."""
+    text = re.sub(r"``(.+?)``", r"`\1`", docstring)
+    return re.sub(r"::\n\n((?:    .*\n?|\n)+)", r":\n\n\1", text)
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add the pages."""
+    for name, path in OUTSIDE.items():
+        files.append(File.generated(config, name, content=(ROOT / path).read_text("utf-8")))
+    for package in PACKAGES:
+        page = f"reference/{package}.md"
+        files.append(File.generated(config, page, content=reference(package)))
+    return files
+
+
+def on_config(config: Any) -> Any:
+    """Put the reference into the navigation."""
+    for entry in config.nav:
+        if entry.get("API reference") == "reference":
+            entry["API reference"] = [f"reference/{package}.md" for package in PACKAGES]
+    return config
+
+
+def on_page_markdown(markdown: str, **about: Any) -> str:
+    """Let links to files outside docs/ lead to their pages."""
+    for page, path in OUTSIDE.items():
+        markdown = re.sub(rf"\]\((?:\.\./)?{re.escape(path)}", f"]({page}", markdown)
+    return re.sub(r"\]\(docs/", "](", markdown)
