@@ -76,6 +76,7 @@ def assert_for_machines(text):
     walk(json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON")))
 
 
+@pytest.mark.slow
 def test_all_the_way_to_a_surface(folder):
     session = str(folder / "s")
     made = run.invoke(app, ["reduce", session, "--json"])

@@ -168,6 +168,7 @@ def test_a_gap_that_leaks_is_found_and_needed(predictor, truth, reduced_of, para
     assert not needs["leaky-gap"].is_on
 
 
+@pytest.mark.slow
 def test_terms_that_are_not_there_are_not_asked_for(predictor, strokes, full_fit, parameters):
     few = ("leaky-gap", "skin-dielectric", "finite-size")
     needs = {n.term: n for n in compare_terms(full_fit, strokes, predictor, parameters, few)}
@@ -178,6 +179,7 @@ def test_terms_that_are_not_there_are_not_asked_for(predictor, strokes, full_fit
     assert needs["finite-size"].need != "contradicted"
 
 
+@pytest.mark.slow
 def test_a_term_that_the_truth_lacks_is_contradicted(finger, screen, reduced_of):
     """The finite size in the theory "open-gaps", in which it is a cut, and off."""
     predictor = StrokePredictor(haptix.ContactModel(finger, screen, theory="open-gaps"))

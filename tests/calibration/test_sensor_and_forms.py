@@ -57,6 +57,7 @@ def test_a_slow_sensor_leaves_the_intervals_right(sensed, predictor, finger, scr
     assert known.value == pytest.approx(20.0, rel=2 * reported_within(known.name))
 
 
+@pytest.mark.slow
 def test_another_gap_distribution_is_weighed_and_widens(predictor, reduced_of, finger, screen):
     other = StrokePredictor(haptix.ContactModel(finger, screen, gap_distribution="plain"))
     truth = Parameters.of(finger, screen).started_at(h0_m=H0_M)

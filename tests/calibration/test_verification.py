@@ -94,6 +94,7 @@ def test_one_noisy_stroke_does_not_decide(fit, strokes, written, passed):
     assert verify(fit, shifted(strokes, passed.rows, [0.52] + [0.0] * 7), written, rig=RIGHT).passed
 
 
+@pytest.mark.slow
 def test_a_shift_of_the_tolerance_passes_in_one_of_twenty_at_most(fit, strokes, written, passed):
     """Friction wrong by half a JND at the carrier alone, with a repeatability of 1 %."""
     rng = np.random.default_rng(3)

@@ -394,6 +394,7 @@ def test_as_a_module_in_a_process(monkeypatch):
     assert re.fullmatch(r"haptix: voltage_v: 201 V is above the limit of 200 V.*\n", wrong.stderr)
 
 
+@pytest.mark.slow
 def test_an_ascii_terminal(monkeypatch):
     in_a_folder(monkeypatch)
     monkeypatch.setenv("PYTHONIOENCODING", "ascii")

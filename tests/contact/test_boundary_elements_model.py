@@ -163,6 +163,7 @@ def test_plain_rounds_at_fixed_strength_end_in_the_same_state(
     assert bool(found.converged.all())
 
 
+@pytest.mark.slow
 def test_snap_in_is_bracketed() -> None:
     # A wave whose crests stick: past some strength the contact spreads over its flanks at once.
     x = np.arange(96) / 96

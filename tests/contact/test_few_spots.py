@@ -52,6 +52,7 @@ def test_area_by_plain_sums() -> None:
         assert float(contact.area_fraction(pressure)) == pytest.approx(area, rel=2e-5)
 
 
+@pytest.mark.slow
 def test_mean_gap_by_plain_sums() -> None:
     q, total, added, opening = waves(SKIN)
     contact = CORRECTED.mean_field(SPECTRUM, SKIN)

@@ -24,7 +24,7 @@ LOADS = tenth_powers(-5, 0.3)  # p over tau, from a few spots to nearly full con
 THICKNESSES = tenth_powers(-3, 1)  # h0 over h_rms
 
 
-@pytest.fixture(scope="module", params=["plain", "combined"])
+@pytest.fixture(scope="module", params=[pytest.param("plain", marks=pytest.mark.slow), "combined"])
 def skin(request: pytest.FixtureRequest) -> MeanField:
     return MeanField(
         RoughnessSpectrum.self_affine(22e-6, 0.86, 1e3, 3992.9, 1e9),
@@ -38,7 +38,7 @@ def solid() -> MeanField:
     return MeanField(RoughnessSpectrum.self_affine(2e-6, 0.8, 1e4, 5e4, 1e8), HalfSpace(40e6, 0.5))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(load=LOADS, more=st.floats(1.001, 10.0))
 def test_more_pressure_more_area_less_gap(skin: MeanField, load: float, more: float) -> None:
     pressure = torch.tensor([load, load * more], dtype=torch.float64) * skin.stress_rms_pa
@@ -47,7 +47,7 @@ def test_more_pressure_more_area_less_gap(skin: MeanField, load: float, more: fl
     assert gap[0] > gap[1] >= 0 or gap[0] == gap[1] == 0
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(load=LOADS, h0=THICKNESSES, more=st.floats(1.001, 10.0), turn=st.floats(0.0, 1.57))
 def test_a_thicker_insulator_pulls_less(
     skin: MeanField, load: float, h0: float, more: float, turn: float
@@ -62,7 +62,7 @@ def test_a_thicker_insulator_pulls_less(
         assert bool((pull <= (1 + 1e-12) / thickness.abs() ** 2).all())
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     length=tenth_powers(-3, 3),
     modulus=tenth_powers(-4, 4),
@@ -90,7 +90,7 @@ def test_only_ratios_of_lengths_and_of_moduli_matter(
     assert solve(length, modulus) == pytest.approx(solve(1.0, 1.0), rel=1e-9)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(load=LOADS)
 def test_gaps_and_spots_cover_the_nominal_area(solid: MeanField, load: float) -> None:
     pressure = load * float(solid.stress_rms_pa)
@@ -98,7 +98,7 @@ def test_gaps_and_spots_cover_the_nominal_area(solid: MeanField, load: float) ->
     assert covered == pytest.approx(1.0, abs=1e-9)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(load=LOADS)
 def test_no_share_of_area_is_negative(skin: MeanField, load: float) -> None:
     pressure = load * float(skin.stress_rms_pa)
@@ -107,7 +107,7 @@ def test_no_share_of_area_is_negative(skin: MeanField, load: float) -> None:
     assert float(mass.sum() + skin.area_fraction(pressure)) <= 1 + 1e-9
 
 
-@pytest.mark.parametrize("load", [1e-3, 0.05, 0.8])
+@pytest.mark.parametrize("load", [1e-3, 0.8])
 def test_density_and_histogram_are_one_distribution(skin: MeanField, load: float) -> None:
     pressure = load * float(skin.stress_rms_pa)
     histogram = skin.gap_histogram(pressure)

@@ -110,6 +110,7 @@ def test_boundary_elements(gpu: PretendGpu) -> None:
         assert isinstance(model.scatter(0.5, 0.0, 125.0).area_fraction, OnGpu)
 
 
+@pytest.mark.slow
 def test_surface(gpu: PretendGpu, surface: FrictionSurface, tmp_path: Path) -> None:
     there = torch.tensor(FORCE, dtype=torch.float64, device="cuda")
     for dtype in (torch.float64, torch.float32):

@@ -30,6 +30,7 @@ def contents(folder):
     return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
+@pytest.mark.slow
 def test_every_figure_has_its_files(drawn):
     folder, written = drawn
     assert tuple(FIGURES) == NAMES
@@ -87,6 +88,7 @@ def test_the_caption_of_the_roughness_calls_its_spectra_placeholders(figures):
     assert "Placeholders, not measured: all three spectra" in figures["roughness"].caption
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_hides_a_curve_or_is_cut_off(figures, name):
     figure = draw(figures[name])
@@ -179,6 +181,7 @@ def test_a_figure_that_fails_writes_nothing(tmp_path, monkeypatch, figures):
 
 
 @pytest.mark.usefixtures("quick")
+@pytest.mark.slow
 def test_the_command_lists_what_it_wrote(tmp_path):
     app = typer.Typer()
     app.command()(command)

@@ -158,6 +158,7 @@ def test_a_smooth_dielectric_moves_volts_by_no_more_than_its_thickness(kept):
 
 
 @pytest.mark.usefixtures("straight_lines")
+@pytest.mark.slow
 def test_a_photograph_is_felt_as_the_file_beside_it_says(kept):
     command = [
         "render",

@@ -274,6 +274,7 @@ def test_points_end_where_a_surface_does(plain):
     assert float(trials.highest_voltage(everything, thin).max()) <= 60.0
 
 
+@pytest.mark.slow
 def test_what_is_left_to_the_scene_is_measured_and_off(plain):
     plan = plan_scene(plain, points=50)
     for name in ("field-limit", "body-return"):

@@ -47,6 +47,7 @@ def test_render_in_words(haptix_cli, own_folder):
     assert max(map(len, done.out.splitlines())) <= 80
 
 
+@pytest.mark.slow
 def test_touches_that_are_later_err_more(haptix_cli, own_folder):
     def error(*options):
         assert haptix_cli("render", *SMALL, *PHOTO, "--out", "out", *options).code == 0

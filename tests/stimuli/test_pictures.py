@@ -42,6 +42,7 @@ def test_the_friction_drawn_is_the_friction_wanted(made):
     np.testing.assert_allclose(direct.amplitude_v, 60.0, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_pictures_are_drawn(made, tmp_path):
     one, two = made
     for path in (one.folder / "direct.wav", one.folder / "blink.wav", two.folder / "tone.wav"):

@@ -52,6 +52,7 @@ def haptix_stimuli(haptix_cli, monkeypatch, tmp_path):
     return partial(haptix_cli, "stimuli")
 
 
+@pytest.mark.slow
 def test_a_recipe_is_made_and_shown(haptix_stimuli):
     done = haptix_stimuli("make", "set.toml", "--out", "out")
     assert done.code == 0, done.err

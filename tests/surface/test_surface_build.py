@@ -146,6 +146,7 @@ def test_a_narrow_axis_is_one_point(model: ContactModel) -> None:
         assert float(one.mu(force, 100.0)) == pytest.approx(expected, abs=1e-3)  # the tolerance
 
 
+@pytest.mark.slow
 def test_a_size_that_only_a_coarser_grid_fits(model: ContactModel) -> None:
     scene = {"normal_force_n": (0.1, 1.0), "frequency_hz": (60.0, 1e4), "voltage_v": (0.0, 150.0)}
     with pytest.raises(ToleranceError, match="reached") as caught:
