@@ -16,6 +16,9 @@ _Volts = npt.NDArray[np.float64]
 _DC_FLOOR_V = 0.05
 #: Bounds have this share of room, far more than sums of a second can be wrong by rounding.
 _ROUNDING = 1.0 - 1e-9
+#: Samples that are added up at once, for a bound on the sums up to each: far faster than these.
+_PIECE = 24
+_ONES = np.ones(_PIECE)
 
 
 class DriveWindow:
@@ -73,10 +76,10 @@ class DriveWindow:
         if volts.size == 0:
             return
         ramp_samples = 0.0 if is_carried else RAMP_S / 2 * self._sample_rate_hz
-        steps = self._steps(volts)
         leaving = self._leaving(volts)
-        if self._is_far_from_limits(volts, leaving, steps, ramp_samples):
+        if self._is_far_from_limits(volts, leaving, ramp_samples):
             return
+        steps = self._steps(volts)
         if self._is_within_limits(volts, leaving, steps, ramp_samples):
             return
         self._check_energy(volts, each, leaving)
@@ -126,21 +129,26 @@ class DriveWindow:
             self.take(np.zeros(min(samples, self._ring.size)))
         self._last_v = 0.0
 
-    def _is_far_from_limits(
-        self, volts: _Volts, leaving: _Volts, steps: _Volts, ramp_samples: float
-    ) -> bool:
+    def _is_far_from_limits(self, volts: _Volts, leaving: _Volts, ramp_samples: float) -> bool:
         """Whether no sample can break a limit, whatever leaves the window meanwhile."""
         size, limits = self._ring.size, self.limits
-        peak = float(np.maximum.reduce(np.abs(volts)))
+        peak = max(float(np.maximum.reduce(volts)), -float(np.minimum.reduce(volts)))
+        if peak == 0.0:
+            return True  # 0 V is the remedy, whatever came before
         room = _ROUNDING * size
         share_v = limits.max_dc_share
+        squares = float(np.dot(volts, volts))
+        # The squared steps, by ``(b - a)^2 = a^2 + b^2 - 2 a b``.
+        first, last = float(volts[0]), float(volts[-1])
+        steps = 2 * (squares - float(np.dot(volts[1:], volts[:-1]))) - first**2 - last**2
+        steps += (first - self._last_v) ** 2
         if (
-            self._sum_square + float(np.dot(volts, volts)) > room * limits.max_rms_v**2
-            or self._sum_steps + float(np.dot(steps, steps)) > _ROUNDING * self._most_steps
+            self._sum_square + squares > room * limits.max_rms_v**2
+            or self._sum_steps + steps > _ROUNDING * self._most_steps
         ):
             return False
-        lowest, highest = _extremes(volts)
-        gone_lowest, gone_highest = _extremes(leaving)
+        lowest, highest = _bounds(volts, peak)
+        gone_lowest, gone_highest = _bounds(leaving, max(self._largest_v, peak))
         moved = max(highest - gone_lowest, gone_highest - lowest)
         stretch = max(highest + self._highest_sum, -lowest - self._lowest_sum, highest - lowest)
         return bool(
@@ -274,7 +282,11 @@ class DriveWindow:
         return np.concatenate([self._ring[self._next :], self._ring[: self._next]])
 
 
-def _extremes(volts: _Volts) -> tuple[float, float]:
-    """Return the lowest and the highest sum of the first samples, of none of them as well."""
-    sums = np.add.accumulate(volts)
-    return min(0.0, float(np.minimum.reduce(sums))), max(0.0, float(np.maximum.reduce(sums)))
+def _bounds(volts: _Volts, peak: float) -> tuple[float, float]:
+    """Bound the sums of the first samples, of none too, where no magnitude is above `peak`."""
+    pieces, within = volts.size // _PIECE, _PIECE * peak
+    if not pieces:
+        return -within, within
+    sums = np.add.accumulate(volts[: pieces * _PIECE].reshape(pieces, _PIECE) @ _ONES)
+    lowest, highest = float(np.minimum.reduce(sums)), float(np.maximum.reduce(sums))
+    return min(0.0, lowest) - within, max(0.0, highest) + within

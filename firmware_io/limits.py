@@ -185,10 +185,12 @@ class DriveLimits:
             If a sample is not finite, exceeds the ceiling, or differs from the one before it by
             more than the slew limit allows. The message names the first such sample.
         """
+        if volts.size == 0:
+            return
         # Written so that NaN, which compares false with everything, counts as over the ceiling.
-        over = ~(np.abs(volts) <= self.ceiling_v)
-        if over.any():
-            index = int(over.argmax())
+        lowest, highest = np.minimum.reduce(volts), np.maximum.reduce(volts)
+        if not (-self.ceiling_v <= lowest and highest <= self.ceiling_v):
+            index = int((~(np.abs(volts) <= self.ceiling_v)).argmax())
             value = float(volts[index])
             if not math.isfinite(value):
                 raise LimitError(
@@ -199,16 +201,12 @@ class DriveLimits:
                 f"Sample {index} is {value!r} V, above the ceiling of {self.ceiling_v!r} V; "
                 "lower the signal's amplitude."
             )
-        if volts.size == 0:
-            return
         steps = np.empty_like(volts)  # np.diff takes three times as long for a short block
         steps[0] = volts[0] - previous_v
         np.subtract(volts[1:], volts[:-1], out=steps[1:])
-        np.abs(steps, out=steps)
         allowed = self.max_slew_v_per_s / sample_rate_hz
-        too_steep = steps > allowed
-        if too_steep.any():
-            index = int(too_steep.argmax())
+        if np.maximum.reduce(steps) > allowed or np.minimum.reduce(steps) < -allowed:
+            index = int((np.abs(steps) > allowed).argmax())
             before = float(volts[index - 1]) if index else previous_v
             raise LimitError(
                 f"Sample {index} steps from {before:g} V to {volts[index]:g} V, but the slew limit "

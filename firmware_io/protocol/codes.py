@@ -38,9 +38,13 @@ def volts_to_codes(
     """
     values = np.asarray(volts, dtype=np.float64)
     limit = full_scale_v if ceiling_v is None else min(ceiling_v, full_scale_v)
-    over = ~(np.abs(values) <= limit)
-    if over.any():
-        index = int(over.argmax())
+    if values.size == 0:
+        return np.zeros(values.shape, np.int16)
+    lowest = float(np.minimum.reduce(values, axis=None))
+    highest = float(np.maximum.reduce(values, axis=None))
+    # Written so that NaN, which compares false with everything, counts as over the limit.
+    if not (-limit <= lowest and highest <= limit):
+        index = int((~(np.abs(values) <= limit)).argmax())
         raise LimitError(
             f"Sample {index} is {float(values.flat[index])!r} V, but codes reach {limit!r} V; "
             "lower the signal's amplitude."
@@ -48,8 +52,13 @@ def volts_to_codes(
     top = int(limit / full_scale_v * FULL_SCALE_CODE)
     if top / FULL_SCALE_CODE * full_scale_v > limit:
         top -= 1
-    codes = np.rint(values / full_scale_v * FULL_SCALE_CODE)
-    return np.clip(codes, -top, top).astype(np.int16)
+    codes = np.empty_like(values)
+    np.divide(values, full_scale_v, out=codes)
+    codes *= FULL_SCALE_CODE
+    np.rint(codes, out=codes)
+    if max(-lowest, highest) / full_scale_v * FULL_SCALE_CODE > top:
+        np.clip(codes, -top, top, out=codes)
+    return codes.astype(np.int16)
 
 
 def codes_to_volts(codes: npt.NDArray[np.int16], full_scale_v: float) -> npt.NDArray[np.float64]:

@@ -271,7 +271,7 @@ def test_the_window_agrees_with_sums_taken_afresh(blocks):
 class EverySample(DriveWindow):
     """The window without its bounds: it looks at each sample."""
 
-    def _is_far_from_limits(self, volts, leaving, steps, ramp_samples):
+    def _is_far_from_limits(self, volts, leaving, ramp_samples):
         return False
 
     def _is_within_limits(self, volts, leaving, steps, ramp_samples):
@@ -311,7 +311,7 @@ def play_both(rng, is_carried):
         steps = fast._steps(volts)
         ramp = 0.0 if is_carried else RAMP_S / 2 * 4000
         leaving = fast._leaving(volts)
-        is_far = fast._is_far_from_limits(volts, leaving, steps, ramp)
+        is_far = fast._is_far_from_limits(volts, leaving, ramp)
         far += is_far
         within += not is_far and fast._is_within_limits(volts, leaving, steps, ramp)
         if found[0]:
