@@ -58,7 +58,8 @@ class MockDriver:
     max_frame_samples : int
         Largest number of samples in a frame.
     queue_samples : int, optional
-        Depth of its queue; default: 8 frames or 8192 samples, whichever is more.
+        Depth of its queue; default: 12 frames or 12288 samples, a quarter of a second at 48 kHz,
+        whichever is more.
     max_slew_v_per_s : float
         The driver's own slew limit.
     max_watchdog_s : float
@@ -120,7 +121,7 @@ class MockDriver:
             # Rounded down: no limit grows on its way into whole numbers.
             ceiling_mv=math.floor(limits.ceiling_v * 1e3),
             max_slew_v_per_s=min(math.floor(limits.max_slew_v_per_s), 2**32 - 1),
-            queue_samples=max(8 * frame, 8192)
+            queue_samples=max(12 * frame, 12_288)
             if queue_samples is None
             else _whole("queue_samples", queue_samples, 1, 2**32 - 1),
             max_frame_samples=frame,

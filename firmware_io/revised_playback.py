@@ -14,7 +14,7 @@ from firmware_io.errors import DeviceError
 from firmware_io.reviser import Reviser, Source
 
 LONGEST_HORIZON_S = 0.11
-"""With the spare beyond it, half of the longest watchdog time."""
+"""With the spare beyond it, about what a driver takes within its longest watchdog time."""
 
 
 @dataclass(frozen=True)

@@ -18,15 +18,17 @@ from firmware_io.stream import Progress
 WINDOW_S = 0.02
 """Longest revision: two intervals of a touchscreen of 100 Hz."""
 
-SPARE_S = 0.07
+SPARE_S = 0.085
 """Samples beyond the horizon: of the piece that is appended next, and for two stalls in a row."""
 
-_PIECE_S = 0.02  # of what is appended, in the time between touches
+_PIECE_S = 0.04  # of what is appended at once, in the time between touches
+_PIECE_SHARE = 1 / 3  # and of what the driver can hold beyond the horizon
 _APPENDED_WITHIN_S = 0.007  # of when there is room for a piece: mostly by the next look
 _PIECE_TAKES_S = 0.002  # on a slow link
 _STATUS_S = 0.02
 _ASK_S = 0.25  # a report that waits in a socket is late; an answer to a question is not
 _LOOK_S = 5e-4  # from when a revision is due: whether it was refused is known by then
+_WARY_S = 1.0  # after a refusal: each further revision is looked after as soon as that
 _FIRST_NEED_S = 1e-3  # beyond the guard
 # By which a refusal delays a reaction: until it is told, and the needs of what is sent again and
 # of what it holds up on the link.
@@ -114,7 +116,8 @@ class Reviser:
         self._horizon = int((horizon_s + SPARE_S) * rate_hz)
         piece = device.least_write_samples
         if piece == 1:
-            piece = int(_PIECE_S * rate_hz)
+            beyond = device.capabilities.queue_samples - horizon_s * rate_hz
+            piece = min(int(_PIECE_S * rate_hz), max(self._least, int(_PIECE_SHARE * beyond)))
             if device.link_bytes_per_s is not None:
                 piece = min(piece, int(_PIECE_TAKES_S * device.link_bytes_per_s / 2))
         self._piece = max(grid, piece // grid * grid)
@@ -128,6 +131,7 @@ class Reviser:
         self._under_way: deque[tuple[float, float, float]] = deque()
         self._look_s = self._append_s = -math.inf
         self._revised_s = -math.inf
+        self._refused_s = clock()  # the first revisions try how long they need
         self._asked_s = -math.inf
         self._known_underruns = 0
         self._undone = 0
@@ -214,6 +218,7 @@ class Reviser:
                     self.reactions_s.append(first_s - touched_s)
             if undone:
                 self.refused += undone
+                self._refused_s = self._clock()
                 touched = [t for t, *_ in self._under_way if not math.isnan(t)]
                 lead_s = self._under_way[-1][-1]
                 self._under_way.clear()
@@ -262,7 +267,8 @@ class Reviser:
         at_s = self.output.time_of(first)
         volts = self._source.window(first, count, at_s, True)
         self.device.revise(first, volts)
-        self._look_s = min(self._look_s, at_s + _LOOK_S)
+        is_wary = now_s - self._refused_s < _WARY_S
+        self._look_s = min(self._look_s, at_s + (_LOOK_S if is_wary else _STATUS_S))
         lead_s = at_s - now_s
         with self.ready:
             self._under_way.append((math.nan if touched_s is None else touched_s, at_s, lead_s))

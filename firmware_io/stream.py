@@ -39,6 +39,7 @@ _REVISIONS_PER_S = 100  # that a link should carry: the usual touchscreen's repo
 _LEAST_INTERVAL_S = 0.0025  # between two revisions, whatever the link
 _OTHER_REPORTS_PER_S = 10  # questions to the driver
 _USED_SHARE = 0.9  # of a link's bytes
+_SLOWEST = 0.98  # of its rate, at which a driver plays; even without a crystal none is slower
 _REVISE_OVERHEAD_BYTES = STREAM_OVERHEAD_BYTES + 2
 #: Samples in one write to a link without reports: 64 KiB; longer writes delay a stop.
 _SAMPLES_PER_WRITE = 32_000
@@ -241,8 +242,9 @@ class Stream:
                 f"Samples {queued.first + 1} to {queued.end - 2} can be revised, but {first} to "
                 f"{end - 1} came; begin later, or end earlier."
             )
-        self._check(np.append(volts, queued[end]), queued[first - 1])
         changed = queued.with_values(first, volts)
+        start = first - queued.first
+        self._check(changed[start : start + volts.size + 1], queued[first - 1])
         self._check_window(self._driven(changed, queued.first, self._before_v))
         codes = volts_to_codes(volts, self.setup.full_scale_mv / 1e3, self.limits.ceiling_v)
         message = Revise(
@@ -338,7 +340,11 @@ class Stream:
         status = self._status()
         played = self._sent - (self._sent - status.samples_played) % INDEX_MODULUS
         ahead = self._sent - played
-        room = status.free_samples - (ahead - status.queued_samples)
+        if status.state is DeviceState.PLAYING:
+            # What it has played since then, at the least, is room that it will report.
+            since_s = _SLOWEST * (self.client.clock() - self.client.status_s)
+            ahead -= min(max(0, int(since_s * self.setup.sample_rate_hz)), status.queued_samples)
+        room = status.queued_samples + status.free_samples - ahead
         return Progress(
             self.client.status_s,
             self._sent,
