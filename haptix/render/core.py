@@ -172,6 +172,10 @@ class RenderCore:
         self._most_v = highest_v / (1.0 if peak <= 1 else 1 + 1e-12)
         self._most_step_v = change_v_per_s * self.step / rate
         self._share = np.arange(self.step) / self.step
+        joined = max(1, round(_JOIN_S / self.step_s))
+        self._join_share = np.arange(1, joined + 1) / joined
+        # How far from an end its slope lets the points before it be.
+        self._reach_v = self._most_step_v * np.arange(highest_v // self._most_step_v + 1, -1, -1)
 
     @property
     def texture(self) -> Feelable:
@@ -329,24 +333,27 @@ class RenderCore:
 
     def _join(self, line: Array, queued_v: Array) -> None:
         """Let `line` end in place at the last of the amplitudes that are queued."""
-        points = min(len(queued_v), max(1, round(_JOIN_S / self.step_s)))
-        share = np.arange(1, points + 1) / points
-        line[-points:] += share * (queued_v[-points:] - line[-points:])
-        if np.abs(line[1:] - line[:-1]).max() > self._most_step_v:
-            self._slewed(line)
+        points = min(len(queued_v), len(self._join_share))
+        share = self._join_share
+        if points < len(share):
+            share = np.arange(1, points + 1) / points
+        end = line[-points:]
+        end += share * (queued_v[-points:] - end)
+        self._slewed(line)
         # No further from the end than its slope allows: of two such limits the slope is kept.
-        reach = self._most_step_v * np.arange(len(queued_v) - 1, -1, -1)
-        np.clip(line[1:], queued_v[-1] - reach, queued_v[-1] + reach, out=line[1:])
+        tail, last = line[1:][-len(self._reach_v) :], float(queued_v[-1])
+        reach = self._reach_v[-len(tail) :]
+        np.minimum(tail, last + reach, out=tail)
+        np.maximum(tail, last - reach, out=tail)
 
     def _slewed(self, line: Array) -> Array:
         """Limit the slope of `line` in place, and return its steps."""
         most, change = self._most_step_v, line[1:] - line[:-1]
-        steep = np.abs(change) > most
-        if not steep.any():
+        if np.maximum.reduce(change) <= most and np.minimum.reduce(change) >= -most:
             return change
         values = line.tolist()
         caught_up = 0
-        for at in steep.nonzero()[0].tolist():
+        for at in (np.abs(change) > most).nonzero()[0].tolist():
             # From each step that is too steep to where the line is met again.
             i = at + 1
             while i > caught_up and i < len(values):

@@ -148,7 +148,7 @@ class RevisedFingers(LiveFingers):
         self._at_rest = at_rest or not self._sliding.is_needed
         half_s = step_s * points / 2
         weights = _weights(points, step_s, self._settings.touch.blend_s)
-        rows: list[tuple[tuple[float, ...], ...]] = []
+        rows: list[tuple[Array, Array, Array]] = []
         gains: list[Array] = []
         forces: list[float] = []
         velocities: list[tuple[float, float]] = []
@@ -161,13 +161,15 @@ class RevisedFingers(LiveFingers):
             if gain is None:
                 continue
             gains.append(gain)
-            begin, middle, end = (track.ahead(t0_s + part * half_s) for part in (0, 1, 2))
+            middle = track.ahead(t0_s + half_s)
+            x0, y0 = track.tracker.place(t0_s, track.now)
+            x1, y1 = track.tracker.place(t0_s + 2 * half_s, track.now)
             dx, dy, df = track.left(t0_s)
             force = middle.normal_force_n
             rows.append((
-                (begin.x_mm, middle.x_mm, end.x_mm, dx),
-                (begin.y_mm, middle.y_mm, end.y_mm, dy),
-                (force, force, force, df),
+                np.dot((x0, middle.x_mm, x1, dx), weights),
+                np.dot((y0, middle.y_mm, y1, dy), weights),
+                np.dot((force, force, force, df), weights) if df else np.full(points, force),
             ))  # fmt: skip
             forces.append(force + df * float(weights[3, points // 2]))
             velocities.append((middle.vx_mm_s, middle.vy_mm_s))
@@ -178,7 +180,8 @@ class RevisedFingers(LiveFingers):
             fastest = max(fastest, middle.speed_mm_s)
         if not rows:
             return Fingers.none(points)
-        x, y, normal_force = (np.array(rows) @ weights).swapaxes(0, 1).reshape(3, -1)
+        parts = zip(*rows, strict=True)
+        x, y, normal_force = rows[0] if len(rows) == 1 else map(np.concatenate, parts)
         motion = Motion(
             len(rows), points, x, y, normal_force, fastest * step_s, step_s, since_s,
             lambda: repeated(velocities, points), tuple(known), tuple(histories),

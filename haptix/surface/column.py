@@ -82,11 +82,15 @@ class Column:
     @cached_property
     def lowest_mu(self) -> Floats:
         """Friction without voltage."""
+        if self.inverse.ndim == 1:
+            return -1 / float(self.inverse[0])
         return -1 / self.inverse.T[0]
 
     @cached_property
     def highest_mu(self) -> Floats:
         """Friction at the end."""
+        if self.inverse.ndim == 1:
+            return -1 / float(np.interp(self.end_drive, self.drive, self.inverse))
         return -1 / self._inverse_at(self.end_drive)
 
     def mu(self, voltage_v: Array) -> Array:
@@ -113,9 +117,12 @@ class Column:
         drive = np.minimum(self._drive_at(goal), self.end_drive)
         voltage = np.minimum(self.unit_v * np.sqrt(drive), self.end_v)
         # All of these are below 0: the slack widens the range.
-        above = goal > (_SLACK - 1) / self.highest_mu
-        below = goal < self.inverse.T[0] * (1 + _SLACK)
-        status: Codes = above * self.ends_by + below * _BELOW
+        most, least = (_SLACK - 1) / self.highest_mu, -(1 + _SLACK) / self.lowest_mu
+        is_one = self.inverse.ndim == 1 and goal.ndim == 1 and goal.size > 0
+        if is_one and np.maximum.reduce(goal) <= most and np.minimum.reduce(goal) >= least:
+            status: Codes = np.zeros(goal.shape, np.int8)
+        else:
+            status = (goal > most) * self.ends_by + (goal < least) * _BELOW
         if self.inverse.ndim > 1 or not self.is_inside:
             status = np.where(self.is_inside, status, _OUT_OF_RANGE)
         return voltage, status

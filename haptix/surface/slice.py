@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import inf
-from typing import Any, Self
+from math import exp, inf, log, sqrt
+from typing import Self
 
 import numpy as np
 
@@ -110,19 +111,33 @@ class Slice:
         if found is None:
             if len(self._kept) >= _KEPT:
                 self._kept.clear()
-            found = self._kept[normal_force_n] = self._column(np.float64(normal_force_n), min, max)
+            found = self._kept[normal_force_n] = self._one_column(normal_force_n)
         return found
+
+    def _one_column(self, force_n: float) -> Column:
+        """As `columns_at`, in plain numbers: several times as fast for one force."""
+        log_force, nodes = log(force_n), self._log_forces
+        cell = bisect_right(nodes, log_force, 1, max(len(nodes) - 1, 1)) - 1
+        part = min(max((log_force - nodes[cell]) * float(self._per_log[cell]), 0.0), 1.0)
+        column = self.columns[cell] + part * self._step[cell]
+        log_pull_in, log_breakdown = column[-2:].tolist()
+        pull_in_v = self.unit_v * exp(log_pull_in)
+        breakdown_v = self.unit_v * exp(log_breakdown) if self.ends_at_breakdown else inf
+        most = float(self.drive[-1])
+        end_drive = min((min(breakdown_v, self.limit_v) / pull_in_v) ** 2, most)
+        end_v = min(pull_in_v * sqrt(end_drive), self.limit_v)
+        ends_by = _PULL_IN if end_drive >= self.pull_in_drive * (1 - _NEAR) else _ABOVE
+        if breakdown_v <= end_v * (1 + _NEAR) and breakdown_v < self.limit_v:
+            ends_by = _BREAKDOWN
+        inside = self._lowest_n <= force_n <= self._highest_n
+        return Column(self.drive, column[:-2], pull_in_v, end_drive, end_v, ends_by, inside)
 
     def columns_at(self, normal_force_n: Array) -> Column:
         """Columns at forces [N], shape (points,), finite and above 0."""
-        return self._column(normal_force_n, np.minimum, np.maximum)
-
-    def _column(self, force_n: Any, least: Any, most: Any) -> Column:
-        """Blend columns at one force or several; `least` and `most` are of scalars or arrays."""
+        force_n, least, most = normal_force_n, np.minimum, np.maximum
         log_force = np.log(force_n)
         cell = self._log_force[1:-1].searchsorted(log_force, side="right")
         part = least(most((log_force - self._log_force[cell]) * self._per_log[cell], 0.0), 1.0)
-        # Transposed: the last entries of one column are then scalars, those of several are arrays.
         column = self.columns[cell] + (part * self._step[cell].T).T
         pull_in_v = self.unit_v * np.exp(column.T[-2])
         breakdown_v = self.unit_v * np.exp(column.T[-1]) if self.ends_at_breakdown else inf
@@ -132,13 +147,24 @@ class Slice:
         if self.ends_at_breakdown:
             breaks = (breakdown_v <= end_v * (1 + _NEAR)) & (breakdown_v < self.limit_v)
             ends_by = ends_by + breaks * (_BREAKDOWN - ends_by)
-        low, high = self.force_n[0] * (1 - SLACK), self.force_n[-1] * (1 + SLACK)
-        inside = (low <= force_n) & (force_n <= high)
+        inside = (self._lowest_n <= force_n) & (force_n <= self._highest_n)
         return Column(self.drive, column[..., :-2], pull_in_v, end_drive, end_v, ends_by, inside)
 
     @cached_property
     def _log_force(self) -> Array:
         return np.log(self.force_n)
+
+    @cached_property
+    def _log_forces(self) -> list[float]:
+        return list(self._log_force.tolist())
+
+    @cached_property
+    def _lowest_n(self) -> float:
+        return float(self.force_n[0]) * (1 - SLACK)
+
+    @cached_property
+    def _highest_n(self) -> float:
+        return float(self.force_n[-1]) * (1 + SLACK)
 
     @cached_property
     def _per_log(self) -> Array:

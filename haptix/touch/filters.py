@@ -136,7 +136,7 @@ class SingerKalman(PlaceFilter):
         tau = self.correlation_s
         to_speed = -tau * expm1(-ahead_s / tau)
         to_place = tau * (ahead_s - to_speed)
-        _, x, y, vx, vy, ax, ay, *_ = state
+        _, x, y, vx, vy, ax, ay = state[:7]
         return (
             x + vx * ahead_s + ax * to_place, y + vy * ahead_s + ay * to_place,
             vx + ax * to_speed, vy + ay * to_speed,

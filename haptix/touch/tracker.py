@@ -218,6 +218,11 @@ class TouchTracker:
             force.source, slides and down and not lost, lost, down,
         )  # fmt: skip
 
+    def place(self, t_s: float, now: Any = None) -> tuple[float, float]:
+        """Place of `at` alone, in a third of its time."""
+        t, filtered, _, _ = self._now if now is None else now
+        return self._filter.ahead(filtered, self._ahead_s(t_s - t))[:2]
+
     def path(self, t0_s: float, dt_s: float, count: int) -> PathSegment:
         """Return the path over a block of samples, as one straight piece.
 
