@@ -85,7 +85,7 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
     elif message.type == "release":
         control.release("released")
     elif message.type == "arm":
-        await _ask(hub, "arm", session=session.number)
+        hub.full_drive = (await _ask(hub, "arm", session=session.number)).get("full_drive")
         if control.holder is not session:  # it left, or lost the lease, while the engine armed
             hub.engine.tell("stop", reason="the lease was lost while arming")
             raise Problem("lease", "arm: the lease was lost meanwhile")

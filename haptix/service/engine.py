@@ -311,8 +311,9 @@ class EngineServer:
         if layout is not None:
             self._layouts[session] = layout
 
-    def _do_arm(self, session: int) -> None:
+    def _do_arm(self, session: int) -> dict[str, Any]:
         from haptix.render import LiveRenderer, LiveSettings
+        from haptix.render.core import carrier_hz
 
         if self._device is None:
             raise InputError("arm: a job has the device; wait for it, or cancel it")
@@ -338,6 +339,8 @@ class EngineServer:
             error = InputError("stopped while arming")
             renderer.__exit__(InputError, error, None)
             raise error
+        drive = {"carrier_hz": carrier_hz(self._surface), "highest_v": renderer.highest_v}
+        return {"full_drive": drive}
 
     def _contact(self, layout: SessionLayout, event: LayoutEvent) -> None:
         names = (name for name, patch in layout.patches.items() if patch is event.patch)

@@ -59,6 +59,7 @@ class Hub:
         self.access, self.engine, self.inventory = access, engine, inventory
         self.material_schema: dict[str, Any] = {}
         self.profiles: dict[str, Any] = {}
+        self.full_drive: dict[str, Any] | None = None  # carrier and amplitude, once armed
         self.now_s = now_s
         self.stalls = Stalls(now_s())
         self.sessions: dict[int, ServiceSession] = {}

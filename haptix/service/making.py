@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from haptix.surface import Column
 
 _NICE = 10
+_FORCES_N = (0.1, 0.2, 0.5, 1.0, 2.0, 3.0)
 _FORCE_N = 0.5  # what is asked for where nobody says another
 
 
@@ -44,6 +45,7 @@ class Making:
     def __init__(self, assets: Path, opening: dict[str, Any]) -> None:
         self._assets, self._opening = assets, opening
         self.reach = lru_cache(64)(self._reach)
+        self._currents = lru_cache(4)(self._solve_currents)
 
     def warm(self) -> dict[str, Any]:
         """Load what the first answers need."""
@@ -109,6 +111,10 @@ class Making:
         content = export(self.read(document), self._assets, form, y_mm, column, self._opening)
         return {"content": base64.b64encode(content).decode()}
 
+    def currents(self, carrier_hz: float, highest_v: float) -> dict[str, Any]:
+        """Amplitudes of the current through a finger, at several forces."""
+        return self._currents(carrier_hz, highest_v)
+
     def read(self, document: dict[str, Any]) -> Material:
         """Read a document, whose files are those of the service."""
         from haptix.materials import material_of
@@ -119,6 +125,19 @@ class Making:
             if one.evaluator.target not in ("share", "mu", "contrast"):
                 raise InputError(f"target: expected a friction, got {one.evaluator.target}")
             return one
+
+    def _solve_currents(self, carrier_hz: float, highest_v: float) -> dict[str, Any]:
+        from haptix.finger import Finger
+        from haptix.friction import ContactModel
+        from haptix.screen import Screen
+
+        finger, screen = (self._opening[name] for name in ("finger", "screen"))
+        model = ContactModel(Finger.named(finger), Screen.named(screen))
+        state = model.solve(
+            normal_force_n=list(_FORCES_N), voltage_v=highest_v, frequency_hz=carrier_hz
+        )
+        assert state.current_a is not None  # there is a frequency
+        return {"normal_force_n": list(_FORCES_N), "current_a": state.current_a.tolist()}
 
     def _reach(self, normal_force_n: float) -> Column:
         """Friction that the screen can give at a force."""

@@ -92,6 +92,7 @@ def serve(
         starting = asyncio.create_task(link.start())
         await asyncio.sleep(0)  # its process starts here, and loads while this one does
         from haptix.service.documents import documents_router
+        from haptix.service.drive import drive_router
         from haptix.service.front import application
         from haptix.service.http_server import HttpServer
         from haptix.service.maker import Maker
@@ -124,6 +125,7 @@ def serve(
             await link.stop()
 
         documents = documents_router(maker, folder / "layouts")
+        documents.include_router(drive_router(hub, maker), prefix="/v1")
         app = application(hub, assets, start, end, documents)
         server = HttpServer(app, hub, listen, maker.end)
         await server.serve(sockets=[listener])

@@ -129,6 +129,19 @@ def test_a_check_tells_the_range_and_what_a_step_changes(making):
         making.check({"kind": "grating", "period_mm": -1}, 0.5)
 
 
+def test_currents_of_full_drive_are_those_of_the_contact_model(making):
+    found = making.currents(4000.0, 150.0)
+    model = haptix.ContactModel(
+        haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")
+    )
+    state = model.solve(normal_force_n=0.5, voltage_v=150.0, frequency_hz=4000.0)
+    # By the capacitance of the same contact: the leak adds a little.
+    least = 2 * np.pi * 4000.0 * float(state.capacitance_f) * 150.0
+    at = found["normal_force_n"].index(0.5)
+    assert least <= found["current_a"][at] < 1.5 * least
+    assert found["current_a"] == sorted(found["current_a"])  # more contact, more current
+
+
 def unpacked(making, form, **more):
     document = {"kind": "layout", "regions": LAYOUT["regions"]}
     answer = making.export(document, form, **{"y_mm": 6.0, **more})

@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from fastapi import APIRouter
 
 from haptix.service.batches import TelemetryFrame, write_frame
 from tests.studio.conftest import a_front, a_page, address, violations
@@ -16,7 +17,9 @@ BEGINS_S = itertools.count(1000.0, 10.0)  # of strokes that are told of: each is
 
 @pytest.fixture(scope="module")
 def front(tmp_path_factory):
-    with a_front(tmp_path_factory.mktemp("service")) as service:
+    routes = APIRouter()
+    routes.get("/v1/drive")(lambda: DRIVE)
+    with a_front(tmp_path_factory.mktemp("service"), routes) as service:
         service.hub.profiles = PROFILES
         yield service
 
@@ -249,6 +252,28 @@ PROFILES = {
     }
     for kind in ("screen", "finger")
 }  # fmt: skip
+
+
+DRIVE = {
+    "carrier_hz": 4000.0,
+    "highest_v": 150.0,
+    "normal_force_n": [0.1, 1.0],
+    "current_a": [20e-6, 110e-6],
+}
+
+
+def test_what_plays_is_told_in_volts_and_amperes(front, play):
+    play.get_by_role("link", name="Screens").click()
+    # Six tenths of 150 V, and of 60 uA at 0.5 N, between 20 at 0.1 N and 110 at 1 N.
+    wanted = ["90 V (60 %)"] * 3 + ["36 µA"]
+    shown = play.locator(".readings dd")
+
+    def is_shown():
+        tell(front, 1.0, 100)  # a busy page misses frames: it is told again
+        return shown.all_inner_texts()[:4] == wanted
+
+    until(is_shown)
+    play.get_by_role("link", name="Play").click()
 
 
 def test_a_profile_says_what_it_rests_on(front, play):

@@ -17,6 +17,7 @@ import { texts } from "../texts.js";
  * @property {string[]} warnings
  * @property {Record<string, unknown>} document
  */
+/** @typedef {{highest_v: number, normal_force_n: number[], current_a: number[]}} Drive as `GET /v1/drive` gives it */
 
 const RATE_HZ = 100;
 const DRAWN_MS = 200;
@@ -56,10 +57,17 @@ export function mount(root, app) {
     const profile = await (await service.rest("GET", `/v1/profiles/${name}`)).json();
     fill(where, described(profile));
   };
+  /** @type {Drive | null} known once the output was armed */
+  let drive = null;
   const ends = [
     ...switches.ends,
     service.inventory.on(show),
-    service.output.on(show),
+    service.output.on((output) => {
+      show();
+      if (output?.state !== "armed" || drive) return;
+      // Without it, shares are shown alone.
+      void service.rest("GET", "/v1/drive").then((found) => found.json()).then((found) => (drive = found), () => {});
+    }),
     service.state.on(({ phase }) => {
       if (phase !== "open") return;
       void service.attempt(() => read("screen", screen));
@@ -69,12 +77,14 @@ export function mount(root, app) {
   ];
   const draw = () => {
     const { stats } = telemetry;
-    const [mean, rms, peak] = shares(telemetry);
+    const { mean, rms, peak, force_n } = shares(telemetry);
     const ms = (/** @type {number} */ s) => (s > 0 ? `${(1e3 * s).toFixed(1)} ms` : "–");
-    const share = (/** @type {number} */ value) => (Number.isNaN(value) ? "–" : `${(100 * value).toFixed(0)} %`);
+    const share = (/** @type {number} */ value) =>
+      Number.isNaN(value) ? "–" : drive ? t.volts(value * drive.highest_v, value) : t.share(value);
+    const current = drive && !Number.isNaN(peak) ? t.microamperes(peak * between(drive, force_n)) : "–";
     const count = (/** @type {number | undefined} */ value) => (value === undefined ? "–" : String(value));
     fill(live, facts([
-      [t.mean, share(mean)], [t.rms, share(rms)], [t.peak, share(peak)],
+      [t.mean, share(mean)], [t.rms, share(rms)], [t.peak, share(peak)], [t.current, current],
       [t.underruns, count(stats.underruns)], [t.touches, count(stats.touches)],
       [t.reaction, ms(stats.reaction_s)], [t.reaction99, ms(stats.reaction_p99_s)],
     ]));
@@ -148,17 +158,29 @@ function described({ name, source, calibrated, age_days, verdict, rests_on, spre
   ];
 }
 
-/** Mean, root mean square and highest share of the voltage, of all that was touched lately.
+/** Amplitude of the current of full drive at a force, linear between those that are known.
+ * @param {Drive} drive @param {number} force_n */
+function between({ normal_force_n: forces, current_a: currents }, force_n) {
+  const after = Math.max(1, forces.findIndex((one) => one >= force_n));
+  const at = force_n > forces[forces.length - 1] ? forces.length - 1 : after;
+  const part = (force_n - forces[at - 1]) / (forces[at] - forces[at - 1]);
+  return currents[at - 1] + part * (currents[at] - currents[at - 1]);
+}
+
+/** Mean, root mean square and highest share of the voltage, of all that was touched lately, and the
+ * force at the highest.
  * @param {Telemetry} telemetry */
 function shares(telemetry) {
-  let [sum, squares, peak, count] = [0, 0, 0, 0];
+  let [sum, squares, peak, force_n, count] = [0, 0, 0, 0, 0];
   const until_s = telemetry.newest?.end_s ?? 0;
   for (const track of telemetry.tracks.values()) {
     for (let row = track.first; row < track.count; row += 1) {
       const share = track.at("voltage_share", row);
       if (until_s - track.at("t", row) > OVER_S || Number.isNaN(share)) continue;
-      [sum, squares, peak, count] = [sum + share, squares + share ** 2, Math.max(peak, share), count + 1];
+      if (share >= peak) [peak, force_n] = [share, track.at("normal_force_n", row)];
+      [sum, squares, count] = [sum + share, squares + share ** 2, count + 1];
     }
   }
-  return count ? [sum / count, Math.sqrt(squares / count), peak] : [NaN, NaN, NaN];
+  if (!count) return { mean: NaN, rms: NaN, peak: NaN, force_n };
+  return { mean: sum / count, rms: Math.sqrt(squares / count), peak, force_n };
 }
