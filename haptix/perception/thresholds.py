@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from itertools import pairwise
 from math import inf
@@ -17,6 +18,10 @@ from haptix.errors import InputError
 
 DEFAULT_FILE = Path(__file__).with_name("thresholds.toml")
 """Default file of detection thresholds and JND."""
+
+CHOICE = "HAPTIX_PERCEPTION"
+"""Variable of the environment with the name of a JND in `DEFAULT_FILE`, or the path of a file:
+tolerances, plans, evaluations, verdicts and calibrations of the process then count in it."""
 
 Direction = Literal["rising", "falling", "either"]
 
@@ -172,8 +177,21 @@ class Perception(Document):
     @classmethod
     @cache
     def default(cls) -> Self:
-        """Return the package's own data."""
-        return cls.load(DEFAULT_FILE)
+        """Return the data in force: the package's own, or what `CHOICE` names.
+
+        Raises
+        ------
+        HaptixError
+            If it names no alternative and no file.
+        """
+        chosen = os.environ.get(CHOICE, "")
+        if chosen.endswith((".toml", ".json")):
+            return cls.load(chosen)
+        known = cls.load(DEFAULT_FILE)
+        try:
+            return known.replace(difference=known.jnd(chosen)) if chosen else known
+        except InputError as error:
+            raise InputError(f"{CHOICE}: {error}, or the path of a .toml file") from None
 
     def jnd(self, name: str | None = None) -> Difference:
         """Return the JND of friction, or the alternative of a name.
@@ -220,4 +238,4 @@ class Perception(Document):
 
 
 WEBER_FRACTION: float = Perception.default().weber_fraction
-"""Just-noticeable difference of friction over the friction, by the default file."""
+"""Just-noticeable difference of friction over the friction, by `Perception.default`."""

@@ -8,7 +8,7 @@ from math import inf
 
 import numpy as np
 
-from haptix.checks import Length, NotNegative, whole
+from haptix.checks import Length, NotNegative, number, whole
 from haptix.errors import InputError
 from haptix.signals.described import KINDS, set_corners
 from haptix.signals.in_time import below_nyquist
@@ -37,6 +37,9 @@ class TimeNoise(Signal):
         Relative power per hertz at the corners, linear in between; by default a flat band.
     seed : int
         Same seed, same noise.
+    exponent : float
+        Power falls as ``1/f`` to this: 1 is pink, 2 brown noise; within the corners, which begin
+        above 0 Hz then.
     mean : float
         Mean value.
     length_s : float
@@ -50,6 +53,7 @@ class TimeNoise(Signal):
     density: tuple[float, ...] = ()
     mean: float = 0.0
     length_s: Length = inf
+    exponent: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -59,6 +63,9 @@ class TimeNoise(Signal):
         set_corners(self, "frequency_hz", "density")
         if self.frequency_hz[0] < 0 or min(self.density) < 0 or max(self.density) == 0:
             raise InputError("frequency_hz and density: expected 0 or more, and some density")
+        number("exponent", self.exponent)
+        if self.exponent and self.frequency_hz[0] == 0:
+            raise InputError("frequency_hz: 1/f noise has no end of power at 0 Hz; begin above it")
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         below_nyquist(self.frequency_hz[-1], sample_rate_hz)
@@ -70,7 +77,9 @@ class TimeNoise(Signal):
             part = slice(start, start + run)
             # The second half of the piece before, the first of this one.
             old, new = (
-                _piece(self.frequency_hz, self.density, self.seed, index, sample_rate_hz)
+                _piece(
+                    self.frequency_hz, self.density, self.exponent, self.seed, index, sample_rate_hz
+                )
                 for index in (hop, hop + 1)
             )
             values[done : done + run] = (
@@ -84,6 +93,7 @@ class TimeNoise(Signal):
 def _piece(
     corners_hz: tuple[float, ...],
     density: tuple[float, ...],
+    exponent: float,
     seed: int,
     index: int,
     sample_rate_hz: float,
@@ -91,6 +101,8 @@ def _piece(
     """Two hops of noise of variance 1."""
     frequency = np.fft.rfftfreq(2 * _HOP, 1 / sample_rate_hz)
     power = np.interp(frequency, corners_hz, density, left=0.0, right=0.0)
+    if exponent:
+        power *= np.maximum(frequency, frequency[1]) ** -exponent
     power[[0, -1]] = 0.0  # mean and Nyquist have no phase
     total = power.sum()
     if total == 0:

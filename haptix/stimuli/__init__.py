@@ -2,6 +2,7 @@
 
 from haptix.campaign.population import Population
 from haptix.signals.in_time import Chirp, Points, Pulse, Ramp, Recorded, Sine, Square, Step
+from haptix.signals.morph import Morph
 from haptix.signals.signal import (
     Concatenation,
     Constant,
@@ -38,6 +39,7 @@ __all__ = [
     "Constant",
     "Excerpt",
     "MaterialSignal",
+    "Morph",
     "Path",
     "Points",
     "Population",

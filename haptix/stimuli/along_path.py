@@ -11,6 +11,7 @@ import numpy as np
 
 from haptix.checks import Length, Positive, choice, increasing, number, positive, row
 from haptix.errors import InputError
+from haptix.files import read_csv
 from haptix.signals.described import KINDS, Described, read, set_corners
 from haptix.signals.signal import Array, Signal
 from haptix.texture import FrictionField, Grating, RecordedProfile
@@ -66,6 +67,21 @@ class Path(SpeedProfile):
     def position_mm(self, t_s: Array) -> Array:
         """Place [mm]."""
         return np.asarray(np.interp(t_s, self.t_s, self.x_mm))
+
+
+def _path_of_file(file: str, start_s: float = 0.0) -> Path:
+    """Read a finger's own path: a CSV file with columns t_s and x_mm, from a time on."""
+    rows = [
+        (one.number("t_s") - start_s, one.number("x_mm")) for one in read_csv(file, ("t_s", "x_mm"))
+    ]
+    kept = [(t_s, x_mm) for t_s, x_mm in rows if t_s >= 0]
+    if len(kept) < 2:
+        raise InputError(f"{file}: expected two places or more from {start_s:g} s on")
+    t_s, x_mm = zip(*kept, strict=True)
+    return Path(t_s, x_mm)
+
+
+KINDS["recorded-path"] = _path_of_file
 
 
 def speed_from(table: Any, place: str = "speed") -> SpeedProfile:

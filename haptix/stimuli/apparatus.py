@@ -32,7 +32,7 @@ _NODES = 65  # amplitudes at which a contact is solved
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactTable:
     """Contact of the first finger against the amplitude of the drive, linear between its nodes.
 
     All stimuli of one touch use it, so that none depends on which others are made with it.
@@ -149,7 +149,7 @@ class Apparatus:
         found: tuple[Column, tuple[Column, ...]] = self._known[key]
         return found
 
-    def contact(self, stimulus: Stimulus) -> Contact:
+    def contact(self, stimulus: Stimulus) -> ContactTable:
         """Contact of the first finger at a stimulus's force and drive, up to the ceiling."""
         touch = stimulus.normal_force_n, stimulus.frequency_hz, stimulus.h0_m
         key = ("contact", *touch)
@@ -157,14 +157,14 @@ class Apparatus:
             end_v = self.responses(stimulus)[1][0].end_v
             amplitude = np.linspace(0.0, end_v, _NODES)
             state = self.models[0].solve(touch[0], amplitude, *touch[1:])
-            self._known[key] = Contact(
+            self._known[key] = ContactTable(
                 amplitude,
                 np.asarray(state.capacitance_f),
                 np.asarray(state.conductance_s),
                 np.asarray(state.pull_past_breakdown),
                 float(state.x.max()),
             )
-        found: Contact = self._known[key]
+        found: ContactTable = self._known[key]
         return found
 
     def placeholders(self) -> list[str]:

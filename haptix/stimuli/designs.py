@@ -6,17 +6,22 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from itertools import product
-from math import pi, prod, sqrt
+from math import log10, pi, prod, sqrt
 from typing import Any, Literal
 
-from haptix.checks import choice, number, positive
+import numpy as np
+
+from firmware_io.limits import DriveLimits
+from haptix.checks import choice, number, positive, whole
 from haptix.errors import InputError
 from haptix.perception import Perception
 from haptix.screen import Screen
 from haptix.signals.in_time import Sine
+from haptix.signals.signal import signal_from
 from haptix.stimuli.stimulus import DEFAULT_CARRIER_HZ, Stimulus, stimulus_from
 
 _MOST_STIMULI = 10_000  # of a design; an experiment has some hundreds
+_BLOCK = 1 << 16  # samples
 
 
 def full_factorial(
@@ -73,6 +78,7 @@ def matched_intensity(
     carrier_hz: float = DEFAULT_CARRIER_HZ,
     perception: Perception | None = None,
     fade_s: float = 0.05,
+    limits: DriveLimits | None = None,
 ) -> list[Stimulus]:
     """Tones of several felt frequencies at one sensation level, by the rule of two channels.
 
@@ -94,10 +100,24 @@ def matched_intensity(
         Normal force of the touch, and frequency of the carrier.
     perception : Perception, optional
         Detection thresholds; by default those of the package.
+    limits : DriveLimits, optional
+        Of the drive; by default those of the product.
+
+    Raises
+    ------
+    InputError
+        If there are no thresholds at a frequency, or the level takes more voltage than the limits
+        admit. The message has the highest level that all tones can have.
     """
     known = Perception.default() if perception is None else perception
     number("sensation_db", sensation_db)
     choice("drive", drive, ("direct", "carrier"))
+    highest_db, at_hz = highest_level(felt_hz, drive, carrier_hz, known, limits or DriveLimits())
+    if sensation_db > highest_db:
+        raise InputError(
+            f"sensation_db: {sensation_db:g} dB is not possible; at most {highest_db:.1f} dB is, "
+            f"limited by the tone felt at {at_hz:g} Hz: lower the level, or leave that tone out"
+        )
     found = []
     for felt in felt_hz:
         positive("felt_hz", felt)
@@ -126,6 +146,62 @@ def matched_intensity(
     return found
 
 
+def highest_level(
+    felt_hz: Sequence[float],
+    drive: Literal["direct", "carrier"],
+    carrier_hz: float,
+    known: Perception,
+    limits: DriveLimits,
+) -> tuple[float, float]:
+    """Highest sensation level [dB] that tones can all have, and the frequency that limits it [Hz].
+
+    Parameters are those of `matched_intensity`.
+    """
+    levels = []
+    for felt in felt_hz:
+        at = positive("felt_hz", felt)
+        volts = limits.highest_sine_v(at / 2 if drive == "direct" else carrier_hz)
+        # A carrier takes sqrt(2) times the amplitude.
+        sine_v = volts if drive == "direct" else volts / sqrt(2)
+        levels.append((20 * log10(sine_v) - known.channel_at(at).threshold(at), at))
+    if not levels:
+        raise InputError("felt_hz: expected one frequency or more")
+    return min(levels)
+
+
+def equal_mean(
+    stimuli: Sequence[Stimulus], mean: float, sample_rate_hz: float = 48_000.0
+) -> list[Stimulus]:
+    """Shift the signals of stimuli so that all have one mean, in their quantity.
+
+    In mu, contrast and share the friction is that of the signal, so that the stimuli have equal
+    mean friction at one force; sidecars have what is predicted (``friction.mean``). The shift is a
+    condition of each.
+
+    Raises
+    ------
+    InputError
+        If a stimulus is in volts, or the quantities or forces differ.
+    """
+    touches = {(one.quantity, one.normal_force_n) for one in stimuli}
+    if len(touches) > 1 or any(one.quantity == "volts" for one in stimuli):
+        raise InputError(
+            "equal mean friction: expected stimuli of one force, and of one quantity that is "
+            "friction: mu, contrast or share"
+        )
+    found = []
+    for one in stimuli:
+        count = one.signal.samples(sample_rate_hz) or 0
+        total = sum(
+            float(one.signal.values(first, min(_BLOCK, count - first), sample_rate_hz).sum())
+            for first in range(0, count, _BLOCK)
+        )
+        shift = float(mean - total / max(count, 1))
+        shifted = replace(one, signal=(one.signal + shift).lasting(one.length_s))
+        found.append(_with_conditions(shifted, {"shift": shift}))
+    return found
+
+
 def equal_friction(
     stimuli: Sequence[Stimulus], screens: Sequence[Screen]
 ) -> tuple[tuple[Stimulus, ...], tuple[Screen, ...]]:
@@ -144,6 +220,46 @@ def equal_friction(
                 f'{one.name}: equal friction needs the quantity "mu", got {one.quantity!r}'
             )
     return tuple(stimuli), tuple(screens)
+
+
+def variants_of(stimuli: Sequence[Stimulus], count: int) -> list[Stimulus]:
+    """Draw each stimulus `count` times, with seeds of its own, as the condition ``variant``.
+
+    The seeds follow from those of the stimulus and the variant's number, so that variant 3 of two
+    stimuli with one seed is the same draw. The first variant is the stimulus as it is. Names end in
+    ``-v1`` and so on.
+
+    Raises
+    ------
+    InputError
+        If a stimulus has nothing random in it, or there are too many.
+    """
+    whole("variants", count, 1)
+    if len(stimuli) * count > _MOST_STIMULI:
+        raise InputError(
+            f"variants: expected at most {_MOST_STIMULI} stimuli, got {len(stimuli) * count}"
+        )
+    found = []
+    for one in stimuli:
+        if not one.signal.seeds:
+            raise InputError(f"{one.name}: variants: nothing in it is random; leave them out")
+        for number_ in range(1, count + 1):
+            table = _reseeded(one.signal.describe(), number_)
+            named = replace(one, name=f"{one.name}-v{number_}", signal=signal_from(table))
+            found.append(_with_conditions(named, {"variant": number_}))
+    return found
+
+
+def _reseeded(table: Any, variant: int) -> Any:
+    """Give all seeds of a description those of a variant."""
+    if isinstance(table, list):
+        return [_reseeded(item, variant) for item in table]
+    if not isinstance(table, dict):
+        return table
+    inner = {key: _reseeded(value, variant) for key, value in table.items()}
+    if variant > 1 and isinstance(inner.get("seed"), int):
+        inner["seed"] = int(np.random.SeedSequence([inner["seed"], variant]).generate_state(1)[0])
+    return inner
 
 
 def stimulus_maker(base: Mapping[str, Any], place: str) -> Callable[..., Stimulus]:

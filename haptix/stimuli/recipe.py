@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PositiveFloat, model_validator
 
+from firmware_io.limits import DriveLimits
 from haptix.campaign.population import Drawn, Population
 from haptix.documents import Document, Part
 from haptix.errors import InputError
@@ -18,12 +19,15 @@ from haptix.signals.audio import Container, Encoding
 from haptix.stimuli.designs import (
     constant_stimuli,
     equal_friction,
+    equal_mean,
     full_factorial,
     matched_intensity,
     stimulus_maker,
+    variants_of,
 )
 from haptix.stimuli.making import StimulusSet
 from haptix.stimuli.of_material import MaterialSignal
+from haptix.stimuli.set_plan import drive_limits
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
 from haptix.stimuli.trials import TrialPlan
 
@@ -33,20 +37,33 @@ Table = dict[str, Any]
 class FactorialDesign(Part):
     """Every combination of values put at dotted places of a base stimulus.
 
-    For equal friction the stimuli are in mu, rendered for each of several screens.
+    For equal friction the stimuli are in mu, rendered for each of several screens. For equal mean
+    friction they are shifted to one `mean`, in their quantity. `variants` draws each several times,
+    with other seeds.
     """
 
-    kind: Literal["factorial", "equal-friction"]
+    kind: Literal["factorial", "equal-friction", "equal-mean-friction"]
     name: str
     base: Table
     factors: dict[str, list[Any]] = Field(default={})
+    variants: Annotated[int, Field(ge=1)] = 1
+    mean: float | None = None
 
-    def stimuli(self, known: Perception) -> list[Stimulus]:
+    @model_validator(mode="after")
+    def _has_a_mean(self) -> Self:
+        if (self.mean is None) == (self.kind == "equal-mean-friction"):
+            raise ValueError("mean: expected with equal-mean-friction, and only with it")
+        return self
+
+    def stimuli(self, known: Perception, limits: DriveLimits) -> list[Stimulus]:
         """Make the stimuli; without factors only the base, under the design's name."""
-        if not self.factors:
-            return [stimulus_from(self.name, self.base)]
-        make = stimulus_maker(self.base, f"{self.name}.factors")
-        return full_factorial(self.name, make, **self.factors)
+        if self.factors:
+            make = stimulus_maker(self.base, f"{self.name}.factors")
+            found = full_factorial(self.name, make, **self.factors)
+        else:
+            found = [stimulus_from(self.name, self.base)]
+        found = variants_of(found, self.variants) if self.variants > 1 else found
+        return found if self.mean is None else equal_mean(found, self.mean)
 
 
 class ConstantStimuliDesign(Part):
@@ -59,7 +76,7 @@ class ConstantStimuliDesign(Part):
     threshold: PositiveFloat
     steps_db: list[float]
 
-    def stimuli(self, known: Perception) -> list[Stimulus]:
+    def stimuli(self, known: Perception, limits: DriveLimits) -> list[Stimulus]:
         """Make the stimuli of the design."""
         make = stimulus_maker(self.base, f"{self.name}.vary")
         return constant_stimuli(
@@ -80,9 +97,10 @@ class MatchedIntensityDesign(Part):
     carrier_hz: PositiveFloat = 4000.0
     fade_s: Annotated[float, Field(ge=0)] = 0.05
 
-    def stimuli(self, known: Perception) -> list[Stimulus]:
+    def stimuli(self, known: Perception, limits: DriveLimits) -> list[Stimulus]:
         """Make the stimuli of the design."""
-        return matched_intensity(**self.model_dump(exclude={"kind"}), perception=known)
+        given = self.model_dump(exclude={"kind"})
+        return matched_intensity(**given, perception=known, limits=limits)
 
 
 Design = Annotated[
@@ -187,9 +205,10 @@ class Recipe(Document):
         found = [
             stimulus_from(name, self._with_folder(table)) for name, table in self.stimuli.items()
         ]
+        limits = drive_limits(screens, self.ceiling_v)
         for design in self.designs:
             try:
-                made = design.stimuli(known)
+                made = design.stimuli(known, limits)
             except InputError as error:
                 raise InputError(f"design {design.name!r}: {error}") from None
             if design.kind == "equal-friction":
@@ -206,6 +225,8 @@ class Recipe(Document):
         if value.get("kind") == MaterialSignal.kind:
             return value  # finds its files itself
         inner = {key: self._with_folder(item) for key, item in value.items()}
-        if inner.get("kind") == "recorded" and isinstance(inner.get("file"), str):
+        if inner.get("kind") in ("recorded", "recorded-path") and isinstance(
+            inner.get("file"), str
+        ):
             inner["file"] = str(self.folder / inner["file"])
         return inner

@@ -20,7 +20,7 @@ from haptix.stimuli.rendering import Rendering, write_drive
 from haptix.stimuli.set_plan import SetPlan
 from haptix.stimuli.sidecar import reach, sidecar
 from haptix.stimuli.stimulus import Stimulus
-from haptix.stimuli.trials import Trigger, trigger_code
+from haptix.stimuli.trials import Trigger, pulses
 from haptix.version import __version__
 
 DRAFTS = ".drafts"
@@ -49,6 +49,8 @@ class Batch:
     folder: Path
     first: int
     """Place of its first stimulus in the whole set."""
+    pulses: int
+    """Of an onset's trigger, see `haptix.stimuli.trials.pulses`."""
 
 
 class SetFiles:
@@ -66,6 +68,8 @@ class SetFiles:
         Where the set is published.
     apparatus : Apparatus
         Over those ranges.
+    pulses : int
+        Of an onset's trigger.
     """
 
     def __init__(
@@ -75,20 +79,22 @@ class SetFiles:
         ranges: dict[str, Any],
         folder: Path,
         apparatus: Apparatus,
+        pulses: int,
     ) -> None:
         self.plan, self.screen, self.ranges, self.folder = plan, screen, ranges, folder
-        self.drafts, self.apparatus = folder / DRAFTS, apparatus
+        self.drafts, self.apparatus, self.pulses = folder / DRAFTS, apparatus, pulses
 
     @classmethod
     def of(cls, plan: SetPlan, screen: Screen, folder: Path) -> SetFiles:
         """Return the files of a whole set."""
         ranges = Apparatus.ranges(screen, plan.stimuli, plan.limits.ceiling_v)
-        return cls(plan, screen, ranges, folder, Apparatus.over(plan.finger, screen, ranges))
+        apparatus = Apparatus.over(plan.finger, screen, ranges)
+        return cls(plan, screen, ranges, folder, apparatus, pulses(len(plan.stimuli)))
 
     def batch(self, first: int, end: int) -> Batch:
         """Return what a worker needs for the stimuli from number `first` to before `end`."""
         some = replace(self.plan, stimuli=self.plan.stimuli[first:end])
-        return Batch(some, self.screen, self.ranges, self.folder, first)
+        return Batch(some, self.screen, self.ranges, self.folder, first, self.pulses)
 
     def make(
         self,
@@ -109,7 +115,7 @@ class SetFiles:
             raise InputError(f"{stimulus.name}: expected one sample or more, got none")
         trigger = None
         if plan.trigger:
-            trigger = Trigger(trigger_code(index), rendering.samples, plan.sample_rate_hz)
+            trigger = Trigger(index + 1, rendering.samples, plan.sample_rate_hz, self.pulses)
         draft = self.drafts / f"{name}.part"
         try:
             tally = write_drive(draft, rendering, plan, trigger, threads, on_progress)
@@ -146,7 +152,7 @@ class SetFiles:
             [
                 __version__, stimulus.describe(), self.apparatus.surface_keys(),
                 self.apparatus.profile_hash(), plan.sample_rate_hz, plan.container, plan.encoding,
-                plan.full_scale_v, plan.limits.ceiling_v, plan.trigger and trigger_code(index),
+                plan.full_scale_v, plan.limits.ceiling_v, plan.trigger and [index + 1, self.pulses],
                 plan.name, TOLERANCE, repr(plan.perception),
             ],
             sort_keys=True,
@@ -179,7 +185,9 @@ def beside(name: str) -> str:
 def make_batch(batch: Batch, threads: int = 1) -> list[Made]:
     """Make some files, in the process of a worker."""
     at = pickle.dumps((batch.plan.finger, batch.screen, batch.ranges))
-    files = SetFiles(batch.plan, batch.screen, batch.ranges, batch.folder, _apparatus(at))
+    files = SetFiles(
+        batch.plan, batch.screen, batch.ranges, batch.folder, _apparatus(at), batch.pulses
+    )
     return [
         files.make(batch.first + index, stimulus, threads)
         for index, stimulus in enumerate(batch.plan.stimuli)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from firmware_io.limits import BODY_CAPACITANCE_F, DriveLimits
@@ -94,14 +95,7 @@ class SetPlan:
     @property
     def limits(self) -> DriveLimits:
         """Limits that every sample is checked against."""
-        lowest = min(screen.max_voltage_v for screen in self.screens)
-        ceiling = lowest if self.ceiling_v is None else self.ceiling_v
-        if ceiling > lowest:
-            raise LimitError(
-                f"ceiling_v: {ceiling:g} V is above the {lowest:g} V that the screens may carry"
-            )
-        bodies = [screen.body_capacitance_f for screen in self.screens]
-        return DriveLimits(ceiling_v=ceiling, capacitance_f=max(BODY_CAPACITANCE_F, *bodies))
+        return drive_limits(self.screens, self.ceiling_v)
 
     def apparatus(self, screen: Screen) -> Apparatus:
         """Build what the stimuli are rendered through, on one screen."""
@@ -114,3 +108,21 @@ class SetPlan:
     def file_name(self, stimulus: Stimulus, screen: Screen) -> str:
         """Name of a drive file."""
         return f"{stimulus.name}{self.suffix(screen)}.{self.container}"
+
+
+def drive_limits(screens: Sequence[Screen], ceiling_v: float | None = None) -> DriveLimits:
+    """Limits of a drive for several screens: those of the lowest, or a lower ceiling [V].
+
+    Raises
+    ------
+    LimitError
+        If the ceiling is above what a screen may carry.
+    """
+    lowest = min(screen.max_voltage_v for screen in screens)
+    ceiling = lowest if ceiling_v is None else ceiling_v
+    if ceiling > lowest:
+        raise LimitError(
+            f"ceiling_v: {ceiling:g} V is above the {lowest:g} V that the screens may carry"
+        )
+    bodies = [screen.body_capacitance_f for screen in screens]
+    return DriveLimits(ceiling_v=ceiling, capacitance_f=max(BODY_CAPACITANCE_F, *bodies))

@@ -14,6 +14,8 @@ from haptix.errors import InputError
 from haptix.stimuli.stimulus import Stimulus
 
 END_CODE = 255
+CODES = END_CODE - 1
+"""Codes of a pulse at the onset: 1 to 254."""
 PULSE_S = 0.01
 LEVELS = 256
 
@@ -63,7 +65,7 @@ def events(
         values = [_cell(one.conditions.get(name)) for name in names]
         rows.append(
             [f"{onset:.6f}", f"{one.length_s:.6f}", one.name, files[index],
-             str(trigger_code(index)), *values]
+             str(index + 1), *values]
         )  # fmt: skip
         onset += one.length_s + plan.gap_s
     table = "\n".join("\t".join(row) for row in rows) + "\n"
@@ -72,16 +74,35 @@ def events(
         "duration": {"Description": "Length of the stimulus", "Units": "s"},
         "trial_type": {"Description": "Name of the stimulus"},
         "stim_file": {"Description": "Drive file; its sidecar has the same name"},
-        "trigger": {"Description": "Code of the onset's pulse on the file's second channel"},
+        "trigger": {"Description": TRIGGERS[pulses(len(stimuli))]},
     }
     for name in names:
         columns[name] = {"Description": f"Condition {name!r} of the set"}
     return table, columns
 
 
-def trigger_code(index: int) -> int:
-    """Code of a stimulus by its place in the set; sets of more than 254 use codes again."""
-    return index % 254 + 1
+TRIGGERS = {
+    1: "Code of the onset's pulse on the file's second channel",
+    2: "Number of the stimulus: (a - 1) 254 + b, with the codes a and b of the two pulses of its "
+    "onset, one after the other on the file's second channel",
+}
+"""What the codes of a set mean, by the pulses of an onset."""
+
+
+def pulses(count: int) -> int:
+    """Pulses that tell the stimuli of a set of `count` apart.
+
+    Raises
+    ------
+    InputError
+        If two pulses are too few.
+    """
+    if count > CODES**2:
+        raise InputError(
+            f"stimuli: triggers tell {CODES**2} apart, got {count}; make several sets, or one "
+            "without triggers"
+        )
+    return 1 if count <= CODES else 2
 
 
 def _cell(value: Any) -> str:
@@ -97,25 +118,35 @@ class Trigger:
     The channel has line level, for a recorder's input. It must never reach the amplifier that
     drives the screen.
 
-    The onset has a code of 1 to 254, at the first sample. `END_CODE` marks the end: its pulse ends
-    with the file, which has a length of `samples`.
+    The onset has a code of 1 to 254, at the first sample; or two pulses, whose codes a and b make
+    the number ``(a - 1) 254 + b``. `END_CODE` marks the end: its pulse ends with the file, which
+    has a length of `samples`.
     """
 
     onset_code: int
     samples: int
     sample_rate_hz: float
+    pulses: int = 1
 
     def __post_init__(self) -> None:
-        if not 1 <= self.onset_code < END_CODE:
+        if not 1 <= self.onset_code <= CODES**self.pulses:
             raise InputError(
-                f"trigger: expected a code of 1 to {END_CODE - 1}, got {self.onset_code}"
+                f"trigger: expected a code of 1 to {CODES**self.pulses}, got {self.onset_code}"
             )
+
+    @property
+    def onset_codes(self) -> tuple[int, ...]:
+        """Code of each pulse of the onset."""
+        high, low = divmod(self.onset_code - 1, CODES)
+        return (low + 1,) if self.pulses == 1 else (high + 1, low + 1)
 
     def values(self, first: int, count: int) -> npt.NDArray[np.float32]:
         """Levels at samples, shape (count,)."""
-        width = min(round(PULSE_S * self.sample_rate_hz), self.samples // 2)
+        width = min(round(PULSE_S * self.sample_rate_hz), self.samples // (2 * self.pulses))
         level = np.zeros(count, np.float32)
-        level[max(0, -first) : max(0, width - first)] = self.onset_code / LEVELS
+        for place, code in enumerate(self.onset_codes):
+            begin = place * width - first
+            level[max(0, begin) : max(0, begin + width)] = code / LEVELS
         level[max(0, self.samples - width - first) : max(0, self.samples - first)] = (
             END_CODE / LEVELS
         )
@@ -128,5 +159,6 @@ class Trigger:
             "level": "code / 256 of full scale",
             "pulse_s": PULSE_S,
             "onset_code": self.onset_code,
+            **({"onset_codes": list(self.onset_codes)} if self.pulses > 1 else {}),
             "end_code": END_CODE,
         }

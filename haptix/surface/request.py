@@ -12,6 +12,7 @@ from typing import Any
 
 from haptix.errors import InputError, LimitError
 from haptix.friction import ContactModel
+from haptix.perception import WEBER_FRACTION
 from haptix.surface.axes import AXES, AXIS_NAMES
 from haptix.surface.tolerance import Tolerance
 from haptix.version import __version__
@@ -107,6 +108,7 @@ def surface_key(
             "response_hz_per_mm_per_s": model.finger.response_hz_per_mm_per_s,
             "ranges": read_ranges(model, scene),
             "tolerance": str(Tolerance.read(tolerance)),
+            "jnd": WEBER_FRACTION,
             "largest_bytes": largest_bytes,
         }
     )
