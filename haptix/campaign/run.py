@@ -8,11 +8,12 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from dataclasses import dataclass
+from itertools import islice
 from os import cpu_count
 from pathlib import Path
 from typing import Any
 
-from haptix.campaign.kinds import Campaign, Task
+from haptix.campaign.kinds import Campaign
 from haptix.campaign.ledger import Ledger
 from haptix.campaign.report import report_html
 from haptix.campaign.store import Store, record_of, store_at
@@ -22,7 +23,9 @@ from haptix.executors import Here, executor_of, finished
 from haptix.version import __version__
 
 _MOST_LOST = 6  # workers in a row that may end before they begin a task
+_BEGAN = ("begun", "done", "failed")
 _TABLE_EVERY_S = 60.0
+_SHORT_CALL_S, _LARGEST_CALL = 0.2, 64  # of tasks that are done by one call
 
 
 @dataclass(frozen=True)
@@ -156,33 +159,47 @@ class _Waiting:
 
     def __init__(self, store: Store, campaign: Campaign, ledger: Ledger, most: int | None) -> None:
         self._where, self._ledger = store.where, ledger
-        self._tasks, self._most = self._new(campaign), most
-        self.again: deque[tuple[str, str]] = deque()
-        self.keys: dict[str, str] = {}
+        self._tasks = islice(self._new(campaign), most)
+        self._again: deque[dict[str, Any]] = deque()
+        self._jobs: dict[str, list[dict[str, Any]]] = {}
+        self._seconds: float | None = None  # of a task, lately
 
-    def _new(self, campaign: Campaign) -> Iterator[Task]:
+    def _new(self, campaign: Campaign) -> Iterator[dict[str, Any]]:
         for task in campaign.tasks():
             if self._ledger.take(task.key):
-                yield task
+                yield {"key": task.key, "kind": task.kind, "document": task.document}
 
     def __iter__(self) -> Iterator[str]:
         return self
 
     def __next__(self) -> str:
-        if self.again:
-            key, text = self.again.popleft()
-        else:
-            if self._most == 0:
-                raise StopIteration
-            task = next(self._tasks)
-            if self._most is not None:
-                self._most -= 1
-            key = task.key
-            text = json.dumps(
-                {"where": self._where, "key": key, "kind": task.kind, "document": task.document}
-            )
-        self.keys[text] = key
+        # Tasks that came back may have cost a worker: each goes alone.
+        jobs = [self._again.popleft()] if self._again else [*islice(self._tasks, self._size)]
+        if not jobs:
+            raise StopIteration
+        text = json.dumps({"where": self._where, "tasks": jobs})
+        self._jobs[text] = jobs
         return text
+
+    @property
+    def _size(self) -> int:
+        """Tasks in one call: calls of short tasks would cost more than the tasks."""
+        if self._seconds is None:
+            return 1
+        return max(1, min(_LARGEST_CALL, int(_SHORT_CALL_S / max(self._seconds, 1e-6))))
+
+    def pop(self, text: str) -> list[str]:
+        """Keys of a call that has ended."""
+        return [job["key"] for job in self._jobs.pop(text)]
+
+    def give_back(self, text: str) -> list[str]:
+        """Keys of a call that was lost; its tasks are to be done again."""
+        self._again += self._jobs[text]
+        return self.pop(text)
+
+    def learn(self, seconds: float) -> None:
+        """Take the time of a task into account."""
+        self._seconds = seconds if self._seconds is None else 0.8 * self._seconds + 0.2 * seconds
 
 
 def _records(
@@ -199,29 +216,30 @@ def _records(
         for text, future in finished(
             executor, do, waiting, lambda: getattr(executor, "at_once", alone)
         ):
-            key = waiting.keys.pop(text)
             try:
-                record = json.loads(future.result())
+                records = json.loads(future.result())
             except (BrokenExecutor, CancelledError) as error:
-                # A task that began counts its workers' deaths itself; without one that began, the
+                # A task that began counts its workers' deaths itself; where none began, the
                 # workers are what is wrong.
-                begun = (store.read_table(record_of(key)) or {}).get("status") == "begun"
-                lost = 0 if begun else lost + 1
+                found = (store.read_table(record_of(key)) for key in waiting.give_back(text))
+                lost = 0 if any((one or {}).get("status") in _BEGAN for one in found) else lost + 1
                 if lost > _MOST_LOST:
                     raise HaptixError(
                         f"workers end before they begin a task, the last with: {error}; a script "
                         'that starts processes needs `if __name__ == "__main__":`'
                     ) from None
-                waiting.again.append((key, text))
                 continue
             lost = 0
-            if record["status"] == "not written":
-                raise InputError(
-                    f"cannot write to {store.where}: {record['error']}; finished tasks are kept, "
-                    "and the same command goes on"
-                )
-            ledger.enter(key, record)
-            yield
+            for key, record in zip(waiting.pop(text), records, strict=True):
+                if record["status"] == "not written":
+                    raise InputError(
+                        f"cannot write to {store.where}: {record['error']}; finished tasks are "
+                        "kept, and the same command goes on"
+                    )
+                if "seconds" in record:
+                    waiting.learn(record["seconds"])
+                ledger.enter(key, record)
+                yield
     except BrokenExecutor as error:
         raise HaptixError(
             f"the executor has lost its workers ({error}); finished tasks are kept, and the same "

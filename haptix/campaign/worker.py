@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from haptix.campaign.kinds import Outcome, kind_named
-from haptix.campaign.store import Store, folder_of, record_of, store_at
+from haptix.campaign.store import MANIFEST, Store, folder_of, record_of, store_at
 from haptix.errors import HaptixError
 from haptix.version import __version__
 
@@ -34,25 +34,34 @@ _begun: list[tuple[Store, str, dict[str, Any]]] = []  # the task that this proce
 
 
 def do(text: str) -> str:
-    """Do one task, and answer with its record.
+    """Do some tasks, one after the other, and answer with their records.
 
     Parameters
     ----------
     text : str
-        JSON: ``where``, ``key``, ``kind``, ``document``.
+        JSON: ``where``, and ``tasks``, each with its ``key``, ``kind`` and ``document``.
 
     Returns
     -------
     str
-        JSON of the record: ``status`` ("done", "failed", "set aside" or "not written") and more;
+        JSON of the records: ``status`` ("done", "failed", "set aside" or "not written") and more;
         of a task that is done also its ``row``.
     """
+    given = json.loads(text)
+    store = _store(given["where"])
+    return json.dumps([_do_one(store, job) for job in given["tasks"]])
+
+
+def _do_one(store: Store, job: dict[str, Any]) -> dict[str, Any]:
     from haptix.threads import one_thread
 
-    job = json.loads(text)
-    store, key = _store(job["where"]), str(job["key"])
+    key = str(job["key"])
     name = record_of(key)
     record = store.read_table(name) or {}
+    if record.get("status") == "done":  # by a worker whose answer was lost
+        result = store.read_table(f"{folder_of(key)}/{MANIFEST}")
+        if result is not None:
+            return {**record, "row": result["row"]}
     deaths = [*record.get("deaths", ())]
     if record.get("status") == "begun":
         deaths.append(str(record.get("worker")))
@@ -63,8 +72,9 @@ def do(text: str) -> str:
     try:
         store.write_table(name, {**about, "status": "begun"})
     except (OSError, HaptixError) as error:
-        return _told({**about, "key": key, "status": "not written", "error": _said(error)})
-    _begun.append((store, name, {**about, "status": "stopped"}))
+        return {**about, "status": "not written", "error": _said(error)}
+    here = (store, name, {**about, "status": "stopped"})
+    _begun.append(here)
     _forget_peak_memory()
     began, began_cpu = time.perf_counter(), time.process_time()
     try:
@@ -77,17 +87,17 @@ def do(text: str) -> str:
             **found.measured,
         }
     except Exception as error:  # whatever it is, it is this task's
-        _begun.clear()
+        _begun.remove(here)
         return _ended(store, name, {**about, "status": "failed", "error": _said(error)})
     try:
         about["bytes"] = _publish(store, job, found)
     except Exception as error:  # a full disk, or a place that is gone
-        _begun.clear()
-        if store.read(f"{folder_of(key)}/result.json") is None:
+        _begun.remove(here)
+        if store.read(f"{folder_of(key)}/{MANIFEST}") is None:
             with suppress(Exception):
                 store.write_table(name, {**about, "status": "stopped"})
-            return _told({**about, "status": "not written", "error": _said(error)})
-    _begun.clear()
+            return {**about, "status": "not written", "error": _said(error)}
+    _begun.remove(here)
     return _ended(store, name, {**about, "status": "done"}, dict(found.row))
 
 
@@ -103,14 +113,10 @@ def _publish(store: Store, job: dict[str, Any], found: Outcome) -> int:
 
 def _ended(
     store: Store, name: str, record: dict[str, Any], row: dict[str, Any] | None = None
-) -> str:
+) -> dict[str, Any]:
     with suppress(Exception):  # the results are what counts
         store.write_table(name, record)
-    return _told(record if row is None else {**record, "row": row})
-
-
-def _told(record: dict[str, Any]) -> str:
-    return json.dumps(record)
+    return record if row is None else {**record, "row": row}
 
 
 def _said(error: BaseException) -> str:

@@ -247,6 +247,36 @@ def test_an_executor_that_lost_its_workers_is_one_sentence(tmp_path):
         run_campaign(plan(numbers=2, deadly=(0,)), tmp_path, pool)
 
 
+def test_short_tasks_share_calls_and_a_lost_answer_costs_no_task_twice(tmp_path, monkeypatch):
+    monkeypatch.setattr("haptix.campaign.run._SHORT_CALL_S", 1e9)  # however slow this machine is
+    calls, numbers, real = [], [], Countable.run
+
+    def run(document):
+        numbers.append(document["number"])
+        return real(document)
+
+    monkeypatch.setattr(Countable, "run", staticmethod(run))
+
+    class Losing(Executor):
+        at_once = 1
+
+        def submit(self, work, /, text):
+            calls.append([job["document"]["number"] for job in json.loads(text)["tasks"]])
+            future, answer = Future(), work(text)
+            if len(calls) == 2:  # all of it is done, but nobody hears
+                future.set_exception(BrokenProcessPool("gone"))
+            else:
+                future.set_result(answer)
+            return future
+
+    done = run_campaign(plan(numbers=100), tmp_path, Losing())
+    # One alone, 64 whose answer is lost, these one by one, and the rest.
+    assert [len(call) for call in calls] == [1, 64, *[1] * 64, 35]
+    assert sorted(numbers) == [*range(100)]
+    assert [row["square"] for row in done.rows] == [n**2 for n in range(100)]
+    assert not any(row["deaths"] for row in done.rows)
+
+
 class Stillborn(Executor):
     """Its workers end before they begin."""
 
