@@ -22,6 +22,8 @@ from haptix.version import __version__
 # Where each kind stands; a plan may also name a class of an installed module, as "module:Class".
 KINDS = {
     "surfaces": "haptix.campaign.surfaces:Surfaces",
+    "population": "haptix.campaign.states:FrictionOfPeople",
+    "boundary-elements": "haptix.campaign.states:BoundaryElementSets",
     "trade-off": "haptix.campaign.tradeoffs:Tradeoffs",
 }
 

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from haptix.campaign.solving import states_of
 from haptix.checks import positive, whole
 from haptix.documents import Part
 from haptix.errors import InputError
+from haptix.executors import executor_of, finished
 from haptix.finger import Finger
+from haptix.screen import Screen
 
 
 class Drawn(Part):
@@ -74,6 +79,49 @@ class Population:
             f"{size} fingers around {finger.name!r}, log-normal with standard deviations of the "
             f"logarithm {widths}; seed {seed}",
         )
+
+    def run(
+        self,
+        screen: Screen,
+        normal_force_n: Sequence[float],
+        voltage_v: Sequence[float],
+        frequency_hz: Sequence[float],
+        executor: Any = None,
+    ) -> list[dict[str, list[Any]]]:
+        """Solve every finger on a screen at all combinations of some values.
+
+        Parameters
+        ----------
+        screen : Screen
+            The screen.
+        normal_force_n, voltage_v, frequency_hz : sequence of float
+            The values.
+        executor : concurrent.futures.Executor or Dask client, optional
+            Where fingers are solved; without it here, one after the other.
+
+        Returns
+        -------
+        list of dict
+            For each finger the columns of its states, in the order of the combinations (frequency
+            fastest): the values, ``mu``, ``area_fraction``, ``pressure_pa``, ``mean_gap_m`` and
+            ``status``.
+        """
+        shared = {
+            "screen": screen.model_dump(mode="json", exclude_none=True),
+            "normal_force_n": list(normal_force_n),
+            "voltage_v": list(voltage_v),
+            "frequency_hz": list(frequency_hz),
+        }
+        texts = [
+            json.dumps({"finger": one.model_dump(mode="json", exclude_none=True), **shared})
+            for one in self.fingers
+        ]
+        found: dict[str, Any] = {}
+        at_once = 2 * (os.cpu_count() or 1)
+        workers = executor_of(executor)
+        for text, future in finished(workers, states_of, dict.fromkeys(texts), lambda: at_once):
+            found[text] = json.loads(future.result())
+        return [found[text] for text in texts]
 
     @staticmethod
     def draw(

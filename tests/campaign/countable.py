@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from pathlib import Path
 
 from haptix.campaign import Campaign, Outcome, Task
 
@@ -19,6 +20,8 @@ class Countable(Campaign):
     deadly: tuple[int, ...] = ()
     wrong: tuple[int, ...] = ()
     greedy: tuple[int, ...] = ()
+    dies_writing: str = ""
+    """A file that is made when a worker dies in the middle of writing, once."""
 
     def tasks(self):
         for number in range(self.numbers):
@@ -26,6 +29,8 @@ class Countable(Campaign):
             for harm in ("deadly", "wrong", "greedy"):
                 if number in getattr(self, harm):
                     document[harm] = True
+            if self.dies_writing:
+                document["dies_writing"] = self.dies_writing
             yield Task(self.kind, document, {"label": f"n{number}"})
 
     @staticmethod
@@ -42,5 +47,19 @@ class Countable(Campaign):
             time.sleep(0.001)
         files = {}
         if size := document["file_bytes"]:
-            files["numbers.bin"] = bytes((number + i) % 251 for i in range(size))
+            data = bytes((number + i) % 251 for i in range(size))
+            files["numbers.bin"] = data
+            if marker := document.get("dies_writing"):
+                files = {"first.bin": data, "numbers.bin": lambda path: write(path, data, marker)}
         return Outcome({"number": number, "square": number**2}, files, {"slept": 1.0})
+
+
+def write(path, data, marker):
+    """Write a file; whoever comes first dies half-way."""
+    with path.open("wb") as file:
+        file.write(data[: len(data) // 2])
+        file.flush()
+        if not Path(marker).exists():
+            Path(marker).touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        file.write(data[len(data) // 2 :])

@@ -1,13 +1,18 @@
 """The kinds of campaigns: what they expand to, and that each task is a pure function."""
 
 import json
+import warnings
 
 import pytest
 
-from haptix.campaign import load_campaign, run_campaign
+from haptix.campaign import Population, load_campaign, run_campaign
 from haptix.campaign.kinds import kind_named
+from haptix.fidelity import BoundaryElementBox
+from haptix.finger import Finger
+from haptix.friction import ContactModel
 from haptix.planning import plan_scene
 from haptix.scene import Scene
+from haptix.screen import Screen
 from haptix.surface import FrictionSurface
 from haptix.tradeoff import run_tradeoff
 
@@ -72,9 +77,60 @@ def test_a_surface_is_that_of_its_scene(load, tmp_path):
     assert FrictionSurface.load(file).info["mu_low"] == row["mu_low"] > 0
 
 
+STATES = 'normal_force_n = [0.2, 1.0]\nvoltage_v = [0, "100 V"]\nfrequency_hz = [125]\n'
+
+
+def test_a_population_has_the_friction_of_its_models(load, tmp_path):
+    plan = load(
+        'name = "a"\nkind = "population"\nfingers = ["gel.toml"]\n' + STATES
+        + "[population]\nsize = 2\nseed = 3\nspread = { frictional_shear_stress_pa = 0.3 }\n"
+    )  # fmt: skip
+    done = run_campaign(plan, tmp_path / "out")
+    people = Population.around(
+        Finger.load(tmp_path / "gel.toml"), 2, {"frictional_shear_stress_pa": 0.3}, 3
+    )
+    table = people.run(Screen.preset("3m-sct3250"), [0.2, 1.0], [0, 100], [125])
+    for row, finger, found in zip(done.rows, people.fingers, table, strict=True):
+        model = ContactModel(finger, Screen.preset("3m-sct3250"))
+        # One state at a time against all in one batch: the tables are the same.
+        first = float(model.solve(0.2, 0.0, 125.0).mu)
+        last = float(model.solve(1.0, 100.0, 125.0).mu)
+        assert (row["mu_first"], row["mu_last"]) == pytest.approx((first, last), rel=1e-9)
+        assert found["mu"] == pytest.approx([first, found["mu"][1], found["mu"][2], last])
+        file = tmp_path / "out" / "results" / row["key"][:2] / row["key"] / "states.csv"
+        rows = [line.split(",") for line in file.read_text().splitlines()]
+        assert [float(cell) for cell in rows[4][:4]] == [1.0, 100.0, 125.0, row["mu_last"]]
+    assert done.rows[0]["mu_first"] != done.rows[1]["mu_first"]
+
+
+def test_a_surface_of_boundary_elements_is_a_task(load, tmp_path):
+    plan = load(
+        'name = "a"\nkind = "boundary-elements"\nfingers = ["gel.toml"]\nsurfaces = 2\nseed = 5\n'
+        "normal_force_n = [0.5]\nvoltage_v = [0]\nfrequency_hz = [125]\nbox = { points = 32 }\n"
+    )
+    done = run_campaign(plan, tmp_path / "out")
+    assert [row["surface"] for row in done.rows] == [5, 6]
+    areas = [row["area_first"] for row in done.rows]
+    # Another seed is another surface, and each is that of a model with its seed.
+    assert areas[0] != areas[1]
+    box = BoundaryElementBox(points=32, surfaces=1, seed=6)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = ContactModel(
+            Finger.load(tmp_path / "gel.toml"), Screen(name="3m-sct3250"), "boundary-element",
+            boundary_elements=box,
+        )  # fmt: skip
+        assert float(model.solve(0.5, 0.0, 125.0).area_fraction) == areas[1]
+
+
 def test_a_document_survives_its_way_to_a_worker(load):
-    for kind in ("surfaces", "trade-off"):
-        plan = load(f'name = "a"\nkind = "{kind}"\n' + SCENE)
+    for kind, rest in (
+        ("surfaces", SCENE),
+        ("trade-off", SCENE),
+        ("population", STATES),
+        ("boundary-elements", STATES),
+    ):
+        plan = load(f'name = "a"\nkind = "{kind}"\n' + rest)
         task = next(plan.tasks())
         assert json.loads(json.dumps(task.document)) == task.document
         assert kind_named(kind).needed_bytes(task.document) > 0

@@ -145,12 +145,40 @@ def test_a_deadly_task_is_set_aside_and_the_others_are_done_the_same(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_worker_that_dies_while_it_writes_leaves_no_half_of_a_result(tmp_path):
+    marker = tmp_path / "died"
+    given = plan(numbers=3, file_bytes=100_000, dies_writing=str(marker))
+    with Processes(1) as pool:
+        hurt = run_campaign(given, tmp_path / "hurt", pool)
+    assert marker.exists() and hurt.counts["done"] == 3
+    assert sorted(row["deaths"] for row in hurt.rows) == [0, 0, 1]
+    run_campaign(given, tmp_path / "whole")  # nobody dies again
+    assert results(tmp_path / "hurt") == results(tmp_path / "whole")
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit is Linux's")
 def test_a_task_that_needs_more_memory_than_it_may_fails_alone(tmp_path):
     with Processes(1, memory_bytes=500_000_000) as pool:
         done = run_campaign(plan(numbers=3, greedy=(1,)), tmp_path, pool)
     assert [row["status"] for row in done.rows] == ["done", "failed", "done"]
     assert "MemoryError" in done.rows[1]["error"]
+
+
+def test_a_place_of_fsspec_has_the_same_bytes_as_a_folder(tmp_path):
+    memory = pytest.importorskip("fsspec").filesystem("memory")
+    first = run_campaign(plan(numbers=2, file_bytes=9), "memory://squares/a")
+    done = run_campaign(plan(numbers=3, file_bytes=9), "memory://squares/a")
+    assert first.counts["done"] == 2 and done.reused == 2 and done.counts["done"] == 3
+    run_campaign(plan(numbers=3, file_bytes=9), tmp_path)
+    for name in results(tmp_path):
+        assert memory.cat_file(f"/squares/a/{name}") == (tmp_path / name).read_bytes()
+    assert memory.cat_file("/squares/a/table.csv").startswith(b"label,number,square")
+    # A store without whole writes has no draft left, and another one is refused by name.
+    run_campaign(plan(numbers=3, file_bytes=9), f"file://{tmp_path / 'b'}")
+    assert results(tmp_path / "b") == results(tmp_path)
+    with pytest.raises(InputError, match="nowhere://x: expected a place that fsspec reaches"):
+        run_campaign(plan(numbers=1), "nowhere://x")
 
 
 def test_another_version_does_not_mix_its_results(tmp_path, monkeypatch):
@@ -260,7 +288,8 @@ def test_short_tasks_share_calls_and_a_lost_answer_costs_no_task_twice(tmp_path,
     class Losing(Executor):
         at_once = 1
 
-        def submit(self, work, /, text):
+        def submit(self, work, /, *given, **named):
+            (text,) = given
             calls.append([job["document"]["number"] for job in json.loads(text)["tasks"]])
             future, answer = Future(), work(text)
             if len(calls) == 2:  # all of it is done, but nobody hears
