@@ -143,7 +143,7 @@ class DaskWorkers(Executor):
 
     def _keep_looking(self) -> None:
         while not self._ended.wait(_LOOK_EVERY_S):
-            with suppress(OSError):  # the scheduler is gone: calls say so
+            with suppress(Exception):  # the scheduler is gone: calls say so
                 self._look()
 
     def _look(self) -> None:

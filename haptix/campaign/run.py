@@ -7,6 +7,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from os import cpu_count
@@ -91,32 +92,40 @@ def run_campaign(
     HaptixError
         If the executor's workers are lost, or have another version.
     """
-    store, own = store_at(where), identity()
+    store = store_at(where)
     with store.held():
-        _begin(store, campaign, own)
+        _begin(store, campaign, identity())
         ledger = Ledger.of(store, campaign, again)
         reused = ledger.counts["done"]
-        total = len(ledger.rows)
-        ended, first = 0, 0.0
-        written = time.monotonic()
-        workers = _workers(executor, store)
-        try:
-            for _ in _records(store, campaign, ledger, workers, most):
-                now = time.monotonic()
-                first = first or now
-                # A worker may take long to start: its time counts from the first end on.
-                each = (now - first) / ended if ended else None
-                ended += 1
-                left = ledger.counts["waiting"] + ledger.counts["in work"]
-                on_progress(Seen(total, ledger.counts, each and left * each))
-                if now - written > _TABLE_EVERY_S:
-                    written = now
-                    store.write("table.csv", ledger.csv().encode())
-        finally:
-            ledger.let_go()
-            if ended or store.read("table.csv") is None:
+        with _workers(executor, store) as workers:
+            try:
+                records = _records(store, campaign, ledger, workers, most)
+                _go_on(store, ledger, records, on_progress)
+            finally:
+                ledger.let_go()
                 _conclude(store, campaign, ledger)
     return CampaignResult(store.where, tuple(ledger.table()), ledger.counts, reused)
+
+
+def _go_on(
+    store: Store,
+    ledger: Ledger,
+    records: Iterator[None],
+    on_progress: Progress,
+) -> None:
+    """Let tasks be done, and say how far they are."""
+    first = 0.0
+    written = time.monotonic()
+    for before, _ in enumerate(records):
+        now = time.monotonic()
+        first = first or now
+        # A worker may take long to start: its time counts from the first end on.
+        each = (now - first) / before if before else None
+        left = ledger.counts["waiting"] + ledger.counts["in work"]
+        on_progress(Seen(len(ledger.rows), ledger.counts, each and left * each))
+        if now - written > _TABLE_EVERY_S:
+            written = now
+            store.write("table.csv", ledger.csv().encode())
 
 
 def _begin(store: Store, campaign: Campaign, own: dict[str, str]) -> None:
@@ -143,15 +152,21 @@ def _begin(store: Store, campaign: Campaign, own: dict[str, str]) -> None:
         raise InputError(f"cannot write to {store.where}: {error.strerror or error}") from None
 
 
-def _workers(executor: Any, store: Store) -> Executor:
-    """Return what tasks are done on, its workers checked where they are elsewhere."""
+@contextmanager
+def _workers(executor: Any, store: Store) -> Iterator[Executor]:
+    """Give what tasks are done on, its workers checked where they are elsewhere."""
+    own = None
     if hasattr(executor, "get_executor"):  # a Dask client
         from haptix.campaign.cluster import DaskWorkers
 
-        executor = DaskWorkers(executor)
-    if hasattr(executor, "expect"):
-        executor.expect(store.where)
-    return executor_of(executor)
+        executor = own = DaskWorkers(executor)
+    try:
+        if hasattr(executor, "expect"):
+            executor.expect(store.where)
+        yield executor_of(executor)
+    finally:
+        if own is not None:
+            own.shutdown()
 
 
 class _Waiting:

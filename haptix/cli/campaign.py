@@ -49,6 +49,10 @@ def campaign(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Only say tasks, hours and bytes.")
     ] = False,
+    first: Annotated[
+        int | None,
+        typer.Option(help="End after so many tasks.", callback=number(least=1)),
+    ] = None,
     again: Annotated[
         bool, typer.Option("--again", help="Also what failed or was set aside.")
     ] = False,
@@ -74,7 +78,7 @@ def campaign(
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C, in good order
     try:
         with _executor(on, chosen, processes, memory_gb) as executor:
-            result = run_campaign(chosen, where, executor, _Say(), again)
+            result = run_campaign(chosen, where, executor, _Say(), again, first)
     except KeyboardInterrupt:
         sys.stderr.write("haptix: stopped; finished tasks are kept, and the same command goes on\n")
         raise typer.Exit(130) from None
@@ -83,7 +87,7 @@ def campaign(
     if as_json:
         show(title, result.rows, as_json)
         return
-    rows = [row for row in result.rows if row["status"] != "done"]
+    rows = [row for row in result.rows if row["status"] in ("failed", "set aside")]
     show(
         title,
         [{"key": r["key"][:12], "status": r["status"], "error": r["error"]} for r in rows],

@@ -25,7 +25,11 @@ class Countable(Campaign):
 
     def tasks(self):
         for number in range(self.numbers):
-            document = {"number": number, "seconds": self.seconds, "file_bytes": self.file_bytes}
+            document: dict[str, object] = {
+                "number": number,
+                "seconds": self.seconds,
+                "file_bytes": self.file_bytes,
+            }
             for harm in ("deadly", "wrong", "greedy"):
                 if number in getattr(self, harm):
                     document[harm] = True
@@ -45,7 +49,7 @@ class Countable(Campaign):
         end = time.monotonic() + document["seconds"]
         while time.monotonic() < end:
             time.sleep(0.001)
-        files = {}
+        files: dict[str, object] = {}
         if size := document["file_bytes"]:
             data = bytes((number + i) % 251 for i in range(size))
             files["numbers.bin"] = data

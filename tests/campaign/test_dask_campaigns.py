@@ -1,0 +1,113 @@
+"""Campaigns on a Dask cluster: checked workers, the same bytes, and what is left of a lost one."""
+
+from concurrent.futures import BrokenExecutor
+
+import pytest
+
+from haptix.campaign import run_campaign
+from haptix.campaign.cluster import DaskWorkers
+from haptix.errors import HaptixError
+from tests.campaign.test_local_campaigns import pages, plan, results  # noqa: F401
+
+distributed = pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def client():
+    """Two workers, threads of this process: their messages are those of any cluster."""
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+def address_of(client, name):
+    workers = client.scheduler_info(n_workers=-1)["workers"]
+    return next(at for at, about in workers.items() if about["name"] == name)
+
+
+def test_a_client_is_an_executor_and_leaves_the_same_bytes(client, tmp_path):
+    there = run_campaign(plan(numbers=30, wrong=(4,), file_bytes=9), tmp_path / "a", client)
+    run_campaign(plan(numbers=30, wrong=(4,), file_bytes=9), tmp_path / "b")
+    assert there.counts["done"] == 29 and there.counts["failed"] == 1
+    assert results(tmp_path / "a") == results(tmp_path / "b")
+
+
+def test_a_worker_of_another_version_is_refused_by_its_name(client, tmp_path, monkeypatch):
+    other, real, said = address_of(client, 1), client.run, []
+
+    def run(function, *given, **named):
+        answers = real(function, *given, **named)
+        return {
+            at: {**answer, "torch": "1.0"} if at == other else answer
+            for at, answer in answers.items()
+        }
+
+    monkeypatch.setattr(client, "run", run)
+    workers = DaskWorkers(client, said.append)
+    done = run_campaign(plan(numbers=12, seconds=0.01), tmp_path, workers)
+    workers.shutdown()
+    assert done.counts["done"] == 12
+    assert [one for one in said if "worker 1" in one and "torch 1.0 (here" in one] == said
+    assert workers.workers == 1 and [*workers.refused] == ["1"]
+
+
+def test_workers_that_do_not_see_the_folder_are_refused_all(client, tmp_path, monkeypatch):
+    real = client.run
+
+    def run(function, where, **named):
+        return real(function, f"{where}-elsewhere", **named)
+
+    monkeypatch.setattr(client, "run", run)
+    workers = DaskWorkers(client)
+    with pytest.raises(HaptixError, match=r"none that may be used \(0: .*campaign\.json"):
+        run_campaign(plan(numbers=2), tmp_path, workers)
+    workers.shutdown()
+
+
+def test_what_only_lost_workers_could_do_is_sent_to_others(client, tmp_path):
+    """A restriction to a worker that is gone would wait for ever."""
+    workers = DaskWorkers(client)
+    workers.expect(str(tmp_path))
+    gone = frozenset(["tcp://127.0.0.1:1"])
+    good, workers._good = workers._good, dict.fromkeys(gone, 1)
+    future = workers.submit(len, "abc")
+    workers._good = good
+    assert future.result(timeout=60) == 3  # the next look sends it again
+    workers.shutdown()
+
+
+def test_errors_of_calls_and_killed_workers_are_told_apart(client):
+    workers = DaskWorkers(client)
+    workers._good = dict.fromkeys(client.scheduler_info(n_workers=-1)["workers"], 1)
+    with pytest.raises(ValueError, match="invalid literal"):
+        workers.submit(int, "x").result(timeout=60)
+
+    class KilledWorker(Exception):
+        pass
+
+    class Sent:
+        status = "error"
+
+        def exception(self):
+            return KilledWorker("four times")
+
+    future = workers.submit(len, "abc")
+    workers._calls[future].sent = sent = Sent()
+    workers._take(future, sent)
+    assert isinstance(future.exception(timeout=60), BrokenExecutor)
+    workers.shutdown()
+
+
+def test_nothing_at_an_address_is_one_sentence():
+    with pytest.raises(HaptixError, match="no Dask scheduler answers at tcp://127"):
+        with_short_patience = {"distributed.comm.timeouts.connect": "1s"}
+        import dask
+
+        with dask.config.set(with_short_patience):
+            DaskWorkers.on("tcp://127.0.0.1:9")
+    with pytest.raises(HaptixError, match="--on: expected processes, dask, an address"):
+        DaskWorkers.on("daks")
