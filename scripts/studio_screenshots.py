@@ -45,56 +45,129 @@ def main():
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as service,
         sync_playwright() as playwright,
     ):
-        address = re.search(r"http://\S+", service.stdout.readline())[0]
-        browser = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"]
-        )
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
-        page.goto(address)
-        page.locator('.output[data-state="armed"]').wait_for(timeout=60_000)
-        page.wait_for_function(IS_DRAWN, timeout=60_000)
-        board = page.locator(".board")
-        board.focus()
-        felt = page.locator('[data-name="felt"] dd')
-        is_felt = False  # the virtual finger makes its tables first
-        while not is_felt:
-            for key in ("ArrowLeft", "ArrowRight"):
-                page.keyboard.down(key)
-                page.wait_for_timeout(700)
-                is_felt = is_felt or felt.inner_text() != "–"
-                page.keyboard.up(key)
-        frames = []
-        for keys in (["ArrowLeft"], ["ArrowUp", "ArrowRight"], ["ArrowRight"]):
-            for key in keys:
-                page.keyboard.down(key)
-            page.wait_for_timeout(800)
-            frames.append(Image.open(_shot(page, folder / "studio-play.png")).convert("RGB"))
-            for key in keys:
-                page.keyboard.up(key)
-        height = STRIP_PX * 800 // 1280
-        strip = Image.new("RGB", (3 * STRIP_PX, height))
-        for number, frame in enumerate(frames):
-            small = frame.resize((STRIP_PX, height), Image.Resampling.LANCZOS)
-            strip.paste(small, (number * STRIP_PX, 0))
-        strip.save(folder / "studio-strip.png", optimize=True)
-        page.get_by_role("link", name="Screens").click()
-        page.get_by_text("roughness: a placeholder").wait_for()
-        _shot(page, folder / "studio-screens.png")
-        page.set_viewport_size({"width": 360, "height": 800})
-        page.emulate_media(color_scheme="dark")
-        page.get_by_role("link", name="Play").click()
-        page.wait_for_function(IS_DRAWN, timeout=60_000)
-        board.focus()
-        slide(page, ["ArrowLeft"], 0.9)
-        page.wait_for_timeout(500)
-        page.evaluate("scrollTo(0, 0)")
-        _shot(page, folder / "studio-360.png", full_page=True)
-        browser.close()
-        service.send_signal(signal.SIGINT)
-        service.communicate(timeout=20)
+        try:
+            address = re.search(r"http://\S+", service.stdout.readline())[0]
+            browser = playwright.chromium.launch(
+                executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"]
+            )
+            context = browser.new_context(viewport={"width": 1280, "height": 800})
+            page = context.new_page()
+            page.set_default_timeout(120_000)  # of a busy machine
+            page.goto(address)
+            page.locator('.output[data-state="armed"]').wait_for()
+            play(page, folder)
+            make(page, folder)
+            screens(page, folder)
+            calibrate(page, folder)
+            sit(page, folder)
+            small(page, folder)
+            browser.close()
+        finally:  # also when a page did not come: the service does not end by itself
+            service.send_signal(signal.SIGINT)
+            service.communicate(timeout=60)
+
+
+def play(page, folder):
+    """The board with a felt stroke, and a strip of it for the README."""
+    with page.expect_response("**/v1/pictures"):
+        page.reload()  # the maker is warm by now
+    page.locator('.output[data-state="armed"]').wait_for()
+    page.wait_for_function(IS_DRAWN)
+    page.wait_for_load_state("networkidle")
+    page.locator(".board").focus()
+    frames = []
+    for key in ("ArrowLeft", "ArrowRight", "ArrowLeft"):
+        for _ in range(60):  # the virtual finger makes its tables first
+            page.keyboard.down(key)
+            page.wait_for_timeout(600)
+            is_felt = page.locator('[data-name="felt"] dd').inner_text() not in ("–", "NaN")
+            if is_felt:
+                frames.append(Image.open(_shot(page, folder / "studio-play.png")).convert("RGB"))
+            page.keyboard.up(key)
+            if is_felt:
+                break
+            back = "ArrowRight" if key == "ArrowLeft" else "ArrowLeft"
+            page.keyboard.down(back)
+            page.wait_for_timeout(600)
+            page.keyboard.up(back)
+    height = STRIP_PX * 800 // 1280
+    strip = Image.new("RGB", (3 * STRIP_PX, height))
+    for number, frame in enumerate(frames):
+        small_one = frame.resize((STRIP_PX, height), Image.Resampling.LANCZOS)
+        strip.paste(small_one, (number * STRIP_PX, 0))
+    strip.save(folder / "studio-strip.png", optimize=True)
+
+
+def make(page, folder):
+    """The gallery, the board and the parameters of a region."""
+    page.get_by_role("link", name="Make").click()
+    page.locator(".thumb").first.wait_for()
+    page.locator("button.region").first.click()
+    page.get_by_text("just-noticeable differences").wait_for()
+    page.wait_for_timeout(2000)  # for the regions' pictures
+    _shot(page, folder / "studio-make.png")
+
+
+def screens(page, folder):
+    """What plays, in volts, beside a page that touches."""
+    page.get_by_role("link", name="Play").click()
+    page.locator(".board").focus()
+    looks = page.context.new_page()
+    looks.goto(f"{page.url.split('#')[0]}#/screens")
+    looks.get_by_text("roughness: a placeholder").wait_for()
+    for _ in range(60):
+        for key in ("ArrowLeft", "ArrowRight"):
+            page.keyboard.down(key)
+            page.wait_for_timeout(600)
+            page.keyboard.up(key)
+        if looks.get_by_text("µA", exact=False).count():
+            break
+    _shot(looks, folder / "studio-screens.png")
+    looks.close()
+
+
+def calibrate(page, folder):
+    """A practice that asks for its first stroke."""
+    page.get_by_role("link", name="Calibrate").click()
+    page.get_by_role("button", name="Begin").click()
+    go = page.get_by_role("button", name="go", exact=True)
+    go.wait_for()
+    go.click()
+    page.get_by_text("Stroke 2 of").wait_for()
+    _shot(page, folder / "studio-calibrate.png")
+    page.get_by_role("button", name="stop", exact=True).click()
+    page.get_by_text("still open").wait_for()
+
+
+def sit(page, folder):
+    """The first trial of a practice."""
+    page.get_by_role("link", name="Sit").click()
+    page.get_by_role("button", name="Begin").click()
+    page.get_by_text("Rest a fingertip").wait_for()
+    page.keyboard.press("Space")
+    page.get_by_role("button", name="the first").wait_for()
+    _shot(page, folder / "studio-sit.png")
+    page.keyboard.press("Escape")
+    page.get_by_text("the experiment was ended").wait_for()
+
+
+def small(page, folder):
+    """A telephone's width, dark."""
+    page.set_viewport_size({"width": 360, "height": 800})
+    page.emulate_media(color_scheme="dark")
+    page.goto(page.url.split("#")[0])
+    page.locator('.output[data-state="armed"]').wait_for()
+    page.wait_for_function(IS_DRAWN)
+    page.locator(".board").focus()
+    slide(page, ["ArrowLeft"], 0.9)
+    page.wait_for_timeout(500)
+    page.evaluate("scrollTo(0, 0)")
+    _shot(page, folder / "studio-360.png", full_page=True)
 
 
 def _shot(page, path, **options):
+    for close in page.locator(".notice button").all():  # of a busy machine, not of the page
+        close.click()
     page.screenshot(path=path, **options)
     Image.open(path).convert("RGB").save(path, optimize=True)
     return path

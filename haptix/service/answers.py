@@ -60,6 +60,8 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
         return None
     if isinstance(message, m.LayoutSet | m.LayoutChange):
         fields = message.model_dump(exclude={"type", "id"}, exclude_none=True)
+        if hub.decode is not None:
+            await hub.decode(fields)
         found = await _ask(hub, message.type, session=session.number, **fields)
         return m.LayoutReply(id=number, revision=found["revision"], sample=found.get("sample"))
     if control.holder is not session:

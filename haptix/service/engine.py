@@ -261,9 +261,12 @@ class EngineServer:
         from haptix.profiles import profiles_for
         from haptix.render.core import carrier_hz
         from haptix.screen import Screen
+        from haptix.service.decoding import FOLDER as DECODED
         from haptix.service.profiles import profiles_of
+        from haptix.texture.decoded import keep_in
 
         self._assets = Path(assets)
+        keep_in(self._assets.parent / DECODED, makes=False)
         self._address = device
         self._device = open_device(device)
         finger, screen = profiles_for(self._device, finger, screen)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hmac
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
 from haptix.service import messages as m
@@ -59,6 +59,7 @@ class Hub:
         self.access, self.engine, self.inventory = access, engine, inventory
         self.material_schema: dict[str, Any] = {}
         self.profiles: dict[str, Any] = {}
+        self.decode: Callable[[dict[str, Any]], Awaitable[None]] | None = None  # pictures
         self.full_drive: dict[str, Any] | None = None  # carrier and amplitude, once armed
         self.now_s = now_s
         self.stalls = Stalls(now_s())

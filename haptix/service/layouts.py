@@ -10,6 +10,7 @@ from haptix.errors import HaptixError, InputError
 from haptix.layout import Layout, Patch
 from haptix.materials import material_of
 from haptix.materials.material import in_folder
+from haptix.motion import Motion
 
 MOST_REGIONS = 256
 
@@ -116,7 +117,9 @@ class SessionLayout:
     def _read(self, fields: dict[str, Any]) -> dict[str, Any]:
         if "material" in fields:
             with in_folder(self._assets, is_sealed=True):
-                fields["material"] = material_of(fields["material"])
+                material = fields["material"] = material_of(fields["material"])
+            # Some make their maps when they are first asked: here, not in the midst of a stroke.
+            material.evaluator.wanted(Motion.of([0.0], 0.0))
         return fields
 
 

@@ -18,9 +18,11 @@ import numpy as np
 
 from haptix.errors import HaptixError, InputError
 from haptix.files import parse_json
+from haptix.service.decoding import FOLDER as DECODED
 from haptix.service.helper_input import frames
 from haptix.service.job_work import limit_memory
 from haptix.service.outbox import Outbox, own_output
+from haptix.texture.decoded import keep_in
 
 if TYPE_CHECKING:
     from haptix.materials import Material
@@ -103,6 +105,16 @@ class Making:
             "effects_jnd": effects_of_steps(one, low, high),
         }
 
+    def decode(self, digest: str) -> dict[str, Any]:
+        """Keep the pixels of a picture for the engine, which decodes none."""
+        from haptix.materials.material import in_folder, read_asset
+        from haptix.texture.pictures import read_pixels
+
+        with in_folder(self._assets, is_sealed=True):
+            path = Path(read_asset(f"sha256:{digest}"))
+        read_pixels("image", path)
+        return {}
+
     def export(self, document: dict[str, Any], form: str, y_mm: float) -> dict[str, Any]:
         """Return a layout in a form of interchange, as an archive of files."""
         from haptix.service.exports import export
@@ -162,7 +174,9 @@ def main() -> None:
         answer: dict[str, Any]
         try:
             if do == "open":
-                making, answer = Making(Path(message.pop("assets")), message), {}
+                assets = Path(message.pop("assets"))
+                keep_in(assets.parent / DECODED, makes=True)
+                making, answer = Making(assets, message), {}
             else:
                 answer = getattr(making, do)(**message)
         except HaptixError as error:

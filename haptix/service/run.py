@@ -91,6 +91,7 @@ def serve(
     async def run() -> None:
         starting = asyncio.create_task(link.start())
         await asyncio.sleep(0)  # its process starts here, and loads while this one does
+        from haptix.service.decoding import Decoding
         from haptix.service.documents import documents_router
         from haptix.service.drive import drive_router
         from haptix.service.front import application
@@ -124,6 +125,7 @@ def serve(
             await maker.stop()
             await link.stop()
 
+        hub.decode = Decoding(assets, maker)
         documents = documents_router(maker, folder / "layouts")
         documents.include_router(drive_router(hub, maker), prefix="/v1")
         app = application(hub, assets, start, end, documents)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from haptix.checks import Array, positive
 from haptix.errors import InputError, from_extra
+from haptix.texture.decoded import decoded
 from haptix.texture.levels import LARGEST_BYTES
 
 with from_extra("photographs"):
@@ -71,7 +72,7 @@ def read_grey(image: str | Path | npt.ArrayLike, largest_bytes: int = LARGEST_BY
     """
     positive("largest_bytes", largest_bytes)
     if isinstance(image, str | Path):
-        pixels, premultiplied = _read(f"image: {image}", Path(image), largest_bytes)
+        pixels, premultiplied = read_pixels(f"image: {image}", Path(image), largest_bytes)
     else:
         premultiplied = False
         try:
@@ -103,7 +104,7 @@ def read_normals(path: Path, largest_bytes: int = LARGEST_BYTES) -> tuple[Array,
     with from_extra("photographs"):
         from skimage.util import img_as_float64  # takes a third of a second
 
-    pixels, _ = _read(f"normals: {path}", path, largest_bytes)
+    pixels, _ = read_pixels(f"normals: {path}", path, largest_bytes)
     if pixels.ndim != 3 or pixels.shape[2] < 3:
         raise InputError(f"normals: expected a picture in colour, got shape {pixels.shape}")
     right, up, out = (2 * img_as_float64(pixels)[..., channel] - 1 for channel in range(3))
@@ -135,11 +136,20 @@ def _grey(pixels: npt.NDArray[Any], premultiplied: bool) -> Array:
     return np.asarray(grey)
 
 
-def _read(name: str, path: Path, largest_bytes: int) -> tuple[npt.NDArray[Any], bool]:
-    """Pixels of a file, 1 to 4 channels, and whether colours have been multiplied by opacity."""
+def read_pixels(
+    name: str, path: Path, largest_bytes: int = LARGEST_BYTES
+) -> tuple[npt.NDArray[Any], bool]:
+    """Return pixels, 1 to 4 channels, and whether colours have been multiplied by opacity.
+
+    `name` is what errors call the file. See `haptix.texture.decoded` for who decodes it.
+    """
     if not path.is_file():
         what = name.partition(":")[0]
         raise InputError(f"{what}: no file at {path}; give the path of a photograph")
+    return decoded(path, lambda: _decode(name, path, largest_bytes))
+
+
+def _decode(name: str, path: Path, largest_bytes: int) -> tuple[npt.NDArray[Any], bool]:
     check_picture(name, path, largest_bytes)
     try:
         with warnings.catch_warnings():
