@@ -31,8 +31,8 @@ class FullDrive(BaseModel):
 
 
 def drive_router(hub: Hub, maker: Maker) -> APIRouter:
-    """Return the route ``/drive``."""
-    router = APIRouter()
+    """Return the route ``/v1/drive``."""
+    router = APIRouter(prefix="/v1")
 
     @router.get("/drive", responses={409: {"model": Error}})
     async def drive() -> FullDrive:

@@ -49,7 +49,7 @@ def serve(
     listen : Listen, optional
         Where other machines reach the service; by default none does.
     warms : bool
-        Whether to start what draws and what feels before anybody asks for it.
+        Whether to start the virtual finger before anybody asks for what it feels.
     on_ready : callable
         Called once clients can come, with the keeper of the codes and what there is.
 
@@ -91,6 +91,8 @@ def serve(
     async def run() -> None:
         starting = asyncio.create_task(link.start())
         await asyncio.sleep(0)  # its process starts here, and loads while this one does
+        from fastapi import APIRouter
+
         from haptix.service.decoding import Decoding
         from haptix.service.documents import documents_router
         from haptix.service.drive import drive_router
@@ -119,16 +121,17 @@ def serve(
             on_ready(access, hub.inventory)
             if warms:
                 link.twin.warm()
-                warming.append(asyncio.create_task(maker.warm()))
+            warming.append(asyncio.create_task(maker.warm()))  # a first picture waits for it
 
         async def end() -> None:
             await maker.stop()
             await link.stop()
 
         hub.decode = Decoding(assets, maker)
-        documents = documents_router(maker, folder / "layouts")
-        documents.include_router(drive_router(hub, maker), prefix="/v1")
-        app = application(hub, assets, start, end, documents)
+        routes = APIRouter()
+        routes.include_router(documents_router(maker, folder / "layouts"))
+        routes.include_router(drive_router(hub, maker))
+        app = application(hub, assets, start, end, routes)
         server = HttpServer(app, hub, listen, maker.end)
         await server.serve(sockets=[listener])
 
