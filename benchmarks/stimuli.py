@@ -1,6 +1,7 @@
 """Offline stimuli: time and memory for an hour of drive, its peak, and its felt error.
 
     python benchmarks/stimuli.py [minutes]
+    python benchmarks/stimuli.py --many 10000 2
 
 Times depend on the load of the machine: run it on a quiet one.
 """
@@ -14,6 +15,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +54,7 @@ def hour(kind: str, minutes: float, threads: int, encoding: str, container: str)
         "hour", (stimulus,), FINGER, (SCREEN,), container=container, encoding=encoding
     )
     apparatus = parts.apparatus(SCREEN)  # the surface, which a cache keeps
-    apparatus.state(stimulus, 100.0)
+    apparatus.contact(stimulus)
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
         (table,) = parts.make(folder, threads).sidecars
@@ -105,6 +108,33 @@ def evaluate_set() -> None:
         )
 
 
+def many(count: int, workers: int) -> None:
+    """Print the time of a set of short stimuli, and the processor time of its making.
+
+    The sheet and what a set does once are in it, and the workers' start: a process each.
+    """
+    stimuli = tuple(
+        Stimulus(f"s-{i:05d}", (Sine(0.02 + 0.03 * i / count, 20.0 + i % 50) + 0.06).lasting(0.5))
+        for i in range(count)
+    )
+    parts = StimulusSet("many", stimuli, FINGER, (SCREEN,))
+    parts.apparatus(SCREEN)  # the surface, which a cache keeps
+    began = time.perf_counter()
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        ProcessPoolExecutor(workers, get_context("spawn")) as executor,
+    ):
+        parts.make(folder, executor=executor)
+        took = time.perf_counter() - began
+    kinds = resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN
+    used = [resource.getrusage(kind) for kind in kinds]  # the children have ended
+    spent = sum(one.ru_utime + one.ru_stime for one in used)
+    print(
+        f"{count} stimuli of 0.5 s by {workers} processes: {took:.1f} s, {spent:.0f} s of "
+        f"processor time, start included: {1e3 * spent / count:.1f} ms each"
+    )
+
+
 def main() -> None:
     minutes = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
     digests = set()
@@ -130,7 +160,9 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--hour"]:
+    if sys.argv[1:2] == ["--many"]:
+        many(int(sys.argv[2]), int(sys.argv[3]) if len(sys.argv) > 3 else 2)
+    elif sys.argv[1:2] == ["--hour"]:
         name, length_min, count, form, kept_as = sys.argv[2:]
         hour(name, float(length_min), int(count), form, kept_as)
     else:

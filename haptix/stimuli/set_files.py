@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from haptix.errors import FileFormatError, InputError
-from haptix.files import json_text, read_json
+from haptix.files import json_table, read_json
 from haptix.screen import Screen
 from haptix.signals.audio import file_hash, step_v
 from haptix.stimuli.apparatus import TOLERANCE, Apparatus
@@ -82,6 +82,7 @@ class SetFiles:
         pulses: int,
     ) -> None:
         self.plan, self.screen, self.ranges, self.folder = plan, screen, ranges, folder
+        self._perception = repr(plan.perception)
         self.drafts, self.apparatus, self.pulses = folder / DRAFTS, apparatus, pulses
 
     @classmethod
@@ -142,7 +143,7 @@ class SetFiles:
             "recipe_sha256": recipe,
         }
         draft.replace(self.drafts / name)
-        (self.drafts / beside(name)).write_text(json_text(table), encoding="utf-8")
+        (self.drafts / beside(name)).write_text(json_table(table), encoding="utf-8")
         return Made(table, (), "" if tally.is_reached else reach(name, tally, response))
 
     def _recipe(self, stimulus: Stimulus, index: int) -> str:
@@ -153,7 +154,7 @@ class SetFiles:
                 __version__, stimulus.describe(), self.apparatus.surface_keys(),
                 self.apparatus.profile_hash(), plan.sample_rate_hz, plan.container, plan.encoding,
                 plan.full_scale_v, plan.limits.ceiling_v, plan.trigger and [index + 1, self.pulses],
-                plan.name, TOLERANCE, repr(plan.perception),
+                plan.name, TOLERANCE, self._perception,
             ],
             sort_keys=True,
         )  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from firmware_io.limits import BODY_CAPACITANCE_F, DriveLimits
 from haptix.campaign.population import Population
@@ -92,7 +93,7 @@ class SetPlan:
                 f"got {self.full_scale_v:g} V"
             )
 
-    @property
+    @cached_property
     def limits(self) -> DriveLimits:
         """Limits that every sample is checked against."""
         return drive_limits(self.screens, self.ceiling_v)

@@ -17,6 +17,7 @@ import torch
 from firmware_io import LimitError
 from haptix import ContactModel, Screen
 from haptix.errors import FileFormatError, HaptixError, InputError, RangeError
+from haptix.files import json_table
 from haptix.finger import MeasuredRoughness
 from haptix.signals.audio import AudioWriter, read_drive
 from haptix.stimuli import (
@@ -86,6 +87,14 @@ def test_a_set_is_all_there(parts, tmp_path, surface, screen):
         assert float(surface.mu(0.5, volts, 4000.0)) == pytest.approx(mu, abs=2e-3)
     (folder / "noise.wav").write_bytes(b"changed")
     assert check_manifest(folder) == ["noise.wav"]
+
+
+def test_a_sidecar_has_a_line_for_each_entry(parts, tmp_path):
+    parts.make(tmp_path)
+    text = (tmp_path / "noise.json").read_text()
+    table = json.loads(text)
+    assert len(text.splitlines()) == len(table) + 2
+    assert json.loads(json_table({'a"\n': [1, "µ"], "b": {}})) == {'a"\n': [1, "µ"], "b": {}}
 
 
 def test_the_trial_table_is_bids(parts, tmp_path):
