@@ -52,10 +52,10 @@ class Maker(HelperProcess):
         finally:
             self._waiting -= 1
 
-    async def warm(self) -> None:
-        """Start the process before the first question."""
+    async def warm(self, do: str = "warm") -> None:
+        """Start the process before the first question; `do` says for what."""
         with suppress(Problem):  # the question that needs it will tell
-            await self.ask("warm")
+            await self.ask(do)
 
     def end(self) -> None:
         """End the process at once; all questions that wait are refused."""

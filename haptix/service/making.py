@@ -56,6 +56,12 @@ class Making:
         self.reach(_FORCE_N)
         return {}
 
+    def warm_decoder(self) -> dict[str, Any]:
+        """Load what `decode` needs, which is little."""
+        from haptix.texture import pictures  # noqa: F401
+
+        return {}
+
     def picture(
         self,
         material: dict[str, Any],
@@ -107,12 +113,10 @@ class Making:
 
     def decode(self, digest: str) -> dict[str, Any]:
         """Keep the pixels of a picture for the engine, which decodes none."""
-        from haptix.materials.material import in_folder, read_asset
         from haptix.texture.pictures import read_pixels
 
-        with in_folder(self._assets, is_sealed=True):
-            path = Path(read_asset(f"sha256:{digest}"))
-        read_pixels("image", path)
+        for path in self._assets.glob(f"{digest}.*"):
+            read_pixels("image", path)
         return {}
 
     def export(self, document: dict[str, Any], form: str, y_mm: float) -> dict[str, Any]:

@@ -49,7 +49,7 @@ def serve(
     listen : Listen, optional
         Where other machines reach the service; by default none does.
     warms : bool
-        Whether to start the virtual finger before anybody asks for what it feels.
+        Whether to start what draws and what feels before anybody asks for it.
     on_ready : callable
         Called once clients can come, with the keeper of the codes and what there is.
 
@@ -102,6 +102,7 @@ def serve(
 
         m.build()
         maker, warming = Maker({}), list[asyncio.Task[None]]()
+        decoder = Maker({})  # of its own: a layout does not wait for an export
 
         async def start() -> None:
             try:
@@ -119,20 +120,27 @@ def serve(
             hub.jobs.context["logs"] = str(folder / "experiments")
             hub.jobs.context["calibrations"] = str(folder / "calibrations")
             on_ready(access, hub.inventory)
+            decoder.opening = maker.opening
+            warming.append(asyncio.create_task(decoder.warm("warm_decoder")))
             if warms:
                 link.twin.warm()
-            warming.append(asyncio.create_task(maker.warm()))  # a first picture waits for it
+                warming.append(asyncio.create_task(maker.warm()))
 
         async def end() -> None:
-            await maker.stop()
+            await asyncio.gather(maker.stop(), decoder.stop())
             await link.stop()
 
-        hub.decode = Decoding(assets, maker)
+        hub.decode = Decoding(assets, decoder)
         routes = APIRouter()
         routes.include_router(documents_router(maker, folder / "layouts"))
         routes.include_router(drive_router(hub, maker))
         app = application(hub, assets, start, end, routes)
-        server = HttpServer(app, hub, listen, maker.end)
+
+        def end_makers() -> None:
+            maker.end()
+            decoder.end()
+
+        server = HttpServer(app, hub, listen, end_makers)
         await server.serve(sockets=[listener])
 
     try:
