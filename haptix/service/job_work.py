@@ -149,13 +149,12 @@ class Work:
 
         names = {kind: self._name(kind, recipe.get(kind)) for kind in ("finger", "screen")}
         plan = ExperimentRecipe(**with_numbers("recipe", {**recipe, **names}))
-        method = plan.make_method()
         folder = Path(self._context["logs"])
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         with closing(open_device(self._context["device"])) as device:
             experiment = Experiment(
-                method,
-                plan.presentation(device.capabilities.sample_rate_hz),
+                plan.make_method(),
+                plan.presentations(device.capabilities.sample_rate_hz),
                 device,
                 lambda question: self._ask("Which one?", question.choices),
                 folder / f"{log}.csv",
@@ -163,12 +162,17 @@ class Work:
                 plan.seed,
                 None,
                 plan.pause_s,
+                plan=plan.session_plan(),
+                rest=self._rest,
             )
             experiment.run()
-        found = method.estimate()
-        row = {"threshold_db": found.threshold, "spread_db": found.spread, **found.others}
-        known = {name: value if isfinite(value) else None for name, value in row.items()}
-        return {"trials": experiment.trials, **known, "warnings": list(found.warnings)}
+        found = {}
+        for name, one in experiment.estimates().items():
+            row = {"threshold_db": one.threshold, "spread_db": one.spread, **one.others}
+            known = {key: value if isfinite(value) else None for key, value in row.items()}
+            found[name] = {**known, "warnings": list(one.warnings)}
+        first = found if len(found) > 1 else next(iter(found.values()))
+        return {"trials": experiment.trials, **experiment.summary(), **first}
 
     def calibration(self, name: str, minutes: float) -> dict[str, Any]:
         """Continue the calibration that was planned under a name, or begin a practice."""
@@ -185,6 +189,9 @@ class Work:
         if answer is None:
             raise SystemExit(1)
         return answer
+
+    def _rest(self, trials: int) -> None:
+        self._ask(f"Rest a moment: {trials} trials are done.", ("continue",))
 
     def _progress(self, share: float) -> None:
         self._say(share=float(share))
@@ -223,7 +230,7 @@ def _refuse_files_and_volts(recipe: dict[str, Any]) -> None:
     """Refuse what a client of the network may not say."""
     if "folder" in recipe or recipe.get("ceiling_v") is not None:
         raise InputError("recipe: expected no folder and no ceiling_v: no volts come in")
-    tables = [recipe.get(name) for name in ("stimulus", "pedestal", "method")]
+    tables = [recipe.get(name) for name in ("stimulus", "pedestal", "method", "conditions")]
     while tables:
         one = tables.pop()
         if isinstance(one, dict):

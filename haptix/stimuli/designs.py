@@ -268,13 +268,14 @@ def stimulus_maker(base: Mapping[str, Any], place: str) -> Callable[..., Stimulu
     def make(name: str, /, **values: Any) -> Stimulus:
         table: Any = deepcopy(base)
         for dotted, value in values.items():
-            _put(table, dotted, value, place)
+            put(table, dotted, value, place)
         return stimulus_from(name, table)
 
     return make
 
 
-def _put(table: Any, dotted: str, value: Any, place: str) -> None:
+def put(table: Any, dotted: str, value: Any, place: str) -> None:
+    """Put a value at a dotted place of a table; raise `InputError` if there is no such place."""
     *path, last = dotted.split(".")
     at = table
     try:

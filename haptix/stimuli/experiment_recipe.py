@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import replace
 from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, PositiveFloat
+from pydantic import Field, PositiveFloat, PositiveInt, model_validator
 
-from haptix.documents import Document
+from haptix.documents import Document, Part
 from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.materials.material import in_folder
@@ -19,12 +20,36 @@ from haptix.screen import Screen
 from haptix.signals.described import read
 from haptix.signals.signal import Array, Constant, Product, Signal, signal_from
 from haptix.status import Status
-from haptix.stimuli.adaptive import METHODS, Method, Presentation
+from haptix.stimuli.adaptive import (
+    METHODS,
+    Catch,
+    Conditions,
+    Exclude,
+    Method,
+    Practice,
+    Presentation,
+    SessionPlan,
+    Stop,
+)
+from haptix.stimuli.adaptive.tasks import task_named
 from haptix.stimuli.apparatus import Apparatus
+from haptix.stimuli.designs import put
+from haptix.stimuli.orders import Design, order_for
 from haptix.stimuli.rendering import Rendering
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
 from haptix.surface import Column
 from haptix.surface.request import digest
+
+TaskName = Literal["2ifc", "2afc", "3afc", "yes-no", "same-different", "pairs", "magnitude"]
+
+_WITHOUT_TARGET = 0.05  # share of answers that find a target where there is none
+
+
+class ConditionTable(Part):
+    """Table of a recipe: what differs in a condition."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+    set: dict[str, Any] = Field(default={})
 
 
 class ExperimentRecipe(Document):
@@ -41,22 +66,38 @@ class ExperimentRecipe(Document):
         Without it the reference is 0 V.
     method : table
         ``kind`` is "up-down", "quest+" or "constant-stimuli"; the rest are its parameters.
-    task : {"2ifc", "2afc"}
-        In two intervals, or on the two sides of one stroke.
+    task : str
+        A name of `haptix.stimuli.adaptive.TASKS`: "2ifc" in two intervals, "2afc" on the two sides
+        of one stroke, "3afc", "yes-no", "same-different", "pairs", "magnitude".
     finger, screen : str
         Presets or TOML files.
+    conditions : list of tables
+        Each has a `name`, and `set`: values at dotted places of stimulus, pedestal and method.
+    order : str
+        "interleaved": each trial's condition is drawn; or the order of blocks, by the number of the
+        participant: "williams", "latin-square", "random", or "as-listed".
+    practice, catch, stop, exclude, break_every, feedback
+        As in `haptix.stimuli.adaptive.SessionPlan`.
     """
 
     name: str
     stimulus: dict[str, Any]
     method: dict[str, Any]
     pedestal: dict[str, Any] | None = None
-    task: Literal["2ifc", "2afc"] = "2ifc"
+    task: TaskName = "2ifc"
     finger: str = "semi-wet"
     screen: str = "3m-sct3250"
     seed: int = 0
     pause_s: Annotated[float, Field(ge=0)] = 0.5
     ceiling_v: PositiveFloat | None = None
+    conditions: tuple[ConditionTable, ...] = ()
+    order: Literal["interleaved"] | Design = "interleaved"
+    practice: Practice | None = None
+    catch: Catch | None = None
+    stop: Stop = Stop()
+    exclude: Exclude = Exclude()
+    break_every: PositiveInt | None = None
+    feedback: bool = False
     folder: Annotated[Path, Field(exclude=True)] = Path()
 
     @classmethod
@@ -65,24 +106,78 @@ class ExperimentRecipe(Document):
             raise InputError("ExperimentRecipe.folder: a file has none; paths start where it lies")
         return cls(**fields, folder=folder)
 
-    def make_method(self) -> Method:
-        """Make the adaptive method that the table `method` describes."""
-        return read(self.method, "method", METHODS)
+    @model_validator(mode="after")
+    def _names_differ(self) -> Self:
+        names = [one.name for one in self.conditions]
+        if len(set(names)) < len(names):
+            raise ValueError("conditions: expected names that differ")
+        return self
+
+    def session_plan(self) -> SessionPlan:
+        """Return what surrounds the trials."""
+        return SessionPlan(**{name: getattr(self, name) for name in SessionPlan.model_fields})
+
+    def make_method(self, participant: int = 1) -> Method:
+        """Make the method that the table `method` describes, or that of several conditions.
+
+        Parameters
+        ----------
+        participant : int
+            Number from 1, which decides the order of blocks.
+        """
+        if not self.conditions:
+            return self._method(self._tables(None))
+        found = {one.name: self._method(self._tables(one)) for one in self.conditions}
+        if self.order == "interleaved":
+            return Conditions(found, seed=self.seed)
+        names = order_for(list(found), participant, self.order, self.seed)
+        return Conditions({name: found[name] for name in names}, interleaved=False)
 
     def presentation(self, sample_rate_hz: float) -> Presentation:
         """Build the surface, and return the presentation that turns a level into volts."""
+        return self._presentation(self._tables(None), sample_rate_hz)
+
+    def presentations(self, sample_rate_hz: float) -> Presentation | dict[str, Presentation]:
+        """Return the presentation of each condition; without conditions the one."""
+        if not self.conditions:
+            return self.presentation(sample_rate_hz)
+        return {
+            one.name: self._presentation(self._tables(one), sample_rate_hz)
+            for one in self.conditions
+        }
+
+    def _tables(self, condition: ConditionTable | None) -> dict[str, Any]:
+        names = ("stimulus", "pedestal", "method")
+        tables = deepcopy({name: getattr(self, name) for name in names})
+        for dotted, value in condition.set.items() if condition else ():
+            put(tables, dotted, value, f"conditions.{condition.name}.set" if condition else "")
+        return tables
+
+    def _method(self, tables: Mapping[str, Any]) -> Method:
+        table, task = dict(tables["method"]), task_named(self.task)
+        kinds = {"pairs": "pairs", "magnitude": "magnitudes"}
+        if (kind := kinds.get(self.task)) != table.get("kind") and (
+            kind or table.get("kind") in kinds.values()
+        ):
+            raise InputError(f"method.kind: the task {self.task!r} does not go with it")
+        if kind is None and task.guess != 0.5 and table.get("function") != "symmetric-normal":
+            table.setdefault("guess", task.guess or _WITHOUT_TARGET)
+        return read(table, "method", METHODS)
+
+    def _presentation(self, tables: Mapping[str, Any], sample_rate_hz: float) -> Presentation:
         with in_folder(self.folder):
-            stimulus = stimulus_from("target", self.stimulus)
+            stimulus = stimulus_from("target", tables["stimulus"])
         finger = Finger.named(self.finger, self.folder)
         screen = Screen.named(self.screen, self.folder)
         apparatus = Apparatus.build(finger, screen, [stimulus], self.ceiling_v)
         response, _ = apparatus.responses(stimulus)
-        pedestal = None if self.pedestal is None else signal_from(self.pedestal, "pedestal")
+        below = tables["pedestal"]
+        pedestal = None if below is None else signal_from(below, "pedestal")
         made = presentation_of(stimulus, response, sample_rate_hz, pedestal)
         found = {
             "finger": finger.content_hash(),
             "screen": screen.content_hash(),
-            "recipe": digest(self.model_dump(mode="json")),
+            "recipe": digest(self.model_dump(mode="json", exclude_defaults=True)),
         }
         return replace(
             made,

@@ -1,5 +1,6 @@
 """Adaptive methods that choose levels by the answers, and the experiment that presents them."""
 
+from haptix.stimuli.adaptive.conditions import Conditions
 from haptix.stimuli.adaptive.constant import ConstantStimuli, fit
 from haptix.stimuli.adaptive.experiment import Experiment
 from haptix.stimuli.adaptive.log import TrialLog
@@ -7,22 +8,37 @@ from haptix.stimuli.adaptive.method import Estimate, Method
 from haptix.stimuli.adaptive.observer import Keys, Question, SimulatedObserver
 from haptix.stimuli.adaptive.presentation import Presentation, Touch
 from haptix.stimuli.adaptive.quest import Quest
+from haptix.stimuli.adaptive.scaling import Magnitudes, Pairs
+from haptix.stimuli.adaptive.session_plan import Catch, Exclude, Practice, SessionPlan, Stop
+from haptix.stimuli.adaptive.tasks import TASKS, Task
 from haptix.stimuli.adaptive.updown import UpDown, weighted_up_down
 
-METHODS: dict[str, type[Method]] = {one.kind: one for one in (UpDown, Quest, ConstantStimuli)}
+METHODS: dict[str, type[Method]] = {
+    one.kind: one for one in (UpDown, Quest, ConstantStimuli, Magnitudes, Pairs)
+}
 """Every method by the name that recipes use."""
 
 __all__ = [
     "METHODS",
+    "TASKS",
+    "Catch",
+    "Conditions",
     "ConstantStimuli",
     "Estimate",
+    "Exclude",
     "Experiment",
     "Keys",
+    "Magnitudes",
     "Method",
+    "Pairs",
+    "Practice",
     "Presentation",
     "Quest",
     "Question",
+    "SessionPlan",
     "SimulatedObserver",
+    "Stop",
+    "Task",
     "Touch",
     "TrialLog",
     "UpDown",

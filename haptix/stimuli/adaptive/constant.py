@@ -61,7 +61,7 @@ class ConstantStimuli(Method):
     def is_done(self) -> bool:
         return len(self.answers) >= len(self._order)
 
-    def update(self, is_right: bool, level: float | None = None) -> None:
+    def update(self, is_right: float, level: float | None = None) -> None:
         self.answers.append((self.level if level is None else float(level), bool(is_right)))
 
     def estimate(self) -> Estimate:

@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from math import inf
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from firmware_io import Device
-from firmware_io.clock import HOST_CLOCK
 from haptix import checks
 from haptix.errors import FileFormatError, InputError, LimitError
+from haptix.stimuli.adaptive.conditions import Conditions
 from haptix.stimuli.adaptive.log import TrialLog, program
-from haptix.stimuli.adaptive.method import Method
+from haptix.stimuli.adaptive.method import Estimate, Method
+from haptix.stimuli.adaptive.next_trial import next_trial
 from haptix.stimuli.adaptive.observer import AnswerTo, Question
+from haptix.stimuli.adaptive.playing import name_of, play
 from haptix.stimuli.adaptive.presentation import Presentation, Touch
+from haptix.stimuli.adaptive.session_plan import SessionPlan, check_plan
+from haptix.stimuli.adaptive.session_summary import found_by_chance, summary
+from haptix.stimuli.adaptive.tasks import task_named
 
 Array = npt.NDArray[np.float64]
-Task = Literal["2ifc", "2afc"]
-
-CHOICES: dict[str, tuple[str, str]] = {"2ifc": ("1", "2"), "2afc": ("l", "r")}
-"""Keys of the answers: first or second interval, left or right side."""
-
 _CLOSE = 1e-9
 _MOST_ATTEMPTS = 20  # at one trial
 
@@ -36,25 +37,25 @@ class Experiment:
     """A run of one method, on a device.
 
     In "2ifc" target and reference come one after the other with a pause between; in "2afc" they
-    are the left and the right half of one stroke, without one. Which is which is drawn from the
-    seed and the trial's number. A trial whose force or speed was off by more than 15 % is logged as
-    not accepted and presented again at the same level. The voltage never exceeds the ceiling: a
-    level above it is lowered, and the log and the method get the lowered level.
+    are the left and the right half of one stroke, without one; `TASKS` has all. Which is which is
+    drawn from the seed and the trial's number. A trial whose force or speed was off by more than
+    15 % is logged as not accepted and presented again at the same level. The voltage never exceeds
+    the ceiling: a level above it is lowered, and the log and the method get the lowered level.
 
     Parameters
     ----------
     method : Method
-        Chooses the levels.
-    presentation : Presentation
-        Makes drive signals of the levels.
+        Chooses the levels; `Conditions` has one for each of several conditions.
+    presentation : Presentation or mapping of str to Presentation
+        Makes drive signals of the levels; several by the names of the conditions.
     device : Device
         Plays them; used as a context manager, once per interval.
     answer : callable
         `Keys`, `SimulatedObserver` or any function of a `Question`.
     log_file : path
         Table of the trials; an unfinished run continues from it.
-    task : {"2ifc", "2afc"}
-        How the two alternatives are presented.
+    task : str
+        How alternatives are presented, and what is asked: a name of `TASKS`.
     seed : int
         Seed of the order of the alternatives.
     ceiling_v : float, optional
@@ -70,6 +71,12 @@ class Experiment:
         Relative tolerance of `touch`.
     clock, wait : callable
         Time [s] for the log, and a function that waits [s].
+    plan : SessionPlan
+        Practice, catch trials, breaks, when to stop.
+    rest : callable, optional
+        Called at a break with the number of trials so far; returns when the participant goes on.
+    tell : callable, optional
+        Called with whether an answer was right, where the plan gives feedback.
     another_program : bool
         Continue a log that another version of haptix began; its rows say which wrote them.
 
@@ -83,11 +90,11 @@ class Experiment:
     """
 
     method: Method
-    presentation: Presentation
+    presentation: Presentation | Mapping[str, Presentation]
     device: Device
     answer: AnswerTo
     log_file: str | Path
-    task: Task = "2ifc"
+    task: str = "2ifc"
     seed: int = 0
     ceiling_v: float | None = None
     pause_s: float = 0.5
@@ -98,9 +105,13 @@ class Experiment:
     clock: Callable[[], float] = time.monotonic
     wait: Callable[[float], None] = time.sleep
     another_program: bool = False
+    plan: SessionPlan = field(default_factory=SessionPlan)
+    rest: Callable[[int], None] | None = None
+    tell: Callable[[bool], None] | None = None
 
     def __post_init__(self) -> None:
-        checks.choice("task", self.task, CHOICES)
+        self._task = task_named(self.task)
+        check_plan(self.plan, self._task, self.task)
         checks.number("pause_s", self.pause_s, 0.0)
         checks.positive("tolerance", self.tolerance)
         is_checked = self.normal_force_n is not None or self.speed_mm_per_s is not None
@@ -123,19 +134,26 @@ class Experiment:
             "method": self.method.describe(),
             "ceiling_v": self._ceiling_v,
             **{name: getattr(self, name) for name in names},
-            "hashes": self.presentation.hashes(self.allowed(self.method.level)),
+            "hashes": self._hashes(),
         }
+        if self.plan != SessionPlan():  # logs of before have none
+            settings["plan"] = self.plan.model_dump(mode="json", exclude_defaults=True)
         self.log = TrialLog(self.log_file, settings)
         self.trials = 0
-        """Accepted trials, those of an earlier run included."""
+        """Accepted trials, those of practice, catch trials and an earlier run included."""
+        self.counted = 0
+        """Of those, the ones that the method has heard of."""
         self._attempt = 0
         for row in self.log.rows:
-            if row["accepted"] == "true":
-                self._accept(row["is_right"] == "true", float(row["level"]))
-            else:
+            if row["accepted"] != "true":
                 self._attempt += 1
-        self._session, self._start = _resumed(self.log.rows, self.clock())
-        if not self.method.is_done and self.log.version != program():
+            elif row["is_right"] == "n/a":
+                self._accept(row["kind"], float(row["answer"]), float(row["level"]))
+            else:
+                self._accept(row["kind"], row["is_right"] == "true", float(row["level"]))
+        self._began = self.clock()
+        self._session, self._start = self.log.resumed(self.clock())
+        if not self.is_over and self.log.version != program():
             if not self.another_program:
                 self.log.close()
                 raise FileFormatError(
@@ -154,48 +172,98 @@ class Experiment:
         """Present trials one by one; yields the log's line of each attempt."""
         self.log.open()
         try:
-            while not self.method.is_done:
+            while not self.is_over:
                 yield self._present()
         finally:
             self.log.close()
 
-    def _present(self) -> dict[str, str]:
-        asked = float(self.method.level)
-        level = self.allowed(asked)
-        draw = np.random.default_rng([self.seed, self.trials, self._attempt])
-        choices = CHOICES[self.task]
-        right = int(draw.integers(2))
-        target = np.asarray(self.presentation.target(level), dtype=float)
-        highest = max(float(np.abs(one).max()) for one in (target, self.presentation.reference))
-        if highest > self._ceiling_v * (1 + _CLOSE):
-            raise LimitError(
-                f"the drive at level {level:g} reaches {highest:g} V, above the ceiling of "
-                f"{self._ceiling_v:g} V, though peak_v gives less; correct the presentation"
+    @property
+    def is_over(self) -> bool:
+        """Whether the method is done, or the plan says to stop."""
+        stop = self.plan.stop
+        if self.method.is_done or self.counted >= (stop.most_trials or inf):
+            return True
+        if self.clock() - self._began > 60 * (stop.most_minutes or inf):
+            return True
+        if stop.spread is None or self.counted < stop.least_trials:
+            return False
+        several = self.method.methods.values() if isinstance(self.method, Conditions) else ()
+        return all(one.estimate().spread <= stop.spread for one in several or (self.method,))
+
+    def estimates(self) -> dict[str, Estimate]:
+        """Return what each condition's method states, by its name; one alone has an empty name.
+
+        Where the task is to detect, there is no threshold unless a target was found more often
+        where there was one (Fisher's exact test).
+        """
+        several = self.method.methods if isinstance(self.method, Conditions) else {"": self.method}
+        return {
+            name: found_by_chance(one.estimate(), self.log.rows, self.task, name)
+            for name, one in several.items()
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """Return catch trials, hits, false alarms, d' and exclusion, as plain values."""
+        return summary(self.log.rows, self.task, self.plan.exclude)
+
+    def _made(self, condition: str) -> Presentation:
+        if isinstance(self.presentation, Presentation):
+            return self.presentation
+        return self.presentation[condition]
+
+    def _hashes(self) -> dict[str, Any]:
+        if isinstance(self.presentation, Presentation):
+            return self.presentation.hashes(self.allowed(self.method.level))
+        if not isinstance(self.method, Conditions) or (
+            set(self.method.methods) != set(self.presentation)
+        ):
+            raise InputError(
+                "presentation: expected one for each condition, and Conditions as the method"
             )
-        parts = [target, self.presentation.reference]
-        if right:
-            parts.reverse()
-        if self.task == "2afc":
-            onset = self._play(np.concatenate(parts))
-        else:
-            onset = self._play(parts[0])
-            self.wait(self.pause_s)
-            self._play(parts[1])
+        levels = {name: one.level for name, one in self.method.methods.items()}
+        return {
+            name: one.hashes(self.allowed(levels[name], one))
+            for name, one in self.presentation.items()
+        }
+
+    def _present(self) -> dict[str, str]:
+        one = next_trial(self.method, self._task, self.plan, self.seed, self.trials, self._attempt)
+        made = self._made(one.condition)
+        level, other = self.allowed(one.level, made), one.other_level
+        target = self._drive(made, level)
+        reference = made.reference
+        if other is not None:
+            other = self.allowed(other, made)
+            reference = self._drive(made, other)
+        self._check(reference, level)
+        parts = [target if has_target else reference for has_target in one.has_target]
+        if self._task.in_one_stroke:
+            parts = [np.concatenate(parts)]
+        onsets = []
+        for number, part in enumerate(parts):
+            if number:
+                self.wait(self.pause_s)
+            onsets.append(play(self.device, part, self.clock))
         felt = None if self.touch is None else self.touch()
         why = self._objection(felt)
         asked_s = self.clock()
-        given = self.answer(Question(self.trials, choices, level, choices[right]))
+        choices = self._task.choices
+        is_empty = not any(one.has_target)
+        given = self.answer(Question(self.trials, choices, level, one.right, other, is_empty))
         answered_s = self.clock()
-        is_right = checks.choice("answer", given, choices) == choices[right]
+        is_right: bool | None = None
+        if choices:
+            is_right = checks.choice("answer", given, choices) == one.right
+        value = is_right if is_right is not None else _magnitude(given)
         self.log.append(
             {
                 "trial": self.trials,
                 "attempt": self._attempt,
                 "time_s": round(answered_s - self._start, 3),
-                "level_asked": asked,
+                "level_asked": one.level,
                 "level": level,
-                "lowered_to_ceiling": level < asked,
-                "right": choices[right],
+                "lowered_to_ceiling": level < one.level,
+                "right": one.right,
                 "answer": given,
                 "is_right": is_right,
                 "normal_force_n": None if felt is None else felt.normal_force_n,
@@ -203,12 +271,15 @@ class Experiment:
                 "accepted": not why,
                 "why": why,
                 "session": self._session,
-                "onset_s": round(onset - self._start, 4),
+                "onset_s": round(onsets[0] - self._start, 4),
                 "reaction_s": round(answered_s - asked_s, 4),
                 "date": datetime.now(UTC).isoformat(timespec="milliseconds"),
                 "version": program(),
-                "device": _name(self.device),
-                "profile": self.presentation.profile,
+                "device": name_of(self.device),
+                "profile": made.profile,
+                "kind": one.kind,
+                "condition": one.condition,
+                "other_level": other,
             }
         )
         if why:
@@ -219,42 +290,46 @@ class Experiment:
                     f"{why}; practise the stroke, or correct the sensor"
                 )
         else:
-            self._accept(is_right, level)
+            self._accept(one.kind, value, level)
+            self._after(one.kind, is_right)
         return self.log.rows[-1]
 
-    def _accept(self, is_right: bool, level: float) -> None:
-        self.method.update(is_right, level)
+    def _accept(self, kind: str, value: float, level: float) -> None:
+        if kind in ("trial", "n/a"):
+            self.method.update(value, level)
+            self.counted += 1
         self.trials, self._attempt = self.trials + 1, 0
 
-    def allowed(self, level: float) -> float:
+    def _after(self, kind: str, is_right: bool | None) -> None:
+        """Tell the answer, and let the participant rest, as the plan says."""
+        practice, every = self.plan.practice, self.plan.break_every
+        tells = practice.feedback if practice and kind == "practice" else self.plan.feedback
+        if tells and self.tell is not None and is_right is not None:
+            self.tell(is_right)
+        before = 0 if practice is None else practice.trials
+        is_break = (
+            every is not None and self.trials > before and (self.trials - before) % every == 0
+        )
+        if is_break and self.rest is not None and not self.is_over:
+            self.rest(self.trials)
+
+    def _drive(self, made: Presentation, level: float) -> Array:
+        drive = np.asarray(made.target(level), dtype=float)
+        self._check(drive, level)
+        return drive
+
+    def _check(self, drive: Array, level: float) -> None:
+        highest = float(np.abs(drive).max())
+        if highest > self._ceiling_v * (1 + _CLOSE):
+            raise LimitError(
+                f"the drive at level {level:g} reaches {highest:g} V, above the ceiling of "
+                f"{self._ceiling_v:g} V, though peak_v gives less; correct the presentation"
+            )
+
+    def allowed(self, level: float, presentation: Presentation | None = None) -> float:
         """Return the level, lowered to the highest whose voltage is within the ceiling."""
-        peak = self.presentation.peak_v
-        if peak(level) <= self._ceiling_v:
-            return level
-        low, high, span = level, level, 1.0
-        while peak(low) > self._ceiling_v:
-            low, span = low - span, 2 * span
-            if span > 1e6:
-                raise LimitError("no level keeps the target within the ceiling")
-        while (middle := 0.5 * (low + high)) not in (low, high):
-            low, high = (middle, high) if peak(middle) <= self._ceiling_v else (low, middle)
-        return low
-
-    def _play(self, drive_v: Array) -> float:
-        """Play to the end, and return when the output began, by `clock`.
-
-        Afterwards the device is at 0 V and disarmed, whatever happens.
-        """
-        with self.device as device:
-            began, host_s = self.clock(), HOST_CLOCK()
-            device.write(drive_v)
-            delay = 0.0
-            if hasattr(device, "progress"):  # a stand-in for a device has none
-                found = device.progress(is_fresh=True)
-                if found.is_playing and found.samples_played:
-                    rate = device.capabilities.sample_rate_hz
-                    delay = found.reported_s - found.samples_played / rate - host_s
-            return began + max(0.0, delay)
+        condition = self.method.condition if isinstance(self.method, Conditions) else ""
+        return (presentation or self._made(condition)).allowed(level, self._ceiling_v)
 
     def _objection(self, felt: Touch | None) -> str:
         """Why a touch does not count; empty if it does."""
@@ -269,21 +344,8 @@ class Experiment:
         return ""
 
 
-def _resumed(rows: Sequence[Mapping[str, str]], now_s: float) -> tuple[int, float]:
-    """Number of this session, and the time by the clock that is 0 s in the log.
-
-    A resumed log goes on after its last trial, by as much as has passed since.
-    """
-    if not rows:
-        return 1, now_s
-    last, past = rows[-1], 0.0
-    if last["date"] != "n/a":
-        past = (datetime.now(UTC) - datetime.fromisoformat(last["date"])).total_seconds()
-    session = 1 if last["session"] == "n/a" else int(last["session"])
-    return session + 1, now_s - float(last["time_s"]) - max(0.0, past)
-
-
-def _name(device: Device) -> str:
-    """Address of a device, and the serial number of its driver."""
-    serial = getattr(getattr(device, "capabilities", None), "serial", "")
-    return " ".join(filter(None, (getattr(device, "name", ""), serial)))
+def _magnitude(given: str) -> float:
+    try:
+        return checks.positive("answer", float(given))
+    except ValueError:
+        raise InputError(f"answer: expected a number above 0, got {given!r:.80}") from None

@@ -8,6 +8,7 @@ import json
 import os
 from collections.abc import Mapping
 from contextlib import suppress
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from haptix.version import __version__
 COLUMNS = (
     "trial", "attempt", "time_s", "level_asked", "level", "lowered_to_ceiling", "right", "answer",
     "is_right", "normal_force_n", "speed_mm_per_s", "accepted", "why", "session", "onset_s",
-    "reaction_s", "date", "version", "device", "profile",
+    "reaction_s", "date", "version", "device", "profile", "kind", "condition", "other_level",
 )  # fmt: skip
 """Columns of the table, in their order."""
 
@@ -185,6 +186,19 @@ class TrialLog:
             ) from None
         self._size += len(line)
         self.rows.append(dict(zip(COLUMNS, cells, strict=True)))
+
+    def resumed(self, now_s: float) -> tuple[int, float]:
+        """Number of this session, and the time by a clock that is 0 s in the log.
+
+        A resumed log goes on after its last trial, by as much as has passed since.
+        """
+        if not self.rows:
+            return 1, now_s
+        last, past = self.rows[-1], 0.0
+        if last["date"] != "n/a":
+            past = (datetime.now(UTC) - datetime.fromisoformat(last["date"])).total_seconds()
+        session = 1 if last["session"] == "n/a" else int(last["session"])
+        return session + 1, now_s - float(last["time_s"]) - max(0.0, past)
 
     def _head(self) -> str:
         head = {"format": _FORMAT, "version": program(), **self._experiment}

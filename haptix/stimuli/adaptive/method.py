@@ -38,8 +38,16 @@ class Method:
         """Whether the method is finished."""
         raise NotImplementedError
 
-    def update(self, is_right: bool, level: float | None = None) -> None:
-        """Take an answer; `level` is the presented level, if it differs from the method's."""
+    @property
+    def other_level(self) -> float | None:
+        """Level of what the next is compared with; None for the reference."""
+        return None
+
+    def update(self, is_right: float, level: float | None = None) -> None:
+        """Take an answer; `level` is the presented level, if it differs from the method's.
+
+        Right is True, or 1; where a number is the answer, it is that number.
+        """
         raise NotImplementedError
 
     def estimate(self) -> Estimate:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from math import inf
 from typing import TextIO
 
 import numpy as np
@@ -27,13 +29,19 @@ class Question:
     """Level of the target."""
     right: str
     """The choice that is right."""
+    other_level: float | None = None
+    """Level of what it is compared with; None for the reference."""
+    is_empty: bool = False
+    """Whether no interval has the target."""
 
 
 @dataclass(frozen=True)
 class SimulatedObserver:
     """Answers right with the probability of a psychometric function.
 
-    An answer depends on the seed and the trial's number alone.
+    An answer depends on the seed and the trial's number alone. Where there is no target, it finds
+    one with the probability `guess`. Of two levels it takes the higher by a cumulative normal of
+    their distance, and a magnitude is a power of 0.6 with a tenth of scatter.
     """
 
     threshold: float
@@ -48,6 +56,16 @@ class SimulatedObserver:
         draw = np.random.default_rng([self.seed, question.trial])
         shape = function_named(self.function)
         level = np.array(question.level)
+        if not question.choices:
+            power = 10 ** (0.6 * (question.level - self.threshold) / 20)
+            return f"{10 * power * np.exp(0.1 * draw.standard_normal()):.3g}"
+        if question.is_empty:
+            mistaken = next(one for one in question.choices if one != question.right)
+            return mistaken if draw.random() < self.guess else question.right
+        if question.other_level is not None:
+            apart = (question.level - question.other_level) * self.slope / 20
+            is_more = draw.standard_normal() < apart
+            return question.choices[question.choices.index(question.right) ^ (not is_more)]
         if draw.random() < shape(level, self.threshold, self.slope, self.guess, self.lapse):
             return question.right
         wrong = [choice for choice in question.choices if choice != question.right]
@@ -72,6 +90,8 @@ class Keys:
         sink = sys.stderr if self.sink is None else self.sink
         sink.write(self.prompt.format(choices="/".join(question.choices)))
         sink.flush()
+        if not question.choices:
+            return _number(source, sink)
         while True:
             key = _one_key(source)
             if not key:
@@ -79,6 +99,29 @@ class Keys:
             if key in question.choices:
                 sink.write(key + "\n")
                 return key
+
+    def tell(self, is_right: bool) -> None:
+        """Tell whether the answer was right."""
+        (sys.stderr if self.sink is None else self.sink).write("right\n" if is_right else "wrong\n")
+
+    def rest(self, trials: int) -> None:
+        """Wait for a key after a number of trials."""
+        sink = sys.stderr if self.sink is None else self.sink
+        sink.write(f"{trials} trials are done: rest, then press any key\n")
+        sink.flush()
+        if not _one_key(sys.stdin if self.source is None else self.source):
+            raise InputError("the keys ended before the experiment; it continues from its log")
+
+
+def _number(source: TextIO, sink: TextIO) -> str:
+    """Read a line until it is a number above 0."""
+    while line := source.readline():
+        with suppress(ValueError):
+            if 0 < float(line) < inf:
+                return line.strip()
+        sink.write("a number above 0, please: ")
+        sink.flush()
+    raise InputError("the keys ended before the experiment; it continues from its log")
 
 
 def _one_key(source: TextIO) -> str:

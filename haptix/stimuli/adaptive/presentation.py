@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from haptix.errors import LimitError
 from haptix.surface.request import digest
 
 Array = npt.NDArray[np.float64]
@@ -47,6 +48,19 @@ class Presentation:
     peak_v: Callable[[float], float]
     identity: Mapping[str, str] = field(default_factory=dict)
     profile: str = ""
+
+    def allowed(self, level: float, ceiling_v: float) -> float:
+        """Return the level, lowered to the highest whose voltage is within a ceiling [V]."""
+        if self.peak_v(level) <= ceiling_v:
+            return level
+        low, high, span = level, level, 1.0
+        while self.peak_v(low) > ceiling_v:
+            low, span = low - span, 2 * span
+            if span > 1e6:
+                raise LimitError("no level keeps the target within the ceiling")
+        while (middle := 0.5 * (low + high)) not in (low, high):
+            low, high = (middle, high) if self.peak_v(middle) <= ceiling_v else (low, middle)
+        return low
 
     def hashes(self, level: float) -> dict[str, str]:
         """Return `identity`, and where it names no finger the drive itself, at a level."""

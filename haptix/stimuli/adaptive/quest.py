@@ -122,7 +122,7 @@ class Quest(Method):
         """Answers that it has taken."""
         return len(self.answers)
 
-    def update(self, is_right: bool, level: float | None = None) -> None:
+    def update(self, is_right: float, level: float | None = None) -> None:
         """Take an answer; a level between two of the grid counts as the nearest."""
         at = self.level if level is None else float(level)
         index = int(np.argmin(np.abs(self._levels - at)))

@@ -112,7 +112,7 @@ class UpDown(Method):
     def _step(self) -> float:
         return self.steps[min(len(self.reversals) // self.reversals_per_step, len(self.steps) - 1)]
 
-    def update(self, is_right: bool, level: float | None = None) -> None:
+    def update(self, is_right: float, level: float | None = None) -> None:
         at = self._level if level is None else float(level)
         if at < self._level:  # it was lowered to what can be presented
             self._ends[1] = at

@@ -1,0 +1,150 @@
+"""Methods without right answers: numbers for magnitudes, and which of two is more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from math import log, nan
+
+import numpy as np
+
+from haptix.checks import positive, row, whole
+from haptix.errors import InputError
+from haptix.stimuli.adaptive.method import Estimate, Method
+
+
+@dataclass(eq=False)
+class Magnitudes(Method):
+    """Magnitude estimation: a number for each presentation, without a standard.
+
+    Stevens, Psychol. Rev. 64, 153 (1957): the geometric mean of the numbers rises as a power of the
+    intensity; levels are in dB, 20 log10 of it.
+
+    Parameters
+    ----------
+    levels : sequence of float
+        Levels [dB].
+    repeats : int
+        Presentations of each; every repetition has all levels once.
+    seed : int
+        Seed of the order.
+    """
+
+    levels: Sequence[float]
+    repeats: int = 4
+    seed: int = 0
+
+    kind = "magnitudes"
+
+    def __post_init__(self) -> None:
+        self.levels = row("levels", self.levels, 2).tolist()
+        whole("repeats", self.repeats, 1)
+        draw = np.random.default_rng(self.seed)
+        order = [draw.permutation(self.levels) for _ in range(self.repeats)]
+        self._order = np.concatenate(order).tolist()
+        self.answers: list[tuple[float, float]] = []
+        """Level of each trial, and the number that was given."""
+
+    @property
+    def level(self) -> float:
+        return float(self._order[min(len(self.answers), len(self._order) - 1)])
+
+    @property
+    def is_done(self) -> bool:
+        return len(self.answers) >= len(self._order)
+
+    def update(self, is_right: float, level: float | None = None) -> None:
+        """Take the number that was given."""
+        number = positive("answer", float(is_right))
+        self.answers.append((self.level if level is None else float(level), number))
+
+    def estimate(self) -> Estimate:
+        """Return the exponent of the power function and its standard error; no threshold."""
+        levels, numbers = np.array(self.answers).reshape(-1, 2).T
+        if len(set(levels.tolist())) < 2:
+            return Estimate(nan, nan, {})
+        from scipy.stats import linregress
+
+        found = linregress(levels / 20 * log(10), np.log(numbers))
+        means = {
+            f"mean_at_{level:g}": float(np.exp(np.log(numbers[levels == level]).mean()))
+            for level in sorted(set(levels.tolist()))
+        }
+        line = {"exponent": float(found.slope), "exponent_spread": float(found.stderr)}
+        return Estimate(nan, nan, line | means)
+
+
+@dataclass(eq=False)
+class Pairs(Method):
+    """Pairwise comparison: which of two levels is more, for all pairs.
+
+    Parameters
+    ----------
+    levels : sequence of float
+        Levels, two or more that differ.
+    repeats : int
+        Comparisons of each pair; every repetition has all pairs once.
+    seed : int
+        Seed of the order.
+    """
+
+    levels: Sequence[float]
+    repeats: int = 4
+    seed: int = 0
+
+    kind = "pairs"
+
+    def __post_init__(self) -> None:
+        self.levels = row("levels", self.levels, 2).tolist()
+        if len(set(self.levels)) < len(self.levels):
+            raise InputError("levels: expected levels that differ")
+        whole("repeats", self.repeats, 1)
+        draw = np.random.default_rng(self.seed)
+        pairs = list(combinations(self.levels, 2))
+        self._order: list[tuple[float, ...]] = [
+            pairs[i][:: (1 if draw.random() < 0.5 else -1)]
+            for _ in range(self.repeats)
+            for i in draw.permutation(len(pairs))
+        ]
+        self.answers: list[tuple[float, float, bool]] = []
+        """The two levels of each trial, and whether the first was more."""
+
+    @property
+    def level(self) -> float:
+        return self._order[min(len(self.answers), len(self._order) - 1)][0]
+
+    @property
+    def other_level(self) -> float:
+        return self._order[min(len(self.answers), len(self._order) - 1)][1]
+
+    @property
+    def is_done(self) -> bool:
+        return len(self.answers) >= len(self._order)
+
+    def update(self, is_right: float, level: float | None = None) -> None:
+        """Take whether `level` was more than `other_level`."""
+        self.answers.append((self.level, self.other_level, bool(is_right)))
+
+    def estimate(self) -> Estimate:
+        """Return a scale value for each level, in logits with a mean of 0; no threshold.
+
+        Bradley & Terry, Biometrika 39, 324 (1952), by Hunter's iteration (Ann. Stat. 32, 384
+        (2004)). Half a win is added to each side of each pair, so that all values are finite.
+        """
+        count = len(self.levels)
+        at = {level: k for k, level in enumerate(self.levels)}
+        wins = np.full((count, count), 0.5) - 0.5 * np.eye(count)
+        for first, second, is_more in self.answers:
+            more, less = (first, second) if is_more else (second, first)
+            wins[at[more], at[less]] += 1
+        both, strength = wins + wins.T, np.ones(count)
+        for _ in range(10_000):
+            before = strength
+            shares = both / (strength[:, None] + strength[None, :])
+            strength = wins.sum(1) / shares.sum(1)
+            strength /= np.exp(np.log(strength).mean())
+            if np.abs(np.log(strength / before)).max() < 1e-10:
+                break
+        scale = dict(zip(self.levels, np.log(strength).tolist(), strict=True))
+        return Estimate(nan, nan, {f"scale_at_{x:g}": value for x, value in scale.items()})

@@ -1,0 +1,164 @@
+"""Simulated runs of a plan: what its thresholds are worth, and how many participants it needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from math import isnan
+from typing import Any
+
+import numpy as np
+
+from haptix.checks import number, positive, whole
+from haptix.errors import InputError
+from haptix.stimuli.adaptive.method import Method
+from haptix.stimuli.adaptive.psychometric import function_named
+from haptix.stimuli.adaptive.updown import UpDown
+
+_DRAWS = 2000  # of samples of participants from those that were simulated
+
+
+@dataclass(frozen=True)
+class Observer:
+    """A simulated observer: parameters of the psychometric function."""
+
+    threshold: float
+    slope: float = 3.5
+    lapse: float = 0.02
+    guess: float = 0.5
+    function: str = "weibull"
+
+    def share(self, level: float) -> float:
+        """Probability of a right answer."""
+        shape = function_named(self.function)
+        at = np.asarray(level)
+        return float(shape(at, self.threshold, self.slope, self.guess, self.lapse))
+
+    def settles_at(self, method: Method) -> float:
+        """Level that a method measures: the threshold, or of a walk where its target is right."""
+        if not isinstance(method, UpDown):
+            return self.threshold
+        low, high = self.threshold - 200.0, self.threshold + 200.0
+        for _ in range(60):
+            middle = (low + high) / 2
+            low, high = (middle, high) if self.share(middle) < method.target else (low, middle)
+        return low
+
+
+def one_run(
+    make: Callable[[], Method], observer: Observer, seed: int, ceiling: float | None = None
+) -> tuple[Method, int]:
+    """Run a method to its end with an observer; return it and the number of trials."""
+    method, draw, trials = make(), np.random.default_rng(seed), 0
+    while not method.is_done:
+        level = method.level if ceiling is None else min(method.level, ceiling)
+        method.update(bool(draw.random() < observer.share(level)), level)
+        trials += 1
+    return method, trials
+
+
+def accuracy(
+    make: Callable[[], Method],
+    observer: Observer,
+    runs: int,
+    seed: int = 0,
+    ceiling: float | None = None,
+) -> dict[str, Any]:
+    """Return what a method gives for an observer, over some runs.
+
+    Bias, scatter and mean stated spread are of the runs that gave a threshold; `coverage` is the
+    share of those whose threshold lies within two stated spreads of the truth.
+    """
+    whole("runs", runs, 2)
+    off, spreads, trials, warned = [], [], [], 0
+    for k in range(runs):
+        method, count = one_run(make, observer, seed + k, ceiling)
+        found = method.estimate()
+        trials.append(count)
+        warned += bool(found.warnings)
+        if not isnan(found.threshold):
+            off.append(found.threshold - observer.settles_at(method))
+            spreads.append(found.spread)
+    known = len(off) > 1
+    return {
+        "threshold": observer.threshold,
+        "slope": observer.slope,
+        "lapse": observer.lapse,
+        "trials": float(np.mean(trials)),
+        "bias": float(np.mean(off)) if known else None,
+        "scatter": float(np.std(off, ddof=1)) if known else None,
+        "spread": float(np.nanmean(spreads)) if known else None,
+        "coverage": float(np.mean(np.abs(off) < 2 * np.array(spreads))) if known else None,
+        "no_threshold": 1 - len(off) / runs,
+        "warned": warned / runs,
+    }
+
+
+def paired_power(
+    make: Callable[[], Method],
+    observer: Observer,
+    difference: float,
+    between: float,
+    participants: Sequence[int],
+    runs: int,
+    seed: int = 0,
+    alpha: float = 0.05,
+    ceiling: float | None = None,
+) -> Iterator[dict[str, Any]]:
+    """Yield the power of a comparison of two conditions within participants, for each sample size.
+
+    Participants are simulated once, `runs` of them; samples of each size are drawn from them with
+    replacement, and a paired t-test is made of each.
+
+    Parameters
+    ----------
+    make : callable
+        Makes a method.
+    observer : Observer
+        The mean participant in the first condition.
+    difference : float
+        By how much the second condition's threshold is higher.
+    between : float
+        Standard deviation of thresholds between participants, in either condition independently
+        by a third of it.
+    participants : sequence of int
+        Sample sizes.
+    runs, seed : int
+        Simulated participants, and seed.
+    alpha : float
+        Two-sided level of the test.
+    ceiling : float, optional
+        Highest level that can be presented.
+    """
+    from scipy.stats import t as student
+
+    number("difference", difference)
+    number("between", between, 0.0)
+    positive("alpha", alpha)
+    for count in participants:
+        whole("participants", count, 2)
+    draw, found = np.random.default_rng([seed, runs]), []
+    for k in range(whole("runs", runs, 10)):
+        own = observer.threshold + between * draw.standard_normal()
+        pair = []
+        for condition in (0, 1):
+            at = own + condition * difference + between / 3 * draw.standard_normal()
+            one = Observer(at, observer.slope, observer.lapse, observer.guess, observer.function)
+            method, _ = one_run(make, one, seed + 2 * k + condition, ceiling)
+            pair.append(method.estimate().threshold)
+        if not any(map(isnan, pair)):
+            found.append(pair[1] - pair[0])
+    if len(found) < 10:
+        raise InputError("simulate: fewer than ten participants gave thresholds; change the levels")
+    differences = np.array(found)
+    for count in participants:
+        sample = draw.choice(differences, (_DRAWS, count))
+        error = sample.std(1, ddof=1) / np.sqrt(count)
+        t = sample.mean(1) / np.maximum(error, 1e-12)
+        limit = student.ppf(1 - alpha / 2, count - 1)
+        yield {
+            "participants": count,
+            "difference": difference,
+            "power": float(np.mean(np.abs(t) > limit)),
+            "excluded": 1 - len(found) / runs,
+        }
