@@ -254,6 +254,27 @@ def simulate(
     show(title, rows if as_json else shown, as_json)
 
 
+@app.command()
+def bids(
+    log: Annotated[Path, typer.Argument(help="Log of `haptix stimuli run`.", callback=is_there)],
+    study: Annotated[Path, typer.Option(help="Folder of the data set.", callback=folder)],
+    participant: Annotated[str, typer.Option(help="Pseudonym: letters and digits.")],
+    session: Annotated[str, typer.Option(help="Label of the session.")] = "01",
+    task: Annotated[str, typer.Option(help="Label of the task.")] = "detection",
+    as_json: AsJson = False,
+) -> None:
+    """Write a log into a study in the Brain Imaging Data Structure (BIDS).
+
+    Behaviour of every attempt, the stimulus against time, and where the panel reports touches the
+    finger's path and force; the log itself goes to sourcedata.
+    """
+    from haptix.stimuli.bids import export
+
+    files = export(log, study, participant, session, task)
+    rows = [{"file": str(path)} for path in files]
+    show(f"{len(rows)} files of sub-{participant} in {study}", rows, as_json)
+
+
 def _known(value: float) -> float | None:
     return None if isnan(value) else value
 

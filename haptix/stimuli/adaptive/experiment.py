@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from math import inf
 from pathlib import Path
@@ -21,11 +21,12 @@ from haptix.stimuli.adaptive.log import TrialLog, program
 from haptix.stimuli.adaptive.method import Estimate, Method
 from haptix.stimuli.adaptive.next_trial import next_trial
 from haptix.stimuli.adaptive.observer import AnswerTo, Question
-from haptix.stimuli.adaptive.playing import name_of, play
+from haptix.stimuli.adaptive.playing import name_of, play, touched
 from haptix.stimuli.adaptive.presentation import Presentation, Touch
 from haptix.stimuli.adaptive.session_plan import SessionPlan, check_plan
 from haptix.stimuli.adaptive.session_summary import found_by_chance, summary
 from haptix.stimuli.adaptive.tasks import task_named
+from haptix.stimuli.adaptive.touch_log import TouchLog, TouchSample
 
 Array = npt.NDArray[np.float64]
 _CLOSE = 1e-9
@@ -139,6 +140,8 @@ class Experiment:
         if self.plan != SessionPlan():  # logs of before have none
             settings["plan"] = self.plan.model_dump(mode="json", exclude_defaults=True)
         self.log = TrialLog(self.log_file, settings)
+        self.touches = TouchLog(self.log.path)
+        """Path and force of the finger in each trial, where the panel reports them."""
         self.trials = 0
         """Accepted trials, those of practice, catch trials and an earlier run included."""
         self.counted = 0
@@ -239,11 +242,12 @@ class Experiment:
         parts = [target if has_target else reference for has_target in one.has_target]
         if self._task.in_one_stroke:
             parts = [np.concatenate(parts)]
-        onsets = []
+        onsets, samples = [], list[TouchSample]()
         for number, part in enumerate(parts):
             if number:
                 self.wait(self.pause_s)
             onsets.append(play(self.device, part, self.clock))
+            samples += touched(self.device, self.clock)
         felt = None if self.touch is None else self.touch()
         why = self._objection(felt)
         asked_s = self.clock()
@@ -255,6 +259,8 @@ class Experiment:
         if choices:
             is_right = checks.choice("answer", given, choices) == one.right
         value = is_right if is_right is not None else _magnitude(given)
+        samples = [replace(at, t_s=round(at.t_s - self._start, 5)) for at in samples]
+        self.touches.append(self._session, self.trials, self._attempt, samples)
         self.log.append(
             {
                 "trial": self.trials,

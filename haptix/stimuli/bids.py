@@ -1,0 +1,297 @@
+"""A session's log as a data set of the Brain Imaging Data Structure (BIDS): behaviour, path, force.
+
+Motion after BIDS-Motion (BEP029; Jeung et al., Sci. Data 11, 716 (2024)). Participants have
+pseudonyms alone; dates stay in the log, a copy of which is in ``sourcedata``.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from haptix.errors import FileFormatError, InputError
+from haptix.files import LARGEST_TABLE_BYTES, json_text, read_bytes, read_text, write_whole
+from haptix.stimuli.adaptive.log import COLUMNS
+from haptix.stimuli.adaptive.touch_log import TouchLog
+from haptix.version import __version__
+
+BIDS_VERSION = "1.10.0"
+RATE_HZ = 100.0
+"""Of force and stimulus, which BIDS wants at regular times; panels report at 60 to 240 Hz."""
+
+_GAP_S = 0.1  # between two reports of one touch
+_LEFT_OUT = ("date", "right", "onset_s")
+_README = """# Data of an experiment with haptix
+
+Layout: the Brain Imaging Data Structure. `sourcedata` has the logs as they were written.
+Participants are known by their pseudonyms alone.
+"""
+_TEXTS = {
+    "trial": "Number of the trial; rejected attempts have that of the trial that followed",
+    "attempt": "Earlier attempts at this trial",
+    "time_s": "Time of the answer since the session began [s]",
+    "level_asked": "Level that the method asked for",
+    "level": "Level that was presented",
+    "lowered_to_ceiling": "Whether the ceiling of the voltage lowered the level",
+    "correct": "Answer that was right",
+    "answer": "Answer that was given",
+    "is_right": "Whether they are the same",
+    "normal_force_n": "Mean normal force of the finger [N]",
+    "speed_mm_per_s": "Mean speed of the finger [mm/s]",
+    "accepted": "Whether the touch was as asked, so that the trial counts",
+    "why": "Why it does not count",
+    "session": "Times that the session was resumed, and one",
+    "reaction_s": "Time from the end of the presentation to the answer [s]",
+    "version": "Program that wrote the row",
+    "device": "Device that played",
+    "profile": "Finger and screen, and a hash of their profiles",
+    "kind": "practice, catch or (counted) trial",
+    "condition": "Condition of the experiment",
+    "other_level": "Level that it was compared with; n/a for the reference",
+    "onset": "Begin of the first interval since the session began",
+    "duration": "Length of the presentation, with its pauses",
+    "response_time": "Time from the end of the presentation to the answer",
+    "trial_type": "practice, catch or (counted) trial",
+}
+
+
+def export(
+    log: str | Path, study: str | Path, participant: str, session: str, task: str
+) -> list[Path]:
+    """Write a log, and the touches beside it, into the folder of a study; return the files.
+
+    Files of other participants and sessions stay as they are, as does what the study says of
+    itself and of its participants; a session that is exported again is written anew.
+
+    Parameters
+    ----------
+    log : path
+        Log of `Experiment`.
+    study : path
+        Folder of the data set; made if it is not there.
+    participant, session, task : str
+        Labels: letters and digits. The participant's is a pseudonym.
+
+    Raises
+    ------
+    InputError
+        If a label is none.
+    FileFormatError
+        If the log is none, or a file cannot be written.
+    """
+    for name, label in (("participant", participant), ("session", session), ("task", task)):
+        if not re.fullmatch(r"[A-Za-z0-9]{1,64}", label):
+            raise InputError(f"{name}: BIDS labels have letters and digits alone, got {label!r}")
+    log, study = Path(log), Path(study)
+    rows = _rows(log)
+    touches = TouchLog(log)
+    kept = {(row["session"], row["trial"], row["attempt"]) for row in rows}
+    samples = [
+        one for one in touches.rows() if (one["session"], one["trial"], one["attempt"]) in kept
+    ]
+    base = f"sub-{participant}_ses-{session}_task-{task}"
+    place = study / f"sub-{participant}" / f"ses-{session}"
+    files: dict[Path, bytes] = _of_study(study, participant, task)
+    files |= _beh(place / "beh" / base, rows, task)
+    if samples:
+        files |= _motion(place / "motion" / base, samples, rows, task)
+        files |= _force(place / "beh" / base, samples)
+    source = study / "sourcedata" / f"sub-{participant}" / f"ses-{session}"
+    files[source / f"{base}_log.tsv"] = read_bytes(log, LARGEST_TABLE_BYTES)
+    if touches.path.exists():
+        touched = read_bytes(touches.path, LARGEST_TABLE_BYTES)
+        files[source / f"{base}_log_touches.tsv"] = touched
+    for path, data in files.items():
+        write_whole(path, data)
+    return list(files)
+
+
+def _rows(log: Path) -> list[dict[str, str]]:
+    lines = read_text(log, LARGEST_TABLE_BYTES).splitlines()
+    if len(lines) < 2 or not lines[0].startswith("# {") or lines[1].split("\t") != list(COLUMNS):
+        raise FileFormatError(
+            f"{log}: expected a log of haptix {__version__}; continue one of before with "
+            "--another-program first"
+        )
+    cells = (line.split("\t") for line in lines[2:])
+    # A last line that was cut off is no trial.
+    return [dict(zip(COLUMNS, one, strict=True)) for one in cells if len(one) == len(COLUMNS)]
+
+
+def _of_study(study: Path, participant: str, task: str) -> dict[Path, bytes]:
+    """Files about the study that are not there yet, and its participants."""
+    about = {
+        "Name": task,
+        "BIDSVersion": BIDS_VERSION,
+        "DatasetType": "raw",
+        "GeneratedBy": [{"Name": "haptix", "Version": __version__}],
+    }
+    files = {
+        study / "dataset_description.json": json_text(about).encode(),
+        study / "README.md": _README.encode(),
+        study / "participants.json": json_text(
+            {"participant_id": {"Description": "Pseudonym of the participant"}}
+        ).encode(),
+    }
+    files = {path: data for path, data in files.items() if not path.exists()}
+    table = study / "participants.tsv"
+    text = read_text(table) if table.exists() else "participant_id\n"
+    names, *lines = text.splitlines()
+    if names.split("\t")[0] != "participant_id":
+        raise FileFormatError(f"{table}: expected participant_id as its first column")
+    label = f"sub-{participant}"
+    if label not in (line.split("\t")[0] for line in lines):
+        row = "\t".join([label, *["n/a"] * names.count("\t")])
+        files[table] = ("\n".join([names, *lines, row]) + "\n").encode()
+    return files
+
+
+def _beh(base: Path, rows: Sequence[Mapping[str, str]], task: str) -> dict[Path, bytes]:
+    """Behaviour of every attempt, and the stimulus against time."""
+    names = [name for name in COLUMNS if name not in _LEFT_OUT]
+    table = [
+        {
+            "onset": row["onset_s"],
+            "duration": _duration(row),
+            "correct": row["right"],
+            **{name: row[name] for name in names},
+        }
+        for row in rows
+    ]
+    names = ["onset", "duration", "correct", *names]
+    columns: dict[str, Any] = {name: {"Description": _TEXTS[name]} for name in names}
+    columns["onset"]["Units"] = columns["duration"]["Units"] = "s"
+    files = {
+        base.with_name(f"{base.name}_beh.tsv"): _tsv(names, table),
+        base.with_name(f"{base.name}_beh.json"): json_text({"TaskName": task, **columns}).encode(),
+    }
+    timed = [row for row in rows if row["onset_s"] != "n/a"]
+    if timed:
+        start = min(float(row["onset_s"]) for row in timed)
+        end = max(float(row["time_s"]) for row in timed)
+        level = np.full(round((end - start) * RATE_HZ) + 1, np.nan)
+        for row in timed:
+            first = round((float(row["onset_s"]) - start) * RATE_HZ)
+            last = first + max(1, round(float(_duration(row)) * RATE_HZ))
+            level[first:last] = float(row["level"])
+        text = "Level of the target while a trial is presented, its pauses included"
+        files |= _continuous(base, "stim", level, start, "level", text, "dB")
+    return files
+
+
+def _duration(row: Mapping[str, str]) -> str:
+    cells = [row[name] for name in ("time_s", "reaction_s", "onset_s")]
+    if "n/a" in cells:
+        return "n/a"
+    answered, reaction, onset = map(float, cells)
+    return f"{max(0.0, answered - reaction - onset):.4f}"
+
+
+def _motion(
+    base: Path,
+    samples: Sequence[Mapping[str, str]],
+    rows: Sequence[Mapping[str, str]],
+    task: str,
+) -> dict[Path, bytes]:
+    """Path of the finger as the panel reported it, with the time of each report."""
+    # Reports come in their order; what is known of the driver's clock gets better meanwhile.
+    t_s = np.maximum.accumulate([float(one["t_s"]) for one in samples])
+    steps = np.diff(t_s)
+    steps = steps[(steps > 0) & (steps < _GAP_S)]
+    rate = float(1 / np.median(steps)) if len(steps) else RATE_HZ
+    name = f"{base.name}_tracksys-panel"
+    start = float(t_s[0])
+    table = io.StringIO()
+    for at, one in zip(t_s, samples, strict=True):
+        table.write(f"{one['x_mm']}\t{one['y_mm']}\t{at - start:.5f}\n")
+    channels = [
+        {"name": axis, "component": axis, "type": "POS", "tracked_point": "finger", "units": "mm"}
+        for axis in ("x", "y")
+    ]
+    channels.append({"name": "latency", "component": "n/a", "type": "LATENCY",
+                     "tracked_point": "n/a", "units": "s"})  # fmt: skip
+    about = {
+        "TaskName": task,
+        "TaskDescription": "A finger slides over an electrovibration touchscreen",
+        "SamplingFrequency": round(rate, 3),
+        "SamplingFrequencyEffective": round(rate, 3),
+        "TrackingSystemName": "panel",
+        "MotionChannelCount": 3,
+        "POSChannelCount": 2,
+        "LATENCYChannelCount": 1,
+        "TrackedPointsCount": 1,
+    }
+    events = [
+        {
+            "onset": f"{float(row['onset_s']) - start:.4f}",
+            "duration": _duration(row),
+            "trial_type": row["kind"],
+            "response_time": row["reaction_s"],
+        }
+        for row in rows
+        if row["onset_s"] != "n/a"
+    ]
+    names = ["onset", "duration", "trial_type", "response_time"]
+    described = {key: {"Description": _TEXTS[key]} for key in names}
+    return {
+        base.with_name(f"{name}_motion.tsv"): table.getvalue().encode(),
+        base.with_name(f"{name}_motion.json"): json_text(about).encode(),
+        base.with_name(f"{name}_channels.tsv"): _tsv(list(channels[0]), channels),
+        base.with_name(f"{base.name}_events.tsv"): _tsv(names, events),
+        base.with_name(f"{base.name}_events.json"): json_text(described).encode(),
+    }
+
+
+def _force(base: Path, samples: Sequence[Mapping[str, str]]) -> dict[Path, bytes]:
+    """Normal force at regular times; n/a where no finger is down."""
+    known = [one for one in samples if one["normal_force_n"] != "n/a"]
+    if not known:
+        return {}
+    t_s, first = np.unique([float(one["t_s"]) for one in known], return_index=True)
+    force = np.array([float(known[k]["normal_force_n"]) for k in first])
+    start = float(t_s[0])
+    at = start + np.arange(round((t_s[-1] - start) * RATE_HZ) + 1) / RATE_HZ
+    found = np.interp(at, t_s, force)
+    after = np.searchsorted(t_s, at).clip(1, max(1, len(t_s) - 1))
+    if len(t_s) > 1:
+        found[t_s[after] - t_s[after - 1] > _GAP_S] = np.nan
+    return _continuous(base, "physio", found, start, "normal_force", "Normal force", "N")
+
+
+def _continuous(
+    base: Path,
+    suffix: str,
+    values: np.ndarray[Any, np.dtype[np.float64]],
+    start_s: float,
+    column: str,
+    text: str,
+    unit: str,
+) -> dict[Path, bytes]:
+    """Table of a recording at `RATE_HZ`: compressed, without names of columns."""
+    cells = ("n/a" if np.isnan(one) else f"{one:.6g}" for one in values)
+    about = {
+        "SamplingFrequency": RATE_HZ,
+        "StartTime": round(start_s, 5),
+        "Columns": [column],
+        column: {"Description": text, "Units": unit},
+    }
+    data = gzip.compress(("\n".join(cells) + "\n").encode(), mtime=0)
+    return {
+        base.with_name(f"{base.name}_{suffix}.tsv.gz"): data,
+        base.with_name(f"{base.name}_{suffix}.json"): json_text(about).encode(),
+    }
+
+
+def _tsv(names: Sequence[str], rows: Iterable[Mapping[str, object]]) -> bytes:
+    text = io.StringIO()
+    table = csv.DictWriter(text, names, delimiter="\t", lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    return text.getvalue().encode()

@@ -1,0 +1,156 @@
+"""Sessions in the form of BIDS: what was presented, answered and touched; a validator reads it."""
+
+import csv
+import gzip
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firmware_io import open_device
+from haptix.errors import FileFormatError, InputError
+from haptix.stimuli.adaptive import (
+    ConstantStimuli,
+    Experiment,
+    Practice,
+    Presentation,
+    SessionPlan,
+)
+from haptix.stimuli.bids import export
+
+WAVE = np.sin(2 * np.pi * 120 * np.arange(4800) / 48_000)
+FORCE_N, STEP_MM = 0.5, 2.0
+
+
+@pytest.fixture
+def log(tmp_path):
+    """A session whose panel reports a stroke in each trial; the first row of which is cut short."""
+    device = open_device("mock:")
+    path, strokes = tmp_path / "log.tsv", []
+
+    class Sliding:
+        def __getattr__(self, name):
+            return getattr(device, name)
+
+        def __enter__(self):
+            device.__enter__()
+            return self
+
+        def __exit__(self, *error):
+            return device.__exit__(*error)
+
+        def write(self, volts):
+            device.write(volts)
+            strokes.append([])
+            for k in range(4):
+                at = (10.0 + STEP_MM * k, 20.0 + len(strokes))
+                assert device.mock.touch(*at, FORCE_N)
+                strokes[-1].append(at)
+                device.progress(is_fresh=True)
+
+    Experiment(
+        ConstantStimuli([30.0, 34.0], 2),
+        Presentation(
+            lambda level: 10 ** (level / 20) * WAVE, 0 * WAVE, lambda level: 10 ** (level / 20)
+        ),
+        Sliding(),
+        lambda question: question.right,
+        path,
+        wait=lambda seconds: None,
+        plan=SessionPlan(practice=Practice(trials=1, level=36.0)),
+    ).run()
+    device.close()
+    return path, strokes
+
+
+def table(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file, delimiter="\t"))
+
+
+def test_a_session_has_the_answers_the_path_and_the_force(log, tmp_path):
+    path, strokes = log
+    study = tmp_path / "study"
+    export(path, study, "07", "1", "detection")
+    base = "sub-07_ses-1_task-detection"
+    place = study / "sub-07" / "ses-1"
+    rows = table(place / "beh" / f"{base}_beh.tsv")
+    assert rows[0]["level"] == "36.0" and len(rows) == 5
+    assert [row["kind"] for row in rows] == ["practice"] + ["trial"] * 4
+    assert all(row["answer"] == row["correct"] for row in rows)
+    described = json.loads((place / "beh" / f"{base}_beh.json").read_text())
+    assert set(rows[0]) <= set(described)
+    # The path is the strokes', all of them in their order; its times rise from 0.
+    motion = np.loadtxt(place / "motion" / f"{base}_tracksys-panel_motion.tsv")
+    np.testing.assert_allclose(motion[:, :2], [at for one in strokes for at in one])
+    assert motion[0, 2] == 0 and (np.diff(motion[:, 2]) >= 0).all()
+    channels = table(place / "motion" / f"{base}_tracksys-panel_channels.tsv")
+    assert [one["name"] for one in channels] == ["x", "y", "latency"]
+    about = json.loads((place / "beh" / f"{base}_physio.json").read_text())
+    assert about["Columns"] == ["normal_force"]
+    with gzip.open(place / "beh" / f"{base}_physio.tsv.gz", "rt") as file:
+        force = [line.strip() for line in file]
+    assert {float(one) for one in force if one != "n/a"} == {FORCE_N}
+    with gzip.open(place / "beh" / f"{base}_stim.tsv.gz", "rt") as file:
+        level = {line.strip() for line in file}
+    assert {"36", "30", "34"} <= level
+    events = table(place / "motion" / f"{base}_events.tsv")
+    assert len(events) == 5 and all(float(row["duration"]) > 0 for row in events)
+    # The touches of a trial lie within it, by one clock.
+    start = float(rows[0]["onset"]) - float(events[0]["onset"])
+    first = motion[:8, 2] + start
+    assert (first < float(rows[0]["time_s"]) + 1e-3).all()
+
+
+def test_participants_are_added_and_nothing_else_is_touched(log, tmp_path):
+    path, _ = log
+    study = tmp_path / "study"
+    export(path, study, "07", "1", "detection")
+    mine = '{"Name": "mine", "BIDSVersion": "1.10.0"}'
+    (study / "dataset_description.json").write_text(mine)
+    (study / "participants.tsv").write_text("participant_id\tage\nsub-07\t31\n")
+    export(path, study, "08", "1", "detection")
+    export(path, study, "07", "1", "detection")
+    assert (study / "dataset_description.json").read_text() == mine
+    rows = table(study / "participants.tsv")
+    assert rows == [{"participant_id": "sub-07", "age": "31"},
+                    {"participant_id": "sub-08", "age": "n/a"}]  # fmt: skip
+    for name in ("Jane Doe", "../07", "", "sub-07"):
+        with pytest.raises(InputError, match="participant"):
+            export(path, study, name, "1", "detection")
+    other = tmp_path / "notes.tsv"
+    other.write_text("a\tb\n")
+    with pytest.raises(FileFormatError, match="expected a log"):
+        export(other, study, "09", "1", "detection")
+    assert not (study / "sub-09").exists()
+
+
+def test_touches_of_a_trial_that_was_stopped_are_left_out(log, tmp_path):
+    path, _ = log
+    touches = path.with_name("log_touches.tsv")
+    with touches.open("a") as file:
+        file.write("2\t3\t0\t9.9\t1.0\t1.0\t0.5\t0\tmove\n2\t3\t0\t9.9")
+    export(path, tmp_path / "study", "07", "1", "detection")
+    motion = next((tmp_path / "study").rglob("*_motion.tsv")).read_text().splitlines()
+    assert len(motion) == len(touches.read_text().splitlines()) - 3
+
+
+@pytest.mark.slow  # starts the validator's own runtime; what the files hold is tested above
+def test_the_validator_finds_no_error(log, tmp_path):
+    path, _ = log
+    study = tmp_path / "study"
+    for participant in ("01", "02"):
+        export(path, study, participant, "1", "detection")
+    found = shutil.which("bids-validator-deno", path=Path(sys.executable).parent)
+    assert found is not None, "install the dev extra"
+    done = subprocess.run(
+        [found, str(study), "--format", "json"], capture_output=True, text=True, timeout=300,
+        check=False,
+    )  # fmt: skip
+    issues = json.loads(done.stdout)["issues"]["issues"]
+    errors = [one for one in issues if one.get("severity") == "error"]
+    assert not errors, json.dumps(errors, indent=1)[:4000]
