@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from haptix.campaign.worker import as_seen_here, differences
-from haptix.errors import HaptixError, InputError
+from haptix.errors import HaptixError, InputError, from_extra
 
 Result = TypeVar("Result")
 
@@ -71,13 +71,8 @@ class DaskWorkers(Executor):
         HaptixError
             If Dask is not installed, or nothing answers.
         """
-        try:
+        with from_extra("cluster"):
             from distributed import Client, LocalCluster
-        except ImportError:
-            raise HaptixError(
-                "--on: expected Dask, which is not installed; run: "
-                "pip install 'haptix-electrovibration[cluster]'"
-            ) from None
         if place == "dask":
             from haptix.campaign.processes import PROCESS_BYTES, processes_that_fit
 

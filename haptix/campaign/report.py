@@ -7,12 +7,14 @@ import io
 from collections import Counter
 from collections.abc import Sequence
 from html import escape
-from typing import Any
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from haptix.campaign.kinds import Campaign
+from haptix.errors import MissingExtraError, from_extra
 from haptix.version import __version__
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _MOST_FAILURES = 50
 _STYLE = (
@@ -41,7 +43,12 @@ def report_html(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> str:
     if peaks := _numbers(done, "peak_bytes"):
         facts["largest memory of a worker [MB]"] = f"{max(peaks) / 1e6:.4g}"
     parts = [_table([{"": name, "value": value} for name, value in facts.items()])]
-    for title, figure in _pictures(campaign, done):
+    try:
+        pictures = _pictures(campaign, done)
+    except MissingExtraError as error:
+        pictures = []
+        parts.append(f"<p>Without pictures: {escape(str(error))}</p>")
+    for title, figure in pictures:
         png = io.BytesIO()
         figure.savefig(png, format="png", dpi=110)
         data = base64.b64encode(png.getvalue()).decode()
@@ -83,6 +90,9 @@ def _pictures(campaign: Campaign, done: Sequence[dict[str, Any]]) -> list[tuple[
 
 
 def _panel() -> tuple[Figure, Any]:
+    with from_extra("figures"):
+        from matplotlib.figure import Figure
+
     figure = Figure(figsize=(6.4, 3.6), layout="constrained")
     return figure, figure.add_subplot()
 

@@ -18,7 +18,7 @@ from secrets import token_hex
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from haptix.errors import HaptixError, InputError
+from haptix.errors import InputError, from_extra
 from haptix.files import Content, json_text, parse_json, write_folder
 
 try:
@@ -159,13 +159,8 @@ class Remote(Store):
     """A place that fsspec reaches, such as ``s3://bucket/campaign``."""
 
     def __init__(self, where: str) -> None:
-        try:
+        with from_extra("cluster"):
             from fsspec.core import url_to_fs
-        except ImportError:
-            raise HaptixError(
-                f"{where}: expected a folder, or fsspec for such a place, which is not installed; "
-                "run: pip install 'haptix-electrovibration[cluster]'"
-            ) from None
         try:
             self.system, self.root = url_to_fs(where)
         except (ImportError, ValueError) as error:

@@ -21,6 +21,7 @@ KEPT = ROOT / "tests" / "data" / "kept-files" / "direct.surface"
 BLOCKED = (
     "matplotlib", "skimage", "PIL", "tifffile", "imageio", "h5py", "xarray", "h5netcdf", "serial",
     "nidaqmx", "pylsl", "evdev", "fastapi", "uvicorn", "websockets", "SurfaceTopography",
+    "distributed", "fsspec",
 )  # fmt: skip
 # What a person would do that needs each extra.
 NEEDS = {
@@ -31,6 +32,7 @@ NEEDS = {
     "serve": "import_module('haptix.client')",
     "netcdf": "surface.to_netcdf('my.nc')",
     "serial": "haptix.open_device('serial:port=COM3')",
+    "cluster": "import_module('haptix.campaign.cluster').DaskWorkers.on('dask')",
     "lab": "import_module('haptix.stimuli.outlets').LabOutlets(None)",
     "evdev": "import_module('haptix.touch').Touchscreen('/dev/input/event5')",
 }
