@@ -255,6 +255,18 @@ def simulate(
 
 
 @app.command()
+def new(
+    study: Annotated[Path, typer.Argument(help="Folder that is not there yet.", callback=folder)],
+    as_json: AsJson = False,
+) -> None:
+    """Begin a study: code/experiment.toml to change, and the frame of a BIDS data set."""
+    from haptix.stimuli.bids import begin
+
+    rows = [{"file": str(path)} for path in begin(study, study.absolute().name)]
+    show(f"{study}: change code/experiment.toml, then simulate and run it", rows, as_json)
+
+
+@app.command()
 def bids(
     log: Annotated[Path, typer.Argument(help="Log of `haptix stimuli run`.", callback=is_there)],
     study: Annotated[Path, typer.Option(help="Folder of the data set.", callback=folder)],

@@ -113,6 +113,25 @@ def export(
     return list(files)
 
 
+def begin(study: str | Path, name: str) -> list[Path]:
+    """Begin a study: an experiment to change, in ``code``, and what the study says of itself.
+
+    Raises
+    ------
+    InputError
+        If the folder is there and not empty.
+    """
+    study = Path(study)
+    if study.exists() and (not study.is_dir() or any(study.iterdir())):
+        raise InputError(f"{study}: is not empty; name a folder that is not there yet")
+    files = _of_study(study, None, name)
+    recipe = Path(__file__).with_name("experiment_template.toml").read_bytes()
+    files[study / "code" / "experiment.toml"] = recipe
+    for path, data in files.items():
+        write_whole(path, data)
+    return list(files)
+
+
 def _rows(log: Path) -> list[dict[str, str]]:
     lines = read_text(log, LARGEST_TABLE_BYTES).splitlines()
     if len(lines) < 2 or not lines[0].startswith("# {") or lines[1].split("\t") != list(COLUMNS):
@@ -125,10 +144,10 @@ def _rows(log: Path) -> list[dict[str, str]]:
     return [dict(zip(COLUMNS, one, strict=True)) for one in cells if len(one) == len(COLUMNS)]
 
 
-def _of_study(study: Path, participant: str, task: str) -> dict[Path, bytes]:
+def _of_study(study: Path, participant: str | None, name: str) -> dict[Path, bytes]:
     """Files about the study that are not there yet, and its participants."""
     about = {
-        "Name": task,
+        "Name": name,
         "BIDSVersion": BIDS_VERSION,
         "DatasetType": "raw",
         "GeneratedBy": [{"Name": "haptix", "Version": __version__}],
@@ -143,6 +162,8 @@ def _of_study(study: Path, participant: str, task: str) -> dict[Path, bytes]:
     files = {path: data for path, data in files.items() if not path.exists()}
     table = study / "participants.tsv"
     text = read_text(table) if table.exists() else "participant_id\n"
+    if participant is None:
+        return files
     names, *lines = text.splitlines()
     if names.split("\t")[0] != "participant_id":
         raise FileFormatError(f"{table}: expected participant_id as its first column")

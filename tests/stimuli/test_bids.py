@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,8 @@ from haptix.stimuli.adaptive import (
     Presentation,
     SessionPlan,
 )
-from haptix.stimuli.bids import export
+from haptix.stimuli.bids import begin, export
+from haptix.stimuli.experiment_recipe import ExperimentRecipe
 
 WAVE = np.sin(2 * np.pi * 120 * np.arange(4800) / 48_000)
 FORCE_N, STEP_MM = 0.5, 2.0
@@ -139,10 +141,25 @@ def test_touches_of_a_trial_that_was_stopped_are_left_out(log, tmp_path):
     assert len(motion) == len(touches.read_text().splitlines()) - 3
 
 
+def test_a_study_begins_with_an_experiment_that_runs(tmp_path):
+    study = tmp_path / "roughness"
+    files = begin(study, "roughness")
+    assert json.loads((study / "dataset_description.json").read_text())["Name"] == "roughness"
+    recipe = ExperimentRecipe.load(study / "code" / "experiment.toml")
+    method: Any = recipe.make_method()
+    assert set(method.methods) == {"felt-240Hz", "felt-160Hz"}
+    assert {one.guess for one in method.methods.values()} == {1 / 3}
+    assert recipe.session_plan().practice.trials == 6
+    with pytest.raises(InputError, match="not empty"):
+        begin(study, "again")
+    assert all(path.exists() for path in files)
+
+
 @pytest.mark.slow  # starts the validator's own runtime; what the files hold is tested above
 def test_the_validator_finds_no_error(log, tmp_path):
     path, _ = log
     study = tmp_path / "study"
+    begin(study, "study")
     for participant in ("01", "02"):
         export(path, study, participant, "1", "detection")
     found = shutil.which("bids-validator-deno", path=Path(sys.executable).parent)
