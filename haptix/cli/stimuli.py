@@ -47,6 +47,13 @@ def make(
             help="Threads; the bytes do not depend on it.", callback=number(least=1, most=256)
         ),
     ] = 2,
+    workers: Annotated[
+        int,
+        typer.Option(
+            help="Processes that make files, for sets of hundreds; the bytes do not depend on it.",
+            callback=number(least=1, most=256),
+        ),
+    ] = 1,
     as_json: AsJson = False,
 ) -> None:
     """Render a set: drive files with sidecars, trial table, contact sheet, manifest.
@@ -61,10 +68,30 @@ def make(
 
         parts = Recipe.load(recipe).stimulus_set()
         place = Path(file_name("name", parts.name)) if out is None else out
-        result = parts.make(place, threads, update)
+        if workers == 1:
+            result = parts.make(place, threads, update)
+        else:
+            from concurrent.futures import ProcessPoolExecutor
+            from multiprocessing import get_context
+
+            with ProcessPoolExecutor(workers, get_context("spawn")) as executor:
+                result = parts.make(place, 1, update, executor)
     rows = [dict(one) for one in result.sidecars] if as_json else [*map(_row, result.sidecars)]
     again = f", {result.reused} of them from an earlier run" if result.reused else ""
     show(f"{len(rows)} stimuli in {result.folder}{again}", rows, as_json)
+
+
+@app.command()
+def again(
+    sidecar: Annotated[
+        Path, typer.Argument(help="Sidecar of a drive file (NAME.json).", callback=is_there)
+    ],
+    out: Annotated[Path, typer.Option(help="Drive file to write.")],
+) -> None:
+    """Make a drive file again from its sidecar and profiles.json; every byte must be the same."""
+    from haptix.stimuli.again import make_again
+
+    show(f"{make_again(sidecar, out)}: the same, byte for byte", [], False)
 
 
 @app.command("show")

@@ -52,11 +52,27 @@ def haptix_stimuli(haptix_cli, monkeypatch, tmp_path):
     return partial(haptix_cli, "stimuli")
 
 
+def test_a_file_is_not_made_again_from_anything(haptix_stimuli):
+    done = haptix_stimuli("again", "set.toml", "--out", "again.wav")
+    assert done.code == 2 and "expected a JSON file" in done.err
+
+
+@pytest.mark.slow  # processes of their own, with torch
+def test_workers_change_no_byte(haptix_stimuli):
+    for name, workers in (("a", "1"), ("b", "2")):
+        done = haptix_stimuli("make", "set.toml", "--out", name, "--workers", workers)
+        assert done.code == 0, done.err
+    for path in Path("a").iterdir():
+        assert path.read_bytes() == (Path("b") / path.name).read_bytes(), path.name
+
+
 @pytest.mark.slow
 def test_a_recipe_is_made_and_shown(haptix_stimuli):
     done = haptix_stimuli("make", "set.toml", "--out", "out")
     assert done.code == 0, done.err
     assert "4 stimuli in out" in done.out and "same-01_on_thick.wav" in done.out
+    again = haptix_stimuli("again", "out/same-01_on_thick.json", "--out", "again.wav")
+    assert "byte for byte" in again.out, again.err
     rows = json.loads(haptix_stimuli("make", "set.toml", "--out", "out", "--json").out)
     assert [row["conditions"]["normal_force_n"] for row in rows] == [0.5, 0.6, 0.5, 0.6]
     by_file = {row["file"]: row["peak_v"] for row in rows}
