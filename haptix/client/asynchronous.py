@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 from haptix.client.layout import ClientLayout
-from haptix.client.touching import Touching
+from haptix.client.touching import ReportsTouches
 from haptix.errors import DeviceError, HaptixError, from_extra
 from haptix.files import read_json
 from haptix.service import messages as m
@@ -46,7 +46,7 @@ class Refused(HaptixError):
         self.code, self.path = error.code, error.path
 
 
-class AsyncClient(Touching[Awaitable[None]]):
+class AsyncClient(ReportsTouches[Awaitable[None]]):
     """A session with the service; made by `connect_async`.
 
     A broken connection is opened again, with the lease and layout where the service kept them, and

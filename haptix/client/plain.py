@@ -12,7 +12,7 @@ from typing import Any, Self
 
 from haptix.client.asynchronous import AsyncClient, connect_async
 from haptix.client.layout import ClientRegion
-from haptix.client.touching import Touching
+from haptix.client.touching import ReportsTouches
 from haptix.errors import InputError
 from haptix.service import messages as m
 
@@ -37,7 +37,7 @@ class _Plain:
         return plain
 
 
-class Client(Touching[None]):
+class Client(ReportsTouches[None]):
     """The plain face of `AsyncClient`: the same calls, without ``await``.
 
     A thread of its own answers the service's pings, so a program that computes for long stays

@@ -12,7 +12,7 @@ TouchKind = Literal["down", "move", "up"]
 Sent = TypeVar("Sent", covariant=True)
 
 
-class Touching(ABC, Generic[Sent]):
+class ReportsTouches(ABC, Generic[Sent]):
     """Touches in millimetres; `Sent` is what a client returns for a batch."""
 
     @abstractmethod

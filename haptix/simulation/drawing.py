@@ -143,10 +143,10 @@ def _zoom(axes: Axes, voltage: Axes, simulation: Simulation) -> None:
     t = played.start_s + np.arange(first, first + count) / rate
     voltage.axvspan(t[0] - 0.01, t[-1] + 0.01, color="tab:orange", alpha=0.5)
     top = 0.92 * simulation.surface.voltage_limit_v
-    voltage.annotate("6", (t[0], top), (5, 0), textcoords="offset points", fontweight="bold")
+    voltage.annotate("5", (t[0], top), (5, 0), textcoords="offset points", fontweight="bold")
     axes.plot(t * 1e3, volts[first : first + count], color="tab:purple", lw=1, marker=".", ms=3)
     axes.set(
         xlabel="time (ms)",
         ylabel="played (V)",
-        title="6  The wave that was played, sample by sample: the band in 4",
+        title="5  The wave that was played, sample by sample: the band in 4",
     )
