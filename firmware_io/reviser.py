@@ -18,6 +18,9 @@ from firmware_io.stream import Progress
 WINDOW_S = 0.02
 """Longest revision: two intervals of a touchscreen of 100 Hz."""
 
+_SLOW_WINDOW_S = 0.014  # on a line whose bytes take long: its own are a part of each reaction
+_BURST = 0.5  # of an interval between revisions: one that waited does not let the next one wait
+
 SPARE_S = 0.085
 """Samples beyond the horizon: of the piece that is appended next, and for two stalls in a row."""
 
@@ -110,7 +113,10 @@ class Reviser:
         self._rate_hz = rate_hz
         self._reaction_s = reaction_s
         grid = source.grid
-        most, self._least_interval_s = device.revision_budget(WINDOW_S)
+        is_slow = device.link_bytes_per_s is not None
+        most, self._least_interval_s = device.revision_budget(
+            _SLOW_WINDOW_S if is_slow else WINDOW_S
+        )
         self._window = max(grid, most // grid * grid)
         self._least = int(_LEAST_WINDOW_S * rate_hz)
         self._horizon = int((horizon_s + SPARE_S) * rate_hz)
@@ -123,14 +129,18 @@ class Reviser:
         self._piece = max(grid, piece // grid * grid)
         self._patience_s = min(_APPENDED_WITHIN_S, self._piece / rate_hz / 2)
         self._guard_s = device.capabilities.guard_s
-        self.need_s = self._guard_s + _FIRST_NEED_S  # from reading the clock to the first sample
+        # From reading the clock to the first sample, on a line that is free.
+        self.need_s = self._guard_s + _FIRST_NEED_S
+        if device.link_bytes_per_s is not None:
+            self.need_s += 2 * self._window / device.link_bytes_per_s
+        self._line_sent, self._line_free_s = device.bytes_sent, -math.inf
         self._needs: deque[float] = deque([self.need_s], maxlen=len(_WEIGHTS))
         self.has_news = False
         self._touched_s: float | None = None
-        # Of each revision: the touch, when its first sample is played, and its lead.
+        # Of each revision: the touch, when its first sample is played, and its lead on a free line.
         self._under_way: deque[tuple[float, float, float]] = deque()
         self._look_s = self._append_s = -math.inf
-        self._revised_s = -math.inf
+        self._revised_s = self._carried_s = -math.inf
         self._refused_s = clock()  # the first revisions try how long they need
         self._asked_s = -math.inf
         self._known_underruns = 0
@@ -192,7 +202,7 @@ class Reviser:
     def _next_revision_s(self) -> float:
         """Return when to revise, by the clock."""
         if self._touched_s is not None:
-            return self._revised_s + self._least_interval_s
+            return self._carried_s - _BURST * self._least_interval_s
         if self._source.is_live:
             most_s = _RENEWED_SHARE * self._window / self._rate_hz
             return self._revised_s + max(most_s, self._least_interval_s)
@@ -253,8 +263,12 @@ class Reviser:
         with self.ready:
             touched_s, self._touched_s = self._touched_s, None
         now_s, grid = self._clock(), self._source.grid
+        waits_s = self._line_busy_s(now_s)
+        need_s = self.need_s + waits_s
         self._revised_s = now_s
-        first = math.ceil((self.output.played(now_s) + self.need_s * self._rate_hz) / grid)
+        # When the link has carried it and those before, at the share that revisions have of it.
+        self._carried_s = max(self._carried_s, now_s) + self._least_interval_s
+        first = math.ceil((self.output.played(now_s) + need_s * self._rate_hz) / grid)
         if touched_s is not None:
             wanted = self.output.played(touched_s + self._reaction_s)
             self.late_samples += max(0, first * grid - math.ceil(wanted))
@@ -267,11 +281,25 @@ class Reviser:
         at_s = self.output.time_of(first)
         volts = self._source.window(first, count, at_s, True)
         self.device.revise(first, volts)
+        self._note_sent(now_s)
         is_wary = now_s - self._refused_s < _WARY_S
         self._look_s = min(self._look_s, at_s + (_LOOK_S if is_wary else _STATUS_S))
-        lead_s = at_s - now_s
+        lead_s = at_s - now_s - waits_s
         with self.ready:
             self._under_way.append((math.nan if touched_s is None else touched_s, at_s, lead_s))
+
+    def _line_busy_s(self, now_s: float) -> float:
+        """Return how long the link still carries what was sent; 0 where that cannot be known."""
+        return max(0.0, self._line_free_s - now_s)
+
+    def _note_sent(self, began_s: float) -> None:
+        """Count what was sent from a time on, on a line that carries so many bytes a second."""
+        rate = self.device.link_bytes_per_s
+        if rate is not None:
+            sent = self.device.bytes_sent
+            takes_s = (sent - self._line_sent) / rate
+            self._line_free_s = max(self._line_free_s, began_s) + takes_s
+            self._line_sent = sent
 
     def _append(self, progress: Progress) -> int:
         """Send one piece if the horizon lacks it; return the samples that it still lacks."""
@@ -289,6 +317,7 @@ class Reviser:
             return missing
         volts = self._source.window(sent, count, self.output.time_of(sent), False)
         self.device.write(volts)
+        self._note_sent(now_s)
         self.samples_sent += count
         # Writing has read reports: no revision is sent before what they tell is known.
         self._observe(self.device.progress())

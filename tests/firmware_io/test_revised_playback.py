@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections import deque
 
 import numpy as np
 import pytest
@@ -401,4 +402,53 @@ def test_a_clock_that_was_ahead_leads_to_no_revision_of_the_past(rig, clock, mon
         run(playback, clock, 0.004)
         playback.touch()
     assert playback._writer.feeder.need_s >= playback.device.capabilities.guard_s
+    playback.stop()
+
+
+class Line(MockLink):
+    """Carries 3 Mbaud: what is sent arrives byte after byte."""
+
+    bytes_per_s = 3e5
+
+    def __init__(self, clock):
+        super().__init__(MockDriver(pace="real", clock=clock), sleep=clock.sleep)
+        self.clock, self.due, self.free_s = clock, deque(), 0.0
+
+    def send(self, data):
+        for at in range(0, len(data), 32):
+            piece = data[at : at + 32]
+            self.free_s = max(self.free_s, self.clock()) + len(piece) / self.bytes_per_s
+            self.due.append((self.free_s, piece))
+        self.pass_time()
+
+    def receive(self, timeout_s=0.0):
+        end_s = self.clock() + timeout_s
+        while True:
+            self.pass_time()
+            data = super().receive(0.0)
+            if data or self.clock() >= end_s:
+                return data
+            self.clock.sleep(1e-4)
+
+    def pass_time(self):
+        while self.due and self.due[0][0] <= self.clock():
+            super().send(self.due.popleft()[1])
+
+
+def test_a_slow_line_reacts_as_soon_as_its_bytes_allow(clock):
+    """No touch waits for the budget of the one before, nor for bytes that were not in front."""
+    device, source = Device(Line(clock), clock=clock), Levels()
+    playback = RevisedPlayback(device, source, clock=clock)
+    playback.start()
+    for turn in range(100):
+        if turn == 50:  # it has learned what revisions need
+            before = playback.stats.refused
+        source.level = 1.0 + turn / 4
+        playback.touch()
+        run(playback, clock, 0.01)
+    # A revision of 14 ms takes 4.6 ms, as do two pieces of 2 ms in front of it; 1 ms is of the
+    # clock's steps.
+    assert max(playback.reactions_s(45)) <= 0.0046 + 0.004 + 0.001
+    assert playback.stats.refused - before <= 2
+    assert playback.stats.underruns == device.mock.faults == 0
     playback.stop()
