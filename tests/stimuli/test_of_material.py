@@ -161,3 +161,13 @@ def test_a_recipe_names_documents_and_is_the_same_from_anywhere(tmp_path, monkey
     (deeper / "coin.png").write_bytes((EXAMPLES / "coin.png").read_bytes() + b"more")
     changed = Recipe.load("coins.toml").stimulus_set().make(tmp_path / "set")
     assert changed.reused == 2
+
+
+def test_the_example_is_a_set_of_materials():
+    made = Recipe.load(EXAMPLES.parent / "stimuli" / "materials.toml").stimulus_set()
+    stimuli = {one.name: one for one in made.stimuli}
+    assert sorted(stimuli) == ["coin", "detents-01", "detents-02"]
+    # On the way over a detent, the second asks for twice the friction of the first.
+    low, high = (stimuli[f"detents-0{i}"].signal.values(0, 6000, RATE) for i in (1, 2))
+    np.testing.assert_allclose(high, 2 * low, atol=1e-9)
+    assert high.max() == pytest.approx(0.8, abs=1e-3)
