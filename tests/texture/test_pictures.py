@@ -100,7 +100,7 @@ def test_a_palette_with_a_transparent_colour(tmp_path):
 def test_inks_are_dark_where_there_is_much_of_them(tmp_path, kind):
     """Pillow writes a JPEG's inks inverted, as Adobe's programs do."""
     path = tmp_path / f"photo.{kind}"
-    more = {"compression": "tiff_lzw"} if kind == "lzw.tif" else {}
+    more: dict[str, object] = {"compression": "tiff_lzw"} if kind == "lzw.tif" else {}
     if kind == "jpg":
         more = {"quality": 100}
     inks = np.zeros((*SMOOTH.shape, 4), np.uint8)
@@ -122,8 +122,7 @@ def test_lab_is_converted(tmp_path):
     np.testing.assert_allclose(grey[:, 4:], 128 / 255, rtol=0, atol=0.01)
 
 
-def test_a_profile_of_colours_is_applied(tmp_path):
-    """A picture in XYZ with its profile is seen as the sRGB that it came from."""
+def test_a_profile_of_srgb_or_a_damaged_one_changes_nothing(tmp_path):
     srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB"))
     Image.fromarray(COLOUR).save(tmp_path / "plain.png")
     Image.fromarray(COLOUR).save(tmp_path / "tagged.png", icc_profile=srgb.tobytes())
