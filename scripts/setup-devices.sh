@@ -17,6 +17,8 @@ packages=(
     gcc libc6-dev make
     # the same core on a Cortex-M
     gcc-arm-none-eabi qemu-system-arm
+    # the firmware in the wheel for aarch64
+    qemu-user libc6-arm64-cross
     # a display for the examples with a window
     xvfb python3-tk
     # pages are tested in a real browser
