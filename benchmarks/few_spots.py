@@ -1,34 +1,36 @@
 """Boundary elements of contacts with few spots: boxes of 4 to 64 roll-off waves, growing bands.
 
-    OMP_NUM_THREADS=1 python benchmarks/few_spots.py [--partial FILE] [--only solid ...]
+    PYTHONPATH=benchmarks haptix campaign benchmarks/campaigns/few-spots.toml --out few-spots
+    python benchmarks/few_spots.py few-spots
 
 Each cell of the grid is a solid, a box and a band; its surfaces of one seed have the same long
 waves in every band. Loads are x_long = p/(E* slope) of the waves up to 16 q_r, each wave with its
-own modulus. Cells are solved in the order of `CELLS`, the most wanted first; finished surfaces are
-kept in the partial file, and the means over surfaces are written to tests/data/few-spots.csv, with
-"fit" for rows that the theory "corrected" was fitted to and "test" for others.
+own modulus. Each surface is a task of a campaign, the most wanted cells first. The second command
+writes the means over surfaces to tests/data/few-spots.csv, with "fit" for rows that the theory
+"corrected" was fitted to and "test" for others.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
-import sys
-import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import pi, sqrt
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
+from haptix.campaign import Campaign, Outcome, Task
 from haptix.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum, Theory
-from haptix.contact.boundary_elements import BoundaryElements, Surfaces
+from haptix.contact.boundary_elements import BoundaryElements, Surfaces, estimated_bytes
 from haptix.contact.boundary_elements.results import corrected_area
 from haptix.contact.boundary_elements.surfaces import _on_grid
 from haptix.contact.elasticity import ElasticSolid
+from haptix.files import csv_text, write_whole
 
 FILE = Path(__file__).parents[1] / "tests" / "data" / "few-spots.csv"
 SEED = 16
@@ -164,7 +166,6 @@ def solve(cell: Cell, number: int) -> list[dict[str, object]]:
     scale = cell.scale_pa()
     rows = []
     for x in LOADS:
-        start = time.process_time()
         found = solver.fields(x * scale)
         rows.append(
             {
@@ -175,7 +176,6 @@ def solve(cell: Cell, number: int) -> list[dict[str, object]]:
                 "h_rms": float(surface.h_rms_m) / H_RMS,
                 "peak": float(surface.height_m.max()) / H_RMS,
                 "converged": int(found.converged.all()),
-                "seconds": time.process_time() - start,
                 **measured(found.gap_m[0], found.pressure_pa[0]),
             }
         )
@@ -201,7 +201,7 @@ def summary(rows: list[dict[str, str]]) -> list[dict[str, object]]:
             line["surfaces"] = len(at)
             line["converged"] = sum(int(row["converged"]) for row in at)
             for name in list(at[0])[list(at[0]).index("pressure_pa") :]:
-                if name in ("converged", "seconds", "area_raw"):
+                if name in ("converged", "area_raw"):
                     continue
                 values = np.array([float(row[name]) for row in at])
                 line[name] = f"{values.mean():.5g}"
@@ -224,38 +224,56 @@ def joined(before: list[dict[str, str]], now: list[dict[str, object]]) -> list[d
     return sorted(every, key=lambda row: (rank.index(of(row)), float(str(row["x_long"]))))
 
 
+class FewSpots(Campaign):
+    """A task for each surface of each cell.
+
+    Parameters
+    ----------
+    solids : tuple of str
+        Names of `SOLIDS`; by default all.
+    largest_points : int
+        Cells with more points along a side are left out: an hour for a surface, or several.
+    """
+
+    solids: tuple[str, ...] = tuple(SOLIDS)
+    largest_points: int = 2048
+
+    def tasks(self) -> Iterator[Task]:
+        """Yield the surfaces, the most wanted cells first."""
+        for cell in grid():
+            if cell.solid in self.solids and PIXELS * cell.waves * cell.band <= self.largest_points:
+                for number in range(cell.surfaces):
+                    yield Task(self.kind, {**key(cell), "surface": number}, key(cell))
+
+    @staticmethod
+    def run(document: Mapping[str, Any]) -> Outcome:
+        """Solve one surface at all loads."""
+        fields = dict(document)
+        number = fields.pop("surface")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the box and its pixels are what is studied
+            rows = solve(Cell(**fields), number)
+        table = csv_text(rows[0], (row.values() for row in rows), 6)
+        converged = sum(int(str(row["converged"])) for row in rows)
+        return Outcome({"surface": number, "converged": converged}, {"rows.csv": table})
+
+    @staticmethod
+    def needed_bytes(document: Mapping[str, Any]) -> int:
+        """Memory of one surface."""
+        return estimated_bytes(PIXELS * document["waves"] * document["band"], 1)
+
+
 def main() -> None:
-    """Solve what is not yet in the partial file, and write the means."""
+    """Write the means over the surfaces that a campaign has solved."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--partial", type=Path, default=FILE.with_suffix(".partial.csv"))
-    parser.add_argument("--only", nargs="*", help="solids")
+    parser.add_argument("campaign", type=Path, help="its folder")
+    parser.add_argument("--out", type=Path, default=FILE)
     chosen = parser.parse_args()
-    warnings.simplefilter("ignore")  # the box and its pixels are what is studied
-    rows = read(chosen.partial)
-    done = {(r["solid"], r["waves"], r["band"], r["hurst"], r["surface"]) for r in rows}
-    for cell in grid():
-        if chosen.only and cell.solid not in chosen.only:
-            continue
-        own = tuple(str(value) for value in key(cell).values())
-        for number in range(cell.surfaces):
-            if (*own, str(number)) in done:
-                continue
-            found = solve(cell, number)
-            new = not chosen.partial.exists()
-            with chosen.partial.open("a", newline="") as file:
-                writer = csv.DictWriter(file, list(found[0]), lineterminator="\n")
-                if new:
-                    writer.writeheader()
-                for row in found:
-                    writer.writerow(
-                        {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()}
-                    )
-        lines = joined(read(FILE), summary(read(chosen.partial)))
-        with FILE.open("w", newline="") as file:
-            writer = csv.DictWriter(file, list(lines[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(lines)
-        sys.stderr.write(f"{time.strftime('%H:%M:%S')} {cell}\n")
+    rows = [row for file in chosen.campaign.glob("results/*/*/rows.csv") for row in read(file)]
+    rows.sort(key=lambda row: int(row["surface"]))  # sums in one order
+    lines = joined(read(FILE), summary(rows))
+    table = csv_text(lines[0], (line.values() for line in lines))
+    write_whole(chosen.out, table)
 
 
 def cells(path: Path = FILE) -> dict[Cell, list[dict[str, str]]]:
