@@ -272,6 +272,9 @@ def test_of_an_animation_the_first_frame_is_taken_and_pages_are_refused(tmp_path
         with pytest.raises(HaptixError, match="several pages"):
             Texture.from_image(path, 50)
         return
+    Texture.from_image(np.arange(12.0).reshape(3, 4), 50)  # what this imports does not count
+    Image.fromarray(np.eye(8, dtype=np.uint8)).save(tmp_path / "one.png")
+    Texture.from_image(tmp_path / "one.png", 50)
     tracemalloc.start()
     try:
         level = Texture.from_image(path, 50).level
