@@ -16,7 +16,7 @@ import cProfile
 import json
 import pstats
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable
 from contextlib import nullcontext
 from typing import Any
@@ -74,7 +74,7 @@ class Meter:
     """Adds up processor time, by name; what is measured within counts once."""
 
     def __init__(self) -> None:
-        self.spent: Counter[str] = Counter()
+        self.spent: defaultdict[str, float] = defaultdict(float)
         self.calls: Counter[str] = Counter()
         self._within = [0.0]
 

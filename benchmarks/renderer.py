@@ -28,7 +28,7 @@ from haptix.render import (
     RenderSettings,
     SineCarrier,
 )
-from haptix.render.live import LiveFingers
+from haptix.render.live_fingers import LiveFingers
 from haptix.render.target import Amplitudes, Target
 from haptix.simulation import FINGER_PATH, Setting, simulate
 from haptix.surface import Slice
@@ -87,7 +87,7 @@ def bare(surface: Any, texture: Any) -> None:
 
     def by_numpy() -> np.ndarray:
         found = Amplitudes.of(row, Target("share"), np.interp(places, columns, level))
-        return (found.voltage_v * np.sin(wave) * (32767 / 250)).astype(np.int16)
+        return np.asarray(found.voltage_v * np.sin(wave) * (32767 / 250)).astype(np.int16)
 
     report("numpy", times_us(by_numpy))
 
@@ -99,12 +99,13 @@ def bare(surface: Any, texture: Any) -> None:
         share = torch.lerp(line[cell], line[cell + 1], at - cell)
         low, high = surface.reachable(load)
         voltage = surface.voltage(low + share * (high - low), load).voltage_v
-        return (voltage * torch.sin(phase) * (32767 / 250)).to(torch.int16)
+        codes: torch.Tensor = (voltage * torch.sin(phase) * (32767 / 250)).to(torch.int16)
+        return codes
 
     report("torch, eager", times_us(by_torch, 1000))
 
     try:
-        import numba
+        import numba  # type: ignore[import-not-found] # not everybody has it
     except ImportError:
         print("  numba is not installed")
         return
@@ -178,7 +179,9 @@ def direct(model: Any) -> None:
         ranges = {"normal_force_n": (0.1, 1.0), "frequency_hz": frequency}
         surface = haptix.FrictionSurface.build(model, ranges, tolerance=1e-4)
         wave = DirectWave(frequency)
-        asked = Slice.of(surface.table).averaged(wave.attraction).column(0.3).highest_mu
+        attraction = wave.attraction
+        assert attraction is not None  # a sine's ripples
+        asked = Slice.of(surface.table).averaged(attraction).column(0.3).highest_mu
         felt = float(model.over_period(0.3, 200.0, frequency).mu.mean())
         naive = float(surface.mu(0.3, 200.0))
         parts = [(felt - one) / (0.11 * felt) for one in (naive, asked)]
