@@ -23,7 +23,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from haptix.campaign import Campaign, Outcome, Task, run_campaign
+from haptix.campaign import Campaign, CampaignTask, Outcome, run_campaign
 from haptix.campaign.cluster import DaskWorkers
 from haptix.campaign.store import store_at
 
@@ -38,7 +38,7 @@ class Small(Campaign):
 
     def tasks(self):
         for number in range(self.numbers):
-            yield Task(self.kind, {"number": number, "seconds": self.seconds})
+            yield CampaignTask(self.kind, {"number": number, "seconds": self.seconds})
 
     @staticmethod
     def run(document):

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from haptix.campaign import Campaign, Outcome, Task
+from haptix.campaign import Campaign, CampaignTask, Outcome
 from haptix.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum, Theory
 from haptix.contact.boundary_elements import BoundaryElements, Surfaces, estimated_bytes
 from haptix.contact.boundary_elements.results import corrected_area
@@ -238,12 +238,12 @@ class FewSpots(Campaign):
     solids: tuple[str, ...] = tuple(SOLIDS)
     largest_points: int = 2048
 
-    def tasks(self) -> Iterator[Task]:
+    def tasks(self) -> Iterator[CampaignTask]:
         """Yield the surfaces, the most wanted cells first."""
         for cell in grid():
             if cell.solid in self.solids and PIXELS * cell.waves * cell.band <= self.largest_points:
                 for number in range(cell.surfaces):
-                    yield Task(self.kind, {**key(cell), "surface": number}, key(cell))
+                    yield CampaignTask(self.kind, {**key(cell), "surface": number}, key(cell))
 
     @staticmethod
     def run(document: Mapping[str, Any]) -> Outcome:

@@ -21,7 +21,7 @@ from haptix.version import __version__
 
 # Where each kind stands; a plan may also name a class of an installed module, as "module:Class".
 KINDS = {
-    "surfaces": "haptix.campaign.surfaces:Surfaces",
+    "surfaces": "haptix.campaign.surfaces:SurfacesOfPeople",
     "population": "haptix.campaign.states:FrictionOfPeople",
     "boundary-elements": "haptix.campaign.states:BoundaryElementSets",
     "trade-off": "haptix.campaign.tradeoffs:Tradeoffs",
@@ -31,7 +31,7 @@ Value = str | float | int | bool | None
 
 
 @dataclass(frozen=True)
-class Task:
+class CampaignTask:
     """One task of a campaign.
 
     Parameters
@@ -98,7 +98,7 @@ class Campaign(Document):
     folder: Annotated[Path, Field(exclude=True)] = Path()
 
     @abstractmethod
-    def tasks(self) -> Iterator[Task]:
+    def tasks(self) -> Iterator[CampaignTask]:
         """Yield the tasks, the same ones in the same order each time."""
 
     @staticmethod

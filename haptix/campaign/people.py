@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import Field, PositiveFloat
 
 from haptix.campaign.kinds import Campaign, Value
-from haptix.campaign.population import Drawn, Population
+from haptix.campaign.population import DrawnPeople, Population
 from haptix.finger import Finger
 from haptix.scene import Scene
 from haptix.screen import Screen
@@ -21,7 +21,7 @@ class PeopleOnScreens(Campaign):
     ----------
     fingers, screens : tuple of str
         Presets, or TOML files relative to the campaign's.
-    population : Drawn, optional
+    population : DrawnPeople, optional
         People in place of each finger.
     insulator_thickness_m : tuple of float
         In place of that of each screen, one screen for each [m].
@@ -29,7 +29,7 @@ class PeopleOnScreens(Campaign):
 
     fingers: Annotated[tuple[str, ...], Field(min_length=1)] = ("semi-wet",)
     screens: Annotated[tuple[str, ...], Field(min_length=1)] = ("3m-sct3250",)
-    population: Drawn | None = None
+    population: DrawnPeople | None = None
     insulator_thickness_m: tuple[PositiveFloat, ...] = ()
 
     def pairs(self) -> Iterator[tuple[Finger, Screen, dict[str, Value]]]:

@@ -19,7 +19,7 @@ from haptix.finger import Finger
 from haptix.screen import Screen
 
 
-class Drawn(Part):
+class DrawnPeople(Part):
     """People around each finger, see `Population.around`.
 
     Parameters

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 
-from haptix.campaign.kinds import Outcome, Task
+from haptix.campaign.kinds import CampaignTask, Outcome
 from haptix.campaign.people import PeopleOnScreens
 from haptix.campaign.solving import states_of
 from haptix.contact.boundary_elements import estimated_bytes
@@ -37,10 +37,10 @@ class FrictionOfPeople(PeopleOnScreens):
     voltage_v: Annotated[tuple[NonNegativeFloat, ...], Field(min_length=1)]
     frequency_hz: Several
 
-    def tasks(self) -> Iterator[Task]:
+    def tasks(self) -> Iterator[CampaignTask]:
         """Yield a task for each finger on each screen."""
         for finger, screen, labels in self.pairs():
-            yield Task(self.kind, self._document(finger, screen), labels)
+            yield CampaignTask(self.kind, self._document(finger, screen), labels)
 
     def _document(self, finger: Finger, screen: Screen) -> dict[str, Any]:
         return {
@@ -97,13 +97,13 @@ class BoundaryElementSets(FrictionOfPeople):
     seed: int = 0
     box: Box = Box()
 
-    def tasks(self) -> Iterator[Task]:
+    def tasks(self) -> Iterator[CampaignTask]:
         """Yield a task for each surface."""
         for finger, screen, labels in self.pairs():
             for number in range(self.seed, self.seed + self.surfaces):
                 box = {**self.box.model_dump(), "surfaces": 1, "seed": number}
                 document = {**self._document(finger, screen), "box": box}
-                yield Task(self.kind, document, {**labels, "surface": number})
+                yield CampaignTask(self.kind, document, {**labels, "surface": number})
 
     @staticmethod
     def needed_bytes(document: Mapping[str, Any]) -> int:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
-from haptix.campaign.kinds import Outcome, Task
+from haptix.campaign.kinds import CampaignTask, Outcome
 from haptix.campaign.people import ScenesOfPeople
 from haptix.planning import plan_scene
 from haptix.scene import Scene, plain_scene
 
 
-class Surfaces(ScenesOfPeople):
+class SurfacesOfPeople(ScenesOfPeople):
     """A surface for every finger on every screen, as ``haptix build SCENE.toml`` makes it."""
 
     shown = ("mu_low", "mu_high", "mu_span", "surface_bytes")
@@ -19,10 +19,10 @@ class Surfaces(ScenesOfPeople):
 
     kind: Literal["surfaces"]
 
-    def tasks(self) -> Iterator[Task]:
+    def tasks(self) -> Iterator[CampaignTask]:
         """Yield a task for each finger on each screen."""
         for scene, labels in self.scenes():
-            yield Task(self.kind, plain_scene(scene), labels)
+            yield CampaignTask(self.kind, plain_scene(scene), labels)
 
     @staticmethod
     def run(document: Mapping[str, Any]) -> Outcome:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
-from haptix.campaign.kinds import Outcome, Task, Value
+from haptix.campaign.kinds import CampaignTask, Outcome, Value
 from haptix.campaign.people import ScenesOfPeople
 from haptix.files import json_text
 from haptix.tradeoff.run import measure_setting, setting_jobs
@@ -34,12 +34,12 @@ class Tradeoffs(ScenesOfPeople):
     quick: bool = False
     boundary_elements: bool = False
 
-    def tasks(self) -> Iterator[Task]:
+    def tasks(self) -> Iterator[CampaignTask]:
         """Yield a task for each setting of each scene."""
         for scene, labels in self.scenes():
             for job in setting_jobs(scene, self.quick, self.boundary_elements):
                 way = {"model": job["model"], "tolerance": job["tolerance"]}
-                yield Task(self.kind, job, {**labels, **way})
+                yield CampaignTask(self.kind, job, {**labels, **way})
 
     @staticmethod
     def run(document: Mapping[str, Any]) -> Outcome:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, PositiveFloat, model_validator
 
 from firmware_io.limits import DriveLimits
-from haptix.campaign.population import Drawn, Population
+from haptix.campaign.population import DrawnPeople, Population
 from haptix.documents import Document, Part
 from haptix.errors import InputError
 from haptix.finger import Finger
@@ -108,7 +108,7 @@ Design = Annotated[
 ]
 
 
-class PopulationTable(Drawn):
+class PopulationTable(DrawnPeople):
     """Table of a recipe: how its fingers differ."""
 
     size: Annotated[int, Field(le=1000)]  # each has a surface of its own

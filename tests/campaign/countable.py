@@ -5,7 +5,7 @@ import signal
 import time
 from pathlib import Path
 
-from haptix.campaign import Campaign, Outcome, Task
+from haptix.campaign import Campaign, CampaignTask, Outcome
 
 
 class Countable(Campaign):
@@ -35,7 +35,7 @@ class Countable(Campaign):
                     document[harm] = True
             if self.dies_writing:
                 document["dies_writing"] = self.dies_writing
-            yield Task(self.kind, document, {"label": f"n{number}"})
+            yield CampaignTask(self.kind, document, {"label": f"n{number}"})
 
     @staticmethod
     def run(document):
