@@ -23,13 +23,13 @@ from haptix.status import Status
 from haptix.stimuli.adaptive import (
     METHODS,
     Catch,
-    Conditions,
     Exclude,
     Method,
+    MethodsByCondition,
     Practice,
     Presentation,
     SessionPlan,
-    Stop,
+    StopRules,
 )
 from haptix.stimuli.adaptive.tasks import task_named
 from haptix.stimuli.apparatus import Apparatus
@@ -94,7 +94,7 @@ class ExperimentRecipe(Document):
     order: Literal["interleaved"] | Design = "interleaved"
     practice: Practice | None = None
     catch: Catch | None = None
-    stop: Stop = Stop()
+    stop: StopRules = StopRules()
     exclude: Exclude = Exclude()
     break_every: PositiveInt | None = None
     feedback: bool = False
@@ -129,9 +129,9 @@ class ExperimentRecipe(Document):
             return self._method(self._tables(None))
         found = {one.name: self._method(self._tables(one)) for one in self.conditions}
         if self.order == "interleaved":
-            return Conditions(found, seed=self.seed)
+            return MethodsByCondition(found, seed=self.seed)
         names = order_for(list(found), participant, self.order, self.seed)
-        return Conditions({name: found[name] for name in names}, interleaved=False)
+        return MethodsByCondition({name: found[name] for name in names}, interleaved=False)
 
     def presentation(self, sample_rate_hz: float) -> Presentation:
         """Build the surface, and return the presentation that turns a level into volts."""

@@ -17,13 +17,13 @@ from haptix.errors import InputError
 from haptix.stimuli.adaptive import (
     TASKS,
     Catch,
-    Conditions,
     ConstantStimuli,
     Estimate,
     Exclude,
     Experiment,
     Keys,
     Magnitudes,
+    MethodsByCondition,
     Pairs,
     Practice,
     Presentation,
@@ -31,7 +31,7 @@ from haptix.stimuli.adaptive import (
     Question,
     SessionPlan,
     SimulatedObserver,
-    Stop,
+    StopRules,
     UpDown,
 )
 from haptix.stimuli.adaptive.session_summary import detection
@@ -95,7 +95,9 @@ def test_a_resumed_session_has_the_same_trials(device, tmp_path):
         methods = {name: UpDown(30.0, (8.0, 4.0), stop_after=2) for name in "ab"}
         made = {name: presentation(scale) for name, scale in (("a", 1.0), ("b", 0.9))}
         answer = SimulatedObserver(20.0, seed=3)
-        return experiment(device, path, Conditions(methods), plan=plan, answer=answer, made=made)
+        return experiment(
+            device, path, MethodsByCondition(methods), plan=plan, answer=answer, made=made
+        )
 
     whole = one(tmp_path / "whole.tsv")
     whole.run()
@@ -119,14 +121,14 @@ def test_a_resumed_session_has_the_same_trials(device, tmp_path):
 
 def test_stop_rules(device, tmp_path):
     always = ConstantStimuli([20.0, 25.0], 50)
-    plan = SessionPlan(stop=Stop(most_trials=7), catch=Catch(share=0.5, level=40.0))
+    plan = SessionPlan(stop=StopRules(most_trials=7), catch=Catch(share=0.5, level=40.0))
     run = experiment(device, tmp_path / "a.tsv", always, plan=plan)
     run.run()
     assert run.counted == 7 < run.trials
     now = iter(range(0, 10_000, 5))
     slow = experiment(
         device, tmp_path / "b.tsv", ConstantStimuli([20.0, 25.0], 50),
-        plan=SessionPlan(stop=Stop(most_minutes=2.0)), clock=lambda: float(next(now)),
+        plan=SessionPlan(stop=StopRules(most_minutes=2.0)), clock=lambda: float(next(now)),
     )  # fmt: skip
     slow.run()
     assert 2 < slow.trials < 12

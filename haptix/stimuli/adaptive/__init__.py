@@ -1,6 +1,6 @@
 """Adaptive methods that choose levels by the answers, and the experiment that presents them."""
 
-from haptix.stimuli.adaptive.conditions import Conditions
+from haptix.stimuli.adaptive.conditions import MethodsByCondition
 from haptix.stimuli.adaptive.constant import ConstantStimuli, fit
 from haptix.stimuli.adaptive.experiment import Experiment
 from haptix.stimuli.adaptive.log import TrialLog
@@ -9,7 +9,7 @@ from haptix.stimuli.adaptive.observer import Keys, Question, SimulatedObserver
 from haptix.stimuli.adaptive.presentation import Presentation, Touch
 from haptix.stimuli.adaptive.quest import Quest
 from haptix.stimuli.adaptive.scaling import Magnitudes, Pairs
-from haptix.stimuli.adaptive.session_plan import Catch, Exclude, Practice, SessionPlan, Stop
+from haptix.stimuli.adaptive.session_plan import Catch, Exclude, Practice, SessionPlan, StopRules
 from haptix.stimuli.adaptive.tasks import TASKS, Task
 from haptix.stimuli.adaptive.updown import UpDown, weighted_up_down
 
@@ -22,7 +22,6 @@ __all__ = [
     "METHODS",
     "TASKS",
     "Catch",
-    "Conditions",
     "ConstantStimuli",
     "Estimate",
     "Exclude",
@@ -30,6 +29,7 @@ __all__ = [
     "Keys",
     "Magnitudes",
     "Method",
+    "MethodsByCondition",
     "Pairs",
     "Practice",
     "Presentation",
@@ -37,7 +37,7 @@ __all__ = [
     "Question",
     "SessionPlan",
     "SimulatedObserver",
-    "Stop",
+    "StopRules",
     "Task",
     "Touch",
     "TrialLog",

@@ -14,7 +14,7 @@ from haptix.stimuli.adaptive.method import Estimate, Method
 
 
 @dataclass(eq=False)
-class Conditions(Method):
+class MethodsByCondition(Method):
     """A method for each condition.
 
     Parameters

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from firmware_io import Device
 from haptix import checks
 from haptix.errors import FileFormatError, InputError, LimitError
-from haptix.stimuli.adaptive.conditions import Conditions
+from haptix.stimuli.adaptive.conditions import MethodsByCondition
 from haptix.stimuli.adaptive.log import TrialLog, program
 from haptix.stimuli.adaptive.method import Estimate, Method
 from haptix.stimuli.adaptive.next_trial import next_trial
@@ -46,7 +46,7 @@ class Experiment:
     Parameters
     ----------
     method : Method
-        Chooses the levels; `Conditions` has one for each of several conditions.
+        Chooses the levels; `MethodsByCondition` has one for each of several conditions.
     presentation : Presentation or mapping of str to Presentation
         Makes drive signals of the levels; several by the names of the conditions.
     device : Device
@@ -190,7 +190,9 @@ class Experiment:
             return True
         if stop.spread is None or self.counted < stop.least_trials:
             return False
-        several = self.method.methods.values() if isinstance(self.method, Conditions) else ()
+        several = (
+            self.method.methods.values() if isinstance(self.method, MethodsByCondition) else ()
+        )
         return all(one.estimate().spread <= stop.spread for one in several or (self.method,))
 
     def estimates(self) -> dict[str, Estimate]:
@@ -199,7 +201,11 @@ class Experiment:
         Where the task is to detect, there is no threshold unless a target was found more often
         where there was one (Fisher's exact test).
         """
-        several = self.method.methods if isinstance(self.method, Conditions) else {"": self.method}
+        several = (
+            self.method.methods
+            if isinstance(self.method, MethodsByCondition)
+            else {"": self.method}
+        )
         return {
             name: found_by_chance(one.estimate(), self.log.rows, self.task, name)
             for name, one in several.items()
@@ -217,11 +223,11 @@ class Experiment:
     def _hashes(self) -> dict[str, Any]:
         if isinstance(self.presentation, Presentation):
             return self.presentation.hashes(self.allowed(self.method.level))
-        if not isinstance(self.method, Conditions) or (
+        if not isinstance(self.method, MethodsByCondition) or (
             set(self.method.methods) != set(self.presentation)
         ):
             raise InputError(
-                "presentation: expected one for each condition, and Conditions as the method"
+                "presentation: expected one for each condition, and MethodsByCondition as method"
             )
         levels = {name: one.level for name, one in self.method.methods.items()}
         return {
@@ -334,7 +340,7 @@ class Experiment:
 
     def allowed(self, level: float, presentation: Presentation | None = None) -> float:
         """Return the level, lowered to the highest whose voltage is within the ceiling."""
-        condition = self.method.condition if isinstance(self.method, Conditions) else ""
+        condition = self.method.condition if isinstance(self.method, MethodsByCondition) else ""
         return (presentation or self._made(condition)).allowed(level, self._ceiling_v)
 
     def _objection(self, felt: Touch | None) -> str:

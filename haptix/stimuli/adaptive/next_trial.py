@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from haptix.stimuli.adaptive.conditions import Conditions
+from haptix.stimuli.adaptive.conditions import MethodsByCondition
 from haptix.stimuli.adaptive.method import Method
 from haptix.stimuli.adaptive.session_plan import SessionPlan
 from haptix.stimuli.adaptive.tasks import Task
@@ -49,5 +49,5 @@ def next_trial(
         level = plan.catch.level
     draw = np.random.default_rng([seed, trial, attempt])
     has_target, right = task.arrange(draw, kind == "catch")
-    condition = method.condition if isinstance(method, Conditions) else ""
+    condition = method.condition if isinstance(method, MethodsByCondition) else ""
     return NextTrial(kind, condition, level, method.other_level, has_target, right)

@@ -32,7 +32,7 @@ class Catch(Part):
     level: float | None = None
 
 
-class Stop(Part):
+class StopRules(Part):
     """A session ends at the first that is reached; the method may end it before."""
 
     most_trials: PositiveInt | None = None
@@ -64,7 +64,7 @@ class SessionPlan(Part):
 
     practice: Practice | None = None
     catch: Catch | None = None
-    stop: Stop = Stop()
+    stop: StopRules = StopRules()
     exclude: Exclude = Exclude()
     break_every: PositiveInt | None = None
     feedback: bool = False
