@@ -495,7 +495,7 @@ def test_a_log_and_a_table_with_nested_cells(kept):
     log = kept / "trials.tsv"
     _, rest = log.read_text().split("\n", 1)
     log.write_text("# " + "[" * 5000 + "\n" + rest)
-    with pytest.raises(FileFormatError, match="another experiment"):
+    with pytest.raises(FileFormatError, match="not a log of trials"):
         TrialLog(log, {})
     table = kept / "session/reduced.csv"
     lines = table.read_text().splitlines()
