@@ -73,7 +73,8 @@ class FarService:
         inventory = Inventory(devices=(device,), finger="semi-wet", screen="x", kinds=())
         hub = Hub(self.access, self.engine, inventory, "mock:")
         app = application(hub, AssetStore(folder / "assets"))
-        self.server = HttpServer(app, hub, Listen("localhost", self.certificate, key))
+        reached = Listen("localhost", self.certificate, key)
+        self.server = HttpServer(app, hub, reached, lambda: None)
         self.url = f"wss://localhost:{port}/v1/session"
         self.thread = threading.Thread(target=self.server.run, args=([self.listener],))
         self.thread.start()

@@ -2,7 +2,6 @@
 
 import json
 import os
-import queue
 import signal
 import subprocess
 import sys
@@ -183,10 +182,8 @@ def test_a_rendering_has_the_numbers_of_haptix_render(tmp_path, model, monkeypat
 def test_a_calibration_asks_before_each_stroke_and_is_continued(tmp_path):
     context = {"finger": "semi-wet", "screen": "3m-sct3250", "device": "mock:"}
     context["calibrations"] = str(tmp_path)
-    said, answers = [], queue.SimpleQueue()
+    said, answers = [], iter(("go", "stop", "stop"))
     work = Work(context, lambda **fields: said.append(fields), answers)
-    for text in ("go", "stop", "stop"):
-        answers.put(text)
     first = work.calibration("panel-7", 2.0)
     assert first["verdict"] is None
     second = work.calibration("panel-7", 2.0)  # goes on where it was stopped
