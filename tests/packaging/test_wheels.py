@@ -85,7 +85,8 @@ def alone(wheel, tmp_path_factory):
         "--no-index", wheel)  # fmt: skip
     empty = folder / "empty"
     empty.mkdir()
-    without = ("unshare", "-rn") if shutil.which("unshare") else ()
+    unshare = shutil.which("unshare")
+    without = (unshare, "-rn") if unshare else ()
     if without and subprocess.run([*without, "true"], check=False, capture_output=True).returncode:
         without = ()  # not every user may have a network of his own
 
@@ -94,7 +95,6 @@ def alone(wheel, tmp_path_factory):
         own = {"PATH": str(python.parent), "HOME": str(empty), "XDG_CACHE_HOME": str(empty)}
         return run(*without, python.parent / "haptix", *arguments, cwd=empty, env=own)
 
-    without = (shutil.which("unshare"), "-rn") if without else ()
     return haptix_alone, packages, empty
 
 

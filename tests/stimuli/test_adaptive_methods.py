@@ -1,5 +1,6 @@
 """Methods against published runs, the theory of where they settle, and an independent package."""
 
+import math
 import re
 import tomllib
 from pathlib import Path
@@ -92,7 +93,7 @@ def test_a_prior_is_multiplied_in():
 
 def test_psychometric_functions():
     x = np.linspace(-20, 20, 9)
-    assert weibull(np.array(3.0), 3.0, 2.0, 0.5, 0.02) == pytest.approx(0.98 - 0.48 / np.e)
+    assert weibull(np.array(3.0), 3.0, 2.0, 0.5, 0.02) == pytest.approx(0.98 - 0.48 / math.e)
     np.testing.assert_allclose(
         normal(x, 2.0, 3.0, 0.25, 0.05), 0.25 + 0.7 * norm.cdf(x, 2.0, 3.0), atol=1e-14
     )

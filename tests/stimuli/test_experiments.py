@@ -1,6 +1,7 @@
 """Trials on the mock device: what is played, written down, repeated and never exceeded."""
 
 import io
+import math
 import os
 import pty
 import tty
@@ -298,7 +299,7 @@ def test_observers_answer_by_their_trial_alone():
     answers = [observer(one) for one in ask]
     assert answers == [observer(one) for one in reversed(ask)][::-1]
     share = answers.count("1") / 4000
-    assert share == pytest.approx(0.98 - 0.48 / np.e, abs=4 * 0.0063)  # 4 binomial deviations
+    assert share == pytest.approx(0.98 - 0.48 / math.e, abs=4 * 0.0063)  # 4 binomial deviations
 
 
 def test_levels_of_friction_stay_within_what_there_is(response, device, tmp_path):
