@@ -83,9 +83,9 @@ def engine() -> None:
 
     take = LiveRenderer._take
 
-    def takes(renderer: Any, *arguments: Any) -> None:
-        take(renderer, *arguments)
-        taken.append(time.monotonic())
+    def takes(renderer: Any, events: Any, *arguments: Any) -> None:
+        take(renderer, events, *arguments)
+        taken.extend([time.monotonic()] * len(events))  # batches may be taken together
 
     setattr(firmware_io.revised_playback, "Reviser", NotingReviser)  # noqa: B010
     setattr(LiveRenderer, "_take", takes)  # noqa: B010
