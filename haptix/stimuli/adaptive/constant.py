@@ -12,14 +12,14 @@ import numpy.typing as npt
 from haptix.checks import row, whole
 from haptix.errors import InputError
 from haptix.stimuli.adaptive.evidence import counted, misfit, unless_by_chance, without
-from haptix.stimuli.adaptive.method import Estimate, Method
+from haptix.stimuli.adaptive.method import Estimate, FixedOrder, shuffled
 from haptix.stimuli.adaptive.psychometric import function_named
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(eq=False)
-class ConstantStimuli(Method):
+class ConstantStimuli(FixedOrder):
     """Every level equally often, in a random order.
 
     Parameters
@@ -47,19 +47,8 @@ class ConstantStimuli(Method):
         self.levels = row("levels", self.levels, 2).tolist()
         whole("repeats", self.repeats, 1)
         function_named(self.function)
-        draw = np.random.default_rng(self.seed)
-        self._order = np.concatenate(
-            [draw.permutation(self.levels) for _ in range(self.repeats)]
-        ).tolist()
+        self._order = shuffled(self.levels, self.repeats, self.seed)
         self.answers: list[tuple[float, bool]] = []
-
-    @property
-    def level(self) -> float:
-        return float(self._order[min(len(self.answers), len(self._order) - 1)])
-
-    @property
-    def is_done(self) -> bool:
-        return len(self.answers) >= len(self._order)
 
     def update(self, is_right: float, level: float | None = None) -> None:
         self.answers.append((self.level if level is None else float(level), bool(is_right)))

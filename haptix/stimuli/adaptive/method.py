@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import isinf
 from typing import Any, ClassVar
+
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -61,3 +64,29 @@ class Method:
             name: None if isinstance(value, float) and isinf(value) else value
             for name, value in given.items()
         }
+
+
+class FixedOrder(Method):
+    """A method whose presentations are in order before the first trial."""
+
+    _order: list[tuple[float, ...]]
+    """Level of each presentation, and of what it is compared with, if that is a level."""
+    answers: Sequence[object]
+
+    @property
+    def _next(self) -> tuple[float, ...]:
+        return self._order[min(len(self.answers), len(self._order) - 1)]
+
+    @property
+    def level(self) -> float:
+        return self._next[0]
+
+    @property
+    def is_done(self) -> bool:
+        return len(self.answers) >= len(self._order)
+
+
+def shuffled(levels: Sequence[float], repeats: int, seed: int) -> list[tuple[float, ...]]:
+    """Return all levels once in each repetition, in random order."""
+    draw = np.random.default_rng(seed)
+    return [(float(one),) for _ in range(repeats) for one in draw.permutation(list(levels))]

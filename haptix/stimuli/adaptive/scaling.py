@@ -11,11 +11,11 @@ import numpy as np
 
 from haptix.checks import positive, row, whole
 from haptix.errors import InputError
-from haptix.stimuli.adaptive.method import Estimate, Method
+from haptix.stimuli.adaptive.method import Estimate, FixedOrder, shuffled
 
 
 @dataclass(eq=False)
-class Magnitudes(Method):
+class Magnitudes(FixedOrder):
     """Magnitude estimation: a number for each presentation, without a standard.
 
     Stevens, Psychol. Rev. 64, 153 (1957): the geometric mean of the numbers rises as a power of the
@@ -40,19 +40,9 @@ class Magnitudes(Method):
     def __post_init__(self) -> None:
         self.levels = row("levels", self.levels, 2).tolist()
         whole("repeats", self.repeats, 1)
-        draw = np.random.default_rng(self.seed)
-        order = [draw.permutation(self.levels) for _ in range(self.repeats)]
-        self._order = np.concatenate(order).tolist()
+        self._order = shuffled(self.levels, self.repeats, self.seed)
         self.answers: list[tuple[float, float]] = []
         """Level of each trial, and the number that was given."""
-
-    @property
-    def level(self) -> float:
-        return float(self._order[min(len(self.answers), len(self._order) - 1)])
-
-    @property
-    def is_done(self) -> bool:
-        return len(self.answers) >= len(self._order)
 
     def update(self, is_right: float, level: float | None = None) -> None:
         """Take the number that was given."""
@@ -76,7 +66,7 @@ class Magnitudes(Method):
 
 
 @dataclass(eq=False)
-class Pairs(Method):
+class Pairs(FixedOrder):
     """Pairwise comparison: which of two levels is more, for all pairs.
 
     Parameters
@@ -102,7 +92,7 @@ class Pairs(Method):
         whole("repeats", self.repeats, 1)
         draw = np.random.default_rng(self.seed)
         pairs = list(combinations(self.levels, 2))
-        self._order: list[tuple[float, ...]] = [
+        self._order = [
             pairs[i][:: (1 if draw.random() < 0.5 else -1)]
             for _ in range(self.repeats)
             for i in draw.permutation(len(pairs))
@@ -111,16 +101,8 @@ class Pairs(Method):
         """The two levels of each trial, and whether the first was more."""
 
     @property
-    def level(self) -> float:
-        return self._order[min(len(self.answers), len(self._order) - 1)][0]
-
-    @property
     def other_level(self) -> float:
-        return self._order[min(len(self.answers), len(self._order) - 1)][1]
-
-    @property
-    def is_done(self) -> bool:
-        return len(self.answers) >= len(self._order)
+        return self._next[1]
 
     def update(self, is_right: float, level: float | None = None) -> None:
         """Take whether `level` was more than `other_level`."""
