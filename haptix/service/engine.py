@@ -155,7 +155,7 @@ class EngineServer:
                     self._touching.discard(touch.touch_id)
                 else:
                     self._touching.add(touch.touch_id)
-        except HaptixError as error:
+        except Exception as error:
             self._fail(error)
 
     def _touch_interval_s(self) -> float:
@@ -170,14 +170,20 @@ class EngineServer:
         renderer, touching = self._renderer, list(self._touching)
         self._touching.clear()
         if renderer is not None:
-            for touch_id in touching:
-                renderer.lift(renderer.now_s(), touch_id)
+            try:
+                for touch_id in touching:
+                    renderer.lift(renderer.now_s(), touch_id)
+            except Exception as error:
+                self._fail(error)
 
     def _sleep(self, on: bool) -> None:
         self._sleeps = on
         if on:
             self._lift()
-        self._set_mute(self._renderer)
+        try:
+            self._set_mute(self._renderer)
+        except Exception as error:
+            self._fail(error)
 
     def _set_mute(self, renderer: Any) -> None:
         if renderer is not None:
@@ -198,30 +204,32 @@ class EngineServer:
         except HaptixError as failure:
             self._outbox.say(event="output", state="failed", reason=str(failure))
 
-    def _fail(self, error: HaptixError) -> None:
+    def _fail(self, error: Exception) -> None:
+        """End at 0 V and say why; no thread ends by what a driver or a fault of ours raises."""
+        if not isinstance(error, HaptixError):
+            sys.excepthook(type(error), error, error.__traceback__)
         self._stop(str(error))
         self._outbox.say(event="output", state="failed", reason=str(error))
 
     def _watches(self) -> None:
-        asleep = False
+        asleep: Any = None  # the renderer that sleeps because the front is silent
         while not self._ended.wait(_LOOK_S):
             silent_s = time.monotonic() - self._tick_s
             renderer = self._renderer
             if renderer is None:
-                asleep = False
                 continue
             try:
                 renderer.poll()
-            except HaptixError as error:
+                self._telemetry.tell(renderer, time.monotonic())
+            except Exception as error:
                 self._fail(error)
-            self._telemetry.tell(renderer, time.monotonic())
             if silent_s > STOP_S:
                 self._stop("the service's front is silent")
-            elif silent_s > SLEEP_S and not asleep:
-                asleep = True
+            elif silent_s > SLEEP_S and asleep is not renderer:
+                asleep = renderer
                 self._sleep(True)
-            elif silent_s <= SLEEP_S and asleep:
-                asleep = False
+            elif silent_s <= SLEEP_S and asleep is renderer:
+                asleep = None
                 self._sleep(False)
 
     # --- in turn ---------------------------------------------------------------------------------
@@ -329,6 +337,7 @@ class EngineServer:
         for kind in ("enter", "leave", "press", "release", "detent"):
             renderer.on(kind, partial(self._contact, layout))
         self._tick_s = time.monotonic()
+        self._sleeps = False  # who arms is heard; whoever held the output before was perhaps not
         renderer.__enter__()
         renderer.intensity = self._intensity
         self._set_mute(renderer)

@@ -1,0 +1,118 @@
+"""The engine in this process: what fails while it is watched ends at 0 V, and the watch goes on."""
+
+import io
+import json
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from haptix.errors import DeviceError
+from haptix.service import engine as engine_module
+from haptix.service.engine import EngineServer
+from haptix.service.wire import JSON, TouchRecord, read_frame
+from tests.service.test_sessions import wait_for
+
+
+class FakeRenderer:
+    """A renderer that raises where its driver has failed."""
+
+    is_muted = False
+    highest_v = 1.0
+
+    def __init__(self, error=None, at=""):
+        self.error, self.at, self.exits = error, at, 0
+
+    def on(self, kind, handler):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def _do(self, name):
+        if name == self.at:
+            raise self.error
+
+    def now_s(self):
+        return time.monotonic()
+
+    def poll(self):
+        self._do("poll")
+
+    def lift(self, t_s, touch_id):
+        self._do("lift")
+
+    def mute(self):
+        self._do("mute")
+        self.is_muted = True
+
+    def events(self, events):
+        self._do("events")
+
+    def unmute(self):
+        self.is_muted = False
+
+    def __exit__(self, *what):
+        self.exits += 1
+
+
+def told(output):
+    """What the engine has said."""
+    stream, found = io.BytesIO(output.getvalue()), []
+    while (one := read_frame(stream)) is not None:
+        assert one[0] == JSON
+        found.append(json.loads(one[1]))
+    return found
+
+
+class Input:
+    """Frames that come when the test says so, then the end."""
+
+    def __init__(self, during):
+        self.during = during
+
+    def read(self):
+        during, self.during = self.during, None
+        if during is not None:
+            during()
+        return []
+
+
+@pytest.mark.parametrize("at", ["poll", "lift", "mute", "events"])
+@pytest.mark.parametrize("error", [DeviceError("starved"), ZeroDivisionError("a fault of ours")])
+def test_a_driver_that_fails_while_the_front_is_silent_ends_at_0_v(monkeypatch, at, error):
+    monkeypatch.setattr(engine_module, "SLEEP_S", 60.0 if at == "events" else 0.01)
+    monkeypatch.setattr(EngineServer, "_works", lambda self: None)
+    if isinstance(error, ZeroDivisionError):
+        monkeypatch.setattr("sys.excepthook", lambda *what: None)
+    monkeypatch.setattr("haptix.service.telemetry.Telemetry.tell", lambda *what: None)
+    output = io.BytesIO()
+    server = EngineServer(output)
+    failing = [FakeRenderer(error, at) for _ in range(2)]
+
+    def during():
+        for one in failing:  # the second is armed once the first has failed: it is watched, too
+            server._touching, server._tick_s = {1}, time.monotonic()
+            server._sleeps = False
+            server._renderer = one
+            touch = TouchRecord(time.monotonic(), 1, "down", 1.0, 1.0, None, None)
+            server._touch([touch])
+            wait_for(lambda one=one: one.exits == 1)
+
+    server.run(Input(during))
+    assert [one["state"] for one in told(output)] == ["failed", "failed"]
+    assert all("starved" in one["reason"] or "fault" in one["reason"] for one in told(output))
+
+
+def test_who_arms_after_a_silent_holder_is_felt(monkeypatch):
+    renderer = FakeRenderer()
+    monkeypatch.setattr("haptix.render.LiveRenderer", lambda *_, **__: renderer)
+    monkeypatch.setattr("haptix.render.core.carrier_hz", lambda surface: 4000.0)
+    server = EngineServer(io.BytesIO())
+    server._device, server._layouts[2] = object(), SimpleNamespace(layout=None)
+    server._renderer = FakeRenderer()
+    server._obey(b'{"do": "sleep"}')
+    assert server._renderer.is_muted
+    server._obey(b'{"do": "stop", "reason": "the lease is free"}')
+    server._do_arm(2)
+    assert not renderer.is_muted and not server._sleeps
