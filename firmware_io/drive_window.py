@@ -19,6 +19,9 @@ _ROUNDING = 1.0 - 1e-9
 #: Samples that are added up at once, for a bound on the sums up to each: far faster than these.
 _PIECE = 24
 _ONES = np.ones(_PIECE)
+#: Above some 9000 numbers BLAS shares a sum among threads. Those then spin for a tenth of a second,
+#: and on a busy machine the caller waits as long for them to run at all.
+_MOST_AT_ONCE = 340 * _PIECE
 
 
 class DriveWindow:
@@ -100,12 +103,12 @@ class DriveWindow:
         self._highest_sum = total - min(-self._highest_sum, lowest)
         self._lowest_sum = total - max(-self._lowest_sum, highest)
         self._sum_v += total - float(np.add.reduce(leaving))
-        self._sum_square += float(np.dot(volts, volts)) - float(np.dot(leaving, leaving))
-        self._sum_steps += float(np.dot(steps, steps))
+        self._sum_square += _dot(volts, volts) - _dot(leaving, leaving)
+        self._sum_steps += _dot(steps, steps)
         if volts.size <= size:
             gone = leaving[1:] - leaving[:-1]
             first = float(leaving[0]) - self._left_v
-            self._sum_steps -= float(np.dot(gone, gone)) + first * first
+            self._sum_steps -= _dot(gone, gone) + first * first
             self._left_v = float(leaving[-1])
         self._largest_v = max(self._largest_v, float(np.maximum.reduce(np.abs(volts))))
         self._last_v = float(volts[-1])
@@ -119,7 +122,7 @@ class DriveWindow:
         if has_gone_round:
             # So that rounding does not add up over hours.
             self._sum_v = float(self._ring.sum())
-            self._sum_square = float(np.dot(self._ring, self._ring))
+            self._sum_square = _dot(self._ring, self._ring)
             self._largest_v = float(np.abs(self._ring).max())
             self._count_steps(np.diff(self._in_order()) ** 2)
 
@@ -137,10 +140,10 @@ class DriveWindow:
             return True  # 0 V is the remedy, whatever came before
         room = _ROUNDING * size
         share_v = limits.max_dc_share
-        squares = float(np.dot(volts, volts))
+        squares = _dot(volts, volts)
         # The squared steps, by ``(b - a)^2 = a^2 + b^2 - 2 a b``.
         first, last = float(volts[0]), float(volts[-1])
-        steps = 2 * (squares - float(np.dot(volts[1:], volts[:-1]))) - first**2 - last**2
+        steps = 2 * (squares - _dot(volts[1:], volts[:-1])) - first**2 - last**2
         steps += (first - self._last_v) ** 2
         if (
             self._sum_square + squares > room * limits.max_rms_v**2
@@ -282,11 +285,23 @@ class DriveWindow:
         return np.concatenate([self._ring[self._next :], self._ring[: self._next]])
 
 
+def _dot(one: _Volts, other: _Volts) -> float:
+    """Return the sum of the products, from parts that BLAS adds up in this thread."""
+    return sum(
+        float(np.dot(one[at : at + _MOST_AT_ONCE], other[at : at + _MOST_AT_ONCE]))
+        for at in range(0, one.size, _MOST_AT_ONCE)
+    )
+
+
 def _bounds(volts: _Volts, peak: float) -> tuple[float, float]:
     """Bound the sums of the first samples, of none too, where no magnitude is above `peak`."""
     pieces, within = volts.size // _PIECE, _PIECE * peak
     if not pieces:
         return -within, within
-    sums = np.add.accumulate(volts[: pieces * _PIECE].reshape(pieces, _PIECE) @ _ONES)
+    each = [
+        volts[at : min(at + _MOST_AT_ONCE, pieces * _PIECE)].reshape(-1, _PIECE) @ _ONES
+        for at in range(0, pieces * _PIECE, _MOST_AT_ONCE)
+    ]
+    sums = np.add.accumulate(each[0] if len(each) == 1 else np.concatenate(each))
     lowest, highest = float(np.minimum.reduce(sums)), float(np.maximum.reduce(sums))
     return min(0.0, lowest) - within, max(0.0, highest) + within

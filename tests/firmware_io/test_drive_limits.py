@@ -386,3 +386,23 @@ def test_amplitudes_of_a_carrier():
     # 150 V at 4.3 kHz slews at 2 pi 4300 150 = 4.05 MV/s.
     with pytest.raises(LimitError, match=r"carrier of 4300 Hz.*slower carrier"):
         limits.check_envelope(np.array([150.0]), 150.0, 16e3, 4.3e3)
+
+
+def test_no_sum_is_long_enough_for_threads_of_blas(monkeypatch):
+    """OpenBLAS shares a product of more than 10,000 numbers among threads, which then spin."""
+    sizes, dot = [], np.dot
+
+    def noted(one, other):
+        sizes.append(one.size)
+        return dot(one, other)
+
+    monkeypatch.setattr("firmware_io.drive_window.np.dot", noted)
+    rate = 48_000
+    seen, volts = DriveWindow(DriveLimits(), rate), np.tile([30.0, -30.0], 10_000)
+    for _ in range(4):  # more than a second
+        seen.check(volts)
+        seen.take(volts)
+    assert max(sizes) <= 10_000
+    # The sums are whole all the same.
+    assert seen._sum_square == pytest.approx(rate * 30.0**2, rel=1e-12)
+    assert seen._sum_steps == pytest.approx(rate * 60.0**2, rel=1e-4)  # the first came from 0 V
