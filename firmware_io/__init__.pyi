@@ -22,9 +22,9 @@ from .mock import MockDriver as MockDriver
 from .opening import open_device as open_device
 from .playback import Playback as Playback
 from .playback import PlaybackStats as PlaybackStats
+from .progress import Progress as Progress
 from .protocol import codes_to_volts as codes_to_volts
 from .protocol import volts_to_codes as volts_to_codes
 from .revised_playback import RevisedPlayback as RevisedPlayback
 from .revised_playback import RevisedStats as RevisedStats
 from .scheme import DeviceInfo as DeviceInfo
-from .stream import Progress as Progress

@@ -18,6 +18,7 @@ from firmware_io.link import Link
 from firmware_io.links.mock import MockLink
 from firmware_io.marks import Marked
 from firmware_io.mock import MockDriver
+from firmware_io.progress import Progress
 from firmware_io.protocol import StreamMode, TouchReport
 from firmware_io.protocol_client import ProtocolClient
 from firmware_io.setting import (
@@ -28,7 +29,7 @@ from firmware_io.setting import (
     first_setup,
     lowered_limits,
 )
-from firmware_io.stream import Progress, Stream
+from firmware_io.stream import Stream
 
 
 class Device:
@@ -126,7 +127,7 @@ class Device:
     def least_write_samples(self) -> int:
         """Best size of a write: multiples of it fill whole frames if the link has reports."""
         stream = self._stream
-        return 1 if stream.link.report_bytes is None else stream.frame_samples
+        return 1 if stream.link.report_bytes is None else stream.pace.frame_samples
 
     @property
     def limits(self) -> DriveLimits:
@@ -432,7 +433,7 @@ class Device:
     @property
     def most_revised_samples(self) -> int:
         """Samples in the longest revision."""
-        return self._stream.most_revised_samples
+        return self._stream.pace.most_revised_samples
 
     def revision_budget(self, window_s: float) -> tuple[int, float]:
         """Return samples in a revision, and the least time from one to the next, in seconds.
@@ -443,7 +444,7 @@ class Device:
             Longest revision. It is shorter where driver or link do not carry as much a hundred
             times a second.
         """
-        return self._stream.revision_budget(window_s)
+        return self._stream.pace.revision_budget(window_s)
 
     def stop(self) -> None:
         """Play the samples sent, bring the output to 0 V and disarm. Idempotent.

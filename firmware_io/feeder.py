@@ -11,8 +11,8 @@ import numpy.typing as npt
 from firmware_io.clock import Clock
 from firmware_io.device import Device
 from firmware_io.device_clock import DeviceClock
+from firmware_io.progress import Progress
 from firmware_io.ring import SampleRing
-from firmware_io.stream import Progress
 
 FADE_S = 0.005
 """Duration in seconds of the ramp down when samples run out, and of the fade back in."""

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from firmware_io.clock import Clock
 from firmware_io.device import Device
 from firmware_io.output_clock import OutputClock
-from firmware_io.stream import Progress
+from firmware_io.progress import Progress
 
 WINDOW_S = 0.02
 """Longest revision: two intervals of a touchscreen of 100 Hz."""

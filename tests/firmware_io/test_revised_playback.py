@@ -183,7 +183,7 @@ def test_late_revisions_are_made_again_until_one_is_in_time(rig, clock):
     link.send = send
     run(playback, clock, 0.02)
     stream = playback.device._stream
-    queued = stream._queued
+    queued = stream.provisional.queue
     first = max(queued.first, source.made.first - 4)
     believed = source.made.values[first + 4 - source.made.first :]
     assert len(believed) > 4800

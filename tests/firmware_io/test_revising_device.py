@@ -40,9 +40,7 @@ def begin(device, driver):
 
 def know(device):
     """Read how far the driver is."""
-    device._stream.client.synchronise()
-    device._stream._settle()
-    return device.progress()
+    return device.progress(is_fresh=True)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -55,7 +53,7 @@ def test_what_is_played_is_what_the_host_holds_true(seed, mode):
     rate = device.capabilities.sample_rate_hz
     undone = 0
     for _ in range(150):
-        queued = device._stream._queued
+        queued = device._stream.provisional.queue
         kind, size = rng.integers(4), int(rng.integers(1, 200))
         # Alternating, so that no mean builds up; in steps below the slew limit's 97 V.
         volts = np.full(size, 40.0 * rng.random())
@@ -73,7 +71,7 @@ def test_what_is_played_is_what_the_host_holds_true(seed, mode):
     before = know(device)
     assert before.revisions > 5
     assert undone > 5
-    believed = device._stream._queued.values.copy()
+    believed = device._stream.provisional.queue.values.copy()
     driver.advance(believed.size / rate)
     ticks = round(RATE / rate)
     codes = driver.output[0][-believed.size * ticks :]
@@ -81,7 +79,9 @@ def test_what_is_played_is_what_the_host_holds_true(seed, mode):
         assert np.array_equal(codes, volts_to_codes(believed, 250.0))
     else:  # 3 codes: those of amplitude, line and sine, rounded one after the other
         stream = device._stream
-        driven = stream._driven(believed, stream._queued.first, stream._before_v)
+        driven = stream.checks.driven(
+            believed, stream.provisional.queue.first, stream.provisional.before_v
+        )
         # The line to the oldest sample has begun before the report.
         assert np.abs(codes - driven * 32767 / 250)[ticks:].max() <= 3
     assert driver.faults == 0

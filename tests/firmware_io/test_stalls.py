@@ -45,13 +45,13 @@ def believed(device):
 
     def arm_and_look(revisable=False):
         arm(revisable)
-        drop = stream._queued.drop_before
+        drop = stream.provisional.queue.drop_before
 
         def drop_and_keep(index):
             gone.append(drop(index))
             return gone[-1]
 
-        stream._queued.drop_before = drop_and_keep
+        stream.provisional.queue.drop_before = drop_and_keep
 
     stream.arm = arm_and_look
     return gone
