@@ -9,7 +9,7 @@ from typing import Any, Literal
 from firmware_io.errors import DeviceError, DeviceNotFoundError
 
 Read = Callable[[str], Any]
-SchemeName = Literal["mock", "usb", "hid", "serial", "audio", "tcp"]
+SchemeName = Literal["mock", "usb", "hid", "serial", "audio", "daq", "tcp"]
 
 
 def number(text: str) -> float:

@@ -16,7 +16,8 @@ def open_device(address: str) -> Device:
         A scheme, a colon, and comma-separated key=value pairs; `haptix devices` lists what is
         connected. ``"mock:"``, ``"mock:pace=real,ceiling_v=150"``; ``"usb:"`` (the only one that is
         connected), ``"usb:serial=ABC"``; ``"hid:path=/dev/hidraw0"``;
-        ``"audio:device=scarlett,full_scale_v=200"``; ``"tcp:localhost:7420"``. All
+        ``"audio:device=scarlett,full_scale_v=200"``;
+        ``"daq:channel=Dev1/ao0,amplifier_gain=50,watchdog=yes"``; ``"tcp:localhost:7420"``. All
         schemes also take ``mode`` (waveform or envelope), ``sample_rate_hz`` and ``carrier_hz``.
         docs/devices.md lists every key; the error for an unknown key lists those of its scheme.
 

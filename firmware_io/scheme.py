@@ -22,7 +22,7 @@ class DeviceInfo:
     address : str
         Argument of `open_device`.
     kind : str
-        "mock", "usb", "hid" or "audio".
+        The scheme of its address, such as "usb".
     name : str
         Name for display.
     usable : bool

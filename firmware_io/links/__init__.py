@@ -1,1 +1,1 @@
-"""Links to real drivers: USB bulk, HID reports, an audio interface, and TCP."""
+"""Links to real drivers: USB bulk, HID reports, an audio interface, an analog output, and TCP."""

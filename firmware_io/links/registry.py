@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from firmware_io.links import audio, hid, mock, serial, tcp, usb
+from firmware_io.links import audio, daq, hid, mock, serial, tcp, usb
 from firmware_io.scheme import Scheme
 
 SCHEMES: Mapping[str, Scheme] = {
@@ -13,5 +13,6 @@ SCHEMES: Mapping[str, Scheme] = {
     "hid": hid.SCHEME,
     "serial": serial.SCHEME,
     "audio": audio.SCHEME,
+    "daq": daq.SCHEME,
     "tcp": tcp.SCHEME,
 }

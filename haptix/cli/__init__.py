@@ -75,7 +75,7 @@ COMMANDS = {
     ),
     "devices": (
         "haptix.cli.hardware:devices",
-        "List what can be opened, and what the USB, HID and audio buses show.",
+        "List what can be opened, and what the buses show: USB, HID, serial, audio, NI outputs.",
     ),
     "doctor": (
         "haptix.cli.hardware:doctor",

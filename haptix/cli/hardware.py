@@ -15,7 +15,7 @@ from haptix.version import __version__
 
 
 def devices(as_json: AsJson = False) -> None:
-    """List what can be opened, and what the USB, HID and audio buses show."""
+    """List what can be opened, and what the buses show: USB, HID, serial, audio, NI outputs."""
     from firmware_io import list_devices
 
     show("devices", [asdict(device) for device in list_devices()], as_json)

@@ -282,7 +282,7 @@ def test_doctor(haptix_cli, tmp_path):
     shown = haptix_cli("doctor", "--json")
     assert shown.code == 0
     rows = {row["check"]: row for row in json.loads(shown.out)}
-    buses = {"usb", "hid", "audio", "serial"}
+    buses = {"usb", "hid", "audio", "serial", "daq"}
     assert {
         "haptix",
         "torch",

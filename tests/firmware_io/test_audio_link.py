@@ -17,8 +17,9 @@ from firmware_io import (
     LimitError,
     open_device,
 )
-from firmware_io.links import audio
-from firmware_io.links.audio import AudioProfile, read_audio_profile
+from firmware_io.links import hosted
+from firmware_io.links.audio import AudioProfile
+from firmware_io.links.rig_profile import read_rig_profile
 
 PERIOD = 64
 
@@ -96,7 +97,7 @@ def portaudio(monkeypatch, no_thread_is_left):
     module.PortAudioError = PortAudioError
     module.OutputStream = OutputStream
     monkeypatch.setattr(OutputStream, "refusal", None)
-    monkeypatch.setattr(audio, "_HOLD_S", 0.001)
+    monkeypatch.setattr(hosted, "HOLD_S", 0.001)
     monkeypatch.setitem(sys.modules, "sounddevice", module)
     streams.clear()
     yield module
@@ -136,7 +137,7 @@ def test_the_ramp_is_played_out_before_the_stream_ends(portaudio, monkeypatch, b
 
 def test_opening_again_begins_no_second_anew(portaudio, monkeypatch):
     """199 V for 45 ms, again and again: each opening holds 0 V for a second before."""
-    monkeypatch.setattr(audio, "_HOLD_S", 1.0)
+    monkeypatch.setattr(hosted, "HOLD_S", 1.0)
     for _ in range(2):
         device = open_device("audio:device=scarlett,full_scale_v=200")
         with device:
@@ -150,7 +151,7 @@ def test_opening_again_begins_no_second_anew(portaudio, monkeypatch):
 
 
 def test_an_interface_that_asks_for_nothing(portaudio, monkeypatch):
-    monkeypatch.setattr(audio, "_HOLD_EXTRA_S", 0.01)
+    monkeypatch.setattr(hosted, "HOLD_EXTRA_S", 0.01)
     monkeypatch.setattr(OutputStream, "_run", lambda self: self.end.wait())
     with pytest.raises(DeviceError, match="takes no samples"):
         open_device("audio:full_scale_v=200")
@@ -172,6 +173,18 @@ def test_what_is_heard_is_the_share_of_full_scale(portaudio):
     )
     assert not drive[-PERIOD:].any()
     assert np.flatnonzero(trigger).tolist() == list(range(first, first + 48))  # 1 ms at 48 kHz
+
+
+def test_a_mark_raises_the_trigger_with_its_sample(portaudio):
+    device = open_device("audio:device=scarlett,full_scale_v=180,trigger=yes")
+    with device:
+        device.mark(1000, 7)
+        device.write(np.r_[5.0, 150.0 * np.sin(np.arange(1, 2400) / 6)])
+    device.close()
+    drive, trigger = heard().T
+    first = np.flatnonzero(drive)[0]
+    rises = np.flatnonzero(np.diff(trigger, prepend=0.0) > 0)
+    assert rises.tolist() == [first, first + 1000]
 
 
 def test_volts_from_converter_and_amplifier(portaudio, tmp_path):
@@ -269,10 +282,10 @@ def test_addresses_that_cannot_work(portaudio, selector, error, says):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("volume = 11", r"'volume'; the keys are device, full_scale_v"),
-        ('full_scale_v = "200 V"', "full_scale_v in the audio profile"),
+        ("volume = 11", r"'volume'; the keys are dac_full_scale_v, .*device, full_scale_v"),
+        ('full_scale_v = "200 V"', "full_scale_v in the profile"),
         ("full_scale_v = ", "cannot be read"),
-        ("trigger = 1", "trigger in the audio profile"),
+        ("trigger = 1", "trigger in the profile"),
         ("full_scale_v = " + "[" * 3000, "cannot be read"),
         ("a." * 4000 + "a = 1", "'a'; the keys are"),
         ("# " + "a" * 20_000, "at most 10000 bytes"),
@@ -287,7 +300,7 @@ def test_profiles_that_cannot_be_used(tmp_path, text, says):
     path = tmp_path / "rig.toml"
     path.write_text(text)
     with pytest.raises(DeviceError, match=says):
-        AudioProfile(**read_audio_profile(path))
+        AudioProfile(**read_rig_profile(path, AudioProfile))
 
 
 @pytest.mark.parametrize(

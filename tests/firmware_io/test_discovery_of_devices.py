@@ -128,7 +128,7 @@ def test_the_address_cannot_raise_the_ceiling():
 
 @pytest.mark.parametrize("address", ["", "mock", "usb", "parallel:", "Mock:"])
 def test_unknown_schemes_list_the_known(address):
-    with pytest.raises(DeviceNotFoundError, match="mock:, usb:, hid:, serial:, audio:, tcp:"):
+    with pytest.raises(DeviceNotFoundError, match="mock:, usb:, hid:, serial:, audio:, daq:, tcp:"):
         open_device(address)
 
 
@@ -200,6 +200,12 @@ def buses(monkeypatch):
         SimpleNamespace(device="/dev/ttyUSB0", description="adapter", vid=0x0403, pid=0x6001),
         SimpleNamespace(device="/dev/ttyACM0", description="board", vid=0x1209, pid=1),
     ]
+    daq: Any = ModuleType("nidaqmx")
+    daq.__version__ = "5.5"
+    version = SimpleNamespace(major_version=24, minor_version=5)
+    local = SimpleNamespace(driver_version=version, devices=[])
+    daq.system = SimpleNamespace(System=SimpleNamespace(local=lambda: local))
+    monkeypatch.setattr("firmware_io.links.daq._nidaqmx", lambda: daq)
     modules = {"usb": usb, "usb.core": core, "hidraw": hid, "sounddevice": audio}
     modules |= {"serial": serial, "serial.tools.list_ports": ports}
     for name, module in modules.items():
@@ -227,6 +233,7 @@ def test_connected_devices_are_listed(buses):
         "hidapi 8.8",
         "pyserial 6.6",
         "sounddevice 7.7, PortAudio V19",
+        "nidaqmx 5.5, NI-DAQmx 24.5",
     ]
 
 
@@ -265,7 +272,7 @@ def test_an_error_in_what_is_told_does_not_end_the_watch(buses, no_thread_is_lef
 
 
 def test_this_computer_can_be_surveyed():
-    assert [found.kind for found in survey_buses()] == ["usb", "hid", "serial", "audio"]
+    assert [found.kind for found in survey_buses()] == ["usb", "hid", "serial", "audio", "daq"]
     assert all(found.detail for found in survey_buses())
 
 
