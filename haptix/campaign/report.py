@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections import Counter
 from collections.abc import Sequence
 from html import escape
@@ -11,17 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from haptix.campaign.kinds import Campaign
 from haptix.errors import MissingExtraError, from_extra
+from haptix.report_page import page, picture, table
 from haptix.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_FAILURES = 50
-_STYLE = (
-    "body{font:15px/1.5 sans-serif;max-width:60em;margin:2em auto;padding:0 1em}"
-    "table{border-collapse:collapse}td,th{padding:.2em .8em;text-align:left;"
-    "border-bottom:1px solid #ccc}img{max-width:100%}"
-)
 
 
 def report_html(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> str:
@@ -42,27 +36,18 @@ def report_html(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> str:
     facts["results [MB]"] = f"{sum(_numbers(done, 'bytes')) / 1e6:.4g}"
     if peaks := _numbers(done, "peak_bytes"):
         facts["largest memory of a worker [MB]"] = f"{max(peaks) / 1e6:.4g}"
-    parts = [_table([{"": name, "value": value} for name, value in facts.items()])]
+    parts = [table([{"": name, "value": value} for name, value in facts.items()])]
     try:
         pictures = _pictures(campaign, done)
     except MissingExtraError as error:
         pictures = []
         parts.append(f"<p>Without pictures: {escape(str(error))}</p>")
-    for title, figure in pictures:
-        png = io.BytesIO()
-        figure.savefig(png, format="png", dpi=110)
-        data = base64.b64encode(png.getvalue()).decode()
-        source = f"data:image/png;base64,{data}"
-        parts.append(f'<h2>{escape(title)}</h2><img alt="{escape(title)}" src="{source}">')
+    parts += [picture(title, figure) for title, figure in pictures]
     if wrong := [row for row in rows if row["status"] in ("failed", "set aside")]:
         kept = ("key", "status", "worker", "error")
         listed = [{name: row[name] for name in kept} for row in wrong[:_MOST_FAILURES]]
-        parts.append(f"<h2>{len(wrong)} without results</h2>{_table(listed)}")
-    name = escape(campaign.name)
-    return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{name}</title>'
-        f"<style>{_STYLE}</style><h1>{name}</h1>{''.join(parts)}</html>\n"
-    )
+        parts.append(f"<h2>{len(wrong)} without results</h2>{table(listed)}")
+    return page(campaign.name, parts)
 
 
 def _pictures(campaign: Campaign, done: Sequence[dict[str, Any]]) -> list[tuple[str, Figure]]:
@@ -103,9 +88,3 @@ def _is_number(value: Any) -> bool:
 
 def _numbers(rows: Sequence[dict[str, Any]], name: str) -> list[float]:
     return [row[name] for row in rows if _is_number(row.get(name))]
-
-
-def _table(rows: Sequence[dict[str, Any]]) -> str:
-    head = "".join(f"<th>{escape(str(name))}</th>" for name in rows[0])
-    lines = ("".join(f"<td>{escape(str(value))}</td>" for value in row.values()) for row in rows)
-    return f"<table><tr>{head}</tr>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
