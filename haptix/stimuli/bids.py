@@ -9,30 +9,28 @@ from __future__ import annotations
 import csv
 import gzip
 import io
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from haptix.errors import FileFormatError, InputError
-from haptix.files import LARGEST_TABLE_BYTES, json_text, read_bytes, read_text, write_whole
+from haptix.errors import InputError
+from haptix.files import (
+    LARGEST_TABLE_BYTES,
+    json_text,
+    read_bytes,
+)
 from haptix.stimuli.adaptive.log import COLUMNS
 from haptix.stimuli.adaptive.touch_log import TouchLog
-from haptix.version import __version__
+from haptix.stimuli.analysis.session_files import SETTINGS, read_log
+from haptix.stimuli.study_files import session_log, write_session
 
-BIDS_VERSION = "1.10.0"
 RATE_HZ = 100.0
 """Of force and stimulus, which BIDS wants at regular times; panels report at 60 to 240 Hz."""
 
 _GAP_S = 0.1  # between two reports of one touch
 _LEFT_OUT = ("date", "right", "onset_s")
-_README = """# Data of an experiment with haptix
-
-Layout: the Brain Imaging Data Structure. `sourcedata` has the logs as they were written.
-Participants are known by their pseudonyms alone.
-"""
 _TEXTS = {
     "trial": "Number of the trial; rejected attempts have that of the trial that followed",
     "attempt": "Earlier attempts at this trial",
@@ -68,7 +66,8 @@ def export(
     """Write a log, and the touches beside it, into the folder of a study; return the files.
 
     Files of other participants and sessions stay as they are, as does what the study says of
-    itself and of its participants; a session that is exported again is written anew.
+    itself and of its participants. A session that is exported again is written anew, where its log
+    goes on and nobody has changed its files; otherwise they stay, and it is refused.
 
     Parameters
     ----------
@@ -82,99 +81,45 @@ def export(
     Raises
     ------
     InputError
-        If a label is none.
+        If a label is none, or the session is there with other trials or changed files.
     FileFormatError
         If the log is none, or a file cannot be written.
     """
-    for name, label in (("participant", participant), ("session", session), ("task", task)):
-        if not re.fullmatch(r"[A-Za-z0-9]{1,64}", label):
-            raise InputError(f"{name}: BIDS labels have letters and digits alone, got {label!r}")
     log, study = Path(log), Path(study)
-    rows = _rows(log)
+    copy = session_log(study, participant, session, task)
+    given = read_log(log)
+    rows = given.rows
     touches = TouchLog(log)
     kept = {(row["session"], row["trial"], row["attempt"]) for row in rows}
     samples = [
         one for one in touches.rows() if (one["session"], one["trial"], one["attempt"]) in kept
     ]
-    base = f"sub-{participant}_ses-{session}_task-{task}"
+    base = copy.name.removesuffix("_log.tsv")
     place = study / f"sub-{participant}" / f"ses-{session}"
-    files: dict[Path, bytes] = _of_study(study, participant, task)
-    files |= _beh(place / "beh" / base, rows, task)
+    files = _beh(place / "beh" / base, rows, task, given.settings)
     if samples:
         files |= _motion(place / "motion" / base, samples, rows, task)
         files |= _force(place / "beh" / base, samples)
-    source = study / "sourcedata" / f"sub-{participant}" / f"ses-{session}"
-    files[source / f"{base}_log.tsv"] = read_bytes(log, LARGEST_TABLE_BYTES)
-    if touches.path.exists():
-        touched = read_bytes(touches.path, LARGEST_TABLE_BYTES)
-        files[source / f"{base}_log_touches.tsv"] = touched
-    for path, data in files.items():
-        write_whole(path, data)
-    return list(files)
+    for path, to in ((log, copy), (touches.path, TouchLog(copy).path)):
+        if path.exists() and not (to.exists() and to.samefile(path)):
+            files[to] = _grown(path, to)
+    return write_session(files, study, participant, task, copy.with_name(f"{base}_files.json"))
 
 
-def begin(study: str | Path, name: str) -> list[Path]:
-    """Begin a study: an experiment to change, in ``code``, and what the study says of itself.
-
-    Raises
-    ------
-    InputError
-        If the folder is there and not empty.
-    """
-    study = Path(study)
-    if study.exists() and (not study.is_dir() or any(study.iterdir())):
-        raise InputError(f"{study}: is not empty; name a folder that is not there yet")
-    files = _of_study(study, None, name)
-    recipe = Path(__file__).with_name("experiment_template.toml").read_bytes()
-    files[study / "code" / "experiment.toml"] = recipe
-    for path, data in files.items():
-        write_whole(path, data)
-    return list(files)
-
-
-def _rows(log: Path) -> list[dict[str, str]]:
-    lines = read_text(log, LARGEST_TABLE_BYTES).splitlines()
-    if len(lines) < 2 or not lines[0].startswith("# {") or lines[1].split("\t") != list(COLUMNS):
-        raise FileFormatError(
-            f"{log}: expected a log of haptix {__version__}; continue one of before with "
-            "--another-program first"
+def _grown(path: Path, copy: Path) -> bytes:
+    """Return a log's bytes; refuse to replace one that it does not continue."""
+    data = read_bytes(path, LARGEST_TABLE_BYTES)
+    if copy.exists() and not data.startswith(read_bytes(copy, LARGEST_TABLE_BYTES)):
+        raise InputError(
+            f"{copy}: has other trials than {path}, and stays as it is; give another participant, "
+            "session or task, or move it away"
         )
-    cells = (line.split("\t") for line in lines[2:])
-    # A last line that was cut off is no trial.
-    return [dict(zip(COLUMNS, one, strict=True)) for one in cells if len(one) == len(COLUMNS)]
+    return data
 
 
-def _of_study(study: Path, participant: str | None, name: str) -> dict[Path, bytes]:
-    """Files about the study that are not there yet, and its participants."""
-    about = {
-        "Name": name,
-        "BIDSVersion": BIDS_VERSION,
-        "DatasetType": "raw",
-        "GeneratedBy": [{"Name": "haptix", "Version": __version__}],
-    }
-    files = {
-        study / "dataset_description.json": json_text(about).encode(),
-        study / "README.md": _README.encode(),
-        study / "participants.json": json_text(
-            {"participant_id": {"Description": "Pseudonym of the participant"}}
-        ).encode(),
-    }
-    files = {path: data for path, data in files.items() if not path.exists()}
-    table = study / "participants.tsv"
-    text = read_text(table) if table.exists() else "participant_id\n"
-    if participant is None:
-        return files
-    names, *lines = text.splitlines()
-    if names.split("\t")[0] != "participant_id":
-        raise FileFormatError(f"{table}: expected participant_id as its first column")
-    label = f"sub-{participant}"
-    if label not in (line.split("\t")[0] for line in lines):
-        row = "\t".join([label, *["n/a"] * names.count("\t")])
-        files[table] = ("\n".join([names, *lines, row]) + "\n").encode()
-    return files
-
-
-def _beh(base: Path, rows: Sequence[Mapping[str, str]], task: str) -> dict[Path, bytes]:
+def _beh(
+    base: Path, rows: Sequence[Mapping[str, str]], task: str, settings: Mapping[str, Any]
+) -> dict[Path, bytes]:
     """Behaviour of every attempt, and the stimulus against time."""
     names = [name for name in COLUMNS if name not in _LEFT_OUT]
     table = [
@@ -189,9 +134,10 @@ def _beh(base: Path, rows: Sequence[Mapping[str, str]], task: str) -> dict[Path,
     names = ["onset", "duration", "correct", *names]
     columns: dict[str, Any] = {name: {"Description": _TEXTS[name]} for name in names}
     columns["onset"]["Units"] = columns["duration"]["Units"] = "s"
+    about = {"TaskName": task, SETTINGS: settings, **columns}
     files = {
         base.with_name(f"{base.name}_beh.tsv"): _tsv(names, table),
-        base.with_name(f"{base.name}_beh.json"): json_text({"TaskName": task, **columns}).encode(),
+        base.with_name(f"{base.name}_beh.json"): json_text(about).encode(),
     }
     timed = [row for row in rows if row["onset_s"] != "n/a"]
     if timed:

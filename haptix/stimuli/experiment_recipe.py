@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import replace
+from dataclasses import fields, replace
 from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -42,6 +42,7 @@ from haptix.surface.request import digest
 
 TaskName = Literal["2ifc", "2afc", "3afc", "yes-no", "same-different", "pairs", "magnitude"]
 
+_SEEDED = [name for name, one in METHODS.items() if "seed" in {at.name for at in fields(one)}]
 _WITHOUT_TARGET = 0.05  # share of answers that find a target where there is none
 
 
@@ -117,19 +118,22 @@ class ExperimentRecipe(Document):
         """Return what surrounds the trials."""
         return SessionPlan(**{name: getattr(self, name) for name in SessionPlan.model_fields})
 
-    def make_method(self, participant: int = 1) -> Method:
+    def make_method(self, participant: int = 1, seed: int | None = None) -> Method:
         """Make the method that the table `method` describes, or that of several conditions.
 
         Parameters
         ----------
         participant : int
             Number from 1, which decides the order of blocks.
+        seed : int, optional
+            Of what is drawn in a session, in place of the recipe's; a method that states its own
+            keeps it.
         """
         if not self.conditions:
-            return self._method(self._tables(None))
-        found = {one.name: self._method(self._tables(one)) for one in self.conditions}
+            return self._method(self._tables(None), seed)
+        found = {one.name: self._method(self._tables(one), seed) for one in self.conditions}
         if self.order == "interleaved":
-            return MethodsByCondition(found, seed=self.seed)
+            return MethodsByCondition(found, seed=self.seed if seed is None else seed)
         names = order_for(list(found), participant, self.order, self.seed)
         return MethodsByCondition({name: found[name] for name in names}, interleaved=False)
 
@@ -153,7 +157,7 @@ class ExperimentRecipe(Document):
             put(tables, dotted, value, f"conditions.{condition.name}.set" if condition else "")
         return tables
 
-    def _method(self, tables: Mapping[str, Any]) -> Method:
+    def _method(self, tables: Mapping[str, Any], seed: int | None) -> Method:
         table, task = dict(tables["method"]), task_named(self.task)
         kinds = {"pairs": "pairs", "magnitude": "magnitudes"}
         if (kind := kinds.get(self.task)) != table.get("kind") and (
@@ -162,6 +166,8 @@ class ExperimentRecipe(Document):
             raise InputError(f"method.kind: the task {self.task!r} does not go with it")
         if kind is None and task.guess != 0.5 and table.get("function") != "symmetric-normal":
             table.setdefault("guess", task.guess or _WITHOUT_TARGET)
+        if seed is not None and table.get("kind") in _SEEDED:
+            table.setdefault("seed", seed)
         return read(table, "method", METHODS)
 
     def _presentation(self, tables: Mapping[str, Any], sample_rate_hz: float) -> Presentation:

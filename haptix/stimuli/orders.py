@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Hashable, Sequence
 from typing import Literal, TypeVar, get_args
 
@@ -56,6 +57,12 @@ def order_for(
     make = latin_square if design == "latin-square" else williams_square
     square = make(len(items))
     return [items[i] for i in square[(participant - 1) % len(square)]]
+
+
+def seed_of(seed: int, participant: str, session: str) -> int:
+    """Return the seed of one session, so that no two have trials in the same order."""
+    text = f"{seed}/{participant}/{session}"
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big")
 
 
 def constrained_order(

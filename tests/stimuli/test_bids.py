@@ -14,6 +14,7 @@ import pytest
 
 from firmware_io import open_device
 from haptix.errors import FileFormatError, InputError
+from haptix.files import write_whole
 from haptix.stimuli.adaptive import (
     ConstantStimuli,
     Experiment,
@@ -21,8 +22,9 @@ from haptix.stimuli.adaptive import (
     Presentation,
     SessionPlan,
 )
-from haptix.stimuli.bids import begin, export
+from haptix.stimuli.bids import export
 from haptix.stimuli.experiment_recipe import ExperimentRecipe
+from haptix.stimuli.study_files import begin
 
 WAVE = np.sin(2 * np.pi * 120 * np.arange(4800) / 48_000)
 FORCE_N, STEP_MM = 0.5, 2.0
@@ -126,9 +128,56 @@ def test_participants_are_added_and_nothing_else_is_touched(log, tmp_path):
             export(path, study, name, "1", "detection")
     other = tmp_path / "notes.tsv"
     other.write_text("a\tb\n")
-    with pytest.raises(FileFormatError, match="expected a log"):
+    with pytest.raises(FileFormatError, match="is not a log of trials"):
         export(other, study, "09", "1", "detection")
     assert not (study / "sub-09").exists()
+
+
+def test_nothing_of_a_session_is_replaced(log, tmp_path):
+    """Neither by another log of the same name, nor what somebody has written into its files."""
+    path, _ = log
+    study = tmp_path / "study"
+    whole = path.read_bytes()
+    path.write_bytes(b"".join(whole.splitlines(keepends=True)[:-2]))
+    export(path, study, "07", "1", "detection")
+    path.write_bytes(whole)
+    export(path, study, "07", "1", "detection")  # it has gone on
+    other = tmp_path / "other.tsv"
+    other.write_bytes(whole.replace(b"MOCK0001", b"MOCK0002"))
+    before = {one: one.read_bytes() for one in study.rglob("*") if one.is_file()}
+    assert before[study / "sourcedata/sub-07/ses-1/sub-07_ses-1_task-detection_log.tsv"] == whole
+    with pytest.raises(InputError, match="has other trials"):
+        export(other, study, "07", "1", "detection")
+    beh = study / "sub-07" / "ses-1" / "beh" / "sub-07_ses-1_task-detection_beh.tsv"
+    beh.write_bytes(before[beh] + b"my notes\n")
+    with pytest.raises(InputError, match=r"beh\.tsv: was changed since"):
+        export(path, study, "07", "1", "detection")
+    beh.write_bytes(before[beh])
+    assert before == {one: one.read_bytes() for one in study.rglob("*") if one.is_file()}
+
+
+def test_an_export_that_was_stopped_is_done_again(log, tmp_path, monkeypatch):
+    """After any of its files; the log has grown meanwhile, so that every file differs."""
+    path, _ = log
+    whole = path.read_bytes()
+    path.write_bytes(b"".join(whole.splitlines(keepends=True)[:-2]))
+    export(path, tmp_path / "study", "07", "1", "detection")
+    path.write_bytes(whole)
+    for most in range(1, 12):
+        study, written = shutil.copytree(tmp_path / "study", tmp_path / str(most)), [0]
+
+        def write(file, content, most=most, written=written):
+            written[0] += 1
+            if written[0] > most:
+                raise KeyboardInterrupt
+            write_whole(file, content)
+
+        with monkeypatch.context() as patch:
+            patch.setattr("haptix.stimuli.study_files.write_whole", write)
+            with pytest.raises(KeyboardInterrupt):
+                export(path, study, "07", "1", "detection")
+        export(path, study, "07", "1", "detection")
+        assert len(table(next(study.rglob("*_beh.tsv")))) == 5
 
 
 def test_touches_of_a_trial_that_was_stopped_are_left_out(log, tmp_path):

@@ -112,6 +112,65 @@ def test_an_experiment_on_friction(haptix_stimuli):
     assert json.loads(again.out) == json.loads(done.out)  # it was over
 
 
+def test_a_session_runs_into_a_study_and_is_analysed(haptix_stimuli):
+    """The same command again adds nothing; sessions differ in their trials, not in their recipe."""
+    run = ("run", "experiment.toml", "--study", "study", "--simulate-db", "-22", "--json")
+    for who in ("01", "p2"):
+        done = haptix_stimuli(*run, "--participant", who)
+        assert done.code == 0, done.err
+        before = {one: one.read_bytes() for one in Path("study").rglob("*") if one.is_file()}
+        again = haptix_stimuli(*run, "--participant", who)
+        assert json.loads(again.out) == json.loads(done.out)
+        assert before == {
+            one: one.read_bytes() for one in Path("study").rglob("*") if one.is_file()
+        }
+    logs = sorted(Path("study/sourcedata").rglob("*_log.tsv"))
+    assert [one.name for one in logs] == [
+        f"sub-{who}_ses-01_task-mine_log.tsv" for who in ("01", "p2")
+    ]
+    heads = [json.loads(one.read_text().splitlines()[0][2:]) for one in logs]
+    assert heads[0]["hashes"] == heads[1]["hashes"] and heads[0]["seed"] != heads[1]["seed"]
+    kept = logs[0].with_name("sub-01_ses-01_task-mine_experiment.toml")
+    assert kept.read_text() == EXPERIMENT
+    assert Path("study/participants.tsv").read_text().split() == [
+        "participant_id", "sub-01", "sub-p2"
+    ]  # fmt: skip
+    found = haptix_stimuli("analyse", "study", "--json")
+    assert found.code == 0, found.err
+    (tables,) = json.loads(found.out)
+    stated = json.loads(done.out)[0]["threshold_db"]
+    assert [row["participant"] for row in tables["thresholds"]] == ["01", "p2"]
+    assert tables["thresholds"][1]["threshold_db"] == stated
+    assert tables["group"][0]["participants"] == 2 and tables["notes"] == []
+    assert Path("study/derivatives/haptix/report.html").is_file()
+    Path("experiment.toml").write_text(EXPERIMENT.replace("-16.0", "-15.0"))
+    edited = haptix_stimuli(*run, "--participant", "01")
+    assert edited.code == 2 and "another experiment, or of other settings" in edited.err
+
+
+def test_who_cannot_be_a_participant(haptix_stimuli):
+    for who in ("../x", "../07", "Jane Doe 1", "anna", "0", "-1", "", "7/1", "1" * 80, "n\u00e41"):
+        done = haptix_stimuli(
+            "run", "experiment.toml", "--study", "s", "--participant", who, "--simulate-db", "-22"
+        )
+        assert done.code == 2 and "--participant: expected letters and digits" in done.err, who
+    for more in (("--session", "../1"), ("--task", "a b"), ("--session", "")):
+        done = haptix_stimuli(
+            "run", "experiment.toml", "--study", "s", "--simulate-db", "-22",
+            "--participant", "1", *more,
+        )  # fmt: skip
+        assert done.code == 2 and "labels have letters and digits alone" in done.err, more
+    for both in ((), ("--study", "s", "--log", "t.tsv")):
+        done = haptix_stimuli("run", "experiment.toml", "--simulate-db", "-22", *both)
+        assert done.code == 2 and "either --log FILE or --study FOLDER" in done.err
+    nobody = haptix_stimuli("run", "experiment.toml", "--study", "s")
+    assert nobody.code == 2 and "a study needs one" in nobody.err
+    assert not Path("s").exists()
+    for source, why in (("no", "there is no such"), ("set.toml", "is not a log"), (".", "no log")):
+        done = haptix_stimuli("analyse", source)
+        assert done.code == 2 and why in done.err, done.err
+
+
 def test_a_set_s_name_stays_inside_its_folder(haptix_stimuli):
     for name in ("../mine", "/tmp/mine", "a/b", "..", "", "a\\\\b", "mine "):
         Path("set.toml").write_text(SET.replace('"mine"', f'"{name}"'))

@@ -9,7 +9,7 @@ from math import log, nan
 
 import numpy as np
 
-from haptix.checks import positive, row, whole
+from haptix.checks import Array, positive, row, whole
 from haptix.errors import InputError
 from haptix.stimuli.adaptive.method import Estimate, FixedOrder, shuffled
 
@@ -108,25 +108,53 @@ class Pairs(FixedOrder):
         """Take whether `level` was more than `other_level`."""
         self.answers.append((self.level, self.other_level, bool(is_right)))
 
-    def estimate(self) -> Estimate:
-        """Return a scale value for each level, in logits with a mean of 0; no threshold.
-
-        Bradley & Terry, Biometrika 39, 324 (1952), by Hunter's iteration (Ann. Stat. 32, 384
-        (2004)). Half a win is added to each side of each pair, so that all values are finite.
-        """
-        count = len(self.levels)
+    def wins(self) -> Array:
+        """Return how often each level was more than each other one, shape (levels, levels)."""
         at = {level: k for k, level in enumerate(self.levels)}
-        wins = np.full((count, count), 0.5) - 0.5 * np.eye(count)
+        won = np.zeros((len(at), len(at)))
         for first, second, is_more in self.answers:
             more, less = (first, second) if is_more else (second, first)
-            wins[at[more], at[less]] += 1
-        both, strength = wins + wins.T, np.ones(count)
-        for _ in range(10_000):
-            before = strength
-            shares = both / (strength[:, None] + strength[None, :])
-            strength = wins.sum(1) / shares.sum(1)
-            strength /= np.exp(np.log(strength).mean())
-            if np.abs(np.log(strength / before)).max() < 1e-10:
-                break
-        scale = dict(zip(self.levels, np.log(strength).tolist(), strict=True))
+            won[at[more], at[less]] += 1
+        return won
+
+    def estimate(self) -> Estimate:
+        """Return a scale value for each level, in logits with a mean of 0; no threshold."""
+        scale = dict(zip(self.levels, bradley_terry(self.wins())[0].tolist(), strict=True))
         return Estimate(nan, nan, {f"scale_at_{x:g}": value for x, value in scale.items()})
+
+
+def bradley_terry(wins: Array) -> tuple[Array, Array, float]:
+    """Return scale values in logits with a mean of 0, their standard errors, and how they fit.
+
+    Bradley & Terry, Biometrika 39, 324 (1952), by Hunter's iteration (Ann. Stat. 32, 384 (2004)).
+    Half a win is added to each side of each pair, so that all values are finite. Errors are those
+    of the likelihood's curvature. The fit is the probability of a deviance as large from that of
+    pairs that have no scale in common (a chi-square approximation); NaN for two levels.
+
+    Parameters
+    ----------
+    wins : ndarray, shape (levels, levels)
+        How often the level of a row was more than that of a column.
+    """
+    from scipy.special import xlogy
+    from scipy.stats import chi2
+
+    count = len(wins)
+    won = wins + 0.5 - 0.5 * np.eye(count)
+    both, strength = won + won.T, np.ones(count)
+    for _ in range(10_000):
+        before = strength
+        shares = both / (strength[:, None] + strength[None, :])
+        strength = won.sum(1) / shares.sum(1)
+        strength /= np.exp(np.log(strength).mean())
+        if np.abs(np.log(strength / before)).max() < 1e-10:
+            break
+    share = strength[:, None] / (strength[:, None] + strength[None, :])
+    bend = both * share * (1 - share)
+    # Values are known but for a constant; their mean is held at 0.
+    spread = np.sqrt(np.diag(np.linalg.pinv(np.diag(bend.sum(1)) - bend)))
+    total, off = wins + wins.T, ~np.eye(count, dtype=bool)
+    observed = np.divide(wins, total, out=np.full_like(share, 0.5), where=total > 0)
+    deviance = 2 * float((xlogy(wins, observed) - xlogy(wins, share))[off].sum())
+    free = int((np.triu(total, 1) > 0).sum()) - (count - 1)
+    return np.log(strength), spread, float(chi2.sf(deviance, free)) if free > 0 else nan

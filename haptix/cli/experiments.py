@@ -1,0 +1,298 @@
+"""``haptix stimuli``: begin a study, simulate, run and analyse experiments."""
+
+from __future__ import annotations
+
+import re
+from math import isnan
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from haptix.arguments import device_address, folder, is_there, number, numbers, read_numbers
+from haptix.errors import InputError
+from haptix.terminal import AsJson, show
+
+app = typer.Typer()
+
+
+@app.command()
+def run(
+    recipe: Annotated[Path, typer.Argument(help="Experiment: a TOML file.", callback=is_there)],
+    log: Annotated[
+        Path | None, typer.Option(help="Table of the trials; continued if it exists.")
+    ] = None,
+    study: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of a study, which gets the log and its BIDS files.", callback=folder
+        ),
+    ] = None,
+    device: Annotated[
+        str, typer.Option(help="Address of the device.", callback=device_address)
+    ] = "mock:",
+    simulate_db: Annotated[
+        float | None,
+        typer.Option(
+            "--simulate-db",
+            help="Simulate an observer of this threshold [dB].",
+            callback=number(),
+        ),
+    ] = None,
+    participant: Annotated[
+        str | None,
+        typer.Option(
+            help="Pseudonym: letters and digits. The number at its end decides the order of "
+            "blocks. [default, for a log: 1]"
+        ),
+    ] = None,
+    session: Annotated[str, typer.Option(help="Label of the session in a study.")] = "01",
+    task: Annotated[
+        str | None, typer.Option(help="Label of the task in a study. [default: the recipe's name]")
+    ] = None,
+    another_program: Annotated[
+        bool, typer.Option(help="Continue a log that another version of haptix began.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Run an adaptive experiment on a device; keys answer, as the task says (1/2, l/r, y/n, s/d).
+
+    Into a log, or with --study into a study: the same command continues a session that was stopped,
+    and nothing of another is replaced. With --simulate-db a simulated observer answers and nothing
+    waits.
+    """
+    if (log is None) == (study is None):
+        raise InputError("run: expected either --log FILE or --study FOLDER")
+    if study is not None and participant is None:
+        raise InputError("--participant: a study needs one, such as 07")
+    who = "1" if participant is None else participant
+    place = _number_of(who)
+    from haptix.devices import open_device
+    from haptix.stimuli.adaptive import TASKS, Experiment, Keys, SimulatedObserver
+    from haptix.stimuli.experiment_recipe import ExperimentRecipe
+    from haptix.stimuli.orders import seed_of
+
+    plan = ExperimentRecipe.load(recipe)
+    seed, label, table = plan.seed, task or re.sub("[^A-Za-z0-9]", "", plan.name), log
+    if study is not None:
+        from haptix.stimuli.study_files import keep_recipe, session_log
+
+        table = session_log(study, who, session, label)
+        seed = seed_of(plan.seed, who, session)
+        keep_recipe(recipe, table)
+    assert table is not None
+    opened = open_device(device)
+    try:
+        keys, answer = Keys(), None
+        surroundings: dict[str, Any] = {"rest": keys.rest, "tell": keys.tell}
+        if simulate_db is not None:
+            guess = TASKS[plan.task].guess or 0.05
+            answer = SimulatedObserver(simulate_db, guess=guess, seed=seed)
+            surroundings = {"wait": lambda seconds: None}
+        experiment = Experiment(
+            plan.make_method(place, None if study is None else seed),
+            plan.presentations(opened.capabilities.sample_rate_hz),
+            opened,
+            keys if answer is None else answer,
+            table,
+            plan.task,
+            seed,
+            plan.ceiling_v,
+            plan.pause_s,
+            another_program=another_program,
+            plan=plan.session_plan(),
+            **surroundings,
+        )
+        try:
+            experiment.run()
+        finally:
+            if study is not None and experiment.log.rows:
+                from haptix.stimuli.bids import export
+
+                export(table, study, who, session, label)
+    finally:
+        opened.close()
+    rows, warnings = [], []
+    for name, found in experiment.estimates().items():
+        row = {
+            **({"condition": name} if name else {}),
+            "trials": experiment.trials,
+            "threshold_db": _known(found.threshold),
+            "spread_db": _known(found.spread),
+            **{key: _known(value) for key, value in found.others.items()},
+            **experiment.summary(),
+        }
+        warnings += [f"{name}: {line}" if name else line for line in found.warnings]
+        rows.append({**row, "warnings": list(found.warnings)} if as_json else row)
+    show("; warning: ".join((f"{plan.name}: trials in {table}", *warnings)), rows, as_json)
+
+
+@app.command()
+def simulate(
+    recipe: Annotated[Path, typer.Argument(help="Experiment: a TOML file.", callback=is_there)],
+    threshold_db: Annotated[
+        str, typer.Option(help="Thresholds of the observers [dB].", callback=numbers())
+    ],
+    slope: Annotated[
+        str, typer.Option(help="Slopes of the observers.", callback=numbers(above=0))
+    ] = "1.5,3.5",
+    lapse: Annotated[
+        str, typer.Option(help="Lapse rates of the observers.", callback=numbers(least=0))
+    ] = "0.02,0.08",
+    runs: Annotated[
+        int, typer.Option(help="Runs of each observer.", callback=number(least=10, most=100_000))
+    ] = 200,
+    participants: Annotated[
+        str | None, typer.Option(help="Sample sizes whose power is asked for, such as 8,12,16.")
+    ] = None,
+    difference_db: Annotated[
+        float, typer.Option(help="Difference of two conditions [dB].", callback=number())
+    ] = 2.0,
+    between_db: Annotated[
+        float,
+        typer.Option(help="Spread of thresholds between people [dB].", callback=number(least=0)),
+    ] = 3.0,
+    as_json: AsJson = False,
+) -> None:
+    """Simulate a plan before anybody sits: what its thresholds are worth, and its power.
+
+    Rows: bias, scatter, the spread that is stated, and how often there is no threshold or a
+    warning, for observers of each threshold, slope and lapse rate. With --participants: how often a
+    paired t-test finds a difference between two conditions.
+    """
+    from haptix.stimuli.adaptive.tasks import TASKS
+    from haptix.stimuli.experiment_recipe import ExperimentRecipe
+    from haptix.stimuli.power import Observer, accuracy, paired_power
+
+    plan = ExperimentRecipe.load(recipe)
+    guess = TASKS[plan.task].guess or 0.05
+    if plan.task in ("pairs", "magnitude"):
+        raise InputError(f"simulate: the task {plan.task!r} measures no threshold")
+    base = plan.model_copy(update={"conditions": ()})
+    thresholds, slopes, lapses = (
+        read_numbers(name, text)
+        for name, text in (
+            ("--threshold-db", threshold_db), ("--slope", slope), ("--lapse", lapse),
+        )
+    )  # fmt: skip
+    if participants is None:
+        rows = [
+            accuracy(base.make_method, Observer(at, steep, lapses_by, guess), runs, plan.seed)
+            for at in thresholds
+            for steep in slopes
+            for lapses_by in lapses
+        ]
+        title = f"{plan.name}: {runs} runs of each observer"
+    else:
+        sizes = [int(size) for size in read_numbers("--participants", participants)]
+        observer = Observer(thresholds[0], slopes[-1], lapses[0], guess)
+        rows = [
+            *paired_power(
+                base.make_method, observer, difference_db, between_db, sizes, runs, plan.seed
+            )
+        ]
+        title = f"{plan.name}: power of a paired t-test at 0.05, of {runs} simulated participants"
+    shown = [
+        {key: round(value, 3) if isinstance(value, float) else value for key, value in row.items()}
+        for row in rows
+    ]
+    show(title, rows if as_json else shown, as_json)
+
+
+@app.command()
+def new(
+    study: Annotated[Path, typer.Argument(help="Folder that is not there yet.", callback=folder)],
+    as_json: AsJson = False,
+) -> None:
+    """Begin a study: code/experiment.toml to change, and the frame of a BIDS data set."""
+    from haptix.stimuli.study_files import begin
+
+    rows = [{"file": str(path)} for path in begin(study, study.absolute().name)]
+    show(f"{study}: change code/experiment.toml, then simulate and run it", rows, as_json)
+
+
+@app.command()
+def bids(
+    log: Annotated[Path, typer.Argument(help="Log of `haptix stimuli run`.", callback=is_there)],
+    study: Annotated[Path, typer.Option(help="Folder of the data set.", callback=folder)],
+    participant: Annotated[str, typer.Option(help="Pseudonym: letters and digits.")],
+    session: Annotated[str, typer.Option(help="Label of the session.")] = "01",
+    task: Annotated[str, typer.Option(help="Label of the task.")] = "detection",
+    as_json: AsJson = False,
+) -> None:
+    """Write a log into a study in the Brain Imaging Data Structure (BIDS).
+
+    Behaviour of every attempt, the stimulus against time, and where the panel reports touches the
+    finger's path and force; the log itself goes to sourcedata.
+    """
+    from haptix.stimuli.bids import export
+
+    files = export(log, study, participant, session, task)
+    rows = [{"file": str(path)} for path in files]
+    show(f"{len(rows)} files of sub-{participant} in {study}", rows, as_json)
+
+
+@app.command()
+def analyse(
+    source: Annotated[
+        Path, typer.Argument(help="Log of `haptix stimuli run`, folder of logs, or a study.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of tables and report. [default: derivatives/haptix of a study; of a log "
+            "its name + _analysis]",
+            callback=folder,
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Analyse sessions: thresholds of each participant and condition, and over participants.
+
+    Thresholds are those of the method that ran, or none with the reason. Pairwise comparisons get a
+    Bradley-Terry scale, magnitudes geometric means and their exponent. Writes tables (TSV) and
+    report.html with a picture of each run.
+    """
+    if not source.exists():
+        raise InputError(f"SOURCE: cannot read {source}: there is no such file or folder")
+    from haptix.stimuli.analysis import analyse as analysed
+    from haptix.stimuli.analysis.report import write_analysis
+
+    found = analysed(source)
+    is_study = (source / "dataset_description.json").exists()
+    if out is None:
+        place = source / "derivatives" / "haptix" if is_study else source / "analysis"
+        out = place if source.is_dir() else source.with_name(f"{source.stem}_analysis")
+    files = write_analysis(found, out, source.resolve().stem, is_study)
+    if as_json:
+        show("", [{**found.tables, "notes": list(found.notes)}], True)
+        return
+    for name, rows in found.tables.items():
+        same = {key for key in _LABELS if len({row.get(key) for row in rows}) == 1}
+        hidden = {*_WIDE, *same}
+        shown = [{key: one for key, one in row.items() if key not in hidden} for row in rows]
+        show(name, shown, False)
+    show("; ".join((f"report: {files[-1]}", *found.notes)), [], False)
+
+
+_LABELS = ("session", "task", "condition")
+_WIDE = (
+    "experiment", "share_right", "catch_trials", "hits", "false_alarms", "criterion", "warnings",
+    "between", "p", "spread_within",
+)  # fmt: skip
+"""Columns that are in the files, and too many for a terminal."""
+
+
+def _number_of(participant: str) -> int:
+    """Return the number at the end of a pseudonym."""
+    found = re.fullmatch(r"[A-Za-z0-9]*?([0-9]+)", participant)
+    if found is None or len(participant) > 64 or not 1 <= int(found[1]) < 2**31:
+        raise InputError(
+            "--participant: expected letters and digits with a number from 1 at the end, such as "
+            f"07 or p07, got {participant!r:.80}"
+        )
+    return int(found[1])
+
+
+def _known(value: float) -> float | None:
+    return None if isnan(value) else value

@@ -1,0 +1,272 @@
+"""From logs to thresholds and scales: hidden truths are found, and nothing is mixed."""
+
+import csv
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import ttest_rel
+
+from firmware_io import open_device
+from haptix.errors import FileFormatError, InputError
+from haptix.stimuli.adaptive import (
+    Catch,
+    ConstantStimuli,
+    Exclude,
+    Experiment,
+    Magnitudes,
+    MethodsByCondition,
+    Pairs,
+    Presentation,
+    Quest,
+    SessionPlan,
+    SimulatedObserver,
+    UpDown,
+)
+from haptix.stimuli.adaptive.scaling import bradley_terry
+from haptix.stimuli.analysis import analyse
+from haptix.stimuli.analysis.report import write_analysis
+from haptix.stimuli.bids import export
+
+WAVE = np.sin(2 * np.pi * 1000 * np.arange(48) / 48_000)
+GRID = np.arange(6.0, 45.0, 1.0)
+
+
+def presentation(scale=1.0):
+    def peak(level):
+        return scale * 10 ** (level / 20)
+
+    return Presentation(lambda level: peak(level) * WAVE, 0 * WAVE, peak)
+
+
+def run(path, method, answer, task="2ifc", stop_after=None, made=None, **more):
+    device = open_device("mock:")
+    one = Experiment(
+        method, made or presentation(), device, answer, path, task, wait=lambda s: None, **more
+    )
+    for number, _ in enumerate(one, 1):
+        if number == stop_after:
+            break
+    one.log.close()
+    device.close()
+    return one
+
+
+def two_conditions(seed):
+    return MethodsByCondition(
+        {
+            "low": UpDown(32.0, stop_after=6, most_trials=50),
+            "high": Quest(GRID, GRID, trials=24),
+        },
+        seed=seed,
+    )
+
+
+TRUTHS = {"01": 20.0, "02": 24.0, "03": 22.0}
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """Three participants in two conditions, as the experiments themselves stated them."""
+    folder, stated = tmp_path_factory.mktemp("study"), {}
+    for number, (who, truth) in enumerate(TRUTHS.items()):
+        log = folder.parent / f"{who}.tsv"
+        one = run(
+            log, two_conditions(number), SimulatedObserver(truth, seed=number),
+            made={"low": presentation(), "high": presentation(0.9)},
+        )  # fmt: skip
+        stated[who] = one.estimates()
+        export(log, folder, who, "1", "detection")
+    return folder, stated
+
+
+def rows_by(analysis, name="thresholds"):
+    return {(row["participant"], row["condition"]): row for row in analysis.tables[name]}
+
+
+def test_thresholds_are_what_the_experiments_stated(study):
+    folder, stated = study
+    found = analyse(folder)
+    rows = rows_by(found)
+    assert len(rows) == 6 and not found.notes
+    for (who, condition), row in rows.items():
+        one = stated[who][condition]
+        assert (row["threshold_db"], row["spread_db"]) == (one.threshold, one.spread)
+        assert row["warnings"] == "; ".join(one.warnings)
+    for group in found.tables["group"]:
+        own = [stated[who][group["condition"]].threshold for who in TRUTHS]
+        assert group["participants"] == 3 and group["without"] == 0
+        assert group["threshold_db"] == pytest.approx(np.mean(own))
+        assert group["between"] == pytest.approx(np.std(own, ddof=1))
+        # Student's 0.975 quantile with two degrees of freedom is 4.303 (any table).
+        half = 4.303 * np.std(own, ddof=1) / np.sqrt(3)
+        assert group["high"] - group["threshold_db"] == pytest.approx(half, rel=1e-3)
+    (apart,) = found.tables["differences"]
+    pairs = [[stated[who][name].threshold for who in TRUTHS] for name in ("high", "low")]
+    assert apart["difference_db"] == pytest.approx(np.mean(np.subtract(pairs[0], pairs[1])))
+    assert apart["p"] == pytest.approx(ttest_rel(*pairs).pvalue) == apart["p_holm"]
+
+
+def test_a_study_that_was_passed_on_without_its_logs_says_the_same(study, tmp_path):
+    folder, _ = study
+    whole = analyse(folder)
+    passed_on = shutil.copytree(folder, tmp_path / "passed-on")
+    shutil.rmtree(passed_on / "sourcedata")
+    assert analyse(passed_on).tables == whole.tables
+    # So does a folder of the logs alone, whose names are the participants.
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    for who in TRUTHS:
+        shutil.copy(folder.parent / f"{who}.tsv", logs)
+    (logs / "notes.tsv").write_text("mine\n")
+    assert [row["threshold_db"] for row in analyse(logs).tables["thresholds"]] == [
+        row["threshold_db"] for row in whole.tables["thresholds"]
+    ]
+
+
+def test_one_who_guesses_and_one_who_is_excluded_are_not_averaged(study, tmp_path):
+    folder = shutil.copytree(study[0], tmp_path / "study")
+    plan = SessionPlan(catch=Catch(share=0.3, level=40.0), exclude=Exclude(catch_right=0.9))
+    draw = np.random.default_rng(3)
+    for who, answer, more in (
+        ("04", lambda question: str(draw.choice(question.choices)), {}),
+        ("05", lambda question: next(one for one in question.choices if one != question.right)
+         if question.level == 40.0 else question.right, {"plan": plan}),
+    ):  # fmt: skip
+        made = {"low": presentation(), "high": presentation(0.9)}
+        run(tmp_path / f"{who}.tsv", two_conditions(7), answer, made=made, **more)
+        export(tmp_path / f"{who}.tsv", folder, who, "1", "detection")
+    found = analyse(folder)
+    rows = rows_by(found)
+    for condition in ("low", "high"):
+        assert rows["04", condition]["threshold_db"] is None
+        assert "no threshold" in rows["04", condition]["warnings"]
+        assert "catch trials were right" in rows["05", condition]["excluded"]
+    assert [group["participants"] for group in found.tables["group"]] == [3, 3]
+    assert [group["without"] for group in found.tables["group"]] == [2, 2]
+    before = analyse(study[0]).tables["group"]
+    for name in ("threshold_db", "low", "high"):
+        assert [one[name] for one in found.tables["group"]] == [one[name] for one in before]
+    assert any("excluded by the rules" in note and "05" in note for note in found.notes)
+
+
+def test_different_experiments_of_one_name_are_not_averaged(study, tmp_path):
+    folder = shutil.copytree(study[0], tmp_path / "study")
+    methods = MethodsByCondition({"low": UpDown(32.0, down_after=2, stop_after=6, most_trials=50)})
+    run(tmp_path / "06.tsv", methods, SimulatedObserver(22.0), made={"low": presentation()})
+    export(tmp_path / "06.tsv", folder, "06", "1", "detection")
+    found = analyse(folder)
+    low = [group for group in found.tables["group"] if group["condition"] == "low"]
+    assert [group["participants"] for group in low] == [3, 1]
+    assert any("different experiments" in note for note in found.notes)
+
+
+def test_a_session_that_is_not_over_says_so(tmp_path):
+    run(tmp_path / "a.tsv", UpDown(32.0), SimulatedObserver(22.0), stop_after=9)
+    with (tmp_path / "a.tsv").open("a") as file:
+        file.write("9\t0\t3.1")  # cut off
+    (row,) = analyse(tmp_path / "a.tsv").tables["thresholds"]
+    assert row["trials"] == 9 and "not over: it has 9 trials" in row["warnings"]
+
+
+def test_a_scale_of_pairs_has_its_truth_within_its_spread(tmp_path):
+    """Observers by Bradley & Terry, 0.8 logit apart; what they have in common is pooled."""
+    levels = [10.0, 20.0, 30.0, 36.0]
+    truth = np.array([-1.2, -0.4, 0.4, 1.2])
+    at = dict(zip(levels, truth, strict=True))
+    for who in range(4):
+        draw = np.random.default_rng(who)
+
+        def answer(question, draw=draw):
+            p = 1 / (1 + np.exp(at[question.other_level] - at[question.level]))
+            other = next(one for one in question.choices if one != question.right)
+            return question.right if draw.random() < p else other
+
+        run(tmp_path / f"p{who}.tsv", Pairs(levels, 6, seed=who), answer, "pairs")
+    rows = analyse(tmp_path).tables["scales"]
+    over_all = [row for row in rows if row["participant"] == "all"]
+    assert len(rows) == 5 * 4 and [row["comparisons"] for row in over_all] == [72] * 4
+    off = [(row["scale_logit"] - at[row["level_db"]]) / row["spread_logit"] for row in over_all]
+    assert np.abs(off).max() < 4  # spreads; one draw of four values
+    assert all(row["fit_p"] > 0.001 for row in over_all)
+
+
+def test_the_spread_of_a_scale_is_that_of_its_draws():
+    draw, truth, n = np.random.default_rng(1), np.array([-1.0, 0.2, 0.8]), 60
+    p = 1 / (1 + np.exp(truth[None, :] - truth[:, None]))
+    found, stated = [], []
+    for _ in range(300):
+        upper = np.triu(draw.binomial(n, p), 1)
+        wins = upper + np.tril((n - upper).T, -1)
+        value, spread, _ = bradley_terry(wins.astype(float))
+        found.append(value)
+        stated.append(spread)
+    # 300 draws know a spread to 4 %, and half a win of 60 shrinks it by a percent or two.
+    np.testing.assert_allclose(np.mean(stated, 0), np.std(found, axis=0), rtol=0.12)
+
+
+def test_no_scale_orders_a_circle():
+    circle = np.array([[0, 9, 1], [1, 0, 9], [9, 1, 0]], float)
+    assert bradley_terry(circle)[2] < 1e-4
+    assert np.isnan(bradley_terry(np.array([[0.0, 3.0], [1.0, 0.0]]))[2])
+
+
+def test_magnitudes_are_geometric_means_free_of_everybody_s_own_scale(tmp_path):
+    levels, exponents = [10.0, 20.0, 30.0, 36.0], [0.5, 0.6, 0.7, 0.8]
+    for who, (exponent, modulus) in enumerate(zip(exponents, (1.0, 10, 50, 3), strict=True)):
+
+        def answer(question, exponent=exponent, modulus=modulus):
+            return f"{modulus * 10 ** (exponent * question.level / 20):.6g}"
+
+        run(tmp_path / f"p{who}.tsv", Magnitudes(levels, 2, seed=who), answer, "magnitude")
+    tables = analyse(tmp_path).tables
+    found = [row["exponent"] for row in tables["exponents"]]
+    assert found == pytest.approx(exponents, abs=1e-4)  # numbers have six digits
+    (group,) = tables["exponents-group"]
+    assert group["exponent"] == pytest.approx(0.65, abs=1e-4) and group["participants"] == 4
+    over_all = [row for row in tables["magnitudes"] if row["participant"] == "all"]
+    steps = np.diff([20 * np.log10(row["mean"]) for row in over_all]) / np.diff(levels)
+    assert steps == pytest.approx([0.65] * 3, abs=1e-4)
+    # Differences of scale are gone: what is left is that of the exponents.
+    assert max(row["spread"] for row in over_all) < 10 ** (0.3 * 13 / 20)
+
+
+def test_what_is_written_reads_the_same(study, tmp_path):
+    folder, _ = study
+    found = analyse(folder)
+    found = replace(found, runs=found.runs[:2])  # a picture takes long
+    files = {path.name: path for path in write_analysis(found, tmp_path, "study", of_study=True)}
+    with files["thresholds.tsv"].open(newline="") as file:
+        rows = list(csv.DictReader(file, delimiter="\t"))
+    for row, given in zip(rows, found.tables["thresholds"], strict=True):
+        assert {name: "n/a" if value in (None, "") else str(value)
+                for name, value in given.items()} == row  # fmt: skip
+    page = files["report.html"].read_text()
+    assert page.count("data:image/png;base64,") == 2 + 2 and 'src="http' not in page
+    assert json.loads(files["dataset_description.json"].read_text())["DatasetType"] == "derivative"
+
+
+def test_a_changed_log_is_refused_in_a_sentence(tmp_path):
+    log = tmp_path / "a.tsv"
+    run(log, ConstantStimuli([20.0, 30.0], 3), SimulatedObserver(22.0))
+    whole = log.read_text()
+    lines = whole.splitlines(keepends=True)
+    wrong = {
+        "decimal commas": whole.replace("20.0", "20,0"),
+        "row too short": "".join([*lines[:3], "4\t5\n", *lines[3:]]),
+        "other condition": whole.replace("\ttrial\tn/a", "\ttrial\tloud", 1),
+        "no method": whole.replace('"constant-stimuli"', '"tea-leaves"'),
+        "not JSON": whole.replace("# {", "# {{", 1),
+        "columns": whole.replace("reaction_s", "reaction", 1),
+        "nothing": "# {}\n",
+    }
+    for name, text in wrong.items():
+        assert text != whole
+        log.write_text(text)
+        with pytest.raises(FileFormatError, match=r"a\.tsv"):
+            analyse(log)
+            pytest.fail(name)
+    with pytest.raises(InputError, match="no log of trials"):
+        analyse(shutil.copytree(tmp_path, tmp_path / "none", ignore=lambda *at: ["a.tsv", "none"]))
