@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 from haptix.checks import number
 from haptix.errors import InputError
-from haptix.layout.regions import Regions
-from haptix.motion import LocalFrame, Report
-
-
-class Control(Protocol):
-    """A material with a value: a slider, a toggle, a dial."""
-
-    def value(self, x_mm: float, y_mm: float) -> float:
-        """Value at a place, 0 to 1."""
-
-    def frame_at(self, value: float, x_mm: float, y_mm: float) -> LocalFrame:
-        """Axes of the control in which a finger at a place has a value."""
+from haptix.layout.region import Control
+from haptix.layout.regions import Regions, control_of
+from haptix.motion import Report
 
 
 class _Finger(NamedTuple):
@@ -37,9 +28,8 @@ class Controls:
     def heard(self, touch_id: int, report: Report) -> None:
         """Take a real report of a finger, on the clock of samples."""
         regions = self._regions
-        for region in regions.shown.regions:
-            key = region.key
-            control = _control_of(regions.materials.get(key))
+        for region in regions.shown.controls:
+            key, control = region.key, region.control
             if control is None or region.opacity.after[0] == 0.0:
                 continue
             finger = self._fingers.get(key)
@@ -86,14 +76,10 @@ class Controls:
                 self._regions.show(key, frame)
 
     def _control(self, key: int) -> Control:
-        control = _control_of(self._regions.given(key)["material"])
+        control = control_of(self._regions.given(key)["material"])
         if control is None:
             raise InputError(
                 "value: expected a control, such as haptix.materials.Slider; this material has "
                 "no value"
             )
         return control
-
-
-def _control_of(material: Any) -> Control | None:
-    return material if hasattr(type(material), "frame_at") else None

@@ -65,6 +65,8 @@ class Listeners:
         facts = texture.evaluator.react(was, None if before is None else before.report, now)
         if now.is_down:
             self._fingers[touch_id] = _Finger(facts, now)
+            if facts is was and before is not None:
+                return  # as mostly: nothing has happened
         place = now if now.is_down or before is None else before.report
         for kind, patch, detent in _changes(texture, was, facts, now.is_down):
             event = LayoutEvent(kind, patch, touch_id, t_s, place.x_mm, place.y_mm, detent)

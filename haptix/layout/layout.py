@@ -270,6 +270,9 @@ class Layout:
                 of[region.key], states[region.key] = found, region.state
             else:
                 left = LayoutFacts.newest({0: found}, left)
+        is_same = left is facts and states == facts.states and of.keys() == held.keys()
+        if is_same and all(one is held[key] for key, one in of.items()):
+            return facts  # as mostly
         return LayoutFacts.newest(of, left, states)
 
     def under(self, report: Report) -> list[int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from math import cos, sin
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -16,6 +17,16 @@ from haptix.texture.composition import Blend
 
 Box = tuple[float, float, float, float]
 """Left, right, top and bottom [mm]."""
+
+
+class Control(Protocol):
+    """A material with a value: a slider, a toggle, a dial."""
+
+    def value(self, x_mm: float, y_mm: float) -> float:
+        """Value at a place, 0 to 1."""
+
+    def frame_at(self, value: float, x_mm: float, y_mm: float) -> LocalFrame:
+        """Axes of the control in which a finger at a place has a value."""
 
 
 class LayoutFacts(Facts):
@@ -83,6 +94,8 @@ class Region:
         Number of the state of its material: facts of another one do not hold.
     z, blend, priority, mask
         See `Layout.add`.
+    control : Control, optional
+        Its material, where that has a value.
     """
 
     key: int
@@ -96,6 +109,7 @@ class Region:
     mask: FrictionField | None = None
     inner: LocalFrame | None = None
     state: int = 0
+    control: Control | None = None
     way: Box = field(init=False)
     """Box around both ends of the glide."""
     box: Box = field(init=False)
@@ -203,11 +217,10 @@ class Region:
 
     def on_outline(self, report: Report) -> tuple[Report, bool]:
         """Return a report in the region's axes, and whether it is on the region."""
-        x0, y0, angle, scale = self.place.at(report.t_s)
-        there = _in_axes(report, x0, y0, angle, scale)
-        on = report.is_down and self.opacity.at(report.t_s)[0] > 0
-        on = on and self.outline.contains(there.x_mm, there.y_mm)
-        return there._replace(is_down=on), on
+        t_s, x_mm, y_mm, force_n, on = report
+        x, y = _turned(x_mm, y_mm, *self.place.at(t_s))
+        on = on and self.opacity.at(t_s)[0] > 0 and self.outline.contains(x, y)
+        return Report(t_s, x, y, force_n, on), on
 
     def within(self, there: Report) -> Report:
         """Return a report in the region's axes in those of its material."""
@@ -215,7 +228,9 @@ class Region:
         if inner is None:
             return there
         # These axes neither move nor grow: their fields are numbers.
-        return _in_axes(there, inner.x_mm, inner.y_mm, inner.angle_rad, inner.scale)  # type: ignore[arg-type]
+        axes: Any = (inner.x_mm, inner.y_mm, inner.angle_rad, inner.scale)
+        x, y = _turned(there.x_mm, there.y_mm, *axes)
+        return there._replace(x_mm=x, y_mm=y)
 
     def _box(self, x_mm: float, y_mm: float, angle: float, scale: float) -> Box:
         """Return the box around the region at a place."""
@@ -234,6 +249,9 @@ class Region:
         return min(across), max(across), min(down), max(down)
 
 
-def _in_axes(report: Report, x_mm: float, y_mm: float, angle: float, scale: float) -> Report:
-    x, y, c, s = report.x_mm - x_mm, report.y_mm - y_mm, cos(angle) / scale, sin(angle) / scale
-    return report._replace(x_mm=x * c + y * s, y_mm=y * c - x * s)
+def _turned(
+    x_mm: float, y_mm: float, x0_mm: float, y0_mm: float, angle: float, scale: float
+) -> tuple[float, float]:
+    """Return a place in other axes."""
+    x, y, c, s = x_mm - x0_mm, y_mm - y0_mm, cos(angle) / scale, sin(angle) / scale
+    return x * c + y * s, y * c - x * s

@@ -14,7 +14,7 @@ from haptix.checks import choice, instance, number, positive, whole
 from haptix.errors import InputError
 from haptix.layout.glide import Glide
 from haptix.layout.outlines import Outline
-from haptix.layout.region import Region
+from haptix.layout.region import Control, Region
 from haptix.layout.shown import Shown
 from haptix.motion import LocalFrame
 from haptix.texture import Evaluator, Feelable, FrictionField, check_feelable
@@ -235,6 +235,7 @@ class Regions:
         return Region(
             key, evaluator, Outline(*size, given["shape"]), Glide.resting(*_corner(given)), fade,
             float(given["z"]), given["blend"], given["priority"], mask,
+            control=control_of(material),
         )  # fmt: skip
 
     def _evaluator(self, material: Feelable) -> Evaluator:
@@ -275,3 +276,8 @@ def _corner(given: dict[str, Any]) -> tuple[float, float, float, float]:
     c, s = cos(angle), sin(angle)
     corner = x + half_x - half_x * c + half_y * s, y + half_y - half_x * s - half_y * c
     return *corner, angle, scale
+
+
+def control_of(material: Any) -> Control | None:
+    """Return a material that has a value; None for others."""
+    return material if hasattr(type(material), "frame_at") else None

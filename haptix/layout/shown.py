@@ -31,6 +31,8 @@ class Shown:
         Whether any region multiplies what is below it.
     has_priorities : bool
         Whether any region has a priority.
+    controls : tuple of Region
+        Those whose material has a value.
     """
 
     regions: tuple[Region, ...] = ()
@@ -38,6 +40,7 @@ class Shown:
     evaluators: tuple[Evaluator, ...] = ()
     multiplies: bool = False
     has_priorities: bool = False
+    controls: tuple[Region, ...] = ()
 
     @classmethod
     def of(cls, regions: Sequence[Region]) -> Self:
@@ -48,6 +51,7 @@ class Shown:
             tuple({id(one.evaluator): one.evaluator for one in regions}.values()),
             any(one.blend == "multiply" for one in regions),
             any(one.priority for one in regions),
+            tuple(one for one in regions if one.control is not None),
         )
 
     def moved(self, at: int, region: Region) -> Shown:
@@ -59,6 +63,7 @@ class Shown:
         return Shown(
             (*regions[:at], region, *regions[at + 1 :]),
             ways, self.evaluators, self.multiplies, self.has_priorities,
+            tuple(region if one is self.regions[at] else one for one in self.controls),
         )  # fmt: skip
 
     def near(self, left: float, right: float, top: float, bottom: float) -> Sequence[Region]:

@@ -40,6 +40,8 @@ class Reactions:
         before = history[-1][1] if history else None
         found = react(before or Facts(down_s=now.t_s), self._last, now)
         self._last = now
+        if found is before:
+            return
         then = before or Facts()
         new = {n: getattr(found, n) for n in _TIMES if _differ(getattr(found, n), getattr(then, n))}
         if before is not None and not new and not _differ(found.detent, before.detent):
