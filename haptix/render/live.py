@@ -238,6 +238,13 @@ class LiveRenderer(_LiveSession):
         """Time of the clock by which touches are stamped."""
         return time.monotonic()
 
+    @property
+    def scene_s(self) -> float:
+        """Time of the scene now: the one that materials which change in time are asked for."""
+        if self._ahead_s is None:
+            return self._master.scene_s(max(0.0, super()._samples_s - self.stats.lead_s))
+        return self._master.scene_s(max(0.0, self.now_s() - self._ahead_s))
+
     def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
         """Take a touch event; see `touch`."""
         self.events([event])

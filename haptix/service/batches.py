@@ -65,7 +65,7 @@ _MOST_FORCE_N, _MOST_AREA_M2 = 100.0, 0.1
 _PIXELS, _FORCE, _AREA, _COALESCED = 4, 8, 16, 32
 
 COLUMNS: dict[Stream, tuple[str, ...]] = {
-    "stats": ("reaction_s", "reaction_p99_s", "underruns", "touches"),
+    "stats": ("reaction_s", "reaction_p99_s", "underruns", "touches", "scene_s"),
     "friction": (
         *("x_mm", "y_mm", "normal_force_n", "wanted", "reached", "low", "high"),
         "voltage_share",

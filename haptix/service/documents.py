@@ -6,12 +6,12 @@ import base64
 import json
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from fastapi import APIRouter, Header, Response
 from fastapi import Path as PathParameter
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from haptix.files import write_whole
 from haptix.gallery import FOLDER, presets
@@ -20,6 +20,7 @@ from haptix.service.maker import Maker
 from haptix.service.messages import Problem
 
 MOST_LAYOUTS = 1000
+_MOST_COLUMNS_MOVING = 160
 Name = Annotated[str, PathParameter(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.-]{0,79}$")]
 Size = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
 Force = Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)]
@@ -50,6 +51,16 @@ class PictureAsked(BaseModel):
     columns: Annotated[int, Field(ge=1, le=400)] = 160
     t_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
     normal_force_n: Force = 0.5
+    frames: Annotated[int, Field(ge=1, le=60)] = 1
+    """Pictures, one after the other in time; of more than 1, at most 160 columns."""
+    frame_s: Annotated[float, Field(gt=0, le=1)] = 0.05
+    """Between two of them."""
+
+    @model_validator(mode="after")
+    def _is_not_much(self) -> Self:
+        if self.frames > 1 and self.columns > _MOST_COLUMNS_MOVING:
+            raise ValueError(f"columns: expected {_MOST_COLUMNS_MOVING} or fewer of several frames")
+        return self
 
 
 class Picture(BaseModel):
@@ -58,8 +69,8 @@ class Picture(BaseModel):
     columns: int
     rows: int
     levels: str
-    """A byte for each place, row by row, in base64: ``(share + 0.5) * 127.5``, with `share` that of
-    the reachable friction."""
+    """A byte for each place, frame by frame and row by row, in base64: ``(share + 0.5) * 127.5``,
+    with `share` that of the reachable friction."""
     below: float
     above: float
     """Shares of the places that ask for less, or more, than the screen can give."""

@@ -70,17 +70,20 @@ class Making:
         columns: int,
         t_s: float,
         normal_force_n: float,
+        frames: int = 1,
+        frame_s: float = 0.05,
     ) -> dict[str, Any]:
         """Shares of the reachable friction on a grid, with how much of it is out of reach."""
         from haptix.materials.picture import picture
         from haptix.texture import as_mu
 
         one = self.read(material)
-        wanted = picture(one, width_mm, height_mm, columns, t_s)
+        times = t_s + frame_s * np.arange(frames)
+        wanted = np.stack([picture(one, width_mm, height_mm, columns, t) for t in times])
         column = self.reach(normal_force_n)
         low, high = float(column.lowest_mu), float(column.highest_mu)
         share = (as_mu(one.evaluator.target, wanted, low, high) - low) / max(high - low, 1e-9)
-        rows, columns = share.shape
+        _, rows, columns = share.shape
         # One byte a place: 255 steps from half a range below to half a range above the range.
         level = np.clip(np.rint((share + 0.5) * 127.5), 0, 255).astype(np.uint8)
         return {

@@ -62,7 +62,8 @@ class Telemetry:
             return
         self._told_s = now_s
         times = np.percentile(renderer.reactions_s() or [np.nan], (50, 99))
-        row = (*times, renderer.stats.underruns, renderer.touch_counts.taken)
+        counts = renderer.stats.underruns, renderer.touch_counts.taken
+        row = (*times, *counts, renderer.scene_s)
         self._tell("stats", 0, now_s, 1 / rate_hz, np.array([row]))
 
     def _tell(self, stream: Stream, touch_id: int, t0_s: float, step_s: float, rows: Array) -> None:

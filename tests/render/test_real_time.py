@@ -11,7 +11,10 @@ from firmware_io import Device, DeviceDisconnectedError, DeviceFaultError, MockD
 from firmware_io.limits import WATCHDOG_S
 from haptix import InputError, LiveRenderer, Texture
 from haptix.errors import OverloadWarning
+from haptix.materials import GratingMaterial, Moving
+from haptix.motion import Motion
 from haptix.render import LiveSettings, RenderStats, Sliding
+from haptix.render.played import COLUMNS, PlayedRecord
 
 FULL = Texture(np.ones((2, 2)), width_mm=100.0, beyond="hold")
 NEVER_STILL = Sliding(is_needed=False)
@@ -264,3 +267,39 @@ def test_touches_from_several_threads_at_once(surface, link):
         assert not errors
         assert renderer.touch_counts.taken > 100
     assert_at_rest(device, link)
+
+
+def test_the_time_of_the_scene_is_the_one_that_is_rendered(surface):
+    """What a moving material asked for, as it is told, is what it asks for at that time."""
+    material = Moving(
+        of=GratingMaterial(period_mm=40.0, low=0.2, high=0.8), velocity_mm_s=(-30.0, 0.0)
+    )
+    renderer = LiveRenderer(surface, material, opened(patient_link()), settings=ALWAYS)
+    rows = []
+    with renderer:
+        renderer.record = PlayedRecord(renderer)
+
+        def has_told():
+            part = renderer.record.take(renderer.now_s() - 0.02)
+            if part is not None and part.rows:
+                rows.append((part.t0_s + part.row_s * np.arange(len(part.rows[0])), part.rows[0]))
+            return len(rows) > 20
+
+        touching(renderer, 10.0, has_told)
+        readings = []
+        for _ in range(50):  # that in which nothing came between is the one that counts
+            before_s, scene_s, after_s = renderer.now_s(), renderer.scene_s, renderer.now_s()
+            readings.append((after_s - before_s, scene_s - before_s))
+        took_s, ahead_s = min(readings)
+        renderer.pause()
+        stands_s = renderer.scene_s
+        assert renderer.scene_s == stands_s
+    t_s, told = (np.concatenate(columns) for columns in zip(*rows, strict=True))
+    known = ~np.isnan(told).any(1)
+    x_mm, y_mm, wanted = told[known][:, COLUMNS.index("x_mm")], 5.0, told[known][:, 3]
+    share = material.evaluator.wanted(Motion.of(x_mm, y_mm, t_s[known] + ahead_s, 100.0))
+    # A wrong time moves the stripes by 30 mm/s of it; that of a row is known to a point, 0.5 ms.
+    slope_per_s = 0.3 * 2 * np.pi / 40 * 30
+    low, high = told[known][:, 5], told[known][:, 6]
+    off = np.abs(low + (high - low) * share - wanted) / (high - low)
+    assert off.max() < slope_per_s * (took_s + 1.5e-3)

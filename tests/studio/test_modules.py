@@ -155,3 +155,56 @@ def test_felt_rows_find_their_friction(module):
         names,
     )
     assert found == [[n, 100 + n] for n in (0, 1, 2, 3, 4, 5, 7)]
+
+
+def test_what_moves_is_drawn_as_it_is_now(module):
+    """Each time has the picture of its moment; what looks the same for long is not asked again."""
+    found = module(
+        "films.js",
+        """
+        const asked = [];
+        // A picture of one place, whose level is its time in steps of the film; or that stands.
+        const rest = async (_, path, { material, t_s, frames, frame_s }) => {
+            asked.push([path, material.kind, t_s, frame_s]);
+            const moves = material.kind === "moves";
+            const steps = Array.from({ length: frames }, (_, at) => (t_s + at * frame_s) * 24);
+            const levels = steps.map((step) => (moves ? Math.round(step) % 256 : 7));
+            const answer = { columns: 1, rows: 1, levels: btoa(String.fromCharCode(...levels)) };
+            return { json: async () => answer };
+        };
+        let [state, paused, scene_s] = ["armed", false, 3.01];
+        const [session, output] = [{ clientTime: (s) => s }, { get: () => ({ state, paused }) }];
+        const service = { rest, session, output };
+        const stats = { get scene_s() { return scene_s - performance.now() / 1e3; } };
+        const telemetry = { stats_s: 0, stats };
+        const films = new m.Films(service, telemetry);
+        const region = (kind) => ({ material: { kind }, width_mm: 1, height_mm: 1 });
+        const settle = () => new Promise((resolve) => setTimeout(resolve, 1));
+        const drawn = (kind) =>
+            films.at(region(kind))?.getContext("2d").getImageData(0, 0, 1, 1).data.join();
+        const found = [drawn("moves"), drawn("stands")];
+        await settle();
+        found.push(drawn("stands"), drawn("moves") === undefined);
+        const seen = [];
+        for (const at_s of [3.01, 3.03, 3.51, 4.02]) {
+            scene_s = at_s;
+            seen.push(drawn("moves"));
+            await settle();
+        }
+        state = "off";
+        found.push(drawn("moves"));
+        return [found, seen, asked];
+        """,
+    )
+    drawn, seen, asked = found
+    assert drawn == [None, None, None, False, None]  # not known yet, or nothing is rendered
+    colours = module(
+        "pictures.js",
+        "return argument.map((at) => [...m.shade(at / 127.5 - 0.5).map(Math.round), 255].join())",
+        [72, 72, 84, 96],
+    )
+    assert seen == colours
+    moving = [(t_s, step_s) for _, kind, t_s, step_s in asked if kind == "moves"]
+    # Looked at from afar, then second by second, the next one before it is needed.
+    assert moving[1:] == [(3, 1 / 24), (4, 1 / 24)] and moving[0][1] > 0.4
+    assert sum(kind == "stands" for _, kind, *_ in asked) == 1

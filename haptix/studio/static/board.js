@@ -44,6 +44,9 @@ export class Board {
   box = { left: 0, top: 0, width: 100, height: 60 };
   /** @type {m.LayoutDocument} */
   document = { regions: [] };
+  /** Pictures of regions that move, where they are shown moving.
+   * @type {(region: m.Region) => CanvasImageSource | null} */
+  moving = () => null;
   /** Called when the place of the plane on the page has changed. */
   onFit = () => {};
 
@@ -133,7 +136,7 @@ export class Board {
       } else context.roundRect(0, 0, width, height, 1);
       context.save();
       context.clip();
-      const picture = pictureOf(region, () => this.draw());
+      const picture = this.moving(region) ?? pictureOf(region, () => this.draw());
       context.globalAlpha = region.opacity ?? 1;
       context.imageSmoothingEnabled = true;
       context.drawImage(picture, 0, 0, width, height);

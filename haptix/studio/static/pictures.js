@@ -37,7 +37,16 @@ export function picturesFrom(service) {
  * @param {{columns: number, rows: number, levels: string}} map
  */
 export function drawn({ columns, rows, levels }) {
-  const bytes = Uint8Array.from(atob(levels), (char) => char.charCodeAt(0));
+  return drawnBytes(columns, rows, bytesOf(levels));
+}
+
+/** Return the levels of a map as bytes. @param {string} levels in base64 */
+export function bytesOf(levels) {
+  return Uint8Array.from(atob(levels), (char) => char.charCodeAt(0));
+}
+
+/** @param {number} columns @param {number} rows @param {Uint8Array} bytes */
+export function drawnBytes(columns, rows, bytes) {
   const canvas = el("canvas", { width: columns, height: rows });
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
   const image = context.createImageData(columns, rows);

@@ -90,6 +90,8 @@ export class Telemetry {
   tracks = new Map();
   /** @type {Record<string, number>} the newest row of `stats` */
   stats = {};
+  /** Time of that row [s], of the service's clock. */
+  stats_s = NaN;
   /** @type {Set<(track: Track, touch_id: number, from: number, to: number) => void>} told of rows
    * whose felt friction has come */
   onFelt = new Set();
@@ -99,6 +101,7 @@ export class Telemetry {
     const stream = /** @type {string} */ (frame.stream);
     if (stream === "stats") {
       const last = frame.rows.length - frame.columns;
+      this.stats_s = frame.t0_s + (last / frame.columns) * frame.step_s;
       frame.names.forEach((name, column) => (this.stats[name] = frame.rows[last + column]));
       return;
     }

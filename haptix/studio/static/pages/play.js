@@ -11,6 +11,7 @@ import { Telemetry } from "../telemetry.js";
 import { texts } from "../texts.js";
 import { Touching } from "../touching.js";
 import { nameOf, SCALE, Trail, UNREACHABLE } from "../trail.js";
+import { Films } from "../films.js";
 import { FrictionPlot, loadPlots, SpectrumPlot } from "../traces.js";
 import { choose, view } from "../view.js";
 
@@ -31,6 +32,8 @@ export function mount(root, app) {
   const board = new Board({ tabIndex: 0, role: "application", "aria-label": t.board, "aria-describedby": "said" });
   const touching = new Touching(board, service);
   const trail = new Trail(board);
+  const films = new Films(service, telemetry);
+  board.moving = (region) => films.at(region);
   const recorder = new StrokeRecorder();
   const over = new Set();
   const said = el("p.unseen", { id: "said", role: "status" });
@@ -93,6 +96,7 @@ export function mount(root, app) {
   /** @param {number} at_ms */
   function frame(at_ms) {
     if (ended) return;
+    if (films.isDue(at_ms)) board.draw();
     trail.draw(touching.cursors.values());
     const track = telemetry.newest;
     if (track && at_ms - plotted_ms > PLOTS_MS && plotted !== track.count + track.known) {
