@@ -155,9 +155,16 @@ class Session:
         """Write a recording among the strokes, or with findings among the rejected ones."""
         path = self.path_of(recording.stroke)
         if recording.findings:
-            attempts = (
-                self.folder / "rejected" / f"{path.stem}-{attempt}.h5" for attempt in count(1)
-            )
-            path = next(one for one in attempts if not one.exists())
+            path = self._free_rejected(path)
         recording.save(path)
         return path
+
+    def open_again(self, stroke: Stroke) -> None:
+        """Put an accepted stroke among the rejected ones: it is to be made once more."""
+        path = self._free_rejected(self.path_of(stroke))
+        path.parent.mkdir(exist_ok=True)
+        self.path_of(stroke).rename(path)
+
+    def _free_rejected(self, path: Path) -> Path:
+        attempts = (self.folder / "rejected" / f"{path.stem}-{attempt}.h5" for attempt in count(1))
+        return next(one for one in attempts if not one.exists())

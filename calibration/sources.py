@@ -40,20 +40,24 @@ class StrokeDrive:
 
 @dataclass(frozen=True)
 class Live:
-    """Force and speed that the person sees while sliding."""
+    """Forces and speed that the person sees while sliding."""
 
     normal_force_n: float
     speed_mm_per_s: float
+    tangential_force_n: float
 
     @classmethod
     def at(cls, signals: Mapping[str, Array], t_s: float) -> Live | None:
-        """Mean force and speed of the last 50 ms before a time; None without samples."""
+        """Mean forces and speed of the last 50 ms before a time; None without samples."""
         t = signals["t_s"]
         inside = (t > t_s - _LIVE_S) & (t <= t_s)
         if inside.sum() < 4:
             return None
         speed = sliding_speed(t[inside], signals["x_mm"][inside])
-        return cls(float(signals["normal_force_n"][inside].mean()), float(np.abs(speed).mean()))
+        normal, tangential = (
+            float(signals[name][inside].mean()) for name in ("normal_force_n", "tangential_force_n")
+        )
+        return cls(normal, float(np.abs(speed).mean()), tangential)
 
 
 class ForceSource(Protocol):

@@ -229,8 +229,44 @@ namespace Haptix.Messages
         [JsonProperty("state")]
         public string State { get; set; }
 
+        [JsonProperty("step")]
+        public string Step { get; set; }
+
+        [JsonProperty("trace")]
+        public StrokeTrace Trace { get; set; }
+
         [JsonProperty("type")]
         public string Type { get; set; }
+    }
+
+    /// <summary>
+    /// What a calibration's instruments read of a stroke, since they were told of last.
+    /// </summary>
+    public partial class StrokeTrace
+    {
+        [JsonProperty("asked_normal_force_n")]
+        public double AskedNormalForceN { get; set; }
+
+        [JsonProperty("asked_speed_mm_per_s")]
+        public double AskedSpeedMmPerS { get; set; }
+
+        [JsonProperty("normal_force_n")]
+        public double[] NormalForceN { get; set; }
+
+        [JsonProperty("speed_mm_per_s")]
+        public double[] SpeedMmPerS { get; set; }
+
+        [JsonProperty("stroke")]
+        public long Stroke { get; set; }
+
+        [JsonProperty("t_s")]
+        public double[] TS { get; set; }
+
+        [JsonProperty("tangential_force_n")]
+        public double[] TangentialForceN { get; set; }
+
+        [JsonProperty("tries")]
+        public long Tries { get; set; }
     }
 
     /// <summary>

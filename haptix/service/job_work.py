@@ -181,7 +181,7 @@ class Work:
         folder = Path(self._context["calibrations"]) / name
         if not (folder / "session.json").exists():
             begin_practice(folder, self._context["finger"], self._context["screen"], minutes)
-        return calibrate(folder, self._context["device"], self._ask, self._progress)
+        return calibrate(folder, self._context["device"], self._ask, self._say)
 
     def _ask(self, prompt: str, choices: tuple[str, ...]) -> str:
         self._say(prompt=prompt, choices=choices)

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from haptix.service.control import Engine
 from haptix.service.helper import HelperProcess
-from haptix.service.messages import JobMessage, Problem
+from haptix.service.messages import JobMessage, Problem, StrokeTrace
 
 MOST_QUEUED = 8
 _KEPT = 50  # jobs that have ended
@@ -90,6 +90,11 @@ class Job(HelperProcess):
         if "share" in message:
             if message["share"] - self.message.share >= _SHARE:
                 self.change(share=message["share"])
+        elif "step" in message:
+            self.change(step=message["step"])
+        elif "trace" in message:
+            trace = StrokeTrace.model_validate(message["trace"], strict=False)
+            self._tell(self.message.model_copy(update={"trace": trace}))
         elif "prompt" in message:
             choices = tuple(message["choices"])
             self.change(state="asking", prompt=message["prompt"], choices=choices)

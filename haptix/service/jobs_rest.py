@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Response
 from fastapi import Path as PathParameter
+from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from haptix.service.jobs import JobBoard
-from haptix.service.messages import Error, JobMessage
+from haptix.service.messages import Error, JobMessage, Problem
 
 MOST_TOUCHES = 20_000
 JobName = Annotated[str, PathParameter(pattern=r"^[0-9a-f]{1,32}$")]
 ProfileName = Annotated[str, Field(min_length=1, max_length=200)]
+_FOLDER = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,79}$"
+FolderName = Annotated[str, Field(pattern=_FOLDER)]
 Size = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 Force = Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)]
@@ -64,7 +68,7 @@ class ExperimentAsked(BaseModel):
     model_config = ConfigDict(extra="forbid")
     recipe: dict[str, Any]
     """As the file of `haptix stimuli run`; without volts."""
-    log: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,79}$")]
+    log: FolderName
     """Name of the table of trials. One that exists is continued."""
 
 
@@ -72,7 +76,7 @@ class CalibrationAsked(BaseModel):
     """What `POST /v1/calibrations` takes."""
 
     model_config = ConfigDict(extra="forbid")
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,79}$")]
+    name: FolderName
     """Of its folder: one that was planned on this machine is continued, another is a practice."""
     minutes: Annotated[float, Field(ge=2, le=60)] = 3.0
     """Of a practice's strokes."""
@@ -118,6 +122,14 @@ def jobs_router(board: JobBoard) -> APIRouter:
     async def calibration(asked: CalibrationAsked) -> JobMessage:
         """Measure a screen stroke by stroke, and verify; each stroke asks."""
         return board.begin("calibration", **asked.model_dump())
+
+    @router.get("/calibrations/{name}/report", response_class=FileResponse)
+    async def report(name: Annotated[str, PathParameter(pattern=_FOLDER)]) -> FileResponse:
+        """The report of a calibration: a page to keep, with its pictures inside."""
+        path = Path(board.context["calibrations"]) / name / "report.html"
+        if not path.is_file():
+            raise Problem("unknown", f"no calibration called {name!r} has a report", "/name")
+        return FileResponse(path, filename=f"{name}.html")
 
     @router.get("/jobs")
     async def jobs() -> tuple[JobMessage, ...]:

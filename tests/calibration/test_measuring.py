@@ -312,8 +312,11 @@ def test_the_monitor_sees_what_was_played():
 
 def test_live_needs_samples():
     signals = {"t_s": np.arange(3.0), "normal_force_n": np.ones(3), "x_mm": np.arange(3.0)}
+    signals["tangential_force_n"] = 0 * signals["t_s"]
     assert Live.at(signals, 0.0) is None
     t = np.arange(0, 0.1, 1e-3)
-    found = Live.at({"t_s": t, "normal_force_n": 0 * t + 2, "x_mm": 30 * t}, 0.1)
+    forces = {"normal_force_n": 0 * t + 2, "tangential_force_n": 0 * t - 0.5}
+    found = Live.at({"t_s": t, **forces, "x_mm": 30 * t}, 0.1)
     assert (found.normal_force_n, found.speed_mm_per_s) == pytest.approx((2.0, 30.0))
+    assert found.tangential_force_n == pytest.approx(-0.5)
     assert isinstance(found, Live)

@@ -48,25 +48,81 @@ class Played:
 def test_a_calibration_asks_is_answered_and_reports(front, page):
     played = Played(front)
     played.board.begin = lambda kind, name, minutes: played.begin(kind, {}, name)
+    page.add_init_script(KEEP_PLOTS)
     page.goto(address(front))
     page.get_by_role("link", name="Calibrate").click()
     page.get_by_role("button", name="Begin").click()
     job, _, name = begun(page, played, 1)
     assert (job.message.kind, name) == ("calibration", "practice")
-    job.change(
-        state="asking", share=0.25, prompt="Clean the screen.", choices=("continue", "repeat")
-    )
-    page.get_by_text("Clean the screen.").wait_for()
+    choices = ("go", "repeat the last one", "stop")
+    job.heard({"step": "measure"})
+    job.change(state="asking", share=0.25, prompt="Press with 0.5 N.", choices=choices)
+    page.get_by_text("Press with 0.5 N.").wait_for()
+    assert page.locator('.steps [aria-current="step"]').inner_text() == "Strokes"
+    assert page.evaluate("document.activeElement.textContent") == "Go"  # by keyboard throughout
+    page.keyboard.press("Enter")
+    until_given(page, played, ["go"])
+    for begin_s in (0.0, 1.0):
+        job.heard({"trace": trace(begin_s)})
+    page.get_by_role("heading", name="Stroke 3, attempt 2").wait_for()
+    # Both parts are one curve: over 1.95 s, with 0.5 N and 40 mm/s as told.
+    page.wait_for_function("() => window.plots.at(-1).data[0].length === 40")
+    forces, speed = page.evaluate(f"({READ_PLOTS})()")
+    assert speed["t"] == forces["t"]
+    assert forces["t"] == pytest.approx([*trace(0.0)["t_s"], *trace(1.0)["t_s"]])
+    assert set(forces["curves"][2]) == {0.5} and set(forces["curves"][3]) == {0.2}
+    assert set(speed["curves"][2]) == {40.0}
+    assert forces["curves"][0][0] == pytest.approx(0.85 * 0.52)  # the band of what was asked for
     assert not violations(page)
-    page.get_by_role("button", name="continue").click()
-    until_given(page, played, ["continue"])
+    keep(page, "calibrate")
     job.change(state="asking", prompt="Who measures?", choices=())
     page.get_by_label("Who measures?").fill("me")
     page.keyboard.press("Enter")
-    until_given(page, played, ["continue", "me"])
-    job.change(state="done", share=1.0, result={"strokes": 12})
-    page.get_by_text("12").wait_for()
-    keep(page, "calibrate")
+    until_given(page, played, ["go", "me"])
+    job.change(state="done", share=1.0, result=REPORT)
+    page.get_by_text("installed for driver MOCK0001").wait_for()
+    page.get_by_text("118 nm: the profile is 5.9 % off").wait_for()
+    assert not violations(page)
+    keep(page, "calibrate-report")
+
+
+KEEP_PLOTS = """
+    let made;
+    window.plots = [];
+    Object.defineProperty(window, "uPlot", {
+        get: () => made,
+        set: (Plot) => (made = new Proxy(Plot, { construct: (Plain, given) => {
+            const one = new Plain(...given);
+            window.plots.push(one);
+            return one;
+        } })),
+    });"""
+READ_PLOTS = """() => window.plots.slice(-2).map(
+    ({ data: [t, ...curves] }) => ({ t: [...t], curves: curves.map((one) => [...one]) }))"""
+REPORT = {
+    "name": "practice",
+    "still_open": [],
+    "verdict": "passed",
+    "worst_jnd": 0.4,
+    "strokes_used": 16,
+    "h0_nm": 125.0,
+    "installed_for": "MOCK0001",
+    "practice": {
+        "true_h0_nm": 118.0,
+        "h0_error": 0.059,
+        "friction_error_median_jnd": 0.1,
+        "friction_error_worst_jnd": 0.3,
+    },
+}
+
+
+def trace(begin_s):
+    """What the service tells of a second of a stroke."""
+    t_s = [begin_s + 0.05 * k for k in range(20)]
+    values = {"normal_force_n": 0.5, "tangential_force_n": 0.2, "speed_mm_per_s": 40.0}
+    rows = {"t_s": t_s} | {name: [value] * 20 for name, value in values.items()}
+    asked = {"asked_normal_force_n": 0.52, "asked_speed_mm_per_s": 50.0}
+    return {"stroke": 3, "tries": 1, **asked, **rows}
 
 
 def until_given(page, played, given):

@@ -417,9 +417,24 @@ export interface Job {
   prompt: string;
   choices: string[];
   sentence: string;
+  step: string;
+  trace: StrokeTrace | null;
   result: {
     [k: string]: unknown;
   } | null;
+}
+/**
+ * What a calibration's instruments read of a stroke, since they were told of last.
+ */
+export interface StrokeTrace {
+  stroke: number;
+  tries: number;
+  asked_normal_force_n: number;
+  asked_speed_mm_per_s: number;
+  t_s: number[];
+  normal_force_n: number[];
+  tangential_force_n: number[];
+  speed_mm_per_s: number[];
 }
 /**
  * Asks for a `pong` at once.

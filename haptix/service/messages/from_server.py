@@ -159,6 +159,20 @@ class PingMessage(Message):
     clock_s: float
 
 
+class StrokeTrace(Message):
+    """What a calibration's instruments read of a stroke, since they were told of last."""
+
+    stroke: int
+    tries: int
+    """Attempts at this stroke before."""
+    asked_normal_force_n: float
+    asked_speed_mm_per_s: float
+    t_s: tuple[float, ...]
+    normal_force_n: tuple[float, ...]
+    tangential_force_n: tuple[float, ...]
+    speed_mm_per_s: tuple[float, ...]
+
+
 class JobMessage(Message):
     """A job: how far it is, what it asks, why it failed, or what it found."""
 
@@ -171,6 +185,10 @@ class JobMessage(Message):
     prompt: str = ""
     choices: tuple[str, ...] = ()
     sentence: str = ""
+    step: str = ""
+    """What it does, of a job in steps."""
+    trace: StrokeTrace | None = None
+    """Only in the message that tells of it."""
     result: dict[str, Any] | None = None
 
 

@@ -26,9 +26,9 @@ export function loadPlots() {
 }
 
 /** @param {string} name */
-const color = (name) => () => getComputedStyle(document.documentElement).getPropertyValue(name);
+export const color = (name) => () => getComputedStyle(document.documentElement).getPropertyValue(name);
 
-const axis = () => ({
+export const axis = () => ({
   stroke: color("--quiet"),
   grid: { stroke: color("--grid"), width: 0.5 },
   ticks: { show: false },
@@ -39,7 +39,7 @@ const axis = () => ({
 });
 
 /** A plot that fills its element. */
-class Plot {
+export class Plot {
   /** @param {Element} root @param {Omit<uPlot.Options, "width" | "height">} options
    * @param {uPlot.AlignedData} data */
   constructor(root, options, data) {
@@ -55,7 +55,7 @@ class Plot {
   }
 }
 
-const OPTIONS = {
+export const OPTIONS = {
   legend: { show: false },
   cursor: { show: false },
   padding: /** @type {[number, number, number, number]} */ ([6, 10, 0, 0]),
