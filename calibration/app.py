@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,11 +12,22 @@ import typer
 
 from calibration import profile_app, rig_app
 from calibration.profile_app import rounded, stroke_rows
-from haptix.arguments import device_address, is_there, number, one_of, preset_or_file
+from haptix.arguments import (
+    Check,
+    device_address,
+    file_to_write,
+    folder_there,
+    is_there,
+    number,
+    one_of,
+    preset_or_file,
+    some_of,
+    text,
+)
 from haptix.arguments import folder as folder_of
 from haptix.errors import InputError
 from haptix.files import json_text
-from haptix.presets import FINGERS, SCREENS
+from haptix.presets import FINGERS, SCREENS, TERMS
 from haptix.terminal import AsJson, run, show
 
 if TYPE_CHECKING:
@@ -33,6 +45,7 @@ app = typer.Typer(
 )
 
 Folder = Annotated[Path, typer.Argument(help="Folder of the session.", callback=folder_of)]
+Measured = Annotated[Path, typer.Argument(help="Folder of the session.", callback=folder_there)]
 finger_name, screen_name = preset_or_file("finger", FINGERS), preset_or_file("screen", SCREENS)
 FingerOption = Annotated[
     str,
@@ -42,9 +55,16 @@ ScreenOption = Annotated[
     str,
     typer.Option(help="Assumed screen: a preset or a TOML file.", callback=screen_name),
 ]
+PanelName = Annotated[
+    str | None, typer.Option(help="Name of this screen alone; required.", callback=text)
+]
+seed_ = number(least=0, most=2**63 - 1)
 protocol_kind = one_of("paper", "full", "short")
 source_kind = one_of("virtual", "csv", "inputs")
-Csv = Annotated[Path | None, typer.Option(help="For csv: folder of stroke-001.csv ...")]
+Csv = Annotated[
+    Path | None,
+    typer.Option(help="For csv: folder of stroke-001.csv ...", callback=folder_of),
+]
 Columns = Annotated[
     Path | None, typer.Option(help="For csv: column map, as TOML.", callback=is_there)
 ]
@@ -60,9 +80,39 @@ Source = Annotated[
 ]
 
 
+def _numbers(
+    option: str, texts: Sequence[str] | None, form: str
+) -> list[tuple[str, tuple[float, ...]]]:
+    """Read options such as ``h0_m=1.2e-7,0.1``, with as many numbers as `form` has."""
+    found = []
+    for pair in texts or ():
+        name, _, values = pair.partition("=")
+        try:
+            numbers = tuple(float(value) for value in values.split(","))
+        except ValueError:
+            numbers = ()
+        is_whole = len(numbers) == form.count(",") + 1 and all(map(isfinite, numbers))
+        if not (is_whole and name.strip()):
+            raise InputError(f"{option}: expected {form}, such as h0_m=1.2e-7, got {pair!r:.80}")
+        found.append((name.strip(), numbers))
+    return found
+
+
+def _assignments(option: str, form: str) -> Check:
+    """Refuse what `_numbers` cannot read."""
+
+    def check(_: typer.CallbackParam, value: list[str] | None) -> list[str] | None:
+        _numbers(option, value, form)
+        return value
+
+    return check
+
+
 @app.command()
 def plan(
-    out: Annotated[Path, typer.Argument(help="File to write: TOML, or JSON.")],
+    out: Annotated[
+        Path, typer.Argument(help="File to write: TOML, or JSON.", callback=file_to_write)
+    ],
     protocol: Annotated[
         str,
         typer.Option(
@@ -130,7 +180,7 @@ def measure(
             help="Assumed screen: a preset or a file. [default: 3m-sct3250]", callback=screen_name
         ),
     ] = None,
-    name: Annotated[str | None, typer.Option(help="Name of this screen alone; required.")] = None,
+    name: PanelName = None,
     finger: Annotated[
         str | None,
         typer.Option(help="Finger: a preset or a file. [default: semi-wet]", callback=finger_name),
@@ -154,7 +204,7 @@ def measure(
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue a session.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not wait before each stroke.")] = False,
-    seed: Annotated[int, typer.Option(help="Of the virtual finger.")] = 0,
+    seed: Annotated[int, typer.Option(help="Of the virtual finger.", callback=seed_)] = 0,
     as_json: AsJson = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print no table.")] = False,
 ) -> None:
@@ -220,7 +270,7 @@ def measure(
 
 
 @app.command("reduce")
-def reduce_(folder: Folder, as_json: AsJson = False) -> None:
+def reduce_(folder: Measured, as_json: AsJson = False) -> None:
     """Compute mu(F_N, V0, f) from the raw forces, and name the strokes that cannot be used."""
     from calibration.steps import REDUCED, reduce_folder
 
@@ -250,13 +300,20 @@ def reduce_(folder: Folder, as_json: AsJson = False) -> None:
 
 @app.command()
 def fit(
-    folder: Folder,
+    folder: Measured,
     fix: Annotated[
-        list[str] | None, typer.Option(help="Hold a parameter: NAME=VALUE; may be repeated.")
+        list[str] | None,
+        typer.Option(
+            help="Hold a parameter: NAME=VALUE; may be repeated.",
+            callback=_assignments("--fix", "NAME=VALUE"),
+        ),
     ] = None,
     prior: Annotated[
         list[str] | None,
-        typer.Option(help="Prior: NAME=VALUE,SPREAD (0.1 for 10 %); may be repeated."),
+        typer.Option(
+            help="Prior: NAME=VALUE,SPREAD (0.1 for 10 %); may be repeated.",
+            callback=_assignments("--prior", "NAME=VALUE,SPREAD"),
+        ),
     ] = None,
     finger: Annotated[
         Path | None,
@@ -265,8 +322,13 @@ def fit(
     leaky_gap: Annotated[
         bool, typer.Option("--leaky-gap", help="Fit the resistivity of the gap.")
     ] = False,
-    with_: Annotated[list[str] | None, typer.Option("--with", help="Switch a term on.")] = None,
-    without: Annotated[list[str] | None, typer.Option(help="Switch a term off.")] = None,
+    with_: Annotated[
+        list[str] | None,
+        typer.Option("--with", help="Switch a term on.", callback=some_of(*TERMS)),
+    ] = None,
+    without: Annotated[
+        list[str] | None, typer.Option(help="Switch a term off.", callback=some_of(*TERMS))
+    ] = None,
     compare: Annotated[bool, typer.Option(help="Find which terms the strokes need.")] = True,
     as_json: AsJson = False,
 ) -> None:
@@ -324,7 +386,7 @@ def fit(
 
 @app.command("verify")
 def verify_(
-    folder: Folder,
+    folder: Measured,
     tolerance_thresholds: Annotated[
         float,
         typer.Option(
@@ -354,7 +416,7 @@ def verify_(
 @app.command("run")
 def run_(
     folder: Folder,
-    name: Annotated[str | None, typer.Option(help="Name of this screen alone; required.")] = None,
+    name: PanelName = None,
     source: Source = "inputs",
     device: Annotated[
         str | None, typer.Option(help="Driver, such as usb: or mock:.", callback=device_address)
@@ -382,7 +444,9 @@ def run_(
     practice: Annotated[
         bool, typer.Option("--practice", help="On a virtual finger and screen, drawn at random.")
     ] = False,
-    seed: Annotated[int | None, typer.Option(help="Of a practice. [default: a new one]")] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Of a practice. [default: a new one]", callback=seed_)
+    ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not wait before each stroke.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -545,20 +609,3 @@ def _source(
             raise InputError("--source inputs: expected --inputs FILE.toml, the analog channels")
         return open_inputs(inputs)
     raise InputError(f"--source: expected virtual, csv or inputs, got {kind!r}")
-
-
-def _numbers(
-    option: str, texts: Sequence[str] | None, form: str
-) -> list[tuple[str, tuple[float, ...]]]:
-    """Read options such as ``h0_m=1.2e-7,0.1``, with as many numbers as `form` has."""
-    found = []
-    for text in texts or ():
-        name, _, values = text.partition("=")
-        try:
-            numbers = tuple(float(value) for value in values.split(","))
-        except ValueError:
-            numbers = ()
-        if len(numbers) != form.count(",") + 1:
-            raise InputError(f"{option}: expected {form}, such as h0_m=1.2e-7, got {text!r}")
-        found.append((name.strip(), numbers))
-    return found

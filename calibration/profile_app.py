@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptix.arguments import device_address, is_there, number, preset_or_file
-from haptix.arguments import folder as folder_of
+from haptix.arguments import device_address, folder_there, is_there, number, preset_or_file, text
 from haptix.errors import InputError
 from haptix.files import json_text
 from haptix.presets import FINGERS
@@ -34,7 +33,7 @@ FingerFile = Annotated[
 
 def check(
     folder: Annotated[
-        Path, typer.Argument(help="Folder of a session with new strokes.", callback=folder_of)
+        Path, typer.Argument(help="Folder of a session with new strokes.", callback=folder_there)
     ],
     profile: Annotated[
         Path, typer.Option(help="screen.toml of an earlier calibration.", callback=is_there)
@@ -133,7 +132,9 @@ def install(
     profile: Annotated[
         Path, typer.Argument(help="screen.toml of a calibration that passed.", callback=is_there)
     ],
-    serial: Annotated[str | None, typer.Option(help="Serial number of the driver.")] = None,
+    serial: Annotated[
+        str | None, typer.Option(help="Serial number of the driver.", callback=text)
+    ] = None,
     device: Annotated[
         str | None,
         typer.Option(help="The driver itself, such as usb:.", callback=device_address),

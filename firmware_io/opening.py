@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from firmware_io.address import SETTING_KEYS, read_selector, split_address
 from firmware_io.device import Device
 from firmware_io.links.registry import SCHEMES
+from firmware_io.scheme import Scheme
 
 
 def open_device(address: str) -> Device:
@@ -41,10 +44,7 @@ def open_device(address: str) -> Device:
     ...     device.capabilities.ceiling_v
     150.0
     """
-    name, selector = split_address(address, tuple(SCHEMES))
-    scheme = SCHEMES[name]
-    values, pairs = scheme.split(selector)
-    values |= read_selector(name, pairs, {**scheme.keys, **SETTING_KEYS})
+    scheme, values = read_address(address)
     names = (
         ["mode", "carrier_hz"] if scheme.makes_rate else ["mode", "carrier_hz", "sample_rate_hz"]
     )
@@ -57,3 +57,17 @@ def open_device(address: str) -> Device:
         device.close()
         raise
     return device
+
+
+def read_address(address: str) -> tuple[Scheme, dict[str, Any]]:
+    """Return the scheme of an address and the values of its keys; nothing is opened.
+
+    Raises
+    ------
+    DeviceError
+        If the address cannot be read.
+    """
+    name, selector = split_address(address, tuple(SCHEMES))
+    scheme = SCHEMES[name]
+    values, pairs = scheme.split(selector)
+    return scheme, values | read_selector(name, pairs, {**scheme.keys, **SETTING_KEYS})

@@ -1,4 +1,4 @@
-"""Fields of the presets, by name; known without loading what they describe."""
+"""Names, and fields of the presets: known without loading what they describe."""
 
 from __future__ import annotations
 
@@ -27,3 +27,12 @@ FINGERS: dict[str, dict[str, Any]] = {
 }
 
 SCREENS: dict[str, dict[str, Any]] = {"3m-sct3250": {}}
+
+TERMS = (
+    "layered-skin", "apparent-area", "finite-size", "plasticity", "skin-dielectric", "leaky-gap",
+    "field-limit", "body-return", "breakdown",
+)  # fmt: skip
+"""Names of the terms of `haptix.terms.TERMS`."""
+
+FIGURES = ("fig2d", "fig3b", "fig3c", "fig3d", "fig4", "roughness", "gaps")
+"""Names of the figures of `haptix.figures`; the numbered ones are the paper's."""

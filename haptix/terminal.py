@@ -26,6 +26,8 @@ def run(app: Callable[[], object], name: str) -> None:
         text = str(error)
         if len(text) > _LONGEST_MESSAGE:  # it may quote a file
             text = f"{text[:_LONGEST_MESSAGE]} ..."
+        # Names of files may hold line breaks, and what would move a terminal's cursor.
+        text = "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
         sys.stderr.write(f"{name}: {text}\n")
         sys.exit(2)
 

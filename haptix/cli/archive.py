@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from haptix.arguments import is_there, refuse_input
+from haptix.arguments import file_to_write, is_there, refuse_input
 from haptix.cli.surfaces import check_writable
 from haptix.terminal import AsJson, show
 
@@ -16,7 +16,10 @@ def export(
     surface: Annotated[
         Path, typer.Argument(help="Surface made by `haptix build`.", callback=is_there)
     ],
-    out: Annotated[Path, typer.Argument(help="NetCDF file to write, such as my.nc.")],
+    out: Annotated[
+        Path,
+        typer.Argument(help="NetCDF file to write, such as my.nc.", callback=file_to_write),
+    ],
     overwrite: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
     as_json: AsJson = False,
 ) -> None:

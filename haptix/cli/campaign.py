@@ -12,10 +12,25 @@ from typing import Annotated, Any
 
 import typer
 
-from haptix.arguments import is_there, number
+from haptix.arguments import folder, is_there, number, one_of, text
 from haptix.terminal import AsJson, show
 
 _SAY_EVERY_S = 10.0
+
+
+def _folder_or_url(option: typer.CallbackParam, value: str | None) -> str | None:
+    text(option, value)
+    if value is not None and "://" not in value:
+        folder(option, Path(value))
+    return value
+
+
+def _executor_named(option: typer.CallbackParam, value: str) -> str:
+    if "/" not in value and "." not in value:
+        one_of("processes", "dask")(option, value)
+    elif "://" not in value:
+        is_there(option, Path(value))
+    return value
 
 
 def campaign(
@@ -23,14 +38,16 @@ def campaign(
     out: Annotated[
         str | None,
         typer.Option(
-            help="Folder, or a URL of fsspec such as s3://bucket/name. [default: the plan's name]"
+            help="Folder, or a URL of fsspec such as s3://bucket/name. [default: the plan's name]",
+            callback=_folder_or_url,
         ),
     ] = None,
     on: Annotated[
         str,
         typer.Option(
             help="processes: of this machine; dask: a local cluster; tcp://HOST:PORT or tls://, or "
-            "a scheduler file of Dask: a cluster that runs."
+            "a scheduler file of Dask: a cluster that runs.",
+            callback=_executor_named,
         ),
     ] = "processes",
     processes: Annotated[
@@ -51,7 +68,7 @@ def campaign(
     ] = False,
     first: Annotated[
         int | None,
-        typer.Option(help="End after so many tasks.", callback=number(least=1)),
+        typer.Option(help="End after so many tasks.", callback=number(least=1, most=10**9)),
     ] = None,
     again: Annotated[
         bool, typer.Option("--again", help="Also what failed or was set aside.")

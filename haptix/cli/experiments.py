@@ -9,7 +9,17 @@ from typing import Annotated, Any
 
 import typer
 
-from haptix.arguments import device_address, folder, is_there, number, numbers, read_numbers
+from haptix.arguments import (
+    device_address,
+    file_or_folder,
+    file_to_write,
+    folder,
+    is_there,
+    label,
+    number,
+    numbers,
+    read_numbers,
+)
 from haptix.errors import InputError
 from haptix.terminal import AsJson, show
 
@@ -20,7 +30,8 @@ app = typer.Typer()
 def run(
     recipe: Annotated[Path, typer.Argument(help="Experiment: a TOML file.", callback=is_there)],
     log: Annotated[
-        Path | None, typer.Option(help="Table of the trials; continued if it exists.")
+        Path | None,
+        typer.Option(help="Table of the trials; continued if it exists.", callback=file_to_write),
     ] = None,
     study: Annotated[
         Path | None,
@@ -43,12 +54,18 @@ def run(
         str | None,
         typer.Option(
             help="Pseudonym: letters and digits. The number at its end decides the order of "
-            "blocks. [default, for a log: 1]"
+            "blocks. [default, for a log: 1]",
+            callback=label,
         ),
     ] = None,
-    session: Annotated[str, typer.Option(help="Label of the session in a study.")] = "01",
+    session: Annotated[
+        str, typer.Option(help="Label of the session in a study.", callback=label)
+    ] = "01",
     task: Annotated[
-        str | None, typer.Option(help="Label of the task in a study. [default: the recipe's name]")
+        str | None,
+        typer.Option(
+            help="Label of the task in a study. [default: the recipe's name]", callback=label
+        ),
     ] = None,
     another_program: Annotated[
         bool, typer.Option(help="Continue a log that another version of haptix began.")
@@ -73,11 +90,11 @@ def run(
     from haptix.stimuli.orders import seed_of
 
     plan = ExperimentRecipe.load(recipe)
-    seed, label, table = plan.seed, task or re.sub("[^A-Za-z0-9]", "", plan.name), log
+    seed, task, table = plan.seed, task or re.sub("[^A-Za-z0-9]", "", plan.name), log
     if study is not None:
         from haptix.stimuli.study_files import keep_recipe, session_log
 
-        table = session_log(study, who, session, label)
+        table = session_log(study, who, session, task)
         seed = seed_of(plan.seed, who, session)
         keep_recipe(recipe, table)
     assert table is not None
@@ -109,7 +126,7 @@ def run(
             if study is not None and experiment.log.rows:
                 from haptix.stimuli.bids import export
 
-                export(table, study, who, session, label)
+                export(table, study, who, session, task)
     finally:
         opened.close()
     rows, warnings = [], []
@@ -143,7 +160,11 @@ def simulate(
         int, typer.Option(help="Runs of each observer.", callback=number(least=10, most=100_000))
     ] = 200,
     participants: Annotated[
-        str | None, typer.Option(help="Sample sizes whose power is asked for, such as 8,12,16.")
+        str | None,
+        typer.Option(
+            help="Sample sizes whose power is asked for, such as 8,12,16.",
+            callback=numbers(least=2, is_whole=True),
+        ),
     ] = None,
     difference_db: Annotated[
         float, typer.Option(help="Difference of two conditions [dB].", callback=number())
@@ -215,9 +236,11 @@ def new(
 def bids(
     log: Annotated[Path, typer.Argument(help="Log of `haptix stimuli run`.", callback=is_there)],
     study: Annotated[Path, typer.Option(help="Folder of the data set.", callback=folder)],
-    participant: Annotated[str, typer.Option(help="Pseudonym: letters and digits.")],
-    session: Annotated[str, typer.Option(help="Label of the session.")] = "01",
-    task: Annotated[str, typer.Option(help="Label of the task.")] = "detection",
+    participant: Annotated[
+        str, typer.Option(help="Pseudonym: letters and digits.", callback=label)
+    ],
+    session: Annotated[str, typer.Option(help="Label of the session.", callback=label)] = "01",
+    task: Annotated[str, typer.Option(help="Label of the task.", callback=label)] = "detection",
     as_json: AsJson = False,
 ) -> None:
     """Write a log into a study in the Brain Imaging Data Structure (BIDS).
@@ -235,7 +258,11 @@ def bids(
 @app.command()
 def analyse(
     source: Annotated[
-        Path, typer.Argument(help="Log of `haptix stimuli run`, folder of logs, or a study.")
+        Path,
+        typer.Argument(
+            help="Log of `haptix stimuli run`, folder of logs, or a study.",
+            callback=file_or_folder,
+        ),
     ],
     out: Annotated[
         Path | None,
@@ -253,8 +280,6 @@ def analyse(
     Bradley-Terry scale, magnitudes geometric means and their exponent. Writes tables (TSV) and
     report.html with a picture of each run.
     """
-    if not source.exists():
-        raise InputError(f"SOURCE: cannot read {source}: there is no such file or folder")
     from haptix.stimuli.analysis import analyse as analysed
     from haptix.stimuli.analysis.report import write_analysis
 

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from haptix.arguments import folder
+from haptix.arguments import folder, some_of
+from haptix.presets import FIGURES
 from haptix.terminal import AsJson, progress_bar, show
 
 _STAGES = {
@@ -17,9 +18,20 @@ _STAGES = {
 }
 
 
+_NAMES = tuple(name.removeprefix("fig") for name in FIGURES)
+
+
+def _are_figures(option: typer.CallbackParam, value: list[str] | None) -> list[str] | None:
+    some_of(*_NAMES)(option, [name.removeprefix("fig") for name in value or ()])
+    return value
+
+
 def figures(
     names: Annotated[
-        list[str] | None, typer.Argument(help="Figures to draw, such as 2d or gaps. [default: all]")
+        list[str] | None,
+        typer.Argument(
+            help="Figures to draw, such as 2d or gaps. [default: all]", callback=_are_figures
+        ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for the figures.", callback=folder)] = Path(
         "haptix-figures"

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from haptix.arguments import folder
 from haptix.terminal import AsJson, show
 from haptix.version import __version__
 
@@ -31,7 +32,9 @@ def doctor(
         ),
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
-    root: Annotated[Path, typer.Option(help="Folder below which the rule is written.")] = Path("/"),
+    root: Annotated[
+        Path, typer.Option(help="Folder below which the rule is written.", callback=folder)
+    ] = Path("/"),
 ) -> None:
     """Check this machine: packages, system libraries, cache, and a solve against known numbers.
 

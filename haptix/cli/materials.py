@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from haptix.arguments import material_file, refuse_input
+from haptix.arguments import file_to_write, material_file, refuse_input
 from haptix.terminal import AsJson, show
 
 app = typer.Typer(
@@ -25,7 +25,10 @@ def show_material(
         Path,
         typer.Argument(help="Material: TOML or JSON, or gallery:NAME.", callback=material_file),
     ],
-    out: Annotated[Path | None, typer.Option(help="Picture. [default: FILE with .png]")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Picture. [default: FILE with .png]", callback=file_to_write),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Draw a material: its friction by place, direction, speed, force and time."""

@@ -12,21 +12,34 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from haptix.arguments import device_address, is_there, preset_or_file, text
 from haptix.errors import InputError
+from haptix.presets import FINGERS, SCREENS
 
 if TYPE_CHECKING:
     from haptix.service.access import Access
     from haptix.service.messages import Inventory
 
-Device = Annotated[str, typer.Option(help="The driver, see `haptix devices`.")]
+Device = Annotated[
+    str, typer.Option(help="The driver, see `haptix devices`.", callback=device_address)
+]
 Surface = Annotated[
-    Path | None, typer.Option(help="Surface of `haptix build`. [default: built and kept]")
+    Path | None,
+    typer.Option(help="Surface of `haptix build`. [default: built and kept]", callback=is_there),
 ]
 Finger = Annotated[
-    str | None, typer.Option(help="Finger. [default: the device's profile, or semi-wet]")
+    str | None,
+    typer.Option(
+        help="Finger. [default: the device's profile, or semi-wet]",
+        callback=preset_or_file("finger", FINGERS),
+    ),
 ]
 Screen = Annotated[
-    str | None, typer.Option(help="Screen. [default: the device's profile, or 3m-sct3250]")
+    str | None,
+    typer.Option(
+        help="Screen. [default: the device's profile, or 3m-sct3250]",
+        callback=preset_or_file("screen", SCREENS),
+    ),
 ]
 Port = Annotated[int, typer.Option(help="TCP port on this machine.", min=0, max=65535)]
 
@@ -38,13 +51,14 @@ def serve(
     screen: Screen = None,
     port: Port = 7421,
     listen: Annotated[
-        str | None, typer.Option(help="Name by which other machines reach this one; needs TLS.")
+        str | None,
+        typer.Option(help="Name by which other machines reach this one; needs TLS.", callback=text),
     ] = None,
     certificate: Annotated[
-        Path | None, typer.Option(help="Its certificate, PEM.", exists=True)
+        Path | None, typer.Option(help="Its certificate, PEM.", callback=is_there)
     ] = None,
     key: Annotated[
-        Path | None, typer.Option(help="The certificate's key, PEM.", exists=True)
+        Path | None, typer.Option(help="The certificate's key, PEM.", callback=is_there)
     ] = None,
 ) -> None:
     """Serve apps in any language on this machine: touches and materials in, friction out.

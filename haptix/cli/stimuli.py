@@ -9,6 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from haptix.arguments import (
+    file_or_folder,
+    file_to_write,
     folder,
     is_there,
     number,
@@ -84,7 +86,7 @@ def again(
     sidecar: Annotated[
         Path, typer.Argument(help="Sidecar of a drive file (NAME.json).", callback=is_there)
     ],
-    out: Annotated[Path, typer.Option(help="Drive file to write.")],
+    out: Annotated[Path, typer.Option(help="Drive file to write.", callback=file_to_write)],
 ) -> None:
     """Make a drive file again from its sidecar and profiles.json; every byte must be the same."""
     from haptix.stimuli.again import make_again
@@ -94,9 +96,14 @@ def again(
 
 @app.command("show")
 def look(
-    what: Annotated[Path, typer.Argument(help="Drive file, or folder of a set.")],
+    what: Annotated[
+        Path, typer.Argument(help="Drive file, or folder of a set.", callback=file_or_folder)
+    ],
     out: Annotated[
-        Path | None, typer.Option(help="Picture of a drive file. [default: its name + .png]")
+        Path | None,
+        typer.Option(
+            help="Picture of a drive file. [default: its name + .png]", callback=file_to_write
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from haptix.arguments import (
+    Check,
+    file_to_write,
     is_there,
     number,
     numbers,
@@ -20,10 +22,11 @@ from haptix.arguments import (
     read_numbers,
     read_pair,
     refuse_input,
+    some_of,
 )
 from haptix.errors import InputError, LimitError, ToleranceError
 from haptix.files import reading
-from haptix.presets import FINGERS, SCREENS
+from haptix.presets import FINGERS, SCREENS, TERMS
 from haptix.terminal import (
     AsJson,
     accuracy_note,
@@ -77,10 +80,15 @@ Skin = Annotated[
 ]
 With = Annotated[
     list[str] | None,
-    typer.Option("--with", help="Switch a term on, such as finite-size; may be repeated."),
+    typer.Option(
+        "--with",
+        help="Switch a term on, such as finite-size; may be repeated.",
+        callback=some_of(*TERMS),
+    ),
 ]
 Without = Annotated[
-    list[str] | None, typer.Option("--without", help="Switch a term off; may be repeated.")
+    list[str] | None,
+    typer.Option("--without", help="Switch a term off; may be repeated.", callback=some_of(*TERMS)),
 ]
 _POSITIVE, _RANGE = numbers(above=0), numbers(above=0, is_range=True)
 Force = Annotated[str, typer.Option(help="Normal forces [N], comma-separated.", callback=_POSITIVE)]
@@ -105,7 +113,16 @@ def _tolerance(value: str | None) -> str | None:
     from haptix.surface.tolerance import Tolerance
 
     if value is not None:
-        Tolerance.read(value)
+        try:
+            Tolerance.read(value)
+        except InputError as error:
+            raise InputError(f"--{error}") from None
+    return value
+
+
+def _scene_or_file(option: typer.CallbackParam, value: Path) -> Path:
+    check: Check = is_there if value.suffix == ".toml" else file_to_write
+    check(option, value)
     return value
 
 
@@ -123,10 +140,14 @@ def build(
         typer.Argument(
             metavar="OUT|SCENE.toml",
             help="File to write, such as my.surface; or a scene, whose plan is built.",
+            callback=_scene_or_file,
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option(help="File to write for a scene. [default: SCENE.surface]")
+        Path | None,
+        typer.Option(
+            help="File to write for a scene. [default: SCENE.surface]", callback=file_to_write
+        ),
     ] = None,
     finger: Finger = "semi-wet",
     screen: Screen = "3m-sct3250",

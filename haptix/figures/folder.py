@@ -30,7 +30,7 @@ FIGURES: Mapping[str, Callable[[], FigureData]] = {
     "roughness": roughness_spectra,
     "gaps": gap_distributions,
 }
-"""Every figure by the stem of its files; the numbered ones are the paper's."""
+"""Every figure by the stem of its files; `haptix.presets.FIGURES` has the names."""
 
 CAPTIONS = "captions.json"
 

@@ -1,87 +1,8 @@
 """Arguments that no command can use are refused in one sentence before torch loads."""
 
-import json
-import subprocess
 import sys
-from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
-
-import haptix
-
-ROOT = Path(haptix.__file__).parents[1]
-
-# Tries every wrong value of every parameter that the command line defines, in one process.
-TRY_ALL = """
-import contextlib, inspect, io, json, sys
-from typing import get_args, get_type_hints
-from typer.main import get_command
-import haptix.cli
-
-def commands(group, before=()):
-    for name in group.list_commands(None):
-        found = group.get_command(None, name)
-        if hasattr(found, "list_commands"):
-            yield from commands(found, (*before, name))
-        else:
-            yield (*before, name), found
-
-NUMBERS = ("nan", "-inf", "ten", "", "1,2,3,4")
-TEXTS = ("normal_force_n", "voltage_v", "frequency_hz", "h0_m", "mu", "mu_range")
-results = []
-
-def attempt(words, value, option):
-    option = [option.opts[0], value] if option.opts[0].startswith("-") else ["--", value]
-    out, err = io.StringIO(), io.StringIO()
-    sys.argv = ["haptix", *words, *option]
-    code, error = 0, ""
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        try:
-            haptix.cli.main()
-        except SystemExit as end:
-            code = end.code
-        except BaseException as raised:
-            error = repr(raised)
-    results.append([" ".join(words), *option, code, out.getvalue(), err.getvalue(), error,
-                    "torch" in sys.modules])
-
-for words, command in commands(get_command(haptix.cli.app)):
-    hints = get_type_hints(inspect.unwrap(command.callback))
-    for one in command.params:
-        kinds = {hints.get(one.name)} | set(get_args(hints.get(one.name)))
-        if kinds & {float, int, list[float]} or one.name in TEXTS:
-            for value in NUMBERS:
-                attempt(words, value, one)
-print(json.dumps(results))
-"""
-
-
-def test_every_number_that_is_none_is_refused_in_a_sentence_before_torch_loads():
-    done = subprocess.run(
-        [sys.executable, "-c", TRY_ALL], capture_output=True, text=True, cwd=ROOT, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    tried = [Tried(*one) for one in json.loads(done.stdout)]
-    assert len(tried) > 250
-    assert [one for one in tried if not one.is_refused] == []
-
-
-@dataclass(frozen=True)
-class Tried:
-    words: str
-    option: str
-    value: str
-    code: int
-    out: str
-    err: str
-    raised: str
-    loads_torch: bool
-
-    @property
-    def is_refused(self):
-        told = self.err.startswith("haptix: ") or "Error: " in self.err
-        return (self.code, self.out, self.raised) == (2, "", "") and told and not self.loads_torch
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ WRONG = {
     "no size": (build("--largest-mb", "0"), "largest-mb.*above 0"),
     "--out without a scene": (build("--out", "b.surface"), "--out goes with a scene"),
     "missing scene": (("build", "missing.toml"), r"missing\.toml"),
-    "a scene and a range": (("build", "missing.toml", "--h0-m", "1e-7"), "--h0-m: a scene says"),
+    "a scene and a range": (("build", "not.toml", "--h0-m", "1e-7"), "--h0-m: a scene says"),
     "build over the limit": (build("--voltage-v", "201"), "201 V.*limit of 200 V"),
     "build over a file's limit": (
         build("--voltage-v", "130", "--screen", "fragile.toml"),
@@ -97,7 +97,7 @@ WRONG = {
     "build for no voltage": (build("--voltage-v", "0"), "voltage.v"),
     "build for NaN": (build("--voltage-v", "nan"), "voltage.v"),
     "build onto a file": (("build", "file"), "file exists.*--overwrite"),
-    "build onto a folder": (("build", "."), "exists"),
+    "build onto a folder": (("build", "."), "is a folder"),
     "build below a file": (
         ("build", "file/a.surface", "--normal-force-n", "0.5"),
         r"file/a\.surface",
