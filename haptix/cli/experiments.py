@@ -26,6 +26,23 @@ from haptix.terminal import AsJson, show
 app = typer.Typer()
 
 
+def _number_of(participant: str) -> int:
+    """Return the number at the end of a pseudonym."""
+    found = re.fullmatch(r"[A-Za-z0-9]*?([0-9]+)", participant)
+    if found is None or len(participant) > 64 or not 1 <= int(found[1]) < 2**31:
+        raise InputError(
+            "--participant: expected letters and digits with a number from 1 at the end, such as "
+            f"07 or p07, got {participant!r:.80}"
+        )
+    return int(found[1])
+
+
+def _pseudonym(_: typer.CallbackParam, value: str | None) -> str | None:
+    if value is not None:
+        _number_of(value)
+    return value
+
+
 @app.command()
 def run(
     recipe: Annotated[Path, typer.Argument(help="Experiment: a TOML file.", callback=is_there)],
@@ -55,7 +72,7 @@ def run(
         typer.Option(
             help="Pseudonym: letters and digits. The number at its end decides the order of "
             "blocks. [default, for a log: 1]",
-            callback=label,
+            callback=_pseudonym,
         ),
     ] = None,
     session: Annotated[
@@ -306,17 +323,6 @@ _WIDE = (
     "between", "p", "spread_within",
 )  # fmt: skip
 """Columns that are in the files, and too many for a terminal."""
-
-
-def _number_of(participant: str) -> int:
-    """Return the number at the end of a pseudonym."""
-    found = re.fullmatch(r"[A-Za-z0-9]*?([0-9]+)", participant)
-    if found is None or len(participant) > 64 or not 1 <= int(found[1]) < 2**31:
-        raise InputError(
-            "--participant: expected letters and digits with a number from 1 at the end, such as "
-            f"07 or p07, got {participant!r:.80}"
-        )
-    return int(found[1])
 
 
 def _known(value: float) -> float | None:
