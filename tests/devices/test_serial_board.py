@@ -27,6 +27,7 @@ BOARD = Path(firmware_io.__file__).parent / "firmware" / "boards" / "stm32f405"
 OUTPUT_HZ = 2000
 WATCHDOG = OUTPUT_HZ // 4  # 250 ms in output samples
 RAMP = OUTPUT_HZ * 5 // 1000
+HIGH = OUTPUT_HZ // 1000  # output samples in 1 ms
 RATE_HZ = 250
 FULL_SCALE_V = 200.0
 
@@ -50,11 +51,12 @@ class Board:
     """An emulated board that runs."""
 
     def __init__(self, firmware, folder):
-        self.trace = folder / "output.codes"
+        self.trace, self.line = folder / "output.codes", folder / "line.changes"
         self._qemu = subprocess.Popen(
             [
                 *("qemu-system-arm", "-M", "netduinoplus2", "-nographic", "-monitor", "none"),
-                *("-serial", "pty", "-serial", f"file:{self.trace}", "-kernel", firmware),
+                *("-serial", "pty", "-serial", f"file:{self.trace}"),
+                *("-serial", f"file:{self.line}", "-kernel", firmware),
             ],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -71,6 +73,10 @@ class Board:
     def output(self):
         """All output codes so far."""
         return np.fromfile(self.trace, "<i2").astype(int)
+
+    def line_changes(self):
+        """Output samples at which the digital line's ring rises and falls."""
+        return np.fromfile(self.line, "<u4").tolist()
 
     def output_until(self, clock):
         """The output codes up to a clock of the board, waited for."""
@@ -125,6 +131,23 @@ def test_the_board_plays_what_the_host_sends(board):
     first = np.flatnonzero(expected)[0]
     found = played(board.output_until(clock))[: expected.size - first]
     np.testing.assert_array_equal(found, expected[first:])
+
+
+def test_the_line_rises_with_the_sample_that_is_marked(board):
+    volts = sine(60)
+    with firmware_io.open_device(board.address) as device:
+        device.mark(30, 7)
+        device.write(volts)
+        device.stop()
+        (mark,) = device.marked()
+        clock = clock_of(device)
+    board.output_until(clock)
+    # A pin takes its level at once, the DAC with the next clock: one later in the line's ring.
+    assert board.line_changes() == [mark.clock_ticks + 1, mark.clock_ticks + 1 + HIGH]
+    # The point of sample 30 is reached at the end of its line.
+    n, output = OUTPUT_HZ // RATE_HZ, board.output()
+    first = np.flatnonzero(output)[0] - np.flatnonzero(lines(volts))[0]
+    assert mark.clock_ticks == first + 30 * n
 
 
 def test_parsing_never_holds_the_output_up(board):

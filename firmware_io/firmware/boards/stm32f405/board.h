@@ -6,7 +6,7 @@
 
 #include "haptix_device.h"
 
-/* Output samples a second. The DAC's timer runs at 84 MHz, which this divides: 84e6 / 48e3 = 1750.
+/* Output samples a second. The DAC's timer runs at 168 MHz, which this divides: 168e6 / 48e3 = 3500.
  * Samples in a half of the DAC's buffer: 1 ms, and README.md derives the smallest. The emulator's
  * serial port takes some 3000 bytes a second, so the emulated board is slower. */
 #ifdef BOARD_EMULATED
@@ -16,7 +16,7 @@
 #define BOARD_OUTPUT_HZ 48000u
 #define BOARD_HALF_SAMPLES 48u
 #endif
-#define BOARD_TIMER_HZ 84000000u
+#define BOARD_TIMER_HZ 168000000u
 
 /* 84 MHz / 16 / 2.625. Samples of 16 bits at 48 kHz need 1.1 Mbit/s of it. */
 #define BOARD_BAUD 2000000u

@@ -13,7 +13,7 @@ static const hx_config config = {
     .max_frame_samples = HX_MAX_FRAME_SAMPLES,
     .max_watchdog_ms = 250u,
     .report_bytes = 0,
-    .flags = 0,
+    .flags = 2, /* takes marks */
     .rate_count = 4,
     .rates = {{BOARD_OUTPUT_HZ, 3u},
               {BOARD_OUTPUT_HZ / 2u, 3u},

@@ -28,12 +28,12 @@ typedef struct {
 #define GPIOA ((gpio_registers *)0x40020000u)
 #define GPIOB ((gpio_registers *)0x40020400u)
 
-/* RM0090, 18.4 and 20.4 */
+/* RM0090, 18.4 and 17.4 */
 typedef struct {
     reg CR1, CR2, SMCR, DIER, SR, EGR, CCMR1, CCMR2, CCER, CNT, PSC, ARR;
 } timer_registers;
 #define TIM2 ((timer_registers *)0x40000000u)
-#define TIM6 ((timer_registers *)0x40001000u)
+#define TIM8 ((timer_registers *)0x40010400u)
 
 /* RM0090, 14.5 */
 typedef struct {
@@ -41,13 +41,14 @@ typedef struct {
 } dac_registers;
 #define DAC ((dac_registers *)0x40007400u)
 
-/* RM0090, 10.5: DMA1, stream 5 */
+/* RM0090, 10.5: DMA1, stream 5, and DMA2, stream 1 */
 #define DMA1_HISR (*(reg *)0x40026004u)
 #define DMA1_HIFCR (*(reg *)0x4002600cu)
 typedef struct {
     reg CR, NDTR, PAR, M0AR, M1AR, FCR;
 } dma_stream_registers;
 #define DMA1_STREAM5 ((dma_stream_registers *)0x40026088u)
+#define DMA2_STREAM1 ((dma_stream_registers *)0x40026428u)
 
 /* RM0090, 30.6 */
 typedef struct {
@@ -55,6 +56,7 @@ typedef struct {
 } usart_registers;
 #define USART1 ((usart_registers *)0x40011000u)
 #define USART2 ((usart_registers *)0x40004400u)
+#define USART3 ((usart_registers *)0x40004800u)
 
 /* RM0090, 21.4 */
 #define IWDG_KR (*(reg *)0x40003000u)

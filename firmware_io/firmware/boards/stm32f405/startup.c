@@ -43,7 +43,7 @@ void *memcpy(void *to, const void *from, unsigned n) {
     return to;
 }
 
-/* 8 MHz crystal to 168 MHz; APB1 and its timers 42 and 84 MHz, APB2 84 MHz (RM0090, 7.2). */
+/* 8 MHz crystal to 168 MHz; APB1 and its timers 42 and 84 MHz, APB2 and its 84 and 168 (RM0090, 7.2). */
 static void begin_clock(void) {
 #ifndef BOARD_EMULATED
     RCC->CR |= 1u << 16;
@@ -59,9 +59,9 @@ static void begin_clock(void) {
     while ((RCC->CFGR & 12u) != 8u) {
     }
 #endif
-    RCC->AHB1ENR |= 1u | 1u << 1 | 1u << 21;                    /* GPIOA, GPIOB, DMA1 */
-    RCC->APB1ENR |= 1u | 1u << 4 | 1u << 17 | 1u << 28 | 1u << 29; /* TIM2, TIM6, USART2, PWR, DAC */
-    RCC->APB2ENR |= 1u << 4 | 1u << 14;                         /* USART1, SYSCFG */
+    RCC->AHB1ENR |= 1u | 1u << 1 | 1u << 21 | 1u << 22;       /* GPIOA, GPIOB, DMA1, DMA2 */
+    RCC->APB1ENR |= 1u | 1u << 17 | 1u << 28 | 1u << 29;      /* TIM2, USART2, PWR, DAC */
+    RCC->APB2ENR |= 1u << 1 | 1u << 4 | 1u << 14;             /* TIM8, USART1, SYSCFG */
 }
 
 /* Below 2.9 V the output goes off before the core fails; the brown-out reset is an option byte. */
@@ -76,7 +76,7 @@ void board_reset(void) {
     for (uint32_t *to = &data_begin, *from = &data_in_flash; to < &data_end;) *to++ = *from++;
     for (uint32_t *to = &bss_begin; to < &bss_end;) *to++ = 0;
     begin_clock();
-    GPIOB->MODER |= 1u; /* PB0: the amplifier's enable, still low */
+    GPIOB->MODER |= 1u | 1u << 2; /* PB0: the amplifier's enable; PB1: the line; still low */
     begin_brown_out();
     main();
     give_up();
