@@ -12,7 +12,7 @@ from haptix.service.answers import work
 from haptix.service.hub import Hub
 from haptix.service.session import ServiceSession
 
-_GATHER_S = 0.003
+_GATHER_S = 0.005
 """Batches that come closer to each other are passed on together: each pass costs the front, the
 engine and the twin a turn. A batch that comes later than that is passed on at once."""
 _TURNS_S = 0.0005  # for the loop to read what has come meanwhile

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from haptix.service.wire import TouchRecord
 
 _TAKES = 8  # of which the quickest counts
-_REST = 4
+_REST = 16
 _MOST_INTERVAL_S = 0.03
 
 Take = Callable[[list[TouchRecord]], None]
@@ -28,8 +28,8 @@ class TouchGate:
     take : callable
         Takes touches in their order, never from two threads at once.
     interval_s : callable
-        Returns the interval [s]. Four times what `take` takes is added: a fifth of the time at most
-        is spent there, up to 30 ms.
+        Returns the interval [s]. Sixteen times what `take` takes is added, up to 30 ms: so ten
+        fingers are rendered anew each 10 ms or so, and one as often as it can be.
     """
 
     def __init__(self, take: Take, interval_s: Callable[[], float]) -> None:
@@ -44,13 +44,13 @@ class TouchGate:
     def put(self, touches: list[TouchRecord]) -> None:
         """Take touches, and pass them on now or soon."""
         with self._has_more:
-            interval_s = self._interval_s()
+            interval_s, waited = self._interval_s(), bool(self._waiting)
             for touch in touches:
                 self._keep(touch, interval_s)
             is_due = time.monotonic() - self._passed_s >= interval_s
             if is_due or any(touch.kind != "move" for touch in touches):
                 self._pass()
-            else:
+            elif not waited:  # otherwise the thread sleeps until the interval is over
                 self._has_more.notify()
 
     def forget(self) -> None:
