@@ -208,3 +208,69 @@ def test_what_moves_is_drawn_as_it_is_now(module):
     # Looked at from afar, then second by second, the next one before it is needed.
     assert moving[1:] == [(3, 1 / 24), (4, 1 / 24)] and moving[0][1] > 0.4
     assert sum(kind == "stands" for _, kind, *_ in asked) == 1
+
+
+HEAR = """
+    // The worklet's own code, in the page: its scope gives it three names.
+    let Made;
+    globalThis.AudioWorkletProcessor = class { port = {}; };
+    globalThis.registerProcessor = (_, found) => (Made = found);
+    globalThis.sampleRate = 48000;
+    await import(`/studio/sound-worklet.js?${Math.random()}`);
+    const { Telemetry } = await import("/studio/telemetry.js");
+    const { mean_n, swing_n, hz, speed_mm_s, seconds } = argument;
+    const processor = new Made({ processorOptions: { delay_s: m.DELAY_S } });
+    const telemetry = new Telemetry();
+    telemetry.onFelt.add((track, _, from, to) =>
+        processor.port.onmessage({ data: m.heardOf(track, from, to) }));
+    const frame = (stream, at, names, row) => telemetry.add({ stream, touch_id: 0, t0_s: at / 1e3,
+        step_s: 1e-3, columns: names.length, names,
+        rows: Float32Array.from(Array.from({ length: 50 }, (_, k) => row(at + k)).flat()) });
+    const heard = [];
+    const force = (at) => mean_n + swing_n * Math.sin(2 * Math.PI * hz * at / 1e3);
+    for (let at = 0; at < 1e3 * seconds; at += 50) {  // as it comes: fifty rows, then their sound
+        frame("friction", at, ["x_mm", "y_mm"], (row) => [speed_mm_s * row / 1e3, 0]);
+        frame("felt", at, ["mu", "force_n"], (row) => [0.3, force(row)]);
+        for (let made = 0; made < 2400; made += 120) {
+            const out = new Float32Array(120);
+            processor.process([], [[out]]);
+            heard.push(...out);
+        }
+    }
+    return heard;
+"""
+
+
+def heard(module, **asked):
+    return np.array(module("sound.js", HEAR, {"seconds": 1.0, **asked}))
+
+
+@pytest.mark.parametrize("hz", [80.0, 160.0])
+def test_the_sound_is_the_felt_force_above_forty_hertz_late_by_what_is_said(module, hz):
+    sound = heard(module, mean_n=0.3, swing_n=0.004, hz=hz, speed_mm_s=0.0)[24_000:]
+    t_s = np.arange(24_000, 48_000) / 48_000
+    turn = np.exp(-2j * np.pi * hz * t_s)
+    found = 2 * np.mean(sound * turn) * 1j  # of a sine at t
+    # Full scale is 0.25 N. A pass of first order above 40 Hz, and straight lines between rows.
+    high_pass = 1j * hz / (1j * hz + 40)
+    expected = 0.004 / 0.25 * high_pass * np.sinc(hz / 1000) ** 2
+    expected *= np.exp(-2j * np.pi * hz * 0.05)
+    # The digital filter is off its analog one by half a sample's turn, 1 % at 160 Hz.
+    assert abs(found / expected - 1) < 0.02
+    rest = sound - np.imag(found * np.conj(turn))
+    assert np.std(rest) < 0.05 * np.std(sound)  # it is that and nothing else
+
+
+def test_the_sound_is_limited_and_its_noise_grows_with_the_finger(module):
+    loud = heard(module, mean_n=1.0, swing_n=1.0, hz=100.0, speed_mm_s=200.0)
+    assert 0.2 < np.abs(loud).max() <= 10 ** (-12 / 20)
+    still, fast = (
+        heard(module, mean_n=0.3, swing_n=0.004, hz=100.0, speed_mm_s=speed)[24_000:]
+        for speed in (0.0, 100.0)
+    )
+    power = [np.abs(np.fft.rfft(one)) ** 2 for one in (still, fast)]
+    hz = np.fft.rfftfreq(24_000, 1 / 48_000)
+    band = (hz > 1500) & (hz < 6000)
+    assert power[1][band].sum() > 100 * power[0][band].sum()
+    even = heard(module, mean_n=0.5, swing_n=0.0, hz=100.0, speed_mm_s=100.0)[24_000:]
+    assert np.abs(even).max() < 1e-4  # an even force makes no sound, however fast the finger

@@ -48,14 +48,22 @@ export class Sound {
    * @param {Track} track @param {number} from @param {number} to */
   add(track, from, to) {
     if (!this.#node || this.#context?.state !== "running" || to - from < 2) return;
-    const rows = new Float32Array(2 * (to - from));
-    for (let row = from; row < to; row += 1) {
-      const step_s = track.at("t", row) - track.at("t", row - 1);
-      const [dx, dy] = [track.at("x_mm", row) - track.at("x_mm", row - 1), track.at("y_mm", row) - track.at("y_mm", row - 1)];
-      rows[2 * (row - from)] = track.at("force_n", row) || 0;
-      rows[2 * (row - from) + 1] = Math.hypot(dx, dy) / step_s || 0;
-    }
-    const rate_hz = (to - from - 1) / (track.at("t", to - 1) - track.at("t", from));
-    this.#node.port.postMessage({ rows, rate_hz }, [rows.buffer]);
+    const heard = heardOf(track, from, to);
+    this.#node.port.postMessage(heard, [heard.rows.buffer]);
   }
+}
+
+/**
+ * Return what the sound is made of: felt force [N] and speed [mm/s] of each row, and their rate.
+ * @param {Track} track @param {number} from @param {number} to
+ */
+export function heardOf(track, from, to) {
+  const rows = new Float32Array(2 * (to - from));
+  for (let row = from; row < to; row += 1) {
+    const step_s = track.at("t", row) - track.at("t", row - 1);
+    const [dx, dy] = [track.at("x_mm", row) - track.at("x_mm", row - 1), track.at("y_mm", row) - track.at("y_mm", row - 1)];
+    rows[2 * (row - from)] = track.at("force_n", row) || 0;
+    rows[2 * (row - from) + 1] = Math.hypot(dx, dy) / step_s || 0;
+  }
+  return { rows, rate_hz: (to - from - 1) / (track.at("t", to - 1) - track.at("t", from)) };
 }
