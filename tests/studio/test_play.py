@@ -288,6 +288,26 @@ def test_a_profile_says_what_it_rests_on(front, play):
     play.get_by_role("link", name="Play").click()
 
 
+def test_a_real_driver_that_fails_says_what_to_do_until_it_is_armed(front, opened, browser):
+    virtual = front.hub.inventory
+    device = virtual.devices[0].model_copy(update={"is_real": True})
+    front.hub.inventory = virtual.model_copy(update={"devices": (device,)})
+    with a_page(browser) as page:
+        page.goto(address(front))
+        page.get_by_role("button", name="Take over").click()
+        page.locator('.output[data-state="armed"]').wait_for()
+        front.hub.hear_engine({"event": "output", "state": "failed", "reason": "no answer"})
+        page.get_by_text("no answer. Look after its cable and power, then press Arm.").wait_for()
+        assert not violations(page)
+        page.get_by_role("button", name="Arm").click()
+        page.locator(".trouble").wait_for(state="hidden")
+    front.hub.inventory = virtual
+    opened.get_by_role("button", name="Arm").or_(
+        opened.get_by_role("button", name="Take over")
+    ).click()
+    opened.locator('.output[data-state="armed"]').wait_for()
+
+
 def test_a_driver_that_fails_says_why_and_a_virtual_one_is_armed_again(front, play):
     armed = len(front.engine.when("arm"))
     event = {"event": "output", "state": "failed", "reason": "the cable was pulled"}

@@ -116,7 +116,7 @@ def test_an_engine_that_dies_is_seen_and_comes_again(tmp_path, browser):
         slide_until_live(page, service)
         subprocess.run(["kill", "-9", str(service.engine)], check=True)
         page.locator('.output:not([data-state="armed"])').wait_for()
-        page.locator('.notice[data-kind="error"]').wait_for()
+        page.locator(".trouble", has_text="Look after its cable").wait_for()
         wait_until(lambda: not service.is_live())
         keep(page, "error-engine")
         end_s = time.monotonic() + 120  # a new engine opens the driver first, and says so
@@ -134,7 +134,8 @@ def test_a_driver_that_is_unplugged_is_named(tmp_path, browser):
         service.server.stop()
         slide(page, 1.0)
         page.locator('.output:not([data-state="armed"])').wait_for()
-        page.locator(".notice").first.wait_for()
+        page.locator(".trouble", has_text="Look after its cable").wait_for()
+        assert not violations(page)
         keep(page, "error-unplugged")
 
 
@@ -172,10 +173,12 @@ def test_the_service_that_ends_is_said_and_a_new_one_is_found(tmp_path, browser)
             process.send_signal(signal.SIGKILL)
             process.wait()
             page.locator('.output[data-state="lost"]').wait_for()
+            page.locator(".trouble", has_text="start it again in its terminal").wait_for()
             keep(page, "error-lost")
             process.stdout.close()
             process, _ = start(port)
             armed(page)  # by the token of this browser; no code is asked for
+            assert page.locator(".trouble").is_hidden()
             page.expected_errors.clear()  # the attempts between
     finally:
         process.send_signal(signal.SIGINT)

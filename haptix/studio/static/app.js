@@ -107,6 +107,24 @@ function output() {
   return whole;
 }
 
+/** What is wrong with service or driver, and what to do; it stays until that is mended. */
+function trouble() {
+  const text = el("p");
+  const whole = el("div.trouble", { role: "alert", hidden: true }, text);
+  const draw = () => {
+    const { phase } = service.state.get();
+    const out = service.output.get();
+    const failed = phase === "open" && service.isReal && out?.state === "failed" && !service.isArming.get();
+    const said = phase === "lost" ? texts.trouble.lost : failed ? texts.trouble.failed(out.reason) : "";
+    whole.hidden = !said;
+    if (text.textContent !== said) text.textContent = said;
+  };
+  for (const value of [service.state, service.output, service.isArming]) {
+    /** @type {import("./value.js").Value<any>} */ (value).on(draw);
+  }
+  return whole;
+}
+
 function theme() {
   const order = /** @type {const} */ (["system", "light", "dark"]);
   const button = el("button.small.theme", {
@@ -215,7 +233,7 @@ addEventListener("keydown", (event) => {
 // A page that is left or loaded again gives the lease back; else it is kept for its return.
 addEventListener("pagehide", () => void service.session?.ask("bye").catch(() => {}));
 addEventListener("hashchange", () => void route());
-document.body.prepend(header(), main, pairing(), notices());
+document.body.prepend(header(), trouble(), main, pairing(), notices());
 picturesFrom(service);
 void service.start();
 void route();

@@ -247,7 +247,7 @@ export class Service {
 
   /** @param {string} reason */
   #failed(reason) {
-    this.notify(this.isReal ? "error" : "warning", reason);
+    if (!this.isReal) this.notify("warning", reason); // a real driver's is said until it is mended
     // A virtual finger cannot be hurt: a busy machine is no reason to make a person arm again.
     const arm = () => this.output.get()?.state === "failed" && this.#armVirtual(false);
     if (!this.isReal && this.lease.get()?.is_mine) setTimeout(arm, AGAIN_MS);
