@@ -166,8 +166,8 @@ def small(page, folder):
 
 
 def _shot(page, path, **options):
-    for close in page.locator(".notice button").all():  # of a busy machine, not of the page
-        close.click()
+    # Of a busy machine, not of the page.
+    page.evaluate("document.querySelectorAll('.notice').forEach((one) => one.remove())")
     page.screenshot(path=path, **options)
     Image.open(path).convert("RGB").save(path, optimize=True)
     return path

@@ -11,7 +11,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -139,7 +139,7 @@ class Work:
         told = ("placeholders", "target_mu", "evaluation", "parts", "periods", "out_of_range")
         return {name: summary[name] for name in told}
 
-    def experiment(self, recipe: dict[str, Any], log: str) -> dict[str, Any]:
+    def experiment(self, recipe: dict[str, Any], log: str, participant: int = 1) -> dict[str, Any]:
         """Run an adaptive experiment; a person answers each trial."""
         _refuse_files_and_volts(recipe)
         from haptix.devices import open_device
@@ -153,10 +153,10 @@ class Work:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         with closing(open_device(self._context["device"])) as device:
             experiment = Experiment(
-                plan.make_method(),
+                plan.make_method(participant),
                 plan.presentations(device.capabilities.sample_rate_hz),
                 device,
-                lambda question: self._ask("Which one?", question.choices),
+                lambda question: self._judged(question.choices),
                 folder / f"{log}.csv",
                 plan.task,
                 plan.seed,
@@ -164,6 +164,7 @@ class Work:
                 plan.pause_s,
                 plan=plan.session_plan(),
                 rest=self._rest,
+                tell=lambda is_right: self._say(step="right" if is_right else "wrong"),
             )
             experiment.run()
         found = {}
@@ -189,6 +190,16 @@ class Work:
         if answer is None:
             raise SystemExit(1)
         return answer
+
+    def _judged(self, choices: tuple[str, ...]) -> str:
+        """Ask for one of the choices, or for a number above 0 until one comes."""
+        if choices:
+            return self._ask("Which one?", choices)
+        while True:
+            given = self._ask("How strong was it? Give a number above 0.", ())
+            with suppress(ValueError):
+                if 0 < float(given) < inf:
+                    return given
 
     def _rest(self, trials: int) -> None:
         self._ask(f"Rest a moment: {trials} trials are done.", ("continue",))

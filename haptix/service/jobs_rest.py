@@ -70,6 +70,8 @@ class ExperimentAsked(BaseModel):
     """As the file of `haptix stimuli run`; without volts."""
     log: FolderName
     """Name of the table of trials. One that exists is continued."""
+    participant: Annotated[int, Field(ge=1, le=10_000)] = 1
+    """Number from 1, which decides the order of a recipe's blocks."""
 
 
 class CalibrationAsked(BaseModel):

@@ -158,6 +158,14 @@ def test_a_recipe_of_the_network_names_no_files_and_no_volts(tmp_path, change, w
 
 
 @pytest.mark.slow  # builds a surface, and renders twice
+def test_a_magnitude_is_asked_for_until_a_number_above_zero_comes():
+    said, answers = [], iter(("strong", "-1", "nan", "inf", "3.5", "2"))
+    work = Work({}, lambda **fields: said.append(fields), answers)
+    assert work._judged(()) == "3.5"
+    assert len(said) == 5 and all(one["choices"] == () for one in said)
+    assert work._judged(("1", "2")) == "2"
+
+
 def test_a_rendering_has_the_numbers_of_haptix_render(tmp_path, model, monkeypatch):
     monkeypatch.setenv("HAPTIX_CACHE", str(tmp_path))
     t_s = np.arange(0, 0.3, 0.01)

@@ -13,6 +13,7 @@ import pytest
 from haptix.service.job_work import _refuse_files_and_volts
 from haptix.service.jobs import Job
 from haptix.service.messages import JobMessage
+from haptix.stimuli.adaptive.tasks import TASKS
 from haptix.stimuli.experiment_recipe import ExperimentRecipe
 from tests.studio.conftest import ROOT, address, keep, violations
 
@@ -26,7 +27,7 @@ class Played:
         board.begin = self.begin
         self.board = board
 
-    def begin(self, kind, recipe=None, log=""):
+    def begin(self, kind, recipe=None, log="", participant=1):
         message = JobMessage(job=f"{len(self.begun) + 1:x}", kind=kind, state="queued")
         job = Job(message, {}, self.board._tell)
         played: Any = job
@@ -38,11 +39,10 @@ class Played:
     def hear(self, do, text):
         self.given.append(text)
 
-    def asks(self, page, job):
+    def asks(self, page, job, choices=("1", "2")):
         job.change(state="running")
         page.get_by_text("Slide and feel").wait_for()
-        job.change(state="asking", prompt="Which one?", choices=("1", "2"))
-        page.get_by_role("button", name="the first").wait_for()
+        job.change(state="asking", prompt="Which one?", choices=choices)
 
 
 def test_a_calibration_asks_is_answered_and_reports(front, page):
@@ -156,6 +156,7 @@ def test_from_instructions_by_practice_and_trials_to_thanks(front, page):
     practice, recipe, log = begun(page, played, 1)
     assert log.endswith("-practice") and recipe["method"]["kind"] == "constant-stimuli"
     played.asks(page, practice)
+    page.get_by_role("button", name="the first").wait_for()
     keep(page, "sit")
     assert not violations(page)
     page.keyboard.press("2")
@@ -167,6 +168,7 @@ def test_from_instructions_by_practice_and_trials_to_thanks(front, page):
     assert recipe["method"]["kind"] == "quest+" and not log.endswith("-practice")
     for trial in range(3):
         played.asks(page, job)
+        page.get_by_role("button", name="the first").wait_for()
         page.keyboard.press("Space")  # by habit: no answer
         page.get_by_text(f"Trial {trial + 1}.").wait_for()
         page.get_by_role("button", name="the first").click()
@@ -189,9 +191,58 @@ def test_stop_ends_the_experiment_and_says_so(front, page):
     page.keyboard.press("Space")
     job, _, _ = begun(page, played, 1)
     played.asks(page, job)
+    page.get_by_role("button", name="the first").wait_for()
     page.keyboard.press("Escape")
     page.get_by_text("the experiment was ended").wait_for()
     assert job.message.state == "cancelled"
+
+
+def test_every_task_of_the_product_is_sat(front, page, tmp_path):
+    """Its own question and answers by keys; a number, a rest and feedback where there are some."""
+    played = Played(front)
+    page.goto(address(front))
+    page.get_by_role("link", name="Sit").click()
+    page.get_by_label("Experiment", exact=True).select_option("")
+    page.get_by_label("Practice first").uncheck()
+    given = []
+    for number, (task, known) in enumerate(TASKS.items(), start=1):
+        recipe = tmp_path / f"{task}.json"
+        recipe.write_text(json.dumps({"name": task, "task": task, "break_every": 5, "method": {}}))
+        page.get_by_label("Recipe", exact=True).set_input_files(recipe)
+        page.get_by_label("Number of the participant").fill("7")
+        page.get_by_role("button", name="Begin").click()
+        page.get_by_text("Rest a fingertip").wait_for()
+        page.keyboard.press("Space")
+        job, asked, _ = begun(page, played, number)
+        assert asked["task"] == task
+        played.asks(page, job, known.choices)
+        if known.choices:
+            page.locator(".choice").last.wait_for()
+            shown = [one.get_attribute("data-key") for one in page.locator(".choice").all()]
+            assert tuple(shown) == known.choices
+            assert not set(page.locator(".choice").all_inner_texts()) & set(known.choices)  # words
+            given.append(known.choices[-1])
+            page.keyboard.press(known.choices[-1])
+        else:
+            page.get_by_label("How strong").fill("0")
+            page.keyboard.press("Enter")  # no magnitude: not sent
+            page.get_by_label("How strong").fill("12.5")
+            assert not violations(page)
+            keep(page, "sit-number")
+            given.append("12.5")
+            page.keyboard.press("Enter")
+        until_given(page, played, given)
+        if task == "yes-no":
+            job.heard({"step": "wrong"})
+            page.get_by_text("That was not right.").wait_for()
+            job.change(state="asking", prompt="Rest a moment", choices=("continue",))
+            page.get_by_text("Rest your hand").wait_for()
+            page.keyboard.press("Space")
+            given.append("continue")
+            until_given(page, played, given)
+        job.change(state="done", result={"trials": 1})
+        page.get_by_text("1 trial was counted").wait_for()
+        page.keyboard.press("Space")
 
 
 def test_the_page_s_recipes_are_those_of_the_command():

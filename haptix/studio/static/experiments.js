@@ -31,8 +31,25 @@ export const EXPERIMENTS = Object.fromEntries([20, 60].map((frequency_hz) => [
   },
 ]));
 
+const RIPPLE_60 = EXPERIMENTS["ripple-60-Hz"];
+EXPERIMENTS["strength-60-Hz"] = {
+  ...RIPPLE_60, name: "strength-60-Hz", task: "magnitude",
+  method: { kind: "magnitudes", levels: [-18, -12, -6, 0], repeats: 4 },
+};
+EXPERIMENTS["stronger-60-Hz"] = {
+  ...RIPPLE_60, name: "stronger-60-Hz", task: "pairs",
+  method: { kind: "pairs", levels: [-18, -12, -6, 0], repeats: 3 },
+};
+EXPERIMENTS["there-60-Hz"] = {
+  ...RIPPLE_60, name: "there-60-Hz", task: "yes-no", catch: { share: 0.5 }, break_every: 30,
+  method: { kind: "constant-stimuli", levels: [-24, -18, -12, -6], repeats: 8 },
+};
+
 /** The same stimulus at its strongest, a few times. @param {Recipe} recipe @returns {Recipe} */
 export function practiceOf(recipe) {
+  if (["pairs", "magnitudes"].includes(recipe.method.kind)) {
+    return { ...recipe, name: `${recipe.name}-practice`, method: { ...recipe.method, repeats: 1 } };
+  }
   const strongest = Math.max(...(recipe.method.levels ?? [0]));
   return {
     ...recipe, name: `${recipe.name}-practice`,

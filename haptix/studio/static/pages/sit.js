@@ -9,11 +9,12 @@ import { texts } from "../texts.js";
 /** @import { Recipe } from "../experiments.js" */
 /**
  * @typedef {{job: string, kind: string, state: string, share: number, prompt: string,
- *   choices: string[], sentence: string, result: Record<string, any> | null}} Job
+ *   choices: string[], sentence: string, step: string, result: Record<string, any> | null}} Job
  */
 
 const t = texts.sit;
-const REST_EVERY = 20;
+const REST_EVERY = 20; // where the recipe says nothing of it
+const CONTINUE = "continue"; // the one answer to a rest
 const ENDED = ["done", "failed", "cancelled"];
 const LOG = "[A-Za-z0-9][A-Za-z0-9_\\-]{0,60}";
 
@@ -23,7 +24,7 @@ export function mount(root, app) {
   let ended = false;
   /** @type {Job | null} the job that this page began */
   let own = null;
-  /** @type {((job: Job) => void) | null} */
+  /** @type {((job: Job, goes_on: boolean) => void) | null} */
   let follow = null;
   /** @type {Map<string, {job: Job, trials: number, at_ms: number}>} what the second page shows */
   const seen = new Map();
@@ -41,6 +42,7 @@ export function mount(root, app) {
     const own_recipe = el("div.field-of", { hidden: true }, el("label", { for: "recipe" }, t.recipe), file, el("small", {}, t.recipeHelp));
     which.onchange = () => void (own_recipe.hidden = which.value !== "");
     const log = el("input", { id: "log", type: "text", required: true, pattern: LOG, value: `participant-${new Date().toISOString().slice(0, 10)}` });
+    const number = el("input", { id: "participant", type: "number", min: "1", max: "10000", required: true, value: "1" });
     const practice = el("input", { id: "practice", type: "checkbox", checked: true });
     return el("form.sheet.set-up", {
       onsubmit: async (/** @type {SubmitEvent} */ event) => {
@@ -49,7 +51,7 @@ export function mount(root, app) {
         try {
           const recipe = which.value ? EXPERIMENTS[which.value] : JSON.parse(await (file.files?.[0]?.text() ?? Promise.reject(new TypeError(t.noRecipe))));
           await document.documentElement.requestFullscreen?.().catch(() => {}); // as large as it can be
-          await participant(recipe, log.value, practice.checked);
+          await participant(recipe, log.value, Number(number.value), practice.checked && !recipe.practice);
         } catch (error) {
           told.textContent = sentence(error);
           leave();
@@ -59,19 +61,20 @@ export function mount(root, app) {
     el("h2", {}, t.title), el("p", {}, t.help),
     el("div.field-of", {}, el("label", { for: "which" }, t.experiment), which), own_recipe,
     el("div.field-of", {}, el("label", { for: "log" }, t.log), log, el("small", {}, t.logHelp)),
+    el("div.field-of", {}, el("label", { for: "participant" }, t.participantNumber), number, el("small", {}, t.participantHelp)),
     el("label.check", {}, practice, t.practice),
     told, el("div.row", {}, el("button.main", {}, t.begin), el("a", { href: "#/sit", target: "_blank" }, t.second)));
   }
 
-  /** @param {Recipe} recipe @param {string} log @param {boolean} practises */
-  async function participant(recipe, log, practises) {
+  /** @param {Recipe} recipe @param {string} log @param {number} number @param {boolean} practises */
+  async function participant(recipe, log, number, practises) {
     stage.hidden = false;
     await screen(t.instructions(recipe.task ?? "2ifc"), t.ready);
     if (practises) {
-      await run(practiceOf(recipe), `${log}-practice`);
+      await run(practiceOf(recipe), `${log}-practice`, number);
       await screen([t.practised], t.ready);
     }
-    const result = await run(recipe, log);
+    const result = await run(recipe, log, number);
     await screen([t.thanks, t.trials(result?.trials ?? 0)], t.finish);
     leave();
   }
@@ -93,20 +96,26 @@ export function mount(root, app) {
     });
   }
 
-  /** Run a recipe; return its result. @param {Recipe} recipe @param {string} log @returns {Promise<Job["result"]>} */
-  async function run(recipe, log) {
+  /** Run a recipe; return its result.
+   * @param {Recipe} recipe @param {string} log @param {number} number @returns {Promise<Job["result"]>} */
+  async function run(recipe, log, number) {
     fill(stage, el("div.card", {}, el("p", { role: "status" }, t.prepares)));
-    const begun = await (await service.rest("POST", "/v1/experiments", { recipe, log })).json();
+    const begun = await (await service.rest("POST", "/v1/experiments", { recipe, log, participant: number })).json();
     let trials = 0;
     return new Promise((resolve, reject) => {
-      follow = async (job) => {
+      follow = async (job, goes_on) => {
         own = job;
         if (job.state === "asking") {
-          if (trials && trials % REST_EVERY === 0) await screen([t.rest(trials)], t.goOn);
+          const rests = job.choices[0] === CONTINUE;
+          const tires = !recipe.break_every && trials && trials % REST_EVERY === 0;
+          if (rests || tires) await screen([t.rest(trials)], t.goOn);
+          if (rests) return give(job, CONTINUE);
           trials += 1;
-          ask(job, trials);
+          ask(job, recipe.task ?? "2ifc", trials);
         } else if (job.state === "running") {
-          fill(stage, el("div.card", {}, el("p.large", { role: "status" }, t.feel), el("p.quiet", {}, t.feelHelp)));
+          // Of the trial before, where the recipe tells.
+          const told_so = goes_on ? { right: t.right, wrong: t.wrong }[job.step ?? ""] : null;
+          fill(stage, el("div.card", {}, told_so ? el("p", { role: "status" }, told_so) : null, el("p.large", { role: "status" }, t.feel), el("p.quiet", {}, t.feelHelp)));
         } else if (job.state === "done") resolve(job.result);
         else if (ENDED.includes(job.state)) reject(new Error(job.sentence || t.stopped));
       };
@@ -115,14 +124,29 @@ export function mount(root, app) {
     });
   }
 
-  /** @param {Job} job @param {number} trial */
-  function ask(job, trial) {
-    const answer = (/** @type {string} */ text) =>
-      void service.attempt(() => service.rest("POST", `/v1/jobs/${job.job}/answer`, { text }));
+  /** @param {Job} job @param {string} text */
+  function give({ job }, text) {
+    void service.attempt(() => service.rest("POST", `/v1/jobs/${job}/answer`, { text }));
+  }
+
+  /** @param {Job} job @param {string} task @param {number} trial */
+  function ask(job, task, trial) {
+    const answer = (/** @type {string} */ text) => give(job, text);
+    const question = el("p.large", { role: "status" }, t.tasks[task][1]);
+    if (!job.choices.length) {
+      const number = el("input.large", { type: "number", min: "1e-6", step: "any", required: true, "aria-label": t.number });
+      const form = el("form.card", { onsubmit: (/** @type {Event} */ event) => {
+        event.preventDefault();
+        answer(number.value);
+      } }, question, number, el("button.main.large", {}, t.give), el("p.quiet", {}, t.trialOf(trial)));
+      fill(stage, form);
+      number.focus();
+      return;
+    }
     const buttons = job.choices.map((choice) =>
       el("button.choice", { type: "button", "data-key": choice, onclick: () => answer(choice) },
         el("b", {}, choice), t.choices[choice] ?? ""));
-    const card = el("div.card", { tabIndex: -1 }, el("p.large", { role: "status" }, t.question),
+    const card = el("div.card", { tabIndex: -1 }, question,
       el("div.choices", {}, buttons), el("p.quiet", {}, t.trial(trial)));
     fill(stage, card);
     card.focus(); // on neither: a space bar that is pressed by habit is no answer
@@ -139,9 +163,11 @@ export function mount(root, app) {
   function take(job) {
     if (!job?.job || ended) return;
     const before = seen.get(job.job);
-    const is_new = job.state === "asking" && before?.job.state !== "asking";
+    const is_new = job.state === "asking" && before?.job.state !== "asking" && job.choices[0] !== CONTINUE;
     seen.set(job.job, { job, trials: (before?.trials ?? 0) + (is_new ? 1 : 0), at_ms: performance.now() });
-    if (own?.job === job.job && before?.job.state !== job.state) void follow?.(job);
+    if (own?.job === job.job && (before?.job.state !== job.state || job.state === "running")) {
+      void follow?.(job, before?.job.state === job.state);
+    }
     look();
   }
 
