@@ -332,6 +332,11 @@ class Device:
             self._stop_after(error)
             raise
 
+    @property
+    def marks_waiting(self) -> int:
+        """Marks that the driver still holds, of `MOST_MARKS` at most."""
+        return self._stream.marks_waiting
+
     def marked(self) -> list[Marked]:
         """Return the samples that were marked and played, read since the last call."""
         client = self._stream.client

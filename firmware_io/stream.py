@@ -159,9 +159,14 @@ class Stream:
         self.last_v = before_v
         provisional.take_revision(first, volts)
 
+    @property
+    def marks_waiting(self) -> int:
+        """Marks whose samples it has not told of."""
+        return self._marks_sent - self.client.marked_count
+
     def mark(self, index: int, code: int) -> None:
         """Ask the driver to tell when it plays a sample."""
-        waiting = self._marks_sent - self.client.marked_count
+        waiting = self.marks_waiting
         if waiting >= MOST_MARKS:
             raise DeviceError(
                 f"{waiting} marks wait to be played, and a driver holds {MOST_MARKS}; mark fewer "

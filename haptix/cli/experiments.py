@@ -87,6 +87,9 @@ def run(
     another_program: Annotated[
         bool, typer.Option(help="Continue a log that another version of haptix began.")
     ] = False,
+    lsl: Annotated[
+        bool, typer.Option("--lsl", help="Send drive, touches and markers to Lab Streaming Layer.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Run an adaptive experiment on a device; keys answer, as the task says (1/2, l/r, y/n, s/d).
@@ -115,8 +118,12 @@ def run(
         seed = seed_of(plan.seed, who, session)
         keep_recipe(recipe, table)
     assert table is not None
-    opened = open_device(device)
+    opened, outlets = open_device(device), None
     try:
+        if lsl:
+            from haptix.stimuli.outlets import LabOutlets
+
+            outlets = LabOutlets(opened)
         keys, answer = Keys(), None
         surroundings: dict[str, Any] = {"rest": keys.rest, "tell": keys.tell}
         if simulate_db is not None:
@@ -135,6 +142,7 @@ def run(
             plan.pause_s,
             another_program=another_program,
             plan=plan.session_plan(),
+            outlets=outlets,
             **surroundings,
         )
         try:
@@ -145,6 +153,8 @@ def run(
 
                 export(table, study, who, session, task)
     finally:
+        if outlets is not None:
+            outlets.close()
         opened.close()
     rows, warnings = [], []
     for name, found in experiment.estimates().items():

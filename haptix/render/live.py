@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable, Sequence
 from math import inf
 from typing import Any, Self
 
 from firmware_io import Device
-from haptix.checks import Array
+from firmware_io.marks import MOST_MARKS
+from haptix.checks import Array, whole
 from haptix.errors import InputError, OverloadWarning
 from haptix.render.core import Fingers, RenderedBlock
 from haptix.render.drive import Drive
@@ -165,9 +167,12 @@ class LiveRenderer(_LiveSession):
     record: PlayedRecord | None = None
     """What is played, where somebody takes it: set `PlayedRecord(renderer)`, or None, at any time.
     """
+    taken: Callable[[TouchEvent], None] | None = None
+    """Called with each touch that was taken, by `touch` and `lift`."""
 
     def _reset(self) -> None:
         super()._reset()
+        self._marks: deque[int] = deque()
         self._ahead_s: float | None = None  # clock of touches minus that of samples
         if self._revises:
             self._fingers = RevisedFingers(self.settings)
@@ -195,7 +200,12 @@ class LiveRenderer(_LiveSession):
         return RevisedProducer(
             self.device,
             RevisedSource(
-                self, fingers, self._master.scene_s, self._count_window, lambda: self.record
+                self,
+                fingers,
+                self._master.scene_s,
+                self._count_window,
+                lambda: self.record,
+                self._place_marks,
             ),
             settings.reaction_s,
             settings.horizon_s,
@@ -225,6 +235,29 @@ class LiveRenderer(_LiveSession):
         for name in vars(played).keys() & vars(self.stats).keys():
             setattr(self.stats, name, getattr(played, name))
         self.stats.advice = played.advice
+
+    def mark(self, code: int = 0) -> None:
+        """Let the driver tell when it plays the next sample that it has not been sent.
+
+        Its digital line rises with that sample, up to `LiveSettings.horizon_s` from now, and
+        `Device.marked` has the time by the driver's clock. More marks than a driver holds wait.
+
+        Raises
+        ------
+        InputError
+            If the driver takes no marks, or cannot revise.
+        """
+        if not (self._revises and self.device.capabilities.takes_marks):
+            raise InputError(
+                "mark: expected a driver that takes marks and can revise; update its firmware"
+            )
+        if whole("code", code) >= 2**16:
+            raise InputError(f"code: expected at most 65535, got {code}")
+        self._marks.append(code)
+
+    def _place_marks(self, first: int) -> None:
+        while self._marks and self.device.marks_waiting < MOST_MARKS:
+            self.device.mark(first, self._marks.popleft())
 
     def reactions_s(self, most: int = 500) -> list[float]:
         """Return times from the last touches to the first samples that knew of them [s].
@@ -260,6 +293,11 @@ class LiveRenderer(_LiveSession):
         revises = isinstance(producer, RevisedProducer)
         if revises and producer.shortages[0] != self.stats.underruns:
             self._take_stats(producer)
+
+    def _heard(self, event: TouchEvent) -> None:
+        if self.taken is not None:
+            self.taken(event)
+        super()._heard(event)
 
     def _touched(self, now_s: float) -> None:
         if isinstance(self._producer, RevisedProducer):

@@ -66,7 +66,10 @@ class PlayedRecord:
         self._windows: deque[_Window] = deque(maxlen=_MOST_WINDOWS)
         self._under_way: deque[_Window] = deque()
         self._next: int | None = None
-        self._per_row = max(1, round(ROW_S / core.step_s))
+        self.per_row = max(1, round(ROW_S / core.step_s))
+        """Points from one row to the next."""
+        self.row_s = self.per_row * core.step_s
+        """The same as a time [s]."""
 
     def add(
         self, block: RenderedBlock, fingers: Fingers, at_s: float, is_revision: bool = False
@@ -104,9 +107,9 @@ class PlayedRecord:
             points = int((until_s - last.at_s) / self._core.step_s) + 1
             end = min(last.first + points, max(window.end for window in windows))
             if self._next is None or self._next < min(window.first for window in windows):
-                self._next = max(last.first, end - self._per_row)
+                self._next = max(last.first, end - self.per_row)
             first = self._next
-            count = (end - first) // self._per_row * self._per_row
+            count = (end - first) // self.per_row * self.per_row
             if count <= 0:
                 return None
             self._next = first + count
@@ -115,7 +118,7 @@ class PlayedRecord:
         return self._part(windows, first, count)
 
     def _part(self, windows: list[_Window], first: int, count: int) -> PlayedPart:
-        core, per_row = self._core, self._per_row
+        core, per_row = self._core, self.per_row
         amplitude = np.zeros(count)
         owner = np.full(count, -1)
         for number, window in enumerate(windows):

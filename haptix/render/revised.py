@@ -32,6 +32,9 @@ class RevisedSource:
         Takes each block, the time that it took, and when its first sample is played.
     record : callable
         Returns the record of what is played, where one is kept.
+    appended : callable
+        Called with the index of the first of samples that are new to the driver, before they are
+        sent, on the thread that owns the device.
     """
 
     def __init__(
@@ -41,12 +44,14 @@ class RevisedSource:
         scene_s: Callable[[float], float],
         count: Callable[[RenderedBlock, float, float], None],
         record: Callable[[], PlayedRecord | None] = lambda: None,
+        appended: Callable[[int], None] = lambda first: None,
     ) -> None:
         self._core = core
         self._fingers = fingers
         self._scene_s = scene_s
         self._count = count
         self._record = record
+        self._appended = appended
         self._amplitudes = Revisable()  # of what is queued, where each step begins
         self._amplitudes.append(np.zeros(1))
 
@@ -77,6 +82,7 @@ class RevisedSource:
             amplitudes.replace(step + 1, block.amplitude_v)
         else:
             amplitudes.append(block.amplitude_v)
+            self._appended(first)
         if (record := self._record()) is not None:
             record.add(block, fingers, at_s, is_revision)
         self._count(block, time.perf_counter() - began, at_s)

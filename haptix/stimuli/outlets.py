@@ -16,8 +16,10 @@ from firmware_io import Device
 from firmware_io.clock import HOST_CLOCK, Clock
 from firmware_io.errors import from_extra
 from firmware_io.marks import Marked
+from firmware_io.protocol import TouchReport
 from haptix.checks import Array, positive, row
 from haptix.errors import InputError
+from haptix.stimuli.adaptive.playing import NO_FORCE
 
 _READINGS = 5  # of two clocks one after the other; the closest pair counts
 
@@ -45,6 +47,8 @@ class LabOutlets:
         Beginning of the streams' names, and with the device's their source.
     clock : Clock
         The host's, as the device has it.
+    drive_hz : float, optional
+        Rate of the drive's stream; by default that of the device's samples.
 
     Raises
     ------
@@ -52,13 +56,19 @@ class LabOutlets:
         Without the extra ``lab``.
     """
 
-    def __init__(self, device: Device, name: str = "haptix", clock: Clock = HOST_CLOCK) -> None:
+    def __init__(
+        self,
+        device: Device,
+        name: str = "haptix",
+        clock: Clock = HOST_CLOCK,
+        drive_hz: float | None = None,
+    ) -> None:
         with from_extra("lab"):
             import pylsl
         self._lsl, self._clock, self._device = pylsl, clock, device
         self.unplayed = 0
         """Marks that came too late for the driver to time them."""
-        rate = device.capabilities.sample_rate_hz
+        rate = drive_hz or device.capabilities.sample_rate_hz
         source = f"{name}-{device.capabilities.serial}"
         self._touch = self._outlet(f"{name}-touch", "MoCap", TOUCH_CHANNELS, 0.0, source)
         self._drive = self._outlet(f"{name}-drive", "Stimulus", DRIVE_CHANNELS, rate, source)
@@ -123,6 +133,11 @@ class LabOutlets:
         self._waiting.append((first_sample, np.column_stack([drive, friction])))
         self._send_drive()
 
+    def rows(self, host_s: float, volts: Array, mu: Array) -> None:
+        """Send rows of the drive, of which the first was played at a time of the host's clock."""
+        last_s = host_s + (len(volts) - 1) / self._rate
+        self._drive.push_chunk(np.column_stack([volts, mu]).tolist(), self.lsl_time_s(last_s))
+
     def marks(self, marked: Iterable[Marked]) -> None:
         """Send marks, as `Device.marked` returns them."""
         for one in marked:
@@ -134,13 +149,17 @@ class LabOutlets:
             self._markers.push_sample(texts, self.lsl_time_s(one.time_s))
         self._send_drive()
 
+    def reports(self, reports: Iterable[TouchReport]) -> None:
+        """Send touches, as `Device.touches` returns them."""
+        for one in reports:
+            force = np.nan if one.normal_force_mn == NO_FORCE else one.normal_force_mn / 1e3
+            at = self._device.host_time_s(one.clock_ticks)
+            self.touch(at, one.x_um / 1e3, one.y_um / 1e3, force, one.contact, int(one.phase))
+
     def follow(self) -> None:
         """Send the touches and marks that the device has read."""
         self.marks(self._device.marked())
-        for one in self._device.touches():
-            force = np.nan if one.normal_force_mn == 65535 else one.normal_force_mn / 1e3
-            at = self._device.host_time_s(one.clock_ticks)
-            self.touch(at, one.x_um / 1e3, one.y_um / 1e3, force, one.contact, int(one.phase))
+        self.reports(self._device.touches())
 
     def _send_drive(self) -> None:
         if self._origin is None or self._origin.time_s is None:

@@ -2,14 +2,23 @@
 
 import struct
 import time
+import warnings
 from secrets import token_hex
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from firmware_io import Device, MockDriver, MockLink
+from firmware_io.clock import HOST_CLOCK
+from firmware_io.marks import Marked
 from firmware_io.protocol import TouchPhase
-from haptix import InputError
+from haptix import InputError, LiveRenderer, Texture
+from haptix.errors import OverloadWarning
+from haptix.render import LiveSettings, Sliding
+from haptix.stimuli.adaptive import ConstantStimuli, Experiment, Presentation
+from haptix.stimuli.adaptive.playing import play
+from haptix.stimuli.live_outlets import LiveOutlets
 from haptix.stimuli.outlets import LabOutlets
 
 pylsl = pytest.importorskip("pylsl", reason="the extra lab is not installed")
@@ -38,14 +47,14 @@ def written(stream, info, values, times):
     return head + chunk(3, struct.pack("<I", stream) + samples)
 
 
-def record(outlets, act, counts, path):
+def record(outlets, act, counts, path, name=NAME):
     """Record what is sent in `act`, until as many samples of each stream have come."""
     inlets = {}
     for kind in counts:
-        (found,) = pylsl.resolve_byprop("name", f"{NAME}-{kind}", 1, timeout=20.0)
+        (found,) = pylsl.resolve_byprop("name", f"{name}-{kind}", 1, timeout=60.0)
         inlets[kind] = pylsl.StreamInlet(found)
-        inlets[kind].open_stream(timeout=20.0)
-    until = time.monotonic() + 20.0
+        inlets[kind].open_stream(timeout=60.0)
+    until = time.monotonic() + 60.0
     while not outlets.has_recorders():
         assert time.monotonic() < until, "nobody listens"
         time.sleep(0.01)
@@ -63,7 +72,7 @@ def record(outlets, act, counts, path):
     streams, _ = pyxdf.load_xdf(
         str(path), synchronize_clocks=False, dejitter_timestamps=False, verbose=False
     )
-    return {one["info"]["name"][0].removeprefix(f"{NAME}-"): one for one in streams}
+    return {one["info"]["name"][0].removeprefix(f"{name}-"): one for one in streams}
 
 
 def test_what_is_recorded_is_what_the_driver_played_and_when(tmp_path):
@@ -106,3 +115,122 @@ def test_what_is_recorded_is_what_the_driver_played_and_when(tmp_path):
     np.testing.assert_array_equal(touch["time_series"], [[12.5, 40.0, 0.48, 1.0, 1.0]])
     labels = [one["label"][0] for one in touch["info"]["desc"][0]["channels"][0]["channel"]]
     assert labels == ["x", "y", "normal_force", "contact", "phase"]
+
+
+def test_each_interval_of_an_experiment_is_marked_and_timed_by_its_driver(tmp_path):
+    device, name = Device(MockLink(MockDriver()), mode="waveform"), f"{NAME}-experiment"
+    wave = np.sin(2 * np.pi * 1000 * np.arange(96) / RATE)
+
+    def peak(level):
+        return 10 ** (level / 20)
+
+    with LabOutlets(device, name) as outlets:
+        run = Experiment(
+            ConstantStimuli([20.0, 30.0], 2),
+            Presentation(lambda at: peak(at) * wave, 0 * wave, peak),
+            device, lambda question: question.right, tmp_path / "t.tsv",
+            wait=lambda seconds: None, outlets=outlets,
+        )  # fmt: skip
+        found = record(
+            outlets,
+            run.run,
+            {"markers": 8, "drive": 8 * 96, "touch": 0},
+            tmp_path / "session.xdf",
+            name,
+        )
+    device.close()
+    codes = [int(code) for code, _ in found["markers"]["time_series"]]
+    assert codes == [10 * trial + interval for trial in range(4) for interval in (1, 2)]
+    stamps = found["markers"]["time_stamps"]
+    onsets = [float(row["onset_s"]) for row in run.log.rows]
+    # Both are the driver's. Two clocks were read one after the other, five times: on a machine that
+    # is busy the closest pair may still be some milliseconds apart.
+    np.testing.assert_allclose(np.diff(stamps[::2]), np.diff(onsets), rtol=0, atol=0.01)
+    played = found["drive"]["time_series"][:, 0].reshape(8, 96)
+    np.testing.assert_allclose(found["drive"]["time_stamps"][::96], stamps, rtol=0, atol=0.01)
+    for row, (first, second) in zip(run.log.rows, zip(played[::2], played[1::2], strict=True),
+                                    strict=True):  # fmt: skip
+        target, reference = (first, second) if row["right"] == "1" else (second, first)
+        np.testing.assert_array_equal(target, peak(float(row["level"])) * wave)
+        assert not reference.any()
+
+
+def test_an_onset_is_the_driver_s_however_late_it_is_read():
+    class Late:
+        """Its first sample is played 0.25 s after it was armed, and it tells so a second later."""
+
+        capabilities = SimpleNamespace(takes_marks=True, sample_rate_hz=RATE)
+
+        def __init__(self):
+            self.told: list[Marked] = []
+
+        def __enter__(self):
+            self.began = HOST_CLOCK()
+
+        def __exit__(self, *error):
+            self.told = [Marked(0, self.code, 7, self.began + 0.25)]
+
+        def mark(self, index, code):
+            assert index == 0
+            self.code = code
+
+        def write(self, volts):
+            pass
+
+        def marked(self):
+            return self.told
+
+    played = play(Late(), np.zeros(3), HOST_CLOCK, 41)
+    assert played.marked[0].code == 41
+    assert played.onset_s == pytest.approx(played.marked[0].time_s, abs=0.01)
+
+
+def test_a_live_renderer_sends_its_touches_drive_and_marks(surface, tmp_path):
+    texture = Texture(np.full((2, 2), 0.6), width_mm=100.0, beyond="hold")
+    device, name = Device(MockLink(MockDriver(pace="real"))), f"{NAME}-live"
+    settings = LiveSettings(sliding=Sliding(is_needed=False))
+    sent = []
+    with (
+        warnings.catch_warnings(),
+        LiveRenderer(surface, texture, device, settings=settings) as renderer,
+        LiveOutlets(renderer, name) as outlets,
+    ):
+        warnings.simplefilter("ignore", OverloadWarning)  # a busy machine is no failure
+
+        def act():
+            until, marks = time.monotonic() + 60.0, [11, 12]
+            while len(sent) < 20 or outlets.marks_sent < 2:
+                assert time.monotonic() < until, "the driver told of no marks"
+                now_s = renderer.now_s()
+                sent.append((10.0 + len(sent) % 50, 5.0))
+                renderer.touch(now_s, *sent[-1], 0.5)
+                if len(sent) > 5 and marks:
+                    renderer.mark(marks.pop(0))
+                time.sleep(0.01)
+                outlets.follow()
+
+        found = record(
+            outlets, act, {"touch": 20, "markers": 2, "drive": 50}, tmp_path / "l.xdf", name
+        )
+        with pytest.raises(InputError, match="somebody takes"):
+            LiveOutlets(renderer)
+        with pytest.raises(InputError, match="65535"):
+            renderer.mark(70_000)
+    device.close()
+    assert renderer.record is None and renderer.taken is None
+    touches, markers, drive = (found[kind] for kind in ("touch", "markers", "drive"))
+    at = touches["time_series"][:, :2].tolist()
+    assert at == [list(one) for one in sent[: len(at)]]
+    assert (touches["time_series"][:, 2] == 0.5).all()
+    assert [code for code, _ in markers["time_series"]] == ["11", "12"]
+    indices, (began, after) = (
+        [int(index) for _, index in markers["time_series"]],
+        markers["time_stamps"],
+    )
+    # The driver's clock between two of its samples; one that ran out of them played none meanwhile.
+    assert after - began >= (indices[1] - indices[0]) / device.capabilities.sample_rate_hz - 1e-3
+    volts, friction = drive["time_series"].T
+    assert (np.diff(drive["time_stamps"]) > 0).all() and volts.max() > 10
+    asked = friction[~np.isnan(friction)]
+    low, high = renderer.reachable(np.array([0.5]), np.array([100.0]))
+    assert len(asked) > 20 and asked == pytest.approx(float((low + 0.6 * (high - low))[0]))

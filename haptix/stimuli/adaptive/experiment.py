@@ -21,7 +21,7 @@ from haptix.stimuli.adaptive.log import TrialLog, program
 from haptix.stimuli.adaptive.method import Estimate, Method
 from haptix.stimuli.adaptive.next_trial import next_trial
 from haptix.stimuli.adaptive.observer import AnswerTo, Question
-from haptix.stimuli.adaptive.playing import name_of, play, touched
+from haptix.stimuli.adaptive.playing import Outlets, code_of, name_of, on_log_time, play, reported
 from haptix.stimuli.adaptive.presentation import Presentation, Touch
 from haptix.stimuli.adaptive.session_plan import SessionPlan, check_plan
 from haptix.stimuli.adaptive.session_summary import found_by_chance, summary
@@ -78,6 +78,8 @@ class Experiment:
         Called at a break with the number of trials so far; returns when the participant goes on.
     tell : callable, optional
         Called with whether an answer was right, where the plan gives feedback.
+    outlets : LabOutlets, optional
+        Streams that get each interval's mark, drive and touches once it was played.
     another_program : bool
         Continue a log that another version of haptix began; its rows say which wrote them.
 
@@ -109,6 +111,7 @@ class Experiment:
     plan: SessionPlan = field(default_factory=SessionPlan)
     rest: Callable[[int], None] | None = None
     tell: Callable[[bool], None] | None = None
+    outlets: Outlets | None = None
 
     def __post_init__(self) -> None:
         self._task = task_named(self.task)
@@ -252,8 +255,14 @@ class Experiment:
         for number, part in enumerate(parts):
             if number:
                 self.wait(self.pause_s)
-            onsets.append(play(self.device, part, self.clock))
-            samples += touched(self.device, self.clock)
+            played = play(self.device, part, self.clock, code_of(self.trials, number))
+            onsets.append(played.onset_s)
+            reports = reported(self.device)
+            samples += on_log_time(reports, self.device, self.clock)
+            if self.outlets is not None:
+                self.outlets.marks(played.marked)  # first: they say when the samples were played
+                self.outlets.drive(0, part)
+                self.outlets.reports(reports)
         felt = None if self.touch is None else self.touch()
         why = self._objection(felt)
         asked_s = self.clock()

@@ -2,55 +2,111 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from firmware_io import Device
 from firmware_io.clock import HOST_CLOCK
+from firmware_io.marks import Marked
+from firmware_io.protocol import TouchReport
 from haptix.stimuli.adaptive.touch_log import TouchSample
 
-_NO_FORCE = 65535  # of a panel that measures none
+_READINGS = 5
+NO_FORCE = 65535  # of a panel that measures none
 
 
-def play(device: Device, drive_v: npt.NDArray[np.float64], clock: Callable[[], float]) -> float:
-    """Play to the end, and return when the output began, by `clock`.
+@dataclass(frozen=True)
+class Played:
+    """An interval that was played."""
 
-    Afterwards the device is at 0 V and disarmed, whatever happens. What the panel reported before
-    is dropped.
+    onset_s: float
+    """When its first sample was played, by the clock of the log."""
+    marked: tuple[Marked, ...]
+    """What the driver has told of that sample; empty where it takes no marks."""
+
+
+def play(
+    device: Device, drive_v: npt.NDArray[np.float64], clock: Callable[[], float], code: int = 0
+) -> Played:
+    """Play to the end, and return when the output began.
+
+    That is the driver's own time of the first sample, which it is asked to mark with `code`; of a
+    driver that takes no marks it follows from its count of samples. Afterwards the device is at 0 V
+    and disarmed, whatever happens. What the panel reported before is dropped.
     """
+    takes_marks = getattr(getattr(device, "capabilities", None), "takes_marks", False)
     if hasattr(device, "touches"):
         device.touches()
+    if takes_marks:
+        device.marked()
     with device:
-        began, host_s = clock(), HOST_CLOCK()
+        began, offset_s = clock(), _offset_s(clock)
+        if takes_marks:
+            device.mark(0, code)
         device.write(drive_v)
-        delay = 0.0
+        first_s: float | None = None
         if hasattr(device, "progress"):  # a stand-in for a device has none
             found = device.progress(is_fresh=True)
             if found.is_playing and found.samples_played:
                 rate = device.capabilities.sample_rate_hz
-                delay = found.reported_s - found.samples_played / rate - host_s
-        return began + max(0.0, delay)
+                first_s = found.reported_s - found.samples_played / rate
+    marked = tuple(device.marked()) if takes_marks else ()
+    for one in marked:
+        if one.time_s is not None:
+            first_s = one.time_s
+    onset_s = began if first_s is None else max(began, first_s + offset_s)
+    return Played(onset_s, marked)
 
 
-def touched(device: Device, clock: Callable[[], float]) -> list[TouchSample]:
-    """Return what the panel has reported since the interval began, on the time of `clock`."""
-    if not hasattr(device, "touches"):
-        return []
-    reports = device.touches()
-    offset = clock() - HOST_CLOCK()
+def reported(device: Device) -> list[TouchReport]:
+    """Return what the panel has reported since the interval began."""
+    return device.touches() if hasattr(device, "touches") else []
+
+
+def on_log_time(
+    reports: Sequence[TouchReport], device: Device, clock: Callable[[], float]
+) -> list[TouchSample]:
+    """Return reports of a panel on the time of `clock`."""
+    offset = _offset_s(clock)
     return [
         TouchSample(
             round(device.host_time_s(one.clock_ticks) + offset, 5),
             one.x_um / 1e3,
             one.y_um / 1e3,
-            None if one.normal_force_mn == _NO_FORCE else one.normal_force_mn / 1e3,
+            None if one.normal_force_mn == NO_FORCE else one.normal_force_mn / 1e3,
             one.contact,
             one.phase.name.lower(),
         )
         for one in reports
     ]
+
+
+def _offset_s(clock: Callable[[], float]) -> float:
+    """Time of a clock minus that of the host's: the closest of several readings."""
+    readings = []
+    for _ in range(_READINGS):
+        before, at, after = HOST_CLOCK(), clock(), HOST_CLOCK()
+        readings.append((after - before, at - (before + after) / 2))
+    return min(readings)[1]
+
+
+class Outlets(Protocol):
+    """What takes each interval once it was played, as `haptix.stimuli.outlets.LabOutlets`."""
+
+    def marks(self, marked: Iterable[Marked]) -> None: ...
+
+    def drive(self, first_sample: int, volts: npt.ArrayLike) -> None: ...
+
+    def reports(self, reports: Iterable[TouchReport]) -> None: ...
+
+
+def code_of(trial: int, interval: int) -> int:
+    """Return the code of a mark: 10 times the trial's number, modulo 6000, and the interval's."""
+    return 10 * (trial % 6000) + interval + 1
 
 
 def name_of(device: Device) -> str:
