@@ -1,19 +1,18 @@
 """Coverage of calibrations: random truths, misspecified ones included, on good and bad rigs.
 
-    python benchmarks/independent_finger.py contacts.npz     # once, some 20 minutes
-    python benchmarks/calibrations.py trials.csv --contacts contacts.npz [--truths 200] [--seed 0]
-        [--broken | --boundary-elements]
-    python benchmarks/calibrations.py trials.csv --summary
+    python benchmarks/independent_finger.py benchmarks/campaigns/contacts.npz  # once, 20 minutes
+    PYTHONPATH=benchmarks haptix campaign benchmarks/campaigns/coverage.toml --out coverage
+    python benchmarks/calibrations.py coverage
 
 Fingers, screens and rigs are those of ``independent_finger.py`` and ``rigs.py``, which import
-nothing of the package. One row for each truth, written when it is done: the same command again
-continues. Every second truth is of the fit's own form, every fourth of the other gap distribution
-and of the other theory; with ``--boundary-elements`` all are of random surfaces that were solved
+nothing of the package. Each truth is a task; the last command sums up the campaign's table. Every
+second truth is of the fit's own form, every fourth of the other gap distribution and of the other
+theory; with ``truths_of = "surfaces"`` all are of random surfaces that were solved
 point by point, which press on few spots. Fingers are drawn from the priors of the fits, their skin
 with 0.5 to 2 times the assumed dielectric and a response of 5 to 30 Hz per mm/s; screens of 70 to
-300 nm. A rig reads the strokes of a short protocol; with ``--broken`` one that no strokes can tell
-from a good one, or should. Verified as without a rig check, and once more with one that measured
-the true gains.
+300 nm. A rig reads the strokes of a short protocol; with ``broken = true`` one that no strokes can
+tell from a good one, or should. Verified as without a rig check, and once more with one that
+measured the true gains.
 """
 
 from __future__ import annotations
@@ -22,12 +21,14 @@ import argparse
 import csv
 import time
 import warnings
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from math import exp
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any, Literal
 
 import numpy as np
-import torch
 from independent_finger import CUT_OFF, Finger, contacts
 from rigs import BROKEN, RIGS
 from scipy.stats import binomtest
@@ -47,7 +48,9 @@ from calibration.forms import other_forms
 from calibration.predict import Prediction, StrokeConditions
 from calibration.profile import finger_at
 from calibration.rig import RigCheck
+from haptix.campaign import Campaign, CampaignTask, Outcome
 from haptix.perception import WEBER_FRACTION
+from haptix.signals.audio import file_hash
 
 VOLTAGES_V = (200.0, 170.0, 140.0, 120.0, 100.0, 80.0, 60.0, 45.0)
 FORMS = ("own", "plain", "own", "open-gaps")
@@ -123,9 +126,9 @@ class Bench:
         values["frictional_shear_stress_pa"] *= exp(rng.normal(0, SHEAR_SPREAD)) / share
         return Finger(contact, values, amplifier=amplifier)
 
-    def trial(self, number: int, seed: int, broken: bool) -> dict[str, object]:
-        """Measure, fit and verify one truth."""
-        rigs = [*BROKEN, *AMPLIFIER] if broken else list(RIGS)
+    def trial(self, number: int, seed: int, broken: bool) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Measure, fit and verify one truth; return its numbers, and its times."""
+        rigs = _rigs(broken)
         name = rigs[number % len(rigs)]
         rig = (BROKEN if broken else RIGS).get(name, RIGS["realistic"])
         amplifier = AMPLIFIER.get(name, 1.0)
@@ -162,35 +165,97 @@ class Bench:
         found = written(places, own.names, own.log_values, jacobian=False)
         right = [true.mean_mu(*one) for one in np.transpose([axis.ravel() for axis in axes])]
         off = np.abs(np.exp(found.log_mu) / right - 1)[found.is_light] / WEBER_FRACTION
-        row: dict[str, object] = {
-            "truth": number,
-            "form": self.form(number),
-            "rig": name,
+        row: dict[str, Any] = {
             "volts": volts,
-            "friction_error_median_jnd": f"{np.median(off):.4f}",
-            "friction_error_worst_jnd": f"{off.max():.4f}",
+            "friction_error_median_jnd": float(np.median(off)),
+            "friction_error_worst_jnd": float(off.max()),
             "verdict": verdicts[0].verdict,
             "verdict_with_rig_check": verdicts[1].verdict,
-            "bound_jnd": f"{verdicts[0].bound_thresholds:.3f}",
-            "fit_bound_jnd": f"{verdicts[0].fit_bound_thresholds:.3f}",
+            "bound_jnd": verdicts[0].bound_thresholds,
+            "fit_bound_jnd": verdicts[0].fit_bound_thresholds,
             "strokes_used": len(fit.strokes),
-            "repeatability": f"{fit.repeatability.log_mu:.4f}",
-            "play_s": f"{played - began:.1f}",
-            "reduce_s": f"{ready - played:.1f}",
-            "fit_s": f"{fitted - ready:.1f}",
-            "verify_s": f"{time.process_time() - fitted:.1f}",
+            "repeatability": fit.repeatability.log_mu,
             "theory": fit.theory,
             "evidence": " ".join(f"{one.evidence:.1f}" for one in fit.forms),
-            "failures": "; ".join(verdicts[1].failures)[:300].replace(",", ";"),
+            "failures": "; ".join(verdicts[1].failures)[:300],
+        }
+        times = {
+            "play_s": played - began,
+            "reduce_s": ready - played,
+            "fit_s": fitted - ready,
+            "verify_s": time.process_time() - fitted,
         }
         for one in fit.estimates:
             if one.name in values:
                 row[f"{one.name} holds"] = int(one.low <= values[one.name] <= one.high)
-                row[f"{one.name} spread"] = f"{one.spread:.4f}"
-                row[f"{one.name} error"] = f"{np.log(fit.best(one.name) / values[one.name]):.4f}"
+                row[f"{one.name} spread"] = one.spread
+                row[f"{one.name} error"] = float(np.log(fit.best(one.name) / values[one.name]))
                 half = np.log(one.high / one.low) / 2 if one.low > 0 else np.inf
-                row[f"{one.name} half_width"] = f"{half:.4f}"
-        return row
+                row[f"{one.name} half_width"] = float(half) if half < np.inf else None
+        return row, times
+
+
+class Coverage(Campaign):
+    """A calibration of each truth.
+
+    Parameters
+    ----------
+    contacts : str
+        File of `independent_finger.py`, relative to the campaign's.
+    truths, seed : int
+        How many, and the seed of all.
+    truths_of : {"forms", "surfaces"}
+        The mean field's forms in turn, or surfaces of boundary elements.
+    broken : bool
+        Whether rigs are broken.
+    """
+
+    shown = ("friction_error_worst_jnd", "h0_m error", "h0_m spread")
+    maps = (("h0_m spread", "h0_m error"), ("bound_jnd", "friction_error_worst_jnd"))
+
+    kind: Literal["calibrations:Coverage"]
+    contacts: str = "contacts.npz"
+    truths: int = 200
+    seed: int = 0
+    truths_of: Literal["forms", "surfaces"] = "forms"
+    broken: bool = False
+
+    def tasks(self) -> Iterator[CampaignTask]:
+        """Yield a task for each truth."""
+        file = (self.folder / self.contacts).resolve()
+        digest, rigs = file_hash(file), _rigs(self.broken)
+        forms = (SOLVED,) if self.truths_of == "surfaces" else FORMS
+        for number in range(self.truths):
+            document = {
+                "contacts": str(file),
+                "sha256": digest,
+                "truth": number,
+                "seed": self.seed,
+                "truths_of": self.truths_of,
+                "broken": self.broken,
+            }
+            labels = {"form": forms[number % len(forms)], "rig": rigs[number % len(rigs)]}
+            yield CampaignTask(self.kind, document, {"truth": number, **labels})
+
+    @staticmethod
+    def run(document: Mapping[str, Any]) -> Outcome:
+        """Measure, fit and verify one truth."""
+        if file_hash(Path(document["contacts"])) != document["sha256"]:
+            raise ValueError(f"{document['contacts']}: has changed since the plan was read")
+        bench = _bench(document["contacts"], document["truths_of"] == "surfaces")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            row, times = bench.trial(document["truth"], document["seed"], document["broken"])
+        return Outcome(row, {}, times)
+
+
+@lru_cache(maxsize=1)
+def _bench(file: str, solved: bool) -> Bench:
+    return Bench(Path(file), solved)
+
+
+def _rigs(broken: bool) -> list[str]:
+    return [*BROKEN, *AMPLIFIER] if broken else list(RIGS)
 
 
 def _is_light(true: Finger, volts: float) -> bool:
@@ -200,7 +265,7 @@ def _is_light(true: Finger, volts: float) -> bool:
 def summary(path: Path) -> None:
     """Print coverage with its binomial test, widths, and verdicts."""
     with path.open() as file:
-        rows = list(csv.DictReader(file))
+        rows = [row for row in csv.DictReader(file) if row["status"] == "done"]
     print(f"{len(rows)} truths; 90 % intervals")
     names = [key.removesuffix(" holds") for key in rows[0] if key.endswith(" holds")]
     for name in names:
@@ -228,30 +293,8 @@ def summary(path: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--truths", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--contacts", type=Path, default=Path("contacts.npz"))
-    parser.add_argument("--broken", action="store_true")
-    parser.add_argument("--boundary-elements", action="store_true")
-    parser.add_argument("--summary", action="store_true")
-    asked = parser.parse_args()
-    if asked.summary:
-        summary(asked.out)
-        return
-    torch.set_num_threads(1)
-    warnings.simplefilter("ignore")
-    done = len(asked.out.read_text().splitlines()) - 1 if asked.out.exists() else 0
-    bench = Bench(asked.contacts, asked.boundary_elements)
-    for number in range(max(done, 0), asked.truths):
-        row = bench.trial(number, asked.seed, asked.broken)
-        with asked.out.open("a", newline="") as file:
-            writer = csv.DictWriter(file, list(row))
-            if number == 0:
-                writer.writeheader()
-            writer.writerow(row)
-        print(*list(row.values())[:10], flush=True)
-    summary(asked.out)
+    parser.add_argument("campaign", type=Path, help="its folder")
+    summary(parser.parse_args().campaign / "table.csv")
 
 
 if __name__ == "__main__":

@@ -122,18 +122,40 @@ def fit_folder(
     """
     session = Session.open(folder)
     reduced = Reduced.load(session.folder / REDUCED)
-    finger, screen = session.info.finger, session.info.screen
     earlier = None if finger_fit is None else Fit.load(finger_fit)
     if earlier is not None:
         earlier.check_unedited(str(finger_fit))
+    rig = rig_check(session.folder)
+    tapped = {} if rig is None else rig.sensor()
+    fit, needs = fit_reduced(
+        reduced, session.info.finger, session.info.screen, fixed, {**tapped, **(priors or {})},
+        earlier, leaky_gap, terms, compare,
+    )  # fmt: skip
+    write_whole(session.folder / NEEDS, json_text([asdict(one) for one in needs]))
+    fit = fit.signed(session.hashes(*RESTS_ON))
+    fit.save(session.folder / FIT)
+    return fit, needs
+
+
+def fit_reduced(
+    reduced: Reduced,
+    finger: Finger,
+    screen: Screen,
+    fixed: Mapping[str, float] | None = None,
+    priors: Mapping[str, tuple[float | None, float]] | None = None,
+    earlier: Fit | None = None,
+    leaky_gap: bool = False,
+    terms: Mapping[str, bool] | None = None,
+    compare: bool = True,
+) -> tuple[Fit, list[TermNeed]]:
+    """Fit strokes from the assumed finger and screen on; parameters as for `fit_folder`."""
+    if earlier is not None:
         finger = in_theory(finger, earlier.theory or finger.theory)
     predictor = StrokePredictor(ContactModel(finger, screen, terms=terms))
     parameters = Parameters.of(finger, screen, leaky_gap).with_rig()
     if earlier is not None:
         parameters = parameters.with_finger(earlier.finger_prior())
-    rig = rig_check(session.folder)
-    tapped = {} if rig is None else rig.sensor()
-    parameters = parameters.known(**{**tapped, **(priors or {})}).fixed(**fixed or {})
+    parameters = parameters.known(**priors or {}).fixed(**fixed or {})
     needs: list[TermNeed] = []
     forms = other_forms(predictor.model, terms) if compare else None
     if forms and not terms:
@@ -142,9 +164,6 @@ def fit_folder(
         fit = fit_strokes(reduced, predictor, parameters, forms=forms)
     if compare:
         needs = compare_terms(fit, reduced, predictor, parameters)
-    write_whole(session.folder / NEEDS, json_text([asdict(one) for one in needs]))
-    fit = fit.signed(session.hashes(*RESTS_ON))
-    fit.save(session.folder / FIT)
     return fit, needs
 
 

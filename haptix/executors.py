@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from itertools import islice
+from os import cpu_count
 from typing import Any, TypeVar
 
 from haptix.checks import instance
@@ -15,6 +16,8 @@ Result = TypeVar("Result")
 
 class Here(Executor):
     """An executor that does each call at once, in the thread that submits it."""
+
+    at_once = 1
 
     def submit(self, work: Callable[..., Result], /, *given: Any, **named: Any) -> Future[Result]:
         """Do the call, and return a future that has ended."""
@@ -37,7 +40,9 @@ def executor_of(given: Any) -> Executor:
     if given is None:
         return Here()
     if hasattr(given, "get_executor"):  # a Dask client
+        threads = sum(given.nthreads().values())
         given = given.get_executor(pure=False)
+        given.at_once = 2 * max(1, threads)
     instance("executor", given, Executor, "concurrent.futures has some; a Dask client is one too")
     return given  # type: ignore[no-any-return]  # checked
 
@@ -46,12 +51,15 @@ def finished(
     executor: Executor,
     work: Callable[[Item], Result],
     items: Iterable[Item],
-    at_once: Callable[[], int],
-) -> Iterator[tuple[Item, Future[Result]]]:
+    until_idle: bool = False,
+) -> Generator[tuple[Item, Future[Result]], None, None]:
     """Do `work` on all items, and yield each item with its future once that has ended.
 
     Items are taken from `items` as room becomes free, so that it may be long, or may grow. Where
     the iteration ends early, what has not begun is cancelled.
+
+    As many calls are in flight as the executor's ``at_once`` says, which is asked each time, since
+    workers come and go; without one, twice this machine's cores: one waits for each that is done.
 
     Parameters
     ----------
@@ -61,14 +69,15 @@ def finished(
         One item's result. A module's function where the executor has processes of its own.
     items : iterable
         The items.
-    at_once : callable
-        Most calls in flight; asked each time, since workers come and go.
+    until_idle : bool
+        Where the iteration ends early, wait for what has begun.
     """
     waiting = iter(items)
     running: dict[Future[Result], Item] = {}
     try:
         while True:
-            for item in islice(waiting, max(0, at_once() - len(running))):
+            room = getattr(executor, "at_once", 2 * (cpu_count() or 1)) - len(running)
+            for item in islice(waiting, max(0, room)):
                 running[executor.submit(work, item)] = item
             if not running:
                 return
@@ -77,3 +86,5 @@ def finished(
     finally:
         for future in running:
             future.cancel()
+        if until_idle:
+            wait(running)

@@ -5,6 +5,7 @@ Dask's messages can run code: a cluster needs Dask's TLS, or a network that all 
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future
@@ -20,6 +21,8 @@ Result = TypeVar("Result")
 
 _LOOK_EVERY_S = 1.0
 _FIRST_WORKER_S = 60
+# What goes wrong with a cluster is said in one sentence, and not with their tracebacks as well.
+_TOLD_BY_US = ("distributed.client", "distributed.core", "distributed.utils")
 
 
 @dataclass
@@ -73,6 +76,8 @@ class DaskWorkers(Executor):
         """
         with from_extra("cluster"):
             from distributed import Client, LocalCluster
+        for name in _TOLD_BY_US:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         if place == "dask":
             from haptix.campaign.processes import PROCESS_BYTES, processes_that_fit
 

@@ -25,6 +25,9 @@ KINDS = {
     "population": "haptix.campaign.states:FrictionOfPeople",
     "boundary-elements": "haptix.campaign.states:BoundaryElementSets",
     "trade-off": "haptix.campaign.tradeoffs:Tradeoffs",
+    "calibration-fits": "calibration.campaigns:CalibrationFits",
+    "stimulus-sets": "haptix.stimuli.campaigns:StimulusSets",
+    "experiment-simulations": "haptix.stimuli.campaigns:ExperimentSimulations",
 }
 
 Value = str | float | int | bool | None
@@ -116,6 +119,23 @@ class Campaign(Document):
         if "folder" in fields:
             raise InputError("folder: a file has none; its paths are relative to the file")
         return cls(**fields, folder=folder)
+
+
+def places_of(patterns: tuple[str, ...], folder: Path) -> Iterator[Path]:
+    """Yield the files or folders of names and patterns within a folder, in order.
+
+    Raises
+    ------
+    InputError
+        If there is nothing of a name or pattern.
+    """
+    for pattern in patterns:
+        found = [folder / pattern] if Path(pattern).is_absolute() else sorted(folder.glob(pattern))
+        if not found:
+            raise InputError(
+                f"{folder / pattern}: expected a file, or a pattern of some; none is there"
+            )
+        yield from found
 
 
 def kind_named(name: str) -> type[Campaign]:

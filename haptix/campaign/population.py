@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -117,9 +116,7 @@ class Population:
             for one in self.fingers
         ]
         found: dict[str, Any] = {}
-        at_once = 2 * (os.cpu_count() or 1)
-        workers = executor_of(executor)
-        for text, future in finished(workers, states_of, dict.fromkeys(texts), lambda: at_once):
+        for text, future in finished(executor_of(executor), states_of, dict.fromkeys(texts)):
             found[text] = json.loads(future.result())
         return [found[text] for text in texts]
 

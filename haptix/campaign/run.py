@@ -10,7 +10,6 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
-from os import cpu_count
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from haptix.campaign.report import report_html
 from haptix.campaign.store import Store, record_of, store_at
 from haptix.campaign.worker import do, identity
 from haptix.errors import HaptixError, InputError
-from haptix.executors import Here, executor_of, finished
+from haptix.executors import executor_of, finished
 from haptix.version import __version__
 
 _MOST_LOST = 6  # workers in a row that may end before they begin a task
@@ -94,7 +93,7 @@ def run_campaign(
     """
     store = store_at(where)
     with store.held():
-        _begin(store, campaign, identity())
+        _begin(store, campaign, identity(campaign.kind))
         ledger = Ledger.of(store, campaign, again)
         reused = ledger.counts["done"]
         with _workers(executor, store) as workers:
@@ -226,11 +225,8 @@ def _records(
 ) -> Iterator[None]:
     """Do tasks, and enter each into the ledger as it ends."""
     waiting, lost = _Waiting(store, campaign, ledger, most), 0
-    alone = 1 if isinstance(executor, Here) else 2 * (cpu_count() or 1)
     try:
-        for text, future in finished(
-            executor, do, waiting, lambda: getattr(executor, "at_once", alone)
-        ):
+        for text, future in finished(executor, do, waiting):
             try:
                 records = json.loads(future.result())
             except (BrokenExecutor, CancelledError) as error:

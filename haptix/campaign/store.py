@@ -27,6 +27,7 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 MANIFEST = "result.json"
+_DRAFT = ".part"
 # An object appears here only once all of it is there.
 _WHOLE = {"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "memory", "r2", "oss"}
 
@@ -58,7 +59,7 @@ class Store(ABC):
     def publish(self, key: str, files: Mapping[str, Content], result: Mapping[str, Any]) -> int:
         """Write a task's files, then its `MANIFEST` with their hashes; return all bytes.
 
-        What an earlier run left in its folder is removed first.
+        Two workers may do it at once: where a client was killed, its workers finish what they do.
         """
 
     @abstractmethod
@@ -108,7 +109,18 @@ class Folder(Store):
                         f"{self.where}: another campaign is at work here; wait for it, or name "
                         "another --out"
                     ) from None
+            self._remove_drafts()
             yield
+            self._remove_drafts()
+
+    def _remove_drafts(self) -> None:
+        """Remove what killed workers left; nobody but an orphaned worker writes any."""
+        for within in ("results/*", "results/*/*", "runs/*"):
+            for draft in self.path.glob(f"{within}/.*{_DRAFT}"):
+                if draft.is_dir():
+                    shutil.rmtree(draft, ignore_errors=True)
+                else:
+                    draft.unlink(missing_ok=True)
 
     def read(self, name: str) -> bytes | None:
         """Return a file's bytes, or None where there is none."""
@@ -120,7 +132,7 @@ class Folder(Store):
     def write(self, name: str, data: bytes) -> None:
         """Write a file whole, though not onto the disk: a power cut may cost it."""
         path = self.path / name
-        draft = path.with_name(f".{path.name}.{token_hex(8)}.part")
+        draft = path.with_name(f".{path.name}.{token_hex(8)}{_DRAFT}")
         try:
             try:
                 draft.write_bytes(data)
@@ -133,21 +145,30 @@ class Folder(Store):
             raise
 
     def publish(self, key: str, files: Mapping[str, Content], result: Mapping[str, Any]) -> int:
-        """Write files onto the disk before the manifest names them."""
+        """Write files and manifest into a draft of the folder, onto the disk, and rename it."""
         folder = self.path / folder_of(key)
-        shutil.rmtree(folder, ignore_errors=True)
-        if files:
-            folder.mkdir(parents=True)
-            with TemporaryDirectory(prefix=".part-", dir=folder) as drafts:
-                made, hashes = _made(files, Path(drafts))
-                manifest = json_text({**result, "files": hashes})
-                contents: dict[str, Content] = {name: path.replace for name, path in made.items()}
-                write_folder(folder, {**contents, MANIFEST: manifest})
-        else:
+        if not files:
             # A damaged manifest is no result: it need not be on the disk before it has its name.
             manifest = json_text({**result, "files": {}})
-            hashes = {}
             self.write(f"{folder_of(key)}/{MANIFEST}", manifest.encode())
+            return len(manifest)
+        draft = folder.with_name(f".{key}.{token_hex(8)}{_DRAFT}")
+        draft.mkdir(parents=True)
+        try:
+            with TemporaryDirectory(dir=draft) as made_in:
+                made, hashes = _made(files, Path(made_in))
+                manifest = json_text({**result, "files": hashes})
+                contents: dict[str, Content] = {name: path.replace for name, path in made.items()}
+                write_folder(draft, {**contents, MANIFEST: manifest})
+            try:
+                draft.rename(folder)
+            except OSError:
+                if self.read(f"{folder_of(key)}/{MANIFEST}") is None:
+                    shutil.rmtree(folder, ignore_errors=True)  # of no use
+                    draft.rename(folder)
+                # else another worker was first, with the same bytes
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
         return len(manifest) + sum(int(one["bytes"]) for one in hashes.values())
 
     def finished(self) -> set[str]:
@@ -187,15 +208,13 @@ class Remote(Store):
             self.system.pipe_file(path, data)
             return
         self.system.makedirs(path.rpartition("/")[0], exist_ok=True)
-        draft = f"{path}.{token_hex(8)}.part"
+        draft = f"{path}.{token_hex(8)}{_DRAFT}"
         self.system.pipe_file(draft, data)
         self.system.mv(draft, path)
 
     def publish(self, key: str, files: Mapping[str, Content], result: Mapping[str, Any]) -> int:
         """Write files before the manifest that names them."""
         folder = folder_of(key)
-        with suppress(FileNotFoundError):
-            self.system.rm(self._at(folder), recursive=True)
         with TemporaryDirectory(prefix="haptix-") as drafts:
             made, hashes = _made(files, Path(drafts))
             for name, path in made.items():

@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import socket
+import sys
 import time
 from collections.abc import Mapping
 from contextlib import suppress
@@ -18,7 +19,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-from haptix.campaign.kinds import Outcome, kind_named
+from haptix.campaign.kinds import KINDS, Outcome, kind_named
 from haptix.campaign.store import MANIFEST, Store, folder_of, record_of, store_at
 from haptix.errors import HaptixError
 from haptix.version import __version__
@@ -26,6 +27,7 @@ from haptix.version import __version__
 MOST_DEATHS = 3
 """Workers that a task may cost."""
 
+_PACKAGES = ("calibration", "firmware_io", "haptix")
 # Rooms that no result depends on.
 _NO_RESULT = {"cli", "service", "studio", "client"}
 
@@ -135,18 +137,22 @@ def worker_name() -> str:
     return f"{socket.gethostname()}:{os.getpid()}"
 
 
-def identity() -> dict[str, str]:
-    """Return what must be equal on all workers, for equal bytes."""
+def identity(kind: str) -> dict[str, str]:
+    """Return what must be equal on all workers of a kind, for equal bytes."""
     import numpy
     import torch
 
-    return {
+    found = {
         "haptix": __version__,
         "code": code_digest(),
         "torch": str(torch.__version__).partition("+")[0],
         "numpy": numpy.__version__,
         "processor": torch.backends.cpu.get_cpu_capability(),
     }
+    if kind not in KINDS:
+        file = sys.modules[kind_named(kind).__module__].__file__
+        found[kind] = hashlib.sha256(Path(str(file)).read_bytes()).hexdigest()[:16]
+    return found
 
 
 def differences(found: Mapping[str, Any], own: Mapping[str, str]) -> list[str]:
@@ -156,23 +162,28 @@ def differences(found: Mapping[str, Any], own: Mapping[str, str]) -> list[str]:
 
 def as_seen_here(where: str) -> dict[str, str]:
     """Return `identity`, and the hash of the campaign's own file as this process sees it."""
+    file, kind = f"{where}/campaign.json", next(iter(KINDS))
     try:
         data = _store(where).read("campaign.json")
+        seen = "no file" if data is None else hashlib.sha256(data).hexdigest()[:16]
+        if data is not None:
+            kind = str(json.loads(data)["plan"]["kind"])
     except (OSError, HaptixError) as error:
         seen = _said(error)
-    else:
-        seen = "no file" if data is None else hashlib.sha256(data).hexdigest()[:16]
-    return {**identity(), f"{where}/campaign.json": seen}
+    try:
+        return {**identity(kind), file: seen}
+    except HaptixError as error:  # a module that is not installed here
+        return {**identity(next(iter(KINDS))), kind: _said(error), file: seen}
 
 
 @cache
 def code_digest() -> str:
     """Hash of the source code of everything that results may depend on."""
-    code = hashlib.sha256()
-    package = Path(__file__).parents[1]
-    for file in sorted(package.rglob("*.py")):
-        if file.relative_to(package).parts[0] not in _NO_RESULT:
-            code.update(file.read_bytes())
+    code, root = hashlib.sha256(), Path(__file__).parents[2]
+    for package in _PACKAGES:
+        for file in sorted((root / package).rglob("*.py")):
+            if file.relative_to(root).parts[1] not in _NO_RESULT:
+                code.update(file.read_bytes())
     return code.hexdigest()[:16]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from math import isnan
 from pathlib import Path
@@ -200,6 +201,9 @@ def simulate(
         float,
         typer.Option(help="Spread of thresholds between people [dB].", callback=number(least=0)),
     ] = 3.0,
+    workers: Annotated[
+        int, typer.Option(help="Processes that simulate.", callback=number(least=1, most=256))
+    ] = 1,
     as_json: AsJson = False,
 ) -> None:
     """Simulate a plan before anybody sits: what its thresholds are worth, and its power.
@@ -208,38 +212,31 @@ def simulate(
     warning, for observers of each threshold, slope and lapse rate. With --participants: how often a
     paired t-test finds a difference between two conditions.
     """
-    from haptix.stimuli.adaptive.tasks import TASKS
+    from haptix.campaign.processes import Processes
+    from haptix.executors import Here, finished
     from haptix.stimuli.experiment_recipe import ExperimentRecipe
-    from haptix.stimuli.power import Observer, accuracy, paired_power
+    from haptix.stimuli.simulating import simulated, simulations
 
     plan = ExperimentRecipe.load(recipe)
-    guess = TASKS[plan.task].guess or 0.05
-    if plan.task in ("pairs", "magnitude"):
-        raise InputError(f"simulate: the task {plan.task!r} measures no threshold")
-    base = plan.model_copy(update={"conditions": ()})
-    thresholds, slopes, lapses = (
-        read_numbers(name, text)
-        for name, text in (
-            ("--threshold-db", threshold_db), ("--slope", slope), ("--lapse", lapse),
-        )
-    )  # fmt: skip
-    if participants is None:
-        rows = [
-            accuracy(base.make_method, Observer(at, steep, lapses_by, guess), runs, plan.seed)
-            for at in thresholds
-            for steep in slopes
-            for lapses_by in lapses
-        ]
-        title = f"{plan.name}: {runs} runs of each observer"
-    else:
+    observers = (
+        read_numbers("--threshold-db", threshold_db),
+        read_numbers("--slope", slope),
+        read_numbers("--lapse", lapse),
+    )
+    title, comparison = f"{plan.name}: {runs} runs of each observer", None
+    if participants is not None:
         sizes = [int(size) for size in read_numbers("--participants", participants)]
-        observer = Observer(thresholds[0], slopes[-1], lapses[0], guess)
-        rows = [
-            *paired_power(
-                base.make_method, observer, difference_db, between_db, sizes, runs, plan.seed
-            )
-        ]
+        comparison = {
+            "participants": sizes,
+            "difference": difference_db,
+            "between": between_db,
+        }
+        observers = observers[0][:1], observers[1][-1:], observers[2][:1]
         title = f"{plan.name}: power of a paired t-test at 0.05, of {runs} simulated participants"
+    texts = [json.dumps(one) for one in simulations(plan, *observers, runs, comparison)]
+    with Here() if workers == 1 else Processes(workers) as executor:
+        found = {text: future.result() for text, future in finished(executor, simulated, texts)}
+    rows = [row for text in texts for row in json.loads(found[text])]
     shown = [
         {key: round(value, 3) if isinstance(value, float) else value for key, value in row.items()}
         for row in rows

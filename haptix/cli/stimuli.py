@@ -71,10 +71,9 @@ def make(
         if workers == 1:
             result = parts.make(place, threads, update)
         else:
-            from concurrent.futures import ProcessPoolExecutor
-            from multiprocessing import get_context
+            from haptix.campaign.processes import Processes
 
-            with ProcessPoolExecutor(workers, get_context("spawn")) as executor:
+            with Processes(workers) as executor:
                 result = parts.make(place, 1, update, executor)
     rows = [dict(one) for one in result.sidecars] if as_json else [*map(_row, result.sidecars)]
     again = f", {result.reused} of them from an earlier run" if result.reused else ""

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from concurrent.futures import Executor, wait
+from contextlib import closing
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from haptix.errors import FileFormatError, InputError, LimitError, RangeError
+from haptix.executors import executor_of, finished
 from haptix.files import json_text, publish, read_json, reading, write_failure
 from haptix.signals.audio import file_hash
 from haptix.stimuli.set_files import DRAFTS, Made, SetFiles, beside, make_batch
@@ -44,7 +46,7 @@ class MakingJob:
         folder: Path,
         threads: int,
         on_progress: Progress,
-        executor: Executor | None = None,
+        executor: Any = None,
     ) -> None:
         from haptix.stimuli.drawing import contact_sheet  # a missing extra is said at the start
 
@@ -131,20 +133,18 @@ class MakingJob:
                 self.on_progress("render", (at + 1) / total)
             return made
         size = min(_LARGEST_BATCH, max(1, count // _BATCHES))
-        waiting = [
-            self.executor.submit(make_batch, files.batch(first, first + size), self.threads)
-            for first in range(0, count, size)
-        ]
-        found: list[Made] = []
-        try:
-            for one in waiting:
-                found += one.result()
-                self.on_progress("render", (done + len(found)) / total)
-        finally:
-            for one in waiting:
-                one.cancel()
-            wait(waiting)  # none of them writes after this
-        return found
+        batches = (files.batch(first, first + size) for first in range(0, count, size))
+        work = partial(make_batch, threads=self.threads)
+        found: dict[int, list[Made]] = {}
+        so_far = done
+        # A batch that has begun writes drafts: the call ends only after it.
+        ends = finished(executor_of(self.executor), work, batches, until_idle=True)
+        with closing(ends):
+            for batch, future in ends:
+                found[batch.first] = future.result()
+                so_far += len(found[batch.first])
+                self.on_progress("render", so_far / total)
+        return [one for first in sorted(found) for one in found[first]]
 
     def _publish(
         self, found: list[dict[str, Any]], tables: dict[str, bytes], reused: int
@@ -199,7 +199,7 @@ class StimulusSet(SetPlan):
         folder: str | Path,
         threads: int = 2,
         on_progress: Progress = lambda stage, share: None,
-        executor: Executor | None = None,
+        executor: Any = None,
     ) -> SetResult:
         """Render all stimuli, check the whole set, and publish it in a folder.
 
@@ -214,9 +214,9 @@ class StimulusSet(SetPlan):
             Threads that render one file; they pay for stimuli of many seconds.
         on_progress : callable
             Called with a stage and the share of it that is done.
-        executor : concurrent.futures.Executor, optional
+        executor : concurrent.futures.Executor or Dask client, optional
             Makes files at the same time, in batches: threads, processes, or a cluster whose
-            workers share `folder` and the cache of surfaces (Dask's ``client.get_executor()``).
+            workers share `folder` and the cache of surfaces.
             The bytes do not depend on it. It stays open.
 
         Raises

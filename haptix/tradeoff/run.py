@@ -7,7 +7,6 @@ import platform
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from os import cpu_count
 from time import perf_counter
 from timeit import repeat
 from typing import Any
@@ -124,12 +123,12 @@ def run_tradeoff(
     plan = plan_scene(scene, lambda share: on_progress("plan", share))
     plan_s = perf_counter() - began
     workers = executor_of(executor)
-    work, at_once = measure_setting, 2 * (cpu_count() or 1)
+    work = measure_setting
     if isinstance(workers, Here):
-        work, at_once = partial(measure_setting, on_progress=on_progress, plan=plan), 1
+        work = partial(measure_setting, on_progress=on_progress, plan=plan)
     found: dict[str, dict[str, Any]] = {}
     texts = [json.dumps(job) for job in jobs]
-    for text, future in finished(workers, work, texts, lambda: at_once):
+    for text, future in finished(workers, work, texts):
         found[text] = json.loads(future.result())
         on_progress("run", len(found) / len(jobs))
     runs = [Run.of(row) for text in texts for row in found[text]["runs"]]

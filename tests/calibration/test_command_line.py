@@ -10,9 +10,12 @@ from typer.testing import CliRunner
 import haptix
 from calibration import Fit, Protocol, Session
 from calibration.app import app
+from calibration.campaigns import CalibrationFits
 from calibration.rig import RIG, RigCheck
 from calibration.steps import RESTS_ON, fit_folder, reduce_folder, verify_folder
+from haptix.campaign import run_campaign
 from haptix.cli import app as whole
+from haptix.errors import InputError
 
 run = CliRunner()
 
@@ -45,6 +48,32 @@ def fitted(folder, tmp_path_factory):
     known = {"youngs_modulus_pa": 4e7, "h_rms_m": 22e-6}
     fit_folder(copy, known, {"apparent_area_at_1n_m2": (45.65e-6, 0.05)}, compare=False)
     return copy
+
+
+def fits_of(folder, **fields):
+    known = {"youngs_modulus_pa": 4e7, "h_rms_m": 22e-6}
+    given = {"sessions": (str(folder),), "fixed": known, "compare": False, **fields}
+    return CalibrationFits(name="priors", kind="calibration-fits", **given)
+
+
+def test_a_campaign_has_a_task_for_each_session_and_prior(fitted):
+    plan = fits_of(fitted, priors={"apparent_area_at_1n_m2": (0.05, 0.4)})
+    tasks = [*plan.tasks()]
+    assert [task.labels["prior_spread"] for task in tasks] == [None, 0.05, 0.4]
+    assert len({task.key for task in tasks}) == 3
+    with pytest.raises(InputError, match=r"parameter 'youngs_modulus': expected one of"):
+        [*fits_of(fitted, priors={"youngs_modulus": (1,)}).tasks()]
+
+
+@pytest.mark.slow
+def test_a_campaign_fits_as_the_command_and_by_other_priors(fitted, tmp_path):
+    plan = fits_of(fitted, priors={"apparent_area_at_1n_m2": (0.05,)})
+    usual, close = run_campaign(plan, tmp_path).rows
+    own = Fit.load(fitted / "fit.json")  # by 45.65 mm2, within 5 %
+    there = tmp_path / "results" / close["key"][:2] / close["key"] / "fit.json"
+    assert Fit.load(there).log_values.tolist() == own.log_values.tolist()
+    assert Fit.load(there).covariance.tolist() == own.covariance.tolist()
+    assert close["apparent_area_at_1n_m2 spread"] < usual["apparent_area_at_1n_m2 spread"]
 
 
 def assert_for_machines(text):

@@ -20,6 +20,8 @@ class Countable(Campaign):
     deadly: tuple[int, ...] = ()
     wrong: tuple[int, ...] = ()
     greedy: tuple[int, ...] = ()
+    pause_s: float = 0.0
+    """Pause in the middle of writing a file."""
     dies_writing: str = ""
     """A file that is made when a worker dies in the middle of writing, once."""
 
@@ -33,6 +35,8 @@ class Countable(Campaign):
             for harm in ("deadly", "wrong", "greedy"):
                 if number in getattr(self, harm):
                     document[harm] = True
+            if self.pause_s:
+                document["pause_s"] = self.pause_s
             if self.dies_writing:
                 document["dies_writing"] = self.dies_writing
             yield CampaignTask(self.kind, document, {"label": f"n{number}"})
@@ -53,6 +57,8 @@ class Countable(Campaign):
         if size := document["file_bytes"]:
             data = bytes((number + i) % 251 for i in range(size))
             files["numbers.bin"] = data
+            if pause := document.get("pause_s"):
+                files = {"numbers.bin": lambda path: write_slowly(path, data, pause)}
             if marker := document.get("dies_writing"):
                 files = {"first.bin": data, "numbers.bin": lambda path: write(path, data, marker)}
         return Outcome({"number": number, "square": number**2}, files, {"slept": 1.0})
@@ -66,4 +72,13 @@ def write(path, data, marker):
         if not Path(marker).exists():
             Path(marker).touch()
             os.kill(os.getpid(), signal.SIGKILL)
+        file.write(data[len(data) // 2 :])
+
+
+def write_slowly(path, data, pause_s):
+    """Write a file in two halves."""
+    with path.open("wb") as file:
+        file.write(data[: len(data) // 2])
+        file.flush()
+        time.sleep(pause_s)
         file.write(data[len(data) // 2 :])

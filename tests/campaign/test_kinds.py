@@ -4,15 +4,19 @@ import json
 import warnings
 
 import pytest
+from typer.testing import CliRunner
 
 from haptix.campaign import Population, load_campaign, run_campaign
 from haptix.campaign.kinds import kind_named
+from haptix.cli import app
+from haptix.errors import InputError
 from haptix.fidelity import BoundaryElementBox
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.planning import plan_scene
 from haptix.scene import Scene
 from haptix.screen import Screen
+from haptix.stimuli.recipe import Recipe
 from haptix.surface import FrictionSurface
 from haptix.tradeoff import run_tradeoff
 
@@ -121,6 +125,68 @@ def test_a_surface_of_boundary_elements_is_a_task(load, tmp_path):
             boundary_elements=box,
         )  # fmt: skip
         assert float(model.solve(0.5, 0.0, 125.0).area_fraction) == areas[1]
+
+
+EXPERIMENT = """
+name = "threshold"
+seed = 5
+stimulus = { signal = { kind = "sine", amplitude = 1.0, frequency_hz = 125 }, length_s = 0.1 }
+method = { kind = "up-down", start = 30.0, steps = [4.0, 2.0], stop_after = 6 }
+"""
+
+
+def test_simulations_are_those_of_the_command(load, tmp_path):
+    (tmp_path / "experiment.toml").write_text(EXPERIMENT)
+    plan = load(
+        'name = "a"\nkind = "experiment-simulations"\nexperiments = ["exp*.toml"]\nruns = 12\n'
+        "threshold_db = [24]\nlapse = [0.02]\ncomparison = { participants = [6, 60] }\n"
+    )
+    rows = run_campaign(plan, tmp_path / "out").rows
+    assert [row["what"] for row in rows] == ["accuracy"] * 2 + ["power"] * 4
+    asked = ["--threshold-db", "24", "--lapse", "0.02", "--runs", "12", "--json"]
+    command = ["stimuli", "simulate", str(tmp_path / "experiment.toml"), *asked]
+    told = json.loads(CliRunner().invoke(app, command).stdout)
+    # Each simulation has its own seed in its document: by itself or beside others, the same.
+    assert [{name: row[name] for name in told[0]} for row in rows[:2]] == told
+    steep = [row["power"] for row in rows if row["what"] == "power" and row["slope"] == 3.5]
+    assert 0 <= steep[0] < steep[1] <= 1  # more people find more
+
+
+SET = """
+name = "tones"
+finger = "gel.toml"
+[stimuli.tone]
+quantity = "volts"
+signal = { kind = "sine", amplitude = 60.0, frequency_hz = 125 }
+drive_hz = 125
+length_s = 0.05
+"""
+
+
+def test_a_set_is_that_of_its_recipe(load, tmp_path, monkeypatch):
+    monkeypatch.setenv("HAPTIX_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "tones.toml").write_text(SET)
+    (tmp_path / "soft.toml").write_text('name = "soft"\nyoungs_modulus_pa = 1e5\n')
+    plan = load(
+        'name = "a"\nkind = "stimulus-sets"\nrecipes = ["tones.toml"]\n'
+        'fingers = ["gel.toml", "soft.toml"]\n'
+    )
+    done = run_campaign(plan, tmp_path / "out")
+    assert [(row["finger"], row["status"]) for row in done.rows] == [
+        ("gel", "done"), ("soft", "done"),
+    ]  # fmt: skip
+    Recipe.load(tmp_path / "tones.toml").stimulus_set().make(tmp_path / "set")
+    for path in (tmp_path / "set").iterdir():
+        key = done.rows[0]["key"]
+        assert (tmp_path / "out" / "results" / key[:2] / key / path.name).read_bytes() == (
+            path.read_bytes()
+        ), path.name
+
+
+def test_nothing_of_a_name_is_one_sentence(load):
+    plan = load('name = "a"\nkind = "stimulus-sets"\nrecipes = ["sets/*.toml"]\n')
+    with pytest.raises(InputError, match=r"sets/\*\.toml: expected a file, or a pattern"):
+        [*plan.tasks()]
 
 
 def test_a_document_survives_its_way_to_a_worker(load):

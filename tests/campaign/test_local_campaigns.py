@@ -10,12 +10,15 @@ import sys
 import time
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from itertools import accumulate, count, islice
 
 import pytest
 
 from haptix.campaign import load_campaign, run_campaign
 from haptix.campaign.processes import Processes
 from haptix.campaign.report import report_html
+from haptix.campaign.store import Folder
 from haptix.errors import HaptixError, InputError
 from tests.campaign.countable import Countable
 
@@ -181,6 +184,52 @@ def test_a_place_of_fsspec_has_the_same_bytes_as_a_folder(tmp_path):
         run_campaign(plan(numbers=1), "nowhere://x")
 
 
+@pytest.mark.parametrize("renames", [True, False])
+def test_a_place_of_fsspec_that_breaks_half_way_never_has_a_half_result(
+    tmp_path, renames, monkeypatch
+):
+    monkeypatch.setattr("haptix.campaign.store._WHOLE", {"whole"})
+    fsspec = pytest.importorskip("fsspec")
+    from fsspec.implementations.memory import MemoryFileSystem
+
+    calls, gap = count(1), count(4)
+    breaks = list(accumulate(islice(gap, 12)))  # further and further apart
+
+    class Breaking(MemoryFileSystem):
+        """Writes whole objects, as S3 does, or leaves half of a file where it breaks."""
+
+        protocol = "breaking" if renames else "whole"
+        store, pseudo_dirs = {}, [""]
+
+        @classmethod
+        def _strip_protocol(cls, path):
+            return super()._strip_protocol(path.removeprefix(f"{cls.protocol}:/"))
+
+        def pipe_file(self, path, value, **options):
+            if next(calls) in breaks:
+                if renames:
+                    super().pipe_file(path, value[: len(value) // 2])
+                raise OSError(5, "the network is gone")
+            super().pipe_file(path, value)
+
+    fsspec.register_implementation(Breaking.protocol, Breaking, clobber=True)
+    given, where = plan(numbers=5, file_bytes=60), f"{Breaking.protocol}://squares"
+    run_campaign(given, tmp_path)
+    whole, system, stops = results(tmp_path), Breaking(), 0
+    for _ in breaks:
+        try:
+            run_campaign(given, where)
+        except InputError:
+            stops += 1
+        there = {
+            name.partition("squares/")[2]: hashlib.sha256(system.cat_file(name)).hexdigest()
+            for name in system.find("/squares/results")
+            if not name.endswith(".part")
+        }
+        assert there.items() <= whole.items()
+    assert there == whole and stops > 4
+
+
 def test_another_version_does_not_mix_its_results(tmp_path, monkeypatch):
     run_campaign(plan(numbers=1), tmp_path)
     monkeypatch.setattr("haptix.campaign.worker.code_digest", lambda: "other")
@@ -201,24 +250,63 @@ def test_two_at_once_are_refused(tmp_path):
         run_campaign(plan(numbers=1), tmp_path, on_progress=meanwhile)
 
 
-def test_a_full_disk_stops_it_and_the_same_call_goes_on(tmp_path, monkeypatch):
-    from haptix.campaign import store
+@contextmanager
+def small_disk(folder, size_bytes):
+    """A disk of some size, which grows when the body calls what it gets.
 
-    real, left = store.Folder.publish, [2]
+    Without root, which may mount one, a file system that refuses the larger of the files.
+    """
+    if os.geteuid() == 0 and sys.platform == "linux":
+        folder.mkdir()
+        subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", f"size={size_bytes}", "tmpfs", folder], check=True
+        )
+        try:
+            yield lambda: subprocess.run(
+                ["mount", "-o", f"remount,size={20 * size_bytes}", folder], check=True
+            )
+        finally:
+            subprocess.run(["umount", "--lazy", folder], check=True)
+        return
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
+    try:
+        yield lambda: resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
-    def publish(self, *given):
-        left[0] -= 1
-        if left[0] < 0:
-            raise OSError(28, "No space left on device")
-        return real(self, *given)
 
-    monkeypatch.setattr(store.Folder, "publish", publish)
-    with pytest.raises(InputError, match=r"No space left.*same command goes on"):
-        run_campaign(plan(numbers=4), tmp_path)
-    monkeypatch.setattr(store.Folder, "publish", real)
-    done = run_campaign(plan(numbers=4), tmp_path)
-    assert done.reused == 2 and done.counts["done"] == 4
+def test_a_full_disk_stops_it_and_the_same_call_goes_on(tmp_path):
+    given = plan(numbers=8, file_bytes=60_000)
+    with small_disk(tmp_path / "disk", 400_000) as grow:
+        with pytest.raises(InputError, match=r"cannot write to .*same command goes on"):
+            run_campaign(given, tmp_path / "disk" / "out")
+        left = results(tmp_path / "disk" / "out")
+        grow()
+        done = run_campaign(given, tmp_path / "disk" / "out")
+        found = results(tmp_path / "disk" / "out")
+    assert done.counts["done"] == 8 and done.reused == len(left) // 2
+    run_campaign(given, tmp_path / "whole")
+    assert found == results(tmp_path / "whole")
+    assert left.items() <= found.items()  # nothing half-written had a name
     assert not any(row["deaths"] for row in done.rows)
+
+
+def test_two_workers_that_do_the_same_task_at_once_leave_it_once(tmp_path):
+    """As where a client was killed and its worker goes on beside the next one's."""
+    store = Folder(tmp_path)
+    late = []
+
+    def write(path):
+        path.write_bytes(b"same")
+        if not late:  # the other one comes while this one writes
+            late.append(0)
+            late.append(store.publish("abcd", {"a.bin": write}, {"row": {}}))
+
+    assert store.publish("abcd", {"a.bin": write}, {"row": {}}) == late[1]
+    names = sorted(str(one.relative_to(tmp_path)) for one in tmp_path.rglob("*.*"))
+    assert names == ["results/ab/abcd/a.bin", "results/ab/abcd/result.json"]
 
 
 def start(folder, *options):

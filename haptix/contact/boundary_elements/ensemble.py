@@ -71,9 +71,8 @@ def run_ensemble(
             progress(len(done), jobs)
 
     workers = min(workers, len(missing))
-    at_once = 1 if workers <= 1 else 2 * workers
     with one_thread(), _threads(workers) as pool:
-        for job, future in finished(pool, work, missing, lambda: at_once):
+        for job, future in finished(pool, work, missing):
             finish(job, future.result())
     return [done[job] for job in range(jobs)]
 
