@@ -99,7 +99,7 @@ class DaskWorkers(Executor):
                     f"--on: expected processes, dask, an address such as tcp://HOST:8786, or a "
                     f"scheduler file, got {place!r:.80}"
                 )
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, TypeError) as error:  # the last: TLS without a certificate
             if isinstance(error, HaptixError):
                 raise
             raise HaptixError(f"--on: no Dask scheduler answers at {place}: {error}") from None

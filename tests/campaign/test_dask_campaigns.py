@@ -111,3 +111,35 @@ def test_nothing_at_an_address_is_one_sentence():
             DaskWorkers.on("tcp://127.0.0.1:9")
     with pytest.raises(HaptixError, match="--on: expected processes, dask, an address"):
         DaskWorkers.on("daks")
+
+
+def test_tls_with_the_cluster_s_certificate_and_nothing_without(tmp_path):
+    """As docs/scale.md has it: what Dask's configuration names is used."""
+    import dask
+
+    own = distributed.Security.temporary()
+    parts = {"ca-file": own.tls_ca_file, "cert": own.tls_client_cert, "key": own.tls_client_key}
+    for name, text in parts.items():
+        (tmp_path / name).write_text(text)
+    paths = {name: str(tmp_path / name) for name in parts}
+    known = {
+        "distributed.comm.tls.ca-file": paths["ca-file"],
+        "distributed.comm.tls.client": {"cert": paths["cert"], "key": paths["key"]},
+        "distributed.comm.timeouts.connect": "2s",
+    }
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None,
+        protocol="tls://", host="127.0.0.1", security=own,
+    ) as cluster:  # fmt: skip
+        address = cluster.scheduler_address
+        assert address.startswith("tls://")
+        with dask.config.set(known):
+            workers = DaskWorkers.on(address)
+        done = run_campaign(plan(numbers=5, file_bytes=9), tmp_path / "out", workers)
+        workers.shutdown()
+        assert done.counts["done"] == 5
+        with (
+            dask.config.set({"distributed.comm.timeouts.connect": "2s"}),
+            pytest.raises(HaptixError, match="no Dask scheduler answers at tls://"),
+        ):
+            DaskWorkers.on(address)

@@ -195,7 +195,7 @@ def test_a_place_of_fsspec_that_breaks_half_way_never_has_a_half_result(
     calls, gap = count(1), count(4)
     breaks = list(accumulate(islice(gap, 12)))  # further and further apart
 
-    class Breaking(MemoryFileSystem):
+    class Breaking(MemoryFileSystem):  # type: ignore[misc]  # it has no types
         """Writes whole objects, as S3 does, or leaves half of a file where it breaks."""
 
         protocol = "breaking" if renames else "whole"
