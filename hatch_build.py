@@ -85,5 +85,5 @@ def _compile(root: Path, target: _Target, library: Path) -> None:
     compiler = [sys.executable, "-m", "ziglang", "cc", "-target", target.triple, "-s"]
     if target.suffix != ".dll":
         compiler.append("-fPIC")
-    sources = [str(folder / name) for name in settings["SOURCES"]]
+    sources = [str(folder / name) for name in (*settings["SOURCES"], *settings["HOST_SOURCES"])]
     subprocess.run([*compiler, *settings["FLAGS"], *sources, "-o", str(library)], check=True)

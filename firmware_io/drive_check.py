@@ -37,8 +37,10 @@ class DriveCheck:
         self._rate_hz = float(setup.sample_rate_hz * self.each)
         self._window = DriveWindow(limits, self._rate_hz)
 
-    def begin(self, rested_s: float) -> None:
+    def begin(self, rested_s: float, is_revisable: bool) -> None:
         """Take the present limits, after a time at 0 V."""
+        if is_revisable:
+            self._window.prefer_compiled()
         self._window.limits = self.limits
         self._window.rest(math.floor(min(rested_s, self.limits.window_s) * self._rate_hz))
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from firmware_io.drive_sums import SumsOf, bounded_sums, compiled_sums, dot
 from firmware_io.errors import LimitError
 from firmware_io.limits import RAMP_S, DriveLimits
 
@@ -16,12 +17,6 @@ _Volts = npt.NDArray[np.float64]
 _DC_FLOOR_V = 0.05
 #: Bounds have this share of room, far more than sums of a second can be wrong by rounding.
 _ROUNDING = 1.0 - 1e-9
-#: Samples that are added up at once, for a bound on the sums up to each: far faster than these.
-_PIECE = 24
-_ONES = np.ones(_PIECE)
-#: Above some 9000 numbers BLAS shares a sum among threads. Those then spin for a tenth of a second,
-#: and on a busy machine the caller waits as long for them to run at all.
-_MOST_AT_ONCE = 340 * _PIECE
 
 
 class DriveWindow:
@@ -56,6 +51,11 @@ class DriveWindow:
         self._sum_steps = 0.0
         self._left_v = 0.0  # the sample that left last
         self._largest_v = 0.0
+        self._sums_of: SumsOf = bounded_sums
+
+    def prefer_compiled(self) -> None:
+        """Add up in C, if that can be had: for who checks long queues again and again."""
+        self._sums_of = compiled_sums() or bounded_sums
 
     def check(self, volts: _Volts, each: int = 1, is_carried: bool = False) -> None:
         """Reject samples with which the window would hold too much energy or too high a mean.
@@ -103,12 +103,12 @@ class DriveWindow:
         self._highest_sum = total - min(-self._highest_sum, lowest)
         self._lowest_sum = total - max(-self._lowest_sum, highest)
         self._sum_v += total - float(np.add.reduce(leaving))
-        self._sum_square += _dot(volts, volts) - _dot(leaving, leaving)
-        self._sum_steps += _dot(steps, steps)
+        self._sum_square += dot(volts, volts) - dot(leaving, leaving)
+        self._sum_steps += dot(steps, steps)
         if volts.size <= size:
             gone = leaving[1:] - leaving[:-1]
             first = float(leaving[0]) - self._left_v
-            self._sum_steps -= _dot(gone, gone) + first * first
+            self._sum_steps -= dot(gone, gone) + first * first
             self._left_v = float(leaving[-1])
         self._largest_v = max(self._largest_v, float(np.maximum.reduce(np.abs(volts))))
         self._last_v = float(volts[-1])
@@ -122,7 +122,7 @@ class DriveWindow:
         if has_gone_round:
             # So that rounding does not add up over hours.
             self._sum_v = float(self._ring.sum())
-            self._sum_square = _dot(self._ring, self._ring)
+            self._sum_square = dot(self._ring, self._ring)
             self._largest_v = float(np.abs(self._ring).max())
             self._count_steps(np.diff(self._in_order()) ** 2)
 
@@ -135,25 +135,23 @@ class DriveWindow:
     def _is_far_from_limits(self, volts: _Volts, leaving: _Volts, ramp_samples: float) -> bool:
         """Whether no sample can break a limit, whatever leaves the window meanwhile."""
         size, limits = self._ring.size, self.limits
-        peak = max(float(np.maximum.reduce(volts)), -float(np.minimum.reduce(volts)))
+        sums = self._sums_of(volts, leaving, self._last_v, self._largest_v)
+        peak = sums.peak
         if peak == 0.0:
             return True  # 0 V is the remedy, whatever came before
         room = _ROUNDING * size
         share_v = limits.max_dc_share
-        squares = _dot(volts, volts)
-        # The squared steps, by ``(b - a)^2 = a^2 + b^2 - 2 a b``.
-        first, last = float(volts[0]), float(volts[-1])
-        steps = 2 * (squares - _dot(volts[1:], volts[:-1])) - first**2 - last**2
-        steps += (first - self._last_v) ** 2
         if (
-            self._sum_square + squares > room * limits.max_rms_v**2
-            or self._sum_steps + steps > _ROUNDING * self._most_steps
+            self._sum_square + sums.squares > room * limits.max_rms_v**2
+            or self._sum_steps + sums.steps > _ROUNDING * self._most_steps
         ):
             return False
-        lowest, highest = _bounds(volts, peak)
-        gone_lowest, gone_highest = _bounds(leaving, max(self._largest_v, peak))
-        moved = max(highest - gone_lowest, gone_highest - lowest)
-        stretch = max(highest + self._highest_sum, -lowest - self._lowest_sum, highest - lowest)
+        moved = max(sums.highest - sums.gone_lowest, sums.gone_highest - sums.lowest)
+        stretch = max(
+            sums.highest + self._highest_sum,
+            -sums.lowest - self._lowest_sum,
+            sums.highest - sums.lowest,
+        )
         return bool(
             abs(self._sum_v) + moved <= room * max(share_v * peak, _DC_FLOOR_V)
             and stretch + peak * ramp_samples <= room * share_v * limits.ceiling_v
@@ -283,25 +281,3 @@ class DriveWindow:
     def _in_order(self) -> _Volts:
         """Return the window, the oldest sample first."""
         return np.concatenate([self._ring[self._next :], self._ring[: self._next]])
-
-
-def _dot(one: _Volts, other: _Volts) -> float:
-    """Return the sum of the products, from parts that BLAS adds up in this thread."""
-    return sum(
-        float(np.dot(one[at : at + _MOST_AT_ONCE], other[at : at + _MOST_AT_ONCE]))
-        for at in range(0, one.size, _MOST_AT_ONCE)
-    )
-
-
-def _bounds(volts: _Volts, peak: float) -> tuple[float, float]:
-    """Bound the sums of the first samples, of none too, where no magnitude is above `peak`."""
-    pieces, within = volts.size // _PIECE, _PIECE * peak
-    if not pieces:
-        return -within, within
-    each = [
-        volts[at : min(at + _MOST_AT_ONCE, pieces * _PIECE)].reshape(-1, _PIECE) @ _ONES
-        for at in range(0, pieces * _PIECE, _MOST_AT_ONCE)
-    ]
-    sums = np.add.accumulate(each[0] if len(each) == 1 else np.concatenate(each))
-    lowest, highest = float(np.minimum.reduce(sums)), float(np.maximum.reduce(sums))
-    return min(0.0, lowest) - within, max(0.0, highest) + within

@@ -41,6 +41,10 @@ class Provisional:
         self._seen = seen
         self._revised = self._refused = 0
 
+    def note_sent(self) -> None:
+        """Count a revision that was sent."""
+        self._revised += 1
+
     @property
     def number(self) -> int:
         """Number of the next revision."""
@@ -52,8 +56,8 @@ class Provisional:
         waiting = self._checks.driven(queue.values, queue.first, self.before_v)
         self._checks.check_window(np.concatenate([waiting, driven]))
 
-    def check_revised(self, first: int, volts: _Volts, most: int) -> None:
-        """Reject samples that cannot replace those from index `first` on."""
+    def replace(self, first: int, volts: _Volts, most: int) -> None:
+        """Replace queued samples from an index on; reject what breaks a limit."""
         queue, end = self.queue, first + volts.size
         if not (0 < volts.size <= most):
             raise DeviceError(
@@ -65,15 +69,14 @@ class Provisional:
                 f"Samples {queue.first + 1} to {queue.end - 2} can be revised, but {first} to "
                 f"{end - 1} came; begin later, or end earlier."
             )
-        changed = queue.with_values(first, volts)
         start = first - queue.first
-        self._checks.check(changed[start : start + volts.size + 1], queue[first - 1])
-        self._checks.check_window(self._checks.driven(changed, queue.first, self.before_v))
-
-    def take_revision(self, first: int, volts: _Volts) -> None:
-        """Take a revision that was sent."""
-        self._revised += 1
-        self.queue.replace(first, volts)
+        queue.replace(first, volts)
+        try:
+            self._checks.check(queue.values[start : start + volts.size + 1], queue[first - 1])
+            self._checks.check_window(self._checks.driven(queue.values, queue.first, self.before_v))
+        except BaseException:
+            queue.undo_last()
+            raise
 
     def settle(self, status: StatusReport | None, sent: int) -> None:
         """Learn from the last report which revisions were obeyed, and what was played."""

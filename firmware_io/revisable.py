@@ -39,13 +39,6 @@ class Revisable:
         """Add values behind the last."""
         self.values = np.concatenate([self.values, values])
 
-    def with_values(self, first: int, values: _Values) -> _Values:
-        """Return all values as they would be with these from index `first` on."""
-        changed = self.values.copy()
-        start = first - self.first
-        changed[start : start + values.size] = values
-        return changed
-
     def replace(self, first: int, values: _Values) -> None:
         """Replace values that it holds, from index `first` on."""
         start = first - self.first
@@ -68,6 +61,11 @@ class Revisable:
                 start = first + gone - self.first
                 self.values[start : start + before.size - gone] = before[gone:]
         return count
+
+    def undo_last(self) -> None:
+        """Take back the newest replacement, before anything was dropped."""
+        first, before = self._replaced.pop()
+        self.values[first - self.first : first - self.first + before.size] = before
 
     def drop_before(self, index: int) -> _Values:
         """Remove the values before an index and return them."""

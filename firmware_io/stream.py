@@ -115,7 +115,7 @@ class Stream:
         if self.provisional is not None:  # as if all had been played: nothing is underrated
             self.provisional.take_played(self._sent)
         self._sent = 0
-        self.checks.begin(self.client.clock() - self._rested_s)
+        self.checks.begin(self.client.clock() - self._rested_s, revisable)
         # Before the send: an ARM whose delivery fails may still have arrived.
         self.stop_is_owed = True
         self._is_in_doubt = True
@@ -148,7 +148,7 @@ class Stream:
             raise DeviceError(
                 "The device was armed for samples that stay; arm it with revisable=True."
             )
-        provisional.check_revised(first, volts, self.pace.most_revised_samples)
+        provisional.replace(first, volts, self.pace.most_revised_samples)
         codes = volts_to_codes(volts, setup.full_scale_mv / 1e3, self.limits.ceiling_v)
         message = Revise(first % INDEX_MODULUS, codes, setup.mode, provisional.number)
         before_v = self.last_v
@@ -157,7 +157,7 @@ class Stream:
         self.client.send(message)
         self._is_in_doubt = False
         self.last_v = before_v
-        provisional.take_revision(first, volts)
+        provisional.note_sent()
 
     @property
     def marks_waiting(self) -> int:

@@ -16,10 +16,12 @@ from pathlib import Path
 import platformdirs
 
 from firmware_io.errors import DeviceError
-from firmware_io.firmware.flags import FLAGS, SOURCES
+from firmware_io.firmware.flags import FLAGS, HOST_SOURCES, SOURCES
 
 SOURCE_DIR = Path(__file__).parent
-HEADERS = ("haptix_wire.h", "haptix_device.h", "haptix_internal.h", "haptix_sine.h")
+HEADERS = (
+    "haptix_wire.h", "haptix_device.h", "haptix_internal.h", "haptix_sine.h", "haptix_host.h",
+)  # fmt: skip
 
 _FLAGS = (*FLAGS, "-fPIC")
 
@@ -80,7 +82,7 @@ def library() -> Path:
 
 def _key(compiler: list[str]) -> str:
     digest = hashlib.sha256(repr((compiler, _FLAGS, os.uname().machine)).encode())
-    for name in (*SOURCES, *HEADERS):
+    for name in (*SOURCES, *HOST_SOURCES, *HEADERS):
         digest.update((SOURCE_DIR / name).read_bytes())
     return digest.hexdigest()[:16]
 
@@ -141,7 +143,7 @@ def _is_as_built(path: Path) -> bool:
 def _compile(compiler: list[str], path: Path) -> None:
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         built = Path(folder) / path.name
-        sources = [str(SOURCE_DIR / name) for name in SOURCES]
+        sources = [str(SOURCE_DIR / name) for name in (*SOURCES, *HOST_SOURCES)]
         done = subprocess.run(
             [*compiler, *_FLAGS, *sources, "-o", str(built)], capture_output=True, text=True
         )

@@ -11,6 +11,9 @@ SOURCES = (
     "haptix_window.c",
 )
 
+#: For hosts alone.
+HOST_SOURCES = ("haptix_host.c",)
+
 #: A desktop has memory for the longest frame of the format and a queue of 2.7 s at 48 kHz.
 QUEUE_SAMPLES = 1 << 17
 FRAME_SAMPLES = 32765

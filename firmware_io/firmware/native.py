@@ -27,12 +27,20 @@ _REPORT_BYTES = 64
 
 
 @cache
-def _firmware() -> tuple[cffi.FFI, Any]:
-    header = (SOURCE_DIR / "haptix_device.h").read_text()
-    declared = re.search(r"/\* cffi: begin \*/(.*)/\* cffi: end \*/", header, re.DOTALL)
-    assert declared is not None
+def compiled() -> tuple[cffi.FFI, Any]:
+    """Return the compiled firmware, and what the host has compiled with it.
+
+    Raises
+    ------
+    DeviceError
+        If it cannot be compiled, or not be loaded.
+    """
     ffi = cffi.FFI()
-    ffi.cdef(declared.group(1))
+    for name in ("haptix_device.h", "haptix_host.h"):
+        header = (SOURCE_DIR / name).read_text()
+        declared = re.search(r"/\* cffi: begin \*/(.*)/\* cffi: end \*/", header, re.DOTALL)
+        assert declared is not None
+        ffi.cdef(declared.group(1))
     path = library()
     try:
         return ffi, ffi.dlopen(str(path))
@@ -60,7 +68,7 @@ class NativeCore:
     name = "c"
 
     def __init__(self, config: CapabilitiesReport) -> None:
-        self._ffi, self._lib = _firmware()
+        self._ffi, self._lib = compiled()
         # Owned as bytes: only the firmware knows the structure.
         self._memory = self._ffi.new("uint64_t[]", self._lib.hx_device_bytes() // 8 + 1)
         self._device = self._ffi.cast("hx_device *", self._memory)

@@ -82,7 +82,7 @@ def test_the_sine_table_in_c_is_the_references():
 
 
 def test_everything_the_build_needs_is_in_the_package():
-    for name in (*flags.SOURCES, *build.HEADERS):
+    for name in (*flags.SOURCES, *flags.HOST_SOURCES, *build.HEADERS):
         assert (FIRMWARE / name).is_file()
 
 

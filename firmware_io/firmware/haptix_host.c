@@ -1,0 +1,28 @@
+/* Sums of what a host is about to send, in one pass: see firmware_io/drive_sums.py. */
+#include "haptix_host.h"
+
+void hx_host_sums(const double *volts, const double *leaving, uint32_t n, double before_v,
+                  double *sums) {
+    double sum = 0.0, low = 0.0, high = 0.0, gone = 0.0, gone_low = 0.0, gone_high = 0.0;
+    double peak = 0.0, squares = 0.0, steps = 0.0, last = before_v;
+    for (uint32_t i = 0; i < n; i++) {
+        double volt = volts[i], step = volt - last, size = volt < 0.0 ? -volt : volt;
+        last = volt;
+        squares += volt * volt;
+        steps += step * step;
+        sum += volt;
+        gone += leaving[i];
+        peak = size > peak ? size : peak;
+        low = sum < low ? sum : low;
+        high = sum > high ? sum : high;
+        gone_low = gone < gone_low ? gone : gone_low;
+        gone_high = gone > gone_high ? gone : gone_high;
+    }
+    sums[0] = low;
+    sums[1] = high;
+    sums[2] = gone_low;
+    sums[3] = gone_high;
+    sums[4] = peak;
+    sums[5] = squares;
+    sums[6] = steps;
+}

@@ -1,0 +1,15 @@
+/* What the host has compiled beside the firmware; no board has it. */
+#ifndef HAPTIX_HOST_H
+#define HAPTIX_HOST_H
+
+#include <stdint.h>
+
+/* cffi: begin */
+/* Of n samples behind one of before_v, and of the n samples that leave a window meanwhile, write:
+ * the lowest and highest sum of the first samples, of none too; the same of those that leave; the
+ * largest magnitude; the sum of squares; the sum of squared steps. */
+void hx_host_sums(const double *volts, const double *leaving, uint32_t n, double before_v,
+                  double *sums);
+/* cffi: end */
+
+#endif
