@@ -7,9 +7,10 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from firmware_io.drive_codes import compiled_codes
 from firmware_io.drive_window import DriveWindow
 from firmware_io.limits import DriveLimits
-from firmware_io.protocol import Setup, StreamMode
+from firmware_io.protocol import Setup, StreamMode, volts_to_codes
 
 _Volts = npt.NDArray[np.float64]
 
@@ -51,6 +52,17 @@ class DriveCheck:
             self.limits.check(volts, before_v, rate_hz)
         else:
             self.limits.check_envelope(volts, before_v, rate_hz, self.setup.carrier_mhz / 1e3)
+
+    def codes(self, volts: _Volts, before_v: float, full_scale_v: float) -> npt.NDArray[np.int16]:
+        """Check samples as `check` does, and return their codes."""
+        fast = compiled_codes() if self.setup.mode is StreamMode.WAVEFORM else None
+        if fast is not None:
+            rate_hz = float(self.setup.sample_rate_hz)
+            codes = fast(volts, before_v, self.limits, rate_hz, full_scale_v)
+            if codes is not None:
+                return codes
+        self.check(volts, before_v)
+        return volts_to_codes(volts, full_scale_v, self.limits.ceiling_v)
 
     def check_window(self, driven: _Volts) -> None:
         """Reject what would break energy, mean or current behind what was taken."""

@@ -38,6 +38,7 @@ class Provisional:
         self.before_v = 0.0
         self.obeyed = self.undone = 0
         self._checks = checks
+        self._full_scale_v = checks.setup.full_scale_mv / 1e3
         self._seen = seen
         self._revised = self._refused = 0
 
@@ -56,8 +57,11 @@ class Provisional:
         waiting = self._checks.driven(queue.values, queue.first, self.before_v)
         self._checks.check_window(np.concatenate([waiting, driven]))
 
-    def replace(self, first: int, volts: _Volts, most: int) -> None:
-        """Replace queued samples from an index on; reject what breaks a limit."""
+    def replace(self, first: int, volts: _Volts, most: int) -> npt.NDArray[np.int16]:
+        """Replace queued samples from an index on, and return their codes.
+
+        What breaks a limit is rejected.
+        """
         queue, end = self.queue, first + volts.size
         if not (0 < volts.size <= most):
             raise DeviceError(
@@ -72,11 +76,14 @@ class Provisional:
         start = first - queue.first
         queue.replace(first, volts)
         try:
-            self._checks.check(queue.values[start : start + volts.size + 1], queue[first - 1])
+            codes = self._checks.codes(
+                queue.values[start : start + volts.size + 1], queue[first - 1], self._full_scale_v
+            )
             self._checks.check_window(self._checks.driven(queue.values, queue.first, self.before_v))
         except BaseException:
             queue.undo_last()
             raise
+        return codes[:-1]
 
     def settle(self, status: StatusReport | None, sent: int) -> None:
         """Learn from the last report which revisions were obeyed, and what was played."""

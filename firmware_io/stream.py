@@ -148,8 +148,7 @@ class Stream:
             raise DeviceError(
                 "The device was armed for samples that stay; arm it with revisable=True."
             )
-        provisional.replace(first, volts, self.pace.most_revised_samples)
-        codes = volts_to_codes(volts, setup.full_scale_mv / 1e3, self.limits.ceiling_v)
+        codes = provisional.replace(first, volts, self.pace.most_revised_samples)
         message = Revise(first % INDEX_MODULUS, codes, setup.mode, provisional.number)
         before_v = self.last_v
         self._is_in_doubt = True

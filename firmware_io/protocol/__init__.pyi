@@ -1,5 +1,6 @@
 from .codes import FULL_SCALE_CODE as FULL_SCALE_CODE
 from .codes import codes_to_volts as codes_to_volts
+from .codes import top_code as top_code
 from .codes import volts_to_codes as volts_to_codes
 from .faults import FaultCode as FaultCode
 from .faults import FaultReport as FaultReport

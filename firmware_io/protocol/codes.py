@@ -49,9 +49,7 @@ def volts_to_codes(
             f"Sample {index} is {float(values.flat[index])!r} V, but codes reach {limit!r} V; "
             "lower the signal's amplitude."
         )
-    top = int(limit / full_scale_v * FULL_SCALE_CODE)
-    if top / FULL_SCALE_CODE * full_scale_v > limit:
-        top -= 1
+    top = top_code(limit, full_scale_v)
     codes = np.empty_like(values)
     np.divide(values, full_scale_v, out=codes)
     codes *= FULL_SCALE_CODE
@@ -59,6 +57,12 @@ def volts_to_codes(
     if max(-lowest, highest) / full_scale_v * FULL_SCALE_CODE > top:
         np.clip(codes, -top, top, out=codes)
     return codes.astype(np.int16)
+
+
+def top_code(limit_v: float, full_scale_v: float) -> int:
+    """Return the highest code that means no more than a limit."""
+    top = int(limit_v / full_scale_v * FULL_SCALE_CODE)
+    return top - 1 if top / FULL_SCALE_CODE * full_scale_v > limit_v else top
 
 
 def codes_to_volts(codes: npt.NDArray[np.int16], full_scale_v: float) -> npt.NDArray[np.float64]:

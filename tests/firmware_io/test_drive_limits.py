@@ -2,13 +2,23 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_io import ABSOLUTE_CEILING_V, Device, DriveLimits, LimitError, MockDriver, MockLink
+from firmware_io import (
+    ABSOLUTE_CEILING_V,
+    Device,
+    DriveLimits,
+    LimitError,
+    MockDriver,
+    MockLink,
+    volts_to_codes,
+)
+from firmware_io.drive_codes import compiled_codes
 from firmware_io.drive_sums import bounded_sums, compiled_sums
 from firmware_io.drive_window import DriveWindow
 from firmware_io.firmware.build import can_be_had
@@ -281,6 +291,8 @@ class EverySample(DriveWindow):
 
 
 volts_of_any = st.floats(-200.0, 200.0)
+one_pass_sums: Any = compiled_sums()
+one_pass_codes: Any = compiled_codes()
 needs_compiler = pytest.mark.skipif(not can_be_had(), reason="no C compiler")
 
 
@@ -290,7 +302,7 @@ needs_compiler = pytest.mark.skipif(not can_be_had(), reason="no C compiler")
 def test_sums_in_one_pass_are_those_by_hand_and_within_bounds(pairs, before_v):
     volts, leaving = np.array(pairs).T
     largest_v = float(np.abs(leaving).max())
-    one_pass = compiled_sums()(volts, leaving, before_v, largest_v)
+    one_pass = one_pass_sums(volts, leaving, before_v, largest_v)
     sums, gone = (np.cumsum(np.r_[0.0, row]) for row in (volts, leaving))
     by_hand = (
         sums.min(), sums.max(), gone.min(), gone.max(), np.abs(volts).max(), (volts**2).sum(),
@@ -304,6 +316,35 @@ def test_sums_in_one_pass_are_those_by_hand_and_within_bounds(pairs, before_v):
         assert bounds[highest] >= one_pass[highest] - 1e-9
     # Squared steps by a difference of large numbers: 1e-12 of 4 * 200^2 each.
     np.testing.assert_allclose(bounds[4:], by_hand[4:], rtol=1e-9, atol=1e-5)
+
+
+@needs_compiler
+@settings(max_examples=60)
+@given(
+    st.lists(st.one_of(volts_of_any, st.sampled_from([np.nan, np.inf, 0.5])), min_size=1),
+    volts_of_any,
+    st.sampled_from([200.0, 150.0, 3.3]),
+    st.sampled_from([250.0, 200.0, 100.0]),
+)
+def test_codes_in_one_pass_are_those_that_pass_the_check(volts, before_v, ceiling_v, full_scale_v):
+    volts, limits = np.array(volts), DriveLimits(ceiling_v=ceiling_v)
+    for rate_hz in (8e3, 48e3):
+        try:
+            limits.check(volts, before_v, rate_hz)
+            expected = volts_to_codes(volts, full_scale_v, ceiling_v)
+        except LimitError:
+            expected = None
+        codes = one_pass_codes(volts, before_v, limits, rate_hz, full_scale_v)
+        assert (codes is None) == (expected is None)
+        assert expected is None or np.array_equal(codes, expected)
+
+
+@needs_compiler
+def test_codes_in_one_pass_round_halves_to_even_and_stay_below_the_ceiling():
+    limits, halves = DriveLimits(ceiling_v=150.0), (np.arange(-40, 41) + 0.5) / 32767 * 200
+    for volts in (halves, np.nextafter(halves, -1e3), np.linspace(149.99, 150.0, 50)):
+        codes = one_pass_codes(volts, float(volts[0]), limits, 48e3, 200.0)
+        assert np.array_equal(codes, volts_to_codes(volts, 200.0, 150.0))
 
 
 def play_both(rng, is_carried, is_compiled):
