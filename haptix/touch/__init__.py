@@ -6,10 +6,10 @@ from haptix.touch.filters import (
     ConstantVelocityKalman,
     OneEuroFilter,
     PlaceFilter,
-    SingerKalman,
 )
 from haptix.touch.force import AreaProxy, ForceEstimate, ForceModel
 from haptix.touch.settings import TouchSettings
+from haptix.touch.singer import InteractingSinger, SingerKalman
 from haptix.touch.slots import AxisRange, ScreenAxes, SlotDecoder
 from haptix.touch.touches import Touches
 from haptix.touch.touchscreen import Touchscreen, find_touchscreens
@@ -22,6 +22,7 @@ __all__ = [
     "ConstantVelocityKalman",
     "ForceEstimate",
     "ForceModel",
+    "InteractingSinger",
     "OneEuroFilter",
     "PathSegment",
     "PlaceFilter",

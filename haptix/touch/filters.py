@@ -1,21 +1,15 @@
-"""Filters of a touch's place: two Kalman filters and the One-Euro filter."""
+"""Filters of a touch's place: the interface, a plain Kalman filter and the One-Euro filter."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from math import exp, expm1, hypot, tau
+from math import hypot, tau
 
 from haptix.checks import NotNegative, Positive, check_fields
 
 FilterState = tuple[float, ...]
 """t [s], x, y [mm], vx, vy [mm/s]; the rest is the filter's own."""
-
-
-_ASSUMED_REPORTS = 6.0  # as many as the assumed noise of a panel counts for
-_LEAST_NOISE_MM = 0.01  # a tenth of what capacitive panels resolve
-_LONGEST_S = 0.1  # of five reports
-_WITHIN = 15  # numbers of five reports
 
 
 class PlaceFilter(ABC):
@@ -36,127 +30,6 @@ class PlaceFilter(ABC):
         """Place and velocity `ahead_s` after the state's report, or before it if below 0."""
         vx, vy = state[3], state[4]
         return (state[1] + vx * ahead_s, state[2] + vy * ahead_s, vx, vy)
-
-
-@dataclass(frozen=True)
-class SingerKalman(PlaceFilter):
-    """Acceleration as a first-order Markov process (Singer, IEEE Trans. AES-6, 473, 1970).
-
-    A finger turns and brakes over tenths of a second, so its acceleration is worth estimating. The
-    prediction uses it for as long as it is likely to last: ahead by h the place is
-    ``x + v h + a tau^2 (exp(-h/tau) - 1 + h/tau)``. The transition is Singer's. The noise of an
-    interval is that of intervals much shorter than `correlation_s`. Both axes are alike and
-    independent. The rest of the state is ax, ay [mm/s^2], the covariance of each axis, and what is
-    known of the reports' noise.
-
-    Panels differ in their noise, and what is trusted too little lags. So the noise is estimated
-    from each report's distance to the cubic through the two before and the two behind it, which a
-    finger's path leaves by a few micrometres in 40 ms.
-
-    Parameters
-    ----------
-    acceleration_mm_s2 : float
-        Standard deviation of the acceleration along each axis of a finger at rest.
-    acceleration_per_speed_hz : float
-        Growth of that deviation [mm/s^2] per speed [mm/s], as fast fingers turn in the same time as
-        slow ones. At 0 the filter is linear, as published.
-    correlation_s : float
-        tau: after it 1/e of an acceleration is left.
-    position_noise_mm : float
-        Standard deviation of a report along each axis, until it is estimated.
-    first_speed_mm_s : float
-        Standard deviation of the velocity, along each axis, of a finger that has just come down.
-    noise_reports : float
-        Reports over which the noise is estimated; at 0 it stays `position_noise_mm`.
-    """
-
-    acceleration_mm_s2: Positive = 200.0
-    acceleration_per_speed_hz: NotNegative = 3.0
-    correlation_s: Positive = 0.3
-    position_noise_mm: Positive = 0.1
-    first_speed_mm_s: Positive = 60.0
-    noise_reports: NotNegative = 30.0
-
-    def start(self, t_s: float, x_mm: float, y_mm: float) -> FilterState:
-        """State after the first report."""
-        return (
-            t_s, x_mm, y_mm, 0.0, 0.0, 0.0, 0.0, self.position_noise_mm**2, 0.0, 0.0,
-            self.first_speed_mm_s**2, 0.0, self.acceleration_mm_s2**2,
-            self.position_noise_mm**2, _ASSUMED_REPORTS, t_s, x_mm, y_mm,
-        )  # fmt: skip
-
-    def step(self, state: FilterState, t_s: float, x_mm: float, y_mm: float) -> FilterState:
-        """State after a report at `t_s`, which is not before that of `state`."""
-        t0, x, y, vx, vy, ax, ay, pxx, pxv, pxa, pvv, pva, paa, variance, reports, *recent = state
-        dt = t_s - t0
-        tau = self.correlation_s
-        left = exp(-dt / tau)
-        to_speed = tau * (1.0 - left)
-        to_place = tau * (dt - to_speed)
-        jerk = self.acceleration_mm_s2 + self.acceleration_per_speed_hz * hypot(vx, vy)
-        jerk *= 2.0 * jerk / tau  # its power spectral density
-        # P <- F P F^T + Q, with F = [[1, dt, to_place], [0, 1, to_speed], [0, 0, left]].
-        xa = pxa + dt * pva + to_place * paa
-        xv = pxv + dt * pvv + to_place * pva
-        va = pva + to_speed * paa
-        noise = jerk * dt * dt
-        pxx += dt * pxv + to_place * pxa + dt * xv + to_place * xa + noise * dt * dt * dt * 0.05
-        pxv = xv + to_speed * xa + noise * dt * dt * 0.125
-        pvv += to_speed * (pva + va) + noise * dt / 3.0
-        pxa = left * xa + noise * dt / 6.0
-        pva = left * va + noise * 0.5
-        paa = left * left * paa + jerk * dt
-        recent += (t_s, x_mm, y_mm)
-        if len(recent) == _WITHIN:
-            if self.noise_reports and (found := _noise(recent)) is not None:
-                reports = min(reports + 1.0, self.noise_reports)
-                variance = max(variance + (found - variance) / reports, _LEAST_NOISE_MM**2)
-            del recent[:3]
-        total = pxx + variance
-        gain_x = pxx / total
-        gain_v = pxv / total
-        gain_a = pxa / total
-        x += vx * dt + ax * to_place
-        y += vy * dt + ay * to_place
-        dx = x_mm - x
-        dy = y_mm - y
-        pvv -= gain_v * pxv
-        paa -= gain_a * pxa
-        return (
-            t_s, x + gain_x * dx, y + gain_x * dy,
-            vx + ax * to_speed + gain_v * dx, vy + ay * to_speed + gain_v * dy,
-            left * ax + gain_a * dx, left * ay + gain_a * dy,
-            variance * gain_x, variance * gain_v, variance * gain_a,
-            pvv if pvv > 0.0 else 0.0, pva - gain_v * pxa, paa if paa > 0.0 else 0.0,
-            variance, reports, *recent,
-        )  # fmt: skip
-
-    def ahead(self, state: FilterState, ahead_s: float) -> tuple[float, float, float, float]:
-        """Place and velocity `ahead_s` after the report; the acceleration lasts for a while."""
-        tau = self.correlation_s
-        to_speed = -tau * expm1(-ahead_s / tau)
-        to_place = tau * (ahead_s - to_speed)
-        _, x, y, vx, vy, ax, ay = state[:7]
-        return (
-            x + vx * ahead_s + ax * to_place, y + vy * ahead_s + ay * to_place,
-            vx + ax * to_speed, vy + ay * to_speed,
-        )  # fmt: skip
-
-
-def _noise(recent: list[float]) -> float | None:
-    """Variance of a report along each axis [mm^2], from five of them; None if they tell nothing."""
-    t0, x0, y0, t1, x1, y1, t2, x2, y2, t3, x3, y3, t4, x4, y4 = recent
-    if t4 - t0 > _LONGEST_S or (x0 == x1 == x2 == x3 == x4 and y0 == y1 == y2 == y3 == y4):
-        return None  # a path is no cubic for so long, or rests within the panel's resolution
-    # Lagrange's weights of the cubic at t2.
-    a0, a1, a3, a4 = t2 - t0, t2 - t1, t2 - t3, t2 - t4
-    w0 = a1 * a3 * a4 / ((t0 - t1) * (t0 - t3) * (t0 - t4))
-    w1 = a0 * a3 * a4 / ((t1 - t0) * (t1 - t3) * (t1 - t4))
-    w3 = a0 * a1 * a4 / ((t3 - t0) * (t3 - t1) * (t3 - t4))
-    w4 = a0 * a1 * a3 / ((t4 - t0) * (t4 - t1) * (t4 - t3))
-    dx = x2 - (w0 * x0 + w1 * x1 + w3 * x3 + w4 * x4)
-    dy = y2 - (w0 * y0 + w1 * y1 + w3 * y3 + w4 * y4)
-    return (dx * dx + dy * dy) / (2.0 * (1.0 + w0 * w0 + w1 * w1 + w3 * w3 + w4 * w4))
 
 
 @dataclass(frozen=True)

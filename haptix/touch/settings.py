@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 from haptix.checks import NotNegative, Positive, check_fields, instance
 from haptix.errors import InputError
-from haptix.touch.filters import PlaceFilter, SingerKalman
+from haptix.touch.filters import PlaceFilter
 from haptix.touch.force import ForceModel
+from haptix.touch.singer import InteractingSinger
 
 
 @dataclass(frozen=True)
@@ -17,7 +18,7 @@ class TouchSettings:
     Parameters
     ----------
     filter : PlaceFilter
-        `SingerKalman`, `ConstantVelocityKalman` or `OneEuroFilter`.
+        `InteractingSinger`, `SingerKalman`, `ConstantVelocityKalman` or `OneEuroFilter`.
     latency_s : float
         How far ahead places are predicted, beyond the age of the last report. It is the time from
         the finger being at a place to the report's time stamp, plus the time from a sample being
@@ -44,7 +45,7 @@ class TouchSettings:
         Where the normal force comes from.
     """
 
-    filter: PlaceFilter = field(default_factory=SingerKalman)
+    filter: PlaceFilter = field(default_factory=InteractingSinger)
     latency_s: NotNegative = 0.0
     lost_after_s: Positive = 0.08
     blend_s: Positive = 0.003
@@ -60,7 +61,7 @@ class TouchSettings:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        instance("filter", self.filter, PlaceFilter, "such as haptix.touch.SingerKalman()")
+        instance("filter", self.filter, PlaceFilter, "such as haptix.touch.InteractingSinger()")
         instance("force", self.force, ForceModel)
         if self.latency_s > 0.5:
             raise InputError(
