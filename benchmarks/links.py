@@ -15,12 +15,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-import torch
+from demo_setting import demo_setting
 from live_cost import Clock, play
-from reaction import long_path
-from skimage.data import brick
 
-import haptix
 from firmware_io import MockDriver, MockLink
 from firmware_io.protocol import REPORT_BYTES, to_reports
 from haptix.render import LiveSettings
@@ -136,13 +133,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--only", default="", help="links whose name has this")
     options = parser.parse_args()
-    torch.set_num_threads(1)
-    model = haptix.ContactModel(
-        haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")
-    )
-    texture = haptix.Texture.from_image(brick(), width_mm=60)
-    setting = Setting(model, texture, long_path(options.seconds))
-    surface = setting.surface()[0]
+    setting, surface = demo_setting(options.seconds)
     panel = TouchPanel(100.0, 0.02)
     clocks: list[Clock] = []
 
@@ -169,8 +160,8 @@ def main() -> None:
     for name, (link, opening) in links.items():
         if options.only not in name:
             continue
-        working = Working(texture, lambda: clocks[-1])
-        there = Setting(model, working, setting.path)
+        working = Working(setting.texture, lambda: clocks[-1])
+        there = Setting(setting.model, working, setting.path)
         row = play(there, surface, panel, LiveSettings(), None, link, **opening)
         shown = ("reaction p50 ms", "p99", "largest", "error p95 JND", "windows/s", "revisions")
         counts = ("refused", "late samples", "underruns")

@@ -22,9 +22,8 @@ from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
-import torch
-from reaction import long_path, of_felt
-from skimage.data import brick
+from demo_setting import demo_setting
+from reaction import of_felt
 
 import haptix
 from firmware_io import Device, MockDriver, MockLink, RevisedPlayback
@@ -158,13 +157,7 @@ def main() -> None:
     parser.add_argument("--panel-step-mm", type=float, default=0.0)
     parser.add_argument("--profile", action="store_true")
     options = parser.parse_args()
-    torch.set_num_threads(1)
-    model = haptix.ContactModel(
-        haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")
-    )
-    texture = haptix.Texture.from_image(brick(), width_mm=60)
-    setting = Setting(model, texture, long_path(options.seconds))
-    surface = setting.surface()[0]
+    setting, surface = demo_setting(options.seconds)
     panel = TouchPanel(100.0, 0.02, options.panel_noise_mm, 0.0, options.panel_step_mm)
     profile = cProfile.Profile() if options.profile else None
     for _ in range(options.times):

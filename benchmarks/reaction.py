@@ -20,15 +20,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from skimage.data import brick
+from demo_setting import demo_setting
 
 import haptix
 from firmware_io import Device, MockDriver, MockLink
 from firmware_io.links.tcp import TcpLink
-from haptix.motion import Motion, Trajectory
+from haptix.motion import Motion
 from haptix.render import LiveSettings
-from haptix.simulation import FINGER_PATH, Setting
+from haptix.simulation import Setting
 from haptix.texture import as_mu
 from haptix.touch import TouchEvent
 from haptix.virtual_finger import TouchPanel, VirtualFinger, evaluate
@@ -143,20 +142,6 @@ class Served:
         return np.load(self._record), min(began)[1]
 
 
-def long_path(seconds: float) -> Trajectory:
-    """The demo's path to and fro, until the time is over."""
-    path = Trajectory.from_csv(FINGER_PATH)
-    parts = [(path.t_s, path.x_mm, path.y_mm, path.normal_force_n)]
-    length_s = float(path.t_s[-1])
-    back = (length_s - path.t_s[::-1], *(row[::-1] for row in parts[0][1:]))
-    rows = [(parts[0], back)[turn % 2] for turn in range(1 + int(seconds / length_s))]
-    columns = []
-    for turn, (t, *rest) in enumerate(rows):
-        keep = slice(1 if turn else 0, None)
-        columns.append([(t + turn * length_s)[keep], *(row[keep] for row in rest)])
-    return Trajectory(*(np.concatenate(column) for column in zip(*columns, strict=True)))
-
-
 def of_felt(
     renderer: haptix.LiveRenderer, setting: Setting, surface: Any, volts: np.ndarray,
     end_s: float, left_out: Sequence[tuple[float, float]] = (),
@@ -245,13 +230,7 @@ def main() -> None:
     parser.add_argument("--panel-noise-mm", type=float, default=0.0)
     parser.add_argument("--panel-step-mm", type=float, default=0.0)
     options = parser.parse_args()
-    torch.set_num_threads(1)
-    model = haptix.ContactModel(
-        haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")
-    )
-    texture = haptix.Texture.from_image(brick(), width_mm=60)
-    setting = Setting(model, texture, long_path(options.seconds))
-    surface = setting.surface()[0]
+    setting, surface = demo_setting(options.seconds)
     ways: list[tuple[str, type[haptix.LiveRenderer], LiveSettings]] = [
         (
             "revised",

@@ -61,7 +61,7 @@ class TouchSettings:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        instance("filter", self.filter, PlaceFilter, "such as haptix.touch.InteractingSinger()")
+        instance("filter", self.filter, PlaceFilter, "such as haptix.touch.SingerKalman()")
         instance("force", self.force, ForceModel)
         if self.latency_s > 0.5:
             raise InputError(
