@@ -148,7 +148,7 @@ class RevisedFingers(LiveFingers):
         self._at_rest = at_rest or not self._sliding.is_needed
         half_s = step_s * points / 2
         weights = _weights(points, step_s, self._settings.touch.blend_s)
-        rows: list[tuple[Array, Array, Array]] = []
+        rows: list[Array] = []
         gains: list[Array] = []
         forces: list[float] = []
         velocities: list[tuple[float, float]] = []
@@ -166,11 +166,8 @@ class RevisedFingers(LiveFingers):
             x1, y1 = track.tracker.place(t0_s + 2 * half_s, track.now)
             dx, dy, df = track.left(t0_s)
             force = middle.normal_force_n
-            rows.append((
-                np.dot((x0, middle.x_mm, x1, dx), weights),
-                np.dot((y0, middle.y_mm, y1, dy), weights),
-                np.dot((force, force, force, df), weights) if df else np.full(points, force),
-            ))  # fmt: skip
+            ends = ((x0, middle.x_mm, x1, dx), (y0, middle.y_mm, y1, dy), (force,) * 3 + (df,))
+            rows.append(np.dot(ends, weights))
             forces.append(force + df * float(weights[3, points // 2]))
             velocities.append((middle.vx_mm_s, middle.vy_mm_s))
             known.append(middle.force_source != "assumed")
@@ -180,8 +177,7 @@ class RevisedFingers(LiveFingers):
             fastest = max(fastest, middle.speed_mm_s)
         if not rows:
             return Fingers.none(points)
-        parts = zip(*rows, strict=True)
-        x, y, normal_force = rows[0] if len(rows) == 1 else map(np.concatenate, parts)
+        x, y, normal_force = rows[0] if len(rows) == 1 else np.concatenate(rows, axis=1)
         motion = Motion(
             len(rows), points, x, y, normal_force, fastest * step_s, step_s, since_s,
             lambda: repeated(velocities, points), tuple(known), tuple(histories),

@@ -82,21 +82,27 @@ class SingerKalman(PlaceFilter):
     def step(self, state: FilterState, t_s: float, x_mm: float, y_mm: float) -> FilterState:
         """State after a report at `t_s`, which is not before that of `state`."""
         interval = _Interval.of(t_s - state[0], self.correlation_s)
-        variance, reports, *recent = self._noise_with(state[13:], t_s, x_mm, y_mm)
+        variance, reports, recent = self._noise_with(
+            state[13], state[14], state[15:], (t_s, x_mm, y_mm)
+        )
         moved, _ = self._moved(state[1:13], interval, 1.0, variance, x_mm, y_mm)
         return (t_s, *moved, variance, reports, *recent)
 
     def _noise_with(
-        self, known: tuple[float, ...], t_s: float, x_mm: float, y_mm: float
-    ) -> tuple[float, ...]:
+        self,
+        variance: float,
+        reports: float,
+        before: tuple[float, ...],
+        report: tuple[float, float, float],
+    ) -> tuple[float, float, tuple[float, ...]]:
         """Return the variance of a report, the reports that tell it, and the last ones."""
-        variance, reports, *recent = *known, t_s, x_mm, y_mm
-        if len(recent) == _WITHIN:
-            if self.noise_reports and (found := _noise(recent)) is not None:
-                reports = min(reports + 1.0, self.noise_reports)
-                variance = max(variance + (found - variance) / reports, _LEAST_NOISE_MM**2)
-            del recent[:3]
-        return (variance, reports, *recent)
+        recent = (*before, *report)
+        if len(recent) < _WITHIN:
+            return variance, reports, recent
+        if self.noise_reports and (found := _noise(recent)) is not None:
+            reports = min(reports + 1.0, self.noise_reports)
+            variance = max(variance + (found - variance) / reports, _LEAST_NOISE_MM**2)
+        return variance, reports, recent[3:]
 
     def _moved(
         self,
@@ -193,7 +199,9 @@ class InteractingSinger(SingerKalman):
     def step(self, state: FilterState, t_s: float, x_mm: float, y_mm: float) -> FilterState:
         """State after a report at `t_s`, which is not before that of `state`."""
         interval = _Interval.of(t_s - state[0], self.correlation_s)
-        variance, reports, *recent = self._noise_with((*state[13:15], *state[40:]), t_s, x_mm, y_mm)
+        variance, reports, recent = self._noise_with(
+            state[13], state[14], state[40:], (t_s, x_mm, y_mm)
+        )
         weight, gentle, agile = state[15], state[16:28], state[28:40]
         before = self.stay * weight + (1.0 - self.stay) * (1.0 - weight)
         mixed = (
@@ -230,7 +238,7 @@ def _mixed(weight: float, one: tuple[float, ...], other: tuple[float, ...]) -> t
     )
 
 
-def _noise(recent: list[float]) -> float | None:
+def _noise(recent: tuple[float, ...]) -> float | None:
     """Variance of a report along each axis [mm^2], from five of them; None if they tell nothing."""
     t0, x0, y0, t1, x1, y1, t2, x2, y2, t3, x3, y3, t4, x4, y4 = recent
     if t4 - t0 > _LONGEST_S or (x0 == x1 == x2 == x3 == x4 and y0 == y1 == y2 == y3 == y4):
