@@ -7,6 +7,7 @@ integral, the attraction against pressure) millions of times.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -113,37 +114,48 @@ class UniformCubic:
         cell = position.detach().floor().clamp(0, self.values.shape[0] - 2).long()
         return cell, position - cell
 
-    def _corners(self, cell: Tensor, column: Tensor | None) -> tuple[Tensor, ...]:
+    @cached_property
+    def _cubics(self) -> Tensor:
+        """Coefficients of 1, t, t^2 and t^3 in each cell, shape (4, cells * columns)."""
+        values = self.values if self.values.ndim == 2 else self.values[:, None]
+        rise, slopes = values.diff(dim=0), self.slopes.reshape(values.shape) * self.step
+        return torch.stack(_cubic(values[:-1], rise, slopes[:-1], slopes[1:])).flatten(1)
+
+    def _coefficients(self, cell: Tensor, column: Tensor | None) -> tuple[Tensor, ...]:
         columns = 1 if self.values.ndim == 1 else self.values.shape[1]
         shape, cell = cell.shape, cell.reshape(-1)
         of_column = 0 if column is None else column.reshape(-1)
-        values, slopes = self.values.reshape(-1), self.slopes.reshape(-1)
         if self.stencil is None or not torch.is_grad_enabled():
-            low = cell * columns + of_column
-            found = [t.index_select(0, at) for t in (values, slopes) for at in (low, low + columns)]
-            return tuple(corner.reshape(shape) for corner in found)
+            found = self._cubics.index_select(1, cell * columns + of_column)
+            return found.view(4, *shape).unbind()
         # Both stencils lie within six nodes, which are gathered at once.
-        count = self.values.shape[0]
+        count, values = self.values.shape[0], self.values.reshape(-1)
         first = (cell - 2).clamp(0, max(count - 6, 0))
         near = first + torch.arange(min(count, 6), device=cell.device)[:, None]
         around = values.index_select(0, (near * columns + of_column).reshape(-1)).view(near.shape)
         low, high = (around.gather(0, (cell - first + k)[None])[0] for k in (0, 1))
-        slope = [(self.stencil[cell + k, near] * around).sum(0) for k in (0, 1)]
-        return tuple(corner.reshape(shape) for corner in (low, high, *slope))
+        slope = [(self.stencil[cell + k, near] * around).sum(0) * self.step for k in (0, 1)]
+        return tuple(part.reshape(shape) for part in _cubic(low, high - low, *slope))
 
     def __call__(self, x: Tensor, column: Tensor | None = None) -> Tensor:
         """Value at `x` (any shape; `column` of the same shape picks each point's function)."""
-        return self.with_slope(x, column)[0]
+        cell, t = self._cell(x)
+        one, t1, t2, t3 = self._coefficients(cell, column)
+        return one + t * (t1 + t * (t2 + t * t3))
 
     def with_slope(self, x: Tensor, column: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Value and derivative at `x`; outside the nodes the end cubic goes on."""
         cell, t = self._cell(x)
-        low, high, low_slope, high_slope = self._corners(cell, column)
-        rise = high - low
-        a, b = low_slope * self.step - rise, rise - high_slope * self.step
-        value = low + t * (rise + (1 - t) * (a * (1 - t) + b * t))
-        slope = (rise + (1 - 2 * t) * (a * (1 - t) + b * t) + t * (1 - t) * (b - a)) / self.step
-        return value, slope
+        one, t1, t2, t3 = self._coefficients(cell, column)
+        bend = t * t3
+        value = one + t * (t1 + t * (t2 + bend))
+        return value, (t1 + t * (2 * t2 + 3 * bend)) / self.step
+
+
+def _cubic(low: Tensor, rise: Tensor, slope: Tensor, next_slope: Tensor) -> tuple[Tensor, ...]:
+    """Coefficients of 1, t, t^2 and t^3 of a cell's cubic; slopes are per cell."""
+    a, b = slope - rise, rise - next_slope
+    return low, slope, b - 2 * a, a - b
 
 
 def _differences(values: Tensor) -> Tensor:

@@ -92,20 +92,28 @@ def highest_asperity(h_rms_m: Tensor, rolloff_per_m: float, apparent_area_m2: Te
     return h_rms_m * torch.sqrt(2 * torch.log(number.clamp(min=2.0)))
 
 
-def highest_peak(spectrum: RoughnessSpectrum, apparent_area_m2: Tensor) -> Tensor:
+def peaks_per_area(spectrum: RoughnessSpectrum) -> Tensor:
+    """Density [1/m^2] of the points that may be the highest: ``slope^2 / (2 h_rms^2 (2 pi)^1.5)``.
+
+    The slope is that of waves up to 16 times the roll-off: drawn surfaces peak within 4 % of it
+    (docs/mean-field.md).
+    """
+    slope_squared = spectrum.moment(3)
+    end = _LONG_WAVES * spectrum.q_rolloff
+    if end < spectrum.q1:
+        slope_squared = slope_squared - spectrum.moment(3, slope_squared.new_tensor([end]))[0]
+    return slope_squared / (2 * spectrum.moment(1) * (2 * pi) ** 1.5)
+
+
+def highest_peak(h_rms_m: Tensor, peaks_per_m2: Tensor, apparent_area_m2: Tensor) -> Tensor:
     """Mean height [m] of the highest of all points of a random surface, for A0 [m^2].
 
     The expected number of separate regions above a height ``x h_rms`` is ``k x exp(-x^2/2)``,
-    ``k = (2 pi)^(-3/2) A0 slope^2 / (2 h_rms^2)`` (Adler, The Geometry of Random Fields, 1981). It
-    is 1 at x, and the mean of the maximum lies Euler's constant over x above (Gumbel). The slope
-    is that of waves up to 16 times the roll-off: drawn surfaces peak within 4 % of it
-    (docs/mean-field.md). For small k the 1 added in the logarithm keeps x above 0.
+    ``k = A0`` times `peaks_per_area` (Adler, The Geometry of Random Fields, 1981). It is 1 at x,
+    and the mean of the maximum lies Euler's constant over x above (Gumbel). For small k the 1
+    added in the logarithm keeps x above 0.
     """
-    end = min(_LONG_WAVES * spectrum.q_rolloff, spectrum.q1)
-    beyond = spectrum.moment(3, torch.as_tensor([end], dtype=torch.float64).to(apparent_area_m2))
-    slope_squared = spectrum.moment(3) - (beyond[0] if end < spectrum.q1 else 0.0)
-    h_rms = spectrum.h_rms_m
-    number = apparent_area_m2 * slope_squared / (2 * h_rms**2 * (2 * pi) ** 1.5)
+    number = apparent_area_m2 * peaks_per_m2
     with torch.no_grad():
         x = torch.minimum(1 + torch.sqrt(2 * torch.log1p(number)), 2 * number)  # both are above
         for _ in range(_PEAK_STEPS):
@@ -113,7 +121,7 @@ def highest_peak(spectrum: RoughnessSpectrum, apparent_area_m2: Tensor) -> Tenso
     # One Newton step, recorded by autograd: the area and the roughness move the height.
     slope = (x - number / (1 + number * x)).detach()
     x = x - (x * x / 2 - torch.log1p(number * x)) / slope
-    height: Tensor = h_rms * (x + np.euler_gamma * x / (1 + x * x))
+    height: Tensor = h_rms_m * (x + np.euler_gamma * x / (1 + x * x))
     return height
 
 

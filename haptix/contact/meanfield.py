@@ -24,6 +24,7 @@ from haptix.contact.finite_size import (
     Touching,
     highest_asperity,
     highest_peak,
+    peaks_per_area,
     once_for_equals,
     touching_log_pressure,
 )
@@ -148,7 +149,9 @@ class MeanField:
         self.size: SizeLaw = size
         self._separation_integral = SeparationIntegral(gamma, device, self.area, power)
         self._tabulate_waves()
-        h_rms = float(self.spectrum.h_rms_m.detach())
+        self._h_rms_m = self.spectrum.h_rms_m
+        self._peaks_per_m2 = peaks_per_area(self.spectrum) if size == "smooth" else None
+        h_rms = float(self._h_rms_m.detach())
         decades = np.geomspace(_GAP_RANGE[0] * h_rms, _GAP_RANGE[1] * h_rms, _GAP_BINS)
         self.gap_edges_m = torch.tensor([0.0, *decades], dtype=torch.float64, device=device)
 
@@ -269,11 +272,10 @@ class MeanField:
 
     def highest_asperity(self, apparent_area_m2: Tensor) -> Tensor:
         """Height [m] that the mean gap of unloaded surfaces has, for A0 [m^2] of any shape."""
-        if self.size == "capped":
-            return highest_asperity(
-                self.spectrum.h_rms_m, self.spectrum.q_rolloff, apparent_area_m2
-            )
-        return once_for_equals(partial(highest_peak, self.spectrum), apparent_area_m2)
+        if self._peaks_per_m2 is None:
+            return highest_asperity(self._h_rms_m, self.spectrum.q_rolloff, apparent_area_m2)
+        of_area = partial(highest_peak, self._h_rms_m, self._peaks_per_m2)
+        return once_for_equals(of_area, apparent_area_m2)
 
     def touching(self, height_m: Tensor, log_mean_gap: UniformCubic | None = None) -> Touching:
         """Finite size of states whose highest asperity is given, in any shape.

@@ -29,6 +29,7 @@ class MeanFieldBalance(Fidelity):
         self._keeps_table = not contact.field.stress_variance.requires_grad
         self._kept: AttractionTable | None = None
         self._log_mean_gap: UniformCubic | None = None
+        self._touching: tuple[Tensor, Touching] | None = None
 
     def borrow(self, other: Fidelity) -> bool:
         """Use what another has tabulated, where its mean field is equal to this one's.
@@ -133,9 +134,16 @@ class MeanFieldBalance(Fidelity):
         """Finite size of states with these heights of the highest asperity."""
         if widest_gap_m is None:
             return None
+        # `prepare` and `solve` ask for the same states; autograd needs each for itself.
+        keeps = self._keeps_table and not widest_gap_m.requires_grad
+        if keeps and self._touching and torch.equal(self._touching[0], widest_gap_m):
+            return self._touching[1]
         table = self._log_mean_gap
         if table is None:
             table = self.contact.field.log_mean_gap()
             if self._keeps_table:
                 self._log_mean_gap = table
-        return self.contact.field.touching(widest_gap_m, table)
+        touching = self.contact.field.touching(widest_gap_m, table)
+        if keeps:
+            self._touching = widest_gap_m, touching
+        return touching

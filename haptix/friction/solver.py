@@ -24,29 +24,36 @@ class FrictionSolver:
 
     def solve(self, normal_force_n: Tensor, pull: Pull) -> tuple[Tensor, Balance]:
         """Return mu and the equilibrium of each state, for normal forces [N] and attractions."""
-        given, load = self.terms.given, self.load(normal_force_n, pull)
-        found = self.fidelity.solve(load)
+        return self._solve(self.load(normal_force_n, pull))
+
+    def _solve(self, load: Load) -> tuple[Tensor, Balance]:
+        given, found = self.terms.given, self.fidelity.solve(load)
         shear = given.finger.frictional_shear_stress_pa
         return shear * found.area_fraction / (load.applied_pa * given.unit_pa), found
 
     def load(self, normal_force_n: Tensor, pull: Pull) -> Load:
         """Return what the fidelity is given for these states."""
-        applied, widest = self._at_rest(normal_force_n)
+        return self._load(pull, *self._at_rest(normal_force_n))
+
+    def _load(self, pull: Pull, area_m2: Tensor, applied_pa: Tensor, widest: Tensor | None) -> Load:
         pull = replace(pull, strength=pull.strength / self.terms.given.unit_pa)
         if Stage.SUPPLY not in self.terms.stages:
-            return Load(applied, pull, widest)
-        area = self.terms.apparent_area_m2(normal_force_n)
-        return Load(applied, pull, widest, area, self.terms.voltage_share)
+            return Load(applied_pa, pull, widest)
+        return Load(applied_pa, pull, widest, area_m2, self.terms.voltage_share)
 
     def solve_in_blocks(
         self, normal_force_n: Tensor, pull_of: Callable[[slice], Pull]
     ) -> tuple[Tensor, Balance]:
         """Solve many states a block at a time, with the `Pull` that `pull_of` gives for each."""
         # Blocks come in the order of the forces: a table that grew with each would be solved often.
-        self.prepare(normal_force_n)
+        at_rest = self._at_rest(normal_force_n)
+        self.fidelity.prepare(*at_rest[1:])
         blocks = [slice(i, i + _BLOCK) for i in range(0, len(normal_force_n), _BLOCK)]
         try:
-            solved = [self.solve(normal_force_n[at], pull_of(at)) for at in blocks]
+            solved = [
+                self._solve(self._load(pull_of(at), *(t if t is None else t[at] for t in at_rest)))
+                for at in blocks
+            ]
         finally:
             self.fidelity.release()
         mu, found = zip(*solved, strict=True)
@@ -54,7 +61,7 @@ class FrictionSolver:
 
     def prepare(self, normal_force_n: Tensor) -> None:
         """Make what all states of these normal forces [N] share, such as tables."""
-        self.fidelity.prepare(*self._at_rest(normal_force_n))
+        self.fidelity.prepare(*self._at_rest(normal_force_n)[1:])
 
     def gap_masses(self, normal_force_n: Tensor, found: Balance, block: int) -> Iterator[Tensor]:
         """Share of the area in each bin of gaps of solved states, (block, bins) at a time."""
@@ -62,12 +69,12 @@ class FrictionSolver:
         parts = zip(normal_force_n.split(block), found.pressure_pa.split(block), strict=True)
         try:
             for force, pressure in parts:
-                yield self.fidelity.gap_mass(*self._at_rest(force), pressure)
+                yield self.fidelity.gap_mass(*self._at_rest(force)[1:], pressure)
         finally:
             self.fidelity.release()
 
-    def _at_rest(self, normal_force_n: Tensor) -> tuple[Tensor, Tensor | None]:
-        """Applied pressure in the fidelity's unit, and widest mean gap [m]."""
+    def _at_rest(self, normal_force_n: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
+        """Apparent area [m^2], pressure in the fidelity's unit, and widest mean gap [m]."""
         area = self.terms.apparent_area_m2(normal_force_n)
         widest = self.terms.widest_gap_m(area, self.fidelity.contact.field)
-        return normal_force_n / area / self.terms.given.unit_pa, widest
+        return area, normal_force_n / area / self.terms.given.unit_pa, widest

@@ -13,7 +13,7 @@ from scipy.special import erf
 
 from haptix.contact import THEORIES, AreaLaw, HalfSpace, Layered, MeanField, RoughnessSpectrum
 from haptix.contact.boundary_elements import Surfaces
-from haptix.contact.finite_size import Touching, highest_peak, once_for_equals
+from haptix.contact.finite_size import Touching, highest_peak, once_for_equals, peaks_per_area
 from haptix.contact.theory import SHOWN_ERRORS, VALIDATED_X
 
 ROWS = Path(__file__).parents[1] / "data" / "few-spots.csv"
@@ -95,7 +95,7 @@ def test_the_highest_peak_of_drawn_surfaces(waves_a_side: int) -> None:
     with pytest.warns(UserWarning):  # of the pixels, which do not matter to heights
         drawn = Surfaces.random(spectrum, 64 * waves_a_side, side, surfaces=24, seed=3)
     peaks = drawn.height_m.amax((-2, -1)) / drawn.h_rms_m
-    expected = float(highest_peak(spectrum, tensor(side**2)))
+    expected = float(highest_peak(spectrum.h_rms_m, peaks_per_area(spectrum), tensor(side**2)))
     # Three standard deviations of the mean of 24, which scatter by 10 %.
     assert float(peaks.mean()) == pytest.approx(expected, rel=0.06)
 
@@ -120,7 +120,7 @@ def test_the_size_of_a_contact_is_smooth() -> None:
 
 def test_no_contact_is_too_small_or_large_for_a_peak() -> None:
     area = torch.logspace(-30, 30, 61, dtype=torch.float64, requires_grad=True)
-    height = highest_peak(SPECTRUM, area)
+    height = highest_peak(SPECTRUM.h_rms_m, peaks_per_area(SPECTRUM), area)
     assert bool((height.diff() > 0).all() and (height > 0).all())
     (slope,) = torch.autograd.grad(height.sum(), area)
     assert bool((slope > 0).all() and slope.isfinite().all())
