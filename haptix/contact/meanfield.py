@@ -24,8 +24,8 @@ from haptix.contact.finite_size import (
     Touching,
     highest_asperity,
     highest_peak,
-    peaks_per_area,
     once_for_equals,
+    peaks_per_area,
     touching_log_pressure,
 )
 from haptix.contact.gaps import GapHistogram

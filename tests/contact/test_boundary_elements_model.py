@@ -148,7 +148,7 @@ def settle(
     return float((start > 0).double().mean()), gap, float(traction.mean())
 
 
-@pytest.mark.parametrize("strength", [3.0, 12.0])
+@pytest.mark.parametrize("strength", [3.0, pytest.param(12.0, marks=pytest.mark.slow)])
 def test_plain_rounds_at_fixed_strength_end_in_the_same_state(
     surfaces: Surfaces, solver: BoundaryElements, strength: float
 ) -> None:

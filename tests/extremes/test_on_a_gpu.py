@@ -63,7 +63,9 @@ MODELS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("how", MODELS)
+@pytest.mark.parametrize(
+    "how", ["default", pytest.param("published", marks=pytest.mark.slow), "closed form"]
+)
 def test_states(gpu: PretendGpu, how: str) -> None:
     finger, screen = Finger.preset("semi-wet"), Screen(gap_resistivity_ohm_m=1e6)
     there, here = (

@@ -102,7 +102,7 @@ def apart(found: Tensor, expected: float) -> float:
 # --- area and gaps of the corrected theory
 
 
-@pytest.mark.parametrize("name", FINGERS)
+@pytest.mark.parametrize("name", ["layered", pytest.param("half-space", marks=pytest.mark.slow)])
 def test_area_gap_and_pull(name: str, slow: ModuleType) -> None:
     finger = FINGERS[name]
     oracle = oracle_of(slow, finger)
@@ -118,6 +118,7 @@ def test_area_gap_and_pull(name: str, slow: ModuleType) -> None:
             assert apart(found, expected) < ATTRACTION, (pressure, h0)
 
 
+@pytest.mark.slow
 def test_combined_gaps_of_the_published_cases(slow: ModuleType) -> None:
     path = Path(__file__).parents[1] / "data" / "meanfield.json"
     for case in json.loads(path.read_text())["cases"]:
@@ -144,7 +145,7 @@ def test_combined_gaps_of_the_published_cases(slow: ModuleType) -> None:
     ("name", "theory", "spots"),
     [
         ("layered", "corrected", "excluded"),
-        ("layered", "open-gaps", "excluded"),
+        pytest.param("layered", "open-gaps", "excluded", marks=pytest.mark.slow),
         pytest.param("half-space", "corrected", "excluded", marks=pytest.mark.slow),
         pytest.param("half-space", "open-gaps", "included", marks=pytest.mark.slow),
     ],
@@ -204,7 +205,9 @@ def test_the_apparent_area(force: float, slow: ModuleType) -> None:
     assert float(active.apparent_area_m2(tensor(force))) == pytest.approx(expected, rel=1e-12)
 
 
-@pytest.mark.parametrize("hardness", [2e5, 5e6, 5e8])
+@pytest.mark.parametrize(
+    "hardness", [5e6, *(pytest.param(h, marks=pytest.mark.slow) for h in (2e5, 5e8))]
+)
 @pytest.mark.parametrize("spots", ["excluded", "included"])
 def test_friction_of_skin_that_yields(spots: Any, hardness: float, slow: ModuleType) -> None:
     finger = FINGER.replace(hardness_pa=hardness)
@@ -248,7 +251,7 @@ def test_insulators_skin_and_a_leaking_gap(slow: ModuleType) -> None:
     ("terms", "spots"),
     [
         ({"field-limit"}, "included"),
-        ({"body-return"}, "excluded"),
+        pytest.param({"body-return"}, "excluded", marks=pytest.mark.slow),
         pytest.param({"body-return"}, "included", marks=pytest.mark.slow),
         ({"field-limit", "body-return", "leaky-gap"}, "excluded"),
     ],

@@ -44,6 +44,7 @@ def test_every_figure_has_its_files(drawn):
         assert (image[..., :3].min(axis=-1) < 200).mean() > 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_the_table_holds_the_columns(drawn, figures, name):
     with (drawn[0] / f"{name}.csv").open(newline="", encoding="utf-8") as file:
@@ -55,6 +56,7 @@ def test_the_table_holds_the_columns(drawn, figures, name):
         np.testing.assert_allclose(numbers, figures[name].columns[column], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_captions_lie_beside_the_tables(drawn, figures):
     captions = json.loads((drawn[0] / "captions.json").read_text(encoding="utf-8"))
     assert captions["haptix"] == haptix.__version__

@@ -1,6 +1,7 @@
 """Energy and mean of what leaves the driver, whatever the host does: both cores, device time."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -279,6 +280,7 @@ def blocks_of(codes, length):
     return [codes[at : at + length] for at in range(0, whole, length)], codes[whole:]
 
 
+@cache
 def refused_by_hand(codes, kind, begin):
     """Index of the first code from `begin` on that the page's table refuses, at 8 kHz and 250 V."""
     length, ramp = 63, 40  # 8000 / 128 rounded up, 5 ms
@@ -310,7 +312,7 @@ def test_the_oldest_block_counts(host, kind, begin, signs):
     codes = np.zeros(63 * 129, int)
     codes[:63] = np.resize(signs, 63) * top
     codes[begin:] = np.resize(signs, codes.size - begin) * top
-    refused = refused_by_hand(codes.tolist(), kind, begin)
+    refused = refused_by_hand(tuple(codes.tolist()), kind, begin)
     assert 63 * 128 <= refused < 63 * 129  # the whole of the window is needed
     host.arm()
     for piece in np.split(codes, range(800, codes.size, 800)):
@@ -325,7 +327,7 @@ def test_energy_is_rounded_up_in_each_block(host):
     """Loud until the limit is near, then so quiet that the rounding of the blocks decides."""
     codes = np.concatenate([np.full(4129, 26_213), np.full(3000, 2000)])
     codes[1::2] *= -1
-    refused = refused_by_hand(codes.tolist(), FaultCode.ENERGY, 6700)
+    refused = refused_by_hand(tuple(codes.tolist()), FaultCode.ENERGY, 6700)
     assert refused == 6832  # were they rounded down, it would be 6833
     host.arm()
     for piece in np.split(codes, range(800, codes.size, 800)):

@@ -57,6 +57,13 @@ def own_folder(own_folder, path, surface):
     return own_folder
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """No picture, which takes longer than the rest: where other outputs are looked at."""
+    draw = "haptix.simulation.drawing.draw"
+    monkeypatch.setattr(draw, lambda simulation, file: file.write_bytes(b"no picture"))
+
+
 DEMO_PATH = """t_s,x_mm,y_mm,normal_force_n
 0.00,5,5,0.40
 0.03,15,9,0.50

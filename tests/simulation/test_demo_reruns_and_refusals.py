@@ -26,6 +26,7 @@ def summary_of(done):
     return summary
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_second_run_takes_the_surface_from_the_cache(demo, tmp_path, monkeypatch):
     monkeypatch.setenv("HAPTIX_CACHE", str(demo.cache))
     again = summary_of(demo.again(tmp_path / "again"))
@@ -36,6 +37,7 @@ def test_a_second_run_takes_the_surface_from_the_cache(demo, tmp_path, monkeypat
 
 
 # A truncated file is refused by the same check as the other two.
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     "damage",
     [
@@ -61,6 +63,7 @@ def test_a_bad_cache_changes_no_sample(demo, tmp_path, private_cache, damage):
         assert (private_cache / good.name).read_bytes() == good.read_bytes()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_cache_tells_inputs_apart(private_cache):
     def model(**changes):
         finger = haptix.Finger.preset("semi-wet").replace(**changes)
@@ -83,6 +86,7 @@ def test_the_cache_tells_inputs_apart(private_cache):
         assert own.info["model"]["finger"]["youngs_modulus_pa"] == modulus
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_dark_high_of_the_negative_is_the_same_drive(demo, tmp_path, monkeypatch):
     monkeypatch.setenv("HAPTIX_CACHE", str(demo.cache))
     negative = tmp_path / "negative.png"
@@ -182,6 +186,7 @@ def test_the_demo_without_any_input(haptix_cli, tmp_path):
     assert summary["evaluation"]["error_p95_jnd"] < 0.1
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_friction_out_of_reach_is_not_evaluated(demo, tmp_path):
     """A light finger comes near pull-in, and the target goes far beyond."""
     path = tmp_path / "light.csv"

@@ -16,6 +16,7 @@ SMALL = ("--trajectory", "path.csv", "--surface", "my.surface")
 PHOTO = ("--image", "photo.png", "--width-mm", "60")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_render_leaves_its_folder_and_says_the_same(haptix_cli, own_folder):
     done = haptix_cli("render", *SMALL, *PHOTO, "--out", "out", "--json")
     assert (done.code, done.err) == (0, "")
@@ -48,6 +49,7 @@ def test_render_in_words(haptix_cli, own_folder):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_touches_that_are_later_err_more(haptix_cli, own_folder):
     def error(*options):
         assert haptix_cli("render", *SMALL, *PHOTO, "--out", "out", *options).code == 0
