@@ -102,7 +102,8 @@ def peaks_per_area(spectrum: RoughnessSpectrum) -> Tensor:
     end = _LONG_WAVES * spectrum.q_rolloff
     if end < spectrum.q1:
         slope_squared = slope_squared - spectrum.moment(3, slope_squared.new_tensor([end]))[0]
-    return slope_squared / (2 * spectrum.moment(1) * (2 * pi) ** 1.5)
+    peaks: Tensor = slope_squared / (2 * spectrum.moment(1) * (2 * pi) ** 1.5)
+    return peaks
 
 
 def highest_peak(h_rms_m: Tensor, peaks_per_m2: Tensor, apparent_area_m2: Tensor) -> Tensor:

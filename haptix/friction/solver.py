@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -13,6 +14,20 @@ from haptix.fidelity import Balance, Fidelity, Load
 from haptix.terms import ActiveTerms, Stage
 
 _BLOCK = 4096  # states solved together: bounds the memory, and fits the cache
+
+
+class _AtRest(NamedTuple):
+    """States without attraction, each of shape (states,)."""
+
+    area_m2: Tensor
+    applied_pa: Tensor  # in the fidelity's unit
+    widest_gap_m: Tensor | None
+
+    def part(self, at: slice) -> _AtRest:
+        widest = self.widest_gap_m
+        return _AtRest(
+            self.area_m2[at], self.applied_pa[at], None if widest is None else widest[at]
+        )
 
 
 class FrictionSolver:
@@ -33,13 +48,14 @@ class FrictionSolver:
 
     def load(self, normal_force_n: Tensor, pull: Pull) -> Load:
         """Return what the fidelity is given for these states."""
-        return self._load(pull, *self._at_rest(normal_force_n))
+        return self._load(pull, self._at_rest(normal_force_n))
 
-    def _load(self, pull: Pull, area_m2: Tensor, applied_pa: Tensor, widest: Tensor | None) -> Load:
+    def _load(self, pull: Pull, at_rest: _AtRest) -> Load:
         pull = replace(pull, strength=pull.strength / self.terms.given.unit_pa)
         if Stage.SUPPLY not in self.terms.stages:
-            return Load(applied_pa, pull, widest)
-        return Load(applied_pa, pull, widest, area_m2, self.terms.voltage_share)
+            return Load(at_rest.applied_pa, pull, at_rest.widest_gap_m)
+        share = self.terms.voltage_share
+        return Load(at_rest.applied_pa, pull, at_rest.widest_gap_m, at_rest.area_m2, share)
 
     def solve_in_blocks(
         self, normal_force_n: Tensor, pull_of: Callable[[slice], Pull]
@@ -47,13 +63,10 @@ class FrictionSolver:
         """Solve many states a block at a time, with the `Pull` that `pull_of` gives for each."""
         # Blocks come in the order of the forces: a table that grew with each would be solved often.
         at_rest = self._at_rest(normal_force_n)
-        self.fidelity.prepare(*at_rest[1:])
+        self.fidelity.prepare(at_rest.applied_pa, at_rest.widest_gap_m)
         blocks = [slice(i, i + _BLOCK) for i in range(0, len(normal_force_n), _BLOCK)]
         try:
-            solved = [
-                self._solve(self._load(pull_of(at), *(t if t is None else t[at] for t in at_rest)))
-                for at in blocks
-            ]
+            solved = [self._solve(self._load(pull_of(at), at_rest.part(at))) for at in blocks]
         finally:
             self.fidelity.release()
         mu, found = zip(*solved, strict=True)
@@ -61,7 +74,8 @@ class FrictionSolver:
 
     def prepare(self, normal_force_n: Tensor) -> None:
         """Make what all states of these normal forces [N] share, such as tables."""
-        self.fidelity.prepare(*self._at_rest(normal_force_n)[1:])
+        at_rest = self._at_rest(normal_force_n)
+        self.fidelity.prepare(at_rest.applied_pa, at_rest.widest_gap_m)
 
     def gap_masses(self, normal_force_n: Tensor, found: Balance, block: int) -> Iterator[Tensor]:
         """Share of the area in each bin of gaps of solved states, (block, bins) at a time."""
@@ -69,12 +83,12 @@ class FrictionSolver:
         parts = zip(normal_force_n.split(block), found.pressure_pa.split(block), strict=True)
         try:
             for force, pressure in parts:
-                yield self.fidelity.gap_mass(*self._at_rest(force)[1:], pressure)
+                at_rest = self._at_rest(force)
+                yield self.fidelity.gap_mass(at_rest.applied_pa, at_rest.widest_gap_m, pressure)
         finally:
             self.fidelity.release()
 
-    def _at_rest(self, normal_force_n: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
-        """Apparent area [m^2], pressure in the fidelity's unit, and widest mean gap [m]."""
+    def _at_rest(self, normal_force_n: Tensor) -> _AtRest:
         area = self.terms.apparent_area_m2(normal_force_n)
         widest = self.terms.widest_gap_m(area, self.fidelity.contact.field)
-        return area, normal_force_n / area / self.terms.given.unit_pa, widest
+        return _AtRest(area, normal_force_n / area / self.terms.given.unit_pa, widest)
