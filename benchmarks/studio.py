@@ -23,7 +23,7 @@ from playwright.sync_api import sync_playwright
 
 WATCH = """
 () => {
-    const found = window.measured = {frames: [], plotted: [], handled: []};
+    const found = window.measured = {frames: [], plotted: [], handled: [], ahead: []};
     let before = null;
     const frame = (at) => {
         if (before !== null) found.frames.push(at - before);
@@ -35,8 +35,23 @@ WATCH = """
     // begins when that is on the screen.
     document.querySelector(".board").addEventListener("pointermove", (event) => {
         found.handled.push(performance.now() - event.timeStamp);
+        const ahead = event.getPredictedEvents().at(-1);
+        if (ahead) found.ahead.push(ahead.timeStamp - event.timeStamp);
         requestAnimationFrame(() => requestAnimationFrame(
             (shown) => found.plotted.push(shown - event.timeStamp)));
+    });
+}
+"""
+
+
+BARE = """<!doctype html><canvas class="board" width="800" height="500"
+    style="width: 100vw; height: 100vh; touch-action: none"></canvas>"""
+DRAW = """
+() => {
+    const canvas = document.querySelector(".board");
+    const context = canvas.getContext("2d");
+    canvas.addEventListener("pointermove", ({clientX, clientY}) => {
+        requestAnimationFrame(() => context.fillRect(clientX / 2, clientY / 2, 4, 4));
     });
 }
 """
@@ -60,6 +75,34 @@ def ticks(pid):
     return total / os.sysconf("SC_CLK_TCK")
 
 
+class Hand:
+    """Fingers that slide over a page's board."""
+
+    def __init__(self, context, page, fingers):
+        self.box, self.fingers = page.locator(".board").bounding_box(), fingers
+        self.touches = context.new_cdp_session(page)
+
+    def slide(self, length_s, until=lambda: False):
+        start_s = time.monotonic()
+        self._send("touchStart", 0)
+        while (t_s := time.monotonic() - start_s) < length_s and not until():
+            self._send("touchMove", t_s)
+            time.sleep(0.008)
+        self.touches.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+    def _send(self, kind, t_s):
+        box, last = self.box, max(self.fingers - 1, 1)
+        points = [
+            {
+                "id": finger,
+                "x": box["x"] + box["width"] * (0.5 + 0.4 * math.sin(1.3 * t_s + finger)),
+                "y": box["y"] + box["height"] * (0.25 + 0.4 * finger / last),
+            }
+            for finger in range(self.fingers)
+        ]
+        self.touches.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+
 def measure(seconds, fingers):
     environment = os.environ | {"HAPTIX_SERVICE": tempfile.mkdtemp()}
     command = [sys.executable, "-m", "haptix.cli", "studio", "--port", "0", "--no-open"]
@@ -81,48 +124,34 @@ def measure(seconds, fingers):
         opened_s = time.monotonic()
         page.goto(address)
         page.locator('.output[data-state="armed"]').wait_for()
-        box = page.locator(".board").bounding_box()
+        armed_s = served_s + time.monotonic() - opened_s
         weight = page.evaluate(
             "performance.getEntriesByType('resource').reduce((sum, e) => sum + e.transferSize, 0)"
         )
-        touches = context.new_cdp_session(page)
-
-        def points(t_s):
-            return [
-                {
-                    "id": finger,
-                    "x": box["x"] + box["width"] * (0.5 + 0.4 * math.sin(1.3 * t_s + finger)),
-                    "y": box["y"] + box["height"] * (0.25 + 0.4 * finger / max(fingers - 1, 1)),
-                }
-                for finger in range(fingers)
-            ]
-
-        def slide(length_s, until=lambda: False):
-            start_s = time.monotonic()
-            touches.send(
-                "Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": points(0)}
-            )
-            while (t_s := time.monotonic() - start_s) < length_s and not until():
-                touches.send(
-                    "Input.dispatchTouchEvent", {"type": "touchMove", "touchPoints": points(t_s)}
-                )
-                time.sleep(0.008)
-            touches.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-
+        hand = Hand(context, page, fingers)
         felt = page.locator('[data-name="felt"] dd')
-        slide(20, lambda: felt.inner_text() not in ("–", "NaN"))
+        hand.slide(20, lambda: felt.inner_text() not in ("–", "NaN"))
         first_s = served_s + time.monotonic() - opened_s
         page.evaluate(WATCH)
         before_s = ticks(service.pid)
-        slide(seconds)
+        hand.slide(seconds)
         busy = (ticks(service.pid) - before_s) / seconds
         found = page.evaluate("measured")
+        # What the browser itself takes here: a page that only draws points, in the same run.
+        page.close()
+        bare_page = context.new_page()
+        bare_page.set_content(BARE)
+        bare_page.evaluate(DRAW)
+        bare_page.evaluate(WATCH)
+        Hand(context, bare_page, fingers).slide(seconds / 2)
+        bare = bare_page.evaluate("measured")
         browser.close()
         service.send_signal(signal.SIGINT)
         service.communicate(timeout=20)
     frames, plotted = found["frames"], found["plotted"]
     return {
         "serves_after_s": round(served_s, 2),
+        "armed_after_s": round(armed_s, 2),
         "first_felt_stroke_s": round(first_s, 2),
         "page_kb": round(weight / 1000, 1),
         "frames": len(frames),
@@ -132,6 +161,10 @@ def measure(seconds, fingers):
         "event_p50_ms": round(share(found["handled"], 50), 2),  # the browser's own part
         "plotted_p50_ms": round(share(plotted, 50), 2),
         "plotted_p95_ms": round(share(plotted, 95), 2),
+        "predicted_ahead_p50_ms": round(share(found["ahead"] or [0.0], 50), 2),
+        "bare_event_p50_ms": round(share(bare["handled"], 50), 2),
+        "bare_plotted_p50_ms": round(share(bare["plotted"], 50), 2),
+        "plotted_over_bare": round(share(plotted, 50) / share(bare["plotted"], 50), 2),
         "service_cores": round(busy, 3),
         "load_of_the_machine": os.getloadavg()[0],
     }

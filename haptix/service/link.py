@@ -31,6 +31,12 @@ class TwinProcess(HelperProcess):
         self._opening: dict[str, Any] = {}
         self._is_wanted = self._is_open = self._is_kept = False
         self._starter: asyncio.Task[None] | None = None
+        self._loader: asyncio.Task[None] | None = None
+
+    def load(self) -> None:
+        """Start its process before it is known what it feels: most of its time goes to imports."""
+        self._is_kept = True
+        self._loader = asyncio.create_task(self.launch())
 
     def opens(self, opening: dict[str, Any]) -> None:
         """Set what it feels: finger, screen and carrier."""
@@ -45,7 +51,7 @@ class TwinProcess(HelperProcess):
     def warm(self) -> None:
         """Start it before it is wanted: its tables take seconds."""
         self._is_kept = True
-        if self.pid is None and (self._starter is None or self._starter.done()):
+        if not self._is_open and (self._starter is None or self._starter.done()):
             self._starter = asyncio.create_task(self._start(0.0))
 
     async def stop(self) -> None:
@@ -55,8 +61,12 @@ class TwinProcess(HelperProcess):
 
     async def _start(self, after_s: float) -> None:
         await asyncio.sleep(after_s)
+        loader, self._loader = self._loader, None
+        if loader is not None:
+            await loader
         if self._is_kept and self._opening:
-            await self.launch()
+            if self.pid is None:
+                await self.launch()
             with suppress(Problem):  # it has ended, and is started again
                 await self.ask("open", **self._opening)
                 self._is_open = True

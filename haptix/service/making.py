@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from haptix.materials import Material
     from haptix.surface import Column
 
-_NICE = 10
+_NICE = 15  # a picture may wait: at the start for the virtual finger, which is felt first
 _FORCES_N = (0.1, 0.2, 0.5, 1.0, 2.0, 3.0)
 _FORCE_N = 0.5  # what is asked for where nobody says another
 

@@ -90,6 +90,8 @@ def serve(
 
     async def run() -> None:
         starting = asyncio.create_task(link.start())
+        if warms:
+            link.twin.load()
         await asyncio.sleep(0)  # its process starts here, and loads while this one does
         from fastapi import APIRouter
 
