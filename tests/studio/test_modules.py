@@ -175,8 +175,8 @@ def test_what_moves_is_drawn_as_it_is_now(module):
         let [state, paused, scene_s] = ["armed", false, 3.01];
         const [session, output] = [{ clientTime: (s) => s }, { get: () => ({ state, paused }) }];
         const service = { rest, session, output };
-        const stats = { get scene_s() { return scene_s - performance.now() / 1e3; } };
-        const telemetry = { stats_s: 0, stats };
+        performance.now = () => 1e3 * (scene_s + 70);  // told of at 2 s, when 72 s was now
+        const telemetry = { stats_s: 72, stats: { scene_s: 2 } };
         const films = new m.Films(service, telemetry);
         const region = (kind) => ({ material: { kind }, width_mm: 1, height_mm: 1 });
         const settle = () => new Promise((resolve) => setTimeout(resolve, 1));
@@ -191,13 +191,16 @@ def test_what_moves_is_drawn_as_it_is_now(module):
             seen.push(drawn("moves"));
             await settle();
         }
+        paused = true;  // it stands as it was told
+        found.push(films.scene_s);
         state = "off";
         found.push(drawn("moves"));
+        delete performance.now;
         return [found, seen, asked];
         """,
     )
     drawn, seen, asked = found
-    assert drawn == [None, None, None, False, None]  # not known yet, or nothing is rendered
+    assert drawn == [None, None, None, False, 2, None]  # not known yet, or nothing is rendered
     colours = module(
         "pictures.js",
         "return argument.map((at) => [...m.shade(at / 127.5 - 0.5).map(Math.round), 255].join())",

@@ -52,15 +52,13 @@ export class Board {
 
   #picture = el("canvas", { "aria-hidden": "true" });
   #trail = el("canvas", { "aria-hidden": "true" });
-  #over = el("canvas", { "aria-hidden": "true" });
   #observer = new ResizeObserver(() => this.fit());
 
   /** @param {Record<string, any>} props of the element */
   constructor(props) {
-    this.element = el("div.board", props, this.#picture, this.#trail, this.#over);
+    this.element = el("div.board", props, this.#picture, this.#trail);
     this.#observer.observe(this.element);
     this.trail = /** @type {CanvasRenderingContext2D} */ (this.#trail.getContext("2d"));
-    this.over = /** @type {CanvasRenderingContext2D} */ (this.#over.getContext("2d"));
   }
 
   /** Show a layout. @param {m.LayoutDocument} document */
@@ -83,7 +81,7 @@ export class Board {
     box.left -= (width / px_per_mm - box.width) / 2;
     box.top -= (height / px_per_mm - box.height) / 2;
     const ratio = devicePixelRatio;
-    for (const canvas of [this.#picture, this.#trail, this.#over]) {
+    for (const canvas of [this.#picture, this.#trail]) {
       canvas.width = Math.round(width * ratio);
       canvas.height = Math.round(height * ratio);
       const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
@@ -104,7 +102,7 @@ export class Board {
     };
   }
 
-  /** Take the trail, or what lies over all, away. @param {CanvasRenderingContext2D} context */
+  /** Take a picture, or the trail, away. @param {CanvasRenderingContext2D} context */
   clear(context) {
     const { canvas } = context;
     context.save();

@@ -105,6 +105,10 @@ export class Touching {
       const kind = down ? "down" : "move";
       this.took(each.timeStamp / 1e3, { ...this.board.place(each), touch_id, kind, normal_force_n: forceOf(each) });
     }
+    // A frame takes time to be seen: the ring is drawn where the finger will be, the trail where it was.
+    const ahead = down ? null : event.getPredictedEvents?.().at(-1);
+    const cursor = this.cursors.get(touch_id);
+    if (ahead && cursor) this.cursors.set(touch_id, { ...cursor, ...this.board.place(ahead) });
   }
 
   #free() {

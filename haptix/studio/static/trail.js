@@ -1,5 +1,6 @@
 /** The finger's trail on the board: where it was at once, coloured by the error once that is known. */
 
+import { el } from "./dom.js";
 import { texts } from "./texts.js";
 
 /** @import { Board } from "./board.js" */
@@ -32,6 +33,8 @@ export class Trail {
   /** @type {Map<number, {x: number, y: number}>} */
   #last = new Map();
   #clears = false;
+  /** @type {HTMLElement[]} */
+  #cursors = [];
 
   /** @param {Board} board */
   constructor(board) {
@@ -55,7 +58,7 @@ export class Trail {
 
   /** Draw what has come since the last frame. @param {Iterable<Cursor>} cursors */
   draw(cursors) {
-    const { trail, over, px_per_mm } = this.board;
+    const { trail, px_per_mm } = this.board;
     const px = 1 / px_per_mm;
     if (this.#clears) this.board.clear(trail);
     this.#clears = false;
@@ -80,19 +83,25 @@ export class Trail {
     trail.lineWidth = WIDTH_PX * px;
     for (const part of this.#felt) this.#drawFelt(part);
     this.#felt = [];
-    this.board.clear(over);
-    for (const { x_mm, y_mm } of cursors) {
-      over.lineWidth = 2.5 * px;
-      over.strokeStyle = "#fff";
-      over.fillStyle = "rgb(0 114 178 / 0.55)";
-      over.beginPath();
-      over.arc(x_mm, y_mm, 11 * px, 0, 2 * Math.PI);
-      over.fill();
-      over.stroke();
-      over.lineWidth = px;
-      over.strokeStyle = "#000a";
-      over.stroke();
+    this.#point([...cursors]);
+  }
+
+  /** Show where fingers are. Elements are moved, so that no frame draws the board for them.
+   * @param {Cursor[]} cursors */
+  #point(cursors) {
+    const { box, element, px_per_mm } = this.board;
+    while (this.#cursors.length < cursors.length) {
+      const cursor = el("i.cursor", { "aria-hidden": "true" });
+      this.#cursors.push(cursor);
+      element.append(cursor);
     }
+    this.#cursors.forEach((cursor, at) => {
+      const here = cursors[at];
+      cursor.hidden = !here;
+      if (!here) return;
+      const [x, y] = [(here.x_mm - box.left) * px_per_mm, (here.y_mm - box.top) * px_per_mm];
+      cursor.style.transform = `translate(${x}px, ${y}px)`;
+    });
   }
 
   /** One path for each run of the same colour. @param {{track: Track, from: number, to: number}} part */
