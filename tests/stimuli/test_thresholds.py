@@ -94,6 +94,31 @@ def test_a_wrong_model_is_warned_of():
     assert not run(free, lambda level: share(level, 22.0, 1.5, 0.08), 0).estimate().warnings
 
 
+def test_a_walk_that_has_not_settled_is_warned_of():
+    """A shallow function and lapses: what warns is seldom heard of a good observer."""
+
+    def is_warned(found):
+        return any("settled" in line or "begin higher" in line for line in found.warnings)
+
+    warned = 0
+    for seed in range(RUNS):
+        method = run(UpDown(36.0), lambda level: share(level, 22.0, 1.5, 0.08), seed)
+        found = method.estimate()
+        warned += is_warned(found)
+        # Lapses at the first levels use its reversals up before it has come down.
+        assert found.threshold < 32.0 or is_warned(found) or np.isnan(found.threshold)
+    good = sum(is_warned(found) for found, _ in estimates("up-down"))
+    assert good < 0.25 * RUNS < warned  # 8 % and 40 % of some hundreds
+
+
+def test_one_who_guesses_has_no_threshold_when_the_session_was_stopped():
+    method = Quest(GRID, GRID, trials=40)
+    draw = Random(4)
+    for _ in range(30):
+        method.update(draw.random() < 0.5, method.level)
+    assert not method.is_done and np.isnan(method.estimate().threshold)
+
+
 def test_shares_that_no_function_has_are_warned_of():
     levels = np.repeat([10.0, 15.0, 20.0, 25.0, 30.0], 40)
     method = ConstantStimuli([10.0, 15.0, 20.0, 25.0, 30.0], 40)

@@ -23,6 +23,7 @@ Array = npt.NDArray[np.float64]
 
 _NAMES = ("threshold", "slope", "guess", "lapse")
 _MOST_AT_END = 0.1  # of the posterior, on the first or last threshold of the grid
+_LEAST_ANSWERS = 10  # seven right ones in a row are no chance
 _MOST_PROBABILITIES = 10_000_000  # levels times parameters: 160 MB
 
 
@@ -140,11 +141,12 @@ class Quest(Method):
     def estimate(self) -> Estimate:
         """Mean or mode of the posterior.
 
-        Once it is done, there is no threshold where the answers are those of a guesser, or the
-        posterior lies at the end of the grid. A misfit of the function is warned of.
+        There is no threshold where the answers are those of a guesser, or the posterior lies at the
+        end of the grid; before the tenth answer nothing is said of that. A misfit of the function
+        is warned of.
         """
         found = self._of_posterior()
-        if not self.is_done:
+        if self.asked < min(_LEAST_ANSWERS, self.trials):
             return found
         low, high = (float(self._marginal("threshold")[at]) for at in (0, -1))
         grid = self.grids["threshold"]
