@@ -23,14 +23,14 @@ class SteadyClock:
     """
 
     def __init__(self, longest_s: float = 0.05, speed: float = 1.0) -> None:
-        self._longest_s = longest_s
+        self.longest_s = longest_s
         self._speed = speed
         self._now_s = 0.0
         self._looked_s = time.perf_counter()
 
     def __call__(self) -> float:
         looked_s = time.perf_counter()
-        self._now_s += min(looked_s - self._looked_s, self._longest_s) * self._speed
+        self._now_s += min(looked_s - self._looked_s, self.longest_s) * self._speed
         self._looked_s = looked_s
         return self._now_s
 
