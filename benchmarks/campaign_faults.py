@@ -94,8 +94,9 @@ class Cluster:
     def _dask(self, host: str, *words: str) -> subprocess.Popen[bytes]:
         inside = ["ip", "netns", "exec", host] if self.hosts else []
         python = [sys.executable, "-m", "dask", *words]
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        return subprocess.Popen([*inside, *python], **quiet)
+        return subprocess.Popen(
+            [*inside, *python], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
 
     def worker(self) -> subprocess.Popen[bytes]:
         """Start a worker without a nanny, which would start it anew after a kill."""

@@ -12,7 +12,8 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from firmware_io.firmware.build import SOURCE_DIR, SOURCES
+from firmware_io.firmware.build import SOURCE_DIR
+from firmware_io.firmware.flags import SOURCES
 
 BOARD = Path(__file__).parent.parent / "tests" / "firmware_io" / "cortex_m"
 SIZES = ("-DHX_QUEUE_SAMPLES=2048u", "-DHX_MAX_FRAME_SAMPLES=512u")

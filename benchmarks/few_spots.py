@@ -164,7 +164,7 @@ def solve(cell: Cell, number: int) -> list[dict[str, object]]:
     surface = cell.surface(number)
     solver = BoundaryElements(surface, cell.modulus)
     scale = cell.scale_pa()
-    rows = []
+    rows: list[dict[str, object]] = []
     for x in LOADS:
         found = solver.fields(x * scale)
         rows.append(
@@ -280,8 +280,9 @@ def cells(path: Path = FILE) -> dict[Cell, list[dict[str, str]]]:
     """Rows of a table of means by cell, in its order."""
     found: dict[Cell, list[dict[str, str]]] = {}
     for row in read(path):
-        numbers = (int(row[name]) for name in ("waves", "band", "surfaces"))
-        found.setdefault(Cell(row["solid"], *numbers, float(row["hurst"])), []).append(row)
+        waves, band, surfaces = (int(row[name]) for name in ("waves", "band", "surfaces"))
+        cell = Cell(row["solid"], waves, band, surfaces, float(row["hurst"]))
+        found.setdefault(cell, []).append(row)
     return found
 
 

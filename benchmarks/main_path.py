@@ -11,14 +11,24 @@ import resource
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import torch
 
 from haptix import ContactModel, Finger, Screen
 from haptix.contact import HalfSpace, Layered, MeanField, RoughnessSpectrum
+from haptix.fidelity import FidelityName
 
 REFERENCE = Path(__file__).parent.parent / "tests" / "data" / "meanfield.json"
+
+
+def _solve(model: ContactModel, count: int) -> object:
+    return model.solve(*states(count))
+
+
+def _solve_anew(finger: Finger, screen: Screen, fidelity: FidelityName) -> object:
+    return _solve(ContactModel(finger, screen, fidelity), 100_000)
 
 
 def median_s(work: Callable[[], object]) -> float:
@@ -37,7 +47,7 @@ def reference_errors() -> None:
         spectrum = RoughnessSpectrum.self_affine(
             rough["h_rms"], rough["H"], rough["q0"], rough["qr"], rough["q1"]
         )
-        modulus = HalfSpace(solid["E"], solid["nu"])
+        modulus: HalfSpace | Layered = HalfSpace(solid["E"], solid["nu"])
         if "d" in solid:
             modulus = Layered(
                 solid["E"], solid["nu"], solid["d"], solid["E_bulk"], solid["nu_bulk"]
@@ -78,14 +88,12 @@ def speeds() -> None:
     finger, screen = Finger.preset("semi-wet"), Screen.preset("3m-sct3250")
     before = peak_memory_mb()
     for fidelity in ("mean-field", "closed-form"):
-        first = median_s(
-            lambda fidelity=fidelity: ContactModel(finger, screen, fidelity).solve(*states(100_000))
-        )
+        first = median_s(partial(_solve_anew, finger, screen, fidelity))
         print(f"100,000 states, {fidelity}: {first:.2f} s with the contact tables")
     model = ContactModel(finger, screen)
     model.solve(*states(10_000))
     for count in (10_000, 100_000, 1_000_000):
-        each = median_s(lambda count=count: model.solve(*states(count))) / count
+        each = median_s(partial(_solve, model, count)) / count
         print(f"{count:>9,} states on ready tables: {each * 1e6:.2f} us a state")
     print(f"memory: {before:.0f} MB with torch loaded, {peak_memory_mb():.0f} MB at the peak")
 

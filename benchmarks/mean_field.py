@@ -186,7 +186,7 @@ def own_cases(name: str) -> Iterator[tuple[Case, dict[str, str]]]:
                 else float(row[item.name])
                 for item in fields(Case)
             }
-            yield Case(**given), row  # type: ignore[arg-type]
+            yield Case(**given), row
 
 
 @dataclass(frozen=True)

@@ -159,7 +159,7 @@ def _solve_voltages(case: Case, number: int) -> list[dict[str, object]]:
         light_limit=LIGHT_CONTACT_LIMIT,
     )
     ends = solved.snap_in_strength[0, -1].mean(-1).sqrt()
-    rows = []
+    rows: list[dict[str, object]] = []
     for j, voltage in enumerate(voltages[:-1]):
         light = solved.status[0, j] == 0
         rows.append(

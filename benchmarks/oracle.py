@@ -122,7 +122,7 @@ class SelfAffine:
 
     def highest_peak(self, apparent_area: float) -> float:
         """Mean height [m] of the highest point of a random surface (docs/mean-field.md)."""
-        ends = (self.q0, min(max(self.q0, self.rolloff), self.q1))
+        ends: tuple[float, ...] = (self.q0, min(max(self.q0, self.rolloff), self.q1))
         ends += (min(LONG_WAVES * self.rolloff, self.q1),)
         slope = sum(
             quad(lambda t: 2 * pi * np.exp(4 * t) * self(np.exp(t)), *np.log(pair), epsrel=1e-10)[0]

@@ -113,7 +113,7 @@ def bare(surface: Any, texture: Any) -> None:
     low, high, pull_in = row.lowest_mu, row.highest_mu, row.unit_v
 
     @numba.njit
-    def compiled(places, level, column, drive, low, high, pull_in, wave):  # type: ignore[no-untyped-def]
+    def compiled(places, level, column, drive, low, high, pull_in, wave):
         codes = np.empty(len(places), np.int16)
         for i in range(len(places)):
             cell = int(places[i])

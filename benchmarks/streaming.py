@@ -12,10 +12,11 @@ import gc
 import json
 import sys
 import time
+from typing import cast
 
 import numpy as np
 
-from firmware_io import HaptixError, Playback, open_device, volts_to_codes
+from firmware_io import HaptixError, MockLink, Playback, open_device, volts_to_codes
 from firmware_io.firmware.core import Output
 
 STALL_S = 0.010
@@ -32,7 +33,7 @@ def play(
     address: str, block: int, lead_s: float, seconds: float, stalls: bool
 ) -> dict[str, object]:
     device = open_device(address)
-    driver, link = device.mock, device._stream.link
+    driver, link = device.mock, cast(MockLink, device._stream.link)
     rate_hz = device.capabilities.sample_rate_hz
     t = np.arange(round(seconds * rate_hz) // block * block) / rate_hz
     if device.mode == "envelope":

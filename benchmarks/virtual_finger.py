@@ -39,8 +39,8 @@ def periods(model: ContactModel) -> None:
     for shape, frequency in ((sine, 120.0), (sine, 1000.0), (square, 120.0), (modulated, 100.0)):
         samples = round(RATE / frequency)
         waveform = Waveform.of_samples(shape(np.arange(samples) / samples))
-        phase = torch.arange(samples, dtype=torch.float64) * (2 * math.pi / samples)
-        drive = np.tile(VOLTAGE * waveform.at(phase).numpy(), math.ceil(1.1 * frequency))
+        wave = waveform.at(np.arange(samples) / samples)
+        drive = np.tile(VOLTAGE * wave, math.ceil(1.1 * frequency))
         expected = model.over_period(
             FORCE, VOLTAGE, frequency, waveform, samples=samples
         ).mu.numpy()
