@@ -87,6 +87,8 @@ class Document(Part):
         """
         path = file_at("path", path)
         fields = read_json(path) if path.suffix == ".json" else read_toml(path)
+        if not fields:  # written in part, rather than all defaults
+            raise FileFormatError(f"{path}: expected the fields of a {cls.__name__}, got none")
         version = fields.get("schema_version", 1)
         if version != 1:
             raise FileFormatError(

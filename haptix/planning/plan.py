@@ -10,7 +10,7 @@ from typing import Any
 import torch
 
 from haptix.contact import shown_accuracy
-from haptix.errors import ToleranceError
+from haptix.errors import InputError, ToleranceError
 from haptix.fidelity import FIDELITIES, Ability
 from haptix.friction import ContactModel
 from haptix.friction.placeholders import largest_spread
@@ -36,7 +36,7 @@ from haptix.planning.materials import decide_materials
 from haptix.scene import Scene
 from haptix.surface import LARGEST_BYTES, FrictionSurface
 from haptix.surface.axes import AXIS_NAMES
-from haptix.surface.tolerance import Tolerance
+from haptix.surface.tolerance import LEAST, Tolerance
 from haptix.terms import TERMS
 from haptix.texture import Evaluator
 
@@ -194,6 +194,8 @@ def plan_scene(
     """
     given = scene.override.tolerance
     asked = None if given is None else Tolerance.read(given)
+    if asked is None:
+        _surface_tolerance(scene, scene.budget_thresholds)  # what it would be at best
     everything = omissions(scene)
     base, settled = with_overrides(scene, everything)
     trials = Trials(scene, base, points)
@@ -207,7 +209,7 @@ def plan_scene(
     on_progress(0.8)
     decisions = {**settled, **decisions}
     rest = scene.budget_thresholds - _UNSEEN * joint.thresholds_max
-    tolerance = asked or Tolerance(rest, "JND")
+    tolerance = asked or _surface_tolerance(scene, rest)
     nodes = estimated_nodes(trials, chosen, _in_jnd(tolerance, trials, chosen))
     on_progress(0.9)
     rows = []
@@ -251,6 +253,16 @@ def plan_scene(
     )
     on_progress(1.0)
     return plan
+
+
+def _surface_tolerance(scene: Scene, rest: float) -> Tolerance:
+    """Return what is left of the budget for the surface; say of the budget that it is too small."""
+    if rest < LEAST["JND"]:
+        raise InputError(
+            f"budget_thresholds: expected a budget that leaves the surface {LEAST['JND']:g} JND, "
+            f"since the model is no more exact, got {scene.budget_thresholds:g} JND"
+        )
+    return Tolerance(rest, "JND")
 
 
 def _in_jnd(tolerance: Tolerance, trials: Trials, chosen: Choice) -> float:

@@ -21,7 +21,8 @@ _SPELLINGS: dict[str, Unit] = {
 }
 
 # The model's own tables are no more exact: a finer surface would grow until its limit of size.
-_LEAST: dict[Unit, float] = {"mu": 1e-6, "JND": 1e-5, "percent of range": 1e-4}
+LEAST: dict[Unit, float] = {"mu": 1e-6, "JND": 1e-5, "percent of range": 1e-4}
+"""Smallest value of a tolerance, by its unit."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,9 @@ class Tolerance:
             raise InputError(
                 f"tolerance: expected a unit of {', '.join(get_args(Unit))}, got {self.unit!r}"
             )
-        if self.value < _LEAST[self.unit]:
+        if self.value < LEAST[self.unit]:
             raise InputError(
-                f"tolerance: expected at least {_LEAST[self.unit]:g} {self.unit}, since the model "
+                f"tolerance: expected at least {LEAST[self.unit]:g} {self.unit}, since the model "
                 f"is no more exact, got {self.value:g}"
             )
 

@@ -24,6 +24,7 @@ pytestmark = pytest.mark.devices
 EMULATED = {
     "linux-x86_64": [],
     "linux-aarch64": ["qemu-aarch64", "-L", str(ARM_LIBC)],
+    "windows-x86_64": ["wine"],  # finds the library beside the program
 }
 
 
@@ -46,12 +47,17 @@ def test_random_programs_through_the_library_of_a_wheel(target, tmp_path):
         library.write_bytes(file.read(name))
     triple = run_path(str(ROOT / "hatch_build.py"))["TARGETS"][target].triple
     sizes = [flag for flag in run_path(str(FIRMWARE / "flags.py"))["FLAGS"] if flag[:2] == "-D"]
-    program = tmp_path / "check"
+    program = tmp_path / "check.exe"
+    beside = [] if library.suffix == ".dll" else ["-Wl,-rpath,$ORIGIN"]
     subprocess.run(
         [sys.executable, "-m", "ziglang", "cc", "-target", triple, *sizes, "-I", FIRMWARE,
-         FIRMWARE / "check.c", FIRMWARE / "fuzz.c", library, "-Wl,-rpath,$ORIGIN", "-o", program],
+         FIRMWARE / "check.c", FIRMWARE / "fuzz.c", library, *beside, "-o", program],
         check=True, capture_output=True,
     )  # fmt: skip
-    done = subprocess.run([*emulator, program], capture_output=True, text=True, check=False)
+    own = {"WINEPREFIX": str(tmp_path / "wine"), "WINEDEBUG": "-all", "DISPLAY": ""}
+    done = subprocess.run(
+        [*emulator, program], capture_output=True, text=True, check=False,
+        env={**os.environ, **own},
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("3000 random programs: no output above the ceiling")

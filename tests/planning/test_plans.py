@@ -291,3 +291,8 @@ def test_what_is_left_to_the_scene_is_measured_and_off(plain):
         screen=plain.screen.replace(body_capacitance_f=20e-12),
     )
     assert "body-return" in plan_scene(asking, points=50).model.terms
+
+
+def test_a_budget_finer_than_the_model_is_refused_as_a_budget(carrier):
+    with pytest.raises(InputError, match=r"budget_thresholds: .*1e-05 JND.* got 1e-06"):
+        plan_scene(carrier.replace(budget_thresholds=1e-6))
