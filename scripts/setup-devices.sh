@@ -19,6 +19,8 @@ packages=(
     gcc-arm-none-eabi qemu-system-arm
     # the firmware in the wheel for aarch64
     qemu-user libc6-arm64-cross
+    # the one in the wheel for Windows: 100 MB to load, 670 MB on disk
+    wine wine64
     # a display for the examples with a window
     xvfb python3-tk
     # pages are tested in a real browser

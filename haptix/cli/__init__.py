@@ -1,26 +1,25 @@
-"""The command line. A command's module, and torch with it, load when the command is called."""
+"""The command line: which commands there are, and help that loads nothing."""
 
 from __future__ import annotations
 
+import os
+import shutil
 import sys
-from importlib import import_module
-from typing import Annotated, Any
+import textwrap
 
-import typer
-from typer.core import TyperGroup
-
-from haptix.terminal import run
 from haptix.version import __version__
 
-# Where each command stands, and the first sentence of its help. Building all of them from their
-# annotations takes longer than everything else that --help does.
+ABOUT = "Haptic rendering for electrovibration touchscreens: from contact mechanics to volts."
+
+# Where each command stands, and the first sentence of its help. To build them all from their
+# annotations, and even to load Typer, takes longer than everything else that --help does.
 COMMANDS = {
     "demo": (
         "haptix.cli.demo:demo",
         "From a photograph to volts: everything once, without hardware.",
     ),
     "build": (
-        "haptix.cli.surfaces:build",
+        "haptix.cli.building:build",
         "Solve the contact model once and write its friction surface.",
     ),
     "query": (
@@ -63,7 +62,7 @@ COMMANDS = {
     "material": ("haptix.cli.materials:app", "Materials: what a surface feels like, as documents."),
     "stimuli": (
         "haptix.cli.stimuli:app",
-        "Stimuli for perception experiments: make sets, look at them, run trials.",
+        "Stimuli for perception experiments: make sets, look at them, run and analyse trials.",
     ),
     "calibrate": (
         "calibration.app:app",
@@ -88,52 +87,33 @@ COMMANDS = {
 }
 
 
-class _Commands(TyperGroup):
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
-        not_made_yet: dict[str, Any] = dict.fromkeys(COMMANDS)
-        self.commands = not_made_yet
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        return list(COMMANDS)
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        if cmd_name in COMMANDS and self.commands[cmd_name] is None:
-            module, _, name = COMMANDS[cmd_name][0].partition(":")
-            found = getattr(import_module(module), name)
-            if not isinstance(found, typer.Typer):
-                found, command = typer.Typer(add_completion=False, rich_markup_mode=None), found
-                found.command(cmd_name)(command)
-            made: Any = typer.main.get_command(found)
-            made.name = cmd_name
-            self.commands[cmd_name] = made
-        return self.commands.get(cmd_name)
-
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, about) for name, (_, about) in COMMANDS.items()])
-
-
-app = typer.Typer(
-    name="haptix",
-    cls=_Commands,
-    help="Haptic rendering for electrovibration touchscreens: from contact mechanics to volts.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # which would take units such as [m] for markup
-)
-
-
-@app.callback(invoke_without_command=True)
-def _options(
-    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
-) -> None:
-    if version:
-        sys.stdout.write(f"haptix {__version__}\n")
-        raise typer.Exit
-
-
 def main() -> None:
     """Run the command line."""
-    run(app, "haptix")
+    match sys.argv[1:]:
+        case ["--help"]:
+            sys.stdout.write(help_text())
+        case ["--version"]:
+            sys.stdout.write(f"haptix {__version__}\n")
+        case _:
+            from haptix.cli.application import app
+            from haptix.terminal import run
+
+            run(app, "haptix")
+
+
+def help_text() -> str:
+    """Return the help of the command line, line for line as Typer would write it."""
+    width = max(min(shutil.get_terminal_size().columns, 80) - 2, 50)
+    is_module = sys.argv[0].endswith("__main__.py")
+    name = "python -m haptix.cli" if is_module else os.path.basename(sys.argv[0])  # noqa: PTH119
+    options = {"--version": "Print the version.", "--help": "Show this message and exit."}
+    commands = {name: about for name, (_, about) in COMMANDS.items()}
+    lines = [f"Usage: {name} [OPTIONS] COMMAND [ARGS]...", ""]
+    lines += textwrap.wrap(ABOUT, width, initial_indent="  ", subsequent_indent="  ")
+    for title, rows in (("Options", options), ("Commands", commands)):
+        lines += ["", f"{title}:"]
+        column = max(map(len, rows)) + 4
+        for word, about in rows.items():
+            first, *more = textwrap.wrap(about, width - column)
+            lines += [f"  {word:{column - 2}}{first}", *(" " * column + one for one in more)]
+    return "\n".join(lines) + "\n"

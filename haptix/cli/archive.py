@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from haptix.arguments import file_to_write, is_there, refuse_input
-from haptix.cli.surfaces import check_writable
+from haptix.cli.building import check_writable
 from haptix.terminal import AsJson, show
 
 

@@ -11,17 +11,8 @@ from typing import Annotated, Any
 import typer
 
 from haptix.arguments import folder, one_of
-from haptix.cli.rendering import (
-    FingerName,
-    FingerPath,
-    Image,
-    Range,
-    ScreenName,
-    current_of,
-    positive,
-    setting_of,
-    width,
-)
+from haptix.cli.options import Finger, FingerPath, Image, Range, Screen, positive, width
+from haptix.cli.setting import current_of, setting_of
 from haptix.terminal import AsJson, breakdown_note, progress_bar, show
 
 
@@ -41,8 +32,8 @@ def demo(
             callback=one_of("bright-high", "dark-high"),
         ),
     ] = "bright-high",
-    finger: FingerName = "semi-wet",
-    screen: ScreenName = "3m-sct3250",
+    finger: Finger = "semi-wet",
+    screen: Screen = "3m-sct3250",
     carrier_hz: Annotated[
         float, typer.Option(help="Frequency of the carrier.", callback=positive)
     ] = 4000.0,

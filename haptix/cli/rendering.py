@@ -7,113 +7,29 @@ from collections.abc import Mapping
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from haptix.arguments import (
-    device_address,
-    folder,
-    is_there,
-    material_file,
-    number,
-    numbers,
-    one_of,
-    preset_or_file,
-    read_pair,
+from haptix.arguments import device_address, folder, number
+from haptix.cli.options import (
+    CarrierHz,
+    DirectHz,
+    FingerPath,
+    Image,
+    LeadMs,
+    MaterialFile,
+    OwnFinger,
+    OwnScreen,
+    Range,
+    SurfaceFile,
+    Waveform,
+    Width,
+    delay_ms,
 )
-from haptix.errors import InputError, MissingExtraError, OverloadWarning, from_extra
-from haptix.presets import FINGERS, SCREENS
+from haptix.cli.setting import current_of, setting_of, surface_of
+from haptix.errors import OverloadWarning
 from haptix.terminal import AsJson, breakdown_note, placeholder_note, progress_bar, show
-
-if TYPE_CHECKING:
-    from haptix.simulation import Setting
-    from haptix.surface import FrictionSurface
-    from haptix.texture import Feelable
-
-Image = Annotated[
-    Path | None,
-    typer.Option(
-        help="Photograph, with its JSON beside it or --width-mm. [default: bricks]",
-        callback=is_there,
-    ),
-]
-MaterialFile = Annotated[
-    Path | None,
-    typer.Option(
-        help="Material: TOML or JSON, or gallery:NAME, see `haptix material`; instead of a "
-        "photograph.",
-        callback=material_file,
-    ),
-]
-FingerPath = Annotated[
-    Path | None,
-    typer.Option(
-        help="CSV: t_s, x_mm, y_mm, normal_force_n. [default: a recorded path]", callback=is_there
-    ),
-]
-_BRICKS = "scikit-image brick (CC0)"
-_WITHOUT_PHOTOGRAPHS = "gallery:basket"
-NARROWEST_MM, WIDEST_MM = 0.1, 10_000.0
-width = number(least=NARROWEST_MM, most=WIDEST_MM)
-Width = Annotated[
-    float | None, typer.Option(help="Width of the photograph on the screen.", callback=width)
-]
-Range = Annotated[
-    str | None,
-    typer.Option(
-        help="LOW,HIGH friction coefficients. [default: what is reachable]",
-        callback=numbers(is_range=True),
-    ),
-]
-Surface = Annotated[
-    Path | None,
-    typer.Option(
-        help="Surface of `haptix build`. [default: built for the path]", callback=is_there
-    ),
-]
-finger_name, screen_name = preset_or_file("finger", FINGERS), preset_or_file("screen", SCREENS)
-FingerName = Annotated[
-    str, typer.Option(help="Finger: a preset's name or a TOML file.", callback=finger_name)
-]
-ScreenName = Annotated[
-    str, typer.Option(help="Screen: a preset's name or a TOML file.", callback=screen_name)
-]
-OwnFinger = Annotated[
-    str | None,
-    typer.Option(
-        help="Finger. [default: the device's installed profile, or semi-wet]", callback=finger_name
-    ),
-]
-OwnScreen = Annotated[
-    str | None,
-    typer.Option(
-        help="Screen. [default: the device's installed profile, or 3m-sct3250]",
-        callback=screen_name,
-    ),
-]
-positive = number(above=0)
-delay_ms = number(least=0, most=1000)
-CarrierHz = Annotated[
-    float | None,
-    typer.Option(help="Frequency of the carrier. [default: 4000]", callback=positive),
-]
-DirectHz = Annotated[
-    float | None,
-    typer.Option(help="Drive at this frequency, without a carrier.", callback=positive),
-]
-Waveform = Annotated[
-    str,
-    typer.Option(
-        help="Waveform of the direct drive: sine or square.", callback=one_of("sine", "square")
-    ),
-]
-LeadMs = Annotated[
-    float,
-    typer.Option(
-        help="From computing a sample to its being played.", callback=number(above=0, most=1000)
-    ),
-]
 
 
 def render(
@@ -125,7 +41,7 @@ def render(
     mu_range: Range = None,
     material: MaterialFile = None,
     trajectory: FingerPath = None,
-    surface: Surface = None,
+    surface: SurfaceFile = None,
     finger: OwnFinger = None,
     screen: OwnScreen = None,
     carrier_hz: CarrierHz = None,
@@ -167,7 +83,7 @@ def render(
             image, width_mm, mu_range, trajectory, finger, screen, carrier_hz, direct_hz, waveform,
             material=material,
         )  # fmt: skip
-        found = _surface(setting, surface, partial(update, "surface"))
+        found = surface_of(setting, surface, partial(update, "surface"))
         simulation = simulate(
             setting,
             found,
@@ -198,7 +114,7 @@ def play(
     mu_range: Range = None,
     material: MaterialFile = None,
     trajectory: FingerPath = None,
-    surface: Surface = None,
+    surface: SurfaceFile = None,
     finger: OwnFinger = None,
     screen: OwnScreen = None,
     carrier_hz: CarrierHz = None,
@@ -239,7 +155,7 @@ def play(
                 image, width_mm, mu_range, trajectory, finger, screen, carrier_hz, direct_hz,
                 waveform, material=material,
             )  # fmt: skip
-            found = _surface(setting, surface, partial(update, "surface"))
+            found = surface_of(setting, surface, partial(update, "surface"))
             events = events_of(setting.path)
             # Not strict: after a stall of this machine, touches come too late to be of use.
             times = (reaction_ms / 1e3, horizon_ms / 1e3, lead_ms / 1e3)
@@ -274,91 +190,6 @@ def play(
         row |= {"revisions": stats.revisions, "refused": stats.refused}
         row |= {"reaction_p50_ms": p50_ms, "reaction_p99_ms": p99_ms}
     show(f"{title}; {stats.advice}" if stats.advice else title, [row], as_json)
-
-
-def setting_of(
-    image: Path | None,
-    width_mm: float | None,
-    mu_range: str | None,
-    trajectory: Path | None,
-    finger: str,
-    screen: str,
-    carrier_hz: float | None = None,
-    direct_hz: float | None = None,
-    waveform: str = "sine",
-    polarity: str = "bright-high",
-    material: Path | None = None,
-) -> tuple[Setting, str]:
-    """Return what the options describe, and a name for the photograph or the material."""
-    from haptix.finger import Finger
-    from haptix.friction import ContactModel
-    from haptix.gallery import load
-    from haptix.motion import Trajectory
-    from haptix.render import DirectWave, Drive, SineCarrier
-    from haptix.screen import Screen
-    from haptix.simulation import FINGER_PATH, Setting
-
-    if carrier_hz is not None and direct_hz is not None:
-        raise InputError("expected --carrier-hz or --direct-hz, got both")
-    drive: Drive | None = None if carrier_hz is None else SineCarrier(carrier_hz)
-    if direct_hz is not None:
-        drive = DirectWave(direct_hz, waveform)
-    path = Trajectory.from_csv(trajectory or FINGER_PATH)
-    targets = None if mu_range is None else read_pair("--mu-range", mu_range)
-    if material is None:
-        texture, name = _texture(image, width_mm, targets, polarity)
-    else:
-        if image is not None or width_mm is not None or targets is not None:
-            raise InputError("--material: expected no --image, --width-mm or --mu-range beside it")
-        texture, name = load(material), str(material)
-    model = ContactModel(Finger.named(finger), Screen.named(screen))
-    return Setting(model, texture, path, drive), name
-
-
-def current_of(current: Mapping[str, float]) -> str:
-    """Say the expected current through the person beside its limits."""
-    peak, rms = (
-        f"{current[f'{kind}_a'] * 1e3:.2g} mA (limit {current[f'limit_{kind}_a'] * 1e3:g})"
-        for kind in ("peak", "rms")
-    )
-    return f"at most {peak}, {rms} rms, through {current['capacitance_f'] * 1e12:.4g} pF"
-
-
-def _surface(setting: Setting, file: Path | None, on_progress: Any) -> FrictionSurface:
-    from haptix.surface import FrictionSurface
-
-    if file is not None:
-        return FrictionSurface.load(file, setting.model)
-    return setting.surface(on_progress)[0]
-
-
-def _texture(
-    image: Path | None,
-    width_mm: float | None,
-    mu_range: tuple[float, float] | None,
-    polarity: Any,
-) -> tuple[Feelable, str]:
-    """Texture, and what it is called."""
-    from haptix.gallery import load
-    from haptix.texture import Sidecar, Texture
-
-    if image is None:
-        try:
-            with from_extra("figures"):
-                from skimage.data import brick
-        except MissingExtraError as error:
-            if mu_range is not None:
-                raise
-            return load(_WITHOUT_PHOTOGRAPHS), f"{_WITHOUT_PHOTOGRAPHS}, no photograph: {error}"
-        width_mm = 60.0 if width_mm is None else width_mm
-        return Texture.from_image(brick(), width_mm, polarity, mu_range), _BRICKS
-    if width_mm is not None:
-        return Texture.from_image(image, width_mm, polarity, mu_range), str(image)
-    if not Sidecar.path_for(image).exists():
-        raise InputError(
-            f"--image: {image} has no {Sidecar.path_for(image).name} beside it; give --width-mm"
-        )
-    return Texture.load(image), str(image)
 
 
 def _rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:

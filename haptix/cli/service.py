@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptix.arguments import device_address, is_there, preset_or_file, text
+from haptix.arguments import device_address, is_there, text
+from haptix.cli.options import OwnFinger, OwnScreen
 from haptix.errors import InputError
-from haptix.presets import FINGERS, SCREENS
 
 if TYPE_CHECKING:
     from haptix.service.access import Access
@@ -27,28 +27,14 @@ Surface = Annotated[
     Path | None,
     typer.Option(help="Surface of `haptix build`. [default: built and kept]", callback=is_there),
 ]
-Finger = Annotated[
-    str | None,
-    typer.Option(
-        help="Finger. [default: the device's profile, or semi-wet]",
-        callback=preset_or_file("finger", FINGERS),
-    ),
-]
-Screen = Annotated[
-    str | None,
-    typer.Option(
-        help="Screen. [default: the device's profile, or 3m-sct3250]",
-        callback=preset_or_file("screen", SCREENS),
-    ),
-]
 Port = Annotated[int, typer.Option(help="TCP port on this machine.", min=0, max=65535)]
 
 
 def serve(
     device: Device = "mock:pace=real",
     surface: Surface = None,
-    finger: Finger = None,
-    screen: Screen = None,
+    finger: OwnFinger = None,
+    screen: OwnScreen = None,
     port: Port = 7421,
     listen: Annotated[
         str | None,
@@ -85,8 +71,8 @@ def serve(
 def studio(
     device: Device = "mock:pace=real",
     surface: Surface = None,
-    finger: Finger = None,
-    screen: Screen = None,
+    finger: OwnFinger = None,
+    screen: OwnScreen = None,
     port: Port = 7421,
     opens: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the page in this machine's browser.")

@@ -269,3 +269,15 @@ def test_both_command_lines_have_the_steps():
         made = run.invoke(application, [*first, "--help"])
         for step in ("plan", "measure", "reduce", "fit", "verify"):
             assert step in made.output
+
+
+@pytest.mark.parametrize("content", ["", "kind = 3"])
+def test_inputs_that_cannot_be_read_are_told_before_anything_is_planned(
+    tmp_path, monkeypatch, content
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "inputs.toml").write_text(content)
+    made = run.invoke(app, ["run", "s", "--name", "x", "--inputs", "inputs.toml"])
+    assert isinstance(made.exception, haptix.HaptixError)
+    assert "inputs.toml" in str(made.exception)
+    assert not (tmp_path / "s").exists()

@@ -67,6 +67,18 @@ def test_the_list_of_commands_says_what_each_says_itself(haptix_cli):
         assert f" {sentence} " in shown, name
 
 
+@pytest.mark.parametrize("columns", ["40", "80", "200"])
+def test_the_help_without_typer_is_the_one_with_it(haptix_cli, monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", columns)
+    fast = haptix_cli("--help")
+    slow = haptix_cli("--help", "--help")
+    assert (fast.code, fast.err) == (slow.code, slow.err) == (0, "")
+    # The first line names the program, which Typer takes pytest for.
+    usage, lines = fast.out.split("\n\n", 1)
+    assert usage == "Usage: haptix [OPTIONS] COMMAND [ARGS]..."
+    assert slow.out.split("\n\n", 1)[1] == lines
+
+
 def test_a_typing_error_names_the_command_that_is_nearest(haptix_cli):
     assert "'demo'" in haptix_cli("demmo").err
 

@@ -7,8 +7,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from typer.main import get_command
 
-import haptix.cli
 from haptix import presets
+from haptix.cli.application import app
 from haptix.figures import FIGURES
 from haptix.terms import TERMS
 from tests.command_line import run_haptix
@@ -82,7 +82,7 @@ def commands(group, before=()):
             yield " ".join((*before, name)), found
 
 
-DEFINITION = get_command(haptix.cli.app)
+DEFINITION = get_command(app)
 COMMANDS = dict(commands(DEFINITION))
 PARAMETERS = [
     (words, one.opts[0])
@@ -97,7 +97,7 @@ def typed(own_folder, monkeypatch):
     """Type one option in a folder with a file and a folder; a command that would begin exits 99."""
     (own_folder / "file").write_text("x")
     (own_folder / "folder").mkdir()
-    monkeypatch.setattr("haptix.cli.app", DEFINITION)
+    monkeypatch.setattr("haptix.cli.application.app", DEFINITION)
     monkeypatch.setitem(sys.modules, "torch", None)  # importing it would be an error
     for command in COMMANDS.values():
         monkeypatch.setattr(command, "callback", lambda *args, **kwargs: sys.exit(99))

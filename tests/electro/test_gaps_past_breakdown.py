@@ -8,7 +8,7 @@ import torch
 from typer.testing import CliRunner
 
 from haptix import ContactModel, Finger, Screen
-from haptix.cli import app
+from haptix.cli.application import app
 from haptix.electro.breakdown import bearable_field, breakdown_voltage, share_past
 
 SCREEN = Screen.preset("3m-sct3250")

@@ -1,13 +1,19 @@
 """Examples in docstrings run; pictures have alternative text; the start pages' programs run."""
 
 import doctest
+import os
 import re
+import subprocess
+import sys
 from importlib import import_module
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 
 import haptix
+from haptix.cli import COMMANDS
+from haptix.cli.application import app
 
 ROOT = Path(haptix.__file__).parents[1]
 MODULES = sorted(
@@ -51,6 +57,75 @@ def test_the_ten_lines_run(capsys):
     assert [re.sub(r"  #.*", "", program)] == second
     exec(compile(program, "README.md", "exec"), {})
     assert re.search(r"\d{4,} samples, at most \d+ V", capsys.readouterr().out)
+
+
+STARTS = [*sorted((ROOT / "docs").glob("start-*.md")), ROOT / "README.md"]
+BLOCK = re.compile(
+    r"^(?:Save this as `(?P<file>[^`]+)`:\n+)?```(?P<kind>\w+)\n(?P<text>.*?)^```", re.M | re.S
+)
+
+
+def printed(page):
+    """Files to save and commands to type, in the order of a page."""
+    text = page.read_text(encoding="utf-8")
+    for block in BLOCK.finditer(text):
+        if block["file"]:
+            yield block["file"], block["text"]
+        elif block["kind"] == "sh":
+            yield from (("sh", line) for line in block["text"].splitlines() if line)
+    yield from (("sh", line) for line in re.findall(r"^    (haptix .*?) +#", text, re.M))
+
+
+def environment(folder):
+    path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
+    return {**os.environ, "PATH": path, "PYTHONPATH": str(ROOT), "HAPTIX_CACHE": str(folder)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", STARTS, ids=lambda page: page.name)
+def test_what_a_start_page_prints_works_as_printed(page, tmp_path):
+    ran = 0
+    for kind, text in printed(page):
+        if kind != "sh":
+            (tmp_path / kind).write_text(text, encoding="utf-8")
+        elif text != "haptix studio":  # tests/service/test_command.py
+            assert text.startswith("haptix ")
+            done = subprocess.run(
+                ["bash", "-c", text], cwd=tmp_path, env=environment(tmp_path), check=False,
+                capture_output=True, text=True, stdin=subprocess.DEVNULL,
+            )  # fmt: skip
+            assert not done.returncode, f"{text}\n{done.stdout}{done.stderr}"
+            ran += 1
+    assert ran
+    if page.name == "start-app.md":
+        assert {one.name for one in (tmp_path / "haptix-demo").iterdir()} >= {
+            "demo.png",
+            "drive.wav",
+        }
+
+
+def test_commands_on_the_pages_have_the_options_that_they_name():
+    definition, tried = get_command(app), 0
+    for page in PAGES:
+        if page.name == "upgrading.md":
+            continue  # names what is gone
+        text = page.read_text(encoding="utf-8")
+        found = re.findall(r"`haptix ([a-z][^`\n]*)`", text)
+        found += re.findall(r"^(?:    )?haptix ([a-z][^\n#]*)", text, re.MULTILINE)
+        for line in found:
+            if line.split()[0] not in COMMANDS:
+                continue  # a sentence
+            command, words = definition, line.split()
+            while words and hasattr(command, "list_commands") and words[0] != "--help":
+                command, known = command.get_command(None, words[0]), command
+                assert command, f"{page.name}: haptix {line}: {known.name} has no {words[0]}"
+                words = words[1:]
+            options = {one for parameter in command.params for one in parameter.opts} | {"--help"}
+            options |= {one for parameter in command.params for one in parameter.secondary_opts}
+            named = set(re.findall(r"(?<=\s)--[a-z][a-z-]*", line))
+            assert named <= options, f"{page.name}: haptix {line}"
+            tried += 1
+    assert tried > 60
 
 
 def test_what_leads_into_the_repository_is_no_link_outside_it():

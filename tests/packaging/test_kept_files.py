@@ -14,7 +14,7 @@ import torch
 from typer.testing import CliRunner
 
 from haptix import Finger, Screen
-from haptix.cli import app
+from haptix.cli.application import app
 from haptix.electro.dielectric import VACUUM_PERMITTIVITY, SkinDielectric
 
 KEPT = Path(__file__).parents[1] / "data" / "kept-files"

@@ -3,7 +3,7 @@
 import pytest
 from typer.testing import CliRunner
 
-from haptix.cli import app
+from haptix.cli.application import app
 from haptix.errors import HaptixError
 
 

@@ -1,0 +1,59 @@
+"""The commands as Typer takes them. A command, and torch with it, loads when it is called."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from haptix.cli import ABOUT, COMMANDS
+from haptix.version import __version__
+
+
+class _Commands(TyperGroup):
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        not_made_yet: dict[str, Any] = dict.fromkeys(COMMANDS)
+        self.commands = not_made_yet
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name in COMMANDS and self.commands[cmd_name] is None:
+            module, _, name = COMMANDS[cmd_name][0].partition(":")
+            found = getattr(import_module(module), name)
+            if not isinstance(found, typer.Typer):
+                found, command = typer.Typer(add_completion=False, rich_markup_mode=None), found
+                found.command(cmd_name)(command)
+            made: Any = typer.main.get_command(found)
+            made.name = cmd_name
+            self.commands[cmd_name] = made
+        return self.commands.get(cmd_name)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, about) for name, (_, about) in COMMANDS.items()])
+
+
+app = typer.Typer(
+    name="haptix",
+    cls=_Commands,
+    help=ABOUT,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # which would take units such as [m] for markup
+)
+
+
+@app.callback(invoke_without_command=True)
+def _options(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    if version:
+        sys.stdout.write(f"haptix {__version__}\n")
+        raise typer.Exit
