@@ -18,6 +18,8 @@ from firmware_io import (
     survey_buses,
 )
 from firmware_io.links import daq, hosted
+from firmware_io.links.daq_monitor import beyond
+from firmware_io.links.daq_profile import DaqProfile
 from firmware_io.links.rig_profile import read_rig_profile
 from tests.firmware_io.pretend_daq import Card, Level, pretend
 
@@ -208,7 +210,7 @@ def test_a_profile_holds_the_rig(card, tmp_path):
     device.close()
     path.write_text("watchdog = true")
     with pytest.raises(DeviceError, match=r"watchdog in the profile .* cannot be True"):
-        read_rig_profile(path, daq.DaqProfile)
+        read_rig_profile(path, DaqProfile)
 
 
 def test_outputs_are_found(card):
@@ -223,8 +225,8 @@ def test_outputs_are_found(card):
 def test_readings_are_compared_with_the_last_samples():
     sent = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
     late = np.array([0.0, 0.0, 1.0, 2.0])  # what the output had before each edge
-    assert not daq._beyond(late, sent, 0, 10.0).any()
+    assert not beyond(late, sent, 0, 10.0).any()
     # Samples 1, 2 and 3, and 2 % of 10 V.
     read = np.array([0.7, 0.9, 3.1, 3.3])
-    off = [bool(daq._beyond(one, sent, 3, 10.0)[0]) for one in read[:, None]]
+    off = [bool(beyond(one, sent, 3, 10.0)[0]) for one in read[:, None]]
     assert off == [True, False, False, True]
