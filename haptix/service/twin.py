@@ -170,18 +170,22 @@ def main() -> None:
     if hasattr(os, "nice"):
         os.nice(NICE)
     outbox, twin, ends = Outbox(own_output()), None, threading.Event()
+    feeling: threading.Thread | None = None
     for kind, data in frames():
         if kind == JSON:
             message = parse_json(data)
             if message["do"] == "open" and twin is None:
                 twin = Twin(message["finger"], message["screen"], message["carrier_hz"])
-                threading.Thread(target=_feels, args=(twin, outbox, ends), daemon=True).start()
+                feeling = threading.Thread(target=_feels, args=(twin, outbox, ends), daemon=True)
+                feeling.start()
             outbox.say(n=message.get("n"))
         elif twin is not None and kind == TOUCHES:
             twin.touch(touches_of(data))
         elif twin is not None and kind == AMPLITUDE:
             twin.play(*amplitude_of(data))
     ends.set()
+    if feeling is not None:
+        feeling.join()  # the interpreter's end in the midst of torch's code would be an abort
     outbox.close()
 
 
