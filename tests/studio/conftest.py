@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -87,6 +88,15 @@ def a_page(browser):
 def address(front, path=""):
     """Address of a page of the front, with a code."""
     return f"http://127.0.0.1:{front.port}/#code={front.access.code()}"
+
+
+def until(is_so, wait_s=30.0):
+    """Wait until something is so; return it."""
+    end_s = time.monotonic() + wait_s
+    while not (found := is_so()) and time.monotonic() < end_s:
+        time.sleep(0.02)
+    assert found
+    return found
 
 
 def violations(page):

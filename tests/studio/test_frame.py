@@ -9,7 +9,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from tests.studio.conftest import ROOT, address, violations
+from tests.studio.conftest import ROOT, address, until, violations
 
 STATIC = ROOT / "haptix" / "studio" / "static"
 TOOLS = ROOT / "clients" / "typescript" / "node_modules"
@@ -28,6 +28,15 @@ def test_from_a_bare_start_to_armed(front, page):
     # The address no longer shows the code, and the browser knows its token.
     assert "code" not in page.url
     page.reload()
+    armed(page)
+
+
+def test_an_engine_that_answers_late_gets_its_layout_nevertheless(front, page):
+    front.engine.refuses["layout_set"] = "the engine did not answer"
+    page.goto(address(front))
+    until(lambda: len(front.engine.when("layout_set")) > 1)
+    assert not front.engine.when("arm")
+    front.engine.refuses.clear()
     armed(page)
 
 

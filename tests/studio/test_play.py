@@ -9,7 +9,7 @@ import pytest
 from fastapi import APIRouter
 
 from haptix.service.batches import TelemetryFrame, write_frame
-from tests.studio.conftest import a_front, a_page, address, violations
+from tests.studio.conftest import a_front, a_page, address, keep, until, violations
 
 STEP_S = 0.001
 BEGINS_S = itertools.count(1000.0, 10.0)  # of strokes that are told of: each is a finger's new one
@@ -38,15 +38,6 @@ def play(front, opened):
     """The page, armed, with nothing touched; one for all tests."""
     front.engine.reports.clear()
     return opened
-
-
-def until(is_so, wait_s=30.0):
-    """Wait until something is so; return it."""
-    end_s = time.monotonic() + wait_s
-    while not (found := is_so()) and time.monotonic() < end_s:
-        time.sleep(0.02)
-    assert found
-    return found
 
 
 def tell(front, felt_of_wanted, count=600, wanted=0.30, touch_id=0):
@@ -226,17 +217,18 @@ def test_two_materials_by_the_same_stroke_blind(front, play):
     assert not violations(play)
 
 
-@pytest.mark.parametrize("page_name", ["play", "screens"])
+@pytest.mark.parametrize("page_name", ["play", "screens", "calibrate", "sit"])
 def test_anyone_can_use_it(front, play, page_name):
     play.evaluate("(name) => { location.hash = `#/${name}`; }", page_name)
     play.locator(f"main.{page_name}").wait_for()
     for scheme in ("light", "dark"):
         play.emulate_media(color_scheme=scheme)
         assert not violations(play)
-    for width in (360, 768, 2560):
+    for width in (360, 768, 3840):
         play.set_viewport_size({"width": width, "height": 800})
         overflow = play.evaluate("document.documentElement.scrollWidth - innerWidth")
         assert overflow <= 0, f"{width} px"
+        keep(play, f"{page_name}-{width}")
     play.set_viewport_size({"width": 1280, "height": 800})
     play.evaluate("location.hash = '#/play'")
     play.locator(".board").wait_for()

@@ -1,5 +1,6 @@
 /** The document on the service: what is edited is felt. */
 
+import { Refused } from "/client/haptix.js";
 import { difference } from "./history.js";
 import { sentence } from "./service.js";
 
@@ -9,6 +10,7 @@ import { sentence } from "./service.js";
 /** @import * as m from "../../../clients/typescript/types/messages.js" */
 
 const GLIDE_S = 0.02;
+const [ATTEMPTS, AGAIN_MS] = [10, 500];
 const PLACES = ["x_mm", "y_mm", "rotation_deg"];
 
 /** The layout that the service has of this page: the document, or for a while another one. */
@@ -26,7 +28,7 @@ export class Layout {
     service.onBegin.push(async (session) => {
       this.#known = null;
       const wanted = this.#held ?? history.current;
-      await session.layoutSet(wanted);
+      await setAt(session, wanted);
       this.#known = wanted;
       void this.#send();
     });
@@ -62,6 +64,19 @@ export class Layout {
       this.service.notify("error", sentence(error));
     } finally {
       this.#is_sending = false;
+    }
+  }
+}
+
+/** Set a layout, also where an engine that starts on a busy machine answers late.
+ * @param {Session} session @param {m.LayoutDocument} document */
+async function setAt(session, document) {
+  for (let left = ATTEMPTS; ; left -= 1) {
+    try {
+      return await session.layoutSet(document);
+    } catch (error) {
+      if (!left || !(error instanceof Refused) || error.code !== "device") throw error;
+      await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
     }
   }
 }
