@@ -104,6 +104,15 @@ def brick(tmp_path_factory):
     return path
 
 
+EXPORTED = {
+    "Friction map": {"png", "json"},
+    "Drive as WAV": {"wav", "json"},
+    "AHAP": {"ahap", "json"},
+    "HJIF": {"hjif", "json"},
+}
+"""What each form has in its archive: the file, and what it means or lacks."""
+
+
 @pytest.mark.slow  # a whole journey; its steps are tested one by one below
 def test_a_stranger_makes_stripes_that_move_a_button_and_a_slider_of_a_photograph(
     maker, page, brick
@@ -133,6 +142,12 @@ def test_a_stranger_makes_stripes_that_move_a_button_and_a_slider_of_a_photograp
     exported = json.loads(archive.read("layout.json"))
     assert [one["name"] for one in exported["regions"]] == [*known(maker)]
     assert sum(name.startswith("assets/") for name in archive.namelist()) == 1
+    for form, names in EXPORTED.items():
+        page.get_by_text("Export", exact=True).click()
+        with page.expect_download() as download:
+            page.locator(".menu button", has=page.get_by_text(form, exact=True)).click()
+        archive = zipfile.ZipFile(io.BytesIO(download.value.path().read_bytes()))
+        assert names <= {name.rsplit(".", 1)[-1] for name in archive.namelist()}, form
     page.reload()
     page.get_by_role("button", name="Open").or_(page.locator("summary", has_text="Open")).click()
     page.get_by_role("button", name="untitled").click()
