@@ -61,6 +61,7 @@ def main():
             calibrate(page, folder)
             sit(page, folder)
             small(page, folder)
+            lost(page, folder, service)
             browser.close()
         finally:  # also when a page did not come: the service does not end by itself
             service.send_signal(signal.SIGINT)
@@ -163,6 +164,16 @@ def small(page, folder):
     page.wait_for_timeout(500)
     page.evaluate("scrollTo(0, 0)")
     _shot(page, folder / "studio-360.png", full_page=True)
+
+
+def lost(page, folder, service):
+    """What the page says once its service is gone."""
+    page.set_viewport_size({"width": 1280, "height": 800})
+    page.goto(f"{page.url.split('#')[0]}#/screens")
+    page.get_by_text("roughness: a placeholder").wait_for()
+    service.kill()
+    page.get_by_text("start it again in its terminal").wait_for()
+    _shot(page, folder / "studio-lost.png")
 
 
 def _shot(page, path, **options):
