@@ -37,8 +37,9 @@ def estimate(
         why = next((row["error"] for row in table if row["error"]), "there are none")
         raise HaptixError(f"{campaign.name}: no task could be measured: {why}")
     waiting = ledger.counts["waiting"]
-    seconds, size = (
-        sum(float(row[name] or 0) for row in done) / len(done) for name in ("seconds", "bytes")
+    seconds, cpu_seconds, size = (
+        sum(float(row[name] or 0) for row in done) / len(done)
+        for name in ("seconds", "cpu_seconds", "bytes")
     )
     at_once = getattr(executor, "workers", 1)
     row = {
@@ -46,6 +47,7 @@ def estimate(
         "done": ledger.counts["done"],
         "seconds_each": seconds,
         "hours_left": waiting * seconds / at_once / 3600,
+        "cpu_hours_left": waiting * cpu_seconds / 3600,  # whatever else the machine did
         "at_once": at_once,
         "bytes_left": round(waiting * size),
         "bytes_in_all": round(len(table) * size),

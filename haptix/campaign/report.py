@@ -52,7 +52,7 @@ def report_html(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> str:
 
 def _pictures(campaign: Campaign, done: Sequence[dict[str, Any]]) -> list[tuple[str, Figure]]:
     pictures = []
-    for name in (*campaign.shown, "seconds"):
+    for name in (*campaign.shown, "cpu_seconds"):
         values = _numbers(done, name)
         if len(values) > 1:
             figure, axes = _panel()

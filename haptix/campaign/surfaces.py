@@ -15,7 +15,7 @@ class SurfacesOfPeople(ScenesOfPeople):
     """A surface for every finger on every screen, as ``haptix build SCENE.toml`` makes it."""
 
     shown = ("mu_low", "mu_high", "mu_span", "surface_bytes")
-    maps = (("mu_low", "mu_high"), ("seconds", "error_max"))
+    maps = (("mu_low", "mu_high"), ("cpu_seconds", "error_max"))
 
     kind: Literal["surfaces"]
 

@@ -49,7 +49,7 @@ class StimulusSets(Campaign):
     """
 
     shown = ("peak_v", "files_bytes")
-    maps = (("files_bytes", "seconds"), ("peak_v", "current_peak_a"))
+    maps = (("files_bytes", "cpu_seconds"), ("peak_v", "current_peak_a"))
 
     kind: Literal["stimulus-sets"]
     recipes: _Several

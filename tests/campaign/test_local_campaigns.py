@@ -16,6 +16,7 @@ from itertools import accumulate, count, islice
 import pytest
 
 from haptix.campaign import load_campaign, run_campaign
+from haptix.campaign.costs import estimate
 from haptix.campaign.processes import Processes
 from haptix.campaign.report import report_html
 from haptix.campaign.store import Folder
@@ -99,6 +100,20 @@ def test_what_fails_has_its_reason_and_is_done_again_only_when_asked(tmp_path):
     assert calls == []
     run_campaign(plan(numbers=3, wrong=(1,)), tmp_path, on_progress=calls.append, again=True)
     assert len(calls) == 1
+
+
+def test_what_is_foretold_is_what_it_costs(tmp_path):
+    given = plan(numbers=12, seconds=0.02, file_bytes=1000)
+    [told] = estimate(given, tmp_path)[1]
+    assert (told["tasks"], told["done"], told["at_once"]) == (12, 2, 1)
+    done = run_campaign(given, tmp_path)
+    left = done.rows[2:]
+    assert told["bytes_left"] == pytest.approx(sum(row["bytes"] for row in left), rel=0.01)
+    # Each sleeps for its time, and may take longer where the machine is busy.
+    assert told["hours_left"] * 3600 >= 10 * 0.02
+    assert estimate(given, tmp_path)[1][0]["hours_left"] == 0
+    with pytest.raises(HaptixError, match="no task could be measured: ValueError: no square of 0"):
+        estimate(plan(numbers=2, wrong=(0, 1)), tmp_path / "wrong")
 
 
 class Killed(BaseException):
