@@ -131,12 +131,13 @@ def calibrate(page, folder):
     """A practice that asks for its first stroke."""
     page.get_by_role("link", name="Calibrate").click()
     page.get_by_role("button", name="Begin").click()
-    go = page.get_by_role("button", name="go", exact=True)
+    go = page.get_by_role("button", name="Go", exact=True)
     go.wait_for()
     go.click()
     page.get_by_text("Stroke 2 of").wait_for()
+    page.locator(".calibrate .uplot").last.wait_for()
     _shot(page, folder / "studio-calibrate.png")
-    page.get_by_role("button", name="stop", exact=True).click()
+    page.get_by_role("button", name="Stop for now").click()
     page.get_by_text("still open").wait_for()
 
 

@@ -128,8 +128,9 @@ def jobs_router(board: JobBoard) -> APIRouter:
     @router.get("/calibrations/{name}/report", response_class=FileResponse)
     async def report(name: Annotated[str, PathParameter(pattern=_FOLDER)]) -> FileResponse:
         """The report of a calibration: a page to keep, with its pictures inside."""
-        path = Path(board.context["calibrations"]) / name / "report.html"
-        if not path.is_file():
+        folder = board.context.get("calibrations")  # none before the engine is there
+        path = Path(folder or "") / name / "report.html"
+        if folder is None or not path.is_file():
             raise Problem("unknown", f"no calibration called {name!r} has a report", "/name")
         return FileResponse(path, filename=f"{name}.html")
 

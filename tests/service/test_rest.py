@@ -69,6 +69,7 @@ OPERATIONS = [
     *("POST /v1/surfaces", "GET /v1/surfaces", "POST /v1/headroom", "POST /v1/renderings"),
     *("POST /v1/experiments", "GET /v1/jobs", "GET /v1/jobs/{job}", "DELETE /v1/jobs/{job}"),
     *("POST /v1/jobs/{job}/answer", "POST /v1/calibrations"),
+    "GET /v1/calibrations/{name}/report",
 ]
 
 
