@@ -230,6 +230,49 @@ def test_rows_say_when_and_with_what(device, tmp_path):
         assert row["version"] == log.program() and "MOCK0001" in row["device"]
 
 
+def test_a_clock_that_was_set_back_takes_no_time_back(device, tmp_path):
+    """The last trial lies in the future of the computer's clock, by an hour."""
+    path = tmp_path / "t.tsv"
+    begin(device, path, 3)
+    last = rows_of(path)[-1]
+    later = datetime.fromisoformat(last["date"]) + timedelta(hours=1)
+    path.write_text(path.read_text().replace(last["date"], later.isoformat()))
+    experiment(device, path).run()
+    times = [float(row["time_s"]) for row in rows_of(path)]
+    assert times == sorted(times) and times[3] < times[2] + 600
+
+
+def test_a_log_goes_on_in_a_renamed_folder(device, tmp_path):
+    (tmp_path / "before").mkdir()
+    begin(device, tmp_path / "before" / "t.tsv", 3)
+    (tmp_path / "before").rename(tmp_path / "after wards")
+    run = experiment(device, tmp_path / "after wards" / "t.tsv")
+    assert run.trials == 3
+    run.run()
+    trials = [int(row["trial"]) for row in rows_of(tmp_path / "after wards" / "t.tsv")]
+    assert trials == list(range(len(trials))) and len(trials) > 3
+
+
+def test_a_disk_that_was_full_has_cost_no_trial(device, tmp_path, monkeypatch):
+    """The row that found no room is not there in part, and its trial comes again."""
+    path = tmp_path / "t.tsv"
+    begin(device, path, 3)
+    before = path.read_bytes()
+
+    def full(descriptor):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("haptix.stimuli.adaptive.log.os.fsync", full)
+        run = experiment(device, path)
+        with pytest.raises(InputError, match="No space left"):
+            run.run()
+    assert path.read_bytes() == before
+    experiment(device, path).run()
+    trials = [int(row["trial"]) for row in rows_of(path)]
+    assert trials == list(range(len(trials))) and path.read_bytes().startswith(before)
+
+
 PLACES = random.Random(22)
 
 

@@ -20,7 +20,7 @@ NO_FORCE = 65535  # of a panel that measures none
 
 
 @dataclass(frozen=True)
-class Played:
+class PlayedInterval:
     """An interval that was played."""
 
     onset_s: float
@@ -31,7 +31,7 @@ class Played:
 
 def play(
     device: Device, drive_v: npt.NDArray[np.float64], clock: Callable[[], float], code: int = 0
-) -> Played:
+) -> PlayedInterval:
     """Play to the end, and return when the output began.
 
     That is the driver's own time of the first sample, which it is asked to mark with `code`; of a
@@ -59,7 +59,7 @@ def play(
         if one.time_s is not None:
             first_s = one.time_s
     onset_s = began if first_s is None else max(began, first_s + offset_s)
-    return Played(onset_s, marked)
+    return PlayedInterval(onset_s, marked)
 
 
 def reported(device: Device) -> list[TouchReport]:

@@ -20,8 +20,8 @@ _MOST_HELD = 0.25  # of the trials, at an end of the range
 _WALKS = 100  # of a bootstrap: its spread is known to 7 %
 _LAPSE = 0.02
 _MOST_SCATTER = 2.0
-"""Of the last reversals, in steps: 8 % of good runs pass it, and 37 % with slope 1.5 and lapses of
-0.08, half of those that are off by more than 2.5 steps (150 runs of each, default settings)."""
+"""Of the last reversals, in steps: 5 to 8 % of good runs pass it, and 37 % with slope 1.5 and
+lapses of 0.08, half of those that are off by more than 2.5 dB (150 runs, default settings)."""
 
 
 @dataclass(eq=False)
