@@ -168,7 +168,7 @@ class DaqLink(HostedLink):
 
     def _write(self, count: int) -> None:
         codes, line = self._next(count)
-        volts = codes * (self._profile.card_full_scale_v / FULL_SCALE_CODE)
+        volts = codes.astype(np.float64) * (self._profile.card_full_scale_v / FULL_SCALE_CODE)
         rows = [volts, line * _LINE_V] if self._profile.has_line else [volts]
         self._writer.write_many_sample(np.array(rows), timeout=WATCHDOG_S)
         self._written += count
