@@ -152,10 +152,15 @@ def test_tiff_of_16_bits_keeps_them_and_white_may_be_zero(tmp_path):
     np.testing.assert_allclose(seen(tmp_path / "planes.tif"), luminance(COLOUR), rtol=0, atol=1e-6)
 
 
-def test_of_a_gif_that_moves_the_first_frame_is_taken(tmp_path):
-    first, second = Image.fromarray(GREY), Image.fromarray(255 - GREY)
-    first.save(tmp_path / "photo.gif", save_all=True, append_images=[second])
-    np.testing.assert_allclose(seen(tmp_path / "photo.gif"), GREY / 255, rtol=0, atol=1e-9)
+@pytest.mark.parametrize("kind", ["gif", "png", "webp"])
+def test_of_a_picture_that_moves_the_first_frame_is_taken(tmp_path, kind):
+    first, second = (Image.fromarray(one).convert("RGB") for one in (GREY, 255 - GREY))
+    path, more = tmp_path / f"photo.{kind}", {"lossless": True} if kind == "webp" else {}
+    first.save(path, save_all=True, append_images=[second], **more)
+    with Image.open(path) as opened:
+        assert opened.n_frames == 2
+    # A GIF has a palette of 256 colours, which holds all greys.
+    np.testing.assert_allclose(seen(path), GREY / 255, rtol=0, atol=1e-9)
 
 
 NOT_READ = {
