@@ -199,6 +199,7 @@ def _rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
             "rms_mu": part["error_rms_mu"],
             "p95_mu": part["error_p95_mu"],
             "p95_jnd": part["error_p95_jnd"],
+            "weighted_jnd": part["by_frequency"]["rms_jnd"],
             "what": part.get("what") or _counts(part),
         }
         for name, part in (

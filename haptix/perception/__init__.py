@@ -17,6 +17,7 @@ from haptix.perception.thresholds import (
     Difference,
     Perception,
 )
+from haptix.perception.weighting import WeightedError, weighted_error
 
 __all__ = [
     "DEFAULT_FILE",
@@ -30,6 +31,8 @@ __all__ = [
     "Difference",
     "Perception",
     "SensationInTime",
+    "WeightedError",
     "components_of_pull",
     "detection",
+    "weighted_error",
 ]

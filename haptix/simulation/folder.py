@@ -171,7 +171,10 @@ def _current(simulation: Simulation) -> dict[str, float]:
 
 
 def _plain(evaluation: Evaluation) -> dict[str, Any]:
-    return {
-        name: None if isinstance(value, float) and not isfinite(value) else value
-        for name, value in asdict(evaluation).items()
-    }
+    def plain(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: plain(one) for name, one in value.items()}
+        return None if isinstance(value, float) and not isfinite(value) else value
+
+    found: dict[str, Any] = plain(asdict(evaluation))
+    return found

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from haptix.checks import Array, number, positive
 from haptix.errors import InputError
-from haptix.perception import WEBER_FRACTION
+from haptix.perception import WEBER_FRACTION, WeightedError, weighted_error
 from haptix.status import Status
 from haptix.virtual_finger.sensing import Felt
 
@@ -47,6 +47,8 @@ class Evaluation:
     """Sliding samples at which gap or insulator break down; evaluated as if they did not."""
     average_s: float
     weber_fraction: float
+    by_frequency: WeightedError
+    """Without the moving average: felt minus target over the JND, as the skin detects it."""
 
 
 def evaluate(
@@ -131,6 +133,9 @@ def evaluate(
         breakdown=int((sliding & (felt.status == Status.BREAKDOWN)).sum()),
         average_s=float(average),
         weber_fraction=float(weber),
+        by_frequency=weighted_error(
+            (felt.mu - target) / (weber * np.where(usable, target, 1.0)), usable, 1.0 / step_s
+        ),
     )
 
 
