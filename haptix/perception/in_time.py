@@ -70,18 +70,23 @@ class SensationInTime:
         self._best_at = np.zeros(len(self._channels))
         self._taken = 0
         self._known = self._changes = 0.0
+        self._waiting = np.zeros(0)
+        self.changes = np.zeros(0)
+        """Power spectrum of the changes of the last samples, in a Hann window."""
 
     def take(self, attraction: Array) -> None:
         """Take the next samples of ``v^2 / 2``, shape (samples,), for a drive v in volts."""
         if not len(attraction):
             return
         self._count_known(attraction)
-        self._sum_up(attraction)
-        self._taken += len(attraction)
+        if len(self._waiting):
+            self._sum_up(self._waiting)
+            self._taken += len(self._waiting)
+        self._waiting = attraction
 
     def finish(self) -> Loudest:
         """Return the highest level; the attraction ends with the last sample that was taken."""
-        self._sum_up(np.zeros(self._design.taps - 1))
+        self._sum_up(np.concatenate([self._waiting, np.zeros(self._design.taps - 1)]))
         outside = 0.0
         if self._changes > 0:
             outside = max(0.0, 1.0 - self._known / self._changes)
@@ -97,7 +102,7 @@ class SensationInTime:
         """Add the energy of the changes, and of those within the data of a channel."""
         taper, inside = self._design.taper(len(attraction))
         spectrum = np.fft.rfft((attraction - attraction.mean()) * taper)
-        energy = spectrum.real**2 + spectrum.imag**2
+        self.changes = energy = spectrum.real**2 + spectrum.imag**2
         total = float(energy.sum())
         if total > _ROUNDING * float(np.sum(attraction * attraction)) * len(attraction):
             self._changes += total

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import lru_cache
 from math import inf, sqrt
 from pathlib import Path
 
@@ -114,7 +115,8 @@ class Rendering:
 
     def _carrier(self, first: int, count: int) -> Array:
         assert self.stimulus.carrier_hz is not None
-        return sine(first, count, self.stimulus.carrier_hz, self.sample_rate_hz)
+        make = sine if first else _first_carrier
+        return make(first, count, self.stimulus.carrier_hz, self.sample_rate_hz)
 
     def stream(self, threads: int = 1) -> Iterator[Block]:
         """Yield the blocks in order, rendered by `threads` threads, which change no number."""
@@ -127,6 +129,14 @@ class Rendering:
     def whole(self, threads: int = 1) -> Array:
         """Return all drive samples [V] at once, for short stimuli."""
         return np.concatenate([block.drive_v for block in self.stream(threads)])
+
+
+@lru_cache(maxsize=2)
+def _first_carrier(first: int, count: int, frequency_hz: float, sample_rate_hz: float) -> Array:
+    """Carrier of a first block: a set has many of one length."""
+    found = sine(first, count, frequency_hz, sample_rate_hz)
+    found.flags.writeable = False
+    return found
 
 
 def over_period(drive_v: Array, period: int) -> Array:

@@ -12,7 +12,8 @@ from firmware_io.limits import MAX_PEAK_A, MAX_RMS_A, series_capacitance_f
 from haptix.perception import Perception
 from haptix.status import Status
 from haptix.stimuli.apparatus import Apparatus
-from haptix.stimuli.rendering import Array, Block, Rendering, Tally
+from haptix.stimuli.audibility import heard
+from haptix.stimuli.rendering import Array, Rendering, Tally
 from haptix.surface import Column
 
 _LOOK_S = 2.0  # length of the middle of a stimulus whose spectra are taken
@@ -75,44 +76,6 @@ def spectrum(values: Array, rate_hz: float) -> tuple[Array, Array]:
 def _taper(size: int) -> Array:
     """Hann window without its zeros."""
     return np.asarray(np.hanning(size + 2)[1:-1])
-
-
-def heard(middle: Block, rate_hz: float, capacitance_f: float, known: Perception) -> dict[str, Any]:
-    """Flag a carrier or an envelope in the audible range, at the current that the finger draws.
-
-    The strongest component of the drive and that of its envelope are checked. The current of a
-    component of amplitude V at f is ``2 pi f C V / sqrt(2)``. An envelope is checked at the current
-    of the whole drive.
-    """
-    drive, square = middle.drive_v, middle.instant_v**2
-    frequency, volts = spectrum(drive, rate_hz)
-    current = 2 * np.pi * frequency * capacitance_f * volts / np.sqrt(2)
-    in_range = (frequency >= known.audibility.low_hz) & (frequency <= known.audibility.high_hz)
-    strongest = int(np.argmax(np.where(in_range, current, 0.0)))
-    slope = np.gradient(drive) * rate_hz if len(drive) > 1 else np.zeros(1)
-    total = float(capacitance_f * np.sqrt(np.mean(slope**2)))
-    _, attraction = spectrum(square - square.mean(), rate_hz)
-    # A ripple of the attraction below 1 % of its mean is not counted as an envelope.
-    moving = np.where(in_range & (attraction > 0.01 * square.mean()), attraction, 0.0)
-    carrier_hz = float(frequency[strongest])
-    envelope_hz = float(frequency[moving.argmax()]) if moving.any() else None
-    drive_flag = bool(known.audibility(carrier_hz, float(current[strongest])))
-    envelope_flag = envelope_hz is not None and known.audibility(envelope_hz, total)
-    return {
-        "audible": drive_flag or envelope_flag,
-        "drive_is_audible": drive_flag,
-        "envelope_is_audible": envelope_flag,
-        "drive_hz": carrier_hz,
-        "drive_current_a_rms": float(current[strongest]),
-        "envelope_hz": envelope_hz,
-        "current_a_rms": total,
-        "rule": (
-            f"flagged where the drive's or the envelope's strongest component lies within "
-            f"{known.audibility.low_hz:g} to {known.audibility.high_hz:g} Hz at a current of "
-            f"{known.audibility.current_a:g} A rms or more, through at most {capacitance_f:.3g} F "
-            f"({known.audibility.source})"
-        ),
-    }
 
 
 def reach(name: str, tally: Tally, response: Column) -> str:
@@ -191,6 +154,7 @@ def sidecar(
     rate = rendering.sample_rate_hz
     count = min(round(_LOOK_S * rate), rendering.samples)
     middle = tally.only or rendering.block((rendering.samples - count) // 2, count)
+    changes = tally.sensation.changes if tally.only is middle else None
     contact, highest_v = apparatus.contact(stimulus), tally.highest_amplitude_v
     assert stimulus.frequency_hz is not None  # the apparatus has asked for it
     leak = contact.at("conductance_s", highest_v) / (2 * np.pi * stimulus.frequency_hz)
@@ -236,7 +200,7 @@ def sidecar(
             "square_voltage_v2_s": tally.square_sum / rate,
             "square_current_a2_s": current["expected_rms_a"] ** 2 * length_s,
         },
-        "audibility": heard(middle, rate, capacitance, known),
+        "audibility": heard(middle, rate, capacitance, known.audibility, changes),
         "placeholders": apparatus.placeholders(),
         "is_placeholder": bool(apparatus.placeholders()),
         "surface_hash": apparatus.surface_keys(),

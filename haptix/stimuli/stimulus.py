@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from math import inf
 from re import ASCII, fullmatch
 from typing import Any, Literal, get_args
@@ -112,6 +113,10 @@ class Stimulus:
 
     def describe(self) -> dict[str, Any]:
         """Return everything that determines the stimulus, as plain values."""
+        return dict(self._described)
+
+    @cached_property
+    def _described(self) -> dict[str, Any]:
         table = {one.name: plain(getattr(self, one.name)) for one in fields(self)}
         return table | {"conditions": dict(self.conditions)}
 
