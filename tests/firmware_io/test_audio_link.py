@@ -97,6 +97,7 @@ def portaudio(monkeypatch, no_thread_is_left):
     module.PortAudioError = PortAudioError
     module.OutputStream = OutputStream
     monkeypatch.setattr(OutputStream, "refusal", None)
+    monkeypatch.setattr(hosted, "HOLD_EXTRA_S", 300.0)  # however late the callbacks come
     monkeypatch.setattr(hosted, "HOLD_S", 0.001)
     monkeypatch.setitem(sys.modules, "sounddevice", module)
     streams.clear()

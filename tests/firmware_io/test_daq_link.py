@@ -33,6 +33,7 @@ def card(monkeypatch, no_thread_is_left):
     for name, module in pretend(card).items():
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setattr(hosted, "HOLD_S", 0.001)
+    monkeypatch.setattr(hosted, "HOLD_EXTRA_S", 300.0)  # however late the card asks
     monkeypatch.setattr(daq, "WATCHDOG_S", 0.001)
     return card
 
