@@ -20,8 +20,8 @@ class Countable(Campaign):
     deadly: tuple[int, ...] = ()
     wrong: tuple[int, ...] = ()
     greedy: tuple[int, ...] = ()
-    pause_s: float = 0.0
-    """Pause in the middle of writing a file."""
+    waits_for: str = ""
+    """A file whose absence stops a worker in the middle of writing."""
     dies_writing: str = ""
     """A file that is made when a worker dies in the middle of writing, once."""
 
@@ -35,8 +35,8 @@ class Countable(Campaign):
             for harm in ("deadly", "wrong", "greedy"):
                 if number in getattr(self, harm):
                     document[harm] = True
-            if self.pause_s:
-                document["pause_s"] = self.pause_s
+            if self.waits_for:
+                document["waits_for"] = self.waits_for
             if self.dies_writing:
                 document["dies_writing"] = self.dies_writing
             yield CampaignTask(self.kind, document, {"label": f"n{number}"})
@@ -57,8 +57,8 @@ class Countable(Campaign):
         if size := document["file_bytes"]:
             data = bytes((number + i) % 251 for i in range(size))
             files["numbers.bin"] = data
-            if pause := document.get("pause_s"):
-                files = {"numbers.bin": lambda path: write_slowly(path, data, pause)}
+            if gate := document.get("waits_for"):
+                files = {"numbers.bin": lambda path: write_and_wait(path, data, Path(gate))}
             if marker := document.get("dies_writing"):
                 files = {"first.bin": data, "numbers.bin": lambda path: write(path, data, marker)}
         return Outcome({"number": number, "square": number**2}, files, {"slept": 1.0})
@@ -75,10 +75,11 @@ def write(path, data, marker):
         file.write(data[len(data) // 2 :])
 
 
-def write_slowly(path, data, pause_s):
-    """Write a file in two halves."""
+def write_and_wait(path, data, gate):
+    """Write a file in two halves, the second once there is a gate."""
     with path.open("wb") as file:
         file.write(data[: len(data) // 2])
         file.flush()
-        time.sleep(pause_s)
+        while not gate.exists():
+            time.sleep(0.01)
         file.write(data[len(data) // 2 :])
