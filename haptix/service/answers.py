@@ -11,7 +11,7 @@ from haptix.service.hub import Hub
 from haptix.service.messages import Problem
 from haptix.service.session import ServiceSession
 
-_WAIT_S = 5.0  # for the engine
+_WAIT_S, _LAYOUT_WAIT_S = 5.0, 20.0  # for the engine
 
 
 async def work(hub: Hub, session: ServiceSession) -> None:
@@ -62,7 +62,7 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
         fields = message.model_dump(exclude={"type", "id"}, exclude_none=True)
         if hub.decode is not None:
             await hub.decode(fields)
-        found = await _ask(hub, message.type, session=session.number, **fields)
+        found = await _ask(hub, message.type, session=session.layout, **fields)
         return m.LayoutReply(id=number, revision=found["revision"], sample=found.get("sample"))
     if control.holder is not session:
         raise Problem("lease", f"{message.type}: expected the lease; send acquire first")
@@ -72,6 +72,8 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
             raise problem
     elif isinstance(message, m.Play):
         fields = message.model_dump(exclude={"type", "id"})
+        if hub.decode is not None:
+            await hub.decode(fields)
         return m.PlayingMessage(
             id=number, effect_id=(await _ask(hub, "play", **fields))["effect_id"]
         )
@@ -87,7 +89,7 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
     elif message.type == "release":
         control.release("released")
     elif message.type == "arm":
-        hub.full_drive = (await _ask(hub, "arm", session=session.number)).get("full_drive")
+        hub.full_drive = (await _ask(hub, "arm", session=session.layout)).get("full_drive")
         if control.holder is not session:  # it left, or lost the lease, while the engine armed
             hub.engine.tell("stop", reason="the lease was lost while arming")
             raise Problem("lease", "arm: the lease was lost meanwhile")
@@ -99,8 +101,13 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
 
 
 async def _ask(hub: Hub, do: str, **fields: Any) -> dict[str, Any]:
+    is_layout = do.startswith("layout")  # the engine makes those beside all else
+    wait_s = _LAYOUT_WAIT_S if is_layout else _WAIT_S
     try:
-        return await asyncio.wait_for(hub.engine.ask(do, **fields), _WAIT_S)
+        return await asyncio.wait_for(hub.engine.ask(do, **fields), wait_s)
     except TimeoutError:
+        if is_layout:  # of an observer, perhaps: it stops nobody
+            why = f"{do}: took more than {wait_s:g} s and may still come; use smaller files"
+            raise Problem("limit", why) from None
         hub.engine.tell("stop", reason=f"{do} took too long")
-        raise Problem("internal", f"{do}: the engine did not answer within 5 s") from None
+        raise Problem("internal", f"{do}: the engine did not answer within {wait_s:g} s") from None

@@ -28,7 +28,7 @@ class Engine(Protocol):
 class Kept(NamedTuple):
     """The lease and layout of a holder whose socket closed, for its return."""
 
-    session: int
+    layout: int
     resume: str
     until_s: float
 
@@ -99,7 +99,7 @@ class OutputControl:
         if session is not None:
             reason = "the client that held the output is gone"
             self.engine.tell("stop", reason=reason)
-            self._kept = Kept(session.number, session.resume, until_s)
+            self._kept = Kept(session.layout, session.resume, until_s)
             self._give(None, "the holder is gone")
             self.set(state="off", reason=reason)
 
@@ -109,7 +109,7 @@ class OutputControl:
         if kept is None or not hmac.compare_digest(resume.encode(), kept.resume.encode()):
             return False
         self._kept = None
-        self.engine.tell("adopt", session=session.number, of=kept.session)
+        session.layout = kept.layout
         self._give(session, "resumed")
         return True
 
@@ -150,4 +150,4 @@ class OutputControl:
     def _forget(self) -> None:
         kept, self._kept = self._kept, None
         if kept is not None:
-            self.engine.tell("forget", session=kept.session)
+            self.engine.tell("forget", session=kept.layout)

@@ -1,9 +1,9 @@
 """``python -m haptix.service.engine``: the process that owns the surface, renderer and device.
 
 It reads frames from its standard input and answers on its standard output. Its main thread obeys
-at once what must not wait: touches, stop, sleep. A worker does what takes time: opening, arming,
-layouts. A third thread watches: without a tick for 100 ms the output sleeps, for 2 s it stops, and
-at the end of the input the process ends at 0 V. The driver's own watchdog stands below.
+at once what must not wait: touches, stop, sleep. A worker does what takes time: opening, arming.
+Another one makes layouts. One more watches: without a tick for 100 ms the output sleeps, for 2 s it
+stops, and at the end of the input the process ends at 0 V. The driver's own watchdog stands below.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ FORCES_N = (0.05, 3.0)
 TOLERANCE = "0.05 JND"
 _LOOK_S = 0.02
 _MOST_TOUCH_INTERVAL_S = 0.02  # two of a touchscreen of 100 Hz
+_LAYOUTS = ("layout_set", "layout_change", "layout_again", "forget")
+"""What is done beside all else: one session's large pictures hold nobody else up."""
 _RENDERS = (
     "haptix.devices",
     "haptix.friction.model",
@@ -75,7 +77,8 @@ class EngineServer:
 
     def __init__(self, output: BinaryIO) -> None:
         self._outbox = Outbox(output)
-        self._work: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
+        self._work: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+        self._layout_work: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self._lock = threading.Lock()  # of the renderer's coming and going
         self._renderer: Any = None
         self._stops = 0  # an arming that was overtaken by a stop is undone
@@ -94,10 +97,12 @@ class EngineServer:
 
     def run(self, source: FrameReader) -> None:
         """Obey until the input ends; then end at 0 V."""
-        worker = threading.Thread(target=self._works, name="haptix engine worker", daemon=True)
-        watcher = threading.Thread(target=self._watches, name="haptix engine watch", daemon=True)
-        worker.start()
-        watcher.start()
+        for name, target in (
+            ("worker", partial(self._works, self._work)),
+            ("layouts", partial(self._works, self._layout_work)),
+            ("watch", self._watches),
+        ):
+            threading.Thread(target=target, name=f"haptix engine {name}", daemon=True).start()
         try:
             while found := source.read():
                 # Of all that has come, the newest touches count.
@@ -132,6 +137,8 @@ class EngineServer:
             self._lift()
         elif do == "streams":
             self._telemetry.ask(message["rates"])
+        elif do in _LAYOUTS:
+            self._layout_work.put(message)
         else:
             self._work.put(message)
 
@@ -234,9 +241,11 @@ class EngineServer:
 
     # --- in turn ---------------------------------------------------------------------------------
 
-    def _works(self) -> None:
-        _load()  # while the front starts, too
-        while (message := self._work.get()) is not None:
+    def _works(self, work: queue.SimpleQueue[dict[str, Any]]) -> None:
+        if work is self._work:
+            _load()  # while the front starts, too
+        while True:
+            message = work.get()
             number = message.pop("n", None)
             do = message.pop("do")
             try:
@@ -246,6 +255,9 @@ class EngineServer:
                     "device" if do in ("arm", "disarm", "open", "lend", "take_back") else "document"
                 )
                 wrong = {"code": code, "sentence": str(error), "path": getattr(error, "path", "")}
+                answer = {"problem": wrong}
+            except MemoryError:
+                wrong = {"code": "limit", "sentence": f"{do}: takes too much memory"}
                 answer = {"problem": wrong}
             except Exception as error:  # a fault of ours ends no session
                 sys.excepthook(type(error), error, error.__traceback__)
@@ -316,11 +328,6 @@ class EngineServer:
 
     def _do_forget(self, session: int) -> None:
         self._layouts.pop(session, None)
-
-    def _do_adopt(self, session: int, of: int) -> None:
-        layout = self._layouts.pop(of, None)
-        if layout is not None:
-            self._layouts[session] = layout
 
     def _do_arm(self, session: int) -> dict[str, Any]:
         from haptix.render import LiveRenderer, LiveSettings

@@ -5,12 +5,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable, MutableMapping
+from math import inf
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, FastAPI, Header, Request, WebSocket
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse, Response
 from pydantic import BaseModel, ConfigDict, Field
+from starlette.exceptions import HTTPException
 
 from haptix.service import messages as m
 from haptix.service.access import Access
@@ -36,6 +38,8 @@ _HTTP_STATUS: dict[str, int] = {
     "device": 503,
     "internal": 500,
 }
+MOST_BODY_BYTES = 2 * 2**20
+"""Of a request; a recorded stroke of 20,000 touches has less."""
 _OPEN = ("/", "/v1/pair", "/stop")  # without a token
 
 Scope = MutableMapping[str, Any]
@@ -63,18 +67,44 @@ class Guard:
             await _refuse(scope, receive, send, 421, "this is no name of the service")
         elif not (self._access.is_known_origin(origin) or (pairs and origin != "null")):
             await _refuse(scope, receive, send, 403, "pages of this origin are not paired")
+        elif scope["type"] == "http" and int(headers.get("content-length", 0)) > _most(scope):
+            why = f"expected a body of at most {MOST_BODY_BYTES} bytes"
+            await _refuse(scope, receive, send, 413, why, "limit")
         elif scope["type"] == "http" and scope["method"] == "OPTIONS" and origin is not None:
             await Response(status_code=204, headers=_cors(origin))(scope, receive, send)
         else:
+            receive = _bounded(receive, _most(scope)) if scope["type"] == "http" else receive
             await self._app(scope, receive, _with_headers(send, origin, self._access))
 
 
-async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, why: str) -> None:
+def _most(scope: Scope) -> float:
+    """Return how many bytes a request's body may have; files of apps have limits of their own."""
+    return inf if scope["path"].startswith("/v1/assets/") else MOST_BODY_BYTES
+
+
+def _bounded(receive: Receive, most: float) -> Receive:
+    """Refuse a body that did not say how long it is, once it is too long."""
+    size = 0
+
+    async def receives() -> MutableMapping[str, Any]:
+        nonlocal size
+        message = await receive()
+        size += len(message.get("body", b""))
+        if size > most:
+            raise HTTPException(413, f"expected a body of at most {MOST_BODY_BYTES} bytes")
+        return message
+
+    return receives
+
+
+async def _refuse(
+    scope: Scope, receive: Receive, send: Send, status: int, why: str, code: str = "access"
+) -> None:
     if scope["type"] == "websocket":
         await receive()
         await send({"type": "websocket.close", "code": 4403, "reason": why})
         return
-    content = {"id": 0, "code": "access", "sentence": why, "path": ""}
+    content = {"id": 0, "code": code, "sentence": why, "path": ""}
     await JSONResponse(content, status)(scope, receive, send)
 
 
@@ -133,7 +163,7 @@ class Token(BaseModel):
 
 
 _REFUSED: dict[int | str, dict[str, Any]] = {
-    status: {"model": m.Error} for status in (403, 404, 421, 422, 429, 503)
+    status: {"model": m.Error} for status in (403, 404, 413, 421, 422, 429, 503)
 }
 
 
@@ -181,6 +211,14 @@ def application(
     async def refuse(_: Request, problem: Problem) -> Response:
         error = m.Error(id=0, code=problem.code, sentence=problem.sentence, path=problem.path)
         return JSONResponse(error.model_dump(), _HTTP_STATUS[problem.code])
+
+    @app.exception_handler(HTTPException)
+    async def refuse_request(_: Request, error: HTTPException) -> Response:
+        """Answer what the framework refuses as all else: no route, no JSON, a body too long."""
+        codes: dict[int, Any] = {404: "unknown", 405: "unknown", 413: "limit"}
+        wrong = m.Error(id=0, code=codes.get(error.status_code, "message"), sentence=error.detail)
+        status = 422 if error.status_code == 400 else error.status_code
+        return JSONResponse(wrong.model_dump(), status, error.headers)
 
     @app.exception_handler(RequestValidationError)
     async def refuse_body(_: Request, error: RequestValidationError) -> Response:

@@ -89,7 +89,7 @@ class Hub:
         if self.control.holder is session:
             self.control.keep(self.now_s() + self.keep_alive.free_s)
         else:
-            self.engine.tell("forget", session=session.number)
+            self.engine.tell("forget", session=session.layout)
         if session.streams:
             self.tell_streams()
 

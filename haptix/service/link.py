@@ -150,6 +150,10 @@ class EngineProcess(HelperProcess):
         self._told.note(do, fields)
         super().tell(do, **fields)
 
+    def layouts(self) -> list[dict[str, Any]]:
+        """Return the documents of all layouts that the engine has."""
+        return [one["document"] for one in self._told.layouts()]
+
     def touch(self, reports: list[TouchRecord]) -> None:
         """Pass touches on."""
         data = touch_frame(reports)

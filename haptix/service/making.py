@@ -19,6 +19,7 @@ import numpy as np
 from haptix.errors import HaptixError, InputError
 from haptix.files import parse_json
 from haptix.service.decoding import FOLDER as DECODED
+from haptix.service.decoding import PICTURES
 from haptix.service.helper_input import frames
 from haptix.service.job_work import limit_memory
 from haptix.service.outbox import Outbox, own_output
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
 _NICE = 15  # a picture may wait: at the start for the virtual finger, which is felt first
 _FORCES_N = (0.1, 0.2, 0.5, 1.0, 2.0, 3.0)
 _FORCE_N = 0.5  # what is asked for where nobody says another
+_BYTES_PER_PIXEL = 48  # of a texture: the pixels, its pyramid, and one level more
+MOST_SAMPLES, MOST_TABLE_BYTES = 48_000 * 60, 2_000_000
+"""Of a sound, and of a table or model: what the engine reads in a second or two."""
 
 
 class Making:
@@ -115,12 +119,35 @@ class Making:
         }
 
     def decode(self, digest: str) -> dict[str, Any]:
-        """Keep the pixels of a picture for the engine, which decodes none."""
-        from haptix.texture.pictures import read_pixels
+        """Look at a file for the engine, which decodes no picture; tell the memory that it takes.
 
-        for path in self._assets.glob(f"{digest}.*"):
-            read_pixels("image", path)
-        return {}
+        The pixels of a picture are kept. Other files must be short: the engine reads them itself.
+        """
+        path = next(iter(self._assets.glob(f"{digest}.*")))
+        if path.suffix in PICTURES:
+            from haptix.texture.pictures import read_pixels
+
+            pixels, _ = read_pixels("image", path)
+            return {"bytes": pixels.shape[0] * pixels.shape[1] * _BYTES_PER_PIXEL}
+        with path.open("rb") as file:
+            head = file.read(4)
+        if head in (b"RIFF", b"fLaC"):
+            from haptix.signals.audio import count_samples
+
+            count = count_samples(path)
+            if count > MOST_SAMPLES:
+                raise InputError(
+                    f"file: expected a sound of at most {MOST_SAMPLES} samples, a minute at 48 kHz,"
+                    f" got {count}"
+                )
+            return {"bytes": 16 * count}
+        size = path.stat().st_size
+        if size > MOST_TABLE_BYTES:
+            raise InputError(
+                f"file: expected a table or model of at most {MOST_TABLE_BYTES / 1e6:g} MB, got "
+                f"{size / 1e6:.3g} MB; thin it out"
+            )
+        return {"bytes": 64 * size}
 
     def export(self, document: dict[str, Any], form: str, y_mm: float) -> dict[str, Any]:
         """Return a layout in a form of interchange, as an archive of files."""
@@ -189,6 +216,8 @@ def main() -> None:
         except HaptixError as error:
             path = getattr(error, "path", "")
             answer = {"problem": {"code": "document", "sentence": str(error), "path": path}}
+        except MemoryError:
+            answer = {"problem": {"code": "limit", "sentence": f"{do}: takes too much memory"}}
         except Exception as error:
             sys.excepthook(type(error), error, error.__traceback__)
             sentence = f"{do}: {type(error).__name__}: {error}"

@@ -132,7 +132,7 @@ def serve(
             await asyncio.gather(maker.stop(), decoder.stop())
             await link.stop()
 
-        hub.decode = Decoding(assets, decoder)
+        hub.decode = Decoding(assets, decoder, link.layouts)
         routes = APIRouter()
         routes.include_router(documents_router(maker, folder / "layouts"))
         routes.include_router(drive_router(hub, maker))

@@ -59,6 +59,9 @@ class ServiceSession:
 
     def __init__(self, number: int, origin: str | None, now_s: Callable[[], float]) -> None:
         self.number, self.origin = number, origin
+        self.layout = (
+            number  # by which the engine knows its layout; a client that returns has its own
+        )
         self.name = ""
         self.resume = secrets.token_urlsafe(16)
         self.clock = ClientClock()

@@ -63,15 +63,13 @@ class Told:
             self._layouts.setdefault(session, KeptLayout()).change(fields["ops"])
         elif do == "forget":
             self._layouts.pop(session, None)
-        elif do == "adopt" and fields["of"] in self._layouts:
-            self._layouts[session] = self._layouts.pop(fields["of"])
         elif do in ("intensity", "mute", "pause"):
             self._settings[do] = dict(fields)
 
+    def layouts(self) -> list[dict[str, Any]]:
+        """Return the layouts of all sessions, as fields of `layout_again`."""
+        return [{"session": session, **one.again} for session, one in self._layouts.items()]
+
     def again(self) -> list[tuple[str, dict[str, Any]]]:
         """Return what a new engine is to be told."""
-        layouts = [
-            ("layout_again", {"session": session, **one.again})
-            for session, one in self._layouts.items()
-        ]
-        return [*layouts, *self._settings.items()]
+        return [*(("layout_again", one) for one in self.layouts()), *self._settings.items()]

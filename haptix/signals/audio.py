@@ -166,6 +166,18 @@ def read_audio(path: str | Path, first: int = 0, count: int = -1) -> tuple[Array
             return file.read(count, dtype="float64", always_2d=True), rate
 
 
+def count_samples(path: str | Path) -> int:
+    """Count the samples of a WAV or FLAC file, of all channels, by its header.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no such file.
+    """
+    with reading(path, "a WAV or FLAC file"), soundfile.SoundFile(path) as file:
+        return int(file.frames * file.channels)
+
+
 def read_drive(
     path: str | Path, full_scale_v: float, first: int = 0, count: int = -1
 ) -> tuple[Array, Array | None, float]:

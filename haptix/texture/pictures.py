@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 import warnings
 from functools import cache
 from math import prod
@@ -49,6 +50,7 @@ _NOT_READ = (
     (0, b"<svg", "an SVG drawing"),
     (0, b"<?xml", "an XML document or SVG drawing"),
 )
+_MOST_PAGES = 100  # of a TIFF: pyramids and thumbnails have a few
 _KEPT_AS_THEY_ARE = (tifffile.PHOTOMETRIC.MINISWHITE, tifffile.PHOTOMETRIC.MINISBLACK,
                      tifffile.PHOTOMETRIC.RGB)  # fmt: skip
 _CONVERTED = ("PALETTE", "SEPARATED", "YCBCR", "CIELAB")  # by Pillow
@@ -279,6 +281,7 @@ def _header(name: str, file: Path | io.BytesIO) -> tuple[tuple[int, ...], int]:
     """Shape of the pixels, and bytes of each channel of one."""
     # TIFF is read by tifffile, which may take more of a file than Pillow's first frame.
     if isinstance(file, Path) and file.suffix.lower() in (".tif", ".tiff"):
+        _check_pages(name, file)
         with tifffile.TiffFile(file) as tiff:
             return _tiff_header(name, tiff)
     with warnings.catch_warnings():
@@ -287,6 +290,26 @@ def _header(name: str, file: Path | io.BytesIO) -> tuple[tuple[int, ...], int]:
             # A palette, and what is transparent by one colour, become channels.
             channels = max(len(picture.getbands()), 4 if picture.has_transparency_data else 1)
             return (picture.height, picture.width, 3 if picture.mode == "P" else channels), 2
+
+
+def _check_pages(name: str, file: Path) -> None:
+    """Refuse a TIFF whose pages are many, or lead back: tifffile would follow them for ever."""
+    with file.open("rb") as opened:
+        head = opened.read(16)
+        order = "<" if head[:2] == b"II" else ">"
+        is_big = head[2:4] in (b"+\0", b"\0+")
+        count, offset, entry = ("Q", "Q", 20) if is_big else ("H", "I", 12)
+        at = struct.unpack_from(order + offset, head, 8 if is_big else 4)[0]
+        size, most = file.stat().st_size, struct.calcsize(order + offset)
+        for _ in range(_MOST_PAGES):
+            if not 0 < at < size:
+                return
+            opened.seek(at)
+            tags = struct.unpack(order + count, opened.read(struct.calcsize(count)))[0]
+            opened.seek(at + struct.calcsize(order + count) + entry * tags)
+            after = opened.read(most)
+            at = struct.unpack(order + offset, after)[0] if len(after) == most else 0
+    raise InputError(f"{name} has more than {_MOST_PAGES} pages; save one as PNG")
 
 
 def _tiff_header(name: str, tiff: tifffile.TiffFile) -> tuple[tuple[int, ...], int]:

@@ -82,7 +82,7 @@ class Input:
 @pytest.mark.parametrize("error", [DeviceError("starved"), ZeroDivisionError("a fault of ours")])
 def test_a_driver_that_fails_while_the_front_is_silent_ends_at_0_v(monkeypatch, at, error):
     monkeypatch.setattr(engine_module, "SLEEP_S", 60.0 if at == "events" else 0.01)
-    monkeypatch.setattr(EngineServer, "_works", lambda self: None)
+    monkeypatch.setattr(EngineServer, "_works", lambda self, work: None)
     if isinstance(error, ZeroDivisionError):
         monkeypatch.setattr("sys.excepthook", lambda *what: None)
     monkeypatch.setattr("haptix.service.telemetry.Telemetry.tell", lambda *what: None)

@@ -63,23 +63,21 @@ def test_the_layout_of_a_new_engine_is_the_old_one_s(tmp_path_factory, changes):
         assert felt(new, x_mm) == felt(layout, x_mm)
 
 
-def test_settings_and_adopted_layouts_are_kept_and_others_forgotten():
+def test_settings_and_layouts_are_kept_and_others_forgotten():
     told = Told()
     for session in (1, 2):
         told.note("layout_set", {"session": session, "document": {"regions": []}})
     for do, fields in [
-        ("adopt", {"session": 5, "of": 1}),
-        ("adopt", {"session": 6, "of": 4}),  # it had none
         ("forget", {"session": 2}),
         ("intensity", {"value": 0.4}),
         ("intensity", {"value": 0.5}),
         ("mute", {"on": True}),
-        ("arm", {"session": 5}),
+        ("arm", {"session": 1}),
         ("stop", {"reason": "x"}),
     ]:
         told.note(do, fields)
     (first, layout), *settings = told.again()
-    assert (first, layout["session"]) == ("layout_again", 5)
+    assert (first, layout["session"]) == ("layout_again", 1)
     assert settings == [("intensity", {"value": 0.5}), ("mute", {"on": True})]
 
 
