@@ -147,8 +147,9 @@ def test_a_bomb_in_a_file_is_refused_and_nobody_else_notices(service, name):
         assert refused["code"] in ("document", "limit") and len(refused["sentence"]) > 20
         assert client.ask("inventory")["type"] == "inventory"
         assert "curve" not in material or holder.ask("play", effect=material)["type"] == "error"
-        assert service.hub.control.output.state == "armed"
-        assert [do for do, *_ in service.engine.told] == []  # the engine hears of none of it
+        assert service.hub.control.output.state != "off"
+        # The engine hears of none of it. The holder reads nothing meanwhile, and may fall asleep.
+        assert {do for do, *_ in service.engine.told} <= {"sleep", "wake"}
 
 
 def test_a_short_sound_passes(service):
@@ -200,7 +201,7 @@ def test_a_layout_that_takes_long_stops_nobody(service, monkeypatch):
         refused = client.ask("layout_set", document={"regions": []})
         assert (refused["code"], refused["id"]) == ("limit", client.number)
         assert not service.engine.when("stop")
-        assert service.hub.control.output.state == "armed"
+        assert service.hub.control.output.state != "off"
 
 
 def post(service, route, body, **headers):

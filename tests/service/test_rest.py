@@ -47,6 +47,7 @@ def made(tmp_path_factory):
     hub.profiles = profiles_of(
         Finger.preset(names["finger"]), Screen.preset(names["screen"]), names
     )
+    hub.jobs.context["calibrations"] = str(folder / "calibrations")
     (folder / "layouts").mkdir()
     documents = documents_router(RefusingMaker(), folder / "layouts")
     app = application(hub, AssetStore(folder / "assets"), documents=documents)
