@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from haptix.campaign import Population, load_campaign, run_campaign
 from haptix.campaign.kinds import kind_named
-from haptix.cli import app
+from haptix.cli.application import app
 from haptix.errors import InputError
 from haptix.fidelity import BoundaryElementBox
 from haptix.finger import Finger
