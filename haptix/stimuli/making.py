@@ -84,7 +84,10 @@ class MakingJob:
                 "nearest reachable friction"
             )
         reused = sum(one.is_reused for one in made)
-        return self._publish([one.table for one in made], tables, reused)
+        known = {
+            beside(str(one.table["file"])): one.sidecar_sha256 for one in made if one.sidecar_sha256
+        }
+        return self._publish([one.table for one in made], known, tables, reused)
 
     def _tables(self) -> dict[str, bytes]:
         """Trial tables and their descriptions, by their names."""
@@ -147,12 +150,17 @@ class MakingJob:
         return [one for first in sorted(found) for one in found[first]]
 
     def _publish(
-        self, found: list[dict[str, Any]], tables: dict[str, bytes], reused: int
+        self,
+        found: list[dict[str, Any]],
+        known: dict[str, str],
+        tables: dict[str, bytes],
+        reused: int,
     ) -> SetResult:
+        """Move everything into place; `known` has hashes of sidecars, by their names."""
         parts = self.parts
         self.on_progress("write", 0.0)
         files = [str(table["file"]) for table in found]
-        known = {str(table["file"]): str(table["sha256"]) for table in found}
+        known = known | {str(table["file"]): str(table["sha256"]) for table in found}
         # Finished files are drafts, or published by an earlier run.
         places = {
             name: next(path for path in (self.drafts / name, self.folder / name) if path.exists())

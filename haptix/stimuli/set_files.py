@@ -37,6 +37,8 @@ class Made:
     unreachable: str = ""
     is_reused: bool = False
     """Whether an earlier run had finished it."""
+    sidecar_sha256: str = ""
+    """Hash of the sidecar's file, where it was written now."""
 
 
 @dataclass(frozen=True)
@@ -143,8 +145,10 @@ class SetFiles:
             "recipe_sha256": recipe,
         }
         draft.replace(self.drafts / name)
-        (self.drafts / beside(name)).write_text(json_table(table), encoding="utf-8")
-        return Made(table, (), "" if tally.is_reached else reach(name, tally, response))
+        text = json_table(table).encode()
+        (self.drafts / beside(name)).write_bytes(text)
+        unreachable = "" if tally.is_reached else reach(name, tally, response)
+        return Made(table, (), unreachable, sidecar_sha256=hashlib.sha256(text).hexdigest())
 
     def _recipe(self, stimulus: Stimulus, index: int) -> str:
         """Hash of everything that determines a file and its sidecar."""
