@@ -69,6 +69,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
         self._handlers: dict[str, list[Callable[[Any], None]]] = {}
         self._number = self._batch = 0
         self._kept: dict[str, dict[str, Any]] = {}
+        self._watched: set[str] = set()  # jobs
         self._ended = "it was not opened"  # why there is no connection; "" while there is one
         self._closes = False
         self._socket: ClientConnection | None = None
@@ -132,6 +133,8 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
             fields = {"streams": self._kept.get(kind, {}).get("streams", {}) | fields["streams"]}
         if kind in _KEPT:
             self._kept[kind] = fields
+        if kind == "watch":
+            self._watched.add(fields["job"])
         return found
 
     async def acquire(self, takeover: bool = False) -> m.Lease:
@@ -178,7 +181,10 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
         await self._send(write_touches(touches, self._batch))
 
     async def watch(self, job: str) -> m.JobMessage:
-        """Return how far a job is; `on("job", ...)` is called with its changes until it ends."""
+        """Return how far a job is; `on("job", ...)` is called with its changes until it ends.
+
+        So it is with how far the job is then, after each time that the connection was lost.
+        """
         found: m.JobMessage = await self.ask("watch", job=job)
         return found
 
@@ -207,6 +213,11 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
             self._resume = self.welcome.resume
             for kind, fields in list(self._kept.items()):
                 await self.ask(kind, **fields)
+            for job in list(self._watched):
+                try:
+                    self._tell("job", await self.ask("watch", job=job))  # it may have ended since
+                except Refused:  # another service knows none
+                    self._watched.discard(job)
         except BaseException:
             self._ended = self._ended or "it could not be opened"
             await socket.close()

@@ -8,6 +8,8 @@ import pytest
 
 import haptix.client
 from haptix.errors import DeviceError, InputError
+from haptix.service.jobs import Job
+from haptix.service.messages import JobMessage
 
 
 def wait_for(condition, seconds=30.0):
@@ -64,6 +66,29 @@ def test_a_broken_connection_is_opened_again_with_the_lease_and_disarmed(service
         h.touches([haptix.service.messages.TouchMessage(t_s=h.now_s(), x_px=40.0, y_px=0.0)])
         wait_for(lambda: len(service.engine.reports) > count)
         assert service.engine.reports[-1].x_mm == 10.0  # the geometry was told again
+
+
+def test_a_job_is_watched_over_a_broken_connection_and_told_what_was_missed(service, connect):
+    fields = {"kind": "surface", "state": "running"}
+    job, gone = (Job(JobMessage(job=name, **fields), {}, lambda _: None) for name in ("a1", "b2"))
+    jobs = service.hub.jobs._jobs
+    jobs.update(a1=job, b2=gone)
+    with connect("test") as h:
+        told = []
+        for kind in ("job", "resumed"):
+            h.on(kind, told.append)
+        assert h.watch("a1").state == h.watch("b2").state == "running"
+        job.message = job.message.model_copy(update={"state": "done"})  # while nobody hears
+        del jobs["b2"]
+        h.acquire()
+        h.arm()
+        with pytest.raises(DeviceError):
+            h.ask("play", effect={"kind": "cut"})
+        wait_for(lambda: any(event.type == "welcome" for event in told))
+        assert [(one.job, one.state) for one in told if one.type == "job"] == [("a1", "done")]
+        session = service.hub.sessions[h.welcome.session]
+        assert session.watched == {"a1"}
+    del jobs["a1"]
 
 
 def test_a_handler_that_fails_or_asks_ends_nothing(service, connect, caplog):
