@@ -14,7 +14,7 @@ from calibration.campaigns import CalibrationFits
 from calibration.rig import RIG, RigCheck
 from calibration.steps import RESTS_ON, fit_folder, reduce_folder, verify_folder
 from haptix.campaign import run_campaign
-from haptix.cli import app as whole
+from haptix.cli.application import app as whole
 from haptix.errors import InputError
 
 run = CliRunner()

@@ -27,7 +27,7 @@ from calibration.recording import StrokeRecording
 from calibration.reduction import Reduced
 from calibration.session import SessionInfo
 from haptix import HaptixError
-from haptix.cli import app
+from haptix.cli.application import app
 from haptix.contact.boundary_elements.ensemble import run_ensemble
 from haptix.errors import FileFormatError
 from haptix.files import read_csv, read_json, read_toml
