@@ -41,7 +41,9 @@ def survey_buses() -> list[BusReport]:
             reports.append(BusReport(kind, True, detail, tuple(devices)))
         # Whatever a third-party library raises is a finding about this computer, not our error.
         except Exception as error:
-            detail = f"{str(error) or type(error).__name__} ({bus.remedy})"
+            # A missing extra names the command itself, which the remedy says as well.
+            why = str(error).partition("; run: pip")[0] or type(error).__name__
+            detail = f"{why} ({bus.remedy})"
             reports.append(BusReport(kind, False, detail, ()))
     return reports
 

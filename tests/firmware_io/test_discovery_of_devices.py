@@ -150,6 +150,12 @@ def test_a_missing_library_is_a_reason(monkeypatch, kind, module, package):
     assert list_devices()[0].address == "mock:"
 
 
+def test_a_missing_extra_names_its_command_once(monkeypatch):
+    for name in ("serial", "serial.tools", "serial.tools.list_ports"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert report("serial").detail.count("pip install") == 1
+
+
 def test_a_library_that_fails_is_a_reason(monkeypatch):
     core: Any = ModuleType("usb.core")
 
