@@ -28,6 +28,8 @@ packages=(
     # the client in C#
     mono-mcs mono-runtime libmono-system4.0-cil libmono-system-core4.0-cil libnewtonsoft-json5.0-cil
     python3
+    # decimal commas: files do not depend on them
+    locales
 )
 
 # The client for pages and Node, its types and its tests; Node comes with npm, or from Debian.
