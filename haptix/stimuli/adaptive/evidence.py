@@ -24,7 +24,8 @@ MOST_SHIFT = 0.75
 """Of a threshold, in its own spreads, by assumptions: 5 % of runs of 200 trials at 8 levels pass it
 where the assumption holds, and 87 % where slope and lapse rate are 1.5 and 0.08. Of runs that it
 was not chosen by, three intervals and 30 trials at each of 7 levels: 0 to 8 % of slopes 2 to 8 with
-lapse rates of at most 0.02, and 83 % of those of 1.5 and 0.08 (200 runs of each)."""
+lapse rates of at most 0.02, and 83 % of those of 1.5 and 0.08 (200 runs of each). With 20 trials at
+each of 6 levels off its centre, 3 % of slope 4 and 14 % of slope 2."""
 
 _LAPSES = (0.0, 0.01, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12)
 _THRESHOLDS = 121
