@@ -47,6 +47,7 @@ namespace Haptix
         readonly ManualResetEventSlim _closing = new ManualResetEventSlim();
         readonly Thread _thread;
         readonly Dictionary<string, double> _streams = new Dictionary<string, double>();
+        readonly HashSet<string> _watched = new HashSet<string>(); // jobs
         Dictionary<string, string[]> _columns = new Dictionary<string, string[]>();
         Geometry _geometry;
         Link _link; // null while there is no connection
@@ -165,8 +166,13 @@ namespace Haptix
 
         public Task<Inventory> Inventory() { return Ask<Inventory>(new Plain { Type = "inventory" }); }
 
-        /// <summary>Return how far a job is; `Job` tells its changes until it ends. Not told to who connects again.</summary>
-        public Task<Job> Watch(string job) { return Ask<Job>(new Watch { Type = "watch", Job = job }); }
+        /// <summary>Return how far a job is; `Job` tells its changes until it ends, and how far it is after a lost connection.</summary>
+        public async Task<Job> Watch(string job)
+        {
+            Job found = await Ask<Job>(new Watch { Type = "watch", Job = job }).ConfigureAwait(false);
+            lock (_gate) _watched.Add(job);
+            return found;
+        }
 
         /// <summary>Ask for a stream of `Frame` at a rate; 0 ends it.</summary>
         public async Task<Subscribed> Subscribe(string stream, double rateHz)

@@ -79,7 +79,7 @@ namespace Haptix
             Restore(again).ContinueWith(done => done.Exception, TaskContinuationOptions.OnlyOnFaulted);
         }
 
-        /// <summary>The service keeps lease and layout for who resumes; these two are of the session.</summary>
+        /// <summary>The service keeps lease and layout for who resumes; these are of the session.</summary>
         async Task Restore(bool again)
         {
             if (_geometry != null) await Ask<Done>(_geometry).ConfigureAwait(false);
@@ -87,6 +87,13 @@ namespace Haptix
             lock (_gate) streams = new Dictionary<string, double>(_streams);
             if (streams.Count > 0)
                 await Ask<Subscribed>(new Subscribe { Type = "subscribe", Streams = streams }).ConfigureAwait(false);
+            string[] watched;
+            lock (_gate) watched = new List<string>(_watched).ToArray();
+            foreach (string job in watched)
+            {
+                try { Tell(await Ask<Job>(new Watch { Type = "watch", Job = job }).ConfigureAwait(false)); }
+                catch (Refused) { lock (_gate) _watched.Remove(job); } // another service knows none
+            }
             _isWelcome = true;
             if (again) Tell(new Resumed { Welcome = Welcome });
             else _opened.TrySetResult(this);

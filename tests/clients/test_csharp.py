@@ -4,11 +4,15 @@ import os
 import shutil
 import subprocess
 
+from haptix.service.jobs import Job
+from haptix.service.messages import JobMessage
 from tests.clients.compiled import CSHARP, compiled
 
 
 def test_client(service, tmp_path):
     program = compiled(tmp_path / "test.exe", CSHARP / "Test")
+    watched = JobMessage(job="a1", kind="surface", state="running")
+    service.hub.jobs._jobs["a1"] = Job(watched, {}, lambda _: None)
     folder = service.access._folder
     done = subprocess.run(
         ["mono", program, CSHARP.parent / "golden"],

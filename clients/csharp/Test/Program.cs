@@ -183,11 +183,14 @@ static class Program
         {
             await h.Geometry(4);
             await h.Subscribe("stats", 10);
+            string state = (await h.Watch("a1")).State;
+            h.On<Job>(job => state += ", " + job.State);
             await h.Acquire();
             await h.Arm();
             Task slow = h.Play("{\"kind\": \"cut\"}"); // the engine of the tests closes the socket
             Resumed resumed = Check.Next<Resumed>(h, () => { });
             Check.That(resumed.Welcome.Lease.IsMine && h.Output.State == "off", "the lease, disarmed");
+            Check.That(state == "running, running", "the job is watched again: " + state);
             await h.Arm();
             Check.Next<Contact>(h, () => h.Touches(new[] {
                 new TouchReport { TimeS = Session.NowS, InPixels = true, Kind = TouchKind.Down } }));
