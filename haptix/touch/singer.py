@@ -221,21 +221,26 @@ class InteractingSinger(SingerKalman):
 def _mixed(weight: float, one: tuple[float, ...], other: tuple[float, ...]) -> tuple[float, ...]:
     """Return mean and covariance of two models, of which the first has a weight."""
     rest = 1.0 - weight
-    x, y, vx, vy, ax, ay = (b - a for a, b in zip(one[:6], other[:6], strict=True))
+    x, y, vx, vy, ax, ay, xx, xv, xa, vv, va, aa = one
+    x1, y1, vx1, vy1, ax1, ay1, xx1, xv1, xa1, vv1, va1, aa1 = other
+    x1 -= x
+    y1 -= y
+    vx1 -= vx
+    vy1 -= vy
+    ax1 -= ax
+    ay1 -= ay
     # Both axes have one covariance: so their spread is the mean of both.
-    spread = (
-        x * x + y * y, x * vx + y * vy, x * ax + y * ay,
-        vx * vx + vy * vy, vx * ax + vy * ay, ax * ax + ay * ay,
-    )  # fmt: skip
     half = 0.5 * weight * rest
-    means = [weight * a + rest * b for a, b in zip(one[:6], other[:6], strict=True)]
     return (
-        *means,
-        *(
-            weight * a + rest * b + half * s
-            for a, b, s in zip(one[6:], other[6:], spread, strict=True)
-        ),
-    )
+        x + rest * x1, y + rest * y1, vx + rest * vx1, vy + rest * vy1,
+        ax + rest * ax1, ay + rest * ay1,
+        weight * xx + rest * xx1 + half * (x1 * x1 + y1 * y1),
+        weight * xv + rest * xv1 + half * (x1 * vx1 + y1 * vy1),
+        weight * xa + rest * xa1 + half * (x1 * ax1 + y1 * ay1),
+        weight * vv + rest * vv1 + half * (vx1 * vx1 + vy1 * vy1),
+        weight * va + rest * va1 + half * (vx1 * ax1 + vy1 * ay1),
+        weight * aa + rest * aa1 + half * (ax1 * ax1 + ay1 * ay1),
+    )  # fmt: skip
 
 
 def _noise(recent: tuple[float, ...]) -> float | None:
