@@ -208,7 +208,8 @@ def test_round_trip(tmp_path, paper_fit):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("{}", "expected a fit, made by"),
+        ("{}", "expected the fields of a Fit, got none"),
+        ('{"schema_version": 1}', "expected a fit, made by"),
         ("[", "expected a JSON file"),
         ('{"format": "haptix fit", "schema_version": 2}', "schema_version 1, got 2"),
         ('{"format": "haptix fit", "schema_version": 1}', r"Fit\.estimates: field required"),

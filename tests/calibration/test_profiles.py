@@ -206,5 +206,5 @@ def test_a_practice_from_nothing_to_a_verdict(tmp_path):
 
 
 def test_a_run_needs_a_name_and_its_own_folder(tmp_path, monkeypatch):
-    made = CliRunner().invoke(app, ["run", str(tmp_path / "s")])
+    made = CliRunner().invoke(app, ["run", str(tmp_path / "s"), "--source", "virtual"])
     assert "--name: expected a name" in str(made.exception)
