@@ -22,13 +22,13 @@ from haptix.stimuli.adaptive import ConstantStimuli, Method, Quest, UpDown
 
 GRID = np.arange(6.0, 45.0, 1.0)
 CEILING = 46.0
+DRAWN = ((1.0, 2.0, 3.5, 5.0, 8.0), (0.0, 0.02, 0.05, 0.1))
 METHODS: dict[str, Callable[[int], Method]] = {
     "up-down": lambda seed: UpDown(36.0),
     "quest+": lambda seed: Quest(GRID, GRID, trials=40),
     "quest+ free": lambda seed: Quest(GRID, GRID, DRAWN[0], lapse=DRAWN[1], trials=100),
     "constant-stimuli": lambda seed: ConstantStimuli(range(12, 34, 3), 25, seed),
 }
-DRAWN = ((1.0, 2.0, 3.5, 5.0, 8.0), (0.0, 0.02, 0.05, 0.1))
 OBSERVERS: tuple[Any, ...] = ((3.5, 0.02), (2.5, 0.02), (5.0, 0.02), (1.5, 0.02), (1.5, 0.08), None)
 
 

@@ -11,6 +11,7 @@ import json
 import struct
 import zlib
 from http.client import HTTPConnection
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,9 +42,16 @@ class MakerHere:
             raise Problem("document", str(error)) from None
 
 
+class MakingService(Service):
+    """A service that decodes what a document names, in this process."""
+
+    store: AssetStore
+    layouts: list[Any]
+
+
 @pytest.fixture(scope="module")
 def service(tmp_path_factory):
-    service = Service(tmp_path_factory.mktemp("service"))
+    service = MakingService(tmp_path_factory.mktemp("service"))
     store = service.store = AssetStore(service.folder / "assets")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(decoded, "_place", None)
@@ -99,7 +107,7 @@ def chunks(kind, data):
 
 MUCH = zlib.compress(bytes(20_000_000), 9)
 SOUND = {"kind": "transient", "curve": {"kind": "recorded"}}
-BOMBS = {
+BOMBS: dict[str, tuple[bytes, str, dict[str, Any]]] = {
     "png of gigabytes": (bomb(60_000), ".png", {"kind": "photograph", "width_mm": 9.0}),
     "png of text": (chunks(b"zTXt", b"a\0\0" + MUCH), ".png", {"kind": "heights", "width_mm": 9.0}),
     "png of colours": (chunks(b"iCCP", b"a\0\0" + MUCH), ".png", {"kind": "photograph"}),
