@@ -163,6 +163,11 @@ class Access:
             return False
         return page["origin"] in self.origins if origin is None else page["origin"] == origin
 
+    def owner_of(self, token: str) -> str:
+        """Return whose a token that was let in is: a page's origin, or "programs" of this user."""
+        page = self._pages.get(_hash(token))
+        return "programs" if page is None else page["origin"]
+
     def _paired(self, origin: str) -> bool:
         return any(page["origin"] == origin for page in self._pages.values())
 

@@ -48,7 +48,7 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
         hub.tell_streams()
         return m.Subscribed(id=number, columns=wanted)
     if isinstance(message, m.Watch):
-        job = hub.jobs.get(message.job).message
+        job = hub.jobs.get(message.job, session.owner).message
         session.watched.add(message.job)
         return job.model_copy(update={"id": number})
     if isinstance(message, m.Plain) and message.type == "inventory":

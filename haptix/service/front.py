@@ -206,6 +206,7 @@ def application(
         given = (authorization or "").removeprefix("Bearer ")
         if not hub.access.lets_in(given, request.headers.get("origin")):
             raise Problem("access", "expected the header Authorization: Bearer TOKEN")
+        request.state.owner = hub.access.owner_of(given)
 
     @app.exception_handler(Problem)
     async def refuse(_: Request, problem: Problem) -> Response:

@@ -238,7 +238,7 @@ class Hub:
             session.refuse(message.id, wrong)
             session.close(4400 if wrong.code == "version" else 4403, wrong.sentence)
             return
-        session.name = message.client
+        session.name, session.owner = message.client, self.access.owner_of(message.token)
         for old in list(self.sessions.values()):
             # It noticed first that its connection was lost: the old socket looks open here.
             if old is not session and hmac.compare_digest(

@@ -29,6 +29,8 @@ class Job(HelperProcess):
 
     Parameters
     ----------
+    owner : str
+        Whose it is; nobody else is told of it.
     message : JobMessage
         What is told of it.
     fields : dict
@@ -38,10 +40,14 @@ class Job(HelperProcess):
     """
 
     def __init__(
-        self, message: JobMessage, fields: dict[str, Any], tell: Callable[[JobMessage], None]
+        self,
+        owner: str,
+        message: JobMessage,
+        fields: dict[str, Any],
+        tell: Callable[[JobMessage], None],
     ) -> None:
         super().__init__("job_work", "job", _FULL_S)
-        self.message, self._fields, self._tell = message, fields, tell
+        self.owner, self.message, self._fields, self._tell = owner, message, fields, tell
         self._over = asyncio.Event()
 
     @property
@@ -113,6 +119,8 @@ class Job(HelperProcess):
 class JobBoard:
     """All jobs: one runs, up to eight wait, the last fifty are remembered.
 
+    A job belongs to who began it: its prompts and its result may be a participant's data.
+
     Parameters
     ----------
     engine : Engine
@@ -136,7 +144,7 @@ class JobBoard:
         self._queue: deque[Job] = deque()
         self._runner: asyncio.Task[None] | None = None
 
-    def begin(self, kind: Kind, **fields: Any) -> JobMessage:
+    def begin(self, kind: Kind, owner: str, **fields: Any) -> JobMessage:
         """Queue a job.
 
         Raises
@@ -147,7 +155,7 @@ class JobBoard:
         if len(self._queue) >= MOST_QUEUED:
             raise Problem("limit", f"expected at most {MOST_QUEUED} jobs that wait; cancel one")
         message = JobMessage(job=secrets.token_hex(8), kind=kind, state="queued")
-        job = Job(message, {**fields, "context": self.context}, self._tell)
+        job = Job(owner, message, {**fields, "context": self.context}, self._tell)
         for old in [one for one in self._jobs.values() if one.is_over][: len(self._jobs) - _KEPT]:
             del self._jobs[old.message.job]
         self._jobs[message.job] = job
@@ -156,39 +164,39 @@ class JobBoard:
             self._runner = asyncio.create_task(self._runs())
         return message
 
-    def get(self, name: str) -> Job:
-        """Return a job.
+    def get(self, name: str, owner: str) -> Job:
+        """Return an owner's job.
 
         Raises
         ------
         Problem
-            If there is none of this name.
+            If the owner has none of this name.
         """
-        if name not in self._jobs:
-            raise Problem("unknown", f"no job is called {name!r:.40}", "/job")
-        return self._jobs[name]
+        job = self._jobs.get(name)
+        if job is None or job.owner != owner:
+            raise Problem("unknown", f"no job of yours is called {name!r:.40}", "/job")
+        return job
 
-    def all(self) -> tuple[JobMessage, ...]:
-        """Return what is known of all jobs, the oldest first."""
-        return tuple(job.message for job in self._jobs.values())
+    def all(self, owner: str) -> tuple[JobMessage, ...]:
+        """Return what is known of an owner's jobs, the oldest first."""
+        return tuple(job.message for job in self._jobs.values() if job.owner == owner)
 
-    def cancel(self, name: str) -> None:
+    def cancel(self, job: Job) -> None:
         """End a job."""
-        job = self.get(name)
         with suppress(ValueError):
             self._queue.remove(job)
         job.cancel()
 
     def end_playing(self) -> None:
         """End all jobs that play or wait to; the driver's watchdog ends at 0 V."""
-        for name, job in list(self._jobs.items()):
+        for job in list(self._jobs.values()):
             if job.message.kind in ON_DEVICE:
-                self.cancel(name)
+                self.cancel(job)
 
     async def stop(self) -> None:
         """End all jobs."""
-        for name in list(self._jobs):
-            self.cancel(name)
+        for job in list(self._jobs.values()):
+            self.cancel(job)
         if self._runner is not None:
             await self._runner
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Request, Response
 from fastapi import Path as PathParameter
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
@@ -92,38 +92,38 @@ class Answer(BaseModel):
 
 
 def jobs_router(board: JobBoard) -> APIRouter:
-    """Return the routes of a board of jobs."""
+    """Return the routes of a board of jobs, whose requests know their `state.owner`."""
     router = APIRouter(prefix="/v1", responses={409: {"model": Error}})
 
     @router.post("/surfaces", status_code=202)
-    async def surface(asked: SurfaceAsked) -> JobMessage:
+    async def surface(request: Request, asked: SurfaceAsked) -> JobMessage:
         """Build a surface and keep it; one that is kept is found."""
-        return board.begin("surface", **asked.model_dump())
+        return board.begin("surface", request.state.owner, **asked.model_dump())
 
     @router.get("/surfaces")
-    async def surfaces() -> tuple[JobMessage, ...]:
+    async def surfaces(request: Request) -> tuple[JobMessage, ...]:
         """Surfaces that were asked for, with their progress."""
-        return tuple(one for one in board.all() if one.kind == "surface")
+        return tuple(one for one in board.all(request.state.owner) if one.kind == "surface")
 
     @router.post("/headroom", status_code=202)
-    async def headroom(asked: HeadroomAsked) -> JobMessage:
+    async def headroom(request: Request, asked: HeadroomAsked) -> JobMessage:
         """Count where a material asks for more, or less, than a screen can give."""
-        return board.begin("headroom", **asked.model_dump())
+        return board.begin("headroom", request.state.owner, **asked.model_dump())
 
     @router.post("/renderings", status_code=202)
-    async def rendering(asked: RenderingAsked) -> JobMessage:
+    async def rendering(request: Request, asked: RenderingAsked) -> JobMessage:
         """Feel a recorded stroke through a material: the numbers of `haptix render`."""
-        return board.begin("rendering", **asked.model_dump())
+        return board.begin("rendering", request.state.owner, **asked.model_dump())
 
     @router.post("/experiments", status_code=202)
-    async def experiment(asked: ExperimentAsked) -> JobMessage:
+    async def experiment(request: Request, asked: ExperimentAsked) -> JobMessage:
         """Run an adaptive experiment on the device; each trial asks."""
-        return board.begin("experiment", **asked.model_dump())
+        return board.begin("experiment", request.state.owner, **asked.model_dump())
 
     @router.post("/calibrations", status_code=202)
-    async def calibration(asked: CalibrationAsked) -> JobMessage:
+    async def calibration(request: Request, asked: CalibrationAsked) -> JobMessage:
         """Measure a screen stroke by stroke, and verify; each stroke asks."""
-        return board.begin("calibration", **asked.model_dump())
+        return board.begin("calibration", request.state.owner, **asked.model_dump())
 
     @router.get("/calibrations/{name}/report", response_class=FileResponse)
     async def report(name: Annotated[str, PathParameter(pattern=_FOLDER)]) -> FileResponse:
@@ -135,25 +135,25 @@ def jobs_router(board: JobBoard) -> APIRouter:
         return FileResponse(path, filename=f"{name}.html")
 
     @router.get("/jobs")
-    async def jobs() -> tuple[JobMessage, ...]:
-        """All jobs, the oldest first."""
-        return board.all()
+    async def jobs(request: Request) -> tuple[JobMessage, ...]:
+        """Your jobs, the oldest first: a page's, or those of all programs of this user."""
+        return board.all(request.state.owner)
 
     @router.get("/jobs/{job}")
-    async def job(job: JobName) -> JobMessage:
+    async def job(request: Request, job: JobName) -> JobMessage:
         """How far a job is, what it asks, and its result."""
-        return board.get(job).message
+        return board.get(job, request.state.owner).message
 
     @router.delete("/jobs/{job}", status_code=204)
-    async def cancel(job: JobName) -> Response:
+    async def cancel(request: Request, job: JobName) -> Response:
         """End a job."""
-        board.cancel(job)
+        board.cancel(board.get(job, request.state.owner))
         return Response(status_code=204)
 
     @router.post("/jobs/{job}/answer", status_code=204)
-    async def answer(job: JobName, asked: Answer) -> Response:
+    async def answer(request: Request, job: JobName, asked: Answer) -> Response:
         """Answer what a job asks."""
-        board.get(job).answer(asked.text)
+        board.get(job, request.state.owner).answer(asked.text)
         return Response(status_code=204)
 
     return router

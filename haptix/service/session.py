@@ -62,7 +62,7 @@ class ServiceSession:
         self.layout = (
             number  # by which the engine knows its layout; a client that returns has its own
         )
-        self.name = ""
+        self.name = self.owner = ""
         self.resume = secrets.token_urlsafe(16)
         self.clock = ClientClock()
         self.geometry: m.Geometry | None = None

@@ -12,7 +12,7 @@ from tests.clients.compiled import CSHARP, compiled
 def test_client(service, tmp_path):
     program = compiled(tmp_path / "test.exe", CSHARP / "Test")
     watched = JobMessage(job="a1", kind="surface", state="running")
-    service.hub.jobs._jobs["a1"] = Job(watched, {}, lambda _: None)
+    service.hub.jobs._jobs["a1"] = Job("programs", watched, {}, lambda _: None)
     folder = service.access._folder
     done = subprocess.run(
         ["mono", program, CSHARP.parent / "golden"],

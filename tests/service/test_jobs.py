@@ -53,9 +53,11 @@ def service(tmp_path_factory):
         service.close()
 
 
-def rest(service, method, path, body=None, status=None):
+def rest(service, method, path, body=None, status=None, page=None):
+    """Ask as a program, or as a page: its origin and its token."""
     connection = HTTPConnection("127.0.0.1", service.port, timeout=20)
-    headers = {"Authorization": f"Bearer {service.access.native}"}
+    origin, token = page or (None, service.access.native)
+    headers = {"Authorization": f"Bearer {token}"} | ({"Origin": origin} if origin else {})
     text = None if body is None else json.dumps(body)
     headers |= {"Content-Type": "application/json"} if text else {}
     connection.request(method, path, text, headers)
@@ -89,7 +91,7 @@ def test_one_runs_eight_wait_and_any_can_be_cancelled(service):
     assert until(service, jobs[1], "queued")["share"] == 0.0
     with Client(service) as client:
         client.ask("watch", job=jobs[0])
-        pid = service.hub.jobs.get(jobs[0]).pid
+        pid = service.hub.jobs.get(jobs[0], "programs").pid
         for job in jobs[2:] + jobs[:1]:
             rest(service, "DELETE", f"/v1/jobs/{job}", status=204)
         told = client.until(lambda m: m["type"] == "job" and m["id"] == 0)
@@ -97,7 +99,7 @@ def test_one_runs_eight_wait_and_any_can_be_cancelled(service):
     wait_for(lambda: not is_alive(pid), 30.0)
     # A process that is killed from outside fails its job alone, and the next goes on.
     hang(service, jobs[1])
-    os.kill(service.hub.jobs.get(jobs[1]).pid, signal.SIGKILL)
+    os.kill(service.hub.jobs.get(jobs[1], "programs").pid, signal.SIGKILL)
     assert "code -9" in until(service, jobs[1], "failed")["sentence"]
     after = begin(service, "experiments", recipe={"ceiling_v": 190.0}, log="never")
     assert "no volts" in until(service, after, "failed")["sentence"]
@@ -106,7 +108,7 @@ def test_one_runs_eight_wait_and_any_can_be_cancelled(service):
 def hang(service, job):
     """Stop the process of a job, so that it is busy for as long as the test wants."""
     until(service, job, "running")
-    os.kill(service.hub.jobs.get(job).pid, signal.SIGSTOP)
+    os.kill(service.hub.jobs.get(job, "programs").pid, signal.SIGSTOP)
 
 
 def is_alive(pid):
@@ -115,6 +117,25 @@ def is_alive(pid):
     except ProcessLookupError:
         return False
     return True
+
+
+def test_a_job_is_known_to_who_began_it_alone(service):
+    pages = []
+    for origin in ("https://lab.example", "https://other.example"):
+        pages.append((origin, service.access.pair(service.access.code(), origin, "page")))
+    lab, other = pages
+    body = {"recipe": {"ceiling_v": 190.0}, "log": "of-a-participant"}
+    job = rest(service, "POST", "/v1/experiments", body, 202, lab)["job"]
+    assert [one["job"] for one in rest(service, "GET", "/v1/jobs", None, 200, lab)] == [job]
+    for who in (other, None):  # another page, and a program
+        assert job not in str(rest(service, "GET", "/v1/jobs", None, 200, who))
+        for method, path in (("GET", ""), ("DELETE", ""), ("POST", "/answer")):
+            given = {"text": "1"} if path else None
+            refused = rest(service, method, f"/v1/jobs/{job}{path}", given, 404, who)
+            assert refused["code"] == "unknown"
+    with Client(service) as client:
+        assert client.ask("watch", job=job)["code"] == "unknown"
+    rest(service, "DELETE", f"/v1/jobs/{job}", None, 204, lab)
 
 
 @pytest.mark.slow  # loads torch in a process; refusals and answers are quick above and below

@@ -27,9 +27,9 @@ class Played:
         board.begin = self.begin
         self.board = board
 
-    def begin(self, kind, recipe=None, log="", participant=1):
+    def begin(self, kind, owner, recipe=None, log="", participant=1):
         message = JobMessage(job=f"{len(self.begun) + 1:x}", kind=kind, state="queued")
-        job = Job(message, {}, self.board._tell)
+        job = Job(owner, message, {}, self.board._tell)
         played: Any = job
         played.tell = self.hear
         self.board._jobs[message.job] = job
@@ -47,7 +47,7 @@ class Played:
 
 def test_a_calibration_asks_is_answered_and_reports(front, page):
     played = Played(front)
-    played.board.begin = lambda kind, name, minutes: played.begin(kind, {}, name)
+    played.board.begin = lambda kind, owner, name, minutes: played.begin(kind, owner, {}, name)
     page.add_init_script(KEEP_PLOTS)
     page.goto(address(front))
     page.get_by_role("link", name="Calibrate").click()
