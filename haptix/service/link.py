@@ -1,4 +1,4 @@
-"""The engine, and the twin beside it, as the service's front sees them."""
+"""The engine, and the virtual finger beside it, as the service's front sees them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from haptix.service.told import Told
 from haptix.service.wire import AMPLITUDE, TELEMETRY, TouchRecord, frame, touch_frame
 
 _AGAIN_S = 1.0  # from the end of a process to its next start
-_ENGINE_FULL_S, _TWIN_FULL_S = 0.05, 1.0
+_ENGINE_FULL_S, _FINGER_FULL_S = 0.05, 1.0
 
 
-class TwinProcess(HelperProcess):
+class FeltFingerProcess(HelperProcess):
     """The virtual finger; it runs once somebody has asked for what is felt.
 
     Parameters
@@ -26,7 +26,7 @@ class TwinProcess(HelperProcess):
     """
 
     def __init__(self, hear_frame: Callable[[bytes], None]) -> None:
-        super().__init__("twin", "twin", _TWIN_FULL_S)
+        super().__init__("felt_finger", "felt_finger", _FINGER_FULL_S)
         self._hear_frame = hear_frame
         self._opening: dict[str, Any] = {}
         self._is_wanted = self._is_open = self._is_kept = False
@@ -100,7 +100,7 @@ class EngineProcess(HelperProcess):
     hear : callable
         Takes the engine's events.
     hear_frame : callable
-        Takes telemetry, of the engine and of its twin.
+        Takes telemetry, of the engine and of its virtual finger.
     """
 
     def __init__(
@@ -115,14 +115,14 @@ class EngineProcess(HelperProcess):
         self._ends = self._is_open = False
         self._rates: dict[str, float] = {}
         self._told = Told()
-        self.twin = TwinProcess(hear_frame)
+        self.felt_finger = FeltFingerProcess(hear_frame)
 
     async def start(self) -> dict[str, Any]:
         """Start the engine; return what it has opened."""
         await self.launch()
         found = await super().ask("open", **self._opening)
         self._is_open = True
-        self.twin.opens({name: found[name] for name in ("finger", "screen", "carrier_hz")})
+        self.felt_finger.opens({name: found[name] for name in ("finger", "screen", "carrier_hz")})
         if self._rates:
             self.tell("streams", rates=self._rates)
         for do, fields in self._told.again():
@@ -140,13 +140,13 @@ class EngineProcess(HelperProcess):
     async def stop(self) -> None:
         """End at 0 V."""
         self._ends = True
-        await asyncio.gather(super().stop(), self.twin.stop())
+        await asyncio.gather(super().stop(), self.felt_finger.stop())
 
     def tell(self, do: str, **fields: Any) -> None:
         """Say something that has no answer."""
         if do == "streams":
             self._rates = fields["rates"]
-            self.twin.want(self._rates.get("felt", 0.0) > 0)
+            self.felt_finger.want(self._rates.get("felt", 0.0) > 0)
         self._told.note(do, fields)
         super().tell(do, **fields)
 
@@ -158,18 +158,18 @@ class EngineProcess(HelperProcess):
         """Pass touches on."""
         data = touch_frame(reports)
         self.write(data)
-        self.twin.feed(data)
+        self.felt_finger.feed(data)
 
     def heard(self, message: dict[str, Any]) -> None:
         """Pass events on."""
         self._hear(message)
 
     def heard_frame(self, kind: int, data: bytes) -> None:
-        """Pass telemetry on, and what was played to the twin."""
+        """Pass telemetry on, and what was played to the virtual finger."""
         if kind == TELEMETRY:
             self._hear_frame(data)
         elif kind == AMPLITUDE:
-            self.twin.feed(frame(AMPLITUDE, data))
+            self.felt_finger.feed(frame(AMPLITUDE, data))
 
     def ended(self, code: int | None) -> None:
         """Start it again."""

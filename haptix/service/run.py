@@ -91,7 +91,7 @@ def serve(
     async def run() -> None:
         starting = asyncio.create_task(link.start())
         if warms:
-            link.twin.load()
+            link.felt_finger.load()
         await asyncio.sleep(0)  # its process starts here, and loads while this one does
         from fastapi import APIRouter
 
@@ -125,7 +125,7 @@ def serve(
             decoder.opening = maker.opening
             warming.append(asyncio.create_task(decoder.warm("warm_decoder")))
             if warms:
-                link.twin.warm()
+                link.felt_finger.warm()
                 warming.append(asyncio.create_task(maker.warm()))
 
         async def end() -> None:

@@ -14,7 +14,7 @@ from haptix.service.session import ServiceSession
 
 _GATHER_S = 0.005
 """Batches that come closer to each other are passed on together: each pass costs the front, the
-engine and the twin a turn. A batch that comes later than that is passed on at once."""
+engine and the virtual finger a turn. A batch that comes later than that is passed on at once."""
 _TURNS_S = 0.0005  # for the loop to read what has come meanwhile
 
 

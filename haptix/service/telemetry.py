@@ -1,4 +1,4 @@
-"""What the engine tells of what is played: counts, friction, and the amplitude for the twin."""
+"""What the engine tells of what is played: counts, friction, amplitude for the virtual finger."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ def touches_of(data: bytes) -> list[TouchRecord]:
 
 
 def amplitude_frame(t0_s: float, step_s: float, amplitude_v: Array) -> bytes:
-    """Return a frame of what was played, for the twin: amplitudes [V] at even times."""
+    """Return a frame of what was played, for the virtual finger: amplitudes [V] at even times."""
     samples = np.asarray(amplitude_v, dtype="<f4").tobytes()
     return frame(AMPLITUDE, _AMPLITUDE.pack(t0_s, step_s) + samples)
 

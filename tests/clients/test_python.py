@@ -70,7 +70,9 @@ def test_a_broken_connection_is_opened_again_with_the_lease_and_disarmed(service
 
 def test_a_job_is_watched_over_a_broken_connection_and_told_what_was_missed(service, connect):
     fields = {"kind": "surface", "state": "running"}
-    job, gone = (Job("programs", JobMessage(job=name, **fields), {}, lambda _: None) for name in ("a1", "b2"))
+    job, gone = (
+        Job("programs", JobMessage(job=name, **fields), {}, lambda _: None) for name in ("a1", "b2")
+    )
     jobs = service.hub.jobs._jobs
     jobs.update(a1=job, b2=gone)
     with connect("test") as h:

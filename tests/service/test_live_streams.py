@@ -22,7 +22,7 @@ def test_two_fingers_are_told_apart_and_what_is_told_was_played(tmp_path):
             client.ask("subscribe", streams={"friction": 250, "felt": 1000})
             client.arm()
             began_s = client.now_s()
-            # The twin makes its tables first, and a busy machine takes long.
+            # The virtual finger makes its tables first, and a busy machine takes long.
             while (now_s := client.now_s()) < began_s + 60.0 and is_short(frames):
                 x_mm = 50 + 30 * np.sin(2 * (now_s - began_s))
                 client.touch(float(x_mm), 20.0, 0.5, touch_id=4)

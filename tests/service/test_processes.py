@@ -262,7 +262,7 @@ def test_the_front_is_killed_or_hangs(running, how):
     with running.connect() as client:
         sliding = felt(running, client)
         client.ask("subscribe", streams={"felt": 100.0})
-        wait_until(lambda: len(running.helpers) > 1)  # the twin starts
+        wait_until(lambda: len(running.helpers) > 1)  # the virtual finger starts
         helpers = running.helpers
         began_s = time.monotonic()
         os.kill(running.process.pid, how)
@@ -270,7 +270,7 @@ def test_the_front_is_killed_or_hangs(running, how):
         limit_s = 0.05 if how == signal.SIGKILL else 0.1 + 0.02 + 0.05
         assert running.volts_end_s(began_s) < limit_s + BUSY_S
         if how == signal.SIGKILL:
-            # The twin may still import what it needs, and hears of the end after that.
+            # The virtual finger may still import what it needs, and hears of the end after that.
             wait_until(lambda: not any(Path(f"/proc/{one}").exists() for one in helpers), 60.0)
         else:
             os.kill(running.process.pid, signal.SIGCONT)

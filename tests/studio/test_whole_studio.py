@@ -38,7 +38,7 @@ def armed(page):
 
 
 def slide_until_felt(page):
-    """The twin makes its tables first, and a busy machine takes long."""
+    """The virtual finger makes its tables first, and a busy machine takes long."""
     for _ in range(20):
         if slide(page) != "–":
             return

@@ -1,4 +1,4 @@
-"""``python -m haptix.service.twin``: a virtual finger that feels what the engine plays, live.
+"""``python -m haptix.service.felt_finger``: a virtual finger feels what the engine plays, live.
 
 It reads touches and amplitudes as frames, and tells what each finger feels, a tenth of a second
 later at most. It runs apart from the engine, and at a lower priority, so that the engine keeps its
@@ -78,7 +78,7 @@ class FingerPath:
         return self.up_s is None or self.up_s > t_s
 
 
-class Twin:
+class FeltFinger:
     """Feels what is played along the paths of the fingers that touch.
 
     Parameters
@@ -169,33 +169,33 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
         os.nice(NICE)
-    outbox, twin, ends = Outbox(own_output()), None, threading.Event()
+    outbox, finger, ends = Outbox(own_output()), None, threading.Event()
     feeling: threading.Thread | None = None
     for kind, data in frames():
         if kind == JSON:
             message = parse_json(data)
-            if message["do"] == "open" and twin is None:
-                twin = Twin(message["finger"], message["screen"], message["carrier_hz"])
-                feeling = threading.Thread(target=_feels, args=(twin, outbox, ends), daemon=True)
+            if message["do"] == "open" and finger is None:
+                finger = FeltFinger(message["finger"], message["screen"], message["carrier_hz"])
+                feeling = threading.Thread(target=_feels, args=(finger, outbox, ends), daemon=True)
                 feeling.start()
             outbox.say(n=message.get("n"))
-        elif twin is not None and kind == TOUCHES:
-            twin.touch(touches_of(data))
-        elif twin is not None and kind == AMPLITUDE:
-            twin.play(*amplitude_of(data))
+        elif finger is not None and kind == TOUCHES:
+            finger.touch(touches_of(data))
+        elif finger is not None and kind == AMPLITUDE:
+            finger.play(*amplitude_of(data))
     ends.set()
     if feeling is not None:
         feeling.join()  # the interpreter's end in the midst of torch's code would be an abort
     outbox.close()
 
 
-def _feels(twin: Twin, outbox: Outbox, ends: threading.Event) -> None:
+def _feels(finger: FeltFinger, outbox: Outbox, ends: threading.Event) -> None:
     while not ends.wait(_PART_S):
         try:
-            for one in twin.feel(time.monotonic()):
+            for one in finger.feel(time.monotonic()):
                 outbox.tell(frame(TELEMETRY, write_frame(one)))
         except HaptixError as error:  # such as a path that no finger slides: the next part may do
-            sys.stderr.write(f"haptix twin: {error}\n")
+            sys.stderr.write(f"haptix felt finger: {error}\n")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The twin's process: killed and hung, it is started again and feels on."""
+"""The virtual finger's process: killed and hung, it is started again and feels on."""
 
 import asyncio
 import os
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from haptix.service.batches import read_frame
-from haptix.service.link import TwinProcess
+from haptix.service.link import FeltFingerProcess
 from haptix.service.wire import TouchRecord, amplitude_frame, touch_frame
 
 pytestmark = pytest.mark.slow  # loads torch three times
@@ -24,42 +24,42 @@ def test_a_twin_that_dies_or_hangs_is_started_again():
 
 async def scenario():
     frames = []
-    twin = TwinProcess(frames.append)
-    twin.opens(OPENING)
-    twin.feed(amplitude_frame(0.0, 1e-3, np.zeros(3)))  # there is none yet: nothing happens
-    twin.want(True)
+    finger = FeltFingerProcess(frames.append)
+    finger.opens(OPENING)
+    finger.feed(amplitude_frame(0.0, 1e-3, np.zeros(3)))  # there is none yet: nothing happens
+    finger.want(True)
     try:
         for end in (signal.SIGKILL, signal.SIGSTOP, None):
-            await feels(twin, frames)
-            pid = twin.pid
+            await feels(finger, frames)
+            pid = finger.pid
             if end is not None:
                 os.kill(pid, end)
-                # More than in life, so that a twin that does not read is noticed soon.
-                await feeds(twin, lambda pid=pid: twin.pid not in (None, pid), copies=50)
+                # More than in life, so that a finger that does not read is noticed soon.
+                await feeds(finger, lambda pid=pid: finger.pid not in (None, pid), copies=50)
     finally:
-        twin.kill()
-        await twin.stop()
-    assert twin.pid is None
+        finger.kill()
+        await finger.stop()
+    assert finger.pid is None
 
 
-async def feels(twin, frames):
+async def feels(finger, frames):
     """Slide until something is felt."""
     frames.clear()
-    await feeds(twin, lambda: len(frames) > 2)
+    await feeds(finger, lambda: len(frames) > 2)
     felt = read_frame(frames[-1])
     assert (felt.stream, felt.touch_id) == ("felt", 5)
     assert np.isfinite(felt.rows[:, 0]).any()
 
 
-async def feeds(twin, is_over, copies=1):
+async def feeds(finger, is_over, copies=1):
     """Play a steady amplitude under a finger that slides, until something is so."""
     now_s = played_s = began_s = time.monotonic()
     while not is_over():
         assert now_s < began_s + 120, "it did not happen"
         x_mm = 25 + 20 * np.sin(4 * (now_s - began_s))
-        twin.feed(touch_frame([TouchRecord(now_s, 5, "move", x_mm, 5.0, 0.5, None)]))
+        finger.feed(touch_frame([TouchRecord(now_s, 5, "move", x_mm, 5.0, 0.5, None)]))
         now_s = time.monotonic()
         points = int((now_s - played_s) / STEP_S)
-        twin.feed(amplitude_frame(played_s, STEP_S, np.full(points, 90.0)) * copies)
+        finger.feed(amplitude_frame(played_s, STEP_S, np.full(points, 90.0)) * copies)
         played_s += points * STEP_S
         await asyncio.sleep(0.01)

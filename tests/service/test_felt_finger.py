@@ -7,7 +7,7 @@ from haptix import FrictionSurface, Texture
 from haptix.motion import Trajectory
 from haptix.perception import WEBER_FRACTION
 from haptix.render import LiveSettings
-from haptix.service.twin import Twin
+from haptix.service.felt_finger import FeltFinger
 from haptix.service.wire import TouchRecord
 from haptix.simulation.played import Setting, play_live
 from haptix.virtual_finger import TouchPanel, VirtualFinger
@@ -24,8 +24,8 @@ def path():
 
 
 @pytest.fixture(scope="module")
-def twin():
-    return Twin("semi-wet", "3m-sct3250", 4000.0)
+def felt_finger():
+    return FeltFinger("semi-wet", "3m-sct3250", 4000.0)
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +36,8 @@ def played(model):
     return play_live(Setting(model, STRIPES, path()), surface, panel, settings, "mock:")
 
 
-def feel(twin, played, every, lag_s=0.0):
-    """Play a stroke to the twin as the service does, and return times and friction."""
+def feel(felt_finger, played, every, lag_s=0.0):
+    """Play a stroke to the virtual finger as the service does, and return times and friction."""
     amplitude, step_s = played.collected("amplitude_v"), played.renderer.step_s
     reports = [
         TouchRecord(t_s, 3, "move", x_mm, y_mm, force_n, None)
@@ -49,21 +49,21 @@ def feel(twin, played, every, lag_s=0.0):
     frames = []
     for number, first in enumerate(range(0, len(amplitude), 240)):
         part, t0_s = amplitude[first : first + 240], played.start_s + (first + 1) * step_s
-        twin.play(t0_s, step_s, part)
+        felt_finger.play(t0_s, step_s, part)
         now_s = t0_s + len(part) * step_s
-        twin.touch([one for one in reports if one.t_s <= now_s - lag_s])
+        felt_finger.touch([one for one in reports if one.t_s <= now_s - lag_s])
         reports = [one for one in reports if one.t_s > now_s - lag_s]
         if number % every == 0:
-            frames += twin.feel(now_s)
-    frames += twin.feel(now_s + 1.0)
+            frames += felt_finger.feel(now_s)
+    frames += felt_finger.feel(now_s + 1.0)
     assert {frame.touch_id for frame in frames} == {3}
     times = [frame.t0_s + frame.step_s * np.arange(len(frame.rows)) for frame in frames]
     return np.concatenate(times), np.concatenate([frame.rows[:, 0] for frame in frames])
 
 
 @pytest.mark.parametrize(("every", "lag_s"), [(2, 0.0), (3, 0.03)])
-def test_felt_is_what_haptix_render_feels(twin, played, model, every, lag_s):
-    t_s, mu = feel(twin, played, every, lag_s)
+def test_felt_is_what_haptix_render_feels(felt_finger, played, model, every, lag_s):
+    t_s, mu = feel(felt_finger, played, every, lag_s)
     whole = played.feel(VirtualFinger(model))
     expected = np.interp(t_s, whole.t_s, whole.mu)
     # Before the fade-in and once it ends there are steps, which the whole's band limit softens.
@@ -73,23 +73,23 @@ def test_felt_is_what_haptix_render_feels(twin, played, model, every, lag_s):
     assert error_jnd.max() < 0.02  # of issue 20
 
 
-def test_a_finger_that_lifts_is_felt_until_then(twin):
+def test_a_finger_that_lifts_is_felt_until_then(felt_finger):
     silence = np.full(1200, 80.0)
     slide = [TouchRecord(500 + 0.01 * k, 1, "move", 1.0 * k, 0.0, 0.5, None) for k in range(6)]
-    twin.touch([*slide, TouchRecord(500.05, 1, "up", 0.0, 0.0, None, None)])
-    twin.play(500.0, 1 / 12_000, silence)
-    (frame,) = twin.feel(500.2)
+    felt_finger.touch([*slide, TouchRecord(500.05, 1, "up", 0.0, 0.0, None, None)])
+    felt_finger.play(500.0, 1 / 12_000, silence)
+    (frame,) = felt_finger.feel(500.2)
     assert frame.t0_s == 500.0 and len(frame.rows) == 50
     assert not np.isnan(frame.rows).any()
-    twin.play(500.1, 1 / 12_000, silence)
-    assert twin.feel(500.3) == []
+    felt_finger.play(500.1, 1 / 12_000, silence)
+    assert felt_finger.feel(500.3) == []
 
 
-def test_a_break_in_what_is_played_begins_anew(twin):
+def test_a_break_in_what_is_played_begins_anew(felt_finger):
     slide = [TouchRecord(600 + 0.01 * k, 1, "move", 1.0 * k, 0.0, 0.5, None) for k in range(61)]
-    twin.touch(slide)
-    twin.play(600.0, 1 / 12_000, np.full(1200, 80.0))
-    assert len(twin.feel(600.61)[0].rows) == 99
-    twin.play(600.5, 1 / 12_000, np.full(1200, 80.0))
-    (frame,) = twin.feel(600.61)
+    felt_finger.touch(slide)
+    felt_finger.play(600.0, 1 / 12_000, np.full(1200, 80.0))
+    assert len(felt_finger.feel(600.61)[0].rows) == 99
+    felt_finger.play(600.5, 1 / 12_000, np.full(1200, 80.0))
+    (frame,) = felt_finger.feel(600.61)
     assert (frame.t0_s, len(frame.rows)) == (600.5, 99)
