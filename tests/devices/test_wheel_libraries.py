@@ -55,6 +55,7 @@ def test_random_programs_through_the_library_of_a_wheel(target, tmp_path):
         check=True, capture_output=True,
     )  # fmt: skip
     own = {"WINEPREFIX": str(tmp_path / "wine"), "WINEDEBUG": "-all", "DISPLAY": ""}
+    own["WINEDLLOVERRIDES"] = "mscoree,mshtml="  # else Wine waits for their downloads
     done = subprocess.run(
         [*emulator, program], capture_output=True, text=True, check=False,
         env={**os.environ, **own},
