@@ -124,7 +124,7 @@ def test_density_and_histogram_are_one_distribution(skin: MeanField, load: float
         assert integral == pytest.approx(expected, rel=1e-5, abs=1e-13)
 
 
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.lists(LOADS, min_size=2, max_size=4), THICKNESSES)
 def test_a_batch_equals_its_members_one_by_one(
     skin: MeanField, loads: list[float], h0: float

@@ -68,7 +68,7 @@ CHECKS += [
 @pytest.mark.parametrize(("model", "direction"), CHECKS)
 def test_gradients_of_everything(model: str, direction: dict[str, float]) -> None:
     end = float(solve(AT, 0.0, model).pull_in_voltage_v)
-    voltages = torch.tensor([0.5, 0.99], dtype=torch.float64) * end
+    voltages = torch.tensor([0.0, 0.5, 0.9, 0.99], dtype=torch.float64) * end
     leaves = {
         name: torch.tensor(AT[name], dtype=torch.float64).requires_grad_() for name in direction
     }

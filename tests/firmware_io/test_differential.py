@@ -132,7 +132,7 @@ def session(seed):
 
 
 @pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
-@pytest.mark.parametrize("seeds", [range(40), pytest.param(range(40, 300), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [range(40), pytest.param(range(40, 700), marks=pytest.mark.slow)])
 def test_both_cores_agree_at_the_limits(seeds):
     faults = set().union(*map(session, seeds))
     assert {

@@ -396,7 +396,7 @@ def play_both(rng, is_carried, is_compiled):
 @pytest.mark.parametrize("is_carried", [False, True])
 def test_bounds_change_nothing_that_is_rejected(is_carried):
     counts = [
-        play_both(np.random.default_rng(seed), is_carried, seed % 2 == 1) for seed in range(16)
+        play_both(np.random.default_rng(seed), is_carried, seed % 2 == 1) for seed in range(30)
     ]
     far, within, rejected = np.sum(counts, axis=0)
     assert far > 1000

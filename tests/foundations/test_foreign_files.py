@@ -269,7 +269,10 @@ def test_of_an_animation_the_first_frame_is_taken_and_pages_are_refused(tmp_path
     path = tmp_path / f"many.{kind}"
     frames[0].save(path, save_all=True, append_images=frames[1:])
     if kind == "tiff":
-        with pytest.raises(HaptixError, match="pages"):
+        with pytest.raises(HaptixError, match="more than 100 pages"):
+            Texture.from_image(path, 50)
+        frames[0].save(path, save_all=True, append_images=frames[1:2])
+        with pytest.raises(HaptixError, match="several pages"):
             Texture.from_image(path, 50)
         return
     Texture.from_image(np.arange(12.0).reshape(3, 4), 50)  # what this imports does not count
