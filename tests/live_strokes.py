@@ -1,24 +1,26 @@
 """Fingers that slide at a constant speed, rendered in virtual time."""
 
+from typing import Any
+
 import numpy as np
 
 import haptix
 from haptix import Texture
-from haptix.render import LiveSettings, PredictingRenderer, Sliding
+from haptix.render import LiveRenderer, LiveSettings, Sliding
+from haptix.render.played import COLUMNS, PlayedRecord
 from haptix.texture import FrictionField
 from haptix.touch import TouchEvent
 
 RATE = 48_000.0
 CARRIER_HZ = 3000.0
-LEAD_S = 0.025
+REACTION_S = 0.003
 ALWAYS = Sliding(is_needed=False)
-KEEP = LiveSettings(keep_blocks=True)
 FULL = Texture(np.ones((2, 2)), width_mm=100.0, beyond="hold")
 HALF = Texture(np.full((2, 2), 0.5), width_mm=100.0, beyond="hold")
 
 
 class Ruler(FrictionField):
-    """Friction that tells the place: blocks keep it, and `place_mm` reads it."""
+    """Friction that tells the place: `place_mm` reads it in what was played."""
 
     LOW, PER_MM = 0.27, 5e-4  # within reach up to 80 mm
 
@@ -29,9 +31,28 @@ class Ruler(FrictionField):
         return self.LOW + self.PER_MM * x_mm
 
     def place_mm(self, renderer):
-        nowhere = np.full(len(renderer.blocks[0].amplitude_v), np.nan)
-        wanted = [block.target_mu if block.fingers else nowhere for block in renderer.blocks]
-        return (np.concatenate(wanted) - self.LOW) / self.PER_MM
+        """Place at `row_times`."""
+        return (target_mu(renderer) - self.LOW) / self.PER_MM
+
+
+class SteppedRenderer(LiveRenderer):
+    """A live renderer in steps; `played` is all that it has played."""
+
+    played: Any  # PlayedPart
+
+    def __init__(self, surface, texture, drive=None, settings=None, address="mock:pace=stepped"):
+        super().__init__(surface, texture, haptix.open_device(address), drive, settings)
+
+    def __enter__(self):
+        super().__enter__()
+        self.record = PlayedRecord(self)
+        self.record._next = 1  # from the first point on
+        return self
+
+    def __exit__(self, kind, error, traceback):
+        self.played = self.record.take(self.now_s())
+        super().__exit__(kind, error, traceback)
+        self.device.clock.sleep(0.01)  # in which the driver has ramped to 0 V
 
 
 def stroke(
@@ -47,24 +68,35 @@ def still(end_s=0.5, x_mm=20.0, **options):
     return stroke(end_s, 0.0, x_mm, **options)
 
 
-def render(surface, texture, events, latency_s=0.0, address="mock:", drive=None, **options):
-    device = haptix.open_device(address)
-    settings = LiveSettings(**{"lead_s": LEAD_S, "keep_blocks": True, **options})
-    renderer = PredictingRenderer(surface, texture, device, drive, settings)
+def render(surface, texture, events, latency_s=0.0, drive=None, **options):
+    renderer = SteppedRenderer(surface, texture, drive, LiveSettings(**options))
+    device = renderer.device
     with renderer:
         for event in events:
             renderer.event(event, event.t_s + latency_s)
-    assert device.mock.played_codes[-1] == 0
+    assert device.mock.output[0][-1] == 0
     assert not device.is_armed
     return device, renderer
 
 
 def amplitude(renderer):
-    return np.concatenate([block.amplitude_v for block in renderer.blocks])
+    """Amplitudes that were played, at `times`."""
+    return renderer.played.amplitude_v
 
 
 def times(renderer):
-    return np.concatenate([block.sample for block in renderer.blocks]) / RATE
+    played = renderer.played
+    return played.t0_s + played.step_s * np.arange(len(played.amplitude_v))
+
+
+def target_mu(renderer, touch_id=0):
+    """Friction that a finger asked for, at `row_times`; NaN where it got no drive."""
+    return renderer.played.rows[touch_id][:, COLUMNS.index("wanted")]
+
+
+def row_times(renderer, touch_id=0):
+    played = renderer.played
+    return played.t0_s + played.row_s * np.arange(len(played.rows[touch_id]))
 
 
 def of_model(surface, level, force):
