@@ -30,6 +30,7 @@ RATE_HZ = 100.0
 """Of force and stimulus, which BIDS wants at regular times; panels report at 60 to 240 Hz."""
 
 _GAP_S = 0.1  # between two reports of one touch
+_MOST_SAMPLES = 10_000_000  # of a stimulus that is sampled faster than at `RATE_HZ`
 _LEFT_OUT = ("date", "right", "onset_s")
 _TEXTS = {
     "trial": "Number of the trial; rejected attempts have that of the trial that followed",
@@ -140,17 +141,29 @@ def _beh(
         base.with_name(f"{base.name}_beh.json"): json_text(about).encode(),
     }
     timed = [row for row in rows if row["onset_s"] != "n/a"]
-    if timed:
-        start = min(float(row["onset_s"]) for row in timed)
-        end = max(float(row["time_s"]) for row in timed)
-        level = np.full(round((end - start) * RATE_HZ) + 1, np.nan)
-        for row in timed:
-            first = round((float(row["onset_s"]) - start) * RATE_HZ)
-            last = first + max(1, round(float(_duration(row)) * RATE_HZ))
-            level[first:last] = float(row["level"])
-        text = "Level of the target while a trial is presented, its pauses included"
-        files |= _continuous(base, "stim", level, start, "level", text, "dB")
-    return files
+    return files | (_stimulus(base, timed) if timed else {})
+
+
+def _stimulus(base: Path, rows: Sequence[Mapping[str, str]]) -> dict[Path, bytes]:
+    """Level at regular times, which are so close that no trial falls between two of them."""
+    onset_s = np.array([float(row["onset_s"]) for row in rows])
+    start, end = onset_s.min(), max(float(row["time_s"]) for row in rows)
+    closest_s = np.diff(np.unique(onset_s)).min(initial=1 / RATE_HZ)
+    # Rounded: 1 / 0.004 must not become 251.
+    needed_hz = np.ceil(round(1 / closest_s, 6))
+    rate_hz = max(RATE_HZ, min(needed_hz, _MOST_SAMPLES / max(end - start, 1 / RATE_HZ)))
+    # Half up: Python's `round` takes 1.5 and 2.5 to the same sample.
+    first = np.floor((onset_s - start) * rate_hz + 0.5).astype(int)
+    level = np.full(max(round((end - start) * rate_hz), first.max()) + 1, np.nan)
+    for at, row in zip(first, rows, strict=True):
+        level[at : at + max(1, round(float(_duration(row)) * rate_hz))] = float(row["level"])
+    text = "Level of the target while a trial is presented, its pauses included"
+    if lost := len(rows) - len(np.unique(first)):
+        text += (
+            f"; without {lost} trials that began less than a sample before another: "
+            "*_beh.tsv has the onset and level of every trial"
+        )
+    return _continuous(base, "stim", level, start, "level", text, "dB", rate_hz)
 
 
 def _duration(row: Mapping[str, str]) -> str:
@@ -217,7 +230,7 @@ def _motion(
 
 
 def _force(base: Path, samples: Sequence[Mapping[str, str]]) -> dict[Path, bytes]:
-    """Normal force at regular times; n/a where no finger is down."""
+    """Normal force at regular times, between reports and at each; n/a elsewhere."""
     known = [one for one in samples if one["normal_force_n"] != "n/a"]
     if not known:
         return {}
@@ -229,6 +242,9 @@ def _force(base: Path, samples: Sequence[Mapping[str, str]]) -> dict[Path, bytes
     after = np.searchsorted(t_s, at).clip(1, max(1, len(t_s) - 1))
     if len(t_s) > 1:
         found[t_s[after] - t_s[after - 1] > _GAP_S] = np.nan
+    nearest = np.rint((t_s - start) * RATE_HZ).astype(int)
+    is_alone = np.isnan(found[nearest])
+    found[nearest[is_alone]] = force[is_alone]
     return _continuous(base, "physio", found, start, "normal_force", "Normal force", "N")
 
 
@@ -240,11 +256,12 @@ def _continuous(
     column: str,
     text: str,
     unit: str,
+    rate_hz: float = RATE_HZ,
 ) -> dict[Path, bytes]:
-    """Table of a recording at `RATE_HZ`: compressed, without names of columns."""
+    """Table of a recording at regular times: compressed, without names of columns."""
     cells = ("n/a" if np.isnan(one) else f"{one:.6g}" for one in values)
     about = {
-        "SamplingFrequency": RATE_HZ,
+        "SamplingFrequency": float(rate_hz),
         "StartTime": round(start_s, 5),
         "Columns": [column],
         column: {"Description": text, "Units": unit},

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from firmware_io import open_device
+from firmware_io import Device, MockDriver, MockLink
 from haptix.errors import FileFormatError, InputError
 from haptix.files import write_whole
 from haptix.stimuli.adaptive import (
@@ -25,16 +25,19 @@ from haptix.stimuli.adaptive import (
 from haptix.stimuli.bids import export
 from haptix.stimuli.experiment_recipe import ExperimentRecipe
 from haptix.stimuli.study_files import begin
+from tests.hand_clock import HandClock
 
 WAVE = np.sin(2 * np.pi * 120 * np.arange(4800) / 48_000)
 FORCE_N, STEP_MM = 0.5, 2.0
 
 
-@pytest.fixture
-def log(tmp_path):
-    """A session whose panel reports a stroke in each trial; the first row of which is cut short."""
-    device = open_device("mock:")
-    path, strokes = tmp_path / "log.tsv", []
+def session(path):
+    """A session whose panel reports a stroke in each trial; returns the path of each stroke.
+
+    Time passes only where this says so.
+    """
+    clock, strokes = HandClock(), []
+    device = Device(MockLink(MockDriver(pace="real", clock=clock), sleep=clock.sleep), clock=clock)
 
     class Sliding:
         def __getattr__(self, name):
@@ -51,10 +54,15 @@ def log(tmp_path):
             device.write(volts)
             strokes.append([])
             for k in range(4):
+                clock.sleep(len(volts) / 48_000 / 8)  # all four while the samples are played
                 at = (10.0 + STEP_MM * k, 20.0 + len(strokes))
                 assert device.mock.touch(*at, FORCE_N)
                 strokes[-1].append(at)
                 device.progress(is_fresh=True)
+
+    def answer(question):
+        clock.sleep(0.3)
+        return question.right
 
     Experiment(
         ConstantStimuli([30.0, 34.0], 2),
@@ -62,13 +70,20 @@ def log(tmp_path):
             lambda level: 10 ** (level / 20) * WAVE, 0 * WAVE, lambda level: 10 ** (level / 20)
         ),
         Sliding(),
-        lambda question: question.right,
+        answer,
         path,
+        clock=clock,
         wait=lambda seconds: None,
         plan=SessionPlan(practice=Practice(trials=1, level=36.0)),
     ).run()
     device.close()
-    return path, strokes
+    return strokes
+
+
+@pytest.fixture
+def log(tmp_path):
+    path = tmp_path / "log.tsv"
+    return path, session(path)
 
 
 def table(path):
@@ -96,18 +111,76 @@ def test_a_session_has_the_answers_the_path_and_the_force(log, tmp_path):
     assert [one["name"] for one in channels] == ["x", "y", "latency"]
     about = json.loads((place / "beh" / f"{base}_physio.json").read_text())
     assert about["Columns"] == ["normal_force"]
-    with gzip.open(place / "beh" / f"{base}_physio.tsv.gz", "rt") as file:
-        force = [line.strip() for line in file]
-    assert {float(one) for one in force if one != "n/a"} == {FORCE_N}
-    with gzip.open(place / "beh" / f"{base}_stim.tsv.gz", "rt") as file:
-        level = {line.strip() for line in file}
-    assert {"36", "30", "34"} <= level
+    force, level = continuous(study, "physio")[1], continuous(study, "stim")[1]
+    assert set(force[~np.isnan(force)]) == {FORCE_N}
+    assert set(level[~np.isnan(level)]) == {36.0, 30.0, 34.0}
     events = table(place / "motion" / f"{base}_events.tsv")
     assert len(events) == 5 and all(float(row["duration"]) > 0 for row in events)
     # The touches of a trial lie within it, by one clock.
     start = float(rows[0]["onset"]) - float(events[0]["onset"])
     first = motion[:8, 2] + start
     assert (first < float(rows[0]["time_s"]) + 1e-3).all()
+
+
+def continuous(study, name):
+    """What a table of regular times says of itself, and its values."""
+    [file] = study.rglob(f"*_{name}.tsv.gz")
+    about = json.loads(file.with_name(file.name.replace(".tsv.gz", ".json")).read_text())
+    with gzip.open(file, "rt") as lines:
+        return about, np.array([float(one.replace("n/a", "nan")) for one in lines])
+
+
+def at_other_times(path, time_of):
+    """Rewrite when the trials of a log were; return its rows."""
+    head, names, *lines = path.read_text().splitlines()
+    rows = [dict(zip(names.split("\t"), line.split("\t"), strict=True)) for line in lines]
+    for row in rows:
+        answered_s, reaction_s = float(row["time_s"]), float(row["reaction_s"])
+        row["onset_s"] = f"{time_of(float(row['onset_s'])):.4f}"
+        row["time_s"] = f"{time_of(answered_s):.3f}"
+        row["reaction_s"] = f"{time_of(answered_s) - time_of(answered_s - reaction_s):.4f}"
+    path.write_text("\n".join([head, names, *("\t".join(row.values()) for row in rows)]) + "\n")
+    return rows
+
+
+@pytest.mark.parametrize("scale", [0.001, 0.01, 0.1, 1.0, 10.0])
+def test_no_stimulus_is_lost_however_short_its_trial(log, tmp_path, scale):
+    path, _ = log
+    rows = at_other_times(path, lambda t_s: scale * t_s)
+    export(path, tmp_path / "study", "07", "1", "detection")
+    about, level = continuous(tmp_path / "study", "stim")
+    rate_hz = about["SamplingFrequency"]
+    closest_s = np.diff([float(row["onset_s"]) for row in rows]).min()
+    assert rate_hz == 100.0 if closest_s >= 0.01 else 1 <= rate_hz * closest_s < 2
+    assert about["level"]["Description"].endswith("pauses included")
+    # Each begins at its onset, to half of a sample.
+    first = [(float(row["onset_s"]) - about["StartTime"]) * rate_hz for row in rows]
+    for at, row in zip(first, rows, strict=True):
+        assert float(row["level"]) in level[int(at) : int(at) + 2]
+    assert len({round(at + 0.001) for at in first}) == 5
+
+
+def test_a_stimulus_that_has_no_sample_is_counted_in_the_data(log, tmp_path, monkeypatch):
+    """Trials milliseconds apart, and a long rest: a table so long is not made so fine."""
+    monkeypatch.setattr("haptix.stimuli.bids._MOST_SAMPLES", 500)
+    path, _ = log
+    rows = at_other_times(path, lambda t_s: 0.01 * t_s + (5.0 if t_s > 1 else 0.0))
+    assert [float(row["onset_s"]) < 1 for row in rows] == [True, True, False, False, False]
+    export(path, tmp_path / "study", "07", "1", "detection")
+    about, level = continuous(tmp_path / "study", "stim")
+    # Of the three after the rest, at 0, 5.5 and 11 ms, two come to one sample of 10 ms.
+    assert about["SamplingFrequency"] == 100.0 and len(level) == pytest.approx(500, abs=10)
+    assert "without 1 trials that began less than a sample before" in about["level"]["Description"]
+
+
+def test_the_force_of_a_single_report_is_kept(log, tmp_path):
+    path, _ = log
+    touches = path.with_name("log_touches.tsv")
+    head, *lines = touches.read_text().splitlines(keepends=True)
+    touches.write_text("".join([head, *lines[::4]]))  # one of each stroke, two to a trial
+    export(path, tmp_path / "study", "07", "1", "detection")
+    _, force = continuous(tmp_path / "study", "physio")
+    assert np.count_nonzero(force == FORCE_N) == len(lines[::4]) == 10
 
 
 def test_participants_are_added_and_nothing_else_is_touched(log, tmp_path):
