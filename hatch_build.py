@@ -1,26 +1,24 @@
-"""Wheels with the driver's firmware compiled, for the platform that HAPTIX_TARGET names.
+"""Wheels with the libraries in C built: for this machine, or for the one that HAPTIX_TARGET names.
 
-The description in their metadata is the README without what leads into the repository.
-
-Without the variable the wheel is pure: it compiles the firmware at first use where there is a
-compiler, and has the reference in Python where there is none.
+An editable installation has them built in the checkout. The description in the metadata is the
+README without what leads into the repository.
 """
 
 from __future__ import annotations
 
 import os
+import platform
 import re
-import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 from runpy import run_path
+from shutil import rmtree
 from tempfile import mkdtemp
 from typing import Any, NamedTuple
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from hatchling.metadata.plugin.interface import MetadataHookInterface
-
-_ZIGLANG = "ziglang==0.17.0"  # a C compiler for all targets, as a package; glibc's versions too
 
 
 class _Target(NamedTuple):
@@ -41,9 +39,6 @@ TARGETS = {
     "macos-x86_64": _Target("x86_64-macos.10.13", "macosx_10_13_x86_64", ".dylib"),
 }
 
-# What a compiled firmware has no need of: its sources, and the reference that checks it.
-_ONLY_IN_PURE = ("firmware_io/firmware/*.c", "firmware_io/firmware/reference*.py")
-
 
 class CustomMetadataHook(MetadataHookInterface):
     """Give the description."""
@@ -57,33 +52,37 @@ class CustomMetadataHook(MetadataHookInterface):
 
 
 class CustomBuildHook(BuildHookInterface[Any]):
-    """Compile the firmware into the wheel."""
-
-    def dependencies(self) -> list[str]:
-        """Return what is needed beside hatchling."""
-        return [_ZIGLANG] if os.environ.get("HAPTIX_TARGET") else []
+    """Build the libraries into the wheel, or for an editable installation in the checkout."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Add the library and the tag of its platform."""
-        name = os.environ.get("HAPTIX_TARGET", "")
-        if self.target_name != "wheel" or version == "editable" or not name:
+        """Add the libraries and the tag of their platform."""
+        # By its path: a build has no other file of the project to import from.
+        builder = run_path(str(Path(self.root) / "c_libraries.py"))
+        if version == "editable":
+            for name in builder["LIBRARIES"]:
+                builder["built"](name)
             return
-        if name not in TARGETS:
-            raise ValueError(f"HAPTIX_TARGET: expected one of {', '.join(TARGETS)}, got {name!r}")
-        target = TARGETS[name]
-        library = Path(mkdtemp()) / f"haptix-firmware{target.suffix}"
-        _compile(Path(self.root), target, library)
-        build_data["force_include"][str(library)] = f"firmware_io/firmware/{library.name}"
+        target = _target(os.environ.get("HAPTIX_TARGET", ""))
+        self._folder = mkdtemp()
+        for name, library in builder["LIBRARIES"].items():
+            path = Path(self._folder) / f"{name}{target.suffix}"
+            builder["compile_library"](name, path, target.triple)
+            build_data["force_include"][str(path)] = f"{library.folder}/{path.name}"
         build_data["tag"] = f"py3-none-{target.tag}"
         build_data["pure_python"] = False
-        self.build_config.target_config.setdefault("exclude", []).extend(_ONLY_IN_PURE)
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Remove what is in the wheel now."""
+        if version != "editable":
+            rmtree(self._folder)
 
 
-def _compile(root: Path, target: _Target, library: Path) -> None:
-    folder = root / "firmware_io" / "firmware"
-    settings = run_path(str(folder / "flags.py"))  # the package itself needs its dependencies
-    compiler = [sys.executable, "-m", "ziglang", "cc", "-target", target.triple, "-s"]
-    if target.suffix != ".dll":
-        compiler.append("-fPIC")
-    sources = [str(folder / name) for name in (*settings["SOURCES"], *settings["HOST_SOURCES"])]
-    subprocess.run([*compiler, *settings["FLAGS"], *sources, "-o", str(library)], check=True)
+def _target(name: str) -> _Target:
+    if name in TARGETS:
+        return TARGETS[name]
+    if name:
+        raise ValueError(f"HAPTIX_TARGET: expected one of {', '.join(TARGETS)}, got {name!r}")
+    # A Python for both kinds of Mac says universal2, but the library is for this machine's.
+    own = sysconfig.get_platform().replace("universal2", platform.machine())
+    suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+    return _Target("", re.sub(r"[-.]", "_", own), suffix)

@@ -3,16 +3,142 @@
 from __future__ import annotations
 
 import math
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.drive_codes import compiled_codes
-from firmware_io.drive_window import DriveWindow
-from firmware_io.limits import DriveLimits
-from firmware_io.protocol import Setup, StreamMode, volts_to_codes
+from firmware_io.errors import LimitError
+from firmware_io.firmware.core import compiled
+from firmware_io.limits import RAMP_S, DriveLimits
+from firmware_io.protocol import Setup, StreamMode, top_code, volts_to_codes
+from firmware_io.setting import kept_limits
 
 _Volts = npt.NDArray[np.float64]
+
+#: A mean below this counts as none: a few codes of rounding at 250 V full scale.
+_DC_FLOOR_V = 0.05
+
+
+class DriveWindow:
+    """The last second or so that was driven: rejects too much energy, current, and a mean voltage.
+
+    It takes what leaves the driver: samples, or the amplitude times the carrier. The driver checks
+    energy and mean against its own clock, which also counts the time that a sample is held.
+
+    Parameters
+    ----------
+    limits : DriveLimits
+        What the window must keep to.
+    sample_rate_hz : float
+        Samples per second.
+    """
+
+    def __init__(self, limits: DriveLimits, sample_rate_hz: float) -> None:
+        self._sample_rate_hz = sample_rate_hz
+        self._size = max(1, round(limits.window_s * sample_rate_hz))
+        self._ffi, self._lib = compiled()
+        self._memory = np.zeros(self._lib.hx_host_window_bytes(self._size), np.uint8)
+        self._lib.hx_host_window_init(self._window, self._size)
+        self.bind(limits)
+
+    def bind(self, limits: DriveLimits) -> None:
+        """Take other limits, whose window is as long."""
+        self.limits = limits
+        self._bounds = self._ffi.new(
+            "hx_host_limits *",
+            {
+                "most_squares": self._size * limits.max_rms_v**2,
+                "most_steps": self._size
+                * (limits.max_rms_slew_v_per_s / self._sample_rate_hz) ** 2,
+                "most_stretch": self._size * limits.max_dc_share * limits.ceiling_v,
+                "mean_share": limits.max_dc_share,
+                "mean_floor": _DC_FLOOR_V,
+            },
+        )
+
+    def check(self, volts: _Volts, each: int = 1, is_carried: bool = False) -> None:
+        """Reject samples with which the window would hold too much energy or too high a mean.
+
+        A sample of 0 V is never rejected: it is the remedy.
+
+        Parameters
+        ----------
+        volts : ndarray, shape (n,)
+            Voltages at the window's rate.
+        each : int
+            Of these are made of one sample, for the number in the message.
+        is_carried : bool
+            Whether a carrier alternates them, so that a ramp to 0 V has no mean of its own.
+
+        Raises
+        ------
+        LimitError
+            The message names the first such sample.
+        """
+        bounds = self._bounds
+        bounds.ramp_samples = 0.0 if is_carried else RAMP_S / 2 * self._sample_rate_hz
+        index, found = self._ffi.new("uint32_t *"), self._ffi.new("double *")
+        window = self if volts.size <= self._size else self._copy()
+        for start in range(0, volts.size, self._size):
+            piece = np.ascontiguousarray(volts[start : start + self._size])
+            verdict = self._lib.hx_host_check(
+                window._window, bounds, self._buffer(piece), piece.size, index, found
+            )
+            if verdict != self._lib.HX_HOST_KEPT:
+                raise LimitError(self._reason(verdict, (start + index[0]) // each, found[0]))
+            if window is not self:
+                window.take(piece)
+
+    def take(self, volts: _Volts) -> None:
+        """Take samples into the window, after they were sent."""
+        volts = np.ascontiguousarray(volts)
+        self._lib.hx_host_take(self._window, self._buffer(volts), volts.size)
+
+    def rest(self, samples: int) -> None:
+        """Take the time during which the output stood at 0 V, in samples."""
+        self.take(np.zeros(max(1, min(samples, self._size))))
+
+    @property
+    def _window(self) -> object:
+        return self._ffi.cast("hx_host_window *", self._memory.ctypes.data)
+
+    def _buffer(self, volts: _Volts) -> object:
+        return self._ffi.from_buffer("double[]", volts)
+
+    def _copy(self) -> Self:
+        """Return a window with the same samples, to look further ahead than it is long."""
+        copy = type(self)(self.limits, self._sample_rate_hz)
+        copy._memory[:] = self._memory
+        return copy
+
+    def _reason(self, verdict: int, sample: int, found: float) -> str:
+        limits, lib = self.limits, self._lib
+        reaches = f"over {limits.window_s:g} s reaches"
+        remedy = "drive without a mean voltage: remove the offset, and pause before trying again."
+        if verdict == lib.HX_HOST_SQUARES:
+            return (
+                f"With sample {sample} the rms {reaches} {math.sqrt(found / self._size):g} V, "
+                f"above the limit of {limits.max_rms_v:g} V; lower the amplitude, or pause."
+            )
+        if verdict == lib.HX_HOST_MEAN:
+            return (
+                f"With sample {sample} the mean {reaches} {found / self._size:g} V, above "
+                f"{limits.max_dc_share:.0%} of the largest magnitude there; {remedy}"
+            )
+        if verdict == lib.HX_HOST_STRETCH:
+            return (
+                f"With sample {sample} a mean of {found / self._size:g} V over "
+                f"{limits.window_s:g} s builds up, above {limits.max_dc_share:.0%} of the ceiling; "
+                f"{remedy}"
+            )
+        slew = math.sqrt(found / self._size) * self._sample_rate_hz
+        current_ma = slew * limits.capacitance_f * 1e3
+        return (
+            f"With sample {sample} the current {reaches} {current_ma:.3g} mA "
+            f"rms through {limits.capacitance_f * 1e12:.4g} pF, above the limit of "
+            f"{limits.max_rms_a * 1e3:g} mA; lower the amplitude or the frequency, or pause."
+        )
 
 
 class DriveCheck:
@@ -21,28 +147,40 @@ class DriveCheck:
     Parameters
     ----------
     limits : DriveLimits
-        Limits of every sample.
+        What the user and the driver state.
     setup : Setup
-        Mode, sample rate and carrier.
-    output_rate_hz : float
+        Mode, sample rate, carrier, and the limits in whole numbers.
+    output_rate_hz : int
         Rate of the driver's clock.
+
+    Attributes
+    ----------
+    stated, setup : DriveLimits, Setup
+        As above.
+    limits : DriveLimits
+        What samples keep to, so that their codes keep to the set-up.
     """
 
-    def __init__(self, limits: DriveLimits, setup: Setup, output_rate_hz: float) -> None:
-        self.limits = limits
-        self.setup = setup
+    def __init__(self, limits: DriveLimits, setup: Setup, output_rate_hz: int) -> None:
         self._output_rate_hz = output_rate_hz
+        self.bind(limits, setup)
         # Of one sample of an envelope the window counts every output sample, times the carrier.
         is_envelope = setup.mode is StreamMode.ENVELOPE
         self.each = round(output_rate_hz / setup.sample_rate_hz) if is_envelope else 1
         self._rate_hz = float(setup.sample_rate_hz * self.each)
         self._window = DriveWindow(limits, self._rate_hz)
 
-    def begin(self, rested_s: float, is_revisable: bool) -> None:
+    def bind(self, stated: DriveLimits, setup: Setup) -> None:
+        """Take other limits, and a set-up with them."""
+        self.stated, self.setup = stated, setup
+        self.limits = kept_limits(stated, setup, self._output_rate_hz)
+        self._full_scale_v = setup.full_scale_mv / 1e3
+        self._most_v = min(self.limits.ceiling_v, self._full_scale_v)
+        self._top_code = top_code(self._most_v, self._full_scale_v)
+
+    def begin(self, rested_s: float) -> None:
         """Take the present limits, after a time at 0 V."""
-        if is_revisable:
-            self._window.prefer_compiled()
-        self._window.limits = self.limits
+        self._window.bind(self.limits)
         self._window.rest(math.floor(min(rested_s, self.limits.window_s) * self._rate_hz))
 
     def check(self, volts: _Volts, before_v: float) -> None:
@@ -53,16 +191,39 @@ class DriveCheck:
         else:
             self.limits.check_envelope(volts, before_v, rate_hz, self.setup.carrier_mhz / 1e3)
 
-    def codes(self, volts: _Volts, before_v: float, full_scale_v: float) -> npt.NDArray[np.int16]:
+    def ramp_to_zero(self, last_v: float) -> _Volts:
+        """Return a ramp behind a sample; empty where only the driver's own keeps the slew.
+
+        To an amplitude at its highest, a driver adds no change: it counts the slew of the carrier
+        and that of the amplitude as if both were at their steepest at once.
+        """
+        rate_hz = float(self.setup.sample_rate_hz)
+        ramp = self.limits.ramp_to_zero(last_v, rate_hz)
+        try:
+            self.check(ramp, last_v)
+        except LimitError:
+            return ramp[:0]
+        return ramp
+
+    def codes(self, volts: _Volts, before_v: float) -> npt.NDArray[np.int16]:
         """Check samples as `check` does, and return their codes."""
-        fast = compiled_codes() if self.setup.mode is StreamMode.WAVEFORM else None
-        if fast is not None:
-            rate_hz = float(self.setup.sample_rate_hz)
-            codes = fast(volts, before_v, self.limits, rate_hz, full_scale_v)
-            if codes is not None:
+        if self.setup.mode is StreamMode.WAVEFORM:
+            ffi, lib = compiled()
+            codes = np.empty(volts.size, dtype=np.int16)
+            is_kept = lib.hx_host_codes(
+                ffi.from_buffer("double[]", volts),
+                volts.size,
+                before_v,
+                self._most_v,
+                self.limits.max_slew_v_per_s / self.setup.sample_rate_hz,
+                self._full_scale_v,
+                self._top_code,
+                ffi.from_buffer("int16_t[]", codes),
+            )
+            if is_kept:
                 return codes
         self.check(volts, before_v)
-        return volts_to_codes(volts, full_scale_v, self.limits.ceiling_v)
+        return volts_to_codes(volts, self._full_scale_v, self.limits.ceiling_v)
 
     def check_window(self, driven: _Volts) -> None:
         """Reject what would break energy, mean or current behind what was taken."""

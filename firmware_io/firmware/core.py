@@ -1,16 +1,31 @@
-"""The interface that the firmware in C and its reference in Python share."""
+"""The firmware in C, called from Python."""
 
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import Literal, Protocol
+from functools import cache
+from pathlib import Path
+from typing import Any
 
+import cffi
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.protocol import FaultReport, StatusReport, TouchReport
+from firmware_io.c_library import load
+from firmware_io.errors import DeviceError
+from firmware_io.protocol import (
+    CapabilitiesReport,
+    FaultCode,
+    FaultReport,
+    FrameKind,
+    StatusReport,
+    TouchReport,
+)
+from firmware_io.protocol.frames import LAYOUTS, read_payload
 
-CoreName = Literal["auto", "c", "python"]
+_FOLDER = Path(__file__).parent
+_ANSWER_BYTES = 4096
+_REPORT_BYTES = 64
 
 
 class Output(IntEnum):
@@ -26,41 +41,129 @@ class Output(IntEnum):
 LINE = 0x80
 
 
-class Core(Protocol):
+@cache
+def compiled() -> tuple[cffi.FFI, Any]:
+    """Return the compiled firmware, and what the host has compiled with it.
+
+    Raises
+    ------
+    DeviceError
+        If it is not there and cannot be built, or cannot be loaded.
+    """
+    return load("haptix-firmware", _FOLDER / "haptix_device.h", _FOLDER / "haptix_host.h")
+
+
+class Core:
     """The device side of the protocol: it takes bytes, answers with bytes, and plays samples.
 
     Its only clock is the number of samples played. It is not safe for several threads at once.
+
+    Parameters
+    ----------
+    config : CapabilitiesReport
+        Capabilities of the device.
+
+    Raises
+    ------
+    DeviceError
+        If `config` describes no possible device, or the firmware is not there and cannot be built.
     """
 
-    name: str
+    def __init__(self, config: CapabilitiesReport) -> None:
+        self._ffi, self._lib = compiled()
+        # Owned as bytes: only the firmware knows the structure.
+        self._memory = self._ffi.new("uint64_t[]", self._lib.hx_device_bytes() // 8 + 1)
+        self._device = self._ffi.cast("hx_device *", self._memory)
+        if not self._lib.hx_device_init(self._device, self._configuration(config)):
+            raise DeviceError(
+                f"Impossible values, see hx_config for the ranges: {config}; correct them."
+            )
+        self._answer = self._ffi.new("uint8_t[]", _ANSWER_BYTES)
+        self._report = self._ffi.new("uint8_t[]", _REPORT_BYTES)
+
+    def _configuration(self, config: CapabilitiesReport) -> Any:
+        try:
+            return self._ffi.new(
+                "hx_config *",
+                {
+                    "output_rate_hz": config.output_rate_hz,
+                    "full_scale_mv": config.full_scale_mv,
+                    "ceiling_mv": config.ceiling_mv,
+                    "max_slew_v_per_s": config.max_slew_v_per_s,
+                    "queue_samples": config.queue_samples,
+                    "max_frame_samples": config.max_frame_samples,
+                    "max_watchdog_ms": config.max_watchdog_ms,
+                    "report_bytes": config.report_bytes,
+                    "flags": config.reports_touch | config.takes_marks << 1,
+                    "rate_count": len(config.rates),
+                    "rates": [
+                        (rate.sample_rate_hz, sum(1 << mode for mode in rate.modes))
+                        for rate in config.rates
+                    ],
+                    "name": config.name.encode("ascii"),
+                    "serial": config.serial.encode("ascii"),
+                    "calibration_id": config.calibration_id.encode("ascii"),
+                    "guard_ticks": config.guard_ticks,
+                },
+            )
+        except (OverflowError, IndexError, UnicodeEncodeError) as error:
+            raise DeviceError(f"Impossible values, {error}: {config}; correct them.") from error
 
     @property
     def pending_ticks(self) -> int:
         """Output samples until only zeros or a held sample are left to play."""
+        return int(self._lib.hx_device_pending(self._device))
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the host, in pieces of any size."""
+        self._lib.hx_device_receive(self._device, data, len(data))
 
     def receive_report(self, report: bytes) -> None:
         """Take one HID report from the host, its id first."""
+        self._lib.hx_device_receive_report(self._device, report, len(report))
 
     def transmit(self) -> bytes:
         """Return the frames that wait for the host; empty if there are none."""
+        size = self._lib.hx_device_transmit(self._device, self._answer, _ANSWER_BYTES)
+        return bytes(self._ffi.buffer(self._answer, size))
 
     def transmit_report(self) -> bytes:
         """Return one HID report for the host; empty if there is none."""
+        size = self._lib.hx_device_transmit_report(self._device, self._report, _REPORT_BYTES)
+        return bytes(self._ffi.buffer(self._report, size))
 
     def play(self, ticks: int) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint8]]:
         """Return the next output samples as codes, and the kind of each: `Output`, and `LINE`."""
+        codes = np.empty(ticks, dtype=np.int16)
+        what = np.empty(ticks, dtype=np.uint8)
+        self._lib.hx_device_play(
+            self._device,
+            self._ffi.cast("int16_t *", codes.ctypes.data),
+            self._ffi.cast("uint8_t *", what.ctypes.data),
+            ticks,
+        )
+        return codes, what
 
     def status(self) -> StatusReport:
         """Return the state of the device, without a frame on the wire."""
+        status: StatusReport = self._read(FrameKind.STATUS, self._lib.hx_device_status)
+        return status
 
     def fault(self) -> FaultReport | None:
         """Return the first fault since the last accepted HELLO, SETUP or ARM."""
+        fault: FaultReport = self._read(FrameKind.FAULT, self._lib.hx_device_fault)
+        return None if fault.code is FaultCode.NONE else fault
+
+    def _read(self, kind: FrameKind, write: Any) -> Any:
+        payload = self._ffi.new("uint8_t[]", LAYOUTS[kind].fields.size)
+        write(self._device, payload)
+        return read_payload(kind, bytes(self._ffi.buffer(payload)))
 
     def touch(self, touch: TouchReport) -> bool:
         """Report a finger, at the present clock; False if the host has not read the last eight."""
+        fields = (0, touch.x_um, touch.y_um, touch.normal_force_mn, touch.contact, touch.phase)
+        return bool(self._lib.hx_device_touch(self._device, self._ffi.new("hx_touch *", fields)))
 
     def release(self) -> None:
         """Handle the loss of the host: a bus reset, a closed connection."""
+        self._lib.hx_device_release(self._device)

@@ -69,7 +69,7 @@ typedef struct {
     uint32_t output_rate_hz;   /* 1000 to 1000000 */
     uint32_t full_scale_mv;    /* 1 to 1000000 */
     uint32_t ceiling_mv;       /* 1 to 200000 */
-    uint32_t max_slew_v_per_s; /* enough to ramp the ceiling in 5 ms, at most 4666666 */
+    uint32_t max_slew_v_per_s; /* with which 5 ms lead from the ceiling to 0 V, at most 4666666 */
     uint32_t queue_samples;
     uint16_t max_frame_samples; /* at most queue_samples */
     uint16_t max_watchdog_ms; /* 10 to 250 */
@@ -169,7 +169,7 @@ typedef struct {
 
 struct hx_device {
     hx_config config;
-    int16_t top_code; /* the limiter's: that of the hard ceiling */
+    int16_t top_code; /* that of the hard ceiling */
 
     /* In force: lowered by SETUP, raised only by HELLO. */
     uint32_t ceiling_mv;
@@ -180,7 +180,9 @@ struct hx_device {
     uint32_t ticks_per_sample;
     uint32_t phase_step;
     uint32_t carrier_rad_per_s;
-    uint64_t slew_codes_per_s;
+    uint64_t slew_codes_per_s; /* whole codes in an output sample, times the output rate */
+    int32_t step_codes;        /* those, of which no more than 65534 matter */
+    int16_t ceiling_code;
     uint32_t watchdog_ms;
     uint32_t watchdog_ticks;
     uint32_t setup_lead_ticks;
@@ -209,7 +211,11 @@ struct hx_device {
     uint32_t tick_of_sample;
     uint8_t has_carrier;
     uint32_t phase;
-    uint32_t phase_step_now; /* that of the stream on the output, which a SETUP does not touch */
+    /* Those of the stream on the output, which a SETUP does not touch. */
+    uint32_t phase_step_now;
+    int32_t step_codes_now;
+    int16_t ceiling_code_now;
+    int16_t code; /* the last output sample */
     int16_t ramp_from;
     uint32_t ramp_ticks_left;
     uint32_t ramp_ticks;

@@ -48,6 +48,8 @@ static void begin_playing(hx_device *d) {
     d->is_dry = 0;
     d->has_carrier = d->mode == HX_ENVELOPE;
     d->phase_step_now = d->phase_step;
+    d->step_codes_now = d->step_codes;
+    d->ceiling_code_now = d->ceiling_code;
     d->half_turn_ticks = d->has_carrier ? 0x80000000u / d->phase_step + 2u : 0u;
     d->phase = 0;
     d->to = 0;
@@ -72,6 +74,10 @@ static enum hx_output run_dry(hx_device *d) {
     return HX_OUT_RAMP;
 }
 
+static int is_in_reach(const hx_device *d, int32_t code) {
+    return code <= d->code + d->step_codes_now && code >= d->code - d->step_codes_now;
+}
+
 /* Advance the level by one output sample; return what it is. */
 static enum hx_output advance(hx_device *d) {
     int is_leading = d->lead_ticks > 0;
@@ -83,9 +89,12 @@ static enum hx_output advance(hx_device *d) {
         if (d->ramp_ticks_left == 0) d->status_due = 1;
         return HX_OUT_RAMP;
     }
-    if (!d->has_begun || is_leading) return HX_OUT_IDLE;
+    if (!d->has_begun || is_leading) {
+        d->level = 0;
+        return HX_OUT_IDLE;
+    }
     if (!d->is_playing) begin_playing(d);
-    if (d->tick_of_sample == d->ticks_per_sample) {
+    if (d->tick_of_sample >= d->ticks_per_sample) {
         if (d->queued == 0) return run_dry(d);
         d->is_dry = 0;
         d->from = d->to;
@@ -99,28 +108,34 @@ static enum hx_output advance(hx_device *d) {
     int32_t line = d->from + ((int32_t)d->to - d->from) * (int32_t)d->tick_of_sample /
                                  (int32_t)d->ticks_per_sample;
     if (d->gain < d->ramp_ticks) { /* back from a ramp when it had run dry */
-        d->gain++;
-        line = line * (int32_t)d->gain / (int32_t)d->ramp_ticks;
+        /* Where the stream itself needs the slew, the gain waits: as it is, it flattens slopes. */
+        int32_t ramp = (int32_t)d->ramp_ticks;
+        if (is_in_reach(d, line * ((int32_t)d->gain + 1) / ramp)) d->gain++;
+        line = line * (int32_t)d->gain / ramp;
     }
     d->level = (int16_t)line;
     return HX_OUT_STREAM;
 }
 
-/* The level as it goes to the output. */
+/* The level as it goes to the output: below the ceiling, and a step within the slew away.
+ *
+ * Samples were checked as they came, and ramp and gain keep the slew by themselves. What is limited
+ * here is the rounding of a carrier, the first of its ramp, and memory that went bad.
+ */
 static int16_t drive(const hx_device *d, enum hx_output what) {
-    int32_t code = d->level;
+    int32_t code = d->level, most = d->ceiling_code_now;
     if (d->has_carrier && what != HX_OUT_IDLE) code = code * sine(d->phase) / 32767;
-    /* Every sample was checked as it came. This is for memory that went bad since. */
-    if (code > d->top_code) code = d->top_code;
-    if (code < -d->top_code) code = -d->top_code;
-    return (int16_t)code;
+    if (code > most) code = most;
+    if (code < -most) code = -most;
+    if (is_in_reach(d, code)) return (int16_t)code;
+    return (int16_t)(d->code + (code > d->code ? d->step_codes_now : -d->step_codes_now));
 }
 
 /* What the passing of one output sample brings about. */
 static void pass_time(hx_device *d) {
     d->clock++;
     if (d->is_armed && d->has_begun &&
-        ++d->silent_ticks == d->watchdog_ticks - d->ramp_ticks) {
+        ++d->silent_ticks >= d->watchdog_ticks - d->ramp_ticks) {
         hx_refuse(d, HX_FAULT_STARVED, 0, 0, d->watchdog_ms, 0);
     }
     if (d->is_armed && d->status_ticks > 0 && ++d->since_status_ticks >= d->status_ticks) {
@@ -149,7 +164,8 @@ void hx_device_play(hx_device *d, int16_t *out, uint8_t *what, uint32_t n) {
         }
         if (d->has_carrier && is != HX_OUT_IDLE) d->phase += d->phase_step_now;
         hx_window_take(d, code);
-        out[i] = code;
+        d->code = out[i] = code;
+        if (!d->has_carrier) d->level = code; /* a ramp begins at what stands on the output */
         if (what != NULL) what[i] = (uint8_t)(d->line_ticks_left > 0 ? is | HX_OUT_LINE : is);
         if (d->line_ticks_left > 0) d->line_ticks_left--;
         pass_time(d);

@@ -13,11 +13,23 @@ static uint32_t ceiling_code(uint32_t ceiling_mv, uint32_t full_scale_mv) {
     return code < 32767u ? code : 32767u;
 }
 
+static uint32_t ramp_ticks(const hx_config *c) {
+    return (c->output_rate_hz * HX_RAMP_MS + 999u) / 1000u;
+}
+
+/* The least slew in V/s that the ramp from a ceiling keeps: it is the way out of every state. */
+static uint32_t lowest_slew(const hx_config *c, uint32_t ceiling_mv) {
+    uint32_t ticks = ramp_ticks(c);
+    uint64_t step = (ceiling_code(ceiling_mv, c->full_scale_mv) + ticks - 1u) / ticks;
+    uint32_t slew = (uint32_t)((step * c->output_rate_hz * c->full_scale_mv + 32766999u) / 32767000u);
+    return slew > 0 ? slew : 1u;
+}
+
 static int describes_a_device(const hx_config *c) {
     if (c->output_rate_hz < 1000u || c->output_rate_hz > 1000000u) return 0;
     if (c->full_scale_mv < 1u || c->full_scale_mv > 1000000u) return 0;
     if (c->ceiling_mv < 1u || c->ceiling_mv > HX_ABSOLUTE_CEILING_MV) return 0;
-    if ((uint64_t)c->max_slew_v_per_s * HX_RAMP_MS < c->ceiling_mv) return 0;
+    if (c->max_slew_v_per_s < lowest_slew(c, c->ceiling_mv)) return 0;
     if (c->max_slew_v_per_s > HX_ABSOLUTE_SLEW_V_PER_S) return 0;
     if (c->queue_samples > HX_QUEUE_SAMPLES) return 0;
     if (c->max_frame_samples < 1u || c->max_frame_samples > HX_MAX_FRAME_SAMPLES) return 0;
@@ -51,7 +63,7 @@ int hx_device_init(hx_device *d, const hx_config *config) {
     for (size_t i = 0; i < sizeof(hx_device); i++) bytes[i] = 0;
     d->config = *config;
     d->top_code = (int16_t)ceiling_code(config->ceiling_mv, config->full_scale_mv);
-    d->ramp_ticks = (config->output_rate_hz * HX_RAMP_MS + 999u) / 1000u;
+    d->ramp_ticks = ramp_ticks(config);
     d->hold_ticks = config->output_rate_hz * HX_DRY_MS / 1000u - d->ramp_ticks;
     d->line_ticks = (config->output_rate_hz * HX_MARK_MS + 999u) / 1000u;
     hx_window_init(d);
@@ -134,8 +146,9 @@ static void take_setup(hx_device *d, uint16_t sequence, const uint8_t *payload) 
         field = 8, bound = d->config.full_scale_mv, got = full_scale_mv;
     } else if (ceiling_mv < 1u || ceiling_mv > d->ceiling_mv) {
         field = 12, bound = ceiling_mv < 1u ? 1u : d->ceiling_mv, got = ceiling_mv;
-    } else if (slew < 1u || slew > d->max_slew_v_per_s) {
-        field = 16, bound = slew < 1u ? 1u : d->max_slew_v_per_s, got = slew;
+    } else if (slew < lowest_slew(&d->config, ceiling_mv) || slew > d->max_slew_v_per_s) {
+        field = 16, bound = lowest_slew(&d->config, ceiling_mv), got = slew;
+        if (slew > d->max_slew_v_per_s) bound = d->max_slew_v_per_s;
     } else if (carrier_mhz < lowest_carrier || carrier_mhz > highest_carrier) {
         field = 20, got = carrier_mhz;
         bound = carrier_mhz < lowest_carrier ? lowest_carrier : highest_carrier;
@@ -157,8 +170,11 @@ static void take_setup(hx_device *d, uint16_t sequence, const uint8_t *payload) 
     /* 2 pi as 411775 / 65536, and rounded up: the slew of the carrier is not underrated. */
     d->carrier_rad_per_s =
         (uint32_t)(((uint64_t)carrier_mhz * 411775u + 65535999u) / 65536000u);
-    /* Whole codes: what is above this is above the limit, since the slews of samples are whole. */
-    d->slew_codes_per_s = (uint64_t)slew * 1000u * 32767u / full_scale_mv;
+    /* Whole codes in each output sample: rounding to codes then never adds to a slope. */
+    uint64_t step_codes = (uint64_t)slew * 32767000u / full_scale_mv / output_hz;
+    d->slew_codes_per_s = step_codes * output_hz;
+    d->step_codes = step_codes < 65534u ? (int32_t)step_codes : 65534;
+    d->ceiling_code = (int16_t)ceiling_code(ceiling_mv, full_scale_mv);
     d->watchdog_ms = watchdog_ms;
     d->watchdog_ticks = (uint32_t)((uint64_t)watchdog_ms * output_hz / 1000u);
     d->setup_lead_ticks = (uint32_t)((uint64_t)lead_us * output_hz / 1000000u);
@@ -209,7 +225,7 @@ static uint32_t first_too_steep(const hx_device *d, int16_t before, const uint8_
 /* Whether mode and ceiling hold for samples; refuse them if not. */
 static int may_be_queued(hx_device *d, uint16_t sequence, uint16_t mode, const uint8_t *samples,
                          uint32_t n) {
-    uint32_t full_scale_mv = d->config.full_scale_mv, peak = 0;
+    uint32_t peak = 0;
     if (mode != d->mode) {
         hx_refuse(d, HX_FAULT_MODE, 0, sequence, d->mode, mode);
         return 0;
@@ -218,8 +234,8 @@ static int may_be_queued(hx_device *d, uint16_t sequence, uint16_t mode, const u
         uint32_t size = magnitude(hx_get_i16(samples + 2u * i));
         if (size > peak) peak = size;
     }
-    if (peak > ceiling_code(d->ceiling_mv, full_scale_mv)) {
-        uint32_t peak_mv = (uint32_t)(((uint64_t)peak * full_scale_mv + 32766u) / 32767u);
+    if (peak > (uint32_t)d->ceiling_code) {
+        uint32_t peak_mv = (uint32_t)(((uint64_t)peak * d->config.full_scale_mv + 32766u) / 32767u);
         hx_refuse(d, HX_FAULT_CEILING, 0, sequence, d->ceiling_mv, peak_mv);
         return 0;
     }

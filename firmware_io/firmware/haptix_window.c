@@ -70,5 +70,5 @@ void hx_window_take(hx_device *d, int16_t code) {
     if (now->high < 0) now->high = 0;
     if (now->low > 0) now->low = 0;
     d->energy_now += (uint32_t)((int32_t)code * code);
-    if (++d->block_tick == d->block_ticks) close_block(d);
+    if (++d->block_tick >= d->block_ticks) close_block(d);
 }

@@ -1,4 +1,4 @@
-"""The receiver of the reference: frames, and damage, from bytes and reports."""
+"""The receiver of the oracle: frames, and damage, from bytes and reports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The window of the reference: energy and mean of the output over the last second."""
+"""The window of the oracle: energy and mean of the output over the last second."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ WINDOW_BLOCKS = 128
 ENERGY_SHIFT = 12
 
 
-class ReferenceWindow:
+class Window:
     """Bounds the energy and the mean of the output, and of a safety ramp behind it.
 
     The energy counts `WINDOW_BLOCKS` blocks of output samples, together a second, and the block

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from firmware_io.errors import DeviceError
-from firmware_io.firmware.flags import FRAME_SAMPLES, QUEUE_SAMPLES
-from firmware_io.protocol import CapabilitiesReport
+from firmware_io.protocol import FULL_SCALE_CODE, CapabilitiesReport
 
+QUEUE_SAMPLES = 1 << 17
+FRAME_SAMPLES = 32765
 RAMP_MS = 5
 MIN_WATCHDOG_MS = 10
 PAUSE_MS = 100
@@ -15,6 +16,19 @@ MIN_CARRIER_MHZ = 1_000_000
 ABSOLUTE_CEILING_MV = 200_000
 ABSOLUTE_SLEW_V_PER_S = 4_666_666
 MAX_REPORT_BYTES = 64
+
+
+def ceiling_code(config: CapabilitiesReport, ceiling_mv: int) -> int:
+    """Return the highest code under a ceiling."""
+    return min(ceiling_mv * FULL_SCALE_CODE // config.full_scale_mv, FULL_SCALE_CODE)
+
+
+def lowest_slew(config: CapabilitiesReport, ceiling_mv: int) -> int:
+    """Return the least slew in V/s that the safety ramp from a ceiling keeps."""
+    ramp_ticks = -(-config.output_rate_hz * RAMP_MS // 1000)
+    step_codes = -(-ceiling_code(config, ceiling_mv) // ramp_ticks)
+    codes_per_s = step_codes * config.output_rate_hz
+    return max(1, -(-codes_per_s * config.full_scale_mv // (1000 * FULL_SCALE_CODE)))
 
 
 def check_board(config: CapabilitiesReport) -> None:
@@ -31,7 +45,7 @@ def check_board(config: CapabilitiesReport) -> None:
         1000 <= config.output_rate_hz <= 1_000_000
         and 1 <= config.full_scale_mv <= 1_000_000
         and 1 <= config.ceiling_mv <= ABSOLUTE_CEILING_MV
-        and config.ceiling_mv <= config.max_slew_v_per_s * RAMP_MS
+        and lowest_slew(config, config.ceiling_mv) <= config.max_slew_v_per_s
         and config.max_slew_v_per_s <= ABSOLUTE_SLEW_V_PER_S
         and 1 <= config.max_frame_samples <= min(FRAME_SAMPLES, config.queue_samples)
         and config.queue_samples <= QUEUE_SAMPLES

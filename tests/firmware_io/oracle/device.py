@@ -1,4 +1,4 @@
-"""The reference: the device side of the protocol in Python, written from PROTOCOL.md.
+"""The oracle: the device side of the protocol in Python, written from PROTOCOL.md.
 
 It plays the same samples and answers the same bytes as the firmware in C; the conformance tests
 compare the two.
@@ -13,17 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io.firmware.core import LINE
-from firmware_io.firmware.reference_board import (
-    DRY_MS,
-    MIN_CARRIER_MHZ,
-    MIN_WATCHDOG_MS,
-    PAUSE_MS,
-    RAMP_MS,
-    check_board,
-)
-from firmware_io.firmware.reference_output import Codes, Playing, ReferenceOutput, Whats
-from firmware_io.firmware.reference_receiver import Head, Receiver
-from firmware_io.firmware.reference_window import MAX_RMS_MV, MEAN_DIVISOR, ReferenceWindow
 from firmware_io.protocol import (
     FULL_SCALE_CODE,
     INDEX_MODULUS,
@@ -46,7 +35,20 @@ from firmware_io.protocol import (
     encode,
     to_reports,
 )
-from firmware_io.protocol.payloads import LAYOUTS, read_payload
+from firmware_io.protocol.frames import LAYOUTS, read_payload
+from tests.firmware_io.oracle.board import (
+    DRY_MS,
+    MIN_CARRIER_MHZ,
+    MIN_WATCHDOG_MS,
+    PAUSE_MS,
+    RAMP_MS,
+    ceiling_code,
+    check_board,
+    lowest_slew,
+)
+from tests.firmware_io.oracle.output import Codes, OracleOutput, Playing, Whats
+from tests.firmware_io.oracle.receiver import Head, Receiver
+from tests.firmware_io.oracle.window import MAX_RMS_MV, MEAN_DIVISOR, Window
 
 MAX_TOUCHES = MAX_MARKS = 8
 MARK_MS = 1
@@ -56,8 +58,8 @@ _SETUP = LAYOUTS[FrameKind.SETUP].fields
 _SAMPLE_HEADS: dict[FrameKind, int] = {FrameKind.STREAM: 4, FrameKind.REVISE: 6}
 
 
-class ReferenceCore:
-    """The firmware in Python; see `firmware_io.firmware.core.Core`.
+class Oracle:
+    """The firmware in Python, with the calls of `firmware_io.firmware.core.Core`.
 
     Parameters
     ----------
@@ -70,20 +72,17 @@ class ReferenceCore:
         If `config` describes no possible device.
     """
 
-    name = "python"
-
     def __init__(self, config: CapabilitiesReport) -> None:
         check_board(config)
         self._config = replace(config, oldest_version=VERSION, newest_version=VERSION)
         self._setup: Setup | None = None
         rate_hz = config.output_rate_hz
         ramp_ticks = -(-rate_hz * RAMP_MS // 1000)
-        top_code = min(config.ceiling_mv * FULL_SCALE_CODE // config.full_scale_mv, FULL_SCALE_CODE)
-        self._output = ReferenceOutput(
+        top_code = ceiling_code(config, config.ceiling_mv)
+        self._output = OracleOutput(
             ramp_ticks,
             rate_hz * DRY_MS // 1000 - ramp_ticks,
-            top_code,
-            ReferenceWindow(rate_hz, config.full_scale_mv, top_code, ramp_ticks),
+            Window(rate_hz, config.full_scale_mv, top_code, ramp_ticks),
         )
         self._forget_setup()
         self._longest_stream = 4 + 2 * config.max_frame_samples
@@ -222,7 +221,7 @@ class ReferenceCore:
         ranges = (
             (8, config.full_scale_mv, config.full_scale_mv, full_scale_mv),
             (12, 1, self._ceiling_mv, ceiling_mv),
-            (16, 1, self._max_slew_v_per_s, slew),
+            (16, lowest_slew(config, ceiling_mv), self._max_slew_v_per_s, slew),
             (20, *carriers, carrier_mhz),
             (24, 0, watchdog_ms * 1000, lead_us),
         )
@@ -268,6 +267,8 @@ class ReferenceCore:
                     setup.mode,
                     rate // setup.sample_rate_hz,
                     setup.carrier_mhz * 2**32 // (rate * 1000),
+                    self._step_codes(setup),
+                    ceiling_code(self._config, setup.ceiling_mv),
                 ),
             )
         self._last_queued = int(codes[-1])
@@ -336,7 +337,7 @@ class ReferenceCore:
         """Whether mode and ceiling hold for samples; refuse them if not."""
         full_scale_mv = self._config.full_scale_mv
         peak = int(np.abs(codes).max())
-        top = min(setup.ceiling_mv * FULL_SCALE_CODE // full_scale_mv, FULL_SCALE_CODE)
+        top = ceiling_code(self._config, setup.ceiling_mv)
         if head.mode != setup.mode:
             self.refuse(FaultCode.MODE, head.sequence, setup.mode, head.mode)
         elif peak > top:
@@ -346,15 +347,19 @@ class ReferenceCore:
             return True
         return False
 
+    def _step_codes(self, setup: Setup) -> int:
+        """Return the whole codes by which the slew lets an output sample differ from the last."""
+        codes_per_s = setup.max_slew_v_per_s * 1000 * FULL_SCALE_CODE // setup.full_scale_mv
+        return codes_per_s // self._config.output_rate_hz
+
     def _first_too_steep(self, codes: npt.NDArray[np.int64], last: int, setup: Setup) -> int | None:
         before = np.concatenate([[last], codes[:-1]])
-        volts_per_code = self._config.full_scale_mv  # in 1/32767 mV
-        slews = np.abs(codes - before) * setup.sample_rate_hz * volts_per_code
+        slews = np.abs(codes - before) * setup.sample_rate_hz
         if setup.mode is StreamMode.ENVELOPE:
             carrier_rad_per_s = -(-setup.carrier_mhz * 411775 // 65536000)
             size = np.maximum(np.abs(codes), np.abs(before))
-            slews = slews + carrier_rad_per_s * volts_per_code * size
-        over = slews > setup.max_slew_v_per_s * 1000 * FULL_SCALE_CODE
+            slews = slews + carrier_rad_per_s * size
+        over = slews > self._step_codes(setup) * self._config.output_rate_hz
         return int(over.argmax()) if over.any() else None
 
     def _accept(self, sequence: int) -> None:
@@ -450,7 +455,7 @@ class ReferenceCore:
         self._output.has_ended_ramp = False
         if self.is_armed and self._output.has_begun:
             self._silent_ticks += ticks
-            if self._silent_ticks == self._watchdog_tick():
+            if self._silent_ticks >= self._watchdog_tick():
                 assert self._setup is not None
                 self.refuse(FaultCode.STARVED, 0, self._setup.watchdog_ms, 0)
         if self.is_armed and self._status_ticks():

@@ -2,8 +2,9 @@
  *
  * The input is a program of calls: bytes as they come, bytes in reports, whole frames with their
  * check sums made right (no fuzzer finds a CRC-32 by itself), time, answers. Whatever it says, no
- * output is above the ceiling, no second of it above the energy or the mean, the output is at 0 V when the watchdog time has passed in silence,
- * and the device hears a HELLO behind any garbage.
+ * output is above the ceiling, none further from the one before than the slew that was stated, no
+ * second above the energy or the mean, the output is at 0 V when the watchdog time has passed in
+ * silence, and the device hears a HELLO behind any garbage.
  */
 #include <stddef.h>
 #include <stdint.h>
@@ -30,8 +31,22 @@ static const hx_config config = {
 static int16_t second[RATE_HZ];
 static uint32_t second_at;
 static int64_t sum, energy;
+/* The last output, and the most codes by which the next may differ from it. */
+static int32_t last, most_step;
+static int is_at_rest;
+/* What was played last. */
+static int16_t out[4096];
+static uint8_t what[4096];
+
+/* The slew that a SETUP has stated, in codes of an output sample. */
+static int32_t stated_step(void) {
+    uint64_t codes_per_s = (uint64_t)device.max_slew_v_per_s * 32767000u / 250000u;
+    return (int32_t)(codes_per_s / RATE_HZ);
+}
 
 static void forget_second(void) {
+    last = most_step = 0;
+    is_at_rest = 1;
     for (uint32_t i = 0; i < RATE_HZ; i++) second[i] = 0;
     second_at = 0;
     sum = energy = 0;
@@ -42,16 +57,20 @@ static void demand(int is_so) {
 }
 
 static void play(uint32_t n) {
-    static int16_t out[4096];
-    static uint8_t what[4096];
     uint32_t pending = hx_device_pending(&device);
     demand(device.marks <= HX_MARKS);
+    /* A ramp may still be that of a set-up before. */
+    if (is_at_rest || most_step < stated_step()) most_step = stated_step();
     hx_device_play(&device, out, what, n);
     for (uint32_t i = 0; i < n && device.faults == 0 && i < pending && device.received == 0; i++)
         demand((what[i] & 0x7f) != HX_OUT_HELD);
     for (uint32_t i = 0; i < n; i++) {
         demand(out[i] <= CEILING_CODE && out[i] >= -CEILING_CODE);
         demand((what[i] & 0x7f) != HX_OUT_IDLE || out[i] == 0);
+        demand(out[i] - last <= most_step && last - out[i] <= most_step);
+        last = out[i];
+        is_at_rest = (what[i] & 0x7f) == HX_OUT_IDLE;
+        if (is_at_rest) most_step = stated_step();
         int64_t goes = second[second_at], comes = out[i];
         second[second_at] = out[i];
         second_at = (second_at + 1u) % RATE_HZ;
@@ -104,7 +123,7 @@ static void set_up(uint8_t operand) {
     hx_put_u32(payload + 4, operand & 2u ? RATE_HZ / 4 : RATE_HZ);
     hx_put_u32(payload + 8, 250000);
     hx_put_u32(payload + 12, operand & 4u ? 150000 : 200000);
-    hx_put_u32(payload + 16, operand & 8u ? 900000 : 4666666);
+    hx_put_u32(payload + 16, operand & 32u ? 46666 : operand & 8u ? 900000 : 4666666);
     hx_put_u32(payload + 20, mode ? 3000000 : 0);
     hx_put_u32(payload + 24, operand & 16u ? 1000 : 0);
     hx_put_u16(payload + 28, 3);
@@ -147,10 +166,11 @@ static void run(const uint8_t *data, size_t size) {
             break;
         }
         case 4:
-        case 5: /* a stream that goes on, one byte for each sample */
+        case 5: /* a stream that goes on, one byte for each sample, or for each step */
             hx_put_u32(payload, device.next_index);
-            for (uint32_t i = 0; i < n; i++) {
+            for (uint32_t i = 0, from = (uint32_t)device.last_queued; i < n; i++) {
                 uint32_t code = (uint32_t)(data[at + i] << 8 | (data[at + i] ^ 0x55)) & 0xffffu;
+                if (call > 127u) code = from += (data[at + i] - 128u) * 3u;
                 hx_put_u16(payload + 4 + 2 * i, (uint16_t)code);
             }
             at += n;
@@ -202,7 +222,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     demand(hx_device_bytes() == sizeof device && hx_device_init(&device, &config));
     forget_second();
     if (size > 0 && data[0] & 1u) { /* half of the inputs begin where it is interesting */
-        set_up(data[0] >> 1 & 31u);
+        set_up(data[0] >> 1 & 63u);
         hx_device_receive(&device, frame, make_frame(frame, HX_ARM, device.next_sequence, 0, frame, 0));
         demand(device.is_armed);
     }

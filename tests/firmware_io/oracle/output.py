@@ -1,4 +1,4 @@
-"""The output of the reference: queue, line between samples, carrier, ramp; block by block."""
+"""The output of the oracle: queue, line between samples, carrier, ramp; block by block."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io.firmware.core import Output
-from firmware_io.firmware.reference_window import ReferenceWindow
-from firmware_io.firmware.sine import sine_table
 from firmware_io.protocol import FULL_SCALE_CODE, FaultCode, StreamMode
+from tests.firmware_io.oracle.sine import sine_table
+from tests.firmware_io.oracle.window import Window
 
 Codes = npt.NDArray[np.int16]
 Whats = npt.NDArray[np.uint8]
@@ -28,9 +28,11 @@ class Playing:
     mode: StreamMode
     ticks_per_sample: int
     phase_step: int
+    step_codes: int
+    ceiling_code: int
 
 
-class ReferenceOutput:
+class OracleOutput:
     """The present output and the samples after it.
 
     Parameters
@@ -39,9 +41,7 @@ class ReferenceOutput:
         Length of the safety ramp.
     hold_ticks : int
         How long a waveform that has run dry is held.
-    top_code : int
-        Largest code that leaves the limiter.
-    window : ReferenceWindow
+    window : Window
         Energy and mean of what has left it.
 
     Attributes
@@ -53,9 +53,7 @@ class ReferenceOutput:
         output samples, index of the first, how many, and output samples of each.
     """
 
-    def __init__(
-        self, ramp_ticks: int, hold_ticks: int, top_code: int, window: ReferenceWindow
-    ) -> None:
+    def __init__(self, ramp_ticks: int, hold_ticks: int, window: Window) -> None:
         self.ramp_ticks = ramp_ticks
         self.broken = FaultCode.NONE
         self.taken: list[tuple[int, int, int, int]] = []
@@ -63,7 +61,6 @@ class ReferenceOutput:
         self._hold_ticks = hold_ticks
         self._dry_ticks = 0
         self._gain = ramp_ticks
-        self._top_code = top_code
         self.queue: Codes = np.empty(0, np.int16)
         self.has_begun = False
         self.is_playing = False
@@ -73,9 +70,9 @@ class ReferenceOutput:
         self.ramp_ticks_left = 0
         self.has_ended_ramp = False
         self._is_dry = False
-        self._playing = Playing(StreamMode.WAVEFORM, 1, 0)
+        self._playing = Playing(StreamMode.WAVEFORM, 1, 0, 0, 0)
         self._next = self._playing
-        self._from = self._to = self._level = 0
+        self._from = self._to = self._level = self._code = 0
         self._tick_of_sample = 0
         self._phase = 0
         self._ramp_from = 0
@@ -151,7 +148,21 @@ class ReferenceOutput:
         levels, kind = self._run(most)
         self._level = int(levels[-1])
         driven = self._times_carrier(levels) if kind is not Output.IDLE else levels
-        return levels, np.clip(driven, -self._top_code, self._top_code), kind
+        driven = self._limited(driven)
+        self._code = int(driven[-1])
+        return levels, driven, kind
+
+    def _limited(self, driven: _Integers) -> _Integers:
+        """Return codes below the ceiling, none of which is too far from the one before."""
+        most, step = self._playing.ceiling_code, self._playing.step_codes
+        driven = np.clip(driven, -most, most)
+        too_far = np.abs(np.diff(driven, prepend=self._code)) > step
+        if not too_far.any():
+            return driven
+        limited, before = driven.copy(), self._code
+        for place, code in enumerate(driven.tolist()):
+            before = limited[place] = max(before - step, min(before + step, code))
+        return limited
 
     def _run(self, most: int) -> tuple[_Integers, Output]:
         """Return the levels of up to `most` ticks that are all of one kind; at least one."""
@@ -187,9 +198,7 @@ class ReferenceOutput:
         line, step = tick // each, tick % each + 1
         points = np.concatenate([[self._from, self._to], self.queue]).astype(np.int64)
         levels = points[line] + _quotient((points[line + 1] - points[line]) * step, each)
-        gains = np.minimum(self._gain + 1 + np.arange(count), self.ramp_ticks)
-        self._gain = int(gains[-1])
-        levels = _quotient(levels * gains, self.ramp_ticks)
+        levels = self._times_gain(levels)
         taken = int(line[-1])
         self._is_dry &= taken == 0
         self._from, self._to = int(points[taken]), int(points[taken + 1])
@@ -197,6 +206,21 @@ class ReferenceOutput:
         self.queue = self.queue[taken:]
         self.samples_played = (self.samples_played + taken) % 2**32
         return levels, Output.STREAM
+
+    def _times_gain(self, levels: _Integers) -> _Integers:
+        """Let the gain rise with each level, but not where the slew would be too high."""
+        before, back = self._code, 0
+        levels = levels.copy()
+        while self._gain < self.ramp_ticks and back < levels.size:
+            higher, level = (
+                int(_quotient(levels[back] * gain, self.ramp_ticks))
+                for gain in (self._gain + 1, self._gain)
+            )
+            if abs(higher - before) <= self._playing.step_codes:
+                self._gain, level = self._gain + 1, higher
+            before = levels[back] = level
+            back += 1
+        return levels
 
     def _run_dry(self, most: int) -> tuple[_Integers, Output]:
         """Hold a carrier; hold a waveform for a while, then ramp it to 0 V."""

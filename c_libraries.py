@@ -1,0 +1,134 @@
+"""The libraries in C: what each is made of, and how it is built.
+
+A wheel brings them; `hatch_build.py` puts them there. A checkout keeps them in build/libraries/,
+from the installation on, and builds them again when a source has changed: whoever loads one asks
+`built` for its path. This file is no part of a package, since an installed wheel has no use for it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parent
+
+
+class Library(NamedTuple):
+    """The sources of one library, in a folder with their headers, and the flags of its own."""
+
+    folder: str
+    sources: tuple[str, ...]
+    flags: tuple[str, ...] = ()
+
+
+LIBRARIES = {
+    "haptix-firmware": Library(
+        "firmware_io/firmware",
+        (
+            "haptix_wire.c",
+            "haptix_receive.c",
+            "haptix_session.c",
+            "haptix_answer.c",
+            "haptix_play.c",
+            "haptix_window.c",
+            "haptix_host.c",  # for hosts alone
+        ),
+        # A desktop has memory for the longest frame of the format and a queue of 2.7 s at 48 kHz.
+        ("-DHX_QUEUE_SAMPLES=131072u", "-DHX_MAX_FRAME_SAMPLES=32765u"),
+    ),
+    "haptix-native": Library(
+        "haptix/native",
+        ("haptix_block.c", "haptix_fingers.c", "haptix_map.c", "haptix_surface.c"),
+        # The same results on all machines: no product is added without being rounded.
+        ("-ffp-contract=off", "-lm"),
+    ),
+}
+
+_FLAGS = ("-std=c99", "-O2", "-shared")
+
+
+class BuildError(RuntimeError):
+    """A library cannot be built."""
+
+
+def built(name: str) -> Path:
+    """Return the path of a library of this checkout, built from its sources as they are now.
+
+    Raises
+    ------
+    BuildError
+        If there is no compiler, it refuses the sources, or what it makes cannot be kept.
+    """
+    library = LIBRARIES[name]
+    folder = ROOT / library.folder
+    digest = hashlib.sha256(repr((library, _FLAGS, sysconfig.get_platform())).encode())
+    for path in (*(folder / source for source in library.sources), *sorted(folder.glob("*.h"))):
+        digest.update(path.read_bytes())
+    suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+    kept = ROOT / "build" / "libraries" / f"{name}-{digest.hexdigest()[:16]}{suffix}"
+    if kept.exists():
+        return kept
+    try:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=kept.parent) as own:
+            compile_library(name, Path(own) / kept.name)
+            # When complete: no process ever loads half a library, and two may build it at once.
+            (Path(own) / kept.name).replace(kept)
+    except OSError as error:
+        raise BuildError(
+            f"cannot keep {name} in {kept.parent}: {error.strerror or error}; make room there, and "
+            "let this user write there."
+        ) from None
+    return kept
+
+
+def compile_library(name: str, path: Path, triple: str = "") -> None:
+    """Compile a library to `path`: for this machine, or for the target that ziglang calls `triple`.
+
+    Raises
+    ------
+    BuildError
+        If there is no compiler, or it refuses the sources.
+    """
+    library = LIBRARIES[name]
+    compiler = _compiler(triple)
+    if not path.name.endswith(".dll"):
+        compiler.append("-fPIC")
+    sources = [str(ROOT / library.folder / source) for source in library.sources]
+    done = subprocess.run(
+        [*compiler, *_FLAGS, *sources, *library.flags, "-o", str(path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode != 0:
+        raise BuildError(
+            f"{shlex.join(compiler)} could not compile {name}; install another compiler (pip "
+            f"install ziglang), or name one by the variable CC. It said: {done.stderr.strip()}"
+        )
+
+
+def _compiler(triple: str) -> list[str]:
+    if find_spec("ziglang"):
+        # No instruction that other machines with this architecture lack.
+        target = ("-target", triple) if triple else ("-mcpu=baseline",)
+        return [sys.executable, "-m", "ziglang", "cc", "-s", *target]
+    if triple:
+        raise BuildError(f"To build for {triple}, ziglang is needed: pip install ziglang.")
+    for command in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
+        words = shlex.split(command)
+        if words and shutil.which(words[0]):
+            return words
+    raise BuildError(
+        "haptix needs a C compiler to build its libraries, but neither ziglang nor $CC, cc, gcc or "
+        "clang was found: pip install ziglang, or name a compiler by the variable CC."
+    )

@@ -1,0 +1,49 @@
+"""A library in C: of the wheel, or built from a checkout's present sources."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from runpy import run_path
+from typing import Any
+
+import cffi
+
+from firmware_io.errors import DeviceError
+
+
+def load(name: str, *headers: Path) -> tuple[cffi.FFI, Any]:
+    """Load a library that lies beside its headers, and declare what they mark for cffi.
+
+    Raises
+    ------
+    DeviceError
+        If it is not there and cannot be built, or cannot be loaded.
+    """
+    ffi = cffi.FFI()
+    for header in headers:
+        declared = re.search(
+            r"/\* cffi: begin \*/(.*)/\* cffi: end \*/", header.read_text(), re.DOTALL
+        )
+        assert declared is not None
+        ffi.cdef(declared.group(1))
+    path = _path(name, headers[0].parent)
+    try:
+        return ffi, ffi.dlopen(str(path))
+    except OSError as error:
+        raise DeviceError(
+            f"The compiled library {path} cannot be loaded: {error}; remove it and install haptix "
+            "again."
+        ) from error
+
+
+def _path(name: str, folder: Path) -> Path:
+    builder = Path(__file__).parents[1] / "c_libraries.py"
+    if not builder.is_file():
+        return next(folder.glob(f"{name}.*"), folder / name)
+    checkout = run_path(str(builder))
+    try:
+        path: Path = checkout["built"](name)
+    except checkout["BuildError"] as error:
+        raise DeviceError(str(error)) from None
+    return path

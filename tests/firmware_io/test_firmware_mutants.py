@@ -1,0 +1,42 @@
+"""The tests notice each safety line of the firmware that is wrong; see firmware/mutants.py."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.firmware_io.firmware.mutants import CORE, MUTANTS, Mutant, survives
+
+HERE = Path(__file__).parent
+#: What finds most of them first.
+TESTS = (
+    "test_conformance.py",
+    "test_output_slew.py",
+    "test_revisions_on_the_wire.py",
+    "test_output_window.py",
+    "test_differential.py",
+)
+PYTEST = [
+    *(sys.executable, "-m", "pytest", "-q", "-x", "-p", "tests.firmware_io.firmware.mutated"),
+    *(str(HERE / name) for name in TESTS),
+]
+
+
+def test_the_list_follows_the_core():
+    assert len(MUTANTS) >= 40
+    for mutant in MUTANTS:
+        assert (CORE / mutant.file).read_text().count(mutant.text) == 1, mutant
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: f"{mutant.file}: {mutant.text}")
+def test_each_mutant_fails_the_check_of_the_firmware_alone_and_the_tests(mutant):
+    assert not survives(mutant)
+    assert not survives(mutant, PYTEST)
+
+
+@pytest.mark.slow
+def test_the_core_as_it_is_passes_both():
+    same = Mutant(MUTANTS[0].file, MUTANTS[0].text, MUTANTS[0].text)
+    assert survives(same)
+    assert survives(same, PYTEST)
