@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 from firmware_io.errors import DeviceError, DeviceNotFoundError
 
 Read = Callable[[str], Any]
-SchemeName = Literal["mock", "usb", "hid", "serial", "audio", "daq", "tcp"]
 
 
 def number(text: str) -> float:
@@ -52,7 +51,9 @@ def one_of(*words: str) -> Read:
 
 _EXPECTED: Mapping[Any, str] = {
     number: "a number",
+    float: "a number",
     count: "a whole number",
+    int: "a whole number",
     hexadecimal: "a hexadecimal number of up to four digits",
     yes_or_no: "yes or no",
 }
@@ -67,7 +68,7 @@ SETTING_KEYS: Mapping[str, Read] = {
 }
 
 
-def split_address(address: object, schemes: tuple[str, ...]) -> tuple[str, str]:
+def split_address(address: object, schemes: Iterable[str]) -> tuple[str, str]:
     """Return the scheme and the selector of an address.
 
     Raises

@@ -19,13 +19,23 @@ class Clock(Protocol):
 class HostClock:
     """The computer's monotonic clock."""
 
+    __call__ = staticmethod(time.monotonic)
+    sleep = staticmethod(time.sleep)
+
+
+class SteppedClock:
+    """A clock that stands until somebody waits, so that what a program does can be repeated."""
+
+    def __init__(self) -> None:
+        self._now_s = 0.0
+
     def __call__(self) -> float:
         """Return the time in seconds."""
-        return time.monotonic()
+        return self._now_s
 
     def sleep(self, seconds: float) -> None:
-        """Wait."""
-        time.sleep(seconds)
+        """Go on by so many seconds."""
+        self._now_s += seconds
 
 
 HOST_CLOCK = HostClock()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import weakref
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Self
 
@@ -11,15 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io.capabilities import Capabilities, Mode
-from firmware_io.clock import HOST_CLOCK, Clock
+from firmware_io.clock import Clock
 from firmware_io.errors import DeviceDisconnectedError, DeviceError, LimitError
 from firmware_io.limits import DriveLimits
 from firmware_io.link import Link
-from firmware_io.links.mock import MockLink
-from firmware_io.marks import Marked
-from firmware_io.mock import MockDriver
-from firmware_io.progress import Progress
-from firmware_io.protocol import StreamMode, TouchReport
+from firmware_io.links.mock import MockDriver, MockLink
+from firmware_io.progress import Marked, Progress
+from firmware_io.protocol import Setup, StreamMode, TouchReport
 from firmware_io.protocol_client import ProtocolClient
 from firmware_io.setting import (
     bounded_setup,
@@ -29,7 +29,9 @@ from firmware_io.setting import (
     first_setup,
     lowered_limits,
 )
-from firmware_io.stream import Stream
+from firmware_io.stream import Pace, Stream
+
+_LOG = logging.getLogger("firmware_io.device")
 
 
 class Device:
@@ -53,8 +55,8 @@ class Device:
         One of the driver's rates in that mode; default: the highest that the link can carry.
     carrier_hz : float, optional
         Carrier in envelope mode; default: `firmware_io.setting.DEFAULT_CARRIER_HZ`.
-    clock : Clock
-        The host's clock; tests may give another.
+    clock : Clock, optional
+        Another clock of the host than the link's, for tests.
 
     Raises
     ------
@@ -72,29 +74,26 @@ class Device:
         mode: Mode | None = None,
         sample_rate_hz: float | None = None,
         carrier_hz: float | None = None,
-        clock: Clock = HOST_CLOCK,
+        clock: Clock | None = None,
     ) -> None:
         try:
-            client = ProtocolClient(link, clock)
+            client = ProtocolClient(link, link.clock if clock is None else clock)
             report = client.handshake()
             driver = Capabilities.from_report(report, report.output_rate_hz)
             mode = choose_mode(mode, driver, link)
             rate_hz = choose_rate(sample_rate_hz, mode, driver, link)
+            limits = lowered_limits(limits or DriveLimits(), driver)
+            output_rate_hz = report.output_rate_hz
             setup = first_setup(driver, mode, rate_hz, carrier_hz)
-            self._stream = Stream(
-                client,
-                lowered_limits(limits or DriveLimits(), driver, setup),
-                setup,
-                driver.max_frame_samples,
-                report.output_rate_hz,
-            )
+            setup = bounded_setup(setup, limits, driver, output_rate_hz)
+            self._stream = Stream(client, limits, setup, driver.max_frame_samples, output_rate_hz)
         except BaseException:
             with suppress(Exception):
                 link.close()
             raise
         self._capabilities = replace(driver, sample_rate_hz=float(rate_hz))
-        self._bound_setup()
         self._is_closed = False
+        _LOG.info("%s: opened, %s at %g Hz", link.name, mode, rate_hz)
         # Holds only the stream: a reference to the device would keep it from being collected.
         weakref.finalize(self, self._stream.abandon)
 
@@ -102,6 +101,11 @@ class Device:
     def capabilities(self) -> Capabilities:
         """The driver's capabilities."""
         return self._capabilities
+
+    @property
+    def clock(self) -> Clock:
+        """The host's clock, on which `host_time_s`, `marked` and `progress` tell times."""
+        return self._stream.client.clock
 
     @property
     def name(self) -> str:
@@ -124,10 +128,9 @@ class Device:
         return self._stream.setup.watchdog_ms / 1e3
 
     @property
-    def least_write_samples(self) -> int:
-        """Best size of a write: multiples of it fill whole frames if the link has reports."""
-        stream = self._stream
-        return 1 if stream.link.report_bytes is None else stream.pace.frame_samples
+    def pace(self) -> Pace:
+        """How much one write and one revision may hold."""
+        return self._stream.pace
 
     @property
     def limits(self) -> DriveLimits:
@@ -148,11 +151,6 @@ class Device:
     def latency_s(self) -> float | None:
         """Latency of an interface behind the link, in seconds; None if unknown."""
         return self._stream.link.latency_s
-
-    @property
-    def link_bytes_per_s(self) -> float | None:
-        """Bytes that the link carries in a second; None where it sets no limit of its own."""
-        return self._stream.link.bytes_per_s
 
     @property
     def frames_sent(self) -> int:
@@ -197,18 +195,13 @@ class Device:
             If the device had to stop and could not; the ceiling is lowered even so.
         """
         stream = self._stream
-        lowered = replace(stream.limits, ceiling_v=ceiling_v)
+        lowered = replace(stream.checks.stated, ceiling_v=ceiling_v)
         if ceiling_v > stream.limits.ceiling_v:
             raise LimitError(
                 f"The ceiling is {stream.limits.ceiling_v!r} V and can only be lowered, but "
                 f"{ceiling_v!r} V was asked for; open the device anew for a higher one."
             )
-        try:
-            if abs(stream.last_v) > ceiling_v:
-                stream.stop(play_out=True)
-        finally:
-            stream.limits = lowered
-            self._bound_setup()
+        self._lower(lowered, must_stop=abs(stream.last_v) > ceiling_v)
 
     def raise_capacitance(self, capacitance_f: float) -> None:
         """State a larger capacitance of finger and body: it lowers the slew limit.
@@ -223,17 +216,20 @@ class Device:
             If the device had to stop and could not; the limit is lowered even so.
         """
         stream = self._stream
-        lowered = replace(stream.limits, capacitance_f=capacitance_f)
+        lowered = replace(stream.checks.stated, capacitance_f=capacitance_f)
         if capacitance_f < stream.limits.capacitance_f:
             raise LimitError(
                 f"The capacitance is {stream.limits.capacitance_f!r} F and can only be raised, but "
                 f"{capacitance_f!r} F was given; open the device anew for a smaller one."
             )
+        self._lower(lowered, must_stop=True)
+
+    def _lower(self, limits: DriveLimits, must_stop: bool) -> None:
         try:
-            stream.stop(play_out=True)
+            if must_stop:
+                self._stream.stop(play_out=True)
         finally:
-            stream.limits = lowered
-            self._bound_setup()
+            self._bind(limits, self._stream.setup)
 
     def set_up(
         self,
@@ -262,17 +258,18 @@ class Device:
         DeviceError
             If the device is armed, or a value is impossible.
         """
-        if self._stream.is_armed:
+        stream = self._stream
+        if stream.is_armed:
             raise DeviceError("The device is armed, so its set-up is fixed; stop it first.")
-        self._stream.setup = changed_setup(
-            self._stream.setup,
+        setup = changed_setup(
+            stream.setup,
             self._capabilities.max_watchdog_s,
             carrier_hz=carrier_hz,
             lead_s=lead_s,
             watchdog_s=watchdog_s,
             status_s=status_s,
         )
-        self._bound_setup()
+        self._bind(stream.checks.stated, setup)
 
     def progress(self, is_fresh: bool = False, is_due: bool = False) -> Progress:
         """Read the driver's reports and return its progress.
@@ -319,18 +316,13 @@ class Device:
                 f"{self.name} takes no marks; use the trigger channel of a stimulus file, or a "
                 "driver whose firmware takes them."
             )
-        if not self._stream.is_armed:
-            raise DeviceError("The device must be armed to mark its samples; call arm() first.")
         if sample_index < 0 or not 0 <= code < 2**16:
             raise DeviceError(
                 f"A mark has a sample index of 0 or more and a code of 0 to 65535, but "
                 f"{sample_index} and {code} came."
             )
-        try:
+        with self._armed("mark its samples"):
             self._stream.mark(sample_index, code)
-        except BaseException as error:
-            self._stop_after(error)
-            raise
 
     @property
     def marks_waiting(self) -> int:
@@ -395,16 +387,8 @@ class Device:
             If the device is not armed, `volts` is not a 1-D array of real numbers, or the driver
             fails.
         """
-        if not self._stream.is_armed:
-            raise DeviceError(
-                "The device must be armed to write to it, but is not; call arm() first, "
-                "or use it in a with statement."
-            )
-        try:
+        with self._armed("write to it"):
             self._stream.write(_as_samples(volts))
-        except BaseException as error:
-            self._stop_after(error)
-            raise
 
     def revise(self, first_sample: int, volts: npt.NDArray[np.float64]) -> None:
         """Replace samples that were sent and have not been played.
@@ -418,7 +402,7 @@ class Device:
         first_sample : int
             Index of the first of them, in samples since the device was armed.
         volts : ndarray of float64, shape (n,)
-            At most `most_revised_samples`; the last sample sent stays.
+            At most `pace.most_revised_samples`; the last sample sent stays.
 
         Raises
         ------
@@ -427,29 +411,8 @@ class Device:
         DeviceError
             If the device is not armed for it, the samples are not queued, or the driver fails.
         """
-        if not self._stream.is_armed:
-            raise DeviceError("The device must be armed to revise its samples; call arm() first.")
-        try:
+        with self._armed("revise its samples"):
             self._stream.revise(first_sample, _as_samples(volts))
-        except BaseException as error:
-            self._stop_after(error)
-            raise
-
-    @property
-    def most_revised_samples(self) -> int:
-        """Samples in the longest revision."""
-        return self._stream.pace.most_revised_samples
-
-    def revision_budget(self, window_s: float) -> tuple[int, float]:
-        """Return samples in a revision, and the least time from one to the next, in seconds.
-
-        Parameters
-        ----------
-        window_s : float
-            Longest revision. It is shorter where driver or link do not carry as much a hundred
-            times a second.
-        """
-        return self._stream.pace.revision_budget(window_s)
 
     def stop(self) -> None:
         """Play the samples sent, bring the output to 0 V and disarm. Idempotent.
@@ -476,6 +439,7 @@ class Device:
         if self._is_closed and not self.stop_is_owed:
             return
         self._is_closed = True
+        _LOG.info("%s: closes", self.name)
         self._stream.close()
 
     def __enter__(self) -> Self:
@@ -488,17 +452,34 @@ class Device:
         else:
             self._stop_after(error)
 
+    @contextmanager
+    def _armed(self, use: str) -> Iterator[None]:
+        """Refuse a use of a device that is not armed; on any error in it, end at 0 V."""
+        if not self._stream.is_armed:
+            raise DeviceError(
+                f"The device must be armed to {use}, but is not; call arm() first, or use it in a "
+                "with statement."
+            )
+        try:
+            yield
+        except BaseException as error:
+            self._stop_after(error)
+            raise
+
     def _stop_after(self, error: BaseException) -> None:
         """Stop because of `error`, and add a note to it if that fails."""
+        what = "refused by a limit" if isinstance(error, LimitError) else type(error).__name__
+        _LOG.info("%s: stops, %s: %s", self.name, what, error)
         try:
             self.stop_at_once()
         except Exception as failure:
             error.add_note(f"Bringing the output to 0 V failed as well: {failure}")
 
-    def _bound_setup(self) -> None:
-        """Give the driver the host's limits, with room for rounding to codes."""
+    def _bind(self, limits: DriveLimits, setup: Setup) -> None:
+        """Give the driver these limits and this set-up from the next arming on."""
         stream = self._stream
-        stream.setup = bounded_setup(stream.setup, stream.limits, self._capabilities)
+        bounded = bounded_setup(setup, limits, self._capabilities, stream.output_rate_hz)
+        stream.bind(limits, bounded)
 
 
 def _as_samples(volts: npt.ArrayLike) -> npt.NDArray[np.float64]:

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
-from firmware_io.links.registry import SCHEMES
-from firmware_io.scheme import DeviceInfo
+from firmware_io.errors import DeviceError
+from firmware_io.scheme import DeviceInfo, scheme, scheme_names
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,14 @@ def survey_buses() -> list[BusReport]:
     There is one report for each bus. A library that is missing or fails is reported, never raised.
     """
     reports = []
-    for kind, bus in ((kind, scheme.bus) for kind, scheme in SCHEMES.items() if scheme.bus):
+    for kind in scheme_names():
+        try:
+            bus = scheme(kind).bus
+        except DeviceError as error:
+            reports.append(BusReport(kind, False, str(error), ()))
+            continue
+        if bus is None:
+            continue
         try:
             detail, devices = bus.search()
             reports.append(BusReport(kind, True, detail, tuple(devices)))

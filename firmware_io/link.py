@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
+from firmware_io.clock import HOST_CLOCK, Clock
+
 
 class Link(ABC):
     """Carries bytes to one driver and back.
@@ -17,6 +19,9 @@ class Link(ABC):
     @abstractmethod
     def name(self) -> str:
         """The driver's name in messages, such as its address."""
+
+    clock: Clock = HOST_CLOCK
+    """By which the host waits for the driver."""
 
     @property
     def report_bytes(self) -> int | None:

@@ -6,8 +6,7 @@ from typing import Any
 
 from firmware_io.address import SETTING_KEYS, read_selector, split_address
 from firmware_io.device import Device
-from firmware_io.links.registry import SCHEMES
-from firmware_io.scheme import Scheme
+from firmware_io.scheme import Scheme, scheme, scheme_names
 
 
 def open_device(address: str) -> Device:
@@ -44,13 +43,11 @@ def open_device(address: str) -> Device:
     ...     device.capabilities.ceiling_v
     150.0
     """
-    scheme, values = read_address(address)
-    names = (
-        ["mode", "carrier_hz"] if scheme.makes_rate else ["mode", "carrier_hz", "sample_rate_hz"]
-    )
+    link, values = read_address(address)
+    names = ["mode", "carrier_hz"] if link.makes_rate else ["mode", "carrier_hz", "sample_rate_hz"]
     settings = {key: values.pop(key) for key in names if key in values}
     later = {key: values.pop(key) for key in ("lead_s", "watchdog_s") if key in values}
-    device = Device(scheme.open(**values), **settings)
+    device = Device(link.open(**values), **settings)
     try:
         device.set_up(**later)
     except BaseException:
@@ -67,7 +64,7 @@ def read_address(address: str) -> tuple[Scheme, dict[str, Any]]:
     DeviceError
         If the address cannot be read.
     """
-    name, selector = split_address(address, tuple(SCHEMES))
-    scheme = SCHEMES[name]
-    values, pairs = scheme.split(selector)
-    return scheme, values | read_selector(name, pairs, {**scheme.keys, **SETTING_KEYS})
+    name, selector = split_address(address, scheme_names())
+    link = scheme(name)
+    values, pairs = link.split(selector)
+    return link, values | read_selector(name, pairs, {**link.keys, **SETTING_KEYS})

@@ -1,238 +1,369 @@
-"""Real-time playback: one thread makes samples, another owns the device and plays them."""
+"""Real-time playback with a long queue and a short reaction: what waits is revised."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import logging
+import signal
+import threading
+import weakref
+from collections.abc import Callable
 from numbers import Real
+from types import FrameType, TracebackType
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.background import BackgroundPlayback
-from firmware_io.clock import Clock
+from firmware_io.clock import HOST_CLOCK
 from firmware_io.device import Device
 from firmware_io.errors import DeviceError
-from firmware_io.feeder import Feeder
+from firmware_io.real_time import raise_priority
+from firmware_io.reviser import PlaybackStats, Reviser, Source
 
-LONGEST_LEAD_S = 1.0
+_LOG = logging.getLogger("firmware_io.playback")
+
+LONGEST_HORIZON_S = 0.11
+"""With the spare beyond it, about what a driver takes within its longest watchdog time."""
+
+_JOIN_S = 5.0  # longer than any link waits before it gives up
 
 
-@dataclass(frozen=True)
-class PlaybackStats:
-    """Counters since `Playback.start`.
+class WaveSource:
+    """A source whose samples are the same whenever they are asked for: nothing is revised.
 
     Parameters
     ----------
-    lead_s : float
-        Time from `put` to the output that is asked for, in seconds.
-    underruns : int
-        Number of times that samples ran out before the signal had come to rest.
-    late_blocks : int
-        Blocks put after samples had run out.
-    samples_played : int
-        Samples put that have gone to the device.
-    device_rate_hz, drift_ppm : float or None
-        Samples that the device plays per second of the host's clock, and the excess over its
-        stated rate; None in the first second.
-    stall_s : float
-        Longest time in which the signal got no samples, in seconds; 0 if they never ran out.
-    holding_lead_s : float or None
-        Shortest lead that would have held, in seconds; None if this one has.
+    samples : callable
+        Returns the volts of so many samples from an index on, shape (count,).
+
+    Examples
+    --------
+    >>> tone = WaveSource(lambda first, count: np.sin(0.1 * np.arange(first, first + count)))
     """
 
-    lead_s: float
-    underruns: int
-    late_blocks: int
-    samples_played: int
-    device_rate_hz: float | None
-    drift_ppm: float | None
-    stall_s: float = 0.0
-    holding_lead_s: float | None = None
+    grid = 1
+    is_live = False
 
-    @property
-    def advice(self) -> str:
-        """What to do if the lead did not hold; empty if it did."""
-        if self.holding_lead_s is None:
-            return ""
-        held = f"a lead of {self.holding_lead_s * 1e3:.0f} ms would have held"
-        if self.holding_lead_s > LONGEST_LEAD_S:
-            held = f"no lead up to {LONGEST_LEAD_S:g} s would have held"
-        return (
-            f"cannot hold its lead of {self.lead_s * 1e3:.3g} ms: {self.underruns} underruns, "
-            f"{self.late_blocks} late blocks, longest stall {self.stall_s * 1e3:.0f} ms; {held}. "
-            "Choose a longer lead, or give the computer less to do"
-        )
+    def __init__(self, samples: Callable[[int, int], npt.NDArray[np.float64]]) -> None:
+        self._samples = samples
 
-    def __str__(self) -> str:
-        drift = "" if self.drift_ppm is None else f", drift {self.drift_ppm:.0f} ppm"
-        line = (
-            f"{self.samples_played} samples, lead {self.lead_s * 1e3:.3g} ms, {self.underruns} "
-            f"underruns, {self.late_blocks} late blocks{drift}"
-        )
-        return f"{line}; {self.advice}" if self.advice else line
+    def window(
+        self, first: int, count: int, at_s: float, is_revision: bool
+    ) -> npt.NDArray[np.float64]:
+        """Return samples from index `first` on."""
+        return self._samples(first, count)
+
+    def settle(self, obeyed: int, undone: bool) -> None:
+        """Nothing is revised."""
+
+    def played(self, index: int) -> None:
+        """Nothing is kept."""
 
 
-class Playback(BackgroundPlayback[Feeder]):
-    """Plays samples in real time, through a thread that owns the device.
+class Playback:
+    """Plays what a source makes, and makes it anew until it is played.
 
-    The thread keeps the device's queue at the lead, by the device's own clock, so that the delay
-    does not grow. When samples run out it ramps to 0 V, keeps the device fed with 0 V, and fades
-    in when they return. However it ends (`stop`, an exception, Ctrl-C, SIGTERM, the interpreter's
-    exit, or garbage collection), the output ends at 0 V and the thread ends. It can start again.
+    One thread owns the device. It pulls samples up to the horizon ahead, and on each touch, and
+    every 15 ms at least, pulls those that are played next once more and revises them. A stall up
+    to the horizon is no underrun. However it ends (`stop`, an exception, Ctrl-C, SIGTERM, the
+    interpreter's exit, or garbage collection), the output ends at 0 V and the thread ends. It can
+    start again.
+
+    On a device whose clock is not the host's own there is no thread: `step` and `run_until` do the
+    work, by that clock.
 
     Parameters
     ----------
     device : Device
         Open; only the playback may use it between `start` and `stop`.
-    lead_s : float
-        Time from `put` to the output, in seconds: the longest stall that is not felt.
-    block_s : float
-        Shortest write to the device, in seconds, unless its queue runs low; at most a third of
-        the lead. With HID reports it is rounded up to whole frames.
-    clock : Clock, optional
-        For tests: there is no thread, and each call does the work that is due.
+    source : Source
+        Makes the samples, on the thread of the playback.
+    reaction_s : float
+        Time from a touch to the first sample that knows of it: wake-up, rendering, transport and
+        the driver's guard. Where these take longer, as soon as they allow.
+    horizon_s : float
+        Longest stall that is no underrun.
+    stats : PlaybackStats, optional
+        What to count in.
+
+    Attributes
+    ----------
+    has_thread : bool
+        Whether a thread plays, by the host's own clock.
 
     Raises
     ------
     DeviceError
-        If a time is out of range.
+        If a time is out of range, or the device is a mock that plays at once.
     """
 
     def __init__(
         self,
         device: Device,
-        lead_s: float = 0.025,
-        block_s: float = 0.001,
+        source: Source,
+        reaction_s: float = 0.003,
+        horizon_s: float = 0.1,
         *,
-        clock: Clock | None = None,
+        stats: PlaybackStats | None = None,
     ) -> None:
-        is_number = isinstance(lead_s, Real)
-        if not (is_number and 0.003 <= lead_s <= LONGEST_LEAD_S):
+        for name, value, least, most in (
+            ("reaction_s", reaction_s, 0.001, 0.1),
+            ("horizon_s", horizon_s, 0.02, LONGEST_HORIZON_S),
+        ):
+            if not (isinstance(value, Real) and least <= value <= most):
+                raise DeviceError(f"{name} must lie in {least:g}..{most:g}, but is {value!r}.")
+        if device.mock is not None and device.mock.pace == "virtual":
             raise DeviceError(
-                f"lead_s must lie in 0.003..{LONGEST_LEAD_S:g}, but is {lead_s!r}; "
-                "0.025 is a usual lead."
+                'This mock plays at once whatever it is sent; open "mock:pace=real", or '
+                '"mock:pace=stepped" for a clock of its own, or write to the device directly.'
             )
-        if not (0.0 < block_s <= lead_s / 3):
-            raise DeviceError(
-                f"block_s must be above 0 and at most a third of lead_s, {lead_s / 3:g}, but is "
-                f"{block_s!r}; shorten the block or lengthen the lead."
-            )
-        super().__init__(device, clock)
-        self.lead_s = lead_s
-        self._block_s = block_s
+        self.device = device
+        self.stats = PlaybackStats() if stats is None else stats
+        self.stats.reaction_s, self.stats.horizon_s = reaction_s, horizon_s
+        self._source = source
+        self.has_thread = device.clock is HOST_CLOCK
+        self._writer: Writer | None = None
+        self._finalizer: weakref.finalize[Any, Any] | None = None
+        self._terminator: Terminator | None = None
+        self._turn = threading.RLock()  # one thread starts or stops at a time
 
-    def _feeder(self) -> Feeder:
-        return Feeder(self.device, self.lead_s, self._block_s, self._now)
-
-    def put(self, volts: npt.NDArray[np.float64]) -> None:
-        """Append samples; the device plays them one lead later.
-
-        Parameters
-        ----------
-        volts : ndarray of float64, shape (n,)
-            Voltages at the device's sample rate, or amplitudes if it makes the carrier.
+    def start(self) -> None:
+        """Arm the device and begin with 0 V; no effect if it runs.
 
         Raises
         ------
         DeviceError
-            If there is no room, or it does not run; once, the error that ended it.
-        LimitError
-            Once, if earlier samples broke a limit; the output is then at 0 V.
+            If the device cannot be armed, or its driver cannot revise.
         """
-        writer = self._running()
-        values = np.asarray(volts)
-        if values.ndim != 1 or values.dtype.kind not in "fiu":
-            raise DeviceError(
-                "Voltages must be a 1-D array of real numbers, but came as "
-                f"{values.ndim}-D {values.dtype}; give one voltage per sample."
-            )
-        writer.feeder.put(values.astype(np.float64, copy=False))
-        if self._clock is not None:
-            self._step(writer)
+        with self._turn:
+            if self._finalizer is not None:
+                return
+            writer = Writer(Reviser(self.device, self._source, self.stats))
+            writer.reviser.begin()
+            stats = self.stats
+            _LOG.info("begins: reaction %g s, horizon %g s", stats.reaction_s, stats.horizon_s)
+            self._writer = writer
+            # Holds only the writer: a reference to this object would keep it from being collected.
+            self._finalizer = weakref.finalize(self, writer.abandon)
+            self._terminator = Terminator()
+            if self.has_thread:
+                writer.thread.start()
 
-    def wait_for_room(self, samples: int, timeout_s: float = 1.0) -> bool:
-        """Wait until this many samples can be put without a longer delay.
-
-        Returns
-        -------
-        bool
-            Whether there is room; False after the timeout.
+    def stop(self) -> None:
+        """Ramp to 0 V at once, disarm, and end the thread. Idempotent.
 
         Raises
         ------
         DeviceError, LimitError
-            As from `put`.
+            The error that ended the playback, unless it was raised before.
         """
-        writer = self._running()
-        feeder = writer.feeder
-        if samples > feeder.lead:
+        with self._turn:
+            if self._finalizer is None or self._writer is None:
+                return
+            self._finalizer.detach()
+            self._finalizer = None
+            try:
+                self._writer.end()
+            finally:
+                if self._terminator is not None:
+                    self._terminator.restore()
+                    self._terminator = None
+            self.raise_once()
+
+    def touch(self, touched_s: float | None = None) -> None:
+        """Tell that the source has news, from a time of the device's clock or from now.
+
+        Raises
+        ------
+        DeviceError, LimitError
+            Once, the error that ended the playback.
+        """
+        reviser = self._running().reviser
+        reviser.touch(self.device.clock() if touched_s is None else touched_s)
+
+    def step(self) -> float:
+        """Do the work that is due, without a thread; return the time to the next, in seconds.
+
+        Raises
+        ------
+        DeviceError, LimitError
+            Once, the error that ended the playback.
+        """
+        delay_s = self._running().round()
+        self.raise_once()
+        return delay_s
+
+    def run_until(self, end_s: float) -> None:
+        """Wait until a time of the device's clock, and do the work meanwhile if there is no thread.
+
+        Raises
+        ------
+        DeviceError, LimitError
+            Once, the error that ended the playback.
+        """
+        clock = self.device.clock
+        while not self.has_thread and (delay_s := self.step()) < end_s - clock():
+            clock.sleep(max(delay_s, _LEAST_STEP_S))
+        clock.sleep(max(0.0, end_s - clock()))
+
+    def raise_once(self) -> None:
+        """Raise the error that ended the playback, unless it was raised before."""
+        if self._writer is not None:
+            self._writer.raise_once()
+
+    @property
+    def error(self) -> BaseException | None:
+        """The error that ended the playback; None if there was none."""
+        return None if self._writer is None else self._writer.error
+
+    @property
+    def is_running(self) -> bool:
+        """Whether it plays."""
+        return self._finalizer is not None and self._writer is not None and not self._writer.is_over
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            self.stop()
+        except BaseException as failure:
+            if error is None:
+                raise
+            if failure is not error:
+                error.add_note(f"Stopping the playback failed as well: {failure}")
+
+    def _running(self) -> Writer:
+        self.raise_once()
+        writer = self._writer
+        if self._finalizer is None or writer is None or writer.is_over:
             raise DeviceError(
-                f"The lead holds {feeder.lead} samples, but room for {samples} was asked for; "
-                "put shorter blocks, or choose a longer lead."
+                "The playback does not run; call start() or use it in a with statement."
             )
-        end_s = self._now() + timeout_s
-        if self._clock is not None:
-            self._step(writer)
-        while True:
-            with feeder.ready:
-                if not writer.is_over:
-                    missing = samples - self._room(feeder)
-                    left_s = end_s - self._now()
-                    if missing <= 0:
-                        return True
-                    if left_s <= 0:
-                        return False
-                    wait_s = min(max(missing / feeder.rate_hz, 1e-4), left_s)
-                    if self._clock is None:
-                        feeder.ready.wait(wait_s)
-            writer.raise_once()
-            self._running()
-            if self._clock is not None:
-                self._clock.sleep(min(self._step(writer), wait_s))
+        return writer
+
+
+_LEAST_STEP_S = 1e-5  # half a sample: a driver's clock must move between two steps
+
+
+class Writer:
+    """The thread that owns the device; it holds no reference to its `Playback`."""
+
+    def __init__(self, reviser: Reviser) -> None:
+        self.reviser = reviser
+        self.error: BaseException | None = None
+        self._over = threading.Event()
+        # A daemon, so that an interpreter that exits does not wait for it before `abandon` runs.
+        self.thread = threading.Thread(target=self._run, name="firmware_io playback", daemon=True)
+        self._is_told = False
+        self._must_end = False
 
     @property
-    def room_samples(self) -> int:
-        """Samples that can be put before the delay exceeds the lead; 0 if stopped."""
-        if self._writer is None or self._writer.is_over:
-            return 0
-        with self._writer.feeder.ready:
-            return self._room(self._writer.feeder)
+    def is_over(self) -> bool:
+        """Whether it has ended, by `stop` or by an error."""
+        return self._over.is_set()
 
-    @property
-    def samples_put(self) -> int:
-        """Samples put since `start`."""
-        return 0 if self._writer is None else self._writer.feeder.samples_put
+    def round(self) -> float:
+        """Do one round of the work; keep an error, which ends the playback."""
+        try:
+            return self.reviser.step()
+        except BaseException as error:
+            self._fail(error)
+            return 0.0
 
-    @property
-    def queued_samples(self) -> int:
-        """Samples between `put` and the output."""
-        if self._writer is None or self._writer.is_over:
-            return 0
-        with self._writer.feeder.ready:
-            return self._writer.feeder.queued
-
-    @property
-    def shortages(self) -> tuple[int, int]:
-        """Underruns and late blocks, as in `stats`, for callers that ask often."""
-        return (0, 0) if self._writer is None else self._writer.feeder.shortages
-
-    @property
-    def stats(self) -> PlaybackStats:
-        """Counters since `start`."""
-        if self._writer is None:
-            return PlaybackStats(self.lead_s, 0, 0, 0, None, None)
-        feeder = self._writer.feeder
-        with feeder.ready:
-            return PlaybackStats(
-                self.lead_s,
-                feeder.underruns,
-                feeder.late_blocks,
-                feeder.samples_taken,
-                feeder.device_clock.rate_hz,
-                feeder.device_clock.drift_ppm,
-                feeder.longest_gap_s and self.lead_s + feeder.longest_gap_s,
-                feeder.holding_lead_s,
+    def end(self) -> None:
+        """End at 0 V, and wait until the thread has, where there is one."""
+        if self.thread.ident is None:
+            if not self.is_over:
+                self._end()
+            return
+        with self.reviser.ready:
+            self._must_end = True
+            self.reviser.ready.notify_all()
+        if self.thread is threading.current_thread():  # called by the garbage collector
+            return
+        self.thread.join(_JOIN_S)
+        if self.thread.is_alive():
+            raise DeviceError(
+                f"The link did not return within {_JOIN_S:g} s, so the host could not bring the "
+                "output to 0 V; the driver's watchdog does. Unplug the device and open it again."
             )
 
-    def _room(self, feeder: Feeder) -> int:
-        return max(0, min(feeder.lead - feeder.queued, feeder.ring.room))
+    def abandon(self) -> None:
+        """End without raising, for a playback that was collected: nobody can catch an error."""
+        try:
+            self.end()
+        except Exception:
+            self.error = self.error or DeviceError("The playback was collected and did not end.")
+
+    def raise_once(self) -> None:
+        """Raise the error that ended the playback, the first time."""
+        if self.error is not None and not self._is_told:
+            self._is_told = True
+            raise self.error
+
+    def _run(self) -> None:
+        reviser = self.reviser
+        raise_priority()
+        while not self._over.is_set():
+            delay_s = self.round()
+            with reviser.ready:
+                if not (self._must_end or self._over.is_set() or reviser.has_news):
+                    reviser.ready.wait(delay_s)
+                must_end = self._must_end
+            if must_end and not self._over.is_set():
+                self._end()
+
+    def _end(self) -> None:
+        try:
+            # At once: what is queued is provisional, and is not played out.
+            self.reviser.device.stop_at_once()
+        except BaseException as error:
+            self._fail(error)
+        self._close()
+
+    def _fail(self, error: BaseException) -> None:
+        self.error = error
+        _LOG.info("fails, %s: %s", type(error).__name__, error)
+        try:
+            self.reviser.device.stop_at_once()
+        except Exception as failure:
+            if failure is not error:
+                error.add_note(f"Bringing the output to 0 V failed as well: {failure}")
+        self._close()
+
+    def _close(self) -> None:
+        _LOG.info("ends: %s", self.reviser.stats)
+        with self.reviser.ready:
+            self._over.set()
+            self.reviser.ready.notify_all()
+
+
+class Terminator:
+    """Turns SIGTERM into SystemExit while a playback runs, so that with statements end.
+
+    Only if no other handler is set, and only from the main thread, as Python requires.
+    """
+
+    def __init__(self) -> None:
+        self._is_ours = (
+            threading.current_thread() is threading.main_thread()
+            and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+        )
+        if self._is_ours:
+            signal.signal(signal.SIGTERM, self._exit)
+
+    def restore(self) -> None:
+        """Restore the default, unless another handler was set since."""
+        in_main = threading.current_thread() is threading.main_thread()
+        if self._is_ours and in_main and signal.getsignal(signal.SIGTERM) == self._exit:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+    def _exit(self, number: int, frame: FrameType | None) -> None:
+        raise SystemExit(128 + number)

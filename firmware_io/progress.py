@@ -1,13 +1,57 @@
-"""How far a driver has come, by its last report."""
+"""What a driver reports of its output: how far it is, its clock, and samples that were marked."""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import Self
 
-from firmware_io.protocol import INDEX_MODULUS, DeviceState, StatusReport
+from firmware_io.protocol import NEVER, MarkedReport
 
-_SLOWEST = 0.98  # of its rate, at which a driver plays; even without a crystal none is slower
+_KEPT_S = 1.0  # in which clocks that differ by 100 ppm part by 0.1 ms
+
+
+class OutputClock:
+    """Follows the output of a driver by its reports.
+
+    A report may be read late, never early. So the one that shows the driver furthest ahead is the
+    best of the last second.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Samples per second.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self.rate_hz = rate_hz
+        self._origins: deque[tuple[float, float]] = deque()
+        self._origin = 0.0
+
+    def restart(self, host_s: float, played: float) -> None:
+        """Forget earlier reports: from here on the output goes on without a gap."""
+        self._origins.clear()
+        self.observe(host_s, played)
+
+    def observe(self, host_s: float, played: float) -> None:
+        """Take a report, read at `host_s`, of how many samples were played."""
+        origins, origin = self._origins, played - host_s * self.rate_hz
+        while origins and (origins[-1][1] <= origin or origins[0][0] < host_s - _KEPT_S):
+            # Those that are not further ahead can never be the best again.
+            if origins[-1][1] <= origin:
+                origins.pop()
+            else:
+                origins.popleft()
+        origins.append((host_s, origin))
+        self._origin = origins[0][1]
+
+    def played(self, host_s: float) -> float:
+        """Return how many samples the driver has played at a time, fractions included."""
+        return self._origin + host_s * self.rate_hz
+
+    def time_of(self, index: float) -> float:
+        """Return when a sample is played, by the host's clock."""
+        return (index - self._origin) / self.rate_hz
 
 
 @dataclass(frozen=True)
@@ -45,38 +89,38 @@ class Progress:
     revisions_undone: int = 0
     margin_samples: int = 0
 
-    @classmethod
-    def of(
-        cls,
-        status: StatusReport,
-        reported_s: float,
-        now_s: float,
-        sent: int,
-        most_ahead: int,
-        sample_rate_hz: float,
-        clock_samples: float,
-        revisions: tuple[int, int] = (0, 0),
-    ) -> Self:
-        """Return the progress by a report that came at `reported_s`.
 
-        The driver takes `most_ahead` samples at most; of `revisions` it has obeyed and undone.
-        """
-        played = sent - (sent - status.samples_played) % INDEX_MODULUS
-        ahead = sent - played
-        is_playing = status.state is DeviceState.PLAYING
-        if is_playing:
-            # What it has played since then, at the least, is room that it will report.
-            since_s = _SLOWEST * (now_s - reported_s)
-            ahead -= min(max(0, int(since_s * sample_rate_hz)), status.queued_samples)
-        room = status.queued_samples + status.free_samples - ahead
-        return cls(
-            reported_s,
-            sent,
-            played,
-            max(0, min(room, most_ahead - ahead)),
-            is_playing,
-            clock_samples,
-            status.underruns,
-            *revisions,
-            status.margin_samples,
-        )
+MOST_MARKS = 8
+"""That wait in a driver, or to be read."""
+
+
+@dataclass(frozen=True)
+class Marked:
+    """A sample that was marked and has been played.
+
+    Attributes
+    ----------
+    sample_index : int
+        Samples sent before it since the device was armed, modulo 2**32.
+    code : int
+        That of the mark.
+    clock_ticks : int or None
+        Its first output sample by the driver's clock, at which the digital line rose; None if it
+        had been played before the mark came.
+    time_s : float or None
+        The same by the host's clock: as the driver's reports of its clock came, of which the
+        earliest counts, and not when this one was read.
+    """
+
+    sample_index: int
+    code: int
+    clock_ticks: int | None
+    time_s: float | None
+
+    @classmethod
+    def of(cls, report: MarkedReport, clock: OutputClock) -> Self:
+        """Take a driver's report, with its clock against the host's."""
+        if report.clock_ticks == NEVER:
+            return cls(report.sample_index, report.code, None, None)
+        time_s = clock.time_of(report.clock_ticks)
+        return cls(report.sample_index, report.code, report.clock_ticks, time_s)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from firmware_io.clock import HOST_CLOCK, Clock
 from firmware_io.errors import (
@@ -14,7 +15,7 @@ from firmware_io.errors import (
     ProtocolError,
 )
 from firmware_io.link import Link
-from firmware_io.output_clock import OutputClock
+from firmware_io.progress import OutputClock
 from firmware_io.protocol import (
     OLDEST_VERSION,
     SEQUENCE_MODULUS,
@@ -35,6 +36,8 @@ from firmware_io.protocol import (
     TouchReport,
     encode,
 )
+
+_LOG = logging.getLogger("firmware_io.protocol")
 
 ANSWER_S = 0.5
 """Longest time to an answer, in seconds: a full queue of reports and a busy host take less."""
@@ -105,23 +108,19 @@ class ProtocolClient:
         # Twice: a report may be lost on the way, and HELLO is accepted in every state.
         for end_s in (self.clock() + ANSWER_S / 2, self.clock() + ANSWER_S):
             self.version = OLDEST_VERSION
-            self.send(Hello(OLDEST_VERSION, VERSION))
-            while True:
-                items = self._read(max(0.0, end_s - self.clock()))
-                for item in items or ():
-                    if isinstance(item, CapabilitiesReport):
-                        self.fault = None
-                        self.version = min(item.newest_version, VERSION)
-                        self.output_clock = OutputClock(item.output_rate_hz)
-                        return item
-                    if isinstance(item, FaultReport) and item.code is FaultCode.VERSION:
-                        raise ProtocolError(
-                            f"{self.link.name}: {item} Bring both to the same version."
-                        )
-                    if isinstance(item, ProtocolError):
-                        damage = item
-                if items is None or self.clock() > end_s:
-                    break
+            _LOG.info("%s: HELLO is sent", self.link.name)
+            self.send(Hello())
+            for item in self._items(end_s):
+                if isinstance(item, CapabilitiesReport):
+                    self.fault = None
+                    self.version = VERSION
+                    self.output_clock = OutputClock(item.output_rate_hz)
+                    _LOG.info("%s: speaks version %d", self.link.name, self.version)
+                    return item
+                if isinstance(item, FaultReport) and item.code is FaultCode.VERSION:
+                    raise ProtocolError(f"{self.link.name}: {item} Bring both to the same version.")
+                if isinstance(item, ProtocolError):
+                    damage = item
         if damage is not None:
             raise ProtocolError(
                 f"{self.link.name} answered, but not as a haptix driver does: {damage}"
@@ -150,6 +149,10 @@ class ProtocolClient:
             encode(Frame(message, (self._sequence + place) % SEQUENCE_MODULUS), self.version)
             for place, message in enumerate(messages)
         ]
+        if _LOG.isEnabledFor(logging.DEBUG):
+            for message, frame in zip(messages, frames, strict=True):
+                name = type(message).__name__
+                _LOG.debug("%s > %s %s", self.link.name, name, frame.hex())
         try:
             if self.link.report_bytes is None:
                 self.link.send(b"".join(frames))
@@ -228,19 +231,23 @@ class ProtocolClient:
     def _await(
         self, what: str, is_answer: Callable[[StatusReport], bool], is_patient: bool = False
     ) -> StatusReport:
-        end_s = self.clock() + ANSWER_S
+        for item in self._items(self.clock() + ANSWER_S):
+            if isinstance(item, StatusReport) and is_answer(item):
+                return item
+            if isinstance(item, FaultReport) and not is_patient:
+                self.raise_fault()
+        raise DeviceDisconnectedError(
+            f"{self.link.name} did not answer {what.upper()} within {ANSWER_S:g} s; "
+            "check its cable and power, then open it again."
+        )
+
+    def _items(self, end_s: float) -> Iterator[DeviceMessage | ProtocolError]:
+        """Yield what the driver sends, until a time or until nothing comes."""
         while True:
             items = self._read(max(0.0, end_s - self.clock()))
-            for item in items or ():
-                if isinstance(item, StatusReport) and is_answer(item):
-                    return item
-                if isinstance(item, FaultReport) and not is_patient:
-                    self.raise_fault()
+            yield from items or ()
             if items is None or self.clock() > end_s:
-                raise DeviceDisconnectedError(
-                    f"{self.link.name} did not answer {what.upper()} within {ANSWER_S:g} s; "
-                    "check its cable and power, then open it again."
-                )
+                return
 
     def _read(self, timeout_s: float) -> list[DeviceMessage | ProtocolError] | None:
         """Return the driver's messages, in order; None if no byte came in time."""
@@ -255,17 +262,21 @@ class ProtocolClient:
         if not data:
             return None
         self._read_s = now_s
+        if _LOG.isEnabledFor(logging.DEBUG):
+            _LOG.debug("%s < %s", self.link.name, data.hex())
         items += self._parser.feed(data)
         return [self._take(item, now_s) for item in items]
 
     def _take(self, item: Frame | ProtocolError, now_s: float) -> DeviceMessage | ProtocolError:
         if isinstance(item, ProtocolError):
+            _LOG.info("%s: dropped bytes: %s", self.link.name, item)
             return item
         message = item.message
         if isinstance(message, StatusReport):
             self.status, self.status_s = message, now_s
             self.output_clock.observe(now_s, message.clock_ticks)
         elif isinstance(message, FaultReport):
+            _LOG.info("%s: the driver's fault: %s", self.link.name, message)
             self.fault = self.fault or message
         elif isinstance(message, TouchReport):
             self.touches.append(message)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.clock import Clock
 from firmware_io.device import Device
-from firmware_io.output_clock import OutputClock
-from firmware_io.progress import Progress
+from firmware_io.progress import OutputClock, Progress
+
+_LOG = logging.getLogger("firmware_io.playback")
 
 WINDOW_S = 0.02
 """Longest revision: two intervals of a touchscreen of 100 Hz."""
@@ -42,6 +45,62 @@ _LONGEST_NEED_S = 0.05
 _RENEWED_SHARE = 0.75  # of a window is played at most before the next one
 _LEAST_WINDOW_S = 0.002  # in which a source can meet what is queued behind it
 _KEPT = 100_000
+
+
+@dataclass
+class PlaybackStats:
+    """What a playback counts."""
+
+    reaction_s: float = math.nan
+    """Time from a touch to the first sample that knows of it [s], as asked for."""
+    horizon_s: float = math.nan
+    """Longest stall that is no underrun [s], as asked for."""
+    samples_played: int = 0
+    """Samples sent, each once."""
+    underruns: int = 0
+    """Times that the driver had no samples."""
+    revisions: int = 0
+    """Windows that were made again and revised before they were played."""
+    refused: int = 0
+    """Revisions that came too late."""
+    late_samples: int = 0
+    """Samples played from an older prediction, because their revision came later than asked for."""
+    longest_stall_s: float = 0.0
+    """Longest time for which the thread that plays did not run when it should have [s]."""
+    reactions_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT), repr=False)
+    """Of each of the last touches, time to the first sample that knew of it [s]."""
+
+    @property
+    def reaction_p50_s(self) -> float:
+        """Median of `reactions_s` [s]; nan without any."""
+        return percentile(self.reactions_s, 50)
+
+    @property
+    def reaction_p99_s(self) -> float:
+        """99th percentile of them [s]."""
+        return percentile(self.reactions_s, 99)
+
+    @property
+    def reaction_max_s(self) -> float:
+        """Longest of them [s]."""
+        return percentile(self.reactions_s, 100)
+
+    @property
+    def advice(self) -> str:
+        """What to do if the horizon did not hold; empty if it did."""
+        if not self.underruns:
+            return ""
+        return (
+            f"cannot hold its horizon of {self.horizon_s * 1e3:.3g} ms: {self.underruns} "
+            f"underruns, longest stall {self.longest_stall_s * 1e3:.0f} ms. Choose a longer "
+            "horizon_s, or give the computer less to do"
+        )
+
+
+def percentile(times_s: Iterable[float], percent: float) -> float:
+    """Return a percentile; nan of nothing."""
+    kept = list(times_s)
+    return float(np.percentile(kept, percent)) if kept else math.nan
 
 
 class Source(Protocol):
@@ -76,63 +135,51 @@ class Reviser:
     Parameters
     ----------
     device : Device
-        Armed by `begin`, written to and revised by `step`, and stopped by `end`.
+        Armed by `begin`, written to and revised by `step`.
     source : Source
         Makes the samples.
-    reaction_s, horizon_s : float
-        See `RevisedPlayback`.
-    clock : Clock
-        The host's.
+    stats : PlaybackStats
+        What to count in; it says which reaction and horizon to keep.
 
     Attributes
     ----------
     ready : threading.Condition
-        Guards the state that others read; notified to wake the thread.
-    reactions_s : deque of float
-        Of each touch, time from it to the first sample that knew of it.
-    underruns, late_samples : int
-        See `RevisedStats`.
+        Guards what a touch changes; notified to wake the thread.
+    has_news : bool
+        Whether a touch has come since the last step began.
     """
 
-    def __init__(
-        self, device: Device, source: Source, reaction_s: float, horizon_s: float, clock: Clock
-    ) -> None:
+    def __init__(self, device: Device, source: Source, stats: PlaybackStats) -> None:
         rate_hz = device.capabilities.sample_rate_hz
         self.device = device
         self.ready = threading.Condition()
         self.output = OutputClock(rate_hz)
-        self.reactions_s: deque[float] = deque(maxlen=_KEPT)
-        self.underruns = 0
-        self.late_samples = 0
-        self.revisions = 0
-        self.refused = 0
         self.samples_sent = 0
-        self.longest_stall_s = 0.0
+        self.stats = stats
         self._source = source
-        self._clock = clock
+        self._clock = device.clock
         self._rate_hz = rate_hz
-        self._reaction_s = reaction_s
         grid = source.grid
-        is_slow = device.link_bytes_per_s is not None
-        most, self._least_interval_s = device.revision_budget(
+        is_slow = device.pace.bytes_per_s is not None
+        most, self._least_interval_s = device.pace.revision_budget(
             _SLOW_WINDOW_S if is_slow else WINDOW_S
         )
         self._window = max(grid, most // grid * grid)
         self._least = int(_LEAST_WINDOW_S * rate_hz)
-        self._horizon = int((horizon_s + SPARE_S) * rate_hz)
-        piece = device.least_write_samples
+        self._horizon = int((stats.horizon_s + SPARE_S) * rate_hz)
+        piece = device.pace.least_write_samples
         if piece == 1:
-            beyond = device.capabilities.queue_samples - horizon_s * rate_hz
+            beyond = device.capabilities.queue_samples - stats.horizon_s * rate_hz
             piece = min(int(_PIECE_S * rate_hz), max(self._least, int(_PIECE_SHARE * beyond)))
-            if device.link_bytes_per_s is not None:
-                piece = min(piece, int(_PIECE_TAKES_S * device.link_bytes_per_s / 2))
+            if device.pace.bytes_per_s is not None:
+                piece = min(piece, int(_PIECE_TAKES_S * device.pace.bytes_per_s / 2))
         self._piece = max(grid, piece // grid * grid)
         self._patience_s = min(_APPENDED_WITHIN_S, self._piece / rate_hz / 2)
         self._guard_s = device.capabilities.guard_s
         # From reading the clock to the first sample, on a line that is free.
         self.need_s = self._guard_s + _FIRST_NEED_S
-        if device.link_bytes_per_s is not None:
-            self.need_s += 2 * self._window / device.link_bytes_per_s
+        if device.pace.bytes_per_s is not None:
+            self.need_s += 2 * self._window / device.pace.bytes_per_s
         self._line_sent, self._line_free_s = device.bytes_sent, -math.inf
         self._needs: deque[float] = deque([self.need_s], maxlen=len(_WEIGHTS))
         self.has_news = False
@@ -141,10 +188,11 @@ class Reviser:
         self._under_way: deque[tuple[float, float, float]] = deque()
         self._look_s = self._append_s = -math.inf
         self._revised_s = self._carried_s = -math.inf
-        self._refused_s = clock()  # the first revisions try how long they need
+        self._refused_s = self._clock()  # the first revisions try how long they need
         self._asked_s = -math.inf
         self._known_underruns = 0
-        self._undone = 0
+        self._is_heard = False  # whether a report has told of the output
+        self._obeyed = self._undone = 0
         self._forgotten = 0  # the source cannot begin before this index
         self._due_s = math.inf  # of the step under way
 
@@ -166,7 +214,7 @@ class Reviser:
         """Send what is due; return the time to the next step, in seconds."""
         self.has_news = False
         now_s = self._clock()
-        self.longest_stall_s = max(self.longest_stall_s, now_s - self._due_s)
+        self.stats.longest_stall_s = max(self.stats.longest_stall_s, now_s - self._due_s)
         # A touch comes first: reports are read, and samples appended, once its revision is sent.
         is_touched = self._touched_s is not None and now_s >= self._next_revision_s()
         is_low = self.samples_sent - self.output.played(now_s) < self._horizon / 4
@@ -195,10 +243,6 @@ class Reviser:
             later_s = (self._piece - missing) / self._rate_hz
             self._append_s = self._clock() + later_s + self._patience_s
 
-    def end(self, drain: bool) -> None:
-        """Stop the device at 0 V: what is queued is provisional, and is not played out."""
-        self.device.stop_at_once()
-
     def _next_revision_s(self) -> float:
         """Return when to revise, by the clock."""
         if self._touched_s is not None:
@@ -210,24 +254,32 @@ class Reviser:
 
     def _observe(self, progress: Progress) -> None:
         if progress.is_playing:
-            if progress.underruns != self._known_underruns:
-                self.underruns += progress.underruns - self._known_underruns
-                self._known_underruns = progress.underruns
+            missed = progress.underruns - self._known_underruns
+            if missed or not self._is_heard:
+                # What was known is of an output that has stood since, or was assumed.
                 self.output.restart(progress.reported_s, progress.samples_played)
+                self._is_heard = True
             else:
                 self.output.observe(progress.reported_s, progress.samples_played)
-        obeyed = progress.revisions - self.revisions
+            if missed:
+                self.stats.underruns += missed
+                _LOG.info("underrun, %d in all", self.stats.underruns)
+                self._known_underruns = progress.underruns
+        obeyed = progress.revisions - self._obeyed
         undone = progress.revisions_undone - self._undone
-        self.revisions, self._undone = progress.revisions, progress.revisions_undone
+        self._obeyed, self._undone = progress.revisions, progress.revisions_undone
         if not (obeyed or undone):
             return
+        stats = self.stats
+        stats.revisions += obeyed
+        stats.refused += undone
         with self.ready:
             for _ in range(obeyed):
                 touched_s, first_s, lead_s = self._under_way.popleft()
                 if not math.isnan(touched_s):
-                    self.reactions_s.append(first_s - touched_s)
+                    stats.reactions_s.append(first_s - touched_s)
             if undone:
-                self.refused += undone
+                _LOG.info("%d revisions came too late and are repeated", undone)
                 self._refused_s = self._clock()
                 touched = [t for t, *_ in self._under_way if not math.isnan(t)]
                 lead_s = self._under_way[-1][-1]
@@ -270,8 +322,8 @@ class Reviser:
         self._carried_s = max(self._carried_s, now_s) + self._least_interval_s
         first = math.ceil((self.output.played(now_s) + need_s * self._rate_hz) / grid)
         if touched_s is not None:
-            wanted = self.output.played(touched_s + self._reaction_s)
-            self.late_samples += max(0, first * grid - math.ceil(wanted))
+            wanted = self.output.played(touched_s + self.stats.reaction_s)
+            self.stats.late_samples += max(0, first * grid - math.ceil(wanted))
             first = max(first, math.floor(wanted / grid))
         first = max(first * grid, self._forgotten + grid)
         # The last point queued stays: what is appended goes on from it.
@@ -280,6 +332,9 @@ class Reviser:
             return
         at_s = self.output.time_of(first)
         volts = self._source.window(first, count, at_s, True)
+        if _LOG.isEnabledFor(logging.DEBUG):
+            ahead_ms = 1e3 * (at_s - now_s)
+            _LOG.debug("revises %d samples from %d, %.2f ms ahead", count, first, ahead_ms)
         self.device.revise(first, volts)
         self._note_sent(now_s)
         is_wary = now_s - self._refused_s < _WARY_S
@@ -294,7 +349,7 @@ class Reviser:
 
     def _note_sent(self, began_s: float) -> None:
         """Count what was sent from a time on, on a line that carries so many bytes a second."""
-        rate = self.device.link_bytes_per_s
+        rate = self.device.pace.bytes_per_s
         if rate is not None:
             sent = self.device.bytes_sent
             takes_s = (sent - self._line_sent) / rate
@@ -319,6 +374,7 @@ class Reviser:
         self.device.write(volts)
         self._note_sent(now_s)
         self.samples_sent += count
+        self.stats.samples_played += count
         # Writing has read reports: no revision is sent before what they tell is known.
         self._observe(self.device.progress())
         return missing - count

@@ -1,13 +1,23 @@
-"""A scheme of addresses: how a link is opened by one, and how its bus is searched."""
+"""A scheme of addresses: how a link is opened by one, and how its bus is searched.
+
+A package declares its schemes as entry points of the group "haptix.links".
+"""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any
 
 from firmware_io.address import Read
+from firmware_io.errors import DeviceError
 from firmware_io.link import Link
+
+_GROUP = "haptix.links"
 
 #: The note of a device whose numbers are not those of a haptix driver.
 OTHER_DEVICE = "Another device, not a haptix driver by its numbers."
@@ -56,7 +66,7 @@ class Bus:
 
 @dataclass(frozen=True)
 class Scheme:
-    """A kind of link, as each module of `firmware_io.links` describes it.
+    """A kind of link, as the module that has it describes it.
 
     Parameters
     ----------
@@ -77,3 +87,49 @@ class Scheme:
     split: Callable[[str], tuple[dict[str, Any], str]] = lambda selector: ({}, selector)
     bus: Bus | None = None
     makes_rate: bool = False
+
+
+@cache
+def scheme_names() -> tuple[str, ...]:
+    """Return the schemes of all links that are installed."""
+    return tuple(_links())
+
+
+def scheme(name: str) -> Scheme:
+    """Return one of those.
+
+    Raises
+    ------
+    DeviceError
+        If its module cannot be imported, or has no scheme there.
+    """
+    link = _links()[name]
+    try:
+        loaded = link.load()
+    # Whatever another package raises when it is imported.
+    except Exception as error:
+        raise DeviceError(
+            f"{name}: cannot be used, since {link.value} fails: {error}; mend or remove the "
+            "package that brings it."
+        ) from error
+    if not isinstance(loaded, Scheme):
+        raise DeviceError(
+            f"{name}: cannot be used, since {link.value} is no firmware_io.Scheme, but "
+            f"{loaded!r:.80}; mend or remove the package that brings it."
+        )
+    return loaded
+
+
+@cache
+def _links() -> dict[str, EntryPoint]:
+    installed = sorted(
+        entry_points(group=_GROUP), key=lambda link: not link.module.startswith("firmware_io.")
+    )
+    project = Path(__file__).parents[1] / "pyproject.toml"
+    if project.is_file():  # a checkout, which may be newer than its installation
+        own = tomllib.loads(project.read_text(encoding="utf-8"))["project"]["entry-points"][_GROUP]
+        installed[:0] = (EntryPoint(name, value, _GROUP) for name, value in own.items())
+    links: dict[str, EntryPoint] = {}
+    for link in installed:
+        links.setdefault(link.name, link)  # no other package takes the place of one of ours
+    return links

@@ -20,7 +20,7 @@ from typing import Self
 import numpy as np
 
 from firmware_io.errors import DeviceError, HaptixError
-from firmware_io.mock import MockDriver
+from firmware_io.links.mock import MockDriver
 from firmware_io.real_time import raise_priority
 
 DEFAULT_PORT = 7420

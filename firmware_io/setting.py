@@ -1,4 +1,4 @@
-"""The set-up of a driver, from the user's choices, its capabilities and its link."""
+"""How a driver plays: its set-up, the limits that fit it, the sizes of frames and revisions."""
 
 from __future__ import annotations
 
@@ -8,9 +8,14 @@ from numbers import Real
 
 from firmware_io.capabilities import Capabilities, Mode
 from firmware_io.errors import DeviceError, ProtocolError
-from firmware_io.limits import MIN_CARRIER_HZ, WATCHDOG_S, DriveLimits
+from firmware_io.limits import MIN_CARRIER_HZ, RAMP_S, WATCHDOG_S, DriveLimits
 from firmware_io.link import Link
-from firmware_io.protocol import FULL_SCALE_CODE, Setup, StreamMode, samples_per_frame
+from firmware_io.protocol import (
+    FULL_SCALE_CODE,
+    Setup,
+    StreamMode,
+    samples_per_frame,
+)
 
 DEFAULT_CARRIER_HZ = 4000.0
 """The carrier of a driver in envelope mode: above what skin feels."""
@@ -94,17 +99,61 @@ def changed_setup(
     return setup
 
 
-def bounded_setup(setup: Setup, limits: DriveLimits, driver: Capabilities) -> Setup:
-    """Return a set-up whose limits are the host's, with room for rounding to codes."""
-    slew = limits.max_slew_v_per_s + _slew_of_a_step(driver, setup)
+def bounded_setup(
+    setup: Setup, limits: DriveLimits, driver: Capabilities, output_rate_hz: int
+) -> Setup:
+    """Return a set-up with the host's limits.
+
+    The ceiling is one from which the safety ramp keeps the slew: the driver takes no other.
+    """
+    slew = math.floor(min(limits.max_slew_v_per_s, driver.max_slew_v_per_s))
+    setup = replace(setup, max_slew_v_per_s=slew)
+    ramp_codes = step_codes(setup, output_rate_hz) * math.ceil(output_rate_hz * RAMP_S)
+    ceiling_mv = min(
+        math.ceil(min(limits.ceiling_v, driver.ceiling_v) * 1e3),
+        ramp_codes * setup.full_scale_mv // FULL_SCALE_CODE,
+    )
+    if ceiling_mv < 1:
+        raise DeviceError(
+            f"{slew} V/s are less than one code in an output sample of device {driver.name!r}, "
+            f"whose full scale is {driver.full_scale_v:g} V; choose a driver with a lower output "
+            "rate or full scale, or a higher slew limit."
+        )
+    return replace(setup, ceiling_mv=ceiling_mv)
+
+
+def step_codes(setup: Setup, output_rate_hz: int) -> int:
+    """Return the codes by which the slew lets an output sample differ from the one before it."""
+    codes_per_s = setup.max_slew_v_per_s * 1000 * FULL_SCALE_CODE // setup.full_scale_mv
+    return codes_per_s // output_rate_hz
+
+
+def kept_limits(limits: DriveLimits, setup: Setup, output_rate_hz: int) -> DriveLimits:
+    """Return limits whose samples keep those of a set-up when they are rounded to codes.
+
+    Samples closer together than a whole number of codes are as codes at most that number apart.
+    With a carrier, rounding adds up to one code to a step and half of one to an amplitude, and the
+    driver rounds the carrier up to whole radians per second.
+    """
+    step_v = setup.full_scale_mv / 1e3 / FULL_SCALE_CODE
+    slew = step_codes(setup, output_rate_hz) * output_rate_hz * step_v * (1.0 - 1e-9)
+    if setup.mode is StreamMode.ENVELOPE:
+        carrier_rad_per_s = 2.0 * math.pi * setup.carrier_mhz / 1e3
+        slew -= step_v * (setup.sample_rate_hz + 0.5 * carrier_rad_per_s)
+        slew /= 1.0 + 1e-6 + 1.0 / carrier_rad_per_s
+        if slew <= 0.0:
+            raise DeviceError(
+                f"A slew limit of {setup.max_slew_v_per_s} V/s is less than the rounding of "
+                f"amplitudes at {setup.sample_rate_hz} Hz; choose a lower sample rate."
+            )
     return replace(
-        setup,
-        ceiling_mv=math.ceil(min(limits.ceiling_v, driver.ceiling_v) * 1e3),
-        max_slew_v_per_s=int(min(math.ceil(slew), driver.max_slew_v_per_s)),
+        limits,
+        ceiling_v=min(limits.ceiling_v, setup.ceiling_mv / 1e3),
+        max_slew_v_per_s=min(limits.max_slew_v_per_s, slew),
     )
 
 
-def lowered_limits(limits: DriveLimits, driver: Capabilities, setup: Setup) -> DriveLimits:
+def lowered_limits(limits: DriveLimits, driver: Capabilities) -> DriveLimits:
     """Return the tighter of the host's limits and the driver's.
 
     They are of `DriveLimits` itself: a class of the caller's could check less.
@@ -114,16 +163,10 @@ def lowered_limits(limits: DriveLimits, driver: Capabilities, setup: Setup) -> D
     limits = DriveLimits(
         **{field.name: getattr(limits, field.name) for field in fields(DriveLimits)}
     )
-    slew = driver.max_slew_v_per_s - _slew_of_a_step(driver, setup)
-    if slew <= 0.0:
-        raise DeviceError(
-            f"Device {driver.name!r} takes {driver.max_slew_v_per_s:g} V/s, less than one code per "
-            f"sample at {setup.sample_rate_hz} Hz; choose a lower sample rate."
-        )
     return replace(
         limits,
         ceiling_v=min(limits.ceiling_v, driver.ceiling_v, driver.full_scale_v),
-        max_slew_v_per_s=min(limits.max_slew_v_per_s, slew),
+        max_slew_v_per_s=min(limits.max_slew_v_per_s, driver.max_slew_v_per_s),
     )
 
 
@@ -141,13 +184,3 @@ def _check_span(name: str, value: float, least: float, most: float) -> None:
     is_number = isinstance(value, Real) and not isinstance(value, bool)
     if not (is_number and least <= value <= most):
         raise DeviceError(f"{name} must lie in {least:g}..{most:g}, but is {value!r}; correct it.")
-
-
-def _slew_of_a_step(driver: Capabilities, setup: Setup) -> float:
-    """Return the slew that rounding to codes can add with any carrier, in V/s.
-
-    The carrier does not enter: a driver lets its limits be lowered only, but a carrier may rise.
-    """
-    step_v = driver.full_scale_v / FULL_SCALE_CODE
-    fastest_hz = max(rate for rate, _ in driver.rates)
-    return step_v * (setup.sample_rate_hz + math.pi * fastest_hz)

@@ -1,8 +1,26 @@
-"""The host's side of one stream: samples sent, the voltage on the output, the stop owed."""
+"""The host's side of one stream: samples sent, the voltage on the output, the stop owed.
+
+States of a stream, of which `is_armed` and `stop_is_owed` tell::
+
+               SETUP, ARM                 any error, or stop
+    at rest ---------------> armed ------------------------------> stop owed
+       ^                   |   ^  | write, revise, mark                |
+       |                   |   +--+                                    |
+       +-------------------+                                           |
+       |  the driver's own fault: it is at 0 V                         |
+       +---------------------------------------------------------------+
+                   STOP is answered; stop, arm and close send it again
+
+A STOP is owed from before the ARM is sent. While it is, the driver may play, and its watchdog ends
+that if no STOP arrives. A frame whose delivery failed is in doubt: it may have arrived, so that the
+voltage and the number of the next frame are those of before or those behind it, until a STOP.
+"""
 
 from __future__ import annotations
 
+import logging
 from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -10,25 +28,118 @@ import numpy.typing as npt
 from firmware_io.drive_check import DriveCheck
 from firmware_io.errors import DeviceDisconnectedError, DeviceError, DeviceFaultError
 from firmware_io.limits import DriveLimits
-from firmware_io.marks import MOST_MARKS
-from firmware_io.pace import Pace
-from firmware_io.progress import Progress
+from firmware_io.progress import MOST_MARKS, Progress
 from firmware_io.protocol import (
     INDEX_MODULUS,
+    STREAM_OVERHEAD_BYTES,
     Arm,
+    DeviceState,
     Mark,
     Revise,
     Setup,
     StatusReport,
     StreamSamples,
-    volts_to_codes,
+    samples_per_frame,
 )
 from firmware_io.protocol_client import ProtocolClient
-from firmware_io.provisional import Provisional
+from firmware_io.revisable import Provisional
+from firmware_io.setting import MOST_REPORTS_PER_S
+
+_LOG = logging.getLogger("firmware_io.stream")
 
 #: Samples in one write to a link without reports: 64 KiB; longer writes delay a stop.
 _SAMPLES_PER_WRITE = 32_000
+_SLOWEST = 0.98  # of its rate, at which a driver plays; even without a crystal none is slower
 _STANDS_S = 2.0  # without progress; a driver that waits for its lead plays within a watchdog time
+
+#: Reports in a frame: the fewest with less than 15 % overhead (PROTOCOL.md).
+_REPORTS_PER_FRAME = 3
+_REPORTS_PER_REVISION = 4
+_REVISIONS_PER_S = 100  # that a link should carry: the usual touchscreen's reports
+_LEAST_INTERVAL_S = 0.0025  # between two revisions, whatever the link
+_OTHER_REPORTS_PER_S = 10  # questions to the driver
+_USED_SHARE = 0.9  # of a link's bytes
+_REVISE_OVERHEAD_BYTES = STREAM_OVERHEAD_BYTES + 2
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Sizes of frames and of revisions.
+
+    Parameters
+    ----------
+    setup : Setup
+        The driver's set-up.
+    max_frame_samples : int
+        Samples in the longest frame that the driver accepts.
+    report_bytes, bytes_per_s : int or None
+        Of the link that carries them, see `Link`.
+    """
+
+    setup: Setup
+    max_frame_samples: int
+    report_bytes: int | None = None
+    bytes_per_s: float | None = None
+
+    @property
+    def least_write_samples(self) -> int:
+        """Best size of a write: multiples of it fill whole frames if the link has reports."""
+        return 1 if self.report_bytes is None else self.frame_samples
+
+    @property
+    def frame_samples(self) -> int:
+        """Samples in a whole frame: at most a quarter of the watchdog time."""
+        most = self.max_frame_samples
+        if self.report_bytes is not None:
+            most = min(most, samples_per_frame(_REPORTS_PER_FRAME, self.report_bytes))
+        return max(1, min(most, self._lasting))
+
+    @property
+    def most_revised_samples(self) -> int:
+        """Samples in the longest revision: in reports, of four of them."""
+        most = self.max_frame_samples
+        if self.report_bytes is not None:
+            most = min(most, samples_per_frame(_REPORTS_PER_REVISION, self.report_bytes) - 1)
+        return max(1, min(most, self._lasting))
+
+    @property
+    def _lasting(self) -> int:
+        return self.setup.watchdog_ms * self.setup.sample_rate_hz // 4000
+
+    def most_ahead(self, is_revisable: bool) -> int:
+        """Return the most samples in the driver: it plays them before its watchdog time is over."""
+        setup = self.setup
+        if is_revisable:  # and a quarter of that time is for what holds up a frame
+            return int(0.75 * setup.watchdog_ms / 1e3 * setup.sample_rate_hz)
+        ahead_s = setup.watchdog_ms / 1e3 / 2 - min(setup.lead_us / 1e6, setup.watchdog_ms / 4e3)
+        return max(self.frame_samples, int(ahead_s * setup.sample_rate_hz))
+
+    def revision_budget(self, window_s: float) -> tuple[int, float]:
+        """Return samples in a revision, and the least time from one to the next, in seconds.
+
+        Parameters
+        ----------
+        window_s : float
+            Longest revision. It is shorter where driver or link do not carry as much a hundred
+            times a second.
+        """
+        rate_hz = self.setup.sample_rate_hz
+        most = min(self.most_revised_samples, int(window_s * rate_hz))
+        if self.report_bytes is not None:
+            # In whole reports, of those that frames leave over.
+            reports = rate_hz / self.frame_samples * _REPORTS_PER_FRAME + _OTHER_REPORTS_PER_S
+            left = MOST_REPORTS_PER_S - reports
+            each = min(_REPORTS_PER_REVISION, max(1, int(left / _REVISIONS_PER_S)))
+            most = min(most, samples_per_frame(each, self.report_bytes) - 1)
+            return most, max(_LEAST_INTERVAL_S, each / max(left, 1.0))
+        if self.bytes_per_s is not None:
+            left = _USED_SHARE * self.bytes_per_s - 2.0 * rate_hz
+            most = min(most, int(left / _REVISIONS_PER_S / 2) - _REVISE_OVERHEAD_BYTES // 2)
+            most = max(most, 1)
+            return most, max(
+                _LEAST_INTERVAL_S, (2 * most + _REVISE_OVERHEAD_BYTES) / max(left, 1.0)
+            )
+        return most, _LEAST_INTERVAL_S
 
 
 class Stream:
@@ -46,7 +157,7 @@ class Stream:
         The set-up that is sent before the driver is armed.
     max_frame_samples : int
         Samples in the longest frame that it accepts.
-    output_rate_hz : float
+    output_rate_hz : int
         Rate of its clock.
 
     Attributes
@@ -68,7 +179,7 @@ class Stream:
         limits: DriveLimits,
         setup: Setup,
         max_frame_samples: int,
-        output_rate_hz: float,
+        output_rate_hz: int,
     ) -> None:
         self.client = client
         self.link = client.link
@@ -76,9 +187,9 @@ class Stream:
         self.stop_is_owed = False
         self.last_v = 0.0
         self.samples_sent = 0
-        self._output_rate_hz = output_rate_hz
-        self._max_frame_samples = max_frame_samples
-        self.pace = Pace(setup, client.link, max_frame_samples)
+        self.output_rate_hz = output_rate_hz
+        link = client.link
+        self.pace = Pace(setup, max_frame_samples, link.report_bytes, link.bytes_per_s)
         self.checks = DriveCheck(limits, setup, output_rate_hz)
         self.provisional: Provisional | None = None
         self._is_in_doubt = False
@@ -91,19 +202,15 @@ class Stream:
         """The set-up, which is sent before the driver is armed."""
         return self.pace.setup
 
-    @setup.setter
-    def setup(self, setup: Setup) -> None:
-        self.pace = Pace(setup, self.link, self._max_frame_samples)
-        self.checks.setup = setup
+    def bind(self, limits: DriveLimits, setup: Setup) -> None:
+        """Take other limits and another set-up, from the next arming on."""
+        self.pace = replace(self.pace, setup=setup)
+        self.checks.bind(limits, setup)
 
     @property
     def limits(self) -> DriveLimits:
         """Limits of every sample."""
         return self.checks.limits
-
-    @limits.setter
-    def limits(self, limits: DriveLimits) -> None:
-        self.checks.limits = limits
 
     def arm(self, revisable: bool = False) -> None:
         """Deliver a STOP still owed, set the driver up, then arm it; no effect if armed."""
@@ -115,7 +222,7 @@ class Stream:
         if self.provisional is not None:  # as if all had been played: nothing is underrated
             self.provisional.take_played(self._sent)
         self._sent = 0
-        self.checks.begin(self.client.clock() - self._rested_s, revisable)
+        self.checks.begin(self.client.clock() - self._rested_s)
         # Before the send: an ARM whose delivery fails may still have arrived.
         self.stop_is_owed = True
         self._is_in_doubt = True
@@ -126,19 +233,21 @@ class Stream:
             raise
         self._is_in_doubt = False
         self.is_armed = True
+        _LOG.info("%s: armed%s, %s", self.link.name, " for revisions" * revisable, self.limits)
         self._marks_sent = self.client.marked_count  # those of before are forgotten
         self.provisional = Provisional(self.checks, self.client.status) if revisable else None
 
     def write(self, volts: npt.NDArray[np.float64]) -> None:
         """Check all samples, then send them as the driver has room for them."""
         checks = self.checks
-        checks.check(volts, self.last_v)
+        codes = checks.codes(volts, self.last_v)
         driven = checks.driven(volts, self._sent, self.last_v)
         if self.provisional is None:
             checks.check_window(driven)
         else:
             self.provisional.check_appended(driven)
-        self._send(volts, driven)
+        self._log_accepted(volts)
+        self._send(volts, codes, driven)
         self.poll()
 
     def revise(self, first: int, volts: npt.NDArray[np.float64]) -> None:
@@ -151,6 +260,7 @@ class Stream:
         codes = provisional.replace(first, volts, self.pace.most_revised_samples)
         message = Revise(first % INDEX_MODULUS, codes, setup.mode, provisional.number)
         before_v = self.last_v
+        self._log_accepted(volts)
         self._is_in_doubt = True
         self.last_v = max(before_v, float(volts[-1]), key=abs)
         self.client.send(message)
@@ -202,16 +312,27 @@ class Stream:
 
     def progress(self) -> Progress:
         """Return the driver's progress, by its last report."""
-        status, rate_hz, provisional = self._status(), self.setup.sample_rate_hz, self.provisional
-        return Progress.of(
-            status,
-            self.client.status_s,
-            self.client.clock(),
-            self._sent,
-            self.pace.most_ahead(provisional is not None),
-            rate_hz,
-            status.clock_ticks * rate_hz / self._output_rate_hz,
-            (0, 0) if provisional is None else (provisional.obeyed, provisional.undone),
+        status, sent, provisional = self._status(), self._sent, self.provisional
+        rate_hz = self.setup.sample_rate_hz
+        played = sent - (sent - status.samples_played) % INDEX_MODULUS
+        ahead = sent - played
+        is_playing = status.state is DeviceState.PLAYING
+        if is_playing:
+            # What it has played since then, at the least, is room that it will report.
+            since_s = _SLOWEST * (self.client.clock() - self.client.status_s)
+            ahead -= min(max(0, int(since_s * rate_hz)), status.queued_samples)
+        room = status.queued_samples + status.free_samples - ahead
+        return Progress(
+            reported_s=self.client.status_s,
+            samples_sent=sent,
+            samples_played=played,
+            room_samples=max(0, min(room, self.pace.most_ahead(provisional is not None) - ahead)),
+            is_playing=is_playing,
+            clock_samples=status.clock_ticks * rate_hz / self.output_rate_hz,
+            underruns=status.underruns,
+            revisions=0 if provisional is None else provisional.obeyed,
+            revisions_undone=0 if provisional is None else provisional.undone,
+            margin_samples=status.margin_samples,
         )
 
     def stop(self, play_out: bool) -> None:
@@ -254,8 +375,9 @@ class Stream:
         """Ramp to 0 V behind the queue, wait for it, and return the number of unplayed samples."""
         rate_hz = self.setup.sample_rate_hz
         if self.last_v != 0.0:
-            ramp = self.limits.ramp_to_zero(self.last_v, rate_hz)
-            self._send(ramp, self.checks.driven(ramp, self._sent, self.last_v))
+            ramp = self.checks.ramp_to_zero(self.last_v)
+            codes = self.checks.codes(ramp, self.last_v)
+            self._send(ramp, codes, self.checks.driven(ramp, self._sent, self.last_v))
         lead_s = self.setup.lead_us / 1e6
         end_s = self.client.clock() + self._status().queued_samples / rate_hz + lead_s + 1.0
         while self.stop_is_owed:
@@ -277,10 +399,13 @@ class Stream:
             self.client.fault = None
         self.client.raise_fault()
 
-    def _send(self, volts: npt.NDArray[np.float64], driven: npt.NDArray[np.float64]) -> None:
-        """Send samples, and count what leaves the driver for them."""
-        full_scale_v = self.setup.full_scale_mv / 1e3
-        codes = volts_to_codes(volts, full_scale_v, self.limits.ceiling_v)
+    def _send(
+        self,
+        volts: npt.NDArray[np.float64],
+        codes: npt.NDArray[np.int16],
+        driven: npt.NDArray[np.float64],
+    ) -> None:
+        """Send samples as codes, and count what leaves the driver for them."""
         frame, each = self.pace.frame_samples, self.checks.each
         start = 0
         while start < codes.size:
@@ -346,7 +471,13 @@ class Stream:
             self._is_at_rest()
             self.client.raise_fault()
 
+    def _log_accepted(self, volts: npt.NDArray[np.float64]) -> None:
+        if _LOG.isEnabledFor(logging.DEBUG) and volts.size:
+            most_v = np.abs(volts).max()
+            _LOG.debug("%s: limits accept %d, to %.4g V", self.link.name, volts.size, most_v)
+
     def _is_at_rest(self) -> None:
+        _LOG.info("%s: at 0 V and disarmed after %d samples", self.link.name, self._sent)
         self.is_armed = self.stop_is_owed = self._is_in_doubt = False
         self.last_v = 0.0
         self._rested_s = self.client.clock()

@@ -13,7 +13,7 @@ packages=(
     libusb-1.0-0 libportaudio2 jackd2
     # opens the calibration's report
     chromium
-    # the firmware core; without a compiler the reference in Python plays
+    # the firmware's own checks
     gcc libc6-dev make
     # the same core on a Cortex-M
     gcc-arm-none-eabi qemu-system-arm
@@ -61,6 +61,5 @@ apt install -y --no-install-recommends "${packages[@]}" || fail "apt-get failed 
 # As the user who will run the tests: it lies in the user's cache.
 printf 'setup-devices: the guest lies in %s\n' "$(python3 tests/devices/guest/debian.py)"
 
-printf 'setup-devices: the tools of the clients\n'
+# Then: make clients
 node -e 'process.exit(parseInt(process.versions.node) < 20 ? 1 : 0)' || fail "the clients need Node 20 or newer, from nodejs.org."
-npm ci --prefix clients/typescript --no-audit --no-fund --loglevel error

@@ -5,6 +5,7 @@ PortAudio's callback is its output stage.
 
 from __future__ import annotations
 
+import logging
 import math
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,6 +21,8 @@ from firmware_io.links.hosted import HostedLink
 from firmware_io.links.rig_profile import RigProfile, read_rig_profile
 from firmware_io.protocol import FULL_SCALE_CODE
 from firmware_io.scheme import Bus, DeviceInfo, Scheme
+
+_LOG = logging.getLogger("firmware_io.links")
 
 _MOST_LATENCY_S = 10.0  # JACK's virtual ports state latencies of a day
 
@@ -130,6 +133,7 @@ class AudioLink(HostedLink):
         """Fill a block of PortAudio with what the firmware plays."""
         if status and status.output_underflow:
             self.underflows += 1
+            _LOG.info("%s: PortAudio was served too late, %d times", self._name, self.underflows)
         codes, line = self._next(frames)
         np.divide(codes, FULL_SCALE_CODE, out=out[:, 0], dtype=np.float32)
         if out.shape[1] > 1:

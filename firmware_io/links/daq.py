@@ -9,22 +9,182 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from contextlib import suppress
+from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
+import numpy.typing as npt
 
 from firmware_io.address import number
 from firmware_io.errors import DeviceBusyError, DeviceError, DeviceNotFoundError, from_extra
 from firmware_io.limits import WATCHDOG_S
-from firmware_io.links.daq_monitor import DaqMonitor
-from firmware_io.links.daq_profile import DaqProfile
 from firmware_io.links.hosted import HostedLink
-from firmware_io.links.rig_profile import read_rig_profile
+from firmware_io.links.rig_profile import RigProfile, read_rig_profile
 from firmware_io.protocol import FULL_SCALE_CODE
 from firmware_io.real_time import raise_priority
 from firmware_io.scheme import Bus, DeviceInfo, Scheme
+
+_HIGHEST_BUFFER_S = 0.5
+_LEAST_STATEMENT = 8  # letters of an interlock
+
+
+@dataclass(frozen=True, kw_only=True)
+class DaqProfile(RigProfile):
+    """The analog output and the amplifier behind it; `amplifier_gain` is needed.
+
+    Parameters
+    ----------
+    channel : str
+        The output, such as ``Dev1/ao0``.
+    watchdog : str, optional
+        What the card's watchdog takes to 0 when the host dies: ``yes`` for the output itself
+        (chassis of CompactDAQ), or a digital line that enables the amplifier, such as
+        ``Dev1/port0/line0`` (X Series, whose watchdog knows lines only).
+    interlock : str, optional
+        Otherwise what takes the voltage off the screen then, in words.
+    trigger : str, optional
+        A second output of the card, as a digital line: 5 V for 1 ms from the first sample of each
+        playback and from each mark.
+    monitor : str, optional
+        An input of the card that reads the output back, such as ``Dev1/_ao0_vs_aognd``.
+    buffer_s : float
+        Samples that wait for the card's clock, in seconds.
+
+    Raises
+    ------
+    DeviceError
+        If nothing ends the drive when the host dies, or a value is missing or impossible.
+    """
+
+    device_name: ClassVar[str] = "analog output"
+
+    channel: str = ""
+    watchdog: str | None = None
+    interlock: str | None = None
+    trigger: str | None = None
+    monitor: str | None = None
+    buffer_s: float = 0.03
+    dac_full_scale_v: float | None = 10.0
+    sample_rate_hz: float = 50_000.0  # divides the timebase of 100 MHz
+
+    def __post_init__(self) -> None:
+        if not self.channel:
+            raise DeviceError("daq: needs the analog output, as in channel=Dev1/ao0.")
+        if self.amplifier_gain is None or self.dac_full_scale_v is None:
+            raise DeviceError(
+                "daq: needs amplifier_gain, in V/V: the card knows its own volts only."
+            )
+        if self.watchdog is not None and self.watchdog != "yes" and "/" not in self.watchdog:
+            raise DeviceError(
+                f"watchdog of daq: must be yes, or a digital line as Dev1/port0/line0, but is "
+                f"{self.watchdog!r:.60}."
+            )
+        if not self.watchdog and len((self.interlock or "").strip()) < _LEAST_STATEMENT:
+            raise DeviceError(
+                "A card may hold its last voltage when its host dies: give watchdog=yes if the "
+                "card has a watchdog for this output, watchdog= with the digital line that enables "
+                "the amplifier, or say by interlock= in a few words what takes the voltage off "
+                "the screen then."
+            )
+        if not 0.002 <= self.buffer_s <= _HIGHEST_BUFFER_S:
+            raise DeviceError(
+                f"buffer_s must be 0.002 to {_HIGHEST_BUFFER_S:g}, but is {self.buffer_s!r:.60}."
+            )
+        super().__post_init__()
+
+    @property
+    def screen_full_scale_v(self) -> float:
+        """Volts on the screen at digital full scale: no more than the ceiling needs."""
+        assert self.dac_full_scale_v is not None and self.amplifier_gain is not None
+        return min(self.ceiling_v, self.dac_full_scale_v * self.amplifier_gain)
+
+    @property
+    def card_full_scale_v(self) -> float:
+        """Volts of the card at digital full scale, beyond which it refuses samples itself."""
+        assert self.amplifier_gain is not None
+        return self.screen_full_scale_v / self.amplifier_gain
+
+    @property
+    def line_of_amplifier(self) -> str | None:
+        """The digital line that enables the amplifier, as long as the watchdog is fed."""
+        return None if self.watchdog == "yes" else self.watchdog
+
+    @property
+    def has_line(self) -> bool:
+        """Whether a second output is its digital line."""
+        return self.trigger is not None
+
+
+#: What the monitor may read beside what was written: its own noise and gain error. It reads with
+#: an edge what the output had before it, or has after it if that settles soon.
+_MONITOR_SHARE = 0.02
+_MONITOR_BEFORE = 2  # samples
+#: Wrong readings until the output ends, each of which this many right ones make good: a glitch
+#: passes; an output that stands or has another gain does not, though it is right between crests.
+_MONITOR_MOST = 8
+_MONITOR_FORGIVEN = 1 / 16
+
+
+class DaqMonitor:
+    """Compares readings with samples, of one clock.
+
+    Parameters
+    ----------
+    task : nidaqmx.Task
+        Reads one input by the output's clock.
+    full_v : float
+        Volts of the card at digital full scale.
+    most_waiting : int
+        Samples that may be written and not yet read.
+    """
+
+    def __init__(self, task: Any, full_v: float, most_waiting: int) -> None:
+        self.task = task
+        self._full_v = full_v
+        self._sent: deque[float] = deque(maxlen=most_waiting + _MONITOR_BEFORE)
+        self._written = self._seen = 0  # samples
+        self._strange = 0.0
+
+    def take(self, volts: npt.NDArray[np.float64]) -> None:
+        """Note samples that were written [V at the card]."""
+        self._sent.extend(volts.tolist())
+        self._written += volts.size
+
+    def compare(self) -> None:
+        """Compare what the input has read since.
+
+        Raises
+        ------
+        DeviceError
+            If it reads other volts, for longer than a glitch.
+        """
+        count = self.task.in_stream.avail_samp_per_chan
+        if count == 0:
+            return
+        read = np.asarray(self.task.read(number_of_samples_per_channel=count), dtype=float)
+        oldest = self._written - len(self._sent)
+        sent = np.fromiter(self._sent, float, len(self._sent))
+        off = beyond(read, sent, self._seen - oldest, self._full_v)
+        self._seen += count
+        for is_off in off:
+            self._strange = max(0.0, self._strange + (1.0 if is_off else -_MONITOR_FORGIVEN))
+            if self._strange >= _MONITOR_MOST:
+                raise DeviceError("its monitor reads other volts than were written")
+
+
+def beyond(
+    read: npt.NDArray[np.float64], sent: npt.NDArray[np.float64], first: int, full_v: float
+) -> npt.NDArray[np.bool_]:
+    """Return where readings lie outside of the last samples until theirs, from index `first`."""
+    places = first + np.arange(read.size)[:, None]
+    around = places + np.arange(-_MONITOR_BEFORE, 1)
+    near = np.where(around < 0, 0.0, sent[np.clip(around, 0, sent.size - 1)])
+    room = _MONITOR_SHARE * full_v
+    return np.asarray((read < near.min(axis=1) - room) | (read > near.max(axis=1) + room))
+
 
 _LINE_V = 5.0  # of the digital line on a second output
 _MOST_RATE_ERROR = 1e-3  # of a clock that divides the card's timebase

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import socket
+import sys
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -18,10 +21,52 @@ from firmware_io.errors import (
     ProtocolError,
 )
 from firmware_io.link import Link
-from firmware_io.links.claim import Claim
 from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID, permission_remedy
 from firmware_io.protocol import REPORT_BYTES, from_report, to_reports
 from firmware_io.scheme import OTHER_DEVICE, Bus, DeviceInfo, Scheme
+
+
+class Claim:
+    """The exclusive right to use a device, until `release` or the end of this process.
+
+    hidraw would let two hosts open a device. A socket name in Linux's abstract namespace belongs
+    to one process and leaves no file behind if that process is killed.
+
+    Parameters
+    ----------
+    what : str
+        The device, such as its path; the same text for every user of one device.
+
+    Raises
+    ------
+    DeviceBusyError
+        If another process, or another object of this one, holds it.
+    """
+
+    def __init__(self, what: str) -> None:
+        self._socket: socket.socket | None = None
+        if sys.platform != "linux":
+            return
+        name = f"\0firmware_io/{what}"[:100]
+        holder = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            holder.bind(name)
+        except OSError as error:
+            holder.close()
+            if error.errno != errno.EADDRINUSE:
+                raise
+            raise DeviceBusyError(
+                f"{what} is in use, by another program or another device object of this one; "
+                "close it there first."
+            ) from None
+        self._socket = holder
+
+    def release(self) -> None:
+        """Release the device. Idempotent."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
 
 #: hidapi's two modules. hidraw first: libusb takes the device from the kernel.
 BACKENDS = ("hidraw", "hid")

@@ -7,6 +7,7 @@ output stage.
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 from abc import abstractmethod
@@ -15,11 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from firmware_io.errors import DeviceDisconnectedError, DeviceError
-from firmware_io.firmware.core import LINE, Output
-from firmware_io.firmware.opening import open_core
+from firmware_io.firmware.core import LINE, Core, Output
 from firmware_io.limits import DEFAULT_WINDOW_S
 from firmware_io.link import Link
 from firmware_io.links.rig_profile import RigProfile
+
+_LOG = logging.getLogger("firmware_io.links")
 
 _TRIGGER_S = 0.001
 _POLL_S = 0.0005
@@ -46,7 +48,7 @@ class HostedLink(Link):
 
     def __init__(self, profile: RigProfile, name: str) -> None:
         self._name = name
-        self._core = open_core(profile.capabilities())
+        self._core = Core(profile.capabilities())
         self._lock = threading.Lock()
         self._is_resting = threading.Event()
         self._failure: str | None = None
@@ -158,6 +160,7 @@ class HostedLink(Link):
     def _fail(self, why: str) -> None:
         """Refuse all further use; wakes `_hold`."""
         self._failure = why
+        _LOG.info("%s: fails: %s", self._name, why)
         self._has_held.set()
 
     def _check_open(self) -> None:

@@ -1,18 +1,468 @@
-"""The mock link: a driver in the same process, with faults injected on the way to it."""
+"""The mock: the firmware in this process, a link to it, and faults injected on the way."""
 
 from __future__ import annotations
 
+import errno
+import math
+import threading
 import time
-from collections.abc import Callable
-from typing import Any
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from numbers import Real
+from typing import Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
 
 from firmware_io.address import number, one_of, yes_or_no
-from firmware_io.errors import DeviceDisconnectedError
+from firmware_io.clock import SteppedClock
+from firmware_io.errors import DeviceDisconnectedError, DeviceError
+from firmware_io.firmware.core import LINE, Core, Output
+from firmware_io.limits import ABSOLUTE_CEILING_V, DEFAULT_MAX_SLEW_V_PER_S, WATCHDOG_S, DriveLimits
 from firmware_io.link import Link
-from firmware_io.links.fault_injection import FaultInjection, InjectedFault
-from firmware_io.mock import MockDriver
-from firmware_io.protocol import REPORT_BYTES, to_reports
+from firmware_io.protocol import (
+    REPORT_BYTES,
+    VERSION,
+    CapabilitiesReport,
+    DeviceState,
+    Rate,
+    StatusReport,
+    StreamMode,
+    TouchPhase,
+    TouchReport,
+    codes_to_volts,
+    to_reports,
+)
 from firmware_io.scheme import Scheme
+
+Pace = Literal["virtual", "real", "stepped"]
+
+#: Slower rates of the mock, if they divide its own: HID can carry these.
+_SLOWER_RATES_HZ = (16_000, 8_000)
+_BOTH = frozenset(StreamMode)
+_KEPT_S = 60.0
+# So few bytes that no queue overflows, whatever frames they hold.
+_LEAST_PIECE_BYTES = 512
+_PLAYED = np.isin(np.arange(256) & ~LINE, (Output.STREAM, Output.RAMP))
+
+
+class MockDriver:
+    """A driver without a board: the firmware in C, and a clock.
+
+    In virtual time it plays its queue at once, and otherwise time passes only in `advance`. In real
+    time it follows a clock: each call first plays what was due. In steps it does so too, by a clock
+    that goes on only while its host waits. Threads may share it.
+
+    Parameters
+    ----------
+    sample_rate_hz : float
+        Output samples per second, a whole number.
+    full_scale_v : float
+        The voltage of code 32767, to the millivolt.
+    ceiling_v : float
+        The driver's own ceiling, enforced independently of the host.
+    max_frame_samples : int
+        Largest number of samples in a frame.
+    queue_samples : int, optional
+        Depth of its queue; default: 12 frames or 12288 samples, a quarter of a second at 48 kHz,
+        whichever is more.
+    max_slew_v_per_s : float
+        The driver's own slew limit.
+    max_watchdog_s : float
+        Longest watchdog time that it accepts.
+    rates_hz : sequence of int, optional
+        Its sample rates, in both modes; each divides `sample_rate_hz`. Default: `sample_rate_hz`,
+        and 16 kHz and 8 kHz if they divide it.
+    serial, calibration_id : str
+        Texts in its capabilities.
+    pace : {"virtual", "real", "stepped"}
+        Whether time passes on demand, by the clock, or while the host waits.
+    clock : callable
+        Returns the time in seconds, for the real pace.
+    kept_s : float, optional
+        Length of the record of its output, at least, in seconds. Default: all of it at the virtual
+        pace and in steps, which play nothing but what a program sends; a minute at the real one,
+        which never ends.
+
+    Raises
+    ------
+    DeviceError
+        If a number describes no possible driver.
+    LimitError
+        If the ceiling is above the absolute one.
+    """
+
+    def __init__(
+        self,
+        sample_rate_hz: float = 48_000.0,
+        full_scale_v: float = 250.0,
+        ceiling_v: float = ABSOLUTE_CEILING_V,
+        max_frame_samples: int = 1024,
+        queue_samples: int | None = None,
+        max_slew_v_per_s: float = DEFAULT_MAX_SLEW_V_PER_S,
+        max_watchdog_s: float = WATCHDOG_S,
+        rates_hz: Sequence[int] | None = None,
+        serial: str = "MOCK0001",
+        calibration_id: str = "",
+        pace: Pace = "virtual",
+        clock: Callable[[], float] = time.perf_counter,
+        kept_s: float | None = None,
+    ) -> None:
+        if pace not in get_args(Pace):
+            paces = ", ".join(get_args(Pace))
+            raise DeviceError(f"The mock's pace is one of {paces}, but {pace!r} was given.")
+        limits = DriveLimits(ceiling_v=ceiling_v, max_slew_v_per_s=max_slew_v_per_s)
+        rate_hz = _whole("sample_rate_hz", sample_rate_hz, 1000, 1_000_000)
+        frame = _whole("max_frame_samples", max_frame_samples, 1, 32765)
+        if rates_hz is None:
+            rates_hz = (rate_hz, *(r for r in _SLOWER_RATES_HZ if r < rate_hz and not rate_hz % r))
+        self.about = CapabilitiesReport(
+            oldest_version=VERSION,
+            newest_version=VERSION,
+            report_bytes=REPORT_BYTES,
+            output_rate_hz=rate_hz,
+            full_scale_mv=_whole("full_scale_v", full_scale_v, 1, 1_000_000, "mV", 1e3),
+            # Rounded down: no limit grows on its way into whole numbers.
+            ceiling_mv=math.floor(limits.ceiling_v * 1e3),
+            max_slew_v_per_s=min(math.floor(limits.max_slew_v_per_s), 2**32 - 1),
+            queue_samples=max(12 * frame, 12_288)
+            if queue_samples is None
+            else _whole("queue_samples", queue_samples, 1, 2**32 - 1),
+            max_frame_samples=frame,
+            max_watchdog_ms=_whole(
+                "max_watchdog_s", max_watchdog_s, 10, round(WATCHDOG_S * 1e3), "ms", 1e3
+            ),
+            name="mock",
+            serial=serial,
+            calibration_id=calibration_id,
+            reports_touch=True,
+            rates=tuple(Rate(_whole("rates_hz", rate, 1, rate_hz), _BOTH) for rate in rates_hz),
+            takes_marks=True,
+        )
+        self.pace = pace
+        self.clock = SteppedClock() if pace == "stepped" else clock
+        self.bytes_received = 0
+        self._core = Core(self.about)
+        # The queue is empty, and a frame may wait for its end.
+        room = self.about.queue_samples - frame
+        self._piece_bytes = max(2 * room, _LEAST_PIECE_BYTES)
+        self._lock = threading.RLock()
+        self._began_s = 0.0 if pace == "virtual" else self.clock()
+        self._ticks = 0
+        self._played = 0
+        if kept_s is None:
+            kept_s = _KEPT_S if pace == "real" else math.inf
+        self._kept_ticks = kept_s * rate_hz
+        self._remembered = 0
+        self._codes = deque([np.empty(0, np.int16)])
+        self._what = deque([np.empty(0, np.uint8)])
+
+    @property
+    def status(self) -> StatusReport:
+        """Its state."""
+        with self._lock:
+            self._catch_up()
+            return self._core.status()
+
+    @property
+    def is_armed(self) -> bool:
+        """Whether STREAM frames are accepted."""
+        return self.status.state in (DeviceState.ARMED, DeviceState.PLAYING)
+
+    @property
+    def fault(self) -> str | None:
+        """Why it refused a frame or stopped by itself; None if it did not since it was armed."""
+        with self._lock:
+            self._catch_up()
+            fault = self._core.fault()
+            return None if fault is None else str(fault)
+
+    @property
+    def faults(self) -> int:
+        """Faults since construction."""
+        return self.status.faults
+
+    @property
+    def underruns(self) -> int:
+        """Number of times that the queue was empty when a sample was due, since construction."""
+        return self.status.underruns
+
+    @property
+    def samples_played(self) -> int:
+        """Output samples played since construction: streams and ramps, without pauses."""
+        with self._lock:
+            self._catch_up()
+            return self._played
+
+    @property
+    def played_codes(self) -> npt.NDArray[np.int16]:
+        """Every code of streams and ramps since construction, shape (samples_played,).
+
+        The 0 V between streams and the samples held in an underrun are left out.
+        """
+        codes, what = self.output
+        played: npt.NDArray[np.int16] = codes[_is_played(what)]
+        return played
+
+    @property
+    def played_v(self) -> npt.NDArray[np.float64]:
+        """Every voltage of streams and ramps since construction, shape (samples_played,)."""
+        return codes_to_volts(self.played_codes, self.about.full_scale_mv / 1e3)
+
+    @property
+    def output(self) -> tuple[npt.NDArray[np.int16], npt.NDArray[np.uint8]]:
+        """Every output sample since construction, and the kind of each (an `Output`)."""
+        with self._lock:
+            self._catch_up()
+            self._codes = deque([np.concatenate(self._codes)])
+            self._what = deque([np.concatenate(self._what)])
+            return self._codes[0].copy(), self._what[0].copy()
+
+    @property
+    def output_v(self) -> npt.NDArray[np.float64]:
+        """The output voltage since construction, at `sample_rate_hz`."""
+        return codes_to_volts(self.output[0], self.about.full_scale_mv / 1e3)
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the wire, in pieces of any size."""
+        with self._lock:
+            self._catch_up()
+            self.bytes_received += len(data)
+            for start in range(0, len(data), self._piece_bytes):
+                self._core.receive(data[start : start + self._piece_bytes])
+                self._play_out()
+
+    def receive_report(self, report: bytes) -> None:
+        """Take one HID report, its id first."""
+        with self._lock:
+            self._catch_up()
+            self.bytes_received += len(report)
+            self._core.receive_report(report)
+            self._play_out()
+
+    def transmit(self) -> bytes:
+        """Return the frames that wait for the host; empty if none do."""
+        with self._lock:
+            self._catch_up()
+            return self._core.transmit()
+
+    def transmit_report(self) -> bytes:
+        """Return one HID report for the host; empty if there is nothing to say."""
+        with self._lock:
+            self._catch_up()
+            return self._core.transmit_report()
+
+    def touch(
+        self,
+        x_mm: float,
+        y_mm: float,
+        normal_force_n: float | None = None,
+        contact: int = 0,
+        phase: TouchPhase = TouchPhase.MOVE,
+    ) -> bool:
+        """Report a finger on the panel; False if the host has not read the last eight reports."""
+        force_mn = 65535 if normal_force_n is None else round(normal_force_n * 1e3)
+        report = TouchReport(0, round(x_mm * 1e3), round(y_mm * 1e3), force_mn, contact, phase)
+        with self._lock:
+            self._catch_up()
+            return self._core.touch(report)
+
+    def release(self) -> None:
+        """Ramp to 0 V, disarm and forget the set-up, as when the host disconnects."""
+        with self._lock:
+            self._catch_up()
+            self._core.release()
+            self._play_out()
+
+    def advance(self, seconds: float) -> None:
+        """Let virtual time pass.
+
+        Raises
+        ------
+        DeviceError
+            If the pace is real.
+        """
+        if self.pace != "virtual":
+            raise DeviceError("A mock at this pace follows its clock; advance the clock instead.")
+        with self._lock:
+            self._play(round(seconds * self.about.output_rate_hz))
+
+    def _play_out(self) -> None:
+        """In virtual time, play the whole queue."""
+        while self.pace == "virtual" and (ticks := self._core.pending_ticks):
+            self._play(ticks)
+
+    def _catch_up(self) -> None:
+        """By a clock, play what was due."""
+        if self.pace != "virtual":
+            passed_s = self.clock() - self._began_s
+            self._play(math.floor(passed_s * self.about.output_rate_hz) - self._ticks)
+
+    def _play(self, ticks: int) -> None:
+        # In pieces of a second: the last call may be an hour ago.
+        while ticks > 0:
+            codes, what = self._core.play(min(ticks, self.about.output_rate_hz))
+            ticks -= codes.size
+            self._ticks += codes.size
+            self._played += int(np.count_nonzero(_is_played(what)))
+            self._remember(codes, what)
+
+    def _remember(self, codes: npt.NDArray[np.int16], what: npt.NDArray[np.uint8]) -> None:
+        self._codes.append(codes)
+        self._what.append(what)
+        self._remembered += codes.size
+        while len(self._codes) > 1 and (self._remembered - self._codes[0].size >= self._kept_ticks):
+            self._remembered -= self._codes.popleft().size
+            self._what.popleft()
+
+
+def _is_played(what: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+    is_played: npt.NDArray[np.bool_] = _PLAYED[what]
+    return is_played
+
+
+def _whole(
+    name: str, value: float, least: int, most: int, unit: str = "", factor: float = 1.0
+) -> int:
+    """Return a number, times a factor, as the integer of the wire, or raise DeviceError."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        raise DeviceError(f"{name} must be a number, but is {value!r}; correct it.")
+    value, unit = float(value) * factor, unit and f" {unit}"
+    if not (math.isfinite(value) and least <= round(value) <= most):
+        raise DeviceError(
+            f"{name} must lie in {least} to {most}{unit}, but is {value:g}{unit}; correct it."
+        )
+    # 1e-6: the rounding of decimal fractions to binary.
+    if abs(value - round(value)) > 1e-6 * max(1.0, abs(value)):
+        raise DeviceError(
+            f"{name} must be a whole number of{unit or ' samples'}, but is {value!r}{unit}; "
+            "round it."
+        )
+    return round(value)
+
+
+class InjectedFault(StrEnum):
+    """A fault of one transfer (a write, or one HID report)."""
+
+    LOSE = "lose"  # it never arrives, without an error
+    CORRUPT = "corrupt"  # one bit arrives wrong
+    CUT = "cut"  # its second half never arrives, without an error: a short packet
+    SHORT_WRITE = "short-write"  # its second half never arrives, and the write fails
+    REPEAT = "repeat"  # it arrives twice
+    DELAY = "delay"  # it arrives with the next one
+    NOISE = "noise"  # bytes that are not a frame arrive before it
+    STALL = "stall"  # time passes before it arrives
+    TIME_OUT = "time-out"  # it never arrives, and the write fails
+    DISCONNECT = "disconnect"  # the cable is unplugged before it and stays so
+    LOSE_ANSWER = "lose-answer"  # an answer never arrives
+    CORRUPT_ANSWER = "corrupt-answer"  # one bit of an answer arrives wrong
+    MUTE = "mute"  # no more answers arrive
+
+
+_OF_ANSWERS = (InjectedFault.LOSE_ANSWER, InjectedFault.CORRUPT_ANSWER, InjectedFault.MUTE)
+
+
+@dataclass
+class _Due:
+    fault: InjectedFault
+    transfers_left: int
+    seconds: float
+
+
+@dataclass
+class FaultInjection:
+    """The faults that will happen on one link.
+
+    Attributes
+    ----------
+    is_unplugged, is_mute : bool
+        Set by a DISCONNECT and by a MUTE.
+    """
+
+    is_unplugged: bool = False
+    is_mute: bool = False
+    _due: list[_Due] = field(default_factory=list)
+    _held_back: bytes = b""
+
+    def add(self, fault: InjectedFault | str, after: int = 0, seconds: float = 0.0) -> None:
+        """Let one fault happen.
+
+        Parameters
+        ----------
+        fault : InjectedFault or str
+            Its kind.
+        after : int
+            Number of transfers in its direction that pass before.
+        seconds : float
+            Duration of a STALL, in seconds.
+        """
+        self._due.append(_Due(InjectedFault(fault), after, seconds))
+
+    def outward(self, data: bytes) -> Iterator[bytes | float | OSError]:
+        """Yield the events that a transfer to the device turns into.
+
+        Yields
+        ------
+        bytes, float or OSError
+            Bytes that arrive, seconds that pass, an error that the sender sees.
+        """
+        fault, seconds = self._next(of_answers=False)
+        if fault is InjectedFault.DISCONNECT:
+            self.is_unplugged = True
+            yield OSError(errno.ENODEV, "No such device (it may have been disconnected)")
+            return
+        if self._held_back:
+            yield self._held_back
+            self._held_back = b""
+        half = data[: len(data) // 2]
+        if fault is InjectedFault.LOSE:
+            return
+        if fault is InjectedFault.DELAY:
+            self._held_back = data
+        elif fault is InjectedFault.CORRUPT:
+            yield _with_a_wrong_bit(data)
+        elif fault is InjectedFault.CUT:
+            yield half
+        elif fault is InjectedFault.SHORT_WRITE:
+            yield half
+            yield OSError(errno.EIO, "Input/output error")
+        elif fault is InjectedFault.TIME_OUT:
+            yield OSError(errno.ETIMEDOUT, "Operation timed out")
+        else:
+            if fault is InjectedFault.NOISE:
+                yield b"\x00noise\xff"
+            elif fault is InjectedFault.STALL:
+                yield seconds
+            elif fault is InjectedFault.REPEAT:
+                yield data
+            yield data
+
+    def inward(self, data: bytes) -> bytes:
+        """Return the bytes of an answer that arrive."""
+        fault, _ = self._next(of_answers=True)
+        self.is_mute |= fault is InjectedFault.MUTE
+        if self.is_mute or fault is InjectedFault.LOSE_ANSWER:
+            return b""
+        return _with_a_wrong_bit(data) if fault is InjectedFault.CORRUPT_ANSWER else data
+
+    def _next(self, of_answers: bool) -> tuple[InjectedFault | None, float]:
+        """Count one transfer; return its fault and the duration of that."""
+        happens: tuple[InjectedFault | None, float] = (None, 0.0)
+        for due in [due for due in self._due if (due.fault in _OF_ANSWERS) == of_answers]:
+            if due.transfers_left == 0 and happens[0] is None:
+                happens = due.fault, due.seconds
+                self._due.remove(due)
+            else:
+                due.transfers_left = max(due.transfers_left - 1, 0)
+        return happens
+
+
+def _with_a_wrong_bit(data: bytes) -> bytes:
+    """Flip a bit near the end; in a STREAM frame it belongs to a sample."""
+    at = max(len(data) - 6, 0)
+    return data[:at] + bytes([data[at] ^ 0x10]) + data[at + 1 :] if data else data
 
 
 class MockLink(Link):
@@ -24,8 +474,8 @@ class MockLink(Link):
         The driver at the other end; one with default properties if not given.
     report_bytes : int, optional
         Carry the frames in HID reports of this size, the driver's own; as bytes if not given.
-    sleep : callable
-        Waits for a number of seconds between two polls for an answer at real pace.
+    sleep : callable, optional
+        Waits for a number of seconds between two polls for an answer; default: as `clock` does.
 
     Attributes
     ----------
@@ -37,12 +487,14 @@ class MockLink(Link):
         self,
         driver: MockDriver | None = None,
         report_bytes: int | None = None,
-        sleep: Callable[[float], None] = time.sleep,
+        sleep: Callable[[float], None] | None = None,
     ) -> None:
         self.driver = MockDriver() if driver is None else driver
         self.injected = FaultInjection()
         self._report_bytes = report_bytes
-        self._sleep = sleep
+        if isinstance(self.driver.clock, SteppedClock):  # one for both sides
+            self.clock = self.driver.clock
+        self._sleep = self.clock.sleep if sleep is None else sleep
         self._is_closed = False
 
     @property
@@ -70,7 +522,7 @@ class MockLink(Link):
     def receive(self, timeout_s: float = 0.0) -> bytes:
         """Return the driver's answers; see `Link.receive`."""
         driver = self.driver
-        end_s = driver.clock() + timeout_s if driver.pace == "real" else 0.0
+        end_s = driver.clock() + timeout_s if driver.pace != "virtual" else 0.0
         while True:
             self._check_open()
             data = driver.transmit() if self._report_bytes is None else self._receive_reports()
@@ -131,7 +583,7 @@ def _open(reports: bool = False, **values: Any) -> MockLink:
 SCHEME = Scheme(
     _open,
     {
-        "pace": one_of("virtual", "real"),
+        "pace": one_of(*get_args(Pace)),
         "reports": yes_or_no,
         "full_scale_v": number,
         "ceiling_v": number,

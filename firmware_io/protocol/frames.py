@@ -1,20 +1,159 @@
-"""Messages to bytes and back, one frame at a time (PROTOCOL.md)."""
+"""The bytes of the wire: payloads, frames, the parser of a stream, HID reports (PROTOCOL.md)."""
 
 from __future__ import annotations
 
 import struct
 from binascii import crc32, crc_hqx
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass
+from enum import IntEnum
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from firmware_io.errors import ProtocolError
-from firmware_io.protocol.messages import FrameKind, Message, Revise, StreamMode, StreamSamples
-from firmware_io.protocol.payloads import LAYOUTS, member, read_payload, write_payload
+from firmware_io.protocol.messages import (
+    MAX_SAMPLES,
+    Arm,
+    CapabilitiesReport,
+    DeviceState,
+    FaultCode,
+    FaultReport,
+    FrameKind,
+    Hello,
+    Mark,
+    MarkedReport,
+    Message,
+    Ping,
+    Rate,
+    Revise,
+    Setup,
+    StatusReport,
+    Stop,
+    StreamMode,
+    StreamSamples,
+    TouchPhase,
+    TouchReport,
+)
+
+_RATE = struct.Struct("<II")
+_GUARD = struct.Struct("<I")
+_MAX_RATES = 8
+
+_Member = TypeVar("_Member", bound=IntEnum)
+
+
+class Packing(NamedTuple):
+    """How the fields of a message follow each other, and which of them are enumerations."""
+
+    message: type[Any]
+    fields: struct.Struct
+    enumerations: Mapping[int, tuple[type[IntEnum], str]] = {}
+
+
+#: Every kind whose payload is one row of fields; CAPABILITIES adds its rates behind them.
+LAYOUTS: Mapping[int, Packing] = {
+    FrameKind.HELLO: Packing(Hello, struct.Struct("<BB")),
+    FrameKind.SETUP: Packing(Setup, struct.Struct("<HHIIIIIIH"), {0: (StreamMode, "stream mode")}),
+    FrameKind.ARM: Packing(Arm, struct.Struct("<")),
+    FrameKind.STOP: Packing(Stop, struct.Struct("<")),
+    FrameKind.PING: Packing(Ping, struct.Struct("<I")),
+    FrameKind.CAPABILITIES: Packing(CapabilitiesReport, struct.Struct("<BBHIIIIIHH16s16s16sHH")),
+    FrameKind.STATUS: Packing(
+        StatusReport,
+        struct.Struct("<BBHIIIIIIQHHi"),
+        {0: (DeviceState, "device state"), 1: (FaultCode, "fault code")},
+    ),
+    FrameKind.FAULT: Packing(FaultReport, struct.Struct("<BBHIIQ"), {0: (FaultCode, "fault code")}),
+    FrameKind.TOUCH: Packing(
+        TouchReport, struct.Struct("<QIIHBB"), {5: (TouchPhase, "touch phase")}
+    ),
+    FrameKind.MARK: Packing(Mark, struct.Struct("<IH")),
+    FrameKind.MARKED: Packing(MarkedReport, struct.Struct("<QIH")),
+}
+_KINDS = {layout.message: FrameKind(kind) for kind, layout in LAYOUTS.items()}
+
+
+def member(of: type[_Member], value: int, what: str) -> _Member:
+    """Return the member of an enumeration that a number stands for, or raise ProtocolError."""
+    try:
+        return of(value)
+    except ValueError:
+        known = ", ".join(str(member.value) for member in of)
+        raise ProtocolError(
+            f"A {what} is one of {known}, but {value} came; bring host and firmware to the same "
+            "version."
+        ) from None
+
+
+def write_payload(message: Message) -> tuple[FrameKind, bytes]:
+    """Return the kind and the payload of a message."""
+    kind = _KINDS[type(message)]
+    if isinstance(message, CapabilitiesReport):
+        return kind, _write_capabilities(message)
+    return kind, LAYOUTS[kind].fields.pack(*astuple(message))
+
+
+def read_payload(kind: FrameKind, payload: bytes) -> Any:
+    """Return the message that a payload of this kind holds."""
+    layout = LAYOUTS[kind]
+    if kind is FrameKind.CAPABILITIES:
+        return _read_capabilities(payload, layout.fields)
+    values = list(layout.fields.unpack(payload))
+    for place, (enumeration, what) in layout.enumerations.items():
+        values[place] = member(enumeration, values[place], what)
+    return layout.message(*values)
+
+
+def _write_capabilities(report: CapabilitiesReport) -> bytes:
+    if not 1 <= len(report.rates) <= _MAX_RATES:
+        raise ProtocolError(
+            f"A device has 1 to {_MAX_RATES} sample rates, but {len(report.rates)} are given; "
+            "correct the list."
+        )
+    *numbers, name, serial, calibration_id, touch, _, guard, marks = vars(report).values()
+    texts = (_text_bytes(text) for text in (name, serial, calibration_id))
+    head = LAYOUTS[FrameKind.CAPABILITIES].fields.pack(
+        *numbers, *texts, touch | marks << 1, len(report.rates)
+    )
+    rates = (_RATE.pack(r.sample_rate_hz, sum(1 << mode for mode in r.modes)) for r in report.rates)
+    return head + b"".join(rates) + _GUARD.pack(guard)
+
+
+def _read_capabilities(payload: bytes, fields: struct.Struct) -> CapabilitiesReport:
+    *numbers, name, serial, calibration_id, flags, count = fields.unpack_from(payload)
+    rates_end = fields.size + count * _RATE.size
+    if not 1 <= count <= _MAX_RATES or len(payload) != rates_end + _GUARD.size:
+        raise ProtocolError(
+            f"CAPABILITIES of {count} sample rates came with {len(payload)} bytes; 1 to "
+            f"{_MAX_RATES} rates of {_RATE.size} bytes follow on {fields.size}, and the guard."
+        )
+    rates = tuple(
+        Rate(rate_hz, frozenset(mode for mode in StreamMode if modes >> mode & 1))
+        for rate_hz, modes in _RATE.iter_unpack(payload[fields.size : rates_end])
+    )
+    texts = (_text(data) for data in (name, serial, calibration_id))
+    ends = (bool(flags & 1), rates, *_GUARD.unpack_from(payload, rates_end), bool(flags & 2))
+    values: tuple[Any, ...] = (*numbers, *texts, *ends)
+    return CapabilitiesReport(*values)
+
+
+def _text_bytes(text: str) -> bytes:
+    data = text.encode("ascii")
+    if len(data) > 16 or b"\0" in data:
+        raise ProtocolError(
+            f"Names on the wire have at most 16 ASCII characters, but {text!r} came; shorten it."
+        )
+    return data
+
+
+def _text(data: bytes) -> str:
+    return data.split(b"\0", 1)[0].decode("ascii")
+
 
 MAGIC = b"HX"
 VERSION = 4
-#: The oldest one that a host speaks, and sends HELLO in.
+#: HELLO is sent in it: a driver of that version can say that it speaks no other.
 OLDEST_VERSION = 3
 #: Sequence numbers count modulo this.
 SEQUENCE_MODULUS = 2**16
@@ -176,3 +315,152 @@ def read_frame(
             f"The payload of a {name} frame cannot be read: {error}; the sender follows another "
             "document than PROTOCOL.md."
         ) from error
+
+
+class FrameParser:
+    """Finds frames in a stream of bytes that arrives in pieces of any size.
+
+    Parameters
+    ----------
+    max_payload_bytes : int
+        A header that announces more is taken for damage.
+
+    Attributes
+    ----------
+    skipped_bytes : int
+        Number of bytes that belonged to no frame.
+    """
+
+    def __init__(self, max_payload_bytes: int = 4 + 2 * MAX_SAMPLES) -> None:
+        self._max_payload_bytes = max_payload_bytes
+        self._pending = bytearray()
+        self.skipped_bytes = 0
+
+    @property
+    def is_amid_a_frame(self) -> bool:
+        """Whether it holds bytes of an incomplete frame."""
+        return bool(self._pending)
+
+    def feed(self, data: bytes) -> list[Frame | ProtocolError]:
+        """Add bytes; return the frames that they complete, in order.
+
+        Returns
+        -------
+        list of Frame or ProtocolError
+            Each valid frame. For each run of bytes that is not a frame an error, which is not
+            raised; parsing continues at the next header.
+        """
+        pending = self._pending
+        pending += data
+        found: list[Frame | ProtocolError] = []
+        start = 0
+        is_skipping = False
+        while True:
+            at = pending.find(MAGIC, start)
+            if at < 0:
+                # The first half of the magic at the very end may still be completed.
+                at = len(pending) - (pending[start:][-1:] == MAGIC[:1])
+            if at > start:
+                if not is_skipping:
+                    found.append(_no_frame(bytes(pending[start : min(at, start + 8)])))
+                is_skipping = True
+                self.skipped_bytes += at - start
+                start = at
+            if len(pending) - start < FRAME_OVERHEAD_BYTES:
+                break
+            try:
+                kind, sequence, length, mode = read_header(pending, start)
+                if length > self._max_payload_bytes:
+                    raise ProtocolError(
+                        f"A payload has at most {self._max_payload_bytes} bytes here, but a "
+                        f"header announced {length}; send shorter frames."
+                    )
+                end = start + length + FRAME_OVERHEAD_BYTES
+                if len(pending) < end:
+                    break
+                frame = read_frame(bytes(pending[start:end]), kind, sequence, length, mode)
+            except ProtocolError as error:
+                if not is_skipping:
+                    found.append(error)
+                # Skip one byte, not one frame: the length may be the damaged field.
+                is_skipping = True
+                self.skipped_bytes += 1
+                start += 1
+            else:
+                found.append(frame)
+                is_skipping = False
+                start = end
+        del pending[:start]
+        return found
+
+    def give_up(self) -> list[Frame | ProtocolError]:
+        """Give up an incomplete frame; return the frames behind its first byte."""
+        if not self._pending:
+            return []
+        behind = bytes(self._pending[1:])
+        self._pending.clear()
+        self.skipped_bytes += 1
+        lost: list[Frame | ProtocolError] = [
+            ProtocolError("A frame broke off: bytes were lost on the way, or its sender stopped.")
+        ]
+        return lost + [item for item in self.feed(behind) if isinstance(item, Frame)]
+
+
+def _no_frame(data: bytes) -> ProtocolError:
+    return ProtocolError(
+        f"Bytes that are not a frame came, beginning {data.hex(' ')}; check that the sender uses "
+        "this protocol."
+    )
+
+
+#: The only report id, the same in both directions.
+REPORT_ID = 1
+#: Size of a report of a full-speed device, its id included.
+REPORT_BYTES = 64
+_BEGINS = 0x80
+_PREFIX_BYTES = 2
+
+
+def to_reports(frame: bytes, report_bytes: int = REPORT_BYTES) -> list[bytes]:
+    """Return the reports that carry one frame, each `report_bytes` long, its id first."""
+    room = report_bytes - _PREFIX_BYTES
+    reports = []
+    for start in range(0, len(frame), room):
+        piece = frame[start : start + room]
+        length = len(piece) | (_BEGINS if start == 0 else 0)
+        reports.append(bytes((REPORT_ID, length)) + piece.ljust(room, b"\0"))
+    return reports
+
+
+def from_report(report: bytes) -> tuple[bytes, bool]:
+    """Return the piece of a frame that a report carries, and whether a frame begins with it.
+
+    Raises
+    ------
+    ProtocolError
+        If it is not a report of this protocol.
+    """
+    if len(report) < _PREFIX_BYTES or report[0] != REPORT_ID:
+        raise ProtocolError(
+            f"A report begins with id {REPORT_ID} and a length, but {report[:2].hex(' ')!r} came; "
+            "another device stands behind this address."
+        )
+    length = report[1] & ~_BEGINS
+    if length > len(report) - _PREFIX_BYTES:
+        raise ProtocolError(
+            f"A report of {len(report)} bytes carries at most {len(report) - _PREFIX_BYTES}, but "
+            f"announces {length}; bytes were lost on the way."
+        )
+    return report[_PREFIX_BYTES : _PREFIX_BYTES + length], bool(report[1] & _BEGINS)
+
+
+def samples_per_frame(reports: int, report_bytes: int = REPORT_BYTES) -> int:
+    """Return the number of samples in a STREAM frame that fills this many reports."""
+    return ((report_bytes - _PREFIX_BYTES) * reports - STREAM_OVERHEAD_BYTES) // 2
+
+
+def overhead_share(samples: int, report_bytes: int = REPORT_BYTES) -> float:
+    """Return the share of report bytes that carry no sample, for frames of `samples`."""
+    frame_bytes = STREAM_OVERHEAD_BYTES + 2 * samples
+    reports = -(-frame_bytes // (report_bytes - _PREFIX_BYTES))
+    return 1 - 2 * samples / (reports * report_bytes)

@@ -7,23 +7,24 @@ import time
 
 import numpy as np
 
-from firmware_io import Playback, open_device
+from firmware_io import Playback, WaveSource, open_device
 
 address, way = sys.argv[1:]
 device = open_device(address)
 rate_hz = device.capabilities.sample_rate_hz
 # 173 V at 60 Hz: a step where it ends is far above the steps of the sine.
-volts = 173.0 * np.sin(2 * np.pi * 60.0 * np.arange(round(0.8 * rate_hz)) / rate_hz)
+wave = WaveSource(
+    lambda first, count: (
+        173.0 * np.sin(2 * np.pi * 60.0 * np.arange(first, first + count) / rate_hz)
+    )
+)
 
 
 def keep_playing(end):
-    playback = Playback(device)
+    playback = Playback(device, wave)
     playback.start()
-    for start in range(0, volts.size, 480):
-        playback.wait_for_room(480, 5.0)
-        playback.put(volts[start : start + 480])
-        if start > volts.size // 2:
-            end(playback)
+    playback.run_until(device.clock() + 0.4)
+    end(playback)
 
 
 def finish(playback):

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from firmware_io import Playback, open_device
+from firmware_io import Playback, WaveSource, open_device
 from firmware_io.links.audio import AudioLink
 
 # Ahead of every ordinary program on a busy machine; JACK's own thread waits for this one's lock.
 with suppress(PermissionError):
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
 
-address, seconds, lead_s, path = sys.argv[1], float(sys.argv[2]), float(sys.argv[3]), sys.argv[4]
+address, seconds, path = sys.argv[1], float(sys.argv[2]), sys.argv[3]
 
 times, frames = [], []
 fill: Any = AudioLink._fill
@@ -37,13 +37,15 @@ rng = np.random.default_rng(7)
 t = np.arange(round(seconds * rate_hz)) / rate_hz
 volts = 120.0 * np.sin(2 * np.pi * 1000.0 * t) + rng.uniform(-20.0, 20.0, t.size)
 volts[0], volts[-1] = 5.0, 5.0
-block = 48
-with Playback(device, lead_s) as playback:
-    for start in range(0, volts.size, block):
-        piece = volts[start : start + block]
-        if not playback.wait_for_room(piece.size, 5.0):
-            raise TimeoutError
-        playback.put(piece)
+behind = np.zeros(round(rate_hz))  # until it is stopped
+
+
+def sent(first, count):
+    return np.concatenate([volts[first : first + count], behind])[:count]
+
+
+with Playback(device, WaveSource(sent)) as playback:
+    playback.run_until(device.clock() + seconds + 0.5)
 stats = playback.stats
 link: Any = device._stream.link
 latency_s, underflows = device.latency_s, link.underflows
@@ -58,7 +60,6 @@ sys.stdout.write(
             "underruns": stats.underruns,
             "underflows": underflows,
             "latency_s": latency_s,
-            "drift_ppm": stats.drift_ppm,
             "callbacks": len(times),
             "late_p99_s": float(np.percentile(late_s, 99)),
             "late_max_s": float(late_s.max()),

@@ -21,7 +21,7 @@ SECONDS = 3.0
 FULL_SCALE_V = 200.0
 #: What the player may be held up without an underrun. It has real-time priority, as JACK has, so
 #: that no other program holds it up, but the host of a virtual machine may; 0.25 s is too long.
-LEAD_S = 0.1
+HORIZON_S = 0.1
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +31,8 @@ def played(tmp_path_factory):
         pytest.skip(f"missing: {missing()}")
     for _ in range(3):
         volts, heard, told = _play(tmp_path_factory.mktemp("jack"))
-        # A machine that stood still for the lead says nothing about the link: play again.
-        if told["capture"]["longest_stall_s"] < LEAD_S / 2:
+        # A machine that stood still for the horizon says nothing about the link: play again.
+        if told["capture"]["longest_stall_s"] < HORIZON_S / 2:
             break
     return volts, heard, told
 
@@ -44,7 +44,7 @@ def _play(folder):
         player = subprocess.run(
             [
                 *(sys.executable, str(HERE / "audio_player.py"), address),
-                *(str(SECONDS), str(LEAD_S), str(wave)),
+                *(str(SECONDS), str(wave)),
             ],
             env=hearing.environment,
             capture_output=True,
@@ -77,7 +77,7 @@ def test_the_trigger_comes_with_the_first_sample(played):
     assert high[0] <= np.flatnonzero(heard[0])[0]
 
 
-def test_no_underrun_and_a_true_drift(played, record_property):
+def test_no_underrun_and_a_callback_in_time(played, record_property):
     _, _, told = played
     for key, value in told.items():
         record_property(key, value)
@@ -86,7 +86,4 @@ def test_no_underrun_and_a_true_drift(played, record_property):
     assert told["latency_s"] is None or told["latency_s"] < 1.0
     # A callback every 10 ms, while it was open.
     assert told["callbacks"] >= SECONDS / 0.010
-    # The dummy driver takes its time from the host's clock, in steps of 10 ms; what a stall of the
-    # machine costs, it does not make up. A step in the middle changes a fitted slope most: by 1.5.
-    assert abs(told["drift_ppm"]) < 1e6 * (0.010 + 1.5 * told["slip_s"]) / SECONDS
     print(json.dumps(told))  # noqa: T201

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_io.firmware.build import find_compiler, library
+from firmware_io.firmware.core import compiled
 from tests.devices.guest.machine import NoMachineError, run_in_guest
 
 pytestmark = pytest.mark.devices
@@ -46,8 +46,7 @@ def results(request, tmp_path_factory):
         for item in request.session.items
         if item.path == Path(__file__) and hasattr(item, "callspec")
     ]
-    if find_compiler() is not None:
-        library()  # the guest can read this cache, but not write to it
+    compiled()  # the guest can read the library, but not keep one
     shares = [share for n in range(GUESTS) if (share := wanted[n::GUESTS])]
     folders = [tmp_path_factory.mktemp("guest") for _ in shares]
     try:

@@ -23,7 +23,7 @@ from firmware_io.protocol import Ping
 
 pytestmark = pytest.mark.devices
 
-BOARD = Path(firmware_io.__file__).parent / "firmware" / "boards" / "stm32f405"
+BOARD = Path(firmware_io.__file__).parents[1] / "examples" / "boards" / "stm32f405"
 OUTPUT_HZ = 2000
 WATCHDOG = OUTPUT_HZ // 4  # 250 ms in output samples
 RAMP = OUTPUT_HZ * 5 // 1000

@@ -2,18 +2,7 @@ import threading
 
 import pytest
 
-
-class HandClock:
-    """A clock that stands until it is told to go on."""
-
-    def __init__(self):
-        self.now_s = 100.0
-
-    def __call__(self):
-        return self.now_s
-
-    def sleep(self, seconds):
-        self.now_s += seconds
+from tests.hand_clock import HandClock
 
 
 @pytest.fixture

@@ -369,6 +369,44 @@ def revise():
     )
 
 
+def dry():
+    """Samples that run out, and come back so steep that the gain must wait for them."""
+    session = Session()
+    session.hello()
+    session.capabilities()
+    # 26213 codes in 40 steps are 656 codes a step: 40040.3 V/s.
+    session.setup(status_ms=0, slew_v_per_s=40_040)
+    session.transmit(fault(10, 1, 40_041, 40_040, 0, 16))
+    session.setup(status_ms=0, slew_v_per_s=50_000)
+    session.transmit(status(0, 0, 3, 0, 0, 0, 0, 1, 0))
+    session.receive(ARM)
+    session.transmit(status(1, 0, 4, 0, 0, 0, 0, 1, 0))
+    most = 50_000 * 32_767_000 // 250_000 // OUTPUT_HZ  # 819 codes in an output sample
+    codes = [most * (n if n <= 25 else 50 - n) for n in range(1, 31)]
+    session.stream(0, codes)
+    gain = RAMP // 2
+    session.play([0] * LEAD + codes + codes[-1:] * HOLD + ramp(codes[-1])[:gain])
+    back = [codes[-1] + most * (n if n <= 10 else 20 - n) for n in range(1, 61)]
+    session.stream(30, back)
+    before, out = ramp(codes[-1])[gain - 1], []
+    for code in back:
+        if gain < RAMP and abs(quotient(code * (gain + 1), RAMP) - before) <= most:
+            gain += 1
+        before = quotient(code * gain, RAMP)
+        out.append(before)
+    session.play(out)
+    clock = LEAD + 30 + HOLD + RAMP // 2 + 60
+    session.receive(STOP)
+    session.transmit(status(3, 0, 7, 0, 0, 90, 1, 1, clock))
+    session.play([*ramp(before), 0])
+    session.transmit(status(0, 0, 7, 0, 0, 90, 1, 1, clock + RAMP + 1))
+    return session.text(
+        "What a board of this description plays and answers when a steep waveform runs dry and "
+        "comes back: no output sample is further from the one before than the slew admits. Made by "
+        "tests/firmware_io/golden_sessions.py."
+    )
+
+
 def marked(clock, index, code):
     return MARKED, struct.pack("<QIH", clock, index, code)
 
@@ -502,6 +540,7 @@ def frames():
 
 SESSIONS = {
     "frames": frames,
+    "session-dry": dry,
     "session-edges": edges,
     "session-envelope": envelope,
     "session-marks": marks,

@@ -2,7 +2,6 @@
 
 import sys
 import threading
-import time
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -20,6 +19,7 @@ from firmware_io import (
 from firmware_io.links import hosted
 from firmware_io.links.audio import AudioProfile
 from firmware_io.links.rig_profile import read_rig_profile
+from tests.waiting import wait_for
 
 PERIOD = 64
 
@@ -104,14 +104,6 @@ def portaudio(monkeypatch, no_thread_is_left):
     yield module
     for stream in streams:
         stream.close()
-
-
-def wait_until(is_true):
-    """Wait until something is true; the time only bounds how long a failure takes."""
-    end_s = time.monotonic() + 30.0
-    while not is_true():
-        assert time.monotonic() < end_s
-        time.sleep(0.001)
 
 
 def heard():
@@ -205,8 +197,8 @@ def test_the_firmware_in_front_has_its_watchdog(portaudio):
     device.arm()
     with pytest.raises(DeviceError, match="starved"):
         device.write(np.linspace(0.0, 100.0, 100))
-        wait_until(lambda: device.progress() is None)
-    wait_until(lambda: heard()[-1, 0] == 0.0)  # its ramp
+        wait_for(lambda: device.progress() is None)
+    wait_for(lambda: heard()[-1, 0] == 0.0)  # its ramp
     device.close()
 
 
@@ -236,7 +228,7 @@ def test_an_interface_that_goes_away(portaudio):
     device = open_device("audio:full_scale_v=200")
     link: Any = device._stream.link
     streams[0].is_late.set()
-    wait_until(lambda: link.underflows)
+    wait_for(lambda: link.underflows)
     device.arm()
     device.write(np.linspace(0.0, 50.0, 500))
     streams[0].abort()

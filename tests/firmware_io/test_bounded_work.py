@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from firmware_io import Device, DeviceError, MockDriver, MockLink
-from firmware_io.firmware.build import find_compiler
-from firmware_io.firmware.core import Output
-from firmware_io.firmware.opening import open_core
+from firmware_io.firmware.core import Core, Output
 from firmware_io.protocol import (
     VERSION,
     CapabilitiesReport,
@@ -73,7 +71,7 @@ HOSTILE = {
 def seconds_per_byte(data, piece):
     best = np.inf
     for _ in range(7):
-        core = open_core(BOARD, "c")
+        core = Core(BOARD)
         began = time.process_time()  # the parser's own, whatever else runs
         for start in range(0, len(data), piece):
             core.receive(data[start : start + piece])
@@ -81,7 +79,6 @@ def seconds_per_byte(data, piece):
     return best / len(data)
 
 
-@pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize("name", HOSTILE)
 @pytest.mark.parametrize("piece", [4096, 1 << 20])
 def test_the_slowest_bytes_cost_four_times_ordinary_ones(name, piece):
@@ -89,12 +86,9 @@ def test_the_slowest_bytes_cost_four_times_ordinary_ones(name, piece):
     assert seconds_per_byte(HOSTILE[name], piece) < 4 * seconds_per_byte(ordinary, piece)
 
 
-@pytest.mark.parametrize("which", ["c", "python"])
 @pytest.mark.parametrize("name", HOSTILE)
-def test_the_device_hears_hello_behind_hostile_bytes(which, name):
-    if which == "c" and find_compiler() is None:
-        pytest.skip("no C compiler")
-    core = open_core(BOARD, which)
+def test_the_device_hears_hello_behind_hostile_bytes(name):
+    core = Core(BOARD)
     core.receive(HOSTILE[name])
     core.transmit()
     # Behind the longest frame that the bytes may have announced.
@@ -104,12 +98,9 @@ def test_the_device_hears_hello_behind_hostile_bytes(which, name):
     assert any(isinstance(item, Frame) and item.message == BOARD for item in found)
 
 
-@pytest.mark.parametrize("which", ["c", "python"])
-def test_playing_parses_nothing(which):
+def test_playing_parses_nothing():
     """A frame that pauses ends the output in play; the bytes behind it wait for the next call."""
-    if which == "c" and find_compiler() is None:
-        pytest.skip("no C compiler")
-    core = open_core(BOARD, which)
+    core = Core(BOARD)
     core.receive(encode(Frame(Hello(), 0)))
     core.transmit()
     core.receive(header(60_000) + encode(Frame(Hello(), 1)))

@@ -13,10 +13,7 @@ import pytest
 
 import firmware_io
 from firmware_io import DeviceError
-from firmware_io.firmware.build import find_compiler
-from firmware_io.firmware.core import Output
-from firmware_io.firmware.native import NativeCore
-from firmware_io.firmware.opening import open_core
+from firmware_io.firmware.core import Core, Output
 from firmware_io.protocol import (
     Arm,
     CapabilitiesReport,
@@ -38,6 +35,7 @@ from firmware_io.protocol import (
     to_reports,
 )
 from tests.firmware_io import golden_sessions
+from tests.firmware_io.oracle.device import Oracle
 
 BOTH = frozenset(StreamMode)
 WAVEFORM, ENVELOPE = StreamMode.WAVEFORM, StreamMode.ENVELOPE
@@ -71,8 +69,8 @@ RAMP = 240  # 5 ms
 class Rig:
     """A core on the bench, and a host that numbers its frames."""
 
-    def __init__(self, which, config=BOARD):
-        self.core = open_core(config, which)
+    def __init__(self, config=BOARD):
+        self.core = Core(config)
         self.parser = FrameParser()
         self.sequence = 0
         self.index = 0
@@ -108,11 +106,9 @@ class Rig:
         return self.core.play(ticks)[0].tolist()
 
 
-@pytest.fixture(params=["c", "python"])
-def rig(request):
-    if request.param == "c" and find_compiler() is None:
-        pytest.skip("no C compiler: $CC, cc, gcc and clang are missing")
-    return Rig(request.param)
+@pytest.fixture
+def rig():
+    return Rig()
 
 
 def resealed(data: bytes, **changes: int) -> bytes:
@@ -198,7 +194,9 @@ def test_hello_ends_everything(rig):
         ("ceiling_mv", 20_001, 12, 20_000),
         ("ceiling_mv", 0, 12, 1),
         ("max_slew_v_per_s", 2_638_938, 16, 2_638_937),
-        ("max_slew_v_per_s", 0, 16, 1),
+        # The ramp from code 26213 takes 240 steps of 110 codes at most: 110 48000 25 / 32767 V/s.
+        ("max_slew_v_per_s", 4_028, 16, 4_029),
+        ("max_slew_v_per_s", 0, 16, 4_029),
         ("carrier_mhz", 1, 20, 0),
         ("lead_us", 250_001, 24, 250_000),
     ],
@@ -798,8 +796,8 @@ def test_a_lost_report_costs_its_own_frame_only(rig):
     assert [a.token for a in rig.poll()] == [5]
 
 
-def test_a_board_without_reports_sends_none(rig):
-    board = Rig(rig.core.name, replace(BOARD, report_bytes=0))
+def test_a_board_without_reports_sends_none():
+    board = Rig(replace(BOARD, report_bytes=0))
     board.core.receive(board.frame(Hello()))
     assert board.core.transmit_report() == b""
     assert board.core.transmit() != b""
@@ -849,9 +847,12 @@ def test_pending_ticks_are_those_until_rest(rig):
         {"full_scale_mv": 0},
         {"ceiling_mv": 200_001},
         {"ceiling_mv": 0},
-        {"max_slew_v_per_s": 3_999},
-        {"max_slew_v_per_s": 26_389_380},
+        {"max_slew_v_per_s": 4_028},
+        {"max_slew_v_per_s": 4_666_667},
         {"queue_samples": 999},
+        {"queue_samples": 2**17 + 1},
+        {"guard_ticks": 0},
+        {"guard_ticks": 65_536},
         {"max_frame_samples": 0},
         {"max_watchdog_ms": 9},
         {"max_watchdog_ms": 251},
@@ -869,9 +870,10 @@ def test_pending_ticks_are_those_until_rest(rig):
     ],
     ids=str,
 )
-def test_impossible_boards(rig, impossible):
+@pytest.mark.parametrize("kind", [Core, Oracle])
+def test_impossible_boards(kind, impossible):
     with pytest.raises(DeviceError):
-        open_core(replace(BOARD, **impossible), rig.core.name)
+        kind(replace(BOARD, **impossible))
 
 
 # A whole session, for boards that are not in this house
@@ -881,11 +883,12 @@ SESSIONS = sorted((Path(firmware_io.__file__).parent / "golden").glob("session-*
 
 
 @pytest.mark.parametrize("path", SESSIONS, ids=lambda path: path.stem)
-def test_golden_sessions(rig, path):
+@pytest.mark.parametrize("kind", [Core, Oracle])
+def test_golden_sessions(kind, path):
     session = json.loads(path.read_text())
     board = dict(session["board"])
     board["rates"] = tuple(Rate(r, frozenset(map(StreamMode, m))) for r, m in board["rates"])
-    core = open_core(CapabilitiesReport(**board), rig.core.name)
+    core = kind(CapabilitiesReport(**board))
     for number, step in enumerate(session["steps"]):
         if "receive" in step:
             core.receive(bytes.fromhex(step["receive"]))
@@ -904,11 +907,19 @@ def test_golden_sessions_are_those_of_an_independent_calculation(name):
     assert path.read_text() == golden_sessions.SESSIONS[name]()
 
 
-@pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
-def test_codes_that_went_bad_in_memory_are_limited():
-    """What was checked as it came is changed in the queue: the output keeps to the hard ceiling."""
-    core = NativeCore(BOARD)
-    for number, message in enumerate((Hello(), PLAIN, Arm())):
+@pytest.mark.parametrize(
+    ("ceiling_mv", "slew", "expected"),
+    [
+        (20_000, 2_638_937, [26_213, -26_213, 26_213, -26_213]),
+        (10_000, 2_638_937, [13_106, -13_106, 13_106, -13_106]),
+        (20_000, 48_000, [1310, 0, 1310, 0]),
+    ],
+)
+def test_codes_that_went_bad_in_memory_are_limited(ceiling_mv, slew, expected):
+    """What was checked as it came is changed in the queue: the output keeps ceiling and slew."""
+    core = Core(BOARD)
+    setup = replace(PLAIN, ceiling_mv=ceiling_mv, max_slew_v_per_s=slew)
+    for number, message in enumerate((Hello(), setup, Arm())):
         core.receive(encode(Frame(message, number)))
     sent = np.array([111, 222, 333, 444], np.int16)
     core.receive(encode(Frame(StreamSamples(0, sent, PLAIN.mode), 3)))
@@ -916,8 +927,26 @@ def test_codes_that_went_bad_in_memory_are_limited():
     damaged = np.array([32767, -32767, 30000, -30000], np.int16).tobytes()
     memory[:] = bytes(memory).replace(sent.tobytes(), damaged)
     played, _ = core.play(4)
-    top = 32767 * BOARD.ceiling_mv // BOARD.full_scale_mv
-    assert played.tolist() == [top, -top, top, -top]
+    assert played.tolist() == expected
+    # The ramp begins at what stands on the output, and not at what should have stood there.
+    core.receive(encode(Frame(Stop(), 4)))
+    ramp = core.play(RAMP)[0].astype(int)
+    assert np.array_equal(ramp, np.trunc(expected[-1] * np.arange(RAMP - 1, -1, -1) / RAMP))
+
+
+def test_a_watchdog_that_went_past_its_end_in_memory_ends_the_output():
+    rig = Rig()
+    rig.ready(replace(PLAIN, sample_rate_hz=6_000))
+    rig.play(1000)
+    rig.stream([1000] * 100)
+    rig.play(20)
+    memory = np.frombuffer(rig.core._ffi.buffer(rig.core._memory), np.uint32)
+    before = memory.copy()
+    rig.play(1)
+    (place,) = np.flatnonzero((before == 20) & (memory == 21))  # counted from the stream
+    memory[place] = 48_000
+    rig.play(1)
+    assert rig.core.fault().code is CODE.STARVED
 
 
 def test_there_are_golden_sessions():

@@ -18,10 +18,10 @@ from firmware_io import (
     survey_buses,
 )
 from firmware_io.links import daq, hosted
-from firmware_io.links.daq_monitor import beyond
-from firmware_io.links.daq_profile import DaqProfile
+from firmware_io.links.daq import DaqProfile, beyond
 from firmware_io.links.rig_profile import read_rig_profile
 from tests.firmware_io.pretend_daq import Card, Level, pretend
+from tests.waiting import wait_for
 
 RIG = "daq:channel=Dev1/ao0,amplifier_gain=50"
 WATCHED = f"{RIG},watchdog=yes"
@@ -36,14 +36,6 @@ def card(monkeypatch, no_thread_is_left):
     monkeypatch.setattr(hosted, "HOLD_EXTRA_S", 300.0)  # however late the card asks
     monkeypatch.setattr(daq, "WATCHDOG_S", 0.001)
     return card
-
-
-def wait_until(is_true):
-    """Wait until something is true; the time only bounds how long a failure takes."""
-    end_s = time.monotonic() + 30.0
-    while not is_true():
-        assert time.monotonic() < end_s
-        time.sleep(0.001)
 
 
 WAVE = 150.0 * np.sin(np.arange(1, 4000) / 6)
@@ -107,7 +99,7 @@ def test_limits_hold_in_front_of_the_card(card):
     device.arm()
     with pytest.raises(DeviceError, match="starved"):
         device.write(np.linspace(0.0, 100.0, 100))
-        wait_until(lambda: device.progress() is None)
+        wait_for(lambda: device.progress() is None)
     device.close()
     # 100 V are 2 V of the card; half a code.
     assert np.abs(card.volts()).max() <= 2.0 + 4.0 / 65534 and card.volts()[-1] == 0.0
@@ -131,7 +123,7 @@ def test_what_goes_wrong_ends_at_zero_and_says_so(card, monkeypatch, fault, says
     setattr(card, *fault)
     with pytest.raises(DeviceDisconnectedError, match=says):
         device.write(np.tile(WAVE, 20))
-    wait_until(lambda: card.watchdogs[0].is_closed)
+    wait_for(lambda: card.watchdogs[0].is_closed)
     assert card.volts()[-1] == 0.0
     with pytest.raises(DeviceDisconnectedError):
         device.close()
@@ -142,7 +134,7 @@ def test_an_expired_watchdog_ends_the_session(card):
     device = open_device(WATCHED)
     card.watchdogs[0].expired = True
     with pytest.raises(DeviceDisconnectedError, match="watchdog has expired"):
-        wait_until(lambda: device.progress(is_fresh=True) is None)
+        wait_for(lambda: device.progress(is_fresh=True) is None)
     device.close()
     assert card.open_tasks == []
 

@@ -109,23 +109,30 @@ def test_over_limit_is_rejected_at_zero_volts(bad_v):
 
 
 def test_slew_counts_from_the_last_write():
-    limits = DriveLimits(max_slew_v_per_s=48e3)  # 1 V per sample at 48 kHz
-    device = mock_device(limits)
+    # 1 V per sample at 48 kHz, in whole codes 131 of 250 V / 32767: 0.9995 V.
+    device = mock_device(DriveLimits(max_slew_v_per_s=48e3))
     device.arm()
-    device.write([1.0, 2.0])
-    device.write([3.0])
-    with pytest.raises(LimitError, match=r"Sample 0 steps from 3 V to 4.5 V"):
-        device.write([4.5])
+    device.write([0.999, 1.998])
+    device.write([2.997])
+    with pytest.raises(LimitError, match=r"Sample 0 steps from 2.997 V to 3.997 V"):
+        device.write([3.997])
     assert_safe(device)
 
 
-def test_ramp_keeps_a_gentle_slew_limit():
-    device = mock_device(DriveLimits(max_slew_v_per_s=480.0))  # 10 mV per sample
+def test_a_gentle_slew_limit_lowers_the_ceiling_to_what_the_safety_ramp_can_leave():
+    # 10 mV per sample, in whole codes one: in 5 ms, 240 samples, from 240 codes or 1.8311 V.
+    device = mock_device(DriveLimits(max_slew_v_per_s=480.0))
+    assert device.limits.ceiling_v == 1.831
+    rise_v = np.arange(1, 241) * (1.831 / 240)
     with device:
-        device.write(np.arange(1, 1001) * 0.009)  # up to 9 V
-    # 9 V down in steps below 10 mV is more than 900 samples; 5 ms would have been 240.
-    assert 1900 < device.mock.samples_played < 1910
-    assert np.abs(np.diff(device.mock.played_v)).max() < 0.01 + 2 * HALF_STEP_V
+        device.write(rise_v)
+    assert np.abs(np.diff(device.mock.output[0], prepend=0)).max() == 1
+    with device, pytest.raises(LimitError, match=r"Sample 240 is .* ceiling of 1\.831 V"):
+        device.write([*rise_v, 1.832])
+    device.arm()
+    device.write(rise_v)
+    device.stop_at_once()
+    assert np.abs(np.diff(device.mock.output[0])).max() == 1
     assert_safe(device)
 
 

@@ -4,16 +4,21 @@
 """
 
 import collections
+import re
 import sys
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from firmware_io.firmware.build import find_compiler
-from firmware_io.firmware.opening import open_core
+from firmware_io import DriveLimits, LimitError
+from firmware_io.drive_check import DriveWindow
+from firmware_io.firmware.core import Core
+from firmware_io.limits import DEFAULT_MAX_RMS_V
 from firmware_io.protocol import (
     Arm,
+    FaultCode,
     Frame,
     Hello,
     Rate,
@@ -23,7 +28,8 @@ from firmware_io.protocol import (
     StreamSamples,
     encode,
 )
-from tests.firmware_io.test_output_window import BOARD, BOTH, SETUP
+from tests.firmware_io.oracle.device import Oracle
+from tests.firmware_io.test_output_window import BOARD, BOTH, SETUP, Attacker
 
 TOP = 26213
 ENVELOPE, WAVEFORM = StreamMode.ENVELOPE, StreamMode.WAVEFORM
@@ -44,9 +50,10 @@ class Pair:
             rates=tuple(Rate(rate, BOTH) for rate in self.rates_hz),
         )
         self.board = board
-        self.cores = [open_core(board, which) for which in ("c", "python")]
+        self.cores: list[Any] = [Core(board), Oracle(board)]
         self.sequence = self.index = 0
         self.setup = None
+        self.last = 0
         self.revised = False
         self.is_steady = rng.random() < 0.3  # a square wave without pauses, for the energy
 
@@ -72,10 +79,14 @@ class Pair:
             carrier_mhz=int(rng.integers(10**6, self.rate_hz * 500 + 1)) if is_envelope else 0,
             lead_us=int(rng.integers(0, 9000)),
         )
+        self.is_tight = not self.is_steady and rng.random() < 0.6
+        if self.is_tight:
+            slew = int(rng.choice([45_000, rng.integers(45_000, 10**6)]))
+            self.setup = replace(self.setup, max_slew_v_per_s=slew)
         if rng.random() < 0.3:
             for core in self.cores:
                 core.release()
-        self.index = 0
+        self.index = self.last = 0
         for message in (Hello(), self.setup, Arm()):
             self.say(message)
 
@@ -86,12 +97,14 @@ class Pair:
         tone = np.sin(2 * np.pi * turns + rng.choice([0.0, rng.uniform(0, 6)]))
         if self.is_steady:
             codes = TOP * (2 * (np.arange(n) // 5 % 2) - 1)
+        elif self.is_tight and rng.random() < 0.97:
+            codes = self.steepest(n)
         else:
             codes = rng.choice([20, TOP, TOP]) * tone + rng.choice([0, 0, 0, 2000, TOP, -TOP])
         codes = np.clip(codes, -TOP, TOP).astype(np.int16)
         codes = np.abs(codes) if self.setup.mode is ENVELOPE else codes
         status = self.cores[0].status()
-        if not self.is_steady and rng.random() < 0.4:
+        if not self.is_steady and rng.random() < (0.05 if self.is_tight else 0.4):
             # Somewhere in the queue, at times too late, too far, or out of turn.
             first = status.samples_played + int(rng.integers(-3, max(4, status.queued_samples)))
             codes = codes[: max(1, self.index - first + int(rng.integers(-20, 2)))]
@@ -100,6 +113,26 @@ class Pair:
             return
         self.say(StreamSamples(self.index, codes, self.setup.mode))
         self.index += n
+        self.last = int(codes[-1])
+
+    def steepest(self, n):
+        """Codes at the slew that was stated, or beside it, up and down at random."""
+        setup, codes, at = self.setup, [], self.last
+        each = self.rate_hz // setup.sample_rate_hz
+        codes_per_s = setup.max_slew_v_per_s * 32_767_000 // 250_000 // self.rate_hz * self.rate_hz
+        carrier_rad_per_s = -(-setup.carrier_mhz * 411_775 // 65_536_000)
+        highest = min(TOP, codes_per_s // carrier_rad_per_s) if carrier_rad_per_s else TOP
+        way = int(self.rng.choice([-1, 1]))
+        for turns in self.rng.random(n) < 0.05:
+            most = codes_per_s // self.rate_hz * each
+            if carrier_rad_per_s:
+                rise = (codes_per_s - carrier_rad_per_s * at) // (carrier_rad_per_s + self.rate_hz)
+                most = min(most, max(rise, 0) * each)
+            if turns or not -highest <= at + way * most <= highest:
+                way = -way
+            at = max(-highest, min(highest, at + way * most))
+            codes.append(at)
+        return np.array(codes)
 
     def step(self):
         chance = self.rng.random()
@@ -131,7 +164,53 @@ def session(seed):
     return met | ({"revised"} if pair.revised else set())
 
 
-@pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
+def first_refused(volts, rate_hz):
+    """Samples of a waveform that the host's window passes, and that the device plays."""
+    seen, passed = DriveWindow(DriveLimits(), rate_hz), 0
+    for block in np.split(volts, range(100, volts.size, 100)):
+        try:
+            seen.check(block)
+        except LimitError as error:
+            if "mA" not in str(error):
+                passed += int(re.search(r"sample (\d+)", str(error)).group(1))
+                break
+        seen.take(block)
+        passed += block.size
+    host = Attacker(replace(BOARD, output_rate_hz=rate_hz, rates=(Rate(rate_hz, BOTH),)))
+    host.arm(replace(SETUP, sample_rate_hz=rate_hz))
+    for block in np.split(volts, range(100, volts.size, 100)):
+        host.write(block)
+        host.play(block.size / rate_hz)
+    found = host.fault
+    assert found in (FaultCode.NONE, FaultCode.ENERGY, FaultCode.MEAN)
+    return passed, volts.size if found is FaultCode.NONE else host.first_refused()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_window_of_the_host_passes_what_that_of_the_device_plays(seed):
+    """Two programs that share no function, in volts and in codes, one after the other.
+
+    The device plays whatever the host passes, and of what the host refuses no more than its blocks
+    allow: 0.8 % above the limit in rms, which are 1.6 % of the energy.
+    """
+    rng = np.random.default_rng(seed)
+    rate_hz = int(rng.choice([2000, 4000, 8000]))
+    t = np.arange(3 * rate_hz) / rate_hz
+    if seed % 2:
+        volts = 200.0 * np.sign(np.sin(2 * np.pi * rng.uniform(30, 400) * t + 0.1))
+    else:
+        offset = rng.uniform(0.06, 0.3)
+        volts = 150.0 * np.sin(2 * np.pi * rng.uniform(30, 400) * t) + offset * 150.0
+    volts *= np.where(rng.random(30) < 0.8, 1.0, 0.3).repeat(rate_hz // 10)
+    passed, played = first_refused(volts, rate_hz)
+    assert passed <= played
+    assert passed < volts.size
+    if seed % 2:
+        squares = np.cumsum(np.r_[np.zeros(rate_hz), volts[:played]] ** 2)
+        most = (squares[rate_hz:] - squares[:-rate_hz]).max() / rate_hz
+        assert most < 1.016 * DEFAULT_MAX_RMS_V**2
+
+
 @pytest.mark.parametrize("seeds", [range(40), pytest.param(range(40, 700), marks=pytest.mark.slow)])
 def test_both_cores_agree_at_the_limits(seeds):
     faults = set().union(*map(session, seeds))

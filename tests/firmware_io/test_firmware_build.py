@@ -1,21 +1,20 @@
-"""The firmware as C: strict compilers, sanitizers, a microcontroller, no compiler at all."""
+"""The firmware as C: strict compilers, sanitizers, a microcontroller."""
 
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import firmware_io
-from firmware_io import ABSOLUTE_CEILING_V, DeviceError, MockDriver
-from firmware_io.firmware import build, flags, reference_board
-from firmware_io.firmware.opening import open_core
-from firmware_io.firmware.sine import TURN, c_header, sine_table
+from firmware_io import ABSOLUTE_CEILING_V
 from firmware_io.protocol import FaultCode, FrameKind
+from tests.firmware_io.oracle import board
+from tests.firmware_io.oracle.sine import TURN, c_header, sine_table
 
 FIRMWARE = Path(firmware_io.__file__).parent / "firmware"
+CHECKS = Path(__file__).parent / "firmware"
 
 
 def need(*commands):
@@ -26,7 +25,7 @@ def need(*commands):
 
 def make(tmp_path, target):
     return subprocess.run(
-        ["make", "-C", FIRMWARE, f"BUILD={tmp_path}", target],
+        ["make", "-C", CHECKS, f"BUILD={tmp_path}", target],
         capture_output=True,
         text=True,
         timeout=600,
@@ -41,7 +40,7 @@ def test_strict_compilation_and_sanitizers(tmp_path):
     assert done.returncode == 0, done.stderr
     for flag in ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "address,undefined"):
         assert flag in done.stdout
-    assert "no output above the ceiling" in done.stdout
+    assert "No output above the ceiling" in done.stdout
 
 
 def test_it_fits_a_microcontroller(tmp_path):
@@ -74,91 +73,21 @@ def test_no_call_leaves_the_core(tmp_path):
     }
 
 
-def test_the_sine_table_in_c_is_the_references():
+def test_the_sine_table_in_c_is_the_oracles():
     assert (FIRMWARE / "haptix_sine.h").read_text() == c_header()
     table = sine_table()
     assert table[: TURN // 2] == [-value for value in table[TURN // 2 : TURN]]
     assert (table[0], table[TURN // 4], table[TURN]) == (0, 32767, 0)
 
 
-def test_everything_the_build_needs_is_in_the_package():
-    for name in (*flags.SOURCES, *flags.HOST_SOURCES, *build.HEADERS):
-        assert (FIRMWARE / name).is_file()
-
-
-@pytest.fixture
-def no_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    return tmp_path
-
-
-def test_the_library_is_built_once(no_cache):
-    if build.find_compiler() is None:
-        pytest.skip("no C compiler: $CC, cc, gcc and clang are missing")
-    path = build.library()
-    assert path.parent == no_cache / "haptix"
-    built = path.stat().st_mtime_ns
-    assert build.library() == path
-    assert path.stat().st_mtime_ns == built
-    assert {entry.name for entry in path.parent.iterdir()} == {path.name, f"{path.stem}.sha256"}
-
-
-def test_without_a_compiler_the_reference_plays(no_cache, monkeypatch):
-    monkeypatch.setenv("PATH", str(no_cache))
-    monkeypatch.delenv("CC", raising=False)
-    assert MockDriver().core == "python"
-    with pytest.raises(DeviceError, match=r"needs a C compiler.*apt install gcc"):
-        build.library()
-
-
-def test_a_wheel_of_a_platform_needs_neither_a_compiler_nor_the_reference(no_cache, monkeypatch):
-    need("cc")
-    built = build.library().read_bytes()
-    monkeypatch.setattr(build, "SOURCE_DIR", no_cache)
-    (no_cache / "haptix-firmware.so").write_bytes(built)
-    monkeypatch.setenv("PATH", str(no_cache / "nothing"))
-    monkeypatch.delenv("CC", raising=False)
-    monkeypatch.setitem(sys.modules, "firmware_io.firmware.reference", None)  # as if not there
-    assert build.library() == no_cache / "haptix-firmware.so"
-    assert MockDriver().core == "c"
-    with pytest.raises(DeviceError, match=r"py3-none-any\.whl"):
-        MockDriver(core="python")
-
-
-def test_a_compiler_that_fails_is_told_and_not_hidden(no_cache, monkeypatch):
-    need("false")
-    monkeypatch.setenv("CC", "false")
-    with pytest.raises(DeviceError, match="false could not compile the firmware"):
-        build.library()
-    assert list((no_cache / "haptix").iterdir()) == []
-
-
-def test_a_full_disk_is_told_by_its_folder(no_cache, monkeypatch):
-    def fill_up(*arguments, **options):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(build, "find_compiler", lambda: ["cc"])
-    monkeypatch.setattr("tempfile.TemporaryDirectory", fill_up)
-    with pytest.raises(DeviceError, match=r"in /.*: No space left on device\. Make room"):
-        build.library()
-
-
-def test_the_core_can_be_chosen():
-    about = MockDriver(core="python").about
-    assert open_core(about, "python").name == "python"
-    if build.find_compiler() is not None:
-        assert open_core(about, "c").name == "c"
-        assert MockDriver().core == "c"
-
-
 @pytest.mark.parametrize("name", ["RAMP_MS", "MIN_WATCHDOG_MS", "PAUSE_MS", "ABSOLUTE_CEILING_MV"])
-def test_the_reference_has_the_constants_of_the_firmware(name):
+def test_the_oracle_has_the_constants_of_the_firmware(name):
     header = (FIRMWARE / "haptix_device.h").read_text()
-    assert f"#define HX_{name} {getattr(reference_board, name)}u" in header
+    assert f"#define HX_{name} {getattr(board, name)}u" in header
 
 
 def test_no_limit_of_the_firmware_is_above_the_hosts():
-    assert reference_board.ABSOLUTE_CEILING_MV == ABSOLUTE_CEILING_V * 1e3
+    assert board.ABSOLUTE_CEILING_MV == ABSOLUTE_CEILING_V * 1e3
 
 
 def test_the_kinds_and_faults_in_c_are_those_of_the_protocol():

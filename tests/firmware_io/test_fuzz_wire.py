@@ -1,19 +1,18 @@
 """Random, mutated and cut bytes at both ends of the wire: in step again, never above the ceiling.
 
-The same calls go to the firmware in C and to its reference, which must not differ in a sample or a
-byte. `make -C firmware_io/firmware fuzz` goes deeper into the C with libFuzzer.
+The same calls go to the firmware in C and to its oracle, which must not differ in a sample or a
+byte. `make -C tests/firmware_io/firmware fuzz` goes deeper into the C with libFuzzer.
 """
 
+from typing import Any
+
 import numpy as np
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from firmware_io import ProtocolError
-from firmware_io.firmware.build import find_compiler
-from firmware_io.firmware.core import Output
-from firmware_io.firmware.opening import open_core
+from firmware_io.firmware.core import Core, Output
 from firmware_io.protocol import (
     Arm,
     CapabilitiesReport,
@@ -33,8 +32,8 @@ from firmware_io.protocol import (
     encode,
     to_reports,
 )
+from tests.firmware_io.oracle.device import Oracle
 
-WHICH = ["python"] if find_compiler() is None else ["c", "python"]
 BOTH = frozenset(StreamMode)
 BOARD = CapabilitiesReport(
     *(2, 2, 64, 16_000, 25_000, 20_000, 2_600_000, 300, 120, 60),
@@ -119,7 +118,7 @@ class Bench:
     """The cores side by side, and a host that damages what it sends when told to."""
 
     def __init__(self):
-        self.cores = [open_core(BOARD, which) for which in WHICH]
+        self.cores: list[Any] = [Core(BOARD), Oracle(BOARD)]
         self.index = 0
         self.mode = StreamMode.WAVEFORM
         self.flip = self.cut = None
@@ -242,12 +241,11 @@ def test_whatever_came_the_device_is_in_step_when_the_longest_frame_has_passed(p
     assert answer.message.token == 1234
 
 
-@pytest.mark.parametrize("which", WHICH)
 @slow
 @given(st.binary(max_size=300), arrays(np.int16, 120), st.integers(1, LONGEST - 1), st.booleans())
-def test_the_device_loses_two_frames_at_most(which, garbage, samples, length, is_cut):
+def test_the_device_loses_two_frames_at_most(garbage, samples, length, is_cut):
     """Garbage or a cut frame, then frames of the same size: the second one arrives by itself."""
-    core = open_core(BOARD, which)
+    core = Core(BOARD)
     frame = encode(Frame(StreamSamples(0, samples), 1))
     core.receive(frame[:length] if is_cut else garbage)
     for token in (1, 2):

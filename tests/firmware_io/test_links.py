@@ -25,15 +25,17 @@ from firmware_io import (
     MockDriver,
     Playback,
     ProtocolError,
+    WaveSource,
     open_device,
 )
 from firmware_io.clock import HostClock
 from firmware_io.links import usb as usb_link
-from firmware_io.links.claim import Claim
+from firmware_io.links.hid import Claim
 from firmware_io.links.tcp import TcpLink
 from firmware_io.protocol import FrameKind
 from firmware_io.serve import DriverServer
 from tests.steady_clock import SteadyClock
+from tests.waiting import PATIENCE_S
 
 
 class UsbDevice:
@@ -352,7 +354,7 @@ def test_hid_that_cannot_be_opened(hid, monkeypatch):
 
 def test_a_claim_holds_across_processes():
     claim = Claim("some device")
-    program = "from firmware_io.links.claim import Claim; Claim('some device')"
+    program = "from firmware_io.links.hid import Claim; Claim('some device')"
     command = [sys.executable, "-c", program]
     assert "DeviceBusyError" in subprocess.run(command, capture_output=True, text=True).stderr
     claim.release()
@@ -382,11 +384,12 @@ def server(no_thread_is_left, slow_host):
 
 def test_tcp_plays(server):
     device = open_device(server.address)
-    volts = 100.0 * np.sin(np.arange(9600) / 5)
-    with Playback(device, 0.09) as playback:
-        for piece in np.split(volts, 40):
-            assert playback.wait_for_room(piece.size, 10.0)
-            playback.put(piece)
+    wave = WaveSource(lambda first, count: 100.0 * np.sin(np.arange(first, first + count) / 5))
+    with Playback(device, wave) as playback:
+        while playback.stats.samples_played < 24_000:  # of which half a second is played
+            time.sleep(0.01)
+            assert playback.is_running
+    time.sleep(2 * 0.005 / SPEED)  # of the driver's ramp
     played = server.driver.played_v
     assert np.abs(played).max() == pytest.approx(100.0, abs=0.1)
     assert played[-1] == 0.0
@@ -447,7 +450,7 @@ def test_serving_from_the_command_line(tmp_path, slow_host):
         device.close()
     finally:
         server.send_signal(signal.SIGINT)
-        server.wait(600)
+        server.wait(PATIENCE_S)
     assert server.returncode == 0
     volts = np.load(record)
     assert volts.max() == pytest.approx(90.0, abs=0.01)

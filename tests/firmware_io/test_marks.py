@@ -1,15 +1,15 @@
 """Samples that are marked: when the line rises, what the driver tells, and what the host does."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from firmware_io import Device, DeviceError, MockDriver, MockLink
-from firmware_io.firmware.build import find_compiler
-from firmware_io.firmware.core import LINE
-from firmware_io.firmware.opening import open_core
+from firmware_io.firmware.core import LINE, Core
 from firmware_io.protocol import NEVER, FaultCode, FaultReport, Mark, MarkedReport, Stop
+from tests.firmware_io.oracle.device import Oracle
 from tests.firmware_io.test_conformance import BOARD, CARRIED, PLAIN, Rig
 from tests.firmware_io.test_differential import Pair
 
@@ -17,11 +17,9 @@ MARKING = replace(BOARD, takes_marks=True)
 HIGH = 48  # output samples: 1 ms
 
 
-@pytest.fixture(params=["c", "python"])
-def rig(request):
-    if request.param == "c" and find_compiler() is None:
-        pytest.skip("no C compiler: $CC, cc, gcc and clang are missing")
-    return Rig(request.param, MARKING)
+@pytest.fixture
+def rig():
+    return Rig(MARKING)
 
 
 def line(rig, ticks):
@@ -42,8 +40,8 @@ def test_the_line_rises_with_the_sample_and_its_clock_is_told(rig, setup, each):
     assert rig.say(Mark(150, 1)) == [MarkedReport(NEVER, 150, 1)]
 
 
-def test_a_device_without_a_line_knows_no_mark(rig):
-    plain = Rig(rig.core.name, BOARD).ready()
+def test_a_device_without_a_line_knows_no_mark():
+    plain = Rig(BOARD).ready()
     (fault, *_) = plain.say(Mark(0))
     assert isinstance(fault, FaultReport) and (fault.code, fault.got) == (FaultCode.KIND, 8)
 
@@ -68,7 +66,7 @@ class MarkedPair(Pair):
         about = replace(MARKING, **{name: getattr(self.board, name) for name in (
             "output_rate_hz", "full_scale_mv", "ceiling_mv", "max_slew_v_per_s", "queue_samples",
             "max_frame_samples", "rates")})  # fmt: skip
-        self.cores = [open_core(about, which) for which in ("c", "python")]
+        self.cores: list[Any] = [Core(about), Oracle(about)]
 
     def step(self):
         for _ in range(int(self.rng.integers(0, 3))):
@@ -76,7 +74,6 @@ class MarkedPair(Pair):
         return super().step()
 
 
-@pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize(
     "seeds", [range(1000, 1006), pytest.param(range(1006, 1130), marks=pytest.mark.slow)]
 )

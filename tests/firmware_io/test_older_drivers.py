@@ -3,49 +3,45 @@
 import struct
 from binascii import crc32, crc_hqx
 
-import numpy as np
+import pytest
 
-from firmware_io import Device
-from firmware_io.links.mock import MockLink
-from firmware_io.protocol import FrameParser, encode
-
-#: Payloads of version 3 that were shorter: CAPABILITIES by its last bytes, STATUS to this many.
-CAPABILITIES, STATUS, GUARD_BYTES, STATUS_BYTES = 0x81, 0x82, 4, 36
+from firmware_io import Device, ProtocolError
+from firmware_io.link import Link
+from firmware_io.protocol import FaultCode, FrameKind
 
 
-def as_version_3(data):
-    """Frames of a device as one of version 3 would have sent them."""
-    old = b""
-    for frame in FrameParser().feed(data):
-        new = encode(frame)
-        kind, payload = new[3], new[12:-4]
-        if kind == CAPABILITIES:
-            payload = bytes([3, 3]) + payload[2:-GUARD_BYTES]
-        if kind == STATUS:
-            payload = payload[:STATUS_BYTES]
-        head = new[:2] + bytes([3]) + new[3:6] + struct.pack("<H", len(payload)) + new[8:10]
-        body = head + struct.pack("<H", crc_hqx(head, 0xFFFF)) + payload
-        old += body + struct.pack("<I", crc32(body))
-    return old
+def frame_of_version_3(kind, payload):
+    head = b"HX" + struct.pack("<BBHHH", 3, kind, 0, len(payload), 0)
+    body = head + struct.pack("<H", crc_hqx(head, 0xFFFF)) + payload
+    return body + struct.pack("<I", crc32(body))
 
 
-class OldLink(MockLink):
-    """A mock whose firmware speaks version 3 only."""
+class OldDriver(Link):
+    """Refuses a host that does not speak version 3, as firmware of that version does."""
+
+    name = "old driver"
+
+    def __init__(self):
+        self.kinds, self._answers, self.is_closed = [], [], False
 
     def send(self, data):
-        assert data[2] == 3
-        super().send(b"".join(encode(frame) for frame in FrameParser().feed(data)))
+        version, kind, (oldest, newest) = data[2], data[3], data[12:14]
+        assert version == 3  # it would not read another one
+        self.kinds.append(kind)
+        assert not oldest <= 3 <= newest
+        fault = struct.pack("<BBHIIQ", FaultCode.VERSION, 0, 0, 3, oldest, 0)
+        self._answers.append(frame_of_version_3(FrameKind.FAULT, fault))
 
     def receive(self, timeout_s=0.0):
-        return as_version_3(super().receive(timeout_s))
+        return self._answers.pop(0) if self._answers else b""
+
+    def close(self):
+        self.is_closed = True
 
 
-def test_a_driver_of_the_version_before_plays_as_it_did():
-    wave = 100 * np.sin(np.arange(4800) / 20)
-    played = []
-    for link in (OldLink(), MockLink()):
-        with Device(link) as device:
-            device.write(wave)
-        played.append(link.driver.played_codes)
-        assert (device.capabilities.guard_s == 0.0) == isinstance(link, OldLink)
-    assert np.array_equal(*played)
+def test_a_driver_of_the_version_before_is_refused_and_never_armed():
+    link = OldDriver()
+    with pytest.raises(ProtocolError, match=r"version 3.*Bring both to the same version"):
+        Device(link)
+    assert link.kinds == [FrameKind.HELLO]
+    assert link.is_closed

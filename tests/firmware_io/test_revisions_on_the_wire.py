@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_io.firmware.build import find_compiler
 from firmware_io.firmware.core import Output
 from firmware_io.protocol import FaultCode, Ping, Revise, StatusReport, StreamMode
 from tests.firmware_io.test_conformance import BOARD, CARRIED, PLAIN, RAMP, TOP, Rig
@@ -13,11 +12,9 @@ from tests.firmware_io.test_conformance import BOARD, CARRIED, PLAIN, RAMP, TOP,
 GUARD = BOARD.guard_ticks
 
 
-@pytest.fixture(params=["c", "python"])
-def rig(request):
-    if request.param == "c" and find_compiler() is None:
-        pytest.skip("no C compiler: $CC, cc, gcc and clang are missing")
-    return Rig(request.param)
+@pytest.fixture
+def rig():
+    return Rig()
 
 
 def revise(rig, index, codes, revision=None, mode=StreamMode.WAVEFORM):
@@ -167,18 +164,14 @@ def test_the_index_may_wrap(rig):
     status = rig.core.status()
     assert status.samples_played == 345
     core, ahead = rig.core, 2**32 - 500
-    if core.name == "python":
-        core._next_index = (ahead + 1000) % 2**32
-        core._output.samples_played = (ahead + 345) % 2**32
-    else:
-        memory = core._ffi.buffer(core._memory)
-        data = bytes(memory)
-        for value in (1000, 345):
-            # Both counts stand behind the set-up, and nothing else has the value.
-            before, after = (v.to_bytes(4, "little") for v in (value, (ahead + value) % 2**32))
-            starts = [i for i in range(0, 1024, 4) if data[i : i + 4] == before]
-            for start in starts[-1:] if value == 1000 else starts:
-                memory[start : start + 4] = after
+    memory = core._ffi.buffer(core._memory)
+    data = bytes(memory)
+    for value in (1000, 345):
+        # Both counts stand behind the set-up, and nothing else has the value.
+        before, after = (v.to_bytes(4, "little") for v in (value, (ahead + value) % 2**32))
+        starts = [i for i in range(0, 1024, 4) if data[i : i + 4] == before]
+        for start in starts[-1:] if value == 1000 else starts:
+            memory[start : start + 4] = after
     assert core.status().samples_played == (ahead + 345) % 2**32
     rig.index = (ahead + 1000) % 2**32
     revise(rig, ahead + 490, [9] * 20)  # over the wrap

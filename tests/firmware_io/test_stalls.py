@@ -15,11 +15,12 @@ import time
 import numpy as np
 import pytest
 
-from firmware_io import Device, MockLink, RevisedPlayback, volts_to_codes
+from firmware_io import Device, MockLink, Playback, volts_to_codes
 from firmware_io.firmware.core import Output
 from firmware_io.links.tcp import TcpLink
-from tests.firmware_io.test_revised_playback import Levels
+from tests.firmware_io.test_playback import Levels
 from tests.steady_clock import SteadyClock, steady_driver
+from tests.waiting import PATIENCE_S
 
 SECONDS = 0.8
 
@@ -62,7 +63,7 @@ def believed(device):
 def play(device, source, disturb):
     """Play with touches, and disturb some times; return what the host believes was played."""
     gone = believed(device)
-    with RevisedPlayback(device, source) as playback:
+    with Playback(device, source) as playback:
         end_s = time.monotonic() + SECONDS
         turn = 0
         while time.monotonic() < end_s or playback.stats.revisions < 5:
@@ -148,7 +149,7 @@ def test_over_tcp(tmp_path, what):
             underruns = device._stream.client.status.underruns
             device.close()
             process.terminate()
-            process.wait(10)
+            process.wait(PATIENCE_S)
         finally:
             process.kill()
     out = np.load(record)

@@ -7,7 +7,7 @@ import traceback
 from collections import defaultdict, deque
 
 from firmware_io import MockDriver
-from firmware_io.links.fault_injection import FaultInjection
+from firmware_io.links.mock import FaultInjection
 from tests.devices.guest.descriptors import BULK_ENDPOINT, HID_ENDPOINT, HID_INTERFACE, descriptor
 from tests.devices.guest.usbip import Cable
 from tests.steady_clock import SteadyClock
@@ -75,8 +75,8 @@ class Board:
         return self.driver.played_codes
 
     def about(self):
-        """Return which core plays, and where it stands."""
-        return self.driver.core, self.driver.status, self.driver.fault
+        """Return where its core stands."""
+        return self.driver.status, self.driver.fault
 
     def touch(self, *finger):
         """Put a finger on the panel."""

@@ -119,7 +119,7 @@ def _board():
 
 def _is_at_rest(board):
     """The output is at 0 V, and no sample stood longer than the watchdog time before it was."""
-    wait_for(lambda: board.about()[1].state is DeviceState.IDLE, 2 * _WATCHDOG_S + 5.0)
+    wait_for(lambda: board.about()[0].state is DeviceState.IDLE, 2 * _WATCHDOG_S + 5.0)
     codes, what = board.output()
     require(codes[-1] == 0, f"the output is at code {codes[-1]}")
     edges = np.flatnonzero(np.diff(np.r_[False, what == Output.HELD, False].astype(int)))
@@ -176,7 +176,7 @@ def a_host_that_falls_silent(way):
         device = way.open(**{**_SETTINGS, "watchdog_s": 0.1, "lead_s": 0.02})
         device.arm()
         device.write(volts[:80])  # one frame, whichever way
-        wait_for(lambda: board.about()[1].state is DeviceState.IDLE)
+        wait_for(lambda: board.about()[0].state is DeviceState.IDLE)
         codes, what = board.output()
         require(codes[-1] == 0, "not at 0 V")
         # Both times count from the one frame: the lead to the first sample, the watchdog to 0 V.

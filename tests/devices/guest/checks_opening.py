@@ -14,6 +14,7 @@ from firmware_io import (
     open_device,
     volts_to_codes,
 )
+from firmware_io.firmware.core import compiled
 from tests.devices.guest.plugged import PluggedBoard, nodes_of, wait_for
 from tests.devices.guest.ways import WAYS, Elsewhere, check, error_of, require, same, wave
 
@@ -101,12 +102,17 @@ def in_use_by_another_process_or_object(way):
     return {"error": str(there)}
 
 
+def _load_all():
+    """Load every library: in some homes nobody may read them."""
+    list_devices()
+    compiled()
+
+
 @check(*WAYS)
 def a_user_without_permission(way):
     """The error names the udev rule; with the access that the rule gives, it opens."""
-    # Every library is loaded before: in some homes nobody may read them.
-    shut_out = Elsewhere(lambda: error_of(way.open), _NOBODY, list_devices)
-    let_in = Elsewhere(lambda: error_of(lambda: way.open().close()), _NOBODY, list_devices)
+    shut_out = Elsewhere(lambda: error_of(way.open), _NOBODY, _load_all)
+    let_in = Elsewhere(lambda: error_of(lambda: way.open().close()), _NOBODY, _load_all)
     with PluggedBoard() as board:
         usb, hidraw = nodes_of(board.serial)
         denied = shut_out.run()

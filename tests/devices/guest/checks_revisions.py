@@ -5,16 +5,18 @@ takes as short as on a machine, and the order of what happens is what counts her
 """
 
 import time
+from typing import Any, cast
 
 import numpy as np
 
-from firmware_io import Device, MockDriver, MockLink, RevisedPlayback, volts_to_codes
+from firmware_io import Device, MockDriver, MockLink, Playback, volts_to_codes
 from firmware_io.firmware.core import Output
 from firmware_io.links.hid import HidLink
 from firmware_io.links.usb import UsbLink
 from firmware_io.revisable import Revisable
 from tests.devices.guest.plugged import PluggedBoard
 from tests.devices.guest.ways import HID, HIDRAW, USB, check, require, same
+from tests.firmware_io.oracle.device import Oracle
 
 _SPEED = 0.1
 _SECONDS = 0.5  # of the stream
@@ -84,7 +86,7 @@ class Record:
 
 def play(device, source, clock, reaction_s):
     """Play with touches and late revisions, then without; return the counts."""
-    playback = RevisedPlayback(device, source, reaction_s, clock=clock)
+    playback = Playback(device, source, reaction_s)
 
     def run(seconds, touches):
         end_s, touch_s = clock() + seconds, clock()
@@ -127,9 +129,10 @@ def waveform(volts):
 
 
 def envelope(volts):
-    """The codes that the reference of the firmware, in Python, plays for amplitudes."""
-    device = Device(MockLink(MockDriver(core="python"), 64), sample_rate_hz=8000)
-    with device:
+    """The codes that the oracle of the firmware plays for amplitudes."""
+    driver = MockDriver()
+    cast(Any, driver)._core = Oracle(driver.about)
+    with Device(MockLink(driver, 64), sample_rate_hz=8000) as device:
         device.write(volts)
     codes, kinds = device.mock.output
     return codes[kinds == Output.STREAM]
@@ -144,9 +147,9 @@ def _revised(link, clock, settings, reaction_s, plays):
         source = Record(4 if is_waveform else 1, is_waveform, clock)
         stats = play(device, source, clock, reaction_s)
         device.close()
-        core, status, fault = board.about()
+        status, fault = board.about()
         require(fault is None and status.faults == 0 and status.underruns == 0, fault, status)
-        return {"core": core, **compare(source, stats, board.output(), plays)}
+        return {**compare(source, stats, board.output(), plays)}
 
 
 @check(USB)
