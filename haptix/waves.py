@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from math import pi
-from typing import Literal, NamedTuple, Self, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,6 @@ from haptix.checks import Array
 from haptix.errors import InputError
 
 _LONGEST_TABLE = 4096  # samples
-_TABLED = 1024  # samples that are asked for at once, at most, by a renderer in real time
 _STEP = 512  # samples between two points of the grid on which `sine` adds angles
 
 
@@ -67,32 +66,15 @@ def _table(frequency_hz: float, sample_rate_hz: float) -> tuple[Array, Array]:
     return np.sin(angle), np.cos(angle)
 
 
-class SineTable(NamedTuple):
-    """A sine that comes again after a whole number of samples."""
-
-    period: int
-    """After which it comes again: one period of the sine, or several."""
-    values: Array
-    """From phase 0, of a period and `_TABLED` samples; read only."""
-
-    def at(self, first: int, count: int) -> Array:
-        """Sine at samples `first` to ``first + count - 1``."""
-        start = int(first) % self.period
-        if count <= _TABLED:
-            return self.values[start : start + count]
-        return np.resize(self.values[start : start + self.period], count)
-
-
 @lru_cache(maxsize=8)
-def sine_table(frequency_hz: float, sample_rate_hz: float) -> SineTable | None:
-    """Return the sine of a frequency; None where it comes again after thousands of samples."""
+def sine_table(frequency_hz: float, sample_rate_hz: float) -> Array | None:
+    """Return a sine from phase 0 until it comes again, read only; None if that is too long."""
     whole, period = _turns_per_sample(frequency_hz, sample_rate_hz)
     if period > _LONGEST_TABLE:
         return None
-    phase = np.arange(period + _TABLED) * whole % period / period
-    values = np.sin(2 * np.pi * phase)
+    values = np.sin(2 * np.pi * (np.arange(period) * whole % period / period))
     values.flags.writeable = False
-    return SineTable(period, values)
+    return values
 
 
 Shape = Literal["sine", "square", "sawtooth"]

@@ -120,7 +120,8 @@ class Axis:
         return float(self.nodes[-1])
 
     @cached_property
-    def _cells(self) -> Cells:
+    def cells(self) -> Cells:
+        """Cells between the nodes' logarithms."""
         return Cells.between(torch.log(self.nodes))
 
     def read(self, value: Any) -> Tensor | None:
@@ -149,7 +150,7 @@ class Axis:
 
     def locate(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Cell and position in the cell (0 to 1); values beyond the ends are held there."""
-        return self._cells.find(torch.log(x))
+        return self.cells.find(torch.log(x))
 
     def locate_one(self, value: Any) -> tuple[int, float]:
         """`locate` for one number on the axis; `InputError` or `RangeError` for anything else."""

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from haptix.native import Struct
+
 _MOST_PLACES = 4096
 
 
@@ -77,6 +79,22 @@ class Cells:
             cell += x.detach() >= self.upper.index_select(0, cell)
         part = torch.addcmul(self.offset.index_select(0, cell), x, self.scale.index_select(0, cell))
         return cell, part.clamp(0.0, 1.0)
+
+    @property
+    def compiled(self) -> Struct:
+        """The same for the library in C."""
+        return Struct(
+            "hx_cells",
+            start=self.start,
+            per_width=self.per_width,
+            places=len(self.guide),
+            cells=len(self.scale),
+            steps=self.steps,
+            guide=self.guide.numpy(),
+            upper=self.upper.numpy(),
+            scale=self.scale.numpy(),
+            offset=self.offset.numpy(),
+        )
 
 
 def _aligned_places(nodes: Tensor, rounding: float) -> int:

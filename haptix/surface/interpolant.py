@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import log
 from typing import Any
 
 import torch
@@ -13,8 +14,9 @@ from torch import Tensor
 
 from haptix.errors import InputError
 from haptix.inputs import broadcast_shape
+from haptix.native import Struct, doubles, ffi, library
 from haptix.status import Status
-from haptix.surface.axes import Axes
+from haptix.surface.axes import SLACK, Axes
 from haptix.surface.cells import Cells
 from haptix.surface.column import PULL_IN_DRIVE
 from haptix.threads import one_thread
@@ -129,6 +131,10 @@ class Interpolant:
         return tuple(result.reshape(shape) for result in in_blocks(answer, flat))
 
     def _evaluate(self, voltage: Tensor, *places: Tensor | None) -> tuple[Tensor, Tensor]:
+        given = [self.columns, voltage, *(place for place in places if place is not None)]
+        is_plain = self.columns.dtype == torch.float64 and self.columns.device.type == "cpu"
+        if is_plain and not any(t.requires_grad for t in given):
+            return self._evaluate_in_c(voltage, places)
         # Of each column two neighbours are used: to blend it whole took twice as long.
         corners, inside = self.axes.corners(places, voltage)
         width = self.columns.shape[-1]
@@ -143,13 +149,35 @@ class Interpolant:
         first += cell
         low, high = (corners.blend(self.columns, first, entry) for entry in (0, 1))
         mu = torch.lerp(low, high, part).reciprocal().neg()
-        slack = 1 + max(1e-9, 8 * torch.finfo(drive.dtype).eps)
+        slack = self._slack
         past = drive > PULL_IN_DRIVE * slack
         status = _small(past) * _PULL_IN
         if self.ends_at_breakdown:
             status += _small((voltage > breakdown * slack).logical_and_(~past)) * _BREAKDOWN
         inside = inside.logical_and_(voltage <= self.voltage_limit_v * slack)
         return mu, _outside(status, inside)
+
+    def _evaluate_in_c(
+        self, voltage: Tensor, places: Sequence[Tensor | None]
+    ) -> tuple[Tensor, Tensor]:
+        each = list(zip(self.axes, places, strict=True))
+        logs = [doubles(torch.log(x).numpy()) for axis, x in each if axis.varies and x is not None]
+        mu, status = (
+            torch.empty(len(voltage), dtype=torch.float64),
+            torch.empty(len(voltage), dtype=torch.long),
+        )
+        library.hx_surface_evaluate(
+            self._compiled.at,
+            doubles(voltage.numpy()),
+            ffi.new("const double *[]", logs),
+            len(voltage),
+            doubles(mu.numpy()),
+            ffi.from_buffer("int64_t *", status.numpy()),
+        )
+        for axis, place in each:
+            if place is not None and not axis.varies:
+                status.masked_fill_(~axis.contains(place), _OUT_OF_RANGE)
+        return mu, status
 
     def _invert(self, wanted: Tensor, *places: Tensor | None) -> tuple[Tensor, Tensor]:
         column, inside = self.axes.blend(places, self.columns, wanted)
@@ -223,6 +251,33 @@ class Interpolant:
     @cached_property
     def _last_drive(self) -> float:
         return float(self.drive[-1])
+
+    @cached_property
+    def _slack(self) -> float:
+        """Factor by which rounding may pass an end."""
+        return 1 + max(1e-9, 8 * torch.finfo(self.drive.dtype).eps)
+
+    @cached_property
+    def _compiled(self) -> Struct:
+        """The same for the library in C."""
+        columns = self.columns.contiguous()
+        axes = [axis.cells.compiled for axis in self.axes if axis.varies]
+        return Struct(
+            "hx_surface",
+            axes=len(axes),
+            axis=axes,
+            lowest=[log(axis.low * (1 - SLACK)) for axis in self.axes if axis.varies],
+            highest=[log(axis.high * (1 + SLACK)) for axis in self.axes if axis.varies],
+            drive=self._drive_cells.compiled,
+            width=columns.shape[-1],
+            columns=columns.numpy(),
+            ends=columns[..., -_EXTRA:].contiguous().numpy(),
+            unit_v=self.unit_v,
+            limit_v=self.voltage_limit_v,
+            last_drive=self._last_drive,
+            pull_in_drive=PULL_IN_DRIVE,
+            ends_at_breakdown=self.ends_at_breakdown,
+        )
 
 
 def _small(truth: Tensor) -> Tensor:

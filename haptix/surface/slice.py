@@ -1,9 +1,8 @@
-"""A surface at one frequency and thickness, in numpy: for the few points of a rendered block."""
+"""A surface at one frequency and thickness, for the few points of a rendered block."""
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import exp, inf, log, sqrt
 from typing import Self
@@ -12,6 +11,7 @@ import numpy as np
 
 from haptix.checks import Array
 from haptix.errors import InputError
+from haptix.native import Struct, doubles, library, room
 from haptix.status import Status
 from haptix.surface.axes import SLACK
 from haptix.surface.column import PULL_IN_DRIVE, Column
@@ -20,16 +20,15 @@ from haptix.surface.interpolant import Interpolant
 _AVERAGED_NODES = 65  # over the drive; lines between them are within 1e-4
 _STEEPEST = 0.05  # share of 1/mu without voltage: friction never counts as more than 20 times that
 _NEAR = 1e-6  # relative, of an end: rounding does not change what ends a column
-_KEPT = 16  # columns, for as many fingers whose force does not change
-_ABOVE, _PULL_IN, _BREAKDOWN = map(np.int8, (Status.ABOVE, Status.PULL_IN, Status.BREAKDOWN))
+_ABOVE, _PULL_IN, _BREAKDOWN = Status.ABOVE, Status.PULL_IN, Status.BREAKDOWN
 
 
 @dataclass(frozen=True, eq=False)
 class Slice:
     """Columns of a surface over the normal force.
 
-    It answers as `FrictionSurface.voltage` does, and faster: for the dozen points of a block,
-    torch's calls cost several times the arithmetic.
+    It answers as `FrictionSurface` does. For the dozen points of a block, torch's calls would cost
+    many times the arithmetic.
 
     Parameters
     ----------
@@ -54,7 +53,6 @@ class Slice:
     limit_v: float
     ends_at_breakdown: bool
     pull_in_drive: float = PULL_IN_DRIVE
-    _kept: dict[float, Column] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(cls, table: Interpolant, limit_v: float | None = None) -> Self:
@@ -73,7 +71,7 @@ class Slice:
         return cls(
             force.nodes.double().cpu().numpy(),
             table.drive.double().cpu().numpy(),
-            table.columns.reshape(len(force.nodes), -1).double().cpu().numpy(),
+            table.columns.reshape(len(force.nodes), -1).double().cpu().contiguous().numpy(),
             table.unit_v,
             table.voltage_limit_v if limit_v is None else limit_v,
             table.ends_at_breakdown,
@@ -106,20 +104,14 @@ class Slice:
         return replace(self, drive=drive, columns=np.array(rows), pull_in_drive=pull_in_drive)
 
     def column(self, normal_force_n: float) -> Column:
-        """Column at one force [N], finite and above 0; the last ones are kept."""
-        found = self._kept.get(normal_force_n)
-        if found is None:
-            if len(self._kept) >= _KEPT:
-                self._kept.clear()
-            found = self._kept[normal_force_n] = self._one_column(normal_force_n)
-        return found
-
-    def _one_column(self, force_n: float) -> Column:
-        """As `columns_at`, in plain numbers: several times as fast for one force."""
-        log_force, nodes = log(force_n), self._log_forces
-        cell = bisect_right(nodes, log_force, 1, max(len(nodes) - 1, 1)) - 1
-        part = min(max((log_force - nodes[cell]) * float(self._per_log[cell]), 0.0), 1.0)
-        column = self.columns[cell] + part * self._step[cell]
+        """Column at one force [N], finite and above 0."""
+        log_force, nodes = log(normal_force_n), self._log_force
+        cell, part = 0, 0.0
+        if len(nodes) > 1:
+            cell = int(nodes[1:-1].searchsorted(log_force, side="right"))
+            part = (log_force - float(nodes[cell])) / float(nodes[cell + 1] - nodes[cell])
+        low, high = self.columns[cell], self.columns[min(cell + 1, len(nodes) - 1)]
+        column = low + min(max(part, 0.0), 1.0) * (high - low)
         log_pull_in, log_breakdown = column[-2:].tolist()
         pull_in_v = self.unit_v * exp(log_pull_in)
         breakdown_v = self.unit_v * exp(log_breakdown) if self.ends_at_breakdown else inf
@@ -129,49 +121,54 @@ class Slice:
         ends_by = _PULL_IN if end_drive >= self.pull_in_drive * (1 - _NEAR) else _ABOVE
         if breakdown_v <= end_v * (1 + _NEAR) and breakdown_v < self.limit_v:
             ends_by = _BREAKDOWN
-        inside = self._lowest_n <= force_n <= self._highest_n
+        inside = self._lowest_n <= normal_force_n <= self._highest_n
         return Column(self.drive, column[:-2], pull_in_v, end_drive, end_v, ends_by, inside)
 
-    def columns_at(self, normal_force_n: Array) -> Column:
-        """Columns at forces [N], shape (points,), finite and above 0."""
-        force_n, least, most = normal_force_n, np.minimum, np.maximum
-        log_force = np.log(force_n)
-        cell = self._log_force[1:-1].searchsorted(log_force, side="right")
-        part = least(most((log_force - self._log_force[cell]) * self._per_log[cell], 0.0), 1.0)
-        column = self.columns[cell] + (part * self._step[cell].T).T
-        pull_in_v = self.unit_v * np.exp(column.T[-2])
-        breakdown_v = self.unit_v * np.exp(column.T[-1]) if self.ends_at_breakdown else inf
-        end_drive = least((least(breakdown_v, self.limit_v) / pull_in_v) ** 2, self.drive[-1])
-        end_v = least(pull_in_v * np.sqrt(end_drive), self.limit_v)
-        ends_by = _ABOVE + (end_drive >= self.pull_in_drive * (1 - _NEAR)) * (_PULL_IN - _ABOVE)
-        if self.ends_at_breakdown:
-            breaks = (breakdown_v <= end_v * (1 + _NEAR)) & (breakdown_v < self.limit_v)
-            ends_by = ends_by + breaks * (_BREAKDOWN - ends_by)
-        inside = (self._lowest_n <= force_n) & (force_n <= self._highest_n)
-        return Column(self.drive, column[..., :-2], pull_in_v, end_drive, end_v, ends_by, inside)
+    def reach(self, normal_force_n: Array) -> tuple[Array, Array]:
+        """Lowest and highest friction at forces [N], shape (points,), finite and above 0."""
+        count = normal_force_n.size
+        mu, at = room(2 * count)
+        library.hx_slice_reach(self.compiled.at, doubles(normal_force_n), count, at, at + count)
+        return mu[:count], mu[count:]
+
+    def mu(self, normal_force_n: Array, amplitude_v: Array) -> Array:
+        """Friction at forces [N] and amplitudes [V], both of shape (points,).
+
+        Above the end of a force's column it is that of the end.
+        """
+        force_n, volts = np.broadcast_arrays(normal_force_n, amplitude_v)
+        mu, at = room(force_n.size)
+        library.hx_slice_friction(
+            self.compiled.at, doubles(force_n), doubles(volts), force_n.size, at
+        )
+        return mu
+
+    @cached_property
+    def compiled(self) -> Struct:
+        """The same for the library in C."""
+        return Struct(
+            "hx_slice",
+            forces=len(self.force_n),
+            drives=len(self.drive),
+            log_force=self._log_force,
+            drive=self.drive,
+            columns=self.columns,
+            unit_v=self.unit_v,
+            limit_v=self.limit_v,
+            pull_in_drive=self.pull_in_drive,
+            lowest_n=self._lowest_n,
+            highest_n=self._highest_n,
+            ends_at_breakdown=self.ends_at_breakdown,
+        )
 
     @cached_property
     def _log_force(self) -> Array:
         return np.log(self.force_n)
 
-    @cached_property
-    def _log_forces(self) -> list[float]:
-        return list(self._log_force.tolist())
-
-    @cached_property
+    @property
     def _lowest_n(self) -> float:
         return float(self.force_n[0]) * (1 - SLACK)
 
-    @cached_property
+    @property
     def _highest_n(self) -> float:
         return float(self.force_n[-1]) * (1 + SLACK)
-
-    @cached_property
-    def _per_log(self) -> Array:
-        return 1 / np.diff(self._log_force) if len(self.force_n) > 1 else np.ones(1)
-
-    @cached_property
-    def _step(self) -> Array:
-        """Difference of each column from the next; 0 where there is only one."""
-        step = np.diff(self.columns, axis=0)
-        return step if len(step) else np.zeros_like(self.columns)

@@ -38,34 +38,37 @@ def cases(surface, seed):
 @pytest.mark.parametrize("name", ["fine", "ends_everywhere"])
 def test_a_slice_answers_as_its_surface(name, request):
     surface = request.getfixturevalue(name)
-    force, mu = cases(surface, 1)
-    columns = Slice.of(surface.table).columns_at(force)
-    voltage, status = columns.voltage(mu)
-    truth = surface.voltage(mu, force)
-    np.testing.assert_array_equal(status, truth.status.numpy())
-    # Rounding: V = sqrt of a difference of numbers of order 1, where it is 1e-3 V or more.
-    np.testing.assert_allclose(voltage, truth.voltage_v.numpy(), rtol=1e-9, atol=1e-5)
-    assert len(set(status.tolist())) >= 4
+    force, _ = cases(surface, 1)
+    slice_ = Slice.of(surface.table)
     low, high = (end.numpy() for end in surface.reachable(force))
-    np.testing.assert_allclose(columns.lowest_mu, low, rtol=1e-12)
-    np.testing.assert_allclose(columns.highest_mu, high, rtol=1e-12)
-    np.testing.assert_allclose(columns.end_v, surface.highest_voltage(force), rtol=1e-12)
-    within = np.linspace(0, 1, len(force)) * columns.end_v
-    np.testing.assert_allclose(columns.mu(within), surface.evaluate(force, within).mu, rtol=1e-12)
+    lowest, highest = slice_.reach(force)
+    np.testing.assert_allclose(lowest, low, rtol=1e-12)
+    np.testing.assert_allclose(highest, high, rtol=1e-12)
+    end_v = surface.highest_voltage(force).numpy()
+    within = np.linspace(0, 1, len(force)) * end_v
+    expected = surface.evaluate(force, within).mu
+    np.testing.assert_allclose(slice_.mu(force, within), expected, rtol=1e-12)
+    np.testing.assert_allclose(slice_.mu(force, 2 * end_v), high, rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["fine", "ends_everywhere"])
-def test_a_column_is_the_slice_at_one_force(name, request):
+def test_a_column_answers_as_its_surface(name, request):
     surface = request.getfixturevalue(name)
     slice_ = Slice.of(surface.table)
-    for force in (0.5 * surface.normal_force_n.low, 0.3, 0.77, 2.0):
-        mu = np.linspace(0.05, 1.2, 57)
-        column, columns = slice_.column(force), slice_.columns_at(np.full(57, force))
-        (one, its_status), (many, their_status) = column.voltage(mu), columns.voltage(mu)
-        np.testing.assert_array_equal(its_status, their_status)
-        np.testing.assert_allclose(one, many, rtol=1e-9, atol=1e-5)
-        assert column.lowest_mu == pytest.approx(columns.lowest_mu[0], rel=1e-12)
-        assert column.highest_mu == pytest.approx(columns.highest_mu[0], rel=1e-12)
+    seen = set()
+    for force, mu in zip(*(column[:40] for column in cases(surface, 1)), strict=True):
+        column = slice_.column(float(force))
+        wanted = np.append(np.linspace(0.05, 1.2, 57), mu)
+        voltage, status = column.voltage(wanted)
+        truth = surface.voltage(wanted, force)
+        np.testing.assert_array_equal(status, truth.status.numpy())
+        # Rounding: V = sqrt of a difference of numbers of order 1, where it is 1e-3 V or more.
+        np.testing.assert_allclose(voltage, truth.voltage_v.numpy(), rtol=1e-9, atol=1e-5)
+        assert column.end_v == pytest.approx(float(surface.highest_voltage(force)), rel=1e-12)
+        low, high = (float(end) for end in surface.reachable(force))
+        assert (column.lowest_mu, column.highest_mu) == pytest.approx((low, high), rel=1e-12)
+        seen |= set(status.tolist())
+    assert len(seen) >= 4
 
 
 def test_a_slice_of_a_single_force(model):

@@ -261,7 +261,7 @@ def test_the_cache_finds_mends_and_survives(
     again, found = cached_surface(model, SMALL, 1e-3)
     assert found
     assert torch.equal(again.mu_table, built.mu_table)
-    (entry,) = (tmp_path / "cache").iterdir()
+    (entry,) = (tmp_path / "cache").rglob("*.surface")
     entry.write_bytes(entry.read_bytes()[:-10])
     mended, found = cached_surface(model, SMALL, 1e-3)
     assert not found

@@ -9,7 +9,15 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from haptix import ContactModel, ContactState, FrictionSurface, InputError, Status
+from haptix import (
+    ContactModel,
+    ContactState,
+    Finger,
+    FrictionSurface,
+    InputError,
+    Screen,
+    Status,
+)
 from haptix.errors import RangeError
 from haptix.surface.cells import Cells
 
@@ -114,6 +122,47 @@ def test_mu_raises_where_evaluate_has_a_status(
         past_pull_in.mu(0.3, 399.0)
     with pytest.raises(RangeError, match="1 OUT_OF_RANGE"):
         plain.mu(0.5, 201.0)
+
+
+@pytest.fixture(scope="module")
+def breaking() -> FrictionSurface:
+    """A surface that ends at its limit, at breakdown and at pull-in, depending on the force."""
+    screen = Screen(max_voltage_v=600.0, insulator_strength_v_per_m=2e9)
+    model = ContactModel(Finger.preset("semi-wet"), screen, terms={"breakdown": True})
+    scene = {"normal_force_n": (0.01, 1.0), "voltage_v": (0.0, 500.0), "h0_m": (1e-7, 3e-7)}
+    return FrictionSurface.build(model, scene, tolerance=2e-2)
+
+
+@pytest.mark.parametrize("name", ["plain", "full", "past_pull_in", "breaking"])
+def test_torch_and_the_library_give_the_same(name: str, request: pytest.FixtureRequest) -> None:
+    """Where a gradient is asked for torch evaluates, else the library in C."""
+    surface: FrictionSurface = request.getfixturevalue(name)
+    random, count = np.random.default_rng(3), 20_000
+    limit = 1.1 * surface.voltage_limit_v
+    voltage = random.uniform(0, limit, count)
+    voltage[:3] = 0.0, surface.voltage_limit_v, limit
+    places: list[Any] = [None] * 3
+    for number, axis in enumerate(surface.table.axes):
+        if axis.varies:
+            low, high = math.log(axis.low), math.log(axis.high)
+            place = np.exp(random.uniform(low - 0.05, high + 0.05, count))
+            place[3:5] = axis.low, axis.high
+            places[number] = place
+        elif not axis.is_absent:
+            places[number] = np.where(random.uniform(size=count) < 0.9, axis.low, 1.1 * axis.low)
+    compiled = surface.evaluate(places[0], voltage, *places[1:])
+    followed = tensor(*voltage).requires_grad_()
+    by_torch = surface.evaluate(places[0], followed, *places[1:])
+    assert compiled.status.dtype == by_torch.status.dtype
+    torch.testing.assert_close(compiled.status, by_torch.status, rtol=0, atol=0)
+    torch.testing.assert_close(compiled.mu, by_torch.mu.detach(), rtol=1e-12, atol=0)
+    by_torch.mu.sum().backward()
+    assert followed.grad is not None
+    assert bool(followed.grad.isfinite().all())
+    assert len(set(compiled.status.tolist())) >= 2
+    nowhere = [None if place is None else place[:0] for place in places]
+    none = surface.evaluate(nowhere[0], voltage[:0], *nowhere[1:])
+    assert none.mu.shape == none.status.shape == (0,)
 
 
 def test_a_slice_is_the_same_surface(full: FrictionSurface) -> None:

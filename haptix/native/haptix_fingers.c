@@ -1,0 +1,129 @@
+/* Fingers at the points of a block. */
+#include <math.h>
+
+#include "haptix_native.h"
+
+typedef struct {
+    double x_mm, y_mm, vx_mm_s, vy_mm_s;
+} prediction;
+
+/* Place and velocity at a time, at most `lost_after_s` from the report. */
+static prediction predicted(const hx_following *f, const hx_track *t, double t_s)
+{
+    double age_s = t_s - t->reported_s, limit_s = f->lost_after_s;
+    double ahead_s = f->latency_s + (age_s < limit_s ? age_s : limit_s);
+    ahead_s = ahead_s > -limit_s ? ahead_s : -limit_s;
+    double to_speed = 0.0, to_place = 0.0;
+    if (t->ax_mm_s2 != 0.0 || t->ay_mm_s2 != 0.0) {
+        to_speed = -t->lasting_s * expm1(-ahead_s / t->lasting_s);
+        to_place = t->lasting_s * (ahead_s - to_speed);
+    }
+    prediction p = {
+        t->x_mm + t->vx_mm_s * ahead_s + t->ax_mm_s2 * to_place,
+        t->y_mm + t->vy_mm_s * ahead_s + t->ay_mm_s2 * to_place,
+        t->vx_mm_s + t->ax_mm_s2 * to_speed,
+        t->vy_mm_s + t->ay_mm_s2 * to_speed,
+    };
+    return p;
+}
+
+/* Share of its amplitude that a finger gets at a time: it rises until the finger gets no drive any
+ * more, and then falls. */
+static double gain_at(const hx_following *f, const hx_track *t, int64_t at_rest, double t_s)
+{
+    double until_s = t->start_s, lost_s = t->reported_s + f->lost_after_s;
+    if (t->is_down && (t->is_sliding || at_rest) && lost_s > until_s)
+        until_s = lost_s;
+    double rising_s = (t_s < until_s ? t_s : until_s) - t->start_s;
+    double falling_s = t_s - until_s;
+    double gain = t->gain + (rising_s > 0.0 ? rising_s : 0.0) / f->fade_s;
+    gain = (gain < 1.0 ? gain : 1.0) - (falling_s > 0.0 ? falling_s : 0.0) / f->fade_s;
+    return gain > 0.0 ? gain : 0.0;
+}
+
+static int gets_drive(const hx_following *f, const hx_track *t, int64_t at_rest, double t0_s,
+                      double step_s, int64_t points)
+{
+    for (int64_t i = 1; i <= points; i++)
+        if (gain_at(f, t, at_rest, t0_s + step_s * (double)i) > 0.0)
+            return 1;
+    return 0;
+}
+
+int64_t hx_fingers(const hx_following *following, const hx_track *tracks, int64_t count,
+                   double t0_s, double step_s, int64_t points, int64_t at_rest, double *numbers)
+{
+    int64_t n = 0;
+    for (int64_t k = 0; k < count; k++)
+        n += gets_drive(following, &tracks[k], at_rest, t0_s, step_s, points);
+    int64_t size = n * points;
+    double *x = numbers, *y = x + size, *force = y + size, *gain = force + size;
+    double *begin = gain + size, *middle = begin + points, *end = middle + points;
+    double *left = end + points, *vx = left + points, *vy = vx + n;
+    double *which = vy + n, *fastest = which + n;
+    /* A parabola through the predictions at the begin, the middle and the end. It errs by 2 um over
+     * 10 ms where the acceleration of 10 m/s^2 that they assume decays within 0.3 s. */
+    double length_s = step_s * (double)points, half_s = length_s / 2;
+    for (int64_t i = 0; i < points; i++) {
+        double at = (double)(i + 1) / (double)points;
+        begin[i] = (2 * at - 1) * (at - 1);
+        middle[i] = 4 * at * (1 - at);
+        end[i] = at * (2 * at - 1);
+        left[i] = exp(-at * length_s / following->blend_s);
+    }
+    *fastest = 0.0;
+    for (int64_t k = 0, to = 0; k < count; k++) {
+        const hx_track *t = &tracks[k];
+        if (!gets_drive(following, t, at_rest, t0_s, step_s, points))
+            continue;
+        prediction first = predicted(following, t, t0_s);
+        prediction half = predicted(following, t, t0_s + half_s);
+        prediction last = predicted(following, t, t0_s + 2 * half_s);
+        double passed_s = t0_s - t->start_s;
+        double decay = exp(-(passed_s > 0.0 ? passed_s : 0.0) / following->blend_s);
+        double dx = decay * t->dx_mm, dy = decay * t->dy_mm, df = decay * t->df_n;
+        for (int64_t i = 0, at = to * points; i < points; i++, at++) {
+            double one = begin[i], two = middle[i], three = end[i];
+            x[at] = first.x_mm * one + half.x_mm * two + last.x_mm * three + dx * left[i];
+            y[at] = first.y_mm * one + half.y_mm * two + last.y_mm * three + dy * left[i];
+            force[at] = t->normal_force_n + df * left[i];
+            gain[at] = gain_at(following, t, at_rest, t0_s + step_s * (double)(i + 1));
+        }
+        int is_lost = t0_s + half_s - t->reported_s > following->lost_after_s;
+        vx[to] = is_lost ? 0.0 : half.vx_mm_s;
+        vy[to] = is_lost ? 0.0 : half.vy_mm_s;
+        which[to] = (double)k;
+        double speed = hypot(vx[to], vy[to]);
+        *fastest = speed > *fastest ? speed : *fastest;
+        to++;
+    }
+    return n;
+}
+
+void hx_line(const double *knot_s, const double *knot, int64_t knots, double t0_s, double step_s,
+             int64_t points, double *values)
+{
+    int64_t next = 0, end = knots; /* first knot after the first point */
+    while (next < end) {
+        int64_t middle = next + (end - next) / 2;
+        if (knot_s[middle] <= t0_s + step_s)
+            next = middle + 1;
+        else
+            end = middle;
+    }
+    for (int64_t i = 0; i < points; next++) {
+        double start_s = 0.0, start = knot[next == 0 ? 0 : next - 1], slope = 0.0, until_s = INFINITY;
+        if (next < knots)
+            until_s = knot_s[next];
+        if (0 < next && next < knots) {
+            start_s = knot_s[next - 1];
+            slope = (knot[next] - start) / (until_s - start_s);
+        }
+        for (; i < points; i++) {
+            double t_s = t0_s + step_s * (double)(i + 1);
+            if (t_s >= until_s)
+                break;
+            values[i] = slope * (t_s - start_s) + start;
+        }
+    }
+}

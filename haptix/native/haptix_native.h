@@ -1,0 +1,135 @@
+/* Samples and look-ups of haptix: plain functions on arrays that the caller owns.
+ *
+ * They keep nothing, allocate nothing and call nothing back. Numbers that are not finite pass
+ * through to what is computed from them; they never become an index. */
+#ifndef HAPTIX_NATIVE_H
+#define HAPTIX_NATIVE_H
+
+#include <stdint.h>
+
+/* cffi: begin */
+/* Cells between increasing nodes; see haptix.surface.cells.Cells. */
+typedef struct {
+    double start, per_width;
+    int64_t places, cells, steps;
+    const int32_t *guide;                  /* [places] */
+    const double *upper, *scale, *offset; /* [cells] */
+} hx_cells;
+
+/* A friction surface; see haptix.surface.interpolant.Interpolant. */
+typedef struct {
+    int64_t axes;              /* that vary, 0 to 3 */
+    hx_cells axis[3];          /* of their logarithms, */
+    double lowest[3], highest[3]; /* and where each ends */
+    hx_cells drive;
+    int64_t width;         /* of a column */
+    const double *columns; /* [...][width]: -1/mu at each node of the drive; what follows is not read */
+    const double *ends;    /* [...][2]: logarithms of pull-in and breakdown voltage */
+    double unit_v, limit_v, last_drive, pull_in_drive;
+    int64_t ends_at_breakdown;
+} hx_surface;
+
+/* Friction and status at n voltages, and at logarithms of places on the axes that vary. */
+void hx_surface_evaluate(const hx_surface *surface, const double *voltage_v,
+                         const double *const *log_place, int64_t n, double *mu, int64_t *status);
+
+/* A surface at one frequency and thickness; see haptix.surface.slice.Slice. */
+typedef struct {
+    int64_t forces, drives;
+    const double *log_force; /* [forces] */
+    const double *drive;     /* [drives] */
+    const double *columns;   /* [forces][drives + 2] */
+    double unit_v, limit_v, pull_in_drive, lowest_n, highest_n;
+    int64_t ends_at_breakdown;
+} hx_slice;
+
+/* Lowest and highest friction at n forces. */
+void hx_slice_reach(const hx_slice *slice, const double *force_n, int64_t n, double *lowest_mu,
+                    double *highest_mu);
+
+/* Friction at n forces and amplitudes; above a column's end, that of the end. */
+void hx_slice_friction(const hx_slice *slice, const double *force_n, const double *amplitude_v,
+                       int64_t n, double *mu);
+
+/* How numbers of a texture become samples; see haptix.render.core.RenderCore. */
+typedef struct {
+    int64_t target;      /* 0: friction, 1: contrast, 2: share of the reachable range */
+    int64_t compresses;  /* whether numbers from span_low to span_high fill the range */
+    double span_low, span_high;
+    int64_t combination; /* of fingers, 0: the strongest, 1: the first, 2: their mean */
+    double most_v, most_step_v;
+    int64_t step;        /* samples from one point to the next */
+    int64_t joined;      /* points over which what is queued is joined */
+} hx_rendering;
+
+/* What a block is rendered from. Arrays of fingers * points go finger after finger. */
+typedef struct {
+    int64_t fingers, points;
+    const double *value;     /* [fingers * points] of the texture */
+    const double *force_n;   /* [fingers * points] */
+    const double *gain;      /* [fingers * points] */
+    const double *intensity; /* [points]; NULL: 1 */
+    const double *added;     /* [fingers * points] shares of the reachable range; NULL: 0 */
+    const hx_slice *less;    /* how friction is inverted: by one slice, */
+    const hx_slice *more;    /* or if not NULL by a blend of two, */
+    double part;             /* with this part of the second */
+    double before_v;         /* amplitude before the block */
+    const double *queued_v;  /* [queued] amplitudes at its last points, to be joined */
+    int64_t queued;
+    const double *wave;      /* [period] of 1 V */
+    int64_t period, phase;   /* sample of the wave at the first sample */
+} hx_block;
+
+/* Render a block, and write its numbers one after the other: friction asked for [fingers * points],
+ * amplitude [points], drive [points * step]; and the status of each friction. */
+void hx_render(const hx_rendering *rendering, const hx_block *block, double *numbers,
+               int8_t *status);
+
+/* One resolution of a map; see haptix.texture.pyramid. */
+typedef struct {
+    const double *values; /* [rows][columns][channels] */
+    int64_t columns;
+    double per_mm, column, row;
+    double low_x, high_x, low_y, high_y;
+} hx_level;
+
+typedef struct {
+    const hx_level *levels; /* [count], from the finest on */
+    int64_t count, channels;
+    double period_x_mm, period_y_mm; /* 0: does not repeat */
+    double farthest_mm, outside;
+} hx_map;
+
+/* Values at n places, [n][channels], at one depth, or where depths is not NULL at one for each. A
+ * depth of 1.5 is half way between the levels 1 and 2. */
+void hx_map_sample(const hx_map *map, const double *x_mm, const double *y_mm, double depth,
+                   const double *depths, int64_t n, double *values);
+/* How touches are followed; see haptix.touch.TouchSettings. */
+typedef struct {
+    double latency_s, lost_after_s, blend_s, fade_s;
+} hx_following;
+
+/* One finger from a time on, as its reports until then predict it. */
+typedef struct {
+    double reported_s;
+    double x_mm, y_mm, vx_mm_s, vy_mm_s;  /* at the report, */
+    double ax_mm_s2, ay_mm_s2, lasting_s; /* with an acceleration that decays */
+    double normal_force_n;
+    double start_s;                       /* from when on it is so predicted */
+    double dx_mm, dy_mm, df_n;            /* what was played less the prediction, at that time */
+    double gain;                          /* share of its amplitude that it gets, at that time */
+    int64_t is_down, is_sliding;
+} hx_track;
+
+/* Fingers that get drive at t0_s + step_s * (1 ... points), of `count`: their number n. Write x, y,
+ * force and gain, each [n][points]; [4][points] weights; of each finger, [3][n]: its velocities, and
+ * which it is; and the speed of the fastest. */
+int64_t hx_fingers(const hx_following *following, const hx_track *tracks, int64_t count,
+                   double t0_s, double step_s, int64_t points, int64_t at_rest, double *numbers);
+
+/* A line through knots at increasing times, at t0_s + step_s * (1 ... points); level beyond. */
+void hx_line(const double *knot_s, const double *knot, int64_t knots, double t0_s, double step_s,
+             int64_t points, double *values);
+/* cffi: end */
+
+#endif
