@@ -12,7 +12,6 @@ time, relief and detents as the virtual finger feels them, and a photograph of 2
 from __future__ import annotations
 
 import argparse
-import inspect
 import json
 import os
 import subprocess
@@ -68,25 +67,24 @@ def block_of(surface: Any, texture: Any) -> Callable[[], None]:
     """One finger at 50 mm/s: prediction, texture, surface, fades, wave; regions move meanwhile."""
     import haptix
     from haptix.render import LiveSettings, RenderCore, RenderSettings, SineCarrier
-    from haptix.render.live import LiveFingers  # type: ignore[attr-defined] # where it was, too
+    from haptix.render.fingers import PredictedFingers
     from haptix.touch import TouchEvent, TouchSettings
 
-    touches: Any = LiveFingers(LiveSettings(touch=TouchSettings(lost_after_s=60.0)))
+    touches = PredictedFingers(LiveSettings(touch=TouchSettings(lost_after_s=60.0)))
     for i in range(30):
         touches.take(TouchEvent(0.01 * i, 0, 10 + 0.5 * i, 20.0, "move", 0.5 + 0.005 * i))
+    touches.update(0.29)
     settings = RenderSettings(block_s=1e-3)
     core = RenderCore(surface, texture, haptix.open_device("mock:"), SineCarrier(4000.0), settings)
     if hasattr(texture, "patches"):
         texture.attach(lambda: 0.0)
         for i, patch in enumerate(texture.patches.values()):
             patch.move(x_mm=patch.x_mm + 1 + i % 3, over_s=3600.0)
-    has_clock = len(inspect.signature(touches.motion).parameters) > 3
     state: dict[str, Any] = {"sample": 0, "amplitude_v": 0.0}
 
     def one() -> None:
         first = state["sample"]
-        since = (0.01 + first / RATE,) if has_clock else ()
-        motion = touches.motion(0.3 + 1e-7 * first, STEP_S, POINTS, *since)
+        motion = touches.motion(0.3 + 1e-7 * first, STEP_S, POINTS, 0.01 + first / RATE)
         block = core.block(motion, first, state["amplitude_v"])
         state["sample"], state["amplitude_v"] = first + 48, float(block.amplitude_v[-1])
 

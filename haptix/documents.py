@@ -34,6 +34,12 @@ class Part(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    def __eq__(self, other: object) -> bool:
+        # By fields alone: what cached properties hold may be arrays, which compare otherwise.
+        return type(self) is type(other) and all(
+            getattr(self, name) == getattr(other, name) for name in type(self).model_fields
+        )
+
 
 class Document(Part):
     """A file of its own: TOML, or JSON where its name ends in ``.json``."""

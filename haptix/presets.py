@@ -33,6 +33,3 @@ TERMS = (
     "field-limit", "body-return", "breakdown",
 )  # fmt: skip
 """Names of the terms of `haptix.terms.TERMS`."""
-
-FIGURES = ("fig2d", "fig3b", "fig3c", "fig3d", "fig4", "roughness", "gaps")
-"""Names of the figures of `haptix.figures`; the numbered ones are the paper's."""

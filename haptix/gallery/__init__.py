@@ -59,8 +59,8 @@ class Preset:
     def material(self) -> Material:
         """The material itself."""
         # Here, since materials load torch.
+        from haptix.kinds import in_folder
         from haptix.materials import material_of
-        from haptix.materials.material import in_folder
 
         with in_folder(FOLDER):
             return material_of(self.document)

@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
 from haptix.checks import Array
-from haptix.materials.material import Scaled
 from haptix.motion import Depends, Facts, Motion, Report
+from haptix.texture.material import Scaled
 
 EDGE_MM = 0.3
 """Width of a step of friction: no more than a finger at 100 mm/s needs for the slew limit."""

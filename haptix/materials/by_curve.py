@@ -10,9 +10,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from haptix.checks import Array, increasing
-from haptix.materials.material import Answering, AnyMaterial, Material
 from haptix.motion import Depends, Motion
 from haptix.texture import Evaluator, TargetKind
+from haptix.texture.material import Answering, AnyMaterial, Material
 
 Row = Annotated[tuple[float, ...], Field(min_length=2)]
 

@@ -11,7 +11,7 @@ import re
 from math import floor, log10
 from typing import Any
 
-from haptix.materials.material import Material
+from haptix.texture.material import Material
 
 UNITS = {
     "_mm_per_s": "mm/s", "_mm_s": "mm/s", "_deg_s": "°/s", "_deg": "°", "_mm": "mm", "_kg": "kg",

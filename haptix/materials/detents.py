@@ -11,9 +11,9 @@ from pydantic import Field, PositiveFloat, model_validator
 
 from haptix.checks import Array, increasing
 from haptix.materials.by_curve import Row
-from haptix.materials.material import Scaled
 from haptix.motion import Depends, Facts, LocalFrame, Motion, Report
 from haptix.texture.field import turned
+from haptix.texture.material import Scaled
 
 LEAST_PITCH_MM = 3.0
 """Closer detents run together: places of live touches err by 0.8 mm (95 %)."""

@@ -8,9 +8,9 @@ import numpy as np
 
 from haptix.checks import Array
 from haptix.errors import from_extra
-from haptix.materials.material import Material
 from haptix.motion import Depends, Facts, Motion, Trajectory
-from haptix.motion.reactions import facts_on
+from haptix.motion.block import facts_on
+from haptix.texture.material import Material
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

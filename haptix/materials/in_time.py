@@ -10,11 +10,11 @@ from pydantic import Field
 
 from haptix.checks import Array
 from haptix.materials.by_curve import product
-from haptix.materials.material import AnyMaterial, Material
 from haptix.materials.timeline import AnyCurve, Begins, Timeline, age
 from haptix.motion import Depends, Motion
 from haptix.signals.in_time import Points, Pulse
 from haptix.texture import Evaluator
+from haptix.texture.material import AnyMaterial, Material
 
 _FACTS = Depends.TIME | Depends.FACTS
 

@@ -1,4 +1,4 @@
-"""All kinds together: the registry filled, and the JSON Schema of their documents."""
+"""All kinds together, and the JSON Schema of their documents."""
 
 from __future__ import annotations
 
@@ -6,14 +6,28 @@ from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
-from haptix.materials import button, by_curve, detents, in_time, moving, regions, relief, still
+from haptix.kinds import AnyAsset
 from haptix.materials.described import describe
-from haptix.materials.material import ANY_KIND, KINDS, Material, load, material_of
+from haptix.texture.material import (
+    ANY_KIND,
+    KINDS,
+    AnyMaterial,
+    Material,
+    Scaled,
+    load,
+    material_of,
+)
 
-__all__ = ["BUILT_IN", "KINDS", "load", "material_of", "schema"]
-
-BUILT_IN = (still, relief, by_curve, moving, in_time, button, detents, regions)
-"""Modules of the kinds that haptix brings; importing them enters the kinds."""
+__all__ = [
+    "KINDS",
+    "AnyAsset",
+    "AnyMaterial",
+    "Material",
+    "Scaled",
+    "load",
+    "material_of",
+    "schema",
+]
 
 
 def schema() -> dict[str, Any]:

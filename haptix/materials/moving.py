@@ -10,15 +10,16 @@ import numpy as np
 from pydantic import model_validator
 
 from haptix.checks import Array, increasing
+from haptix.documents import Part
 from haptix.materials.by_curve import Row
-from haptix.materials.material import Answering, AnyMaterial, ByFields, Material
 from haptix.motion import Depends, Facts, LocalFrame, Motion, Report
 from haptix.texture import Evaluator
+from haptix.texture.material import Answering, AnyMaterial, Material
 
 Pair = tuple[float, float]
 
 
-class PathTable(ByFields):
+class PathTable(Part):
     """Places against time, straight lines between them; beyond its ends it stays, or begins again.
 
     Parameters

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from haptix.checks import Array, positive, whole
-from haptix.materials.material import Material
 from haptix.motion import Depends, Facts, Motion
 from haptix.motion.block import History
+from haptix.texture.material import Material
 
 SPEED_MM_S = 80.0
 """Speed, to the right, of the finger for which a picture holds."""

@@ -2,41 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PositiveFloat, WithJsonSchema, model_validator
+from pydantic import (
+    PlainSerializer,
+    PlainValidator,
+    WithJsonSchema,
+    model_validator,
+)
 
-from haptix.documents import Part
+from haptix.checks import plain
 from haptix.errors import InputError
-from haptix.layout import Layout, Patch
-from haptix.materials.material import AnyMaterial, Material
-from haptix.materials.still import NumberOrMaterial, field_of
+from haptix.layout import Layout, Patch, Region
 from haptix.texture import TargetKind
-from haptix.texture.composition import Blend
-
-Corner = tuple[float, float]
+from haptix.texture.material import ANY_KIND, KINDS, Material, material_of, table_of
 
 
-class RegionTable(Part):
-    """A material in a region; see `haptix.Layout.add`."""
+def _number_or_material(value: Any) -> float | Material:
+    number = plain(value)
+    return material_of(value) if number is None else number
 
-    name: str | None = None
-    material: AnyMaterial
-    x_mm: float = 0.0
-    y_mm: float = 0.0
-    width_mm: PositiveFloat | None = None
-    height_mm: PositiveFloat | None = None
-    shape: Literal["rectangle", "ellipse"] | Annotated[tuple[Corner, ...], Field(min_length=3)] = (
-        "rectangle"
-    )
-    rotation_deg: float = 0.0
-    scale: PositiveFloat = 1.0
-    z: float = 0.0
-    blend: Blend = "over"
-    opacity: Annotated[float, Field(ge=0, le=1)] = 1.0
-    mask: AnyMaterial | None = None
-    priority: int = 0
+
+NumberOrMaterial = Annotated[
+    float | Material,
+    PlainValidator(_number_or_material),
+    PlainSerializer(lambda value: value if isinstance(value, float) else table_of(value)),
+    WithJsonSchema({"anyOf": [{"type": "number"}, {"title": ANY_KIND}]}),
+]
 
 
 class LayoutMaterial(Material):
@@ -45,8 +39,7 @@ class LayoutMaterial(Material):
     Parameters
     ----------
     regions : list of tables
-        Each a ``material`` with its place, and what else `haptix.Layout.add` takes; with a ``name``
-        it is found by `patch`.
+        Each a `haptix.layout.Region`; with a ``name`` it is found by `patch`.
     background : float or material
         Friction below all regions.
     target : {"share", "mu", "contrast"}
@@ -54,7 +47,7 @@ class LayoutMaterial(Material):
     """
 
     kind: Literal["layout"] = "layout"
-    regions: tuple[RegionTable, ...] = ()
+    regions: tuple[Region, ...] = ()
     background: NumberOrMaterial = 0.0
     target: Annotated[TargetKind, WithJsonSchema({"enum": ["share", "mu", "contrast"]})] = "share"
 
@@ -72,9 +65,26 @@ class LayoutMaterial(Material):
         """A `haptix.Layout`, which an app may change while it is felt."""
         made = Layout(self.background, self.target)
         for one in self.regions:
-            mask = None if one.mask is None else field_of(one.mask)
-            made.add(**{key: value for key, value in one if key not in ("name", "mask")}, mask=mask)
+            made.put(one)
         return made
+
+    @classmethod
+    def upgrade(cls, fields: dict[str, Any], version: int) -> dict[str, Any]:
+        """Read a composition: sprites were regions of still materials, in the background's kind."""
+        if fields.get("kind") != "composition":
+            return fields
+        sprites = fields.pop("sprites", ())
+        regions = [
+            {("material" if key == "of" else key): value for key, value in one.items()}
+            if isinstance(one, Mapping)
+            else one
+            for one in sprites
+        ]
+        below = fields.get("background")
+        below = below if isinstance(below, Mapping) else {}
+        kind = KINDS.get(str(below.get("kind")))
+        target = below.get("target", getattr(kind, "target", "share"))
+        return fields | {"kind": "layout", "regions": regions, "target": target}
 
     def patch(self, name: str) -> Patch:
         """Return the patch of a region by its name."""

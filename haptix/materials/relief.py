@@ -12,9 +12,9 @@ from pydantic import Field, PositiveFloat, model_validator
 
 from haptix.checks import Array
 from haptix.errors import InputError
-from haptix.materials.material import AnyAsset, Scaled
-from haptix.materials.sharing import shared
+from haptix.kinds import AnyAsset
 from haptix.motion import Depends, Motion
+from haptix.texture.material import Scaled
 from haptix.texture.pyramid import Pyramid
 
 _STEEPEST = 99.0  # percentile of steepness that reaches the ends of the range
@@ -104,7 +104,7 @@ class Relief(Scaled):
         assert asset is not None  # checked above
         is_normals, width_mm = self.normals is not None, self.width_mm
         parameters = ["slopes", is_normals, width_mm]
-        return shared(asset, parameters, lambda path: _slopes(path, is_normals, width_mm))
+        return asset.shared(parameters, lambda path: _slopes(path, is_normals, width_mm))
 
     @property
     def extent_mm(self) -> tuple[float, float, float, float]:

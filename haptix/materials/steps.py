@@ -7,10 +7,10 @@ import numpy as np
 from haptix.checks import Array
 from haptix.errors import InputError
 from haptix.materials.described import steps_of
-from haptix.materials.material import Material
 from haptix.motion import Motion
 from haptix.perception import WEBER_FRACTION
 from haptix.texture import as_mu
+from haptix.texture.material import Material
 
 _STATES = 2000
 _SECONDS = 2.0

@@ -11,7 +11,7 @@ from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 
 from haptix.checks import Array
 from haptix.errors import InputError
-from haptix.materials.material import read_asset, write_asset
+from haptix.kinds import read_asset, write_asset
 from haptix.motion import Facts, Motion
 from haptix.signals.signal import Signal, signal_from
 

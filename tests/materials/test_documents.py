@@ -10,21 +10,20 @@ import numpy as np
 import pytest
 from skimage.io import imsave
 
-from haptix import materials
+from haptix import Layout, materials
 from haptix.errors import FileFormatError, InputError
+from haptix.kinds import in_folder
 from haptix.materials import KINDS, Material, material_of
-from haptix.materials.material import in_folder
 from haptix.motion import Depends, Motion
 from haptix.texture import (
-    Composition,
     Grating,
     Noise,
     PennModel,
     RecordedProfile,
-    Sprite,
     Texture,
     power_law,
 )
+from haptix.texture.material import table_of
 
 MODEL = Path(materials.__file__).parents[2] / "examples" / "materials" / "made-up.xml"
 GRATING = {"kind": "grating", "period_mm": 2.0, "wave": "square", "low": 0.1, "high": 0.9}
@@ -42,7 +41,7 @@ def folder(tmp_path_factory):
 
 def still(folder):
     """Documents of kinds that stand still, and the field that each is."""
-    stone, grating = folder / "stone.png", Grating(2.0, "square", low=0.1, high=0.9)
+    stone, grating = folder / "stone.png", Grating(period_mm=2.0, wave="square", low=0.1, high=0.9)
     photograph = {"kind": "photograph", "file": "stone.png", "width_mm": 30.0}
     return {
         "photograph": (photograph, Texture.from_image(stone, 30.0)),
@@ -54,7 +53,7 @@ def still(folder):
         "grating": (GRATING, grating),
         "noise": (
             {"kind": "noise", "pixels": 64, "seed": 3},
-            Noise(power_law(2.0, 0.5, 10.0), pixels=64, seed=3),
+            Noise(spectrum=power_law(2.0, 0.5, 10.0), pixels=64, seed=3),
         ),
         "recording": (
             {"kind": "recording", "file": "felt.csv", "beyond": "hold"},
@@ -67,13 +66,19 @@ def still(folder):
         "composition": (
             {"kind": "composition", "background": photograph,
              "sprites": [{"of": GRATING, "x_mm": 3.0, "width_mm": 9.0, "height_mm": 9.0}]},
-            Composition([Sprite(grating, 3.0, 0.0, 9.0, 9.0)], Texture.from_image(stone, 30.0)),
+            _on_stone(grating, stone),
         ),
     }  # fmt: skip
 
 
+def _on_stone(grating, stone):
+    layout = Layout(Texture.from_image(stone, 30.0))
+    layout.add(grating, 3.0, 0.0, 9.0, 9.0)
+    return layout
+
+
 def written(folder, table, name="one.json"):
-    with materials.material.in_folder(folder):
+    with in_folder(folder):
         materials.material_of(table).save(folder / name)
     return folder / name
 
@@ -90,7 +95,7 @@ def test_a_still_kind_is_read_back_and_answers_as_its_field(folder, kind, ending
     motion = Motion.of(x, 4.0, footprint_mm=0.05)
     assert read.evaluator.target == field.target
     assert read.evaluator.depends_on == Depends.PLACE
-    np.testing.assert_array_equal(read.wanted(motion), field.friction(x, 4.0, 0.05))
+    np.testing.assert_array_equal(read.wanted(motion), field.wanted(motion))
 
 
 def test_documents_of_one_photograph_share_its_levels(folder):
@@ -175,7 +180,7 @@ BAD = {
     "low, high: expected finite 0 <= low < high": {"kind": "grating", "period_mm": 1, "low": 1},
     "expected low and high for a target of mu": {"kind": "grating", "period_mm": 1, "target": "mu"},
     "expected 64 hex": {"kind": "photograph", "file": "sha256:12", "width_mm": 3},
-    "composition.background: .*period_mm": {
+    "layout.background: .*period_mm": {
         "kind": "composition", "background": {"kind": "grating", "period_mm": 0}
     },
 }  # fmt: skip
@@ -194,8 +199,9 @@ def test_the_schema_accepts_and_refuses_what_the_models_do(folder):
     jsonschema.Draft202012Validator.check_schema(schema)
     check = jsonschema.Draft202012Validator(schema)
     for table, _ in still(folder).values():
-        check.validate({"schema_version": 1, **table})
-    nested = {"kind": "composition", "background": {"kind": "grating", "period_mm": 0}}
+        with in_folder(folder):
+            check.validate({"schema_version": 1, **table_of(material_of(table))})
+    nested = {"kind": "layout", "background": {"kind": "grating", "period_mm": 0}}
     for bad in ({"kind": "gratin"}, {"kind": "grating"}, {**GRATING, "width": 2}, nested):
         assert not check.is_valid(bad)
     assert set(schema["$defs"]["material"]["discriminator"]["mapping"]) == set(KINDS)

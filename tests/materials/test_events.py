@@ -12,7 +12,7 @@ import haptix
 from haptix.errors import InputError
 from haptix.materials import Button, Dial, Slider, Toggle, Transient, WebEffect, material_of
 from haptix.motion import Facts, Motion, Report, Trajectory
-from haptix.motion.reactions import Reactions, facts_on
+from haptix.motion.block import Reactions, facts_on
 from haptix.simulation import Setting, simulate
 
 STEP_S = 1 / 12_000

@@ -1,0 +1,282 @@
+"""Documents of many kinds: each kind is one class, in haptix or in another package.
+
+A `Kind` is a frozen table whose ``kind`` says of which class it is; `Kinds` finds the class. Files
+that a document names are each an `Asset`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Self, TypeVar
+from weakref import WeakValueDictionary
+
+from pydantic import PlainSerializer, PlainValidator, ValidationError, WithJsonSchema
+
+from haptix.checks import shown
+from haptix.documents import Part, first_error
+from haptix.errors import FileFormatError, InputError
+
+Made = TypeVar("Made")
+
+_FOLDER: ContextVar[Path] = ContextVar("folder", default=Path())
+_IS_SEALED: ContextVar[bool] = ContextVar("sealed", default=False)
+_BY_CONTENT: ContextVar[bool] = ContextVar("by_content", default=False)
+
+
+@contextmanager
+def in_folder(folder: Path, is_sealed: bool = False) -> Iterator[None]:
+    """Read and write documents whose paths are relative to a folder.
+
+    A sealed folder is that of somebody else's documents: they name files by their hash only.
+    """
+    token, seal = _FOLDER.set(folder), _IS_SEALED.set(is_sealed)
+    try:
+        yield
+    finally:
+        _FOLDER.reset(token)
+        _IS_SEALED.reset(seal)
+
+
+@contextmanager
+def by_content() -> Iterator[None]:
+    """Write documents whose files are named by the hash of their content, wherever they lie."""
+    token = _BY_CONTENT.set(True)
+    try:
+        yield
+    finally:
+        _BY_CONTENT.reset(token)
+
+
+def document_path(name: str) -> Path:
+    """Path of a document that another one names.
+
+    Raises
+    ------
+    InputError
+        In a sealed folder.
+    """
+    if _IS_SEALED.get():
+        raise InputError(f"expected a table here, got the path {name!r:.80}")
+    return _FOLDER.get() / name
+
+
+class Kinds(Mapping[str, type[Any]]):
+    """Classes of the kinds of one family, by the names that documents use.
+
+    A class is imported when it is first asked for. Another package brings a kind as an entry point
+    whose name is that of the kind.
+
+    Parameters
+    ----------
+    group : str
+        Group of the entry points.
+    built_in : mapping
+        Modules of the kinds that haptix brings.
+    """
+
+    def __init__(self, group: str, built_in: Mapping[str, str]) -> None:
+        self._group = group
+        self._built_in = built_in
+        self._entered: dict[str, type[Any]] = {}
+
+    @cached_property
+    def _installed(self) -> dict[str, EntryPoint]:
+        return {one.name: one for one in entry_points(group=self._group)}
+
+    def enter(self, name: str, model: type[Any]) -> None:
+        """Take a class that was defined; `TypeError` if the kind is another's."""
+        known = self._entered.setdefault(name, model)
+        if (known.__module__, known.__qualname__) != (model.__module__, model.__qualname__):
+            raise TypeError(f"{model.__name__}: the kind {name!r} is that of {known.__qualname__}")
+        self._entered[name] = model
+
+    def __getitem__(self, name: str) -> type[Any]:
+        if name not in self._entered:
+            if name in self._built_in:
+                import_module(self._built_in[name])
+            else:
+                self._load(self._installed[name])
+        return self._entered[name]
+
+    def _load(self, installed: EntryPoint) -> None:
+        whose = installed.dist.name if installed.dist else installed.value
+        try:
+            installed.load()
+        except Exception as error:  # a stranger's module may raise anything
+            raise InputError(
+                f"kind {installed.name}: cannot be imported from {whose} ({error}); update or "
+                "uninstall that package"
+            ) from error
+        if installed.name not in self._entered:
+            raise InputError(
+                f"kind {installed.name}: {installed.value} of {whose} defines no such kind; name "
+                "its entry point as the class names its kind"
+            )
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(sorted({*self._built_in, *self._installed, *self._entered}))
+
+    def __len__(self) -> int:
+        return len({*self._built_in, *self._installed, *self._entered})
+
+
+class Kind(Part):
+    """A table of a kind.
+
+    Raises
+    ------
+    InputError
+        If a field is unknown, missing or outside its range.
+    """
+
+    kinds: ClassVar[Kinds]
+    """All kinds of its family."""
+
+    kind: str
+
+    def __init__(self, /, *values: Any, **fields: Any) -> None:
+        model = type(self)
+        kind = str(model.model_fields["kind"].default)
+        if values:
+            names = [name for name in model.model_fields if name != "kind"]
+            raise InputError(
+                f"{model.__name__}: expected its fields by name, such as {names[0]}=..., got "
+                f"{shown(values[0])}"
+            )
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            raise InputError(first_error(kind, error)) from None
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        kind = cls.model_fields["kind"].default
+        if isinstance(kind, str):  # else a base of several kinds
+            cls.kinds.enter(kind, cls)
+
+    @classmethod
+    def upgrade(cls, fields: dict[str, Any], version: int) -> dict[str, Any]:
+        """Turn the fields of an older document, of a `schema_version`, into today's."""
+        return fields
+
+    def replace(self, **fields: Any) -> Self:
+        """Return a copy with some fields changed, validated like a new one."""
+        own = {name: getattr(self, name) for name in type(self).model_fields}
+        return type(self)(**{**own, **fields})
+
+
+_SHARED: WeakValueDictionary[str, Any] = WeakValueDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class Asset:
+    """A file that a document names: by a path relative to its folder, or by its content.
+
+    ``sha256:`` and the hash of its bytes stand for the file of that name, with any ending, in the
+    folder or in ``assets`` beside the document.
+    """
+
+    name: str
+    folder: Path
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Asset) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def _key(self) -> str | Path:
+        return self.name if self.name.startswith("sha256:") else (self.folder / self.name).resolve()
+
+    @property
+    def path(self) -> Path:
+        """Where it is.
+
+        Raises
+        ------
+        FileFormatError
+            If there is no file of that hash, or its content is another.
+        """
+        if not self.name.startswith("sha256:"):
+            return self.folder / self.name
+        digest = self.name.removeprefix("sha256:")
+        for folder in (self.folder, self.folder / "assets"):
+            for found in sorted(folder.glob(f"{digest}*")):
+                if sha256(found.read_bytes()).hexdigest() != digest:
+                    raise FileFormatError(f"{found}: its content is not that of its name")
+                return found
+        raise FileFormatError(f"cannot find {self.name} in {self.folder} or assets beside it")
+
+    def shared(self, parameters: Any, make: Callable[[Path], Made]) -> Made:
+        """Return what `make` makes of the file; the same while anything holds it.
+
+        Equal content and equal `parameters`, plain values, give the same object.
+        """
+        path = self.path
+        content = sha256(path.read_bytes()).hexdigest() if path.is_file() else str(path)
+        key = json.dumps([content, parameters], sort_keys=True)
+        found: Made | None = _SHARED.get(key)
+        if found is None:
+            found = _SHARED[key] = make(path)
+        return found
+
+
+def _asset_of(value: Any) -> Asset:
+    if isinstance(value, Asset):
+        return value
+    if isinstance(value, Path):
+        value = str(value)
+    if not isinstance(value, str) or not value:
+        raise ValueError("expected the path of a file, or sha256: and its hash")
+    if _IS_SEALED.get() and not value.startswith("sha256:"):
+        raise ValueError("expected sha256: and the hash of a file that was sent")
+    if value.startswith("sha256:") and not is_digest(value.removeprefix("sha256:")):
+        raise ValueError("expected 64 hexadecimal digits after sha256:")
+    return Asset(value, _FOLDER.get())
+
+
+def is_digest(text: str) -> bool:
+    """Whether a text is the hexadecimal digest of a SHA-256."""
+    return len(text) == 64 and set(text) <= set("0123456789abcdef")
+
+
+def _name_of(asset: Asset) -> str:
+    """Name for the document that is being written."""
+    if asset.name.startswith("sha256:"):
+        return asset.name
+    if _BY_CONTENT.get():
+        return f"sha256:{sha256(asset.path.read_bytes()).hexdigest()}"
+    return Path(os.path.relpath(asset.path, _FOLDER.get())).as_posix()
+
+
+def read_asset(name: str) -> str:
+    """Path of a file that a document names, for what knows files by their path alone."""
+    try:
+        return str(_asset_of(name).path)
+    except ValueError as error:
+        raise InputError(f"file: {error}") from None
+
+
+def write_asset(path: str) -> str:
+    """Return the name of a path for the document that is being written."""
+    return _name_of(Asset(path, Path()))
+
+
+AnyAsset = Annotated[
+    Asset,
+    PlainValidator(_asset_of),
+    PlainSerializer(_name_of),
+    WithJsonSchema({"type": "string", "minLength": 1}),
+]
+"""A field that names a file."""

@@ -1,0 +1,61 @@
+"""A package of somebody else that brings a kind of material: one file, and one line to find it."""
+
+import os
+import subprocess
+import sys
+
+FILE = '''
+from typing import Literal
+
+import numpy as np
+from pydantic import PositiveFloat
+
+from haptix.materials import Scaled
+
+
+class Wool(Scaled):
+    """Loops of a thread across the stroke.
+
+    Parameters
+    ----------
+    loop_mm : float
+        Distance from one loop to the next.
+    """
+
+    kind: Literal["wool"] = "wool"
+    loop_mm: PositiveFloat = 4.0
+
+    def wanted(self, motion):
+        return self.scaled(np.abs(np.sin(np.pi * motion.x_mm / self.loop_mm)))
+'''
+
+PROJECT = """
+[build-system]
+requires = ["hatchling"]
+build-backend = "hatchling.build"
+
+[project]
+name = "wool-of-a-stranger"
+version = "1.0"
+
+[tool.hatch.build.targets.wheel]
+include = ["wool.py"]
+
+[project.entry-points."haptix.materials"]
+wool = "wool:Wool"
+"""
+
+
+def installed(folder):
+    """Install the package into a folder of its own; return the environment that finds it."""
+    (folder / "source").mkdir(parents=True)
+    (folder / "source" / "wool.py").write_text(FILE)
+    (folder / "source" / "pyproject.toml").write_text(PROJECT)
+    target = folder / "installed"
+    options = ["--no-index", "--no-deps", "--no-build-isolation", "--disable-pip-version-check"]
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", "-q", *options, "--target", target,
+         folder / "source"],
+        check=True,
+    )  # fmt: skip
+    return os.environ | {"PYTHONPATH": str(target)}

@@ -1,0 +1,61 @@
+"""Kinds that other packages bring are found in Python and on the command line."""
+
+import json
+import subprocess
+import sys
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from haptix.errors import InputError
+from haptix.kinds import Kinds
+from tests.materials.strangers_kind import installed
+
+
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory):
+    return installed(tmp_path_factory.mktemp("stranger"))
+
+
+def run(environment, *command):
+    return subprocess.run(
+        [sys.executable, *command], capture_output=True, text=True, check=True, env=environment
+    )
+
+
+def test_a_kind_of_another_package_is_found_in_python(environment, tmp_path):
+    (tmp_path / "wool.toml").write_text('kind = "wool"\nloop_mm = "0.8 cm"\n')
+    program = f"""
+from haptix import materials
+from haptix.motion import Motion
+one = materials.load({str(tmp_path / "wool.toml")!r})
+print(type(one).__module__, one.loop_mm, one.wanted(Motion.of([0.0, 4.0], 0.0)).tolist())
+print("wool" in materials.KINDS, materials.schema()["$defs"]["Wool"]["properties"]["loop_mm"])
+"""
+    first, second = run(environment, "-c", program).stdout.splitlines()
+    assert first == "wool 8.0 [0.0, 1.0]"
+    assert second.startswith("True")
+    assert "Distance from one loop to the next." in second
+
+
+def test_a_kind_of_another_package_is_found_on_the_command_line(environment):
+    found = run(environment, "-m", "haptix.cli", "material", "kinds", "--json").stdout
+    rows = {row["kind"]: row for row in json.loads(found)}
+    assert rows["wool"]["fields"]["loop_mm"] == "4.0"
+    assert rows["wool"]["what"] == "Loops of a thread across the stroke."
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("not_installed:Wool", "kind wool: cannot be imported"),
+        ("json:loads", "json:loads .* defines no such kind"),
+    ],
+)
+def test_an_entry_point_that_brings_no_kind_is_named(monkeypatch, value, message):
+    entry = EntryPoint("wool", value, "haptix.materials")
+    monkeypatch.setattr("haptix.kinds.entry_points", lambda group: [entry])
+    kinds = Kinds("haptix.materials", {})
+    assert list(kinds) == ["wool"]
+    with pytest.raises(InputError, match=message):
+        kinds["wool"]
