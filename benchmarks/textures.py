@@ -15,12 +15,10 @@ import numpy as np
 from skimage.data import brick
 
 from haptix.texture import (
-    Composition,
     FrictionField,
     Grating,
     Noise,
     RecordedProfile,
-    Sprite,
     Texture,
     power_law,
 )
@@ -34,14 +32,11 @@ def fields() -> dict[str, FrictionField]:
     photograph = Texture.from_image(brick(), width_mm=60)
     return {
         "photograph, 512 x 512 on 60 mm": photograph,
-        "grating, sine": Grating(2.0),
-        "grating, square": Grating(2.0, "square", 30.0),
-        "noise, 1024 x 1024": Noise(power_law(2, 0.3, 10)),
-        "noise, ribbed": Noise(power_law(2, 0.3, 10), grain="ribbed", orientation_deg=20),
+        "grating, sine": Grating(period_mm=2.0),
+        "grating, square": Grating(period_mm=2.0, wave="square", orientation_deg=30.0),
+        "noise, 1024 x 1024": Noise(spectrum=power_law(2, 0.3, 10)),
+        "noise, ribbed": Noise(spectrum=power_law(2, 0.3, 10), grain="ribbed", orientation_deg=20),
         "recording, 600 steps": RecordedProfile(np.arange(600) / 10, rng.uniform(0.2, 0.4, 600)),
-        "photograph on noise": Composition(
-            [Sprite(photograph, 2.0, 2.0)], Noise(power_law(2, 0.3, 10))
-        ),
     }
 
 

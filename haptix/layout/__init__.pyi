@@ -5,3 +5,4 @@ from .geometry import ScreenGeometry as ScreenGeometry
 from .layout import Layout as Layout
 from .outlines import Outline as Outline
 from .patch import Patch as Patch
+from .regions import Region as Region

@@ -76,7 +76,7 @@ class Controls:
                 self._regions.show(key, frame)
 
     def _control(self, key: int) -> Control:
-        control = control_of(self._regions.given(key)["material"])
+        control = control_of(self._regions.given(key).material)
         if control is None:
             raise InputError(
                 "value: expected a control, such as haptix.materials.Slider; this material has "

@@ -12,13 +12,11 @@ import numpy as np
 from haptix.checks import Array, number
 from haptix.errors import InputError
 from haptix.layout.controls import Controls
-from haptix.layout.outlines import Shape
 from haptix.layout.patch import Patch
-from haptix.layout.region import LayoutFacts, Region
-from haptix.layout.regions import Regions
+from haptix.layout.region import LayoutFacts, RegionState, blended
+from haptix.layout.regions import Region, Regions
 from haptix.motion import FARTHEST_MM, Depends, Facts, Motion, Report
-from haptix.texture import Evaluator, Feelable, FrictionField, TargetKind, as_mu, check_feelable
-from haptix.texture.composition import Blend, blended
+from haptix.texture import Evaluator, Feelable, TargetKind, as_mu, check_feelable
 from haptix.texture.field import check_target
 
 
@@ -68,15 +66,7 @@ class Layout:
         y_mm: float = 0.0,
         width_mm: float | None = None,
         height_mm: float | None = None,
-        *,
-        shape: Shape = "rectangle",
-        rotation_deg: float = 0.0,
-        scale: float = 1.0,
-        z: float = 0.0,
-        blend: Blend = "over",
-        opacity: float = 1.0,
-        mask: FrictionField | None = None,
-        priority: int = 0,
+        **fields: Any,
     ) -> Patch:
         """Put a material onto the layout; it fades in.
 
@@ -88,37 +78,24 @@ class Layout:
             Corner on the screen, upper left, before it is turned.
         width_mm, height_mm : float, optional
             Size; some materials have their own.
-        shape : {"rectangle", "ellipse"} or sequence of (x_mm, y_mm)
-            See `Outline`.
-        rotation_deg : float
-            Rotation about the middle, clockwise.
-        scale : float
-            Millimetres on the screen for one of the material's, about the corner; the size grows
-            with it.
-        z : float
-            Order: a higher region lies on top; of two at one height, the later one.
-        blend : {"over", "add", "multiply", "max", "min"}
-            How it changes the friction below it. One that multiplies is a share.
-        opacity : float
-            0 to 1.
-        mask : FrictionField, optional
-            Opacity at every place of the region, as a share.
-        priority : int
-            Of several fingers, those on the region of the highest priority get the electrode.
+        **fields
+            The others of a `haptix.layout.Region`: shape, rotation, scale, z, blend, opacity,
+            mask and priority.
 
         Raises
         ------
         InputError
             If a value is outside its range, or the size is missing.
         """
-        given: dict[str, Any] = {
-            "material": material, "x_mm": x_mm, "y_mm": y_mm, "width_mm": width_mm,
-            "height_mm": height_mm, "shape": shape, "rotation_deg": rotation_deg, "scale": scale,
-            "z": z, "blend": blend, "opacity": opacity, "mask": mask, "priority": priority,
-        }  # fmt: skip
+        check_feelable("material", material)
+        place = {"x_mm": x_mm, "y_mm": y_mm, "width_mm": width_mm, "height_mm": height_mm}
+        return self.put(Region(material=material, **place, **fields))
+
+    def put(self, region: Region) -> Patch:
+        """Put a region onto the layout; see `add`."""
         with self.change():
-            key = self._regions.add(given)
-            patch = self.patches[key] = Patch(self._regions, self._controls, key, material)
+            key = self._regions.add(region)
+            patch = self.patches[key] = Patch(self._regions, self._controls, key, region.material)
         return patch
 
     def change(self) -> AbstractContextManager[None]:
@@ -196,7 +173,7 @@ class Layout:
         near = 2 * motion.footprint_mm + 1e-9
         start_s = motion.start_s
         first_s = float(start_s.min()) if isinstance(start_s, np.ndarray) else start_s
-        layers: list[tuple[Region, Motion, float | Array]] = []
+        layers: list[tuple[RegionState, Motion, float | Array]] = []
         hidden = False
         for region in shown.near(left - near, right + near, top - near, bottom + near):
             is_still = first_s >= region.place.end_s

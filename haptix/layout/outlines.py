@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from haptix.checks import Array, choice, row
-from haptix.errors import InputError
-
-Shape = Literal["rectangle", "ellipse"] | Sequence[tuple[float, float]]
-"""A rectangle, the ellipse in it, or the corners of a polygon [mm] from the region's corner."""
+from haptix.checks import Array
+from haptix.region import Shape
 
 
 @dataclass(frozen=True)
@@ -31,20 +27,6 @@ class Outline:
     width_mm: float
     height_mm: float
     shape: Shape = "rectangle"
-
-    def __post_init__(self) -> None:
-        if isinstance(self.shape, str):
-            choice("shape", self.shape, ("rectangle", "ellipse"))
-            return
-        try:
-            corners = tuple((float(x), float(y)) for x, y in self.shape)
-        except (TypeError, ValueError):
-            raise InputError("shape: expected rectangle, ellipse or corners (x_mm, y_mm)") from None
-        if len(corners) < 3:
-            raise InputError(f"shape: expected at least 3 corners, got {len(corners)}")
-        for axis in (0, 1):
-            row("shape", [corner[axis] for corner in corners])
-        object.__setattr__(self, "shape", corners)
 
     def cover(self, x_mm: Array, y_mm: Array, ramp_mm: float) -> Array:
         """Share of each place that is inside, 0 to 1: a ramp across the edge, or a step at 0."""

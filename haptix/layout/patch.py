@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from haptix.checks import number
+from haptix.checks import choice, number
 from haptix.layout.controls import Controls
-from haptix.layout.regions import GLIDE_S, Regions
+from haptix.layout.regions import GLIDE_S, Region, Regions
+from haptix.region import Place
 from haptix.texture import Feelable
 
 
@@ -23,9 +24,9 @@ class Patch:
         self,
         x_mm: float | None = None,
         y_mm: float | None = None,
-        rotation_deg: float | None = None,
-        scale: float | None = None,
+        *,
         over_s: float = GLIDE_S,
+        **place: float | None,
     ) -> None:
         """Move along a line, from where it is; what is left out stays.
 
@@ -33,16 +34,16 @@ class Patch:
         ----------
         x_mm, y_mm : float, optional
             New corner, before it is turned.
-        rotation_deg : float, optional
-            New rotation about the middle, clockwise.
-        scale : float, optional
-            New millimetres on the screen for one of the material's.
         over_s : float
             Time that it takes; at 0 it jumps.
+        **place
+            The rotation and `scale`, see `haptix.region.RegionFields`.
         """
-        given = {"x_mm": x_mm, "y_mm": y_mm, "rotation_deg": rotation_deg, "scale": scale}
-        values = {name: number(name, one) for name, one in given.items() if one is not None}
-        self._regions.move(self.key, values, number("over_s", over_s, 0.0))
+        choices = Place.model_fields.keys() | {"scale"}
+        values = {choice("move", name, choices): one for name, one in place.items()}
+        given = {"x_mm": x_mm, "y_mm": y_mm, **values}
+        changed = {name: one for name, one in given.items() if one is not None}
+        self._regions.move(self.key, changed, number("over_s", over_s, 0.0))
 
     def set(self, **changes: Any) -> None:
         """Change the material, or anything else that `Layout.add` takes, in a cross-fade.
@@ -74,36 +75,34 @@ class Patch:
         return self._regions.has(self.key)
 
     @property
+    def region(self) -> Region:
+        """Its fields; where a move goes."""
+        return self._regions.given(self.key)
+
+    @property
     def x_mm(self) -> float:
         """Corner, before it is turned; where a move goes."""
-        return float(self._regions.given(self.key)["x_mm"])
+        return self.region.x_mm or 0.0
 
     @property
     def y_mm(self) -> float:
         """See `x_mm`."""
-        return float(self._regions.given(self.key)["y_mm"])
-
-    @property
-    def rotation_deg(self) -> float:
-        """Rotation about the middle, clockwise; where a move goes."""
-        return float(self._regions.given(self.key)["rotation_deg"])
+        return self.region.y_mm or 0.0
 
     @property
     def scale(self) -> float:
         """Millimetres on the screen for one of the material's; where a move goes."""
-        return float(self._regions.given(self.key)["scale"])
+        return self.region.scale or 1.0
 
     @property
     def width_mm(self) -> float:
         """Width on the screen, before it is turned."""
-        given = self._regions.given(self.key)
-        return float(given["width_mm"] * given["scale"])
+        return self.region.size_mm[0] * self.scale
 
     @property
     def height_mm(self) -> float:
         """Height on the screen, before it is turned."""
-        given = self._regions.given(self.key)
-        return float(given["height_mm"] * given["scale"])
+        return self.region.size_mm[1] * self.scale
 
     def __repr__(self) -> str:
         return f"Patch({self.key}, {self.material!r:.60})"

@@ -12,11 +12,13 @@ from haptix.checks import Array
 from haptix.layout.glide import Glide
 from haptix.layout.outlines import Outline
 from haptix.motion import Depends, Facts, History, LocalFrame, Motion, Report
-from haptix.texture import Evaluator, FrictionField
-from haptix.texture.composition import Blend
+from haptix.region import Blend
+from haptix.texture import Evaluator
 
 Box = tuple[float, float, float, float]
 """Left, right, top and bottom [mm]."""
+
+_RULES = {"add": np.add, "multiply": np.multiply, "max": np.maximum, "min": np.minimum}
 
 
 class Control(Protocol):
@@ -72,8 +74,8 @@ class LayoutFacts(Facts):
 
 
 @dataclass(frozen=True, slots=True)
-class Region:
-    """A region; it never changes, a layout replaces it.
+class RegionState:
+    """A region at one state; it never changes, a layout replaces it.
 
     Parameters
     ----------
@@ -106,7 +108,7 @@ class Region:
     z: float = 0.0
     blend: Blend = "over"
     priority: int = 0
-    mask: FrictionField | None = None
+    mask: Evaluator | None = None
     inner: LocalFrame | None = None
     state: int = 0
     control: Control | None = None
@@ -138,16 +140,18 @@ class Region:
         """What the region's part of an answer depends on, from a time on."""
         changes = max(self.place.end_s, self.opacity.end_s) > now_s
         found = Depends.PLACE | self.evaluator.depends_on
+        if self.mask is not None:
+            found |= self.mask.depends_on
         return found | Depends.TIME if changes else found
 
-    def moved(self, place: Glide) -> Region:
+    def moved(self, place: Glide) -> RegionState:
         """Return the same region on its way to another place."""
-        return Region(
+        return RegionState(
             self.key, self.evaluator, self.outline, place, self.opacity, self.z, self.blend,
             self.priority, self.mask, self.inner, self.state,
         )  # fmt: skip
 
-    def settled(self) -> Region:
+    def settled(self) -> RegionState:
         """Return the same region at the end of its fade and its way."""
         place, opacity = Glide.resting(*self.place.after), Glide.resting(*self.opacity.after)
         return replace(self, place=place, opacity=opacity)
@@ -190,7 +194,7 @@ class Region:
             return opacity
         covered = self.outline.cover(on.x_mm, on.y_mm, 4 * on.footprint_mm)
         if self.mask is not None:
-            shares = self.mask.friction(on.x_mm, on.y_mm, 2 * on.footprint_mm)
+            shares = self.mask.wanted(on.with_footprint(2 * on.footprint_mm))
             covered *= np.clip(shares, 0.0, 1.0)
         return opacity * covered
 
@@ -247,6 +251,12 @@ class Region:
         across = [x_mm + x * c - y * s for x, y in local]
         down = [y_mm + x * s + y * c for x, y in local]
         return min(across), max(across), min(down), max(down)
+
+
+def blended(blend: Blend, below: float | Array, felt: Array) -> Array:
+    """Friction of a layer on what is below it."""
+    rule = _RULES.get(blend)
+    return felt if rule is None else np.asarray(rule(below, felt))
 
 
 def _turned(

@@ -7,18 +7,28 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import chain
-from math import cos, inf, radians, sin
-from typing import Any, get_args
+from math import inf
+from typing import Any
 
-from haptix.checks import choice, instance, number, positive, whole
+from pydantic import ValidationError
+
+from haptix.documents import first_error
 from haptix.errors import InputError
 from haptix.layout.glide import Glide
 from haptix.layout.outlines import Outline
-from haptix.layout.region import Control, Region
+from haptix.layout.region import Control, RegionState
 from haptix.layout.shown import Shown
-from haptix.motion import LocalFrame
-from haptix.texture import Evaluator, Feelable, FrictionField, check_feelable
-from haptix.texture.composition import Blend, held
+from haptix.motion import Depends, LocalFrame
+from haptix.region import RegionFields
+from haptix.texture import (
+    Evaluator,
+    Feelable,
+    FrictionField,
+    RecordedProfile,
+    Texture,
+    check_feelable,
+)
+from haptix.texture.material import AnyMaterial
 
 FADE_S = 0.005
 """Time in which what comes fades in, and what goes fades out."""
@@ -27,6 +37,51 @@ GLIDE_S = 0.02
 """Time in which a region moves: reports of a drag come each 8 to 16 ms."""
 
 _KEPT = 64  # textures, held beyond their edges
+
+
+class Region(RegionFields):
+    """A material in a region of a layout.
+
+    Parameters
+    ----------
+    name : str, optional
+        By which `LayoutMaterial.patch` finds it.
+    material : FrictionField or Material
+        What is felt there; its origin lies at the region's corner.
+    mask : FrictionField or Material, optional
+        Opacity at every place of the region, as a share.
+
+    Raises
+    ------
+    InputError
+        If a value is outside its range.
+    """
+
+    name: str | None = None
+    material: AnyMaterial
+    mask: AnyMaterial | None = None
+
+    def __init__(self, /, **fields: Any) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            raise InputError(first_error("region", error)) from None
+
+    def replace(self, **changes: Any) -> Region:
+        """Return the region with some fields changed."""
+        return Region(**{name: getattr(self, name) for name in self.model_fields_set} | changes)
+
+    @property
+    def size_mm(self) -> tuple[float, float]:
+        """Width and height before it is scaled: its own, or those of its material."""
+
+        def size(name: str) -> float:
+            own: float | None = getattr(self, name) or _own_size(self.material, name)
+            if own is None:
+                raise InputError(f"{name}: expected a size, since the material has none")
+            return own
+
+        return size("width_mm"), size("height_mm")
 
 
 class Regions:
@@ -40,10 +95,10 @@ class Regions:
         self.now: Callable[[], float] = lambda: -inf
         """The first time [s] that can still be changed."""
         self._changed: Callable[[], None] = lambda: None
-        self._draft: list[Region] | None = None
+        self._draft: list[RegionState] | None = None
         self._last_at: dict[int, int] = {}  # by key: where it was found last
         self._depth = 0
-        self._given: dict[int, dict[str, Any]] = {}
+        self._given: dict[int, Region] = {}
         self._held: dict[int, tuple[Feelable, Evaluator]] = {}
         self._keys = 0
 
@@ -81,8 +136,8 @@ class Regions:
         if is_last:
             self._changed()
 
-    def add(self, given: dict[str, Any]) -> int:
-        """Add a region, see `Layout.add`, and return its key."""
+    def add(self, given: Region) -> int:
+        """Add a region and return its key."""
         with self.change():
             self._keys += 1
             self._put(self._keys, given, self.now())
@@ -92,7 +147,7 @@ class Regions:
         """Whether there is such a region."""
         return key in self._given
 
-    def given(self, key: int) -> dict[str, Any]:
+    def given(self, key: int) -> Region:
         """Return what a region was given; `InputError` if it is gone."""
         try:
             return self._given[key]
@@ -114,16 +169,14 @@ class Regions:
             self.materials.pop(key, None)
             self._last_at.pop(key, None)
 
-    def move(self, key: int, values: dict[str, float], over_s: float) -> None:
+    def move(self, key: int, values: dict[str, Any], over_s: float) -> None:
         """Move a region along a line, to another corner, rotation or scale."""
         with self.lock:
-            given = self.given(key) | values
-            positive("scale", given["scale"])
-            self._given[key] = given
+            given = self._given[key] = self.given(key).replace(**values)
             draft = self._draft
             if (at := self._find(key)) is not None:
                 one = (self.shown.regions if draft is None else draft)[at]
-                moved = one.moved(one.place.to(_corner(given), self.now(), over_s))
+                moved = one.moved(one.place.to(given.corner(*given.size_mm), self.now(), over_s))
                 if draft is None:
                     self.shown = self.shown.moved(at, moved)
                 else:
@@ -146,12 +199,9 @@ class Regions:
     def set(self, key: int, changes: dict[str, Any]) -> None:
         """Change what a region was given, in a cross-fade."""
         with self.change():
-            given = dict(self.given(key))
-            for name in changes:
-                choice("set", name, given)
-            size = {"width_mm": None, "height_mm": None} if "material" in changes else {}
-            given |= {name: one for name, one in size.items() if not _sized(given, name)}
-            given |= changes
+            if "material" in changes:
+                check_feelable("material", changes["material"])
+            given = self.given(key).replace(**changes)
             inner = None if "material" in changes else self._last_of(key)[0]
             self._replace(key, given, inner)
 
@@ -160,10 +210,11 @@ class Regions:
         with self.change():
             self._replace(key, self.given(key), inner)
 
-    def _replace(self, key: int, given: dict[str, Any], inner: LocalFrame | None) -> None:
+    def _replace(self, key: int, given: Region, inner: LocalFrame | None) -> None:
         now_s, (_, state) = self.now(), self._last_of(key)
         # What is covered by an opaque one goes when that has come; others fade meanwhile.
-        covered = given["blend"] == "over" and given["opacity"] == 1.0 and given["mask"] is None
+        is_opaque = given.opacity in (None, 1.0) and given.mask is None
+        covered = is_opaque and given.blend in (None, "over")
         self._fade(key, now_s, now_s + FADE_S if covered else now_s)
         self._put(key, given, now_s, inner, state + 1)
 
@@ -176,7 +227,7 @@ class Regions:
     def _put(
         self,
         key: int,
-        given: dict[str, Any],
+        given: Region,
         now_s: float,
         inner: LocalFrame | None = None,
         state: int = 0,
@@ -184,14 +235,14 @@ class Regions:
         """Add a region, fading in: of one height, those that were added later lie on top."""
         region = replace(self._region(key, given, now_s), inner=inner, state=state)
         self._given[key] = given
-        self.materials[key] = given["material"]
+        self.materials[key] = given.material
         draft = self._draft or []
         draft.insert(sum((one.z, one.key) > (region.z, key) for one in draft), region)
         self._draft = draft
 
     def _fade(self, key: int, now_s: float, from_s: float) -> None:
         """Fade a region out, from a time on; what covers it until then hides its end."""
-        kept: list[Region] = []
+        kept: list[RegionState] = []
         for region in self._draft or []:
             if region.key == key and region.opacity.after[0] > 0.0:
                 if region.opacity.at(now_s)[0] == 0.0:
@@ -202,40 +253,28 @@ class Regions:
             kept.append(region)
         self._draft = kept
 
-    def _region(self, key: int, given: dict[str, Any], now_s: float) -> Region:
-        material = given["material"]
-        check_feelable("material", material)
-        for name in ("width_mm", "height_mm"):
-            if given[name] is None:
-                given[name] = _own_size(material, name)
-                if given[name] is None:
-                    raise InputError(f"{name}: expected a size, since the material has none")
-            positive(name, given[name])
-        for name in ("x_mm", "y_mm", "rotation_deg", "z"):
-            number(name, given[name])
-        positive("scale", given["scale"])
-        choice("blend", given["blend"], get_args(Blend))
-        whole("priority", given["priority"], -(10**6))
-        opacity = number("opacity", given["opacity"], 0.0)
-        if opacity > 1:
-            raise InputError(f"opacity: expected 0 to 1, got {opacity:g}")
-        evaluator = self._evaluator(material)
-        if given["blend"] == "multiply" and evaluator.target != "share":
+    def _region(self, key: int, given: Region, now_s: float) -> RegionState:
+        evaluator = self._evaluator(given.material)
+        blend = given.blend or "over"
+        if blend == "multiply" and evaluator.target != "share":
             raise InputError(
                 f"blend: a region that multiplies is a share, got a material of {evaluator.target}"
             )
-        mask = given["mask"]
-        if mask is not None:
-            instance("mask", mask, FrictionField)
-            if mask.target != "share":
-                raise InputError(f"mask: expected a field of shares, got {mask.target}")
-            mask = held(mask)
-        size = (float(given["width_mm"]), float(given["height_mm"]))
+        mask = None
+        if given.mask is not None:
+            mask = self._evaluator(given.mask)
+            if mask.target != "share" or Depends.FACTS in mask.depends_on:
+                raise InputError(
+                    "mask: expected shares that no event of the finger changes, got a material of "
+                    f"{mask.target}"
+                )
+        size = given.size_mm
+        opacity = 1.0 if given.opacity is None else given.opacity
         fade = Glide((0.0,), (opacity,), now_s, now_s + FADE_S)
-        return Region(
-            key, evaluator, Outline(*size, given["shape"]), Glide.resting(*_corner(given)), fade,
-            float(given["z"]), given["blend"], given["priority"], mask,
-            control=control_of(material),
+        return RegionState(
+            key, evaluator, Outline(*size, given.shape or "rectangle"),
+            Glide.resting(*given.corner(*size)), fade, given.z or 0.0, blend, given.priority or 0,
+            mask, control=control_of(given.material),
         )  # fmt: skip
 
     def _evaluator(self, material: Feelable) -> Evaluator:
@@ -245,11 +284,18 @@ class Regions:
             return evaluator
         known = self._held.pop(id(evaluator), None)
         if known is None:
-            known = (evaluator, held(evaluator).evaluator)
+            known = (evaluator, _held(evaluator).evaluator)
         self._held[id(evaluator)] = known
         if len(self._held) > _KEPT:
             del self._held[next(iter(self._held))]
         return known[1]
+
+
+def _held(field: FrictionField) -> FrictionField:
+    """Return the field, held beyond its edges: a region ends at its outline."""
+    if isinstance(field, Texture | RecordedProfile) and field.beyond == "outside":
+        return replace(field, beyond="hold")
+    return field
 
 
 def _own_size(material: Feelable, name: str) -> float | None:
@@ -257,25 +303,6 @@ def _own_size(material: Feelable, name: str) -> float | None:
     if found is None and not isinstance(material, FrictionField):
         found = getattr(material.evaluator, name, None)
     return found
-
-
-def _sized(given: dict[str, Any], name: str) -> bool:
-    """Whether a size was given, and not that of the material."""
-    own = _own_size(given["material"], name)
-    return bool(own is None or given[name] != own)
-
-
-def _corner(given: dict[str, Any]) -> tuple[float, float, float, float]:
-    """Corner on the screen, angle and scale; turned about the middle."""
-    angle = radians(float(given["rotation_deg"]))
-    x, y = float(given["x_mm"]), float(given["y_mm"])
-    scale = float(given["scale"])
-    if angle == 0.0:
-        return x, y, 0.0, scale
-    half_x, half_y = given["width_mm"] * scale / 2, given["height_mm"] * scale / 2
-    c, s = cos(angle), sin(angle)
-    corner = x + half_x - half_x * c + half_y * s, y + half_y - half_x * s - half_y * c
-    return *corner, angle, scale
 
 
 def control_of(material: Any) -> Control | None:

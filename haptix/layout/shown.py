@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from haptix.checks import Array
-from haptix.layout.region import Region
+from haptix.layout.region import RegionState
 from haptix.texture import Evaluator
 
 _LOOPED = 12  # regions up to which asking each is faster than asking numpy for all
@@ -21,7 +21,7 @@ class Shown:
 
     Parameters
     ----------
-    regions : tuple of Region
+    regions : tuple of RegionState
         The highest first.
     ways : ndarray, shape (4, regions), optional
         Of many regions: left, right, top and bottom of the way of each.
@@ -31,19 +31,19 @@ class Shown:
         Whether any region multiplies what is below it.
     has_priorities : bool
         Whether any region has a priority.
-    controls : tuple of Region
+    controls : tuple of RegionState
         Those whose material has a value.
     """
 
-    regions: tuple[Region, ...] = ()
+    regions: tuple[RegionState, ...] = ()
     ways: Array | None = None
     evaluators: tuple[Evaluator, ...] = ()
     multiplies: bool = False
     has_priorities: bool = False
-    controls: tuple[Region, ...] = ()
+    controls: tuple[RegionState, ...] = ()
 
     @classmethod
-    def of(cls, regions: Sequence[Region]) -> Self:
+    def of(cls, regions: Sequence[RegionState]) -> Self:
         """Take regions, the highest first."""
         return cls(
             tuple(regions),
@@ -54,7 +54,7 @@ class Shown:
             tuple(one for one in regions if one.control is not None),
         )
 
-    def moved(self, at: int, region: Region) -> Shown:
+    def moved(self, at: int, region: RegionState) -> Shown:
         """Return the same with one region in another place."""
         regions, ways = self.regions, self.ways
         if ways is not None:
@@ -66,7 +66,7 @@ class Shown:
             tuple(region if one is self.regions[at] else one for one in self.controls),
         )  # fmt: skip
 
-    def near(self, left: float, right: float, top: float, bottom: float) -> Sequence[Region]:
+    def near(self, left: float, right: float, top: float, bottom: float) -> Sequence[RegionState]:
         """Return at least those whose way meets a box [mm], the highest first; of few, all."""
         ways = self.ways
         if ways is None:

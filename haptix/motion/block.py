@@ -1,11 +1,11 @@
-"""One block of the fingers' motion: all that a material may depend on."""
+"""One block of the fingers' motion, and what they did: all that a material may depend on."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Flag, auto
-from math import cos, inf, nan, sin
+from math import cos, inf, isnan, nan, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from haptix.checks import Array
 from haptix.errors import InputError
+from haptix.motion.trajectory import LIFTED_BELOW_N, Trajectory
 
 SLOW_MM_PER_S = 2.0
 """A direction is that of the velocity, shortened where the finger is about as slow as this."""
@@ -435,3 +436,62 @@ def _facts_at(history: History, t_s: Array) -> Array:
     rows = np.array([tuple(Facts()), *(tuple(facts) for _, facts in history)], dtype=np.float64)
     since = np.array([-inf, *(from_s for from_s, _ in history)])
     return np.asarray(rows[np.searchsorted(since, t_s, side="right") - 1].T)
+
+
+React = Callable[[Facts, Report | None, Report], Facts]
+
+_KEPT = 64  # changes of facts of one finger; a block of a quarter of a second has fewer
+_TIMES = ("down_s", "press_s", "release_s", "detent_s")
+
+
+def unmoved(facts: Facts, before: Report | None, now: Report) -> Facts:
+    """Return the facts as they are: a material that does not react."""
+    return facts
+
+
+class Reactions:
+    """Facts of one touch, from down to up; the last changes that are kept, or all.
+
+    One thread may report while another reads `history`, which is replaced and never changed.
+    """
+
+    def __init__(self, kept: int | None = _KEPT) -> None:
+        self._kept = 0 if kept is None else -kept
+        self.history: History = ()
+        self._last: Report | None = None
+
+    def report(self, now: Report, react: React, from_s: float = nan) -> None:
+        """Take a real report, on the clock of samples.
+
+        What the material makes of it holds from `from_s` on, the first time that can still be
+        rendered. Where that is NaN, a recorded path, it holds from when it happened.
+        """
+        history = self.history
+        before = history[-1][1] if history else None
+        found = react(before or Facts(down_s=now.t_s), self._last, now)
+        self._last = now
+        if found is before:
+            return
+        then = before or Facts()
+        new = {n: getattr(found, n) for n in _TIMES if _differ(getattr(found, n), getattr(then, n))}
+        if before is not None and not new and not _differ(found.detent, before.detent):
+            return
+        since_s = min((t_s for t_s in new.values() if not isnan(t_s)), default=now.t_s)
+        if since_s < from_s:
+            since_s = from_s
+            found = found._replace(**{name: max(t_s, from_s) for name, t_s in new.items()})
+        self.history = (*history[self._kept :], (since_s, found))
+
+
+def _differ(one: float, other: float) -> bool:
+    return one != other and not (isnan(one) and isnan(other))
+
+
+def facts_on(path: Trajectory, react: React, start_s: float) -> History:
+    """Dated facts of a finger on a path, on a clock that starts at `start_s` of the path's."""
+    reactions = Reactions(kept=None)
+    columns = (path.t_s - start_s, path.x_mm, path.y_mm, path.normal_force_n)
+    for t_s, x_mm, y_mm, force_n in zip(*(column.tolist() for column in columns), strict=True):
+        is_down = force_n >= LIFTED_BELOW_N
+        reactions.report(Report(t_s, x_mm, y_mm, force_n, is_down), react)
+    return reactions.history

@@ -19,8 +19,8 @@ time::
 - One footprint for the whole block is fast; an array of them takes several times as long.
 
 `Texture` is a photograph or a height map. `Grating` and `Noise` are computed. `RecordedProfile` is
-a profile from a file. `PennModel` reads textures of the Penn Haptic Texture Toolkit. `Composition`
-puts `Sprite`s of any of these on the screen.
+a profile from a file. `PennModel` reads textures of the Penn Haptic Texture Toolkit.
+`haptix.Layout` puts any of these on the screen.
 """
 
 import lazy_loader

@@ -1,5 +1,3 @@
-from .composition import Composition as Composition
-from .composition import Sprite as Sprite
 from .evaluator import Evaluator as Evaluator
 from .evaluator import Feelable as Feelable
 from .evaluator import check_feelable as check_feelable
@@ -12,7 +10,11 @@ from .headroom import headroom as headroom
 from .levels import HeightRule as HeightRule
 from .noise import Noise as Noise
 from .noise import power_law as power_law
+from .penn import Penn as Penn
 from .penn import PennModel as PennModel
 from .recorded import RecordedProfile as RecordedProfile
+from .recorded import Recording as Recording
+from .texture import Heights as Heights
+from .texture import Photograph as Photograph
 from .texture import Sidecar as Sidecar
 from .texture import Texture as Texture

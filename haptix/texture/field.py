@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from math import cos, radians, sin
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from haptix.checks import Array, choice
 from haptix.errors import InputError
-from haptix.motion import FARTHEST_MM, Depends, Facts, Motion, Report
+from haptix.motion import FARTHEST_MM, Depends, Motion
+from haptix.motion.block import unmoved
 
 Floats = Any
 """Numbers of any shape, or one number."""
@@ -75,15 +76,15 @@ class FrictionField(ABC):
     depends_on = Depends.PLACE
     drives_at_rest = False
 
-    @property
-    @abstractmethod
-    def target(self) -> TargetKind:
-        """What the numbers are, see `as_mu`."""
+    if TYPE_CHECKING:  # fields of some, and properties of others
 
-    @property
-    @abstractmethod
-    def outside(self) -> float:
-        """Value outside the texture, and where a place is not a finite number."""
+        @property
+        def target(self) -> TargetKind:
+            """What the numbers are, see `as_mu`."""
+
+        @property
+        def outside(self) -> float:
+            """Value outside the texture, and where a place is not a finite number."""
 
     @abstractmethod
     def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
@@ -113,9 +114,7 @@ class FrictionField(ABC):
         x, y = motion.x_mm, motion.y_mm
         return self._anywhere(x, y, motion.footprint_mm) if x.size else np.empty(0)
 
-    def react(self, facts: Facts, before: Report | None, now: Report) -> Facts:
-        """Return the facts as they are."""
-        return facts
+    react = staticmethod(unmoved)
 
     def friction(
         self, x_mm: npt.ArrayLike, y_mm: npt.ArrayLike, footprint_mm: npt.ArrayLike = 0.0

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from functools import cached_property
 from math import log2
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from pydantic import Field, PositiveFloat
 
-from haptix.checks import Array, Positive, check_fields
-from haptix.texture.field import FrictionField, TargetKind, check_range, check_target, turned
-from haptix.texture.pyramid import blend_levels
+from haptix.checks import Array
+from haptix.texture.field import FrictionField, turned
+from haptix.texture.material import Scaled
 from haptix.waves import Shape, Waveform
 
 _MOST_HARMONICS = 1024
 _POINTS_PER_WAVE = 16  # of a table, for its highest harmonic: linear interpolation loses 2 % of it
 
 
-@dataclass(frozen=True)
-class Grating(FrictionField):
+class Grating(FrictionField, Scaled):
     """A periodic wave of friction without end.
 
     With a footprint f the grating is the sum of its harmonics that are longer than 2 f. Between two
@@ -27,17 +29,13 @@ class Grating(FrictionField):
     Parameters
     ----------
     period_mm : float
-        Length of a period.
+        Distance from one rib to the next.
     wave : {"sine", "square", "sawtooth"}
-        The square wave is high first. The sawtooth rises and falls at once.
+        Shape of the ribs. The square wave is high first. The sawtooth rises and falls at once.
     orientation_deg : float
-        Direction in which the wave runs: 0 to the right, 90 down. Its ridges lie across.
+        Direction in which it runs: 0 to the right, 90 down. Its ridges lie across.
     duty : float
         Part of the period for which the square wave is high.
-    target : {"mu", "contrast", "share", "plain"}
-        What `low` and `high` are, see `haptix.texture.as_mu`.
-    low, high : float
-        Lowest and highest value.
     phase : float
         Part of the period that lies before the origin. The sine is at its middle and rises there.
 
@@ -55,30 +53,29 @@ class Grating(FrictionField):
     [0.8, 0.2]
     """
 
-    period_mm: Positive
+    kind: Literal["grating"] = "grating"
+    period_mm: PositiveFloat
     wave: Shape = "sine"
     orientation_deg: float = 0.0
-    duty: float = 0.5
-    target: TargetKind = "share"
-    low: float = 0.0
-    high: float = 1.0
+    duty: Annotated[float, Field(gt=0, lt=1)] = 0.5
     phase: float = 0.0
-    _waveform: Waveform = field(init=False, repr=False, compare=False)
-    _tables: tuple[tuple[Array, Array, Array], ...] = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        check_target(self.target)
-        check_range("low, high", self.target, self.low, self.high)
-        object.__setattr__(self, "_waveform", Waveform(self.wave, self.duty))
-        object.__setattr__(self, "_tables", self._all_tables())
 
     @property
-    def outside(self) -> float:
-        """The lowest value."""
-        return self.low
+    def evaluator(self) -> Self:
+        """Itself, ready to be felt."""
+        _ = self._ready
+        return self
 
-    def _all_tables(self) -> tuple[tuple[Array, Array, Array], ...]:
+    @cached_property
+    def _ready(self) -> tuple[tuple[tuple[Array, Array, Array], ...], Array, Array]:
+        return self._tables, np.array(self.period_mm), np.array(self.phase)
+
+    @cached_property
+    def _waveform(self) -> Waveform:
+        return Waveform(self.wave, self.duty)
+
+    @cached_property
+    def _tables(self) -> tuple[tuple[Array, Array, Array], ...]:
         """Tabulate a period for 0, 1, 2, 4, ... harmonics: its values, the next ones, its size."""
         tables = []
         most = self._waveform.highest_harmonic or _MOST_HARMONICS
@@ -91,7 +88,7 @@ class Grating(FrictionField):
             # Lanczos' factors keep a cut-off series from ringing at the steps.
             taper = np.sinc(np.arange(1, count + 1) / (count + 1)) if most > 1 else 1.0
             spectrum[1 : count + 1] = taper * series[1 : count + 1] * size / 2
-            table = self._scaled(np.fft.irfft(spectrum, size))
+            table = self._between(np.fft.irfft(spectrum, size))
             around = np.append(table, table[:2])  # rounding may reach the period's end
             tables.append((around[:-1], np.diff(around), np.array(float(size))))
             count = max(1, 2 * count)
@@ -99,10 +96,11 @@ class Grating(FrictionField):
 
     def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
         along, _ = turned(x_mm, y_mm, self.orientation_deg)
-        place = along / np.array(self.period_mm)
-        place += np.array(self.phase)
+        tables, period, phase = self._ready
+        place = along / period
+        place += phase
         place -= np.floor(place)
-        last = len(self._tables) - 1
+        last = len(tables) - 1
         # Table l > 0 holds 2^(l-1) harmonics, table 0 only the mean.
         depth: float | Array
         if isinstance(footprint_mm, np.ndarray):
@@ -113,7 +111,7 @@ class Grating(FrictionField):
         else:
             room = max(self.period_mm / (2 * footprint_mm), 1.0)
             depth = min(log2(room), float(last))
-        value = blend_levels(depth, last, lambda level, mine: self._read(level, place[mine]))
+        value = _blend_levels(depth, last, lambda level, mine: self._read(level, place[mine]))
         if isinstance(footprint_mm, np.ndarray):
             points = footprint_mm == 0
             value[points] = self._at_points(place[points])
@@ -122,7 +120,7 @@ class Grating(FrictionField):
     def _at_points(self, place: Array) -> Array:
         if self.wave == "square":
             return np.where(place < self.duty, self.high, self.low)  # in half the time
-        return self._scaled(self._waveform.at(place))
+        return self._between(self._waveform.at(place))
 
     def _read(self, level: int, place: Array) -> Array:
         table, rise, size = self._tables[level]
@@ -133,5 +131,31 @@ class Grating(FrictionField):
         at += table[index]
         return at
 
-    def _scaled(self, wave: Array) -> Array:
+    def _between(self, wave: Array) -> Array:
         return (self.low + self.high) / 2 + (self.high - self.low) / 2 * wave
+
+
+def _blend_levels(depth: float | Array, last: int, read: Callable[[int, Any], Array]) -> Array:
+    """Blend levels linearly by depth, 0 to `last`: one number, or an array of shape (places,).
+
+    ``read(level, mine)`` returns new values of a level at the places that `mine` selects.
+    """
+    if isinstance(depth, float):
+        value = read(int(depth), ...)
+        if (part := depth - int(depth)) > 0:
+            coarse = read(int(depth) + 1, ...)
+            coarse -= value
+            coarse *= part
+            value += coarse
+        return value
+    level = np.minimum(depth.astype(np.intp), max(last - 1, 0))
+    value = np.empty(0)
+    for one in np.unique(level).tolist():
+        mine = level == one
+        found = read(one, mine)
+        if last > 0:
+            found += (depth[mine] - one) * (read(one + 1, mine) - found)
+        if not value.size:
+            value = np.empty(depth.shape, dtype=found.dtype)
+        value[mine] = found
+    return value

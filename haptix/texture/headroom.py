@@ -12,9 +12,11 @@ import numpy.typing as npt
 from haptix import checks
 from haptix.checks import Array
 from haptix.errors import InputError, from_extra
+from haptix.motion import Motion
 from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
-from haptix.texture.field import FrictionField, as_mu
+from haptix.texture.evaluator import Feelable
+from haptix.texture.field import as_mu
 from haptix.texture.texture import Texture
 
 if TYPE_CHECKING:
@@ -136,7 +138,7 @@ class Headroom:
 
 
 def headroom(
-    field: FrictionField,
+    field: Feelable,
     surface: FrictionSurface,
     normal_force_n: float,
     width_mm: float | None = None,
@@ -148,8 +150,8 @@ def headroom(
 
     Parameters
     ----------
-    field : FrictionField
-        Gives the target friction.
+    field : FrictionField, Material or Layout
+        Gives the target friction, of a finger at rest at 0 s.
     surface : FrictionSurface
         Sliced to one frequency and thickness: ``surface.at(frequency, h0)``.
     normal_force_n : float
@@ -181,7 +183,11 @@ def headroom(
     y = np.asarray((np.arange(max(1, round(height_mm / step))) + 0.5) * step, dtype=np.float64)
     column = surface.column(normal_force_n, None)
     low, high = float(column.lowest_mu), float(column.highest_mu)
-    values = field.friction(x[None, :], y[:, None], footprint_mm)
-    target = np.asarray(as_mu(field.target, values, low, high))
+    evaluator = field.evaluator
+    motion = Motion.of(
+        x[None, :], y[:, None], normal_force_n=normal_force_n, footprint_mm=footprint_mm
+    ).within(lambda force_n, speed_mm_s: (np.full_like(force_n, low), np.full_like(force_n, high)))
+    values = evaluator.wanted(motion).reshape(len(y), len(x))
+    target = np.asarray(as_mu(evaluator.target, values, low, high))
     _, status = column.voltage(target)
     return Headroom(x, y, target, status, float(normal_force_n), low, high)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Literal
+from functools import cached_property
+from typing import Annotated, Literal, Self
 
 import numpy as np
+from pydantic import Field, PositiveFloat, field_serializer, model_validator
+from pydantic.json_schema import SkipJsonSchema
 
-from haptix.checks import Array, Positive, check_fields, choice, number, positive, whole
+from haptix.checks import Array, number, positive
 from haptix.errors import InputError
-from haptix.texture.field import FrictionField, TargetKind, check_target, turned
+from haptix.texture.field import FrictionField, turned
+from haptix.texture.material import Material
 from haptix.texture.pyramid import Beyond, Pyramid
 
 Spectrum = Callable[[Array], Array]
@@ -43,32 +46,38 @@ def power_law(exponent: float, shortest_mm: float, longest_mm: float) -> Spectru
     return density
 
 
-@dataclass(frozen=True)
-class Noise(FrictionField):
+class Noise(FrictionField, Material):
     """Gaussian noise on a tile that repeats without a seam.
 
-    Its tails are not cut off: 5 % of all places are more than two deviations from the mean. The
-    renderer treats those outside the reachable range.
+    Its spectrum is a power law, see `power_law`, or a function. Its tails are not cut off: 5 % of
+    all places are more than two deviations from the mean. The renderer treats those outside the
+    reachable range.
 
     Parameters
     ----------
-    spectrum : callable
-        Power density against wavenumber [1/mm], such as `power_law`. The wavenumber is the radial
-        one of the plane, or with ``grain="ribbed"`` that along the direction.
+    spectrum : callable, optional
+        Power density against wavenumber [1/mm] in place of the power law; no document holds it. The
+        wavenumber is the radial one of the plane, or with ``grain="ribbed"`` that along the
+        direction.
     mean, deviation : float
-        Mean of the values, and their standard deviation over the tile.
-    target : {"mu", "contrast", "share"}
-        What the values are, see `haptix.texture.as_mu`.
+        Mean of the friction, and how far it strays from it.
+    target : {"share", "mu", "contrast"}
+        What these are: shares of what the screen can reach, friction coefficients, or relative
+        changes of friction.
     seed : int
         Same seed, same noise.
     tile_mm : float
         Side of the tile.
     pixels : int
-        Pixels along the tile's side, a power of two.
+        Pixels along it, a power of two.
     grain : {"isotropic", "ribbed"}
-        Noise over the plane, or along one direction with ridges across.
+        Noise over the plane, or along one direction.
     orientation_deg : float
-        That direction: 0 to the right, 90 down.
+        Direction of the ribbed grain: 0 to the right, 90 down.
+    exponent : float
+        The power falls with the wavenumber to this power: 0 is white.
+    shortest_mm, longest_mm : float
+        Sizes of the smallest and of the largest unevenness: there is power between them.
 
     Raises
     ------
@@ -77,52 +86,73 @@ class Noise(FrictionField):
         pixels.
     """
 
-    spectrum: Spectrum
+    kind: Literal["noise"] = "noise"
+    spectrum: SkipJsonSchema[Spectrum | None] = None
     mean: float = 0.5
-    deviation: Positive = 0.2
-    target: TargetKind = "share"
-    seed: int = 0
-    tile_mm: Positive = 64.0
-    pixels: int = 1024
+    deviation: PositiveFloat = 0.2
+    target: Literal["share", "mu", "contrast"] = "share"
+    seed: Annotated[int, Field(ge=0)] = 0
+    tile_mm: PositiveFloat = 64.0
+    pixels: Annotated[int, Field(ge=4, le=_MOST_PIXELS)] = 1024
     grain: Literal["isotropic", "ribbed"] = "isotropic"
     orientation_deg: float = 0.0
-    _pyramid: Pyramid = field(init=False, repr=False, compare=False)
+    exponent: float = 2.0
+    shortest_mm: PositiveFloat = 0.5
+    longest_mm: PositiveFloat = 10.0
 
-    def __post_init__(self) -> None:
-        check_target(self.target)
-        check_fields(self)
-        if not callable(self.spectrum):
-            raise InputError(
-                "spectrum: expected a function of the wavenumber such as power_law(...), got "
-                f"{self.spectrum!r:.80}"
+    @model_validator(mode="after")
+    def _is_possible(self) -> Self:
+        rows = self._rows
+        if self.pixels & (self.pixels - 1) or rows * self.pixels > _MOST_PIXELS:
+            raise ValueError(
+                f"expected pixels that are a power of two, and at most {_MOST_PIXELS} in all, got "
+                f"{rows} x {self.pixels}"
             )
-        whole("seed", self.seed)
-        whole("pixels", self.pixels, 4)
-        choice("grain", self.grain, ("isotropic", "ribbed"))
-        rows = self.pixels if self.grain == "isotropic" else 1
-        two = self.pixels & (self.pixels - 1) == 0
-        if not two or rows * self.pixels > _MOST_PIXELS:
-            raise InputError(
-                f"pixels: expected a power of two, and at most {_MOST_PIXELS} pixels in "
-                f"all, got {rows} x {self.pixels}"
+        self._density(1)
+        return self
+
+    @field_serializer("spectrum")
+    def _written(self, spectrum: Spectrum | None) -> None:
+        if spectrum is not None:
+            raise ValueError(
+                "noise: a spectrum that is a function cannot be written; give exponent, "
+                "shortest_mm and longest_mm"
             )
-        tile = self.mean + self.deviation * self._tile(rows)
+
+    @property
+    def evaluator(self) -> Self:
+        """Itself, ready to be felt."""
+        _ = self._pyramid
+        return self
+
+    @property
+    def _rows(self) -> int:
+        return self.pixels if self.grain == "isotropic" else 1
+
+    @cached_property
+    def _pyramid(self) -> Pyramid:
+        tile = self.mean + self.deviation * self._tile(self._rows)
         beyond_y: Beyond = "repeat" if self.grain == "isotropic" else "hold"
-        pyramid = Pyramid(tile, self.tile_mm / self.pixels, self.mean, "repeat", beyond_y)
-        object.__setattr__(self, "_pyramid", pyramid)
+        return Pyramid(tile, self.tile_mm / self.pixels, self.mean, "repeat", beyond_y)
 
-    def _tile(self, rows: int) -> Array:
-        """Noise of mean 0 and deviation 1, shape (rows, pixels)."""
+    def _density(self, rows: int) -> Array:
+        """Density of the spectrum on a tile's wavenumbers, shape (rows, pixels / 2 + 1)."""
         pixel = self.tile_mm / self.pixels
         across = np.fft.rfftfreq(self.pixels, pixel)
         k = np.hypot(np.fft.fftfreq(rows, pixel)[:, None], across)
-        density = np.broadcast_to(np.asarray(self.spectrum(k), dtype=np.float64), k.shape).copy()
+        spectrum = self.spectrum or power_law(self.exponent, self.shortest_mm, self.longest_mm)
+        density = np.broadcast_to(np.asarray(spectrum(k), dtype=np.float64), k.shape).copy()
         density[0, 0] = 0.0  # the mean is given
         if not (np.isfinite(density).all() and (density >= 0).all() and density.any()):
             raise InputError(
                 "spectrum: expected finite densities of 0 or more, and some above 0 for waves from "
                 f"{2 * pixel:g} to {self.tile_mm:g} mm"
             )
+        return density
+
+    def _tile(self, rows: int) -> Array:
+        """Noise of mean 0 and deviation 1, shape (rows, pixels)."""
+        density = self._density(rows)
         white = np.random.default_rng(self.seed).standard_normal((rows, self.pixels))
         noise = np.fft.irfft2(np.fft.rfft2(white) * np.sqrt(density), s=white.shape)
         return np.asarray(noise / noise.std())

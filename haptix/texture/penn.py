@@ -20,16 +20,21 @@ sensation.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import pi
 from pathlib import Path
-from typing import Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 from numpy.polynomial.polynomial import polyval
+from pydantic import Field, PositiveFloat
 
 from haptix.checks import Array, positive
 from haptix.errors import FileFormatError, InputError
+from haptix.kinds import AnyAsset
+from haptix.texture.field import TargetKind
+from haptix.texture.material import Material
 from haptix.texture.noise import Noise
 from haptix.texture.penn_file import Contents, contents_of, polynomial_of_lsf, root_of
 
@@ -172,11 +177,11 @@ class PennModel:
                 f"{normal_force_n:g} N; choose a higher speed or force"
             )
         return Noise(
-            lambda k: process.density(k * speed_mm_per_s),
-            self.contents.mu,
-            deviation,
-            "mu",
-            seed,
+            spectrum=lambda k: process.density(k * speed_mm_per_s),
+            mean=self.contents.mu,
+            deviation=deviation,
+            target="mu",
+            seed=seed,
             tile_mm=_PIXELS * speed_mm_per_s / self.contents.sample_rate_hz,
             pixels=_PIXELS,
             grain="ribbed",
@@ -191,3 +196,36 @@ def _closest_weights(corners: Array, place: Array) -> Array:
     # Least squares with weights of 0 or more; the heavy row makes their sum 1.
     weights, _ = nnls(np.vstack([corners.T, np.full(3, _HEAVY)]), np.append(place, _HEAVY))
     return np.asarray(weights / weights.sum())
+
+
+class Penn(Material):
+    """A model of the Penn Haptic Texture Toolkit at one speed and force.
+
+    Parameters
+    ----------
+    file : str
+        XML of the model.
+    speed_mm_per_s, normal_force_n : float
+        Where the pattern has the model's spectrum.
+    mass_kg : float
+        Turns accelerations into forces; an assumption.
+    seed : int
+        Same seed, same pattern.
+    orientation_deg : float
+        Direction of the stroke.
+    """
+
+    kind: Literal["penn"] = "penn"
+    target: ClassVar[TargetKind] = "mu"
+    file: AnyAsset
+    speed_mm_per_s: PositiveFloat = 100.0
+    normal_force_n: PositiveFloat = 0.5
+    mass_kg: PositiveFloat = TOOL_MASS_KG
+    seed: Annotated[int, Field(ge=0)] = 0
+    orientation_deg: float = 0.0
+
+    @cached_property
+    def evaluator(self) -> Noise:
+        """A `Noise`."""
+        options = self.model_dump(exclude={"kind", "file"})
+        return self.file.shared(options, lambda path: PennModel.load(path).texture(**options))

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import ceil
 from pathlib import Path
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import PositiveFloat
 
 from haptix.checks import Array, Positive, check_fields, choice, increasing, row
 from haptix.errors import FileFormatError, InputError
 from haptix.files import read_csv
+from haptix.kinds import AnyAsset
 from haptix.texture.field import FrictionField, TargetKind, check_target, turned
+from haptix.texture.material import Material
 from haptix.texture.pyramid import Pyramid
 
 _MOST_SAMPLES = 4_000_000
@@ -153,3 +157,35 @@ class RecordedProfile(FrictionField):
         # The first value is at its position, which the pyramid has half a step from its corner.
         start = float(position[0]) - self._pyramid.pixel_mm / 2
         return self._pyramid.sample(along - np.array(start), across, footprint_mm)
+
+
+class Recording(Material):
+    """Friction recorded along a line, the same across it.
+
+    Parameters
+    ----------
+    file : str
+        CSV with position_mm and mu, or with position_mm and forces.
+    normal_force_n : float, optional
+        The normal force of the recording, where it is no column.
+    orientation_deg : float
+        Direction of the line: 0 to the right, 90 down.
+    beyond : {"outside", "hold"}
+        Friction beyond the ends: the lowest, or that of the end.
+    step_mm : float, optional
+        Step of the even grid on which it is kept.
+    """
+
+    kind: Literal["recording"] = "recording"
+    target: ClassVar[TargetKind] = "mu"
+    file: AnyAsset
+    normal_force_n: PositiveFloat | None = None
+    orientation_deg: float = 0.0
+    beyond: Literal["outside", "hold"] = "outside"
+    step_mm: PositiveFloat | None = None
+
+    @cached_property
+    def evaluator(self) -> RecordedProfile:
+        """A `RecordedProfile`."""
+        options = self.model_dump(exclude={"kind", "file"})
+        return self.file.shared(options, lambda path: RecordedProfile.from_csv(path, **options))

@@ -9,13 +9,15 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, model_validator
+from pydantic import Field, PositiveFloat, model_validator
 
 from haptix.checks import Array, choice, number, positive, shown
 from haptix.documents import Document
 from haptix.errors import FileFormatError, InputError
+from haptix.kinds import AnyAsset
 from haptix.texture.field import FrictionField, TargetKind, check_range
 from haptix.texture.levels import LARGEST_BYTES, HeightRule, levels_by_rule, stretched
+from haptix.texture.material import Scaled
 from haptix.texture.pyramid import Pyramid
 
 Polarity = Literal["bright-high", "dark-high"]
@@ -273,9 +275,12 @@ class Texture(FrictionField):
         """Height on the screen."""
         return self.pixel_mm * int(self.level.shape[0])
 
-    def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
+    def _anywhere(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
         if isinstance(footprint_mm, np.ndarray) or footprint_mm > 0 or self.beyond == "hold":
             return self._pyramid.sample(x_mm, y_mm, footprint_mm)
+        return super()._anywhere(x_mm, y_mm, 0.0)
+
+    def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
         # At a point the edge is a step: the rim, a ramp in the pyramid, is held level.
         half, width, height = self.pixel_mm / 2, self.width_mm, self.height_mm
         inside = (x_mm >= 0) & (x_mm <= width) & (y_mm >= 0) & (y_mm <= height)
@@ -291,3 +296,70 @@ def _finer(pixel_mm: float, shape: tuple[int, ...]) -> int:
     """
     parts = min(pixel_mm / _COARSE_MM, (_MOST_PIXELS / (shape[0] * shape[1])) ** 0.5)
     return max(1, 2 * int(parts / 2) + 1)
+
+
+class _Pictured(Scaled):
+    """Base of the documents of a `Texture`.
+
+    Parameters
+    ----------
+    width_mm : float
+        Width on the screen; the height follows from the pixels.
+    """
+
+    file: AnyAsset
+    width_mm: PositiveFloat
+
+    @cached_property
+    def evaluator(self) -> Texture:
+        """The texture; documents of one picture share it."""
+        parameters = self.model_dump(mode="json", exclude={"file"})
+        ends = {f"{self.target}_range": (self.low, self.high)}
+        return self.file.shared(parameters, lambda path: self._texture(path, ends))
+
+    def _texture(self, path: Path, ends: Any) -> Texture:
+        raise NotImplementedError
+
+    @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Its size."""
+        return (0.0, self.evaluator.width_mm, 0.0, self.evaluator.height_mm)
+
+
+class Photograph(_Pictured):
+    """A photograph, whose grey from the 1st to the 99th percentile becomes friction.
+
+    Parameters
+    ----------
+    file : str
+        The photograph: PNG, JPEG or TIFF.
+    polarity : {"bright-high", "dark-high"}
+        Which end of the grey scale has the higher friction.
+    """
+
+    kind: Literal["photograph"] = "photograph"
+    polarity: Polarity = "bright-high"
+
+    def _texture(self, path: Path, ends: Any) -> Texture:
+        return Texture.from_image(path, self.width_mm, self.polarity, **ends)
+
+
+class Heights(_Pictured):
+    """A height map, felt by one rule; `relief` is right in every direction.
+
+    Parameters
+    ----------
+    file : str
+        Picture of the heights, bright is high.
+    rule : {"height", "slope-magnitude", "slope-along"}
+        What makes friction.
+    direction_deg : float
+        Direction of the stroke for "slope-along": 0 to the right, 90 down.
+    """
+
+    kind: Literal["heights"] = "heights"
+    rule: HeightRule = "height"
+    direction_deg: float = 0.0
+
+    def _texture(self, path: Path, ends: Any) -> Texture:
+        return Texture.from_heights(path, self.width_mm, self.rule, self.direction_deg, **ends)

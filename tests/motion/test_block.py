@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from haptix.errors import InputError
 from haptix.motion import VELOCITY_OVER_S, Facts, LocalFrame, Motion, Trajectory
-from haptix.render.live_fingers import LiveFingers
-from haptix.render.renderer import RecordedFingers
+from haptix.render.fingers import PredictedFingers, RecordedFingers
 from haptix.render.settings import LiveSettings, Sliding
 from haptix.touch import TouchEvent
 
@@ -18,11 +17,11 @@ A_FEW = st.floats(-50, 50)
 
 
 def test_a_live_finger_has_the_velocity_of_the_prediction():
-    fingers = LiveFingers(LiveSettings())
+    fingers = PredictedFingers(LiveSettings())
     for i in range(40):
         fingers.take(TouchEvent(0.01 * i, 0, 0.8 * i, 20 - 0.3 * i, "move", None))
         fingers.take(TouchEvent(0.01 * i, 1, 5.0, 6.0, "move", 0.7))
-    fingers.motion(0.389, STEP_S, 12, 2.0)  # fades in
+    fingers.update(0.38)  # fades in until then
     motion = fingers.motion(0.39, STEP_S, 12, 2.5).motion
     assert motion.fingers == 1  # the other one rests
     np.testing.assert_allclose(motion.vx_mm_s, 80.0, rtol=1e-3)
@@ -42,13 +41,43 @@ def recorded() -> RecordedFingers:
     return fingers
 
 
+def test_a_row_of_touches_is_what_each_of_them_is_and_lies_on_lines_between_them():
+    rng = np.random.default_rng(3)
+    t = np.cumsum(rng.uniform(0.001, 0.03, 60))
+    # Steps of 0 and of 3 mm: the finger often stops and starts, in the midst of fades too.
+    x = np.cumsum(rng.choice([0.0, 0.001, 3.0], 60))
+    y, force = rng.uniform(0, 9, 60).round(), rng.uniform(0.2, 0.8, 60)
+    y[20:30] = 4.0
+    whole, each = RecordedFingers(Sliding()), RecordedFingers(Sliding())
+    reports: tuple[list[float], list[float]] = ([], [])
+
+    def reacting(heard):
+        def react(facts, before, now):
+            heard.append(now.t_s)
+            return facts
+
+        return react
+
+    whole.touch(0, t, x, y, force, react=reacting(reports[0]), start_s=t[0])
+    for row in zip(t, x, y, force, strict=True):
+        each.touch(0, *row, react=reacting(reports[1]), start_s=t[0])
+    points = int((t[-1] - t[0]) / STEP_S)
+    one, other = (f.motion(t[0], STEP_S, points, 0.0) for f in (whole, each))
+    at = t[0] + STEP_S * np.arange(1, points + 1)
+    for name, line in (("x_mm", x), ("y_mm", y), ("normal_force_n", force)):
+        expected = np.interp(at, t, line)
+        np.testing.assert_allclose(getattr(one.motion, name), expected, rtol=0, atol=ROUNDING)
+        np.testing.assert_array_equal(getattr(other.motion, name), getattr(one.motion, name))
+    np.testing.assert_array_equal(other.gain, one.gain)
+    assert reports[0] == reports[1] == pytest.approx(t - t[0])
+
+
 def test_recorded_velocity_is_the_mean_over_the_last_10_ms_however_blocks_are_cut():
     t = STEP_S * np.arange(1, 2401)
-    whole = recorded().motion(t, STEP_S, 0.0).motion
+    whole = recorded().motion(0.0, STEP_S, 2400, 0.0).motion
     fingers, parts = recorded(), []
     for first in range(0, 2400, 300):
-        at = t[first : first + 300]
-        parts.append(fingers.motion(at, STEP_S, first * STEP_S).motion)
+        parts.append(fingers.motion(first * STEP_S, STEP_S, 300, first * STEP_S).motion)
     for name in ("t_s", "vx_mm_s", "vy_mm_s"):
         cut = np.concatenate([getattr(part, name).reshape(2, -1) for part in parts], axis=1)
         expected = getattr(whole, name).reshape(2, -1)

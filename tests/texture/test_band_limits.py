@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from skimage.data import brick, gravel
 
+from haptix import Layout
+from haptix.motion import Motion
 from haptix.texture import (
-    Composition,
     FrictionField,
     Grating,
     Noise,
     RecordedProfile,
-    Sprite,
     Texture,
     power_law,
 )
@@ -39,7 +39,7 @@ def spectra(field, footprint_mm, angle):
         value = value - np.average(value, weights=window)
         return np.abs(np.fft.rfft(value * window)) ** 2
 
-    limited, whole = field.friction(x, y, footprint_mm), field.friction(x, y)
+    limited, whole = (field.wanted(Motion.of(x, y, footprint_mm=f)) for f in (footprint_mm, 0.0))
     return np.fft.rfftfreq(len(along), step), power(limited), power(whole)
 
 
@@ -56,8 +56,9 @@ def white():
 
 
 def screen(blend):
-    picture = Sprite(Texture.from_image(brick()[::2, ::2], SIZE_MM), 6.0, 5.0, blend=blend)
-    return Composition([picture], Grating(3.0, "square", 70.0))
+    layout = Layout(Grating(period_mm=3.0, wave="square", orientation_deg=70.0))
+    layout.add(Texture.from_image(brick()[::2, ::2], SIZE_MM), 6.0, 5.0, blend=blend)
+    return layout
 
 
 def scattered():
@@ -74,10 +75,10 @@ IMAGES = {
     "white": (white, -24.0),
     "brick": (lambda: Texture.from_image(brick()[::2, ::2], SIZE_MM), -25.0),
     "gravel": (lambda: Texture.from_image(gravel()[::2, ::2], SIZE_MM), -25.0),
-    "noise": (lambda: Noise(power_law(2, 0.3, 8), tile_mm=32, pixels=256), -25.0),
+    "noise": (lambda: Noise(spectrum=power_law(2, 0.3, 8), tile_mm=32, pixels=256), -25.0),
     "recording": (scattered, -25.0),
-    "sprite on a grating": (lambda: screen("over"), -25.0),
-    "sprite times a grating": (lambda: screen("multiply"), -25.0),
+    "region on a grating": (lambda: screen("over"), -25.0),
+    "region times a grating": (lambda: screen("multiply"), -25.0),
 }
 SHARES = [0.1, 0.3, 0.5, 0.6, 0.75, 0.9, 1.0, 1.4, 1.9, 2.0, 2.7, 3.6, 4.0, 6.0, 9.0, 16.0]
 
@@ -109,7 +110,7 @@ def test_a_sweep_of_speed_across_a_small_plate(pixels):
 
 @pytest.mark.parametrize("wave", ["sine", "square", "sawtooth"])
 def test_a_sweep_of_speed_across_gratings(wave):
-    grating = Grating(2.0, wave, orientation_deg=20.0, duty=0.3)
+    grating = Grating(period_mm=2.0, wave=wave, orientation_deg=20.0, duty=0.3)
     for footprint in (0.01, 0.04, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 0.95, 1.2, 2.5):
         k, limited, whole = spectra(grating, footprint, 0.0)
         folded = limited[k > 1 / (2 * footprint)].sum()
@@ -122,7 +123,7 @@ def test_without_the_footprint_the_same_sweep_does_alias():
     # Else the sweep would show nothing.
     k, _, whole = spectra(white(), 2 * PIXEL_MM, 0.0)
     assert whole[k > 1 / (4 * PIXEL_MM)].sum() > 0.2 * whole.sum()
-    k, _, whole = spectra(Grating(2.0, "square"), 0.5, 0.0)
+    k, _, whole = spectra(Grating(period_mm=2.0, wave="square"), 0.5, 0.0)
     assert whole[k > 1].sum() > 0.05 * whole.sum()
 
 
@@ -132,7 +133,7 @@ def test_waves_eight_footprints_long_stay(kind, footprint_mm):
     # The price of the limit: what an ideal low-pass would keep in full, and this still has most of.
     period = max(8 * footprint_mm, 1.0)
     if kind == "grating":
-        field: FrictionField = Grating(period)
+        field: FrictionField = Grating(period_mm=period)
     else:
         x = (np.arange(PIXELS) + 0.5) * PIXEL_MM
         field = Texture(np.tile(0.5 + 0.5 * np.sin(2 * np.pi * x / period), (PIXELS, 1)), SIZE_MM)
@@ -143,10 +144,9 @@ def test_waves_eight_footprints_long_stay(kind, footprint_mm):
 
 FIELDS = {
     "texture": white,
-    "square": lambda: Grating(2.0, "square", 30.0),
-    "noise": lambda: Noise(power_law(1, 0.3, 8), tile_mm=16, pixels=128),
+    "square": lambda: Grating(period_mm=2.0, wave="square", orientation_deg=30.0),
+    "noise": lambda: Noise(spectrum=power_law(1, 0.3, 8), tile_mm=16, pixels=128),
     "recording": scattered,
-    "composition": lambda: Composition([Sprite(white(), 2.0, 3.0)], Grating(3.0)),
 }
 
 

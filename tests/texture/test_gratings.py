@@ -28,14 +28,23 @@ def test_waves_at_points(period, angle, phase, duty):
         "sawtooth": 0.5 + 0.5 * signal.sawtooth(2 * np.pi * fraction),
     }
     for wave, share in expected.items():
-        grating = Grating(period, wave, angle, duty, "contrast", -0.2, 0.6, phase)
+        grating = Grating(
+            period_mm=period,
+            wave=wave,
+            orientation_deg=angle,
+            duty=duty,
+            target="contrast",
+            low=-0.2,
+            high=0.6,
+            phase=phase,
+        )
         found = grating.friction(x, y)
         np.testing.assert_allclose(found[clear], (-0.2 + 0.8 * share)[clear], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("wave", ["square", "sawtooth"])
 def test_a_small_footprint_leaves_the_wave(wave):
-    grating = Grating(2.0, wave, duty=0.4)
+    grating = Grating(period_mm=2.0, wave=wave, duty=0.4)
     exact, limited = grating.friction(ALONG, 0.0), grating.friction(ALONG, 0.0, 1e-4)
     fraction = ALONG / 2 % 1
     distance = np.min(np.abs(fraction[:, None] - [0, 0.4, 1]), axis=1)
@@ -45,14 +54,14 @@ def test_a_small_footprint_leaves_the_wave(wave):
 
 @pytest.mark.parametrize("wave", ["sine", "square", "sawtooth"])
 def test_a_wave_shorter_than_two_footprints_is_flat_at_its_mean(wave):
-    grating = Grating(2.0, wave, duty=0.3, low=0.2, high=0.7)
+    grating = Grating(period_mm=2.0, wave=wave, duty=0.3, low=0.2, high=0.7)
     mean = 0.2 + 0.5 * (0.3 if wave == "square" else 0.5)
     np.testing.assert_allclose(grating.friction(ALONG, 1.0, 1.0), mean, rtol=0, atol=1e-12)
     np.testing.assert_allclose(grating.friction(ALONG, 1.0, 50.0), mean, rtol=0, atol=1e-12)
 
 
 def test_series_do_not_ring():
-    grating = Grating(2.0, "square")
+    grating = Grating(period_mm=2.0, wave="square")
     for footprint in (0.01, 0.03, 0.1, 0.2, 0.4):
         value = grating.friction(ALONG, 0.0, footprint)
         # Lanczos' factors leave 2 % of a step; cutting the series off would leave 9 %.
@@ -61,11 +70,16 @@ def test_series_do_not_ring():
 
 
 def test_orientation_and_asymmetry():
-    right, down = Grating(4.0, "sawtooth"), Grating(4.0, "sawtooth", 90.0)
+    right, down = (
+        Grating(period_mm=4.0, wave="sawtooth"),
+        Grating(period_mm=4.0, wave="sawtooth", orientation_deg=90.0),
+    )
     assert right.friction(1.0, 3.3) == pytest.approx(0.25)
     assert right.friction(3.0, 0.3) == pytest.approx(0.75)
     assert down.friction(3.3, 1.0) == pytest.approx(0.25)
-    assert Grating(4.0, "sawtooth", 180.0).friction(1.0, 3.3) == pytest.approx(0.75)
+    assert Grating(period_mm=4.0, wave="sawtooth", orientation_deg=180.0).friction(
+        1.0, 3.3
+    ) == pytest.approx(0.75)
 
 
 @pytest.mark.parametrize(
@@ -81,8 +95,8 @@ def test_orientation_and_asymmetry():
         ({"target": "friction"}, "target"),
         ({"low": 0.6, "high": 0.6}, "low, high"),
         ({"high": 1.2}, "low, high"),
-        ({"target": "mu", "low": -0.1}, "low, high"),
-        ({"target": "contrast", "low": -1.1}, "low, high"),
+        ({"target": "mu", "low": -0.1, "high": 0.3}, "low, high"),
+        ({"target": "contrast", "low": -1.1, "high": 0.3}, "low, high"),
         ({"target": "mu", "high": np.inf}, "high"),
     ],
 )

@@ -60,7 +60,7 @@ def test_parts_of_an_absolute_ramp(surface, reach):
 
 
 def test_contrast_starts_from_the_friction_without_voltage(surface, reach):
-    grating = Grating(8.0, "square", target="contrast", low=-0.2, high=0.01)
+    grating = Grating(period_mm=8.0, wave="square", target="contrast", low=-0.2, high=0.01)
     found = headroom(grating, surface, FORCE_N, 64.0, 16.0, columns=64)
     assert found.below == 0.5
     assert found.within == 0.5
@@ -79,9 +79,9 @@ def test_the_drawing_is_a_picture(surface, reach):
 
 def test_bad_questions(surface):
     with pytest.raises(InputError, match="width_mm"):
-        headroom(Grating(2.0), surface, FORCE_N)
+        headroom(Grating(period_mm=2.0), surface, FORCE_N)
     with pytest.raises(InputError, match="height_mm"):
-        headroom(Grating(2.0), surface, FORCE_N, 10.0, -1.0)
+        headroom(Grating(period_mm=2.0), surface, FORCE_N, 10.0, -1.0)
     with pytest.raises(InputError, match="normal_force_n"):
         headroom(ramp(), surface, 5.0)
     with pytest.raises(InputError, match="columns"):

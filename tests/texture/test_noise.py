@@ -17,7 +17,7 @@ def tile_of(noise):
 
 def test_radial_spectrum_by_rings():
     exponent = 2.6
-    noise = Noise(power_law(exponent, 0.4, 16.0), tile_mm=64, pixels=512, seed=1)
+    noise = Noise(spectrum=power_law(exponent, 0.4, 16.0), tile_mm=64, pixels=512, seed=1)
     tile = tile_of(noise) - noise.mean
     power = np.abs(np.fft.fft2(tile)) ** 2
     k = np.hypot(*np.meshgrid(*[np.fft.fftfreq(512, 64 / 512)] * 2))
@@ -32,7 +32,14 @@ def test_radial_spectrum_by_rings():
 
 
 def test_mean_and_deviation_are_those_of_the_tile():
-    noise = Noise(power_law(1, 0.5, 10), 0.3, 0.07, "mu", tile_mm=32, pixels=128)
+    noise = Noise(
+        spectrum=power_law(1, 0.5, 10),
+        mean=0.3,
+        deviation=0.07,
+        target="mu",
+        tile_mm=32,
+        pixels=128,
+    )
     tile = tile_of(noise)
     assert tile.mean() == pytest.approx(0.3, abs=1e-12)
     assert tile.std() == pytest.approx(0.07, abs=1e-12)
@@ -42,15 +49,15 @@ def test_mean_and_deviation_are_those_of_the_tile():
 def test_a_seed_is_a_texture():
     x, y = np.random.default_rng(0).uniform(0, 100, (2, 300))
     kind = power_law(2, 0.5, 10)
-    one, same = (Noise(kind, seed=5, pixels=256).friction(x, y) for _ in range(2))
-    other = Noise(kind, seed=6, pixels=256).friction(x, y)
+    one, same = (Noise(spectrum=kind, seed=5, pixels=256).friction(x, y) for _ in range(2))
+    other = Noise(spectrum=kind, seed=6, pixels=256).friction(x, y)
     np.testing.assert_array_equal(one, same)
     assert abs(np.corrcoef(one, other)[0, 1]) < 0.5
 
 
 @pytest.mark.parametrize("footprint", [0.0, 0.05, 0.7, 5.0])
 def test_the_tile_repeats_without_a_seam(footprint):
-    noise = Noise(power_law(2, 0.5, 10), tile_mm=32, pixels=256)
+    noise = Noise(spectrum=power_law(2, 0.5, 10), tile_mm=32, pixels=256)
     x, y = np.random.default_rng(0).uniform(0, 32, (2, 500))
     here = noise.friction(x, y, footprint)
     for dx, dy in ((32, 0), (0, -32), (-320, 64)):
@@ -63,7 +70,9 @@ def test_the_tile_repeats_without_a_seam(footprint):
 
 
 def test_ribs_lie_across_their_direction():
-    noise = Noise(power_law(0, 0.5, 4), tile_mm=32, pixels=512, grain="ribbed", orientation_deg=30)
+    noise = Noise(
+        spectrum=power_law(0, 0.5, 4), tile_mm=32, pixels=512, grain="ribbed", orientation_deg=30
+    )
     turn = np.radians(30)
     t = np.linspace(0, 20, 500)
     along = noise.friction(t * np.cos(turn), t * np.sin(turn))
@@ -74,7 +83,10 @@ def test_ribs_lie_across_their_direction():
 
 def test_any_spectrum_will_do():
     bump = Noise(
-        lambda k: np.exp(-(((k - 1.0) / 0.05) ** 2)), tile_mm=64, pixels=1024, grain="ribbed"
+        spectrum=lambda k: np.exp(-(((k - 1.0) / 0.05) ** 2)),
+        tile_mm=64,
+        pixels=1024,
+        grain="ribbed",
     )
     value = bump.friction((np.arange(1024) + 0.5) / 16, 0.0)
     power = np.abs(np.fft.rfft(value - value.mean())) ** 2

@@ -5,12 +5,10 @@ import pytest
 
 from haptix.errors import InputError
 from haptix.texture import (
-    Composition,
     FrictionField,
     Grating,
     Noise,
     RecordedProfile,
-    Sprite,
     Texture,
     as_mu,
     power_law,
@@ -21,14 +19,13 @@ FIELDS = {
     "texture": Texture(LEVEL, 10.0, mu_range=(0.2, 0.6)),
     "texture that holds": Texture(LEVEL, 10.0, contrast_range=(-0.1, 0.2), beyond="hold"),
     "one pixel": Texture(np.ones((1, 1)), 4.0),
-    "sine": Grating(2.0, "sine", 30.0, low=0.1),
-    "square": Grating(2.0, "square", low=0.1),
-    "noise": Noise(power_law(1, 0.5, 8), mean=0.3, tile_mm=16, pixels=64),
+    "sine": Grating(period_mm=2.0, wave="sine", orientation_deg=30.0, low=0.1),
+    "square": Grating(period_mm=2.0, wave="square", low=0.1),
+    "noise": Noise(spectrum=power_law(1, 0.5, 8), mean=0.3, tile_mm=16, pixels=64),
     "ribbed noise": Noise(
-        power_law(1, 0.5, 8), tile_mm=16, pixels=64, grain="ribbed", orientation_deg=50
+        spectrum=power_law(1, 0.5, 8), tile_mm=16, pixels=64, grain="ribbed", orientation_deg=50
     ),
     "recording": RecordedProfile(np.array([1.0, 2.0, 4.0]), np.array([0.5, 0.3, 0.6])),
-    "composition": Composition([Sprite(Texture(LEVEL, 10.0), 1.0, 1.0)], Grating(3.0, low=0.2)),
 }
 NOWHERE = [np.nan, np.inf, -np.inf, 1e300, -1e300, 1e18, -1.7e308]
 
@@ -91,22 +88,17 @@ WRONG = {
     "mu_range: expected a finite": lambda: Texture(LEVEL, 60.0, mu_range=("low", 1)),
     "largest_bytes": lambda: Texture.from_image(LEVEL, 60.0, largest_bytes="1 GB"),
     "direction_deg": lambda: Texture.from_heights(LEVEL, 60.0, "slope-along", "left"),
-    "period_mm": lambda: Grating("2"),
-    "duty": lambda: Grating(2.0, duty=True),
-    "low": lambda: Grating(2.0, low=None),
-    "wave": lambda: Grating(2.0, ["sine"]),
-    "spectrum": lambda: Noise("pink"),
+    "period_mm": lambda: Grating(period_mm="2 mm"),
+    "duty": lambda: Grating(period_mm=2.0, duty=True),
+    "low": lambda: Grating(period_mm=2.0, low=None),
+    "wave": lambda: Grating(period_mm=2.0, wave=["sine"]),
+    "spectrum": lambda: Noise(spectrum="pink"),
     "exponent": lambda: power_law("pink", 1, 2),
-    "pixels": lambda: Noise(power_law(1, 1, 8), pixels=128.0),
-    "seed": lambda: Noise(power_law(1, 1, 8), seed=0.5),
+    "pixels": lambda: Noise(spectrum=power_law(1, 1, 8), pixels=128.5),
+    "seed": lambda: Noise(spectrum=power_law(1, 1, 8), seed=0.5),
     "position_mm": lambda: RecordedProfile(["left", "right"], [1, 2]),
-    "sprites": lambda: Composition(Sprite(Texture(LEVEL, 10.0))),
-    "sprite 0": lambda: Composition([Texture(LEVEL, 10.0)]),  # type: ignore[list-item]
-    "background": lambda: Composition([], "low"),
-    "field": lambda: Sprite(LEVEL),
-    "mask": lambda: Sprite(Texture(LEVEL, 10.0), mask=LEVEL),
-    "x_mm, y_mm": lambda: Grating(2.0).friction("here", 1.0),
-    "footprint_mm": lambda: Grating(2.0).friction(1.0, 1.0, "fast"),
+    "x_mm, y_mm": lambda: Grating(period_mm=2.0).friction("here", 1.0),
+    "footprint_mm": lambda: Grating(period_mm=2.0).friction(1.0, 1.0, "fast"),
 }
 
 
