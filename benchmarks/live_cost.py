@@ -23,13 +23,11 @@ from typing import Any
 
 import numpy as np
 from demo_setting import demo_setting
-from reaction import of_felt
 
 import haptix
-from firmware_io import Device, MockDriver, MockLink, RevisedPlayback
+from firmware_io import Device, MockDriver, MockLink
 from haptix.render import LiveSettings
-from haptix.render.revised import RevisedProducer
-from haptix.simulation import Setting
+from haptix.simulation import Played, Setting, evaluate_live
 from haptix.touch import TouchEvent
 from haptix.virtual_finger import TouchPanel
 
@@ -47,26 +45,6 @@ class Clock:
 
     def sleep(self, seconds: float) -> None:
         self.now_s += seconds
-
-
-class Stepped(haptix.LiveRenderer):
-    """A live renderer without a thread, on a clock that is moved."""
-
-    clock: Clock
-
-    def now_s(self) -> float:
-        return self.clock()
-
-    def _revised(self) -> RevisedProducer:
-        producer = super()._revised()
-        settings, source = self.settings, producer._playback._source
-        times = (settings.reaction_s, settings.horizon_s)
-        producer._playback = RevisedPlayback(self.device, source, *times, clock=self.clock)
-        return producer
-
-    def play_due(self) -> float:
-        assert isinstance(self._producer, RevisedProducer)
-        return self._producer._playback.step()
 
 
 class Meter:
@@ -108,13 +86,12 @@ def play(
     device = Device(link, clock=clock, **opening)
     link.send = meter.of("mock", link.send)  # type: ignore[method-assign]
     link.receive = meter.of("mock", link.receive)  # type: ignore[method-assign]
-    Stepped.clock = clock
     seen = panel.read(setting.path)
-    with Stepped(surface, setting.texture, device, settings=settings) as renderer:
-        assert isinstance(renderer._producer, RevisedProducer)
-        source = renderer._producer._playback._source
+    with haptix.LiveRenderer(surface, setting.texture, device, settings=settings) as renderer:
+        playback = renderer._running()
+        source = playback._source
         source.window = meter.of("renderer", source.window)  # type: ignore[method-assign]
-        event, step = meter.of("app", renderer.event), meter.of("feeder", renderer.play_due)
+        event, step = meter.of("app", renderer.event), meter.of("feeder", playback.step)
         start_s = clock() + 0.3
         due_s = clock()
         with profile or nullcontext():
@@ -127,9 +104,10 @@ def play(
                 event(TouchEvent(start_s + t, 0, x, y, "move", force))
                 due_s = clock() + WAKES_S
         seconds = clock() - start_s
-        reactions = np.array(renderer.reactions_s(10**6)) * 1e3
+        reactions = np.array(renderer.stats.reactions_s) * 1e3
     device.close()
     volts = driver.output_v[round((start_s - driver._began_s) * RATE_HZ) :]
+    played = Played(setting, renderer, device, volts, 0.0)
     p50, p99 = np.percentile(reactions, (50, 99)).round(2).tolist()
     parts = {name: meter.spent[name] / seconds for name in ("app", "renderer", "feeder", "mock")}
     ours = sum(parts.values()) - parts["mock"]
@@ -145,7 +123,7 @@ def play(
         "reaction p50 ms": p50,
         "p99": p99,
         "largest": round(float(reactions.max()), 2),
-        **of_felt(renderer, setting, surface, volts, seen.arrival_s[-1]),
+        "error p95 JND": round(evaluate_live(played).error_p95_jnd, 3),
     }
 
 

@@ -1,9 +1,10 @@
 """Error felt and reaction of live rendering in real time, with stalls; see --help.
 
 A virtual finger repeats the demo's path, a panel of 100 Hz reports it 20 ms late, and what the mock
-driver played is felt at the true place. Revised streams and fixed leads run one after the other.
-Stalls: 100 ms in the texture and 20 ms in the link, every second or so. Errors leave out a stall
-and the 20 ms behind it.
+driver played is felt at the true place. Stalls: 100 ms in the texture and 20 ms in the link, every
+second or so. Errors leave out a stall and the 20 ms behind it. Each is compared with that of the
+same stroke in steps, as `haptix render` plays it ("of steps", which must be within 10 % of 1
+without stalls), and in steps with touches as late as this machine gave them ("of steps as late").
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,23 +27,17 @@ from demo_setting import demo_setting
 import haptix
 from firmware_io import Device, MockDriver, MockLink
 from firmware_io.links.tcp import TcpLink
-from haptix.motion import Motion
+from haptix.motion import Trajectory
 from haptix.render import LiveSettings
-from haptix.simulation import Setting
-from haptix.texture import as_mu
+from haptix.simulation import Played, Setting, evaluate_live
+from haptix.simulation.played import play_live
 from haptix.touch import TouchEvent
-from haptix.virtual_finger import TouchPanel, VirtualFinger, evaluate
+from haptix.virtual_finger import SensedTouch, TouchPanel
 
 RENDERER_STALL_S, RENDERER_EVERY_S = 0.1, 0.97
 LINK_STALL_S, LINK_EVERY_S = 0.02, 0.61
 FELT_AFTER_S = 0.02
 RATE_HZ = 48_000
-
-
-class FixedLead(haptix.LiveRenderer):
-    """Today's way: a driver that cannot revise."""
-
-    _revises = False
 
 
 class Stalls:
@@ -142,35 +138,24 @@ class Served:
         return np.load(self._record), min(began)[1]
 
 
-def of_felt(
-    renderer: haptix.LiveRenderer, setting: Setting, surface: Any, volts: np.ndarray,
-    end_s: float, left_out: Sequence[tuple[float, float]] = (),
-) -> dict[str, Any]:  # fmt: skip
-    """Error of what a virtual finger feels on the setting's path, without and with some spans."""
-    path = setting.path
-    # In pieces: a minute at 48 kHz is long for one call.
-    felt = VirtualFinger(setting.model).feel(
-        volts, RATE_HZ, path.t_s, path.x_mm, path.y_mm, path.normal_force_n, 0.0
-    )
-    axis = surface.normal_force_n
-    force = felt.normal_force_n.clip(axis.low, axis.high)
-    low, high = renderer.reachable(force, felt.speed_mm_per_s)
-    evaluator = setting.texture.evaluator
-    motion = Motion.of(felt.x_mm, felt.y_mm, felt.t_s, *path.velocity_mm_per_s(felt.t_s), force)
-    target = np.asarray(as_mu(evaluator.target, evaluator.wanted(motion), low, high))
-    every = (felt.t_s > 0.3) & (felt.t_s < end_s) & (target >= low) & (target <= high)
-    counts = every.copy()
-    for began, ended in left_out:
-        counts &= ~((felt.t_s >= began) & (felt.t_s <= ended))
-    found = {"error p95 JND": round(evaluate(felt, target, counts).error_p95_jnd, 3)}
-    if left_out:
-        found["with stalls"] = round(evaluate(felt, target, every).error_p95_jnd, 3)
-    return found
+@dataclass(frozen=True)
+class PanelAsRead(TouchPanel):
+    """A panel whose reports arrive when they did."""
+
+    seen: SensedTouch | None = None
+
+    def read(self, path: Trajectory, seed: int = 0) -> SensedTouch:
+        assert self.seen is not None
+        return self.seen
+
+
+Steps = Callable[[TouchPanel, list[tuple[float, float]]], float]
+"""Return the 95 % error in steps, but for spans that are left out."""
 
 
 def play(
-    where: Any, kind: type[haptix.LiveRenderer], settings: LiveSettings, setting: Setting,
-    surface: Any, panel: TouchPanel, stalls: bool,
+    where: Any, settings: LiveSettings, setting: Setting, surface: Any, panel: TouchPanel,
+    stalls: bool, in_steps: Steps,
 ) -> dict[str, Any]:  # fmt: skip
     renderer_stalls = Stalls(RENDERER_STALL_S, RENDERER_EVERY_S)
     link_stalls = Stalls(LINK_STALL_S, LINK_EVERY_S)
@@ -181,7 +166,7 @@ def play(
         device = Device(link)
         texture = StallingTexture(setting.texture, renderer_stalls)
         cpu_s = 0.0
-        with kind(surface, texture, device, settings=settings) as renderer:
+        with haptix.LiveRenderer(surface, texture, device, settings=settings) as renderer:
             time.sleep(0.3)
             start_s = time.monotonic() + 0.05
             cpu_s = time.process_time()
@@ -189,8 +174,10 @@ def play(
                 renderer_stalls.begin()
                 link_stalls.begin()
             rows = (seen.t_s, seen.x_mm, seen.y_mm, seen.normal_force_n, seen.arrival_s)
+            came_s = []
             for t, x, y, force, arrival in zip(*(r.tolist() for r in rows), strict=True):
                 end.wait(max(0.0, start_s + arrival - time.monotonic()))
+                came_s.append(time.monotonic() - start_s)
                 renderer.event(TouchEvent(start_s + t, 0, x, y, "move", force))
             cpu_s = time.process_time() - cpu_s
             seconds = time.monotonic() - start_s
@@ -201,23 +188,30 @@ def play(
         (began - start_s, ended - start_s + FELT_AFTER_S)
         for began, ended in renderer_stalls.spans + link_stalls.spans
     ]
+    played = Played(setting, renderer, device, volts, 0.0)
+    error = evaluate_live(played, spans).error_p95_jnd
+    steps = in_steps(panel, spans)
+    as_late = in_steps(PanelAsRead(seen=replace(seen, arrival_s=np.array(came_s))), spans)
     row: dict[str, Any] = {
-        **of_felt(renderer, setting, surface, volts, seen.arrival_s[-1], spans),
+        "error p95 JND": round(error, 3),
+        "in steps": round(steps, 3),
+        "of steps": round(error / steps, 3),
+        "of steps as late": round(error / as_late, 3),
+    }
+    if spans:
+        row["with stalls"] = round(evaluate_live(played).error_p95_jnd, 3)
+    return row | {
         "underruns": stats.underruns,
-        "stalls": len(renderer_stalls.spans) + len(link_stalls.spans),
+        "stalls": len(spans),
         "CPU share": round(cpu_s / seconds, 3),
         "seconds": round(seconds, 1),
+        "revisions": stats.revisions,
+        "refused": stats.refused,
+        "late samples": stats.late_samples,
+        "reaction p50 ms": round(1e3 * stats.reaction_p50_s, 2),
+        "p99": round(1e3 * stats.reaction_p99_s, 2),
+        "largest": round(1e3 * stats.reaction_max_s, 2),
     }
-    if kind is not FixedLead:
-        row |= {
-            "revisions": stats.revisions,
-            "refused": stats.refused,
-            "late samples": stats.late_samples,
-            "reaction p50 ms": round(1e3 * stats.reaction_p50_s, 2),
-            "p99": round(1e3 * stats.reaction_p99_s, 2),
-            "largest": round(1e3 * stats.reaction_max_s, 2),
-        }
-    return row
 
 
 def main() -> None:
@@ -225,37 +219,26 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--reaction-ms", type=float, default=3.0)
     parser.add_argument("--where", choices=("mock", "served", "both"), default="both")
-    parser.add_argument("--revised-only", action="store_true")
     parser.add_argument("--no-stalls", action="store_true")
     parser.add_argument("--panel-noise-mm", type=float, default=0.0)
     parser.add_argument("--panel-step-mm", type=float, default=0.0)
     options = parser.parse_args()
     setting, surface = demo_setting(options.seconds)
-    ways: list[tuple[str, type[haptix.LiveRenderer], LiveSettings]] = [
-        (
-            "revised",
-            haptix.LiveRenderer,
-            LiveSettings(reaction_s=options.reaction_ms / 1e3, strict=False),
-        ),
-    ]
-    if not options.revised_only:
-        ways += [
-            (
-                f"lead of {lead * 1e3:g} ms",
-                FixedLead,
-                LiveSettings(lead_s=lead, block_s=0.001, strict=False),
-            )
-            for lead in (0.025, 0.005)
-        ]
+    settings = LiveSettings(reaction_s=options.reaction_ms / 1e3, strict=False)
     panel = TouchPanel(100.0, 0.02, options.panel_noise_mm, 0.0, options.panel_step_mm)
+
+    def in_steps(panel: TouchPanel, spans: list[tuple[float, float]]) -> float:
+        played = play_live(setting, surface, panel, settings, "mock:")
+        return evaluate_live(played, spans).error_p95_jnd
+
     places = {"mock": (InProcess,), "served": (Served,), "both": (InProcess, Served)}
     for where in places[options.where]:
-        for name, kind, settings in ways:
-            try:
-                row = play(where(), kind, settings, setting, surface, panel, not options.no_stalls)
-            except haptix.HaptixError as error:
-                row = {"failed": str(error)}
-            print(json.dumps({"where": where.__name__, "way": name, **row}), flush=True)
+        try:
+            stalls = not options.no_stalls
+            row = play(where(), settings, setting, surface, panel, stalls, in_steps)
+        except haptix.HaptixError as error:
+            row = {"failed": str(error)}
+        print(json.dumps({"where": where.__name__, **row}), flush=True)
 
 
 if __name__ == "__main__":

@@ -28,8 +28,7 @@ from haptix.render import (
     RenderSettings,
     SineCarrier,
 )
-from haptix.render.live_fingers import LiveFingers
-from haptix.render.target import Amplitudes, Target
+from haptix.render.fingers import PredictedFingers
 from haptix.simulation import FINGER_PATH, Setting, simulate
 from haptix.surface import Slice
 from haptix.touch import TouchEvent, TouchSettings
@@ -58,11 +57,12 @@ def report(name: str, times: np.ndarray) -> None:
 def blocks(surface: Any, texture: Any) -> None:
     print("a block of 1 ms at 48 kHz")
     for fingers in (1, 2, 10):
-        touches = LiveFingers(LiveSettings(touch=TouchSettings(lost_after_s=60.0)))
+        touches = PredictedFingers(LiveSettings(touch=TouchSettings(lost_after_s=60.0)))
         for i in range(30):
             for finger in range(fingers):
                 x, y, force = 10 + 0.5 * i, 20.0 + finger, 0.5 + 0.005 * i
                 touches.take(TouchEvent(0.01 * i, finger, x, y, "move", force))
+        touches.update(0.29)
         drive, settings = SineCarrier(4000.0), RenderSettings(block_s=1e-3)
         core = RenderCore(surface, texture, open_device("mock:"), drive, settings)
         clock = {"sample": 0, "amplitude_v": 0.0}
@@ -80,19 +80,21 @@ def bare(surface: Any, texture: Any) -> None:
     """One row of pixels under 48 places, one row of the surface, the sine, 16 bits."""
     print("the bare path, one finger")
     level = np.ascontiguousarray(texture.level[100])
-    row = Slice.of(surface.table).column(0.5)
+    load = torch.tensor(0.5, dtype=torch.float64)
+    low, high = surface.reachable(load)
+    shares = np.linspace(0.0, 1.0, 256)
+    row = surface.voltage(low + torch.from_numpy(shares) * (high - low), load).voltage_v.numpy()
     places = np.linspace(100.0, 110.0, BLOCK)
     columns = np.arange(len(level), dtype=float)
     wave = 2 * np.pi * 4000.0 / RATE * np.arange(BLOCK)
 
     def by_numpy() -> np.ndarray:
-        found = Amplitudes.of(row, Target("share"), np.interp(places, columns, level))
-        return np.asarray(found.voltage_v * np.sin(wave) * (32767 / 250)).astype(np.int16)
+        voltage_v = np.interp(np.interp(places, columns, level), shares, row)
+        return np.asarray(voltage_v * np.sin(wave) * (32767 / 250)).astype(np.int16)
 
     report("numpy", times_us(by_numpy))
 
     line, at, phase = torch.from_numpy(level), torch.from_numpy(places), torch.from_numpy(wave)
-    load = torch.tensor(0.5, dtype=torch.float64)
 
     def by_torch() -> torch.Tensor:
         cell = at.long()

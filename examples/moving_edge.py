@@ -1,11 +1,11 @@
 """A sheet with a grating slides in under a moving finger: the texture's edge moves.
 
-    python examples/moving_edge.py [--edge-mm-per-s 15] [--device mock:] [--out moving_edge.png]
+    python examples/moving_edge.py [--edge-mm-per-s 15] [--device usb:] [--out moving_edge.png]
 
-Fields of friction hold no state. What changes in time is a new field, given to `renderer.texture`;
-it counts from the next block, whose samples play a lead later, so it shows the sheet where that
-will be then. The finger is simulated. On the mock it moves in virtual time, is reported 20 ms late,
-and a virtual finger says what it felt; any other device plays it in real time.
+The sheet is a region of a layout, which is moved at each touch. What is moved plays one reaction
+later, so it shows the sheet where that will be then. The finger is simulated. On the mock in steps
+it is reported 20 ms late, and a virtual finger says what it felt; any other device plays it in real
+time.
 """
 
 import sys
@@ -15,8 +15,7 @@ import numpy as np
 import typer
 
 import haptix
-from haptix.render import LiveSettings, PredictingRenderer
-from haptix.texture import Composition, Grating, Sprite, as_mu
+from haptix.texture import Grating, as_mu
 from haptix.touch import events_of, paced
 from haptix.virtual_finger import VirtualFinger, evaluate
 
@@ -25,12 +24,14 @@ try:
 except ModuleNotFoundError as error:
     sys.exit(f"needs {error.name}; run: pip install 'haptix-electrovibration[figures]'")
 
-SECONDS, RIGHT_MM, LEAD_S, LATENCY_S = 2.5, 60.0, 0.025, 0.02
+SECONDS, RIGHT_MM, LATENCY_S = 2.5, 60.0, 0.02
 GRATING = Grating(period_mm=5.0, wave="square", low=0.15, high=0.85)  # shares of what is reachable
 
 
 def main(
-    edge_mm_per_s: float = 15.0, device: str = "mock:", out: Path = Path("moving_edge.png")
+    edge_mm_per_s: float = 15.0,
+    device: str = "mock:pace=stepped",
+    out: Path = Path("moving_edge.png"),
 ) -> None:
     def edge_mm(t_s):  # from the middle of the screen to the left
         return np.maximum(45.0 - edge_mm_per_s * t_s, 0.0)
@@ -47,13 +48,16 @@ def main(
     opened = haptix.open_device(device)
     in_time = opened.mock is None or opened.mock.pace == "real"
     late_s = 0.0 if in_time else LATENCY_S
-    kind = haptix.LiveRenderer if in_time else PredictingRenderer
-    with kind(surface, GRATING, opened, settings=LiveSettings(lead_s=LEAD_S)) as renderer:
+    layout = haptix.Layout()
+    patch = layout.add(GRATING, 100.0, 0.0, 100.0, 60.0)
+    with haptix.LiveRenderer(surface, layout, opened) as renderer:
         began_s = renderer.now_s() if in_time else 0.0
         for event in paced(events_of(path), clock=renderer.now_s) if in_time else events_of(path):
-            left_mm = float(edge_mm(event.t_s - began_s + late_s + LEAD_S))
-            renderer.texture = Composition([Sprite(GRATING, left_mm, 0.0, 100.0, 60.0)])
-            renderer.event(event, event.t_s + late_s)
+            renderer.run_until(event.t_s + late_s)
+            played_s = event.t_s - began_s + late_s + renderer.settings.reaction_s
+            left_mm = float(edge_mm(played_s))
+            patch.move(left_mm, 0.0, over_s=0.0)
+            renderer.event(event)
     print(renderer.stats)
     if in_time:
         return
@@ -80,8 +84,9 @@ def main(
     friction.plot(felt.t_s, felt.mu, color="tab:blue", lw=1, label="felt by the virtual finger")
     friction.set(
         ylabel="friction coefficient",
-        title=f"2  Touches come {LATENCY_S * 1e3:g} ms late and samples play {LEAD_S * 1e3:g} ms "
-        f"later still; error {evaluation.error_rms_jnd:.1f} JND (rms)",
+        title=f"2  Touches come {LATENCY_S * 1e3:g} ms late and are played "
+        f"{renderer.settings.reaction_s * 1e3:g} ms later; error "
+        f"{evaluation.error_rms_jnd:.1f} JND (rms)",
     )
     friction.margins(y=0.3)
     friction.legend(loc="upper left", ncols=2)

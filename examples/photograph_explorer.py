@@ -1,10 +1,10 @@
 """Explore a photograph with a finger, live, and hear from the finger what it felt.
 
     python examples/photograph_explorer.py [photo.png] [--width-mm 60] [--path path.csv]
-        [--device mock:] [--out photograph_explorer.png]
+        [--device usb:] [--out photograph_explorer.png]
 
 The finger's path is a recording (CSV: t_s, x_mm, y_mm, normal_force_n). On the mock it is played in
-virtual time: a touch panel reports it at 100 Hz and 20 ms late, the renderer predicts where the
+steps: a touch panel reports it at 100 Hz and 20 ms late, the renderer predicts where the
 finger is, and a virtual finger feels what went out at the place where it truly was. Any other
 device plays the recording in real time, for a finger that moves the same way.
 """
@@ -17,7 +17,6 @@ import numpy as np
 import typer
 
 import haptix
-from haptix.render import PredictingRenderer
 from haptix.simulation import FINGER_PATH
 from haptix.texture import as_mu
 from haptix.touch import TouchEvent, events_of, paced
@@ -34,7 +33,7 @@ def main(
     photograph: Annotated[Path | None, typer.Argument(help="[default: a brick wall]")] = None,
     width_mm: float = 60.0,
     path: Path = FINGER_PATH,
-    device: str = "mock:",
+    device: str = "mock:pace=stepped",
     out: Path = Path("photograph_explorer.png"),
 ) -> None:
     texture = haptix.Texture.from_image(photograph or brick(), width_mm)
@@ -55,8 +54,7 @@ def main(
     opened = haptix.open_device(device)
     in_time = opened.mock is None or opened.mock.pace == "real"
     true = (finger.t_s, finger.x_mm, finger.y_mm, finger.normal_force_n)
-    kind = haptix.LiveRenderer if in_time else PredictingRenderer
-    with kind(surface, texture, opened) as renderer:
+    with haptix.LiveRenderer(surface, texture, opened) as renderer:
         if in_time:
             for event in paced(events_of(finger), clock=renderer.now_s):
                 renderer.event(event)
@@ -71,7 +69,7 @@ def main(
         return
 
     played, rate_hz = opened.mock.played_v, renderer.sample_rate_hz
-    felt = VirtualFinger(model).feel(played, rate_hz, *true, start_s=float(finger.t_s[0]))
+    felt = VirtualFinger(model).feel(played, rate_hz, *true)
     lowest, highest = renderer.reachable(felt.normal_force_n, felt.speed_mm_per_s)
     target = as_mu("share", texture.friction(felt.x_mm, felt.y_mm), lowest, highest)
     evaluation = evaluate(felt, target)
@@ -99,7 +97,7 @@ def main(
     friction.margins(x=0, y=0.25)
     friction.legend(loc="upper right", ncols=3)
     voltage = figure.add_subplot(grid[2, :], sharex=friction)
-    at_s = finger.t_s[0] + np.arange(len(played)) / rate_hz
+    at_s = np.arange(len(played)) / rate_hz
     voltage.plot(at_s, played, color="tab:purple", lw=0.2)
     voltage.set(xlabel="time (s)", ylabel="played (V)", title="4  Voltage: a 4 kHz carrier")
     figure.savefig(out, dpi=110)

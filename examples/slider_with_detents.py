@@ -1,10 +1,10 @@
 """A slider whose detents are felt: each step of its value is a ridge of friction.
 
-    python examples/slider_with_detents.py [--steps 8] [--device mock:] [--out slider.png]
+    python examples/slider_with_detents.py [--steps 8] [--device usb:] [--out slider.png]
 
 Friction rises between two values and falls into the next, and stays high beyond the ends. The
 program reads the value where the touches say the finger is, and never needs to know where the
-ridges are felt. The finger is simulated. On the mock it moves in virtual time, is reported 20 ms
+ridges are felt. The finger is simulated. On the mock it moves in steps, is reported 20 ms
 late, and a virtual finger says what it felt; any other device plays it in real time.
 """
 
@@ -15,7 +15,6 @@ import numpy as np
 import typer
 
 import haptix
-from haptix.render import PredictingRenderer
 from haptix.texture import RecordedProfile, as_mu
 from haptix.touch import events_of, paced
 from haptix.virtual_finger import VirtualFinger, evaluate
@@ -46,7 +45,7 @@ def detents(steps: int) -> RecordedProfile:
 
 
 def main(
-    steps: int = 8, device: str = "mock:", out: Path = Path("slider_with_detents.png")
+    steps: int = 8, device: str = "mock:pace=stepped", out: Path = Path("slider_with_detents.png")
 ) -> None:
     slider = detents(steps)
     t = np.arange(0.0, SECONDS, 0.01)
@@ -62,10 +61,9 @@ def main(
     opened = haptix.open_device(device)
     in_time = opened.mock is None or opened.mock.pace == "real"
     value, values = 0, []
-    kind = haptix.LiveRenderer if in_time else PredictingRenderer
-    with kind(surface, slider, opened) as renderer:
+    with haptix.LiveRenderer(surface, slider, opened) as renderer:
         for event in paced(events_of(path), clock=renderer.now_s) if in_time else events_of(path):
-            renderer.event(event, event.t_s + (0.0 if in_time else LATENCY_S))
+            renderer.event(event, None if in_time else event.t_s + LATENCY_S)
             at = (event.x_mm - LEFT_MM) / LENGTH_MM * steps - 0.5  # 0 in the middle of value 0
             if abs(at - value) > 0.55:  # past the ridge, so that its top does not flicker
                 value = int(np.clip(round(at), 0, steps - 1))

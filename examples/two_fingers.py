@@ -1,6 +1,6 @@
 """Two fingers on two textures, over one electrode: the target of each, and what both feel.
 
-    python examples/two_fingers.py [--combination strongest] [--device mock:] [--out fingers.png]
+    python examples/two_fingers.py [--combination strongest] [--device usb:] [--out fingers.png]
 
 A screen has one voltage for all fingers on it, so two of them cannot feel two textures at once.
 `combination` says whose amplitude counts: the strongest, the first finger's, or the mean. A finger
@@ -16,8 +16,9 @@ import numpy as np
 import typer
 
 import haptix
-from haptix.render import LiveSettings, PredictingRenderer
-from haptix.texture import Composition, Grating, Sprite, Texture, as_mu
+from haptix.motion import Motion
+from haptix.render import LiveSettings
+from haptix.texture import Grating, Texture, as_mu
 from haptix.touch import events_of, paced
 from haptix.virtual_finger import VirtualFinger, evaluate
 
@@ -29,12 +30,9 @@ except ModuleNotFoundError as error:
 
 LATENCY_S = 0.02
 COLOURS = ("tab:red", "tab:blue")
-SCREEN = Composition(
-    [
-        Sprite(Grating(6.0, "sine", low=0.0, high=0.9), 0.0, 0.0, 50.0, 40.0),
-        Sprite(Texture.from_image(brick(), 50.0, share_range=(0.0, 0.9)), 50.0, 0.0, 50.0, 40.0),
-    ]
-)
+SCREEN = haptix.Layout()
+SCREEN.add(Grating(period_mm=6.0, wave="sine", low=0.0, high=0.9), 0.0, 0.0, 50.0, 40.0)
+SCREEN.add(Texture.from_image(brick(), 50.0, share_range=(0.0, 0.9)), 50.0, 0.0, 50.0, 40.0)
 
 
 def stroke(begin_s: float, end_s: float, left_mm: float, y_mm: float) -> haptix.Trajectory:
@@ -45,7 +43,9 @@ def stroke(begin_s: float, end_s: float, left_mm: float, y_mm: float) -> haptix.
 
 
 def main(
-    combination: str = "strongest", device: str = "mock:", out: Path = Path("two_fingers.png")
+    combination: str = "strongest",
+    device: str = "mock:pace=stepped",
+    out: Path = Path("two_fingers.png"),
 ) -> None:
     paths = [stroke(0.0, 2.0, 5.0, 18.0), stroke(1.0, 3.0, 55.0, 18.0)]
     events = [event for touch_id, path in enumerate(paths) for event in events_of(path, touch_id)]
@@ -58,10 +58,10 @@ def main(
 
     opened = haptix.open_device(device)
     in_time = opened.mock is None or opened.mock.pace == "real"
-    kind = haptix.LiveRenderer if in_time else PredictingRenderer
-    with kind(surface, SCREEN, opened, settings=LiveSettings(combination=combination)) as renderer:
+    settings = LiveSettings(combination=combination)
+    with haptix.LiveRenderer(surface, SCREEN, opened, settings=settings) as renderer:
         for event in paced(events, clock=renderer.now_s) if in_time else events:
-            renderer.event(event, event.t_s + (0.0 if in_time else LATENCY_S))
+            renderer.event(event, None if in_time else event.t_s + LATENCY_S)
     print(renderer.stats)
     if in_time:
         return
@@ -71,14 +71,15 @@ def main(
     grid = figure.add_gridspec(4, 1, height_ratios=(1.6, 1, 1, 0.8))
     place = figure.add_subplot(grid[0])
     x, y = np.meshgrid(np.linspace(0, 100, 800), np.linspace(0, 40, 320))
-    place.imshow(SCREEN.friction(x, y), cmap="gray", extent=(0, 100, 40, 0))
+    share = SCREEN.wanted(Motion.of(x, y)).reshape(x.shape)
+    place.imshow(share, cmap="gray", extent=(0, 100, 40, 0))
     place.set(xlabel="x (mm)", ylabel="y (mm)", title="1  Two textures, and a finger on each")
     axes = None
     for number, (path, colour) in enumerate(zip(paths, COLOURS, strict=True), 1):
         true = (path.t_s, path.x_mm, path.y_mm, path.normal_force_n)
         felt = VirtualFinger(model).feel(played, rate_hz, *true)
         reachable = renderer.reachable(felt.normal_force_n, felt.speed_mm_per_s)
-        target = as_mu("share", SCREEN.friction(felt.x_mm, felt.y_mm), *reachable)
+        target = as_mu("share", SCREEN.wanted(Motion.of(felt.x_mm, felt.y_mm)), *reachable)
         other = paths[2 - number]
         together = (felt.t_s >= other.t_s[0]) & (felt.t_s <= other.t_s[-1] + LATENCY_S)
         alone, both = (

@@ -23,12 +23,13 @@ from haptix.errors import InputError
 from haptix.fidelity import FIDELITIES, FidelityName
 from haptix.finger import Finger
 from haptix.friction import ContactModel
+from haptix.kinds import in_folder
 from haptix.materials.kinds import material_of
-from haptix.materials.material import AnyMaterial, in_folder
 from haptix.screen import Screen
 from haptix.surface.axes import AXES
 from haptix.surface.request import low_and_high
 from haptix.terms import TERMS, possible_terms
+from haptix.texture.material import AnyMaterial
 
 DtypeName = Literal["float32", "float64"]
 

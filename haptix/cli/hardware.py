@@ -40,7 +40,7 @@ def doctor(
 
     Exit code 1 if something that every use needs is broken.
     """
-    from firmware_io import MockDriver, survey_buses
+    from firmware_io import survey_buses
 
     if install_udev:
         _install_udev(root, yes)
@@ -50,12 +50,10 @@ def doctor(
         _check_torch(),
         _check_cache(),
         _check_solver(),
+        _check_firmware(),
     ]
     buses = [_row(report.kind, report.available, report.detail) for report in survey_buses()]
-    core = MockDriver().core
-    which = {"c": "compiled from C", "python": "the reference in Python (no C compiler was found)"}
-    firmware = _row("mock driver", True, f"the reference firmware, {which[core]}")
-    rows = [*needed, *buses, _check_udev(root), firmware, _check_timing()]
+    rows = [*needed, *buses, _check_udev(root), _check_timing()]
     show("doctor", rows, as_json)
     if any(row["ok"] == "no" for row in needed):
         raise typer.Exit(1)
@@ -135,6 +133,16 @@ def _check_cache() -> dict[str, Any]:
     there = next(above for above in (folder, *folder.parents) if above.exists())
     good = there.is_dir() and os.access(there, os.W_OK)
     return _row("cache", good, f"{folder}" if good else f"{folder} cannot be written")
+
+
+def _check_firmware() -> dict[str, Any]:
+    from firmware_io import DeviceError, MockDriver
+
+    try:
+        MockDriver()
+    except DeviceError as error:
+        return _row("firmware", False, str(error))
+    return _row("firmware", True, "the compiled core, for the mock, audio and DAQ links")
 
 
 def _check_solver() -> dict[str, Any]:

@@ -16,12 +16,13 @@ from haptix.cli.options import (
     CarrierHz,
     DirectHz,
     FingerPath,
+    HorizonMs,
     Image,
-    LeadMs,
     MaterialFile,
     OwnFinger,
     OwnScreen,
     Range,
+    ReactionMs,
     SurfaceFile,
     Waveform,
     Width,
@@ -30,6 +31,8 @@ from haptix.cli.options import (
 from haptix.cli.setting import current_of, setting_of, surface_of
 from haptix.errors import OverloadWarning
 from haptix.terminal import AsJson, breakdown_note, placeholder_note, progress_bar, show
+
+_ENDS_S = 0.05  # after the last touch: what it brought is heard
 
 
 def render(
@@ -56,7 +59,8 @@ def render(
     touch_latency_ms: Annotated[
         float, typer.Option(help="Delay of its reports.", callback=delay_ms)
     ] = 20.0,
-    lead_ms: LeadMs = 25.0,
+    reaction_ms: ReactionMs = 3.0,
+    horizon_ms: HorizonMs = 100.0,
     device: Annotated[
         str, typer.Option(help="A mock device, with its options.", callback=device_address)
     ] = "mock:",
@@ -88,7 +92,7 @@ def render(
             setting,
             found,
             TouchPanel(touch_hz, touch_latency_ms / 1e3),
-            LiveSettings(lead_s=lead_ms / 1e3),
+            LiveSettings(reaction_s=reaction_ms / 1e3, horizon_s=horizon_ms / 1e3),
             device,
             partial(update, "render"),
         )
@@ -98,7 +102,8 @@ def render(
             "screen": screen,
             "touch_hz": touch_hz,
             "touch_latency_ms": touch_latency_ms,
-            "lead_ms": lead_ms,
+            "reaction_ms": reaction_ms,
+            "horizon_ms": horizon_ms,
         }
         summary = write(out, simulation, about)
     title = f"haptix render: outputs in {out}; {finger} finger on {screen}"
@@ -120,20 +125,8 @@ def play(
     carrier_hz: CarrierHz = None,
     direct_hz: DirectHz = None,
     waveform: Waveform = "sine",
-    reaction_ms: Annotated[
-        float,
-        typer.Option(help="From a touch to what it changes.", callback=number(above=0, most=1000)),
-    ] = 3.0,
-    horizon_ms: Annotated[
-        float,
-        typer.Option(help="Longest stall that is not felt.", callback=number(above=0, most=10_000)),
-    ] = 100.0,
-    lead_ms: Annotated[
-        float,
-        typer.Option(
-            help="As in render: if the driver cannot revise.", callback=number(above=0, most=1000)
-        ),
-    ] = 25.0,
+    reaction_ms: ReactionMs = 3.0,
+    horizon_ms: HorizonMs = 100.0,
     device: Annotated[
         str, typer.Option(help="Where to play, see `haptix devices`.", callback=device_address)
     ] = "mock:pace=real",
@@ -142,8 +135,6 @@ def play(
     """Play a recorded path on a device, in real time."""
     with progress_bar({"surface": "build the surface", "play": "play"}) as update:
         update("surface", 0.0)
-        import time
-
         from haptix.devices import open_device
         from haptix.profiles import profiles_for
         from haptix.render import LiveRenderer, LiveSettings
@@ -158,9 +149,8 @@ def play(
             found = surface_of(setting, surface, partial(update, "surface"))
             events = events_of(setting.path)
             # Not strict: after a stall of this machine, touches come too late to be of use.
-            times = (reaction_ms / 1e3, horizon_ms / 1e3, lead_ms / 1e3)
             live = LiveSettings(
-                reaction_s=times[0], horizon_s=times[1], lead_s=times[2], strict=False
+                reaction_s=reaction_ms / 1e3, horizon_s=horizon_ms / 1e3, strict=False
             )
             renderer = LiveRenderer(found, setting.texture, opened, setting.drive, live)
             with warnings.catch_warnings(), renderer:
@@ -168,13 +158,12 @@ def play(
                 for number, event in enumerate(paced(events, clock=renderer.now_s), 1):
                     renderer.event(event)
                     update("play", number / len(events))
-                time.sleep(2 * lead_ms / 1e3)
+                renderer.run_until(renderer.now_s() + _ENDS_S)
     stats = renderer.stats
     row: dict[str, float | str] = {
         "seconds": stats.samples_played / renderer.sample_rate_hz,
-        "lead_ms": stats.lead_s * 1e3,
+        "reaction_ms": stats.reaction_s * 1e3,
         "underruns": stats.underruns,
-        "late_blocks": stats.late_blocks,
         "block_p50_ms": stats.p50_block_s * 1e3,
         "block_p99_ms": stats.p99_block_s * 1e3,
         "too_low": stats.below / max(stats.samples, 1),

@@ -23,10 +23,7 @@ from haptix.terminal import (
 if TYPE_CHECKING:
     from haptix.planning import Plan
 
-_WAY = ("dtype", "form", "device")  # in which a surface is queried
 _TRADEOFF_STAGES = {
-    "plan": "plan the scene",
-    "truth": "solve the held-out points",
     "run": "build, query and invert",
     "measure": "solve boundary elements",
     "write": "write tables and plot",
@@ -40,7 +37,8 @@ def plan(
     """Measure what each part of the model does in a scene, and drop what its budget allows.
 
     An effect is the largest over points of the scene, in friction coefficient and in
-    just-noticeable differences (JND). Savings are measured; those with a ~ are estimated.
+    just-noticeable differences (JND). A cost is the time that it adds to the contact's table and
+    2,000 states.
     """
     with progress_bar({"plan": "plan the scene"}) as update:
         # torch loads here; the bar shows those seconds too.
@@ -49,10 +47,9 @@ def plan(
         from haptix.scene import Scene
 
         found = plan_scene(Scene.load(scene), partial(update, "plan"))
-    nodes = " x ".join(str(count) for count in found.nodes.values() if count > 1)
     dtype = str(found.dtype).removeprefix("torch.")
     title = (
-        f"{found.scene.name}: {found.model.fidelity}, {dtype}, at most some {nodes} nodes, "
+        f"{found.scene.name}: {found.model.fidelity}, {dtype}, "
         f"tolerance {found.tolerance.value:.3g} {found.tolerance.unit}; left out "
         f"{found.effect.thresholds_max:.2g} of {found.scene.budget_thresholds:g} JND"
     )
@@ -69,18 +66,11 @@ def _rows(plan: Plan) -> list[dict[str, Any]]:
             "decision": "kept" if row.kept else "dropped",
             "mu": f"{row.effect.mu_max:.2g}",
             "JND": f"{row.effect.thresholds_max:.2g}",
-            "saves": _saved(row.time_saved_s, row.memory_saved_bytes, row.savings),
+            "costs": f"{row.cost_s * 1e3:.2g} ms" if row.cost_s else "-",
             "why": row.why,
         }
         for row in plan.rows
     ]
-
-
-def _saved(time_s: float, memory_bytes: int, savings: str) -> str:
-    about = "~" if savings == "estimated" else ""
-    parts = [f"{about}{time_s * 1e3:.2g} ms"] * (time_s > 0)
-    parts += [f"{about}{memory_bytes} B"] * (memory_bytes > 0)
-    return ", ".join(parts) or "-"
 
 
 def _full_rows(plan: Plan) -> list[dict[str, Any]]:
@@ -91,9 +81,7 @@ def _full_rows(plan: Plan) -> list[dict[str, Any]]:
             "decision": "kept" if row.kept else "dropped",
             "why": row.why,
             **{f"effect_{name}": value for name, value in asdict(row.effect).items()},
-            "time_saved_s": row.time_saved_s,
-            "memory_saved_bytes": row.memory_saved_bytes,
-            "savings": row.savings,
+            "cost_s": row.cost_s,
             "placeholder_spread_jnd": dict(plan.placeholder_spread_jnd),
         }
         for row in plan.rows
@@ -122,32 +110,33 @@ def tradeoff(
     Writes tradeoff.csv, tradeoff.json and tradeoff.png.
     """
     with progress_bar(_TRADEOFF_STAGES) as update:
-        update("plan", 0.0)
+        update("run", 0.0)
         from haptix.scene import Scene
         from haptix.tradeoff import default_scene, write_tradeoff
 
         chosen = default_scene() if scene is None else Scene.load(scene)
         found = write_tradeoff(chosen, out, quick, update, boundary_elements)
     if as_json:
-        rows = [run.row() for run in found.runs]
+        rows = [asdict(run) for run in found.runs]
     else:
         rows = [
             {
-                "model": run.setting.model,
-                "tolerance": run.setting.tolerance.removesuffix(" JND"),
-                "asked as": " ".join(asdict(run.setting)[key] for key in _WAY).removesuffix(" cpu"),
-                "error": f"{run.error.thresholds_max:.2g}",
+                "take": run.take,
+                "model": run.model,
+                "tolerance": run.tolerance.removesuffix(" JND"),
+                "asked as": f"{run.dtype} {run.form} {run.device}".removesuffix(" cpu"),
+                "error": f"{run.error_max_thresholds:.2g}",
                 "build": f"{run.build_s:.2g}",
                 "query": f"{run.query_s_per_million:.2g}",
                 "invert": f"{run.invert_s_per_million:.2g}",
                 "bytes": run.memory_bytes,
-                "front": " ".join(name[0] for name in run.fronts),
             }
             for run in found.runs
+            if run.take
         ]
     title = (
-        f"haptix tradeoff: outputs in {out}; error and tolerance in JND (budget "
-        f"{chosen.budget_thresholds:g}), build in s, query and invert in s per million; front: not "
-        "beaten in error and in build time, query time or memory"
+        f"haptix tradeoff: what to take; all {len(found.runs)} runs and the picture in {out}; "
+        f"error and tolerance in JND (budget {chosen.budget_thresholds:g}), build in s, query and "
+        "invert in s per million"
     )
     show(title, rows, as_json)

@@ -4,13 +4,12 @@ from .core import RenderedBlock as RenderedBlock
 from .drive import DirectWave as DirectWave
 from .drive import Drive as Drive
 from .drive import SineCarrier as SineCarrier
-from .live import LiveRenderer as LiveRenderer
-from .live import PredictingRenderer as PredictingRenderer
 from .master import EffectEnd as EffectEnd
 from .master import PlayingEffect as PlayingEffect
-from .renderer import Renderer as Renderer
-from .session import RenderStats as RenderStats
 from .settings import Combination as Combination
 from .settings import LiveSettings as LiveSettings
 from .settings import RenderSettings as RenderSettings
 from .settings import Sliding as Sliding
+from .stream import LiveRenderer as LiveRenderer
+from .stream import Renderer as Renderer
+from .stream import RenderStats as RenderStats

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -15,12 +14,12 @@ from haptix.errors import InputError
 from haptix.finger_response import FingerResponse
 from haptix.layout import Layout
 from haptix.motion import Motion
+from haptix.native import NULL, Struct, doubles, ffi, library, room
 from haptix.render.drive import Drive, DriverCarrier, SineCarrier
-from haptix.render.settings import RenderSettings
-from haptix.render.target import Amplitudes, Target
-from haptix.status import Status
+from haptix.render.master import Master
+from haptix.render.settings import Combination, RenderSettings
 from haptix.surface import FrictionSurface, Slice
-from haptix.texture import Evaluator, Feelable, check_feelable
+from haptix.texture import Evaluator, Feelable, TargetKind, check_feelable
 from haptix.waves import turns
 
 CONTROL_HZ = 12_000.0
@@ -35,6 +34,12 @@ _PARTS = 4  # places of the texture in a quarter of a period
 
 _JOIN_S = 0.002  # over which a window that is rendered again meets what is queued behind it
 
+_TARGETS: tuple[TargetKind, ...] = ("mu", "contrast", "share")
+_COMBINATIONS: tuple[Combination, ...] = ("strongest", "first", "mean")
+_BLOCK, _BYTES = ffi.typeof("hx_block *"), ffi.typeof("int8_t *")
+_INT8 = np.dtype(np.int8)
+_new, _from_buffer, _render = ffi.new, ffi.from_buffer, library.hx_render
+
 DEFAULT_CARRIER_HZ = 4000.0
 """Above what skin feels, and a whole twelfth of the usual 48 kHz."""
 
@@ -46,8 +51,6 @@ class Fingers(NamedTuple):
     """Where they are, at the control points."""
     gain: Array
     """Share of its amplitude that each finger gets, 0 to 1, of the motion's shape."""
-    force_n: list[float] | None = None
-    """One force for each finger [N], where it hardly changes during the block."""
     touch_ids: tuple[int, ...] = ()
     """Which finger each is; live ones only."""
 
@@ -57,36 +60,25 @@ class Fingers(NamedTuple):
         return cls(Motion.none(points), np.empty(0))
 
 
-@dataclass(frozen=True, slots=True)
-class RenderedBlock:
-    """Target and drive at control points, which end equal steps of samples.
-
-    Parameters
-    ----------
-    first_sample, step : int
-        First sample of the block; samples from one point to the next.
-    fingers : int
-        How many touched.
-    target_mu : ndarray, shape (fingers * points,)
-        Friction that the texture asks for.
-    status : ndarray of int, shape (fingers * points,)
-        Numbers of `Status`.
-    gain : ndarray, shape (fingers * points,)
-        Share of its amplitude that each finger got: below 1 where it fades.
-    amplitude_v : ndarray, shape (points,)
-        Amplitude sent, after fades and the combination of fingers.
-    drive_v : ndarray, shape (samples,)
-        Drive signal.
-    """
+class RenderedBlock(NamedTuple):
+    """Target and drive at control points, which end equal steps of samples."""
 
     first_sample: int
+    """First sample of the block."""
     step: int
+    """Samples from one point to the next."""
     fingers: int
+    """How many touched."""
     target_mu: Array
+    """Friction that the texture asks for, shape (fingers * points,)."""
     status: npt.NDArray[np.int8]
+    """Numbers of `Status`, shape (fingers * points,)."""
     gain: Array
+    """Share of its amplitude that each finger got, below 1 where it fades, of the same shape."""
     amplitude_v: Array
+    """Amplitude sent, after fades and the combination of fingers, shape (points,)."""
     drive_v: Array
+    """Drive signal, shape (samples,)."""
 
     @property
     def sample(self) -> npt.NDArray[np.int64]:
@@ -124,6 +116,8 @@ class RenderCore:
     """
 
     _settings_kind: type[RenderSettings] = RenderSettings
+    _mix: Master | None = None
+    """Intensity and effects, where a stream has them."""
 
     def __init__(
         self,
@@ -148,7 +142,6 @@ class RenderCore:
         self.sample_rate_hz = rate
         self.step = max(1, int(rate / CONTROL_HZ))
         self.points = max(1, round(settings.block_s * rate / self.step))
-        self.texture = texture
         peak, ripple = drive.peak_per_sine, drive.attraction
         # The current through the person limits the slew: at 4 kHz, 186 V.
         screen = surface.info.get("model", {}).get("screen", {})
@@ -159,6 +152,7 @@ class RenderCore:
         highest_v = drive.highest_v(slew, change_v_per_s, rate)
         highest_v = min(surface.voltage_limit_v / max(peak, 1.0), highest_v)
         self._slice = Slice.of(surface.table, highest_v)
+        self._compiled = self._slice.compiled.at
         self._averaged = (
             []
             if ripple is None
@@ -171,11 +165,8 @@ class RenderCore:
         # The drive stays below the limit, rounding included.
         self._most_v = highest_v / (1.0 if peak <= 1 else 1 + 1e-12)
         self._most_step_v = change_v_per_s * self.step / rate
-        self._share = np.arange(self.step) / self.step
-        joined = max(1, round(_JOIN_S / self.step_s))
-        self._join_share = np.arange(1, joined + 1) / joined
-        # How far from an end its slope lets the points before it be.
-        self._reach_v = self._most_step_v * np.arange(highest_v // self._most_step_v + 1, -1, -1)
+        self._wave: tuple[Array | None, Any] = (None, NULL)  # the last one, with its address
+        self.texture = texture
 
     @property
     def texture(self) -> Feelable:
@@ -184,18 +175,26 @@ class RenderCore:
 
     @texture.setter
     def texture(self, texture: Feelable) -> None:
+        self._feel(texture)
+
+    def _feel(self, texture: Feelable) -> None:
         check_feelable("texture", texture)
         # One tuple, so that a thread that renders sees the old one or the new one.
         evaluator = texture.evaluator
-        self._attach(texture)
-        self._felt = (texture, evaluator, Target(evaluator.target, self.settings.compress))
-        self._changed()
-
-    def _attach(self, texture: Feelable) -> None:
-        """Give a layout the clock of a session."""
-
-    def _changed(self) -> None:
-        """What is felt has changed, other than by a touch."""
+        span = self.settings.compress
+        rendering = Struct(
+            "hx_rendering",
+            target=_TARGETS.index(evaluator.target),
+            compresses=span is not None and evaluator.target != "share",
+            span_low=span[0] if span else 0.0,
+            span_high=span[1] if span else 0.0,
+            combination=_COMBINATIONS.index(self.settings.combination),
+            most_v=self._most_v,
+            most_step_v=self._most_step_v,
+            step=self.step,
+            joined=max(1, round(_JOIN_S / self.step_s)),
+        )
+        self._felt = (texture, evaluator, rendering)
 
     @property
     def step_s(self) -> float:
@@ -219,25 +218,57 @@ class RenderCore:
         Of amplitudes `queued_v` that are queued at the points, the last stays, and those before it
         are blended into.
         """
+        _, evaluator, rendering = self._felt
         motion, gain = fingers.motion, fingers.gain
-        self._note(fingers, first_sample)
-        line = np.empty(motion.points + 1)
-        line[0] = amplitude_v
-        if motion.fingers:
-            found = self._amplitudes(fingers, first_sample)
-            each = (found.voltage_v * gain).reshape(motion.fingers, motion.points)
-            np.minimum(self._combined(each, motion), self._most_v, out=line[1:])
-            target, status = found.target_mu, found.status
-        else:
-            line[1:] = 0.0
-            target, status = np.empty(0), np.empty(0, dtype=np.int8)
+        count, points, step = motion.fingers, motion.points, self.step
+        value = force = intensity = added = queued = NULL
+        less, more, part = self._compiled, NULL, 0.0
+        if count:
+            motion = motion.within(self.reachable)
+            if self._averaged:
+                asked = self._over_the_quarter(evaluator, motion, first_sample)
+                speed = motion.footprint_mm * self.sample_rate_hz / step
+                cell, part = self._followed(np.float64(speed))
+                less, more = (one.compiled.at for one in self._averaged[cell : cell + 2])
+            else:
+                asked = evaluator.wanted(motion)
+            if asked.size != count * points:
+                raise InputError(
+                    f"texture: expected an answer for each of {count * points} points, got "
+                    f"{asked.size}"
+                )
+            value = doubles(asked)
+            if self._mix is not None:
+                share, more_share = self._mix.mixed(motion, first_sample / self.sample_rate_hz)
+                if isinstance(share, np.ndarray) or share != 1.0:
+                    intensity = doubles(np.full(points, share))
+                if more_share is not None:
+                    added = doubles(more_share)
+            if count > 1 and isinstance(evaluator, Layout):
+                gain = self._shared(gain, evaluator, motion)
+            force = doubles(motion.normal_force_n)
         if queued_v is not None:
-            self._join(line, queued_v)
-        change = self._slewed(line)
-        amplitude = (line[:-1, None] + change[:, None] * self._share).ravel()
-        drive_v = self.drive.modulate(amplitude, first_sample, self.sample_rate_hz)
-        counts = (first_sample, self.step, motion.fingers)
-        return RenderedBlock(*counts, target, status, gain, line[1:], drive_v)
+            queued = doubles(queued_v)
+        samples = points * step
+        wave, phase = self.drive.wave(first_sample, samples, self.sample_rate_hz)
+        kept = self._wave
+        if kept[0] is not wave:
+            self._wave = kept = (wave, doubles(wave))
+        gain_at = doubles(gain)
+        block = _new(_BLOCK, (
+            count, points, value, force, gain_at, intensity, added, less, more, part,
+            amplitude_v, queued, 0 if queued_v is None else len(queued_v), kept[1], len(wave),
+            phase,
+        ))  # fmt: skip
+        targets = count * points
+        end = targets + points
+        numbers, at = room(end + samples)
+        status = np.empty(targets, _INT8)
+        _render(rendering.at, block, at, _from_buffer(_BYTES, status))
+        return RenderedBlock(
+            first_sample, step, count, numbers[:targets], status, fingers.gain,
+            numbers[targets:end], numbers[end:],
+        )  # fmt: skip
 
     def reachable(self, normal_force_n: Array, speed_mm_per_s: Array) -> tuple[Array, Array]:
         """Lowest and highest friction coefficient at forces and speeds, shape (points,)."""
@@ -246,19 +277,19 @@ class RenderCore:
             speed_mm_per_s = np.asarray(speed_mm_per_s, dtype=np.float64)
         except (TypeError, ValueError):
             raise InputError("reachable: expected rows of forces and speeds") from None
-        column = self._slice.columns_at(normal_force_n)
+        lowest, highest = self._slice.reach(normal_force_n)
         if not self._averaged:
-            return column.lowest_mu, column.highest_mu
-        highs = np.array([one.columns_at(normal_force_n).highest_mu for one in self._averaged])
+            return lowest, highest
+        highs = np.array([one.reach(normal_force_n)[1] for one in self._averaged])
         cell, part = self._followed(speed_mm_per_s)
         at = np.arange(highs.shape[1])
-        return column.lowest_mu, (1 - part) * highs[cell, at] + part * highs[cell + 1, at]
+        return lowest, (1 - part) * highs[cell, at] + part * highs[cell + 1, at]
 
     def friction(self, normal_force_n: Array, speed_mm_per_s: Array, amplitude_v: Array) -> Array:
         """Friction coefficient at forces, speeds and amplitudes [V], each of shape (points,)."""
         if not self._averaged:
-            return self._slice.columns_at(normal_force_n).mu(amplitude_v)
-        mu = np.array([one.columns_at(normal_force_n).mu(amplitude_v) for one in self._averaged])
+            return self._slice.mu(normal_force_n, amplitude_v)
+        mu = np.array([one.mu(normal_force_n, amplitude_v) for one in self._averaged])
         cell, part = self._followed(speed_mm_per_s)
         at = np.arange(mu.shape[1])
         return np.asarray((1 - part) * mu[cell, at] + part * mu[cell + 1, at])
@@ -267,29 +298,6 @@ class RenderCore:
     def highest_v(self) -> float:
         """Highest amplitude [V] that is ever sent."""
         return self._most_v
-
-    def _amplitudes(self, fingers: Fingers, first_sample: int) -> Amplitudes:
-        """Amplitudes for each finger at each point of the block that begins with a sample."""
-        _, evaluator, target = self._felt
-        motion = fingers.motion.within(self.reachable)
-        if not self._averaged:
-            value = evaluator.wanted(motion)
-            return _inverted(
-                self._slice, fingers, target, value, *self._mixed(motion, first_sample)
-            )
-        value = self._over_the_quarter(evaluator, motion, first_sample)
-        speed = motion.footprint_mm * self.sample_rate_hz / self.step
-        cell, part = self._followed(np.float64(speed))
-        mixed = self._mixed(motion, first_sample)
-        less, more = (
-            _inverted(one, fingers, target, value, *mixed)
-            for one in self._averaged[cell : cell + 2]
-        )
-        return Amplitudes(
-            less.voltage_v + part * (more.voltage_v - less.voltage_v),
-            less.target_mu + part * (more.target_mu - less.target_mu),
-            np.where(less.status == Status.OK, more.status, less.status),
-        )
 
     def _over_the_quarter(self, evaluator: Evaluator, motion: Motion, first_sample: int) -> Array:
         """Numbers of the texture, averaged over the quarter of the drive's period around a point.
@@ -313,81 +321,14 @@ class RenderCore:
         cell = np.minimum(place.astype(int), _SHARES - 1)
         return cell, place - cell
 
-    def _note(self, fingers: Fingers, first_sample: int) -> None:
-        """Take notice of a block that is rendered; a session does."""
-
-    def _mixed(self, motion: Motion, first_sample: int) -> tuple[float | Array, Array | None]:
-        """Intensity at each point, and shares of the reachable range to add; a session has them."""
-        return 1.0, None
-
-    def _combined(self, each: Array, motion: Motion) -> Array:
-        if len(each) > 1 and isinstance(self._felt[1], Layout):
-            priority = self._felt[1].priorities(motion)
-            if priority is not None:
-                rank = priority.reshape(each.shape)
-                each = np.where(rank == rank.max(axis=0), each, 0.0)
-        if len(each) == 1 or self.settings.combination == "first":
-            return np.asarray(each[0])
-        is_mean = self.settings.combination == "mean"
-        return np.asarray(each.mean(axis=0) if is_mean else each.max(axis=0))
-
-    def _join(self, line: Array, queued_v: Array) -> None:
-        """Let `line` end in place at the last of the amplitudes that are queued."""
-        points = min(len(queued_v), len(self._join_share))
-        share = self._join_share
-        if points < len(share):
-            share = np.arange(1, points + 1) / points
-        end = line[-points:]
-        end += share * (queued_v[-points:] - end)
-        self._slewed(line)
-        # No further from the end than its slope allows: of two such limits the slope is kept.
-        tail, last = line[1:][-len(self._reach_v) :], float(queued_v[-1])
-        reach = self._reach_v[-len(tail) :]
-        np.minimum(tail, last + reach, out=tail)
-        np.maximum(tail, last - reach, out=tail)
-
-    def _slewed(self, line: Array) -> Array:
-        """Limit the slope of `line` in place, and return its steps."""
-        most, change = self._most_step_v, line[1:] - line[:-1]
-        if np.maximum.reduce(change) <= most and np.minimum.reduce(change) >= -most:
-            return change
-        values = line.tolist()
-        caught_up = 0
-        for at in (np.abs(change) > most).nonzero()[0].tolist():
-            # From each step that is too steep to where the line is met again.
-            i = at + 1
-            while i > caught_up and i < len(values):
-                before, wanted = values[i - 1], values[i]
-                values[i] = min(max(wanted, before - most), before + most)
-                if values[i] == wanted:
-                    break
-                i += 1
-            caught_up = max(caught_up, i)
-        line[:] = values
-        return np.asarray(line[1:] - line[:-1])
-
-
-def _inverted(
-    slice_: Slice,
-    fingers: Fingers,
-    target: Target,
-    value: Array,
-    intensity: float | Array,
-    added: Array | None,
-) -> Amplitudes:
-    motion, force_n = fingers.motion, fingers.force_n
-    if force_n is None:
-        if isinstance(intensity, np.ndarray):
-            intensity = np.tile(intensity, motion.fingers)
-        column = slice_.columns_at(motion.normal_force_n)
-        return Amplitudes.of(column, target, value, intensity, added)
-    rows = value.reshape(-1, motion.points)
-    more = [None] * len(rows) if added is None else added.reshape(rows.shape)
-    each = [
-        Amplitudes.of(slice_.column(force), target, row, intensity, one)
-        for force, row, one in zip(force_n, rows, more, strict=True)
-    ]
-    return each[0] if len(each) == 1 else Amplitudes(*map(np.concatenate, zip(*each, strict=True)))
+    @staticmethod
+    def _shared(gain: Array, evaluator: Layout, motion: Motion) -> Array:
+        """Gains without those of fingers that another one's priority leaves out."""
+        priority = evaluator.priorities(motion)
+        if priority is None:
+            return gain
+        rank = priority.reshape(motion.fingers, -1)
+        return np.where(rank == rank.max(axis=0), gain.reshape(rank.shape), 0.0)
 
 
 def carrier_hz(surface: FrictionSurface) -> float:

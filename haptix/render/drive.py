@@ -19,6 +19,7 @@ from haptix.waves import Waveform, sine_table, turns
 _LEAST_DC_FREE = 1e-6
 """Largest mean of a waveform over its peak: what rounding of a thousand samples leaves."""
 _PLACES = 4096  # samples of a square wave's period
+_AMPLITUDES = np.ones(1)
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,8 @@ class Drive(ABC):
 
     def modulate(self, amplitude_v: Array, first_sample: int, sample_rate_hz: float) -> Array:
         """Drive signal [V] for amplitudes at consecutive samples, shape (samples,)."""
-        return amplitude_v * self._wave(first_sample, len(amplitude_v), sample_rate_hz)
+        wave, at = self.wave(first_sample, len(amplitude_v), sample_rate_hz)
+        return amplitude_v * np.take(wave, at + np.arange(len(amplitude_v)), mode="wrap")
 
     def demodulate(self, drive_v: Array, sample_rate_hz: float) -> tuple[Array, Array]:
         """Sample index at the middle, and amplitude [V], of every whole period.
@@ -77,28 +79,32 @@ class Drive(ABC):
         """
         period = sample_rate_hz / self.frequency_hz
         bounds = np.arange(0, len(drive_v) + 1e-9, period).round().astype(int)
-        wave = self._wave(0, len(drive_v), sample_rate_hz)
+        wave = self.modulate(np.ones(len(drive_v)), 0, sample_rate_hz)
         starts = bounds[:-1]
         product = np.add.reduceat(drive_v[: bounds[-1]] * wave[: bounds[-1]], starts)
         energy = np.add.reduceat(wave[: bounds[-1]] ** 2, starts)
         return (bounds[:-1] + bounds[1:] - 1) / 2, product / energy
 
     @abstractmethod
-    def _wave(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
-        """Return the wave of amplitude 1 V, shape (count,)."""
+    def wave(self, first_sample: int, count: int, sample_rate_hz: float) -> tuple[Array, int]:
+        """Return samples of the wave of amplitude 1 V, and which of them is at the first sample.
+
+        They are enough for `count` samples, or the wave comes again after the last of them.
+        """
 
 
 @dataclass(frozen=True)
 class SineCarrier(Drive):
     """A sine that is too fast to be felt; its amplitude is the envelope."""
 
-    def _wave(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
+    def wave(self, first_sample: int, count: int, sample_rate_hz: float) -> tuple[Array, int]:
+        """Return samples of the wave, see `Drive.wave`."""
         table = sine_table(self.frequency_hz, sample_rate_hz)
         if table is not None:
-            return table.at(first_sample, count)
+            return table, first_sample % len(table)
         # In blocks of a millisecond, twice as fast as adding angles by `haptix.waves.sine`.
         phase = turns(first_sample, count, self.frequency_hz, sample_rate_hz)
-        return np.asarray(np.sin(2 * np.pi * phase))
+        return np.sin(2 * np.pi * phase), 0
 
 
 @dataclass(frozen=True)
@@ -113,9 +119,9 @@ class DriverCarrier(SineCarrier):
         """Highest amplitude [V]; a driver adds the slews of amplitude and carrier."""
         return max(slew_v_per_s - change_v_per_s, 0.0) / (2 * pi * self.frequency_hz)
 
-    def modulate(self, amplitude_v: Array, first_sample: int, sample_rate_hz: float) -> Array:
-        """Return the amplitudes themselves."""
-        return amplitude_v
+    def wave(self, first_sample: int, count: int, sample_rate_hz: float) -> tuple[Array, int]:
+        """Return what the amplitudes themselves are multiplied with."""
+        return _AMPLITUDES, 0
 
     def demodulate(self, drive_v: Array, sample_rate_hz: float) -> tuple[Array, Array]:
         """Sample index and amplitude [V] of every sample."""
@@ -179,6 +185,7 @@ class DirectWave(Drive):
         attraction /= attraction.mean()
         return None if np.ptp(attraction) < 0.1 else attraction
 
-    def _wave(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
+    def wave(self, first_sample: int, count: int, sample_rate_hz: float) -> tuple[Array, int]:
+        """Return samples of the wave, see `Drive.wave`."""
         phase = turns(first_sample, count, self.frequency_hz, sample_rate_hz)
-        return self.peak_per_sine * self._waveform.at(phase)
+        return self.peak_per_sine * self._waveform.at(phase), 0

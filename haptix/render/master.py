@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from math import ceil, inf, isfinite
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from haptix.checks import Array, number, whole
 from haptix.errors import InputError
@@ -14,11 +16,14 @@ from haptix.layout.glide import Glide
 from haptix.motion import Facts, Motion
 from haptix.texture import Evaluator, Feelable, check_feelable
 
+_LOG = logging.getLogger("haptix.render")
+
 MOST_EFFECTS = 8
 """Effects at once; one more drops the oldest of the lowest priority."""
 
 _TURN_S = 0.05  # a change of the intensity
 _MUTE_S = 0.005
+_FELT_GAIN = 0.5  # share of its amplitude from which a finger feels an effect
 _FELT_S = 1e-3  # steps in which it is noted whether an effect is felt
 
 Outcome = Literal["played", "cut", "dropped"]
@@ -57,7 +62,7 @@ class PlayingEffect:
         self.end_s = self.start_s + length_s
         self.fade = Glide.resting(1.0)
         self.outcome: Outcome = "played"
-        self._felt = bytearray(max(1, ceil(length_s / _FELT_S)))  # what is rendered again counts
+        self._felt = np.zeros(max(1, ceil(length_s / _FELT_S)), bool)
 
     def added(self, motion: Motion) -> Array:
         """Share of the reachable friction that it adds."""
@@ -68,18 +73,17 @@ class PlayingEffect:
             return value
         return value * (1 - self.fade.parts(motion.t_s))
 
-    def mark(self, first_s: float, last_s: float, is_felt: bool) -> None:
-        """Note whether it is felt from one time of the scene to another."""
-        first = max(0, round((first_s - self.start_s) / _FELT_S))
-        last = min(len(self._felt), round((last_s - self.start_s) / _FELT_S))
-        if last > first:
-            self._felt[first:last] = bytes([is_felt]) * (last - first)
+    def mark(self, t_s: Array, is_felt: npt.NDArray[np.bool_]) -> None:
+        """Note whether it is felt at times of the scene."""
+        at = np.floor((t_s - self.start_s) / _FELT_S).astype(int)
+        inside = (at >= 0) & (at < len(self._felt))
+        self._felt[at[inside]] = is_felt[inside]
 
     @property
     def felt_share(self) -> float:
         """Share of its time until it ends in which it is felt."""
         count = min(max(1, round((self.end_s - self.start_s) / _FELT_S)), len(self._felt))
-        return sum(self._felt[:count]) / count
+        return float(self._felt[:count].mean())
 
     def stop(self, outcome: Outcome = "cut") -> None:
         """Fade it out in 5 ms."""
@@ -133,6 +137,7 @@ class Master:
             elif not 0 <= number(name, value) <= 1:
                 raise InputError(f"{name}: expected 0 to 1, got {value:g}")
             setattr(self, name, value)
+        _LOG.info("%s", ", ".join(f"{name} {value}" for name, value in changes.items()))
         self._line = self._line.to((self._goal,), now_s, _MUTE_S if quick else _TURN_S)
         self._changed()
 
@@ -183,16 +188,16 @@ class Master:
         sounding = [one for one in playing if one.outcome == "played"]
         if len(sounding) >= MOST_EFFECTS:
             weakest = min([*sounding, found], key=lambda one: (one.priority, one.start_s))
+            _LOG.info("an effect is dropped: %d play already", MOST_EFFECTS)
             weakest.stop("dropped")
         self._ended += tuple(one for one in self._effects if one.end_s <= now_s)
         self._effects = (*playing, found)
         self._changed()
         return found
 
-    @property
-    def has_effects(self) -> bool:
-        """Whether any plays."""
-        return bool(self._effects)
+    def mixed(self, motion: Motion, first_s: float) -> tuple[float | Array, Array | None]:
+        """Intensity at the points of a motion, and shares of the reachable friction to add."""
+        return self.at(first_s, motion.step_s, motion.points), self.added(motion)
 
     def added(self, motion: Motion) -> Array | None:
         """Share of the reachable friction that effects add; None without any."""
@@ -201,10 +206,14 @@ class Master:
             return None
         return np.asarray(np.sum([one.added(motion) for one in effects], axis=0))
 
-    def mark(self, first_s: float, last_s: float, is_felt: bool) -> None:
-        """Note whether effects are felt from one time of the scene to another."""
-        for one in self._effects:
-            one.mark(first_s, last_s, is_felt)
+    def mark(self, motion: Motion, since_s: float, gain: Array) -> None:
+        """Note whether effects are felt at the points of a motion from a time of the scene on."""
+        if self._effects:
+            t_s = since_s + motion.step_s * np.arange(1.0, motion.points + 1)
+            each = gain.reshape(-1, motion.points)
+            is_felt = each.max(axis=0, initial=0.0) > _FELT_GAIN
+            for one in self._effects:
+                one.mark(t_s, is_felt)
 
     def cut(self, played_s: float, sample_rate_hz: float) -> None:
         """End what still plays, with the session."""

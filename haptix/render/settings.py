@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from firmware_io.revised_playback import LONGEST_HORIZON_S
+from firmware_io.playback import LONGEST_HORIZON_S
 from haptix.checks import (
     Length,
     NotNegative,
@@ -22,7 +22,7 @@ Combination = Literal["strongest", "first", "mean"]
 """Which finger sets the amplitude of the one electrode that all fingers share."""
 
 LONGEST_S = 1.0
-"""A longer block or lead is one in milliseconds."""
+"""A longer block is one in milliseconds."""
 
 LONGEST_REACTION_S = 0.1
 """A longer reaction is one in milliseconds, or is late for what a finger does."""
@@ -128,9 +128,6 @@ class LiveSettings(RenderSettings):
     horizon_s : float
         Longest stall that is no underrun. What is played so far ahead is provisional: each touch
         renders it again.
-    lead_s : float
-        Of a driver that cannot revise, and in virtual time: time from computing a sample to
-        playing it. A stall shorter than this is not felt; touches are predicted over it.
     strict : bool
         Raise for a touch that cannot be used. Otherwise it is dropped and counted in
         `touch_counts`.
@@ -139,13 +136,11 @@ class LiveSettings(RenderSettings):
     touch: TouchSettings = field(default_factory=TouchSettings)
     reaction_s: Positive = 0.003
     horizon_s: Positive = 0.1
-    lead_s: Positive = 0.025
     strict: bool = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
         instance("touch", self.touch, TouchSettings)
-        _not_ms("lead_s", self.lead_s)
         _not_ms("reaction_s", self.reaction_s, LONGEST_REACTION_S)
         _not_ms("horizon_s", self.horizon_s, LONGEST_HORIZON_S)
 

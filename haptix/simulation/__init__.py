@@ -2,15 +2,17 @@
 
 from haptix.simulation.folder import FILES, summary_of, write
 from haptix.simulation.parts import PARTS
-from haptix.simulation.played import FINGER_PATH, Setting
-from haptix.simulation.run import Simulation, simulate
+from haptix.simulation.played import FINGER_PATH, Played, Setting
+from haptix.simulation.run import Simulation, evaluate_live, simulate
 
 __all__ = [
     "FILES",
     "FINGER_PATH",
     "PARTS",
+    "Played",
     "Setting",
     "Simulation",
+    "evaluate_live",
     "simulate",
     "summary_of",
     "write",

@@ -103,7 +103,7 @@ def _friction(axes: Axes, simulation: Simulation) -> None:
 
 def _voltage(axes: Axes, simulation: Simulation) -> None:
     played, limit = simulation.played, simulation.surface.voltage_limit_v
-    volts = played.driver.played_v
+    volts = played.drive_v
     t = played.start_s + np.arange(len(volts)) / played.renderer.sample_rate_hz
     axes.plot(t, volts, color="tab:purple", lw=0.3)
     axes.axhline(limit, color="0.5", ls=":", lw=1)
@@ -133,7 +133,7 @@ def _parts(axes: Axes, simulation: Simulation) -> None:
 def _zoom(axes: Axes, voltage: Axes, simulation: Simulation) -> None:
     """Draw the liveliest stretch of the wave, and mark it in the voltage."""
     played = simulation.played
-    volts, rate = played.driver.played_v, played.renderer.sample_rate_hz
+    volts, rate = played.drive_v, played.renderer.sample_rate_hz
     seconds = max(_ZOOM_S, _ZOOM_PERIODS / played.renderer.drive.frequency_hz)
     count = min(round(seconds * rate), len(volts))
     # The window whose halves differ most in amplitude.

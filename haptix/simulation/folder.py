@@ -12,6 +12,7 @@ from typing import Any
 
 import soundfile
 
+from firmware_io import volts_to_codes
 from firmware_io.limits import Current
 from haptix.errors import MissingExtraError
 from haptix.files import check_folder, csv_text, json_text, write_folder
@@ -30,7 +31,8 @@ FILES = ("felt.csv", "drive.wav", "drive.json", "summary.json")
 def summary_of(simulation: Simulation) -> dict[str, Any]:
     """Evaluation, parts of the error and counts, as plain values."""
     played, info = simulation.played, simulation.surface.info
-    stats, device, driver = played.renderer.stats, played.device, played.driver
+    stats, device, driver = played.renderer.stats, played.device, played.device.mock
+    assert driver is not None
     rendered_s = stats.samples / played.renderer.sample_rate_hz
     target = simulation.target_mu
     return {
@@ -133,7 +135,8 @@ def _wave(simulation: Simulation) -> bytes:
     """Return the codes that went over the wire as a WAV file: it is what was played."""
     played, file = simulation.played, BytesIO()
     rate = round(played.renderer.sample_rate_hz)
-    soundfile.write(file, played.driver.played_codes, rate, "PCM_16", format="WAV")
+    codes = volts_to_codes(played.drive_v, played.device.capabilities.full_scale_v)
+    soundfile.write(file, codes, rate, "PCM_16", format="WAV")
     return file.getvalue()
 
 
@@ -160,7 +163,7 @@ def _current(simulation: Simulation) -> dict[str, float]:
     """Current through the person that the played drive makes, and its limits."""
     played, limits = simulation.played, simulation.played.device.limits
     expected = Current.of_drive(
-        played.driver.played_v, played.renderer.sample_rate_hz, limits.capacitance_f
+        played.drive_v, played.renderer.sample_rate_hz, limits.capacitance_f
     )
     return {
         **asdict(expected),

@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io import Device, MockDriver, open_device
+from firmware_io import Device, open_device
 from haptix.checks import Array
 from haptix.errors import InputError
 from haptix.friction import ContactModel
 from haptix.motion import LIFTED_BELOW_N, Trajectory
-from haptix.render import Drive, LiveSettings, PredictingRenderer, Renderer
+from haptix.render import Drive, LiveRenderer, LiveSettings, Renderer
 from haptix.render.core import DEFAULT_CARRIER_HZ
-from haptix.render.session import VirtualTimeSession
 from haptix.surface import FrictionSurface, cached_surface
 from haptix.texture import Feelable
 from haptix.touch import TouchEvent, events_of
@@ -83,36 +82,37 @@ class Setting:
         return DEFAULT_CARRIER_HZ if self.drive is None else self.drive.frequency_hz
 
 
+_ENDS_S = 0.01  # in which a driver has ramped to 0 V
 _FEWEST_SAMPLES = 4  # that the virtual finger feels
 
 
 @dataclass(frozen=True)
 class Played:
-    """What a renderer sent along a path, and what the mock device played.
+    """What a renderer sent along a path, and what the device played.
 
     Parameters
     ----------
     setting : Setting
         Finger, screen, texture, path and drive.
-    renderer : VirtualTimeSession
+    renderer : Renderer or LiveRenderer
         The renderer, with its counts, times and blocks.
     device : Device
-        The mock device, closed.
-    driver : MockDriver
-        The driver behind it.
+        The device, closed.
+    drive_v : ndarray, shape (samples,)
+        Voltage that it played.
     start_s : float
         Time of the first sample on the path's clock [s].
     """
 
     setting: Setting
-    renderer: VirtualTimeSession
+    renderer: Renderer | LiveRenderer
     device: Device
-    driver: MockDriver
+    drive_v: Array
     start_s: float
 
     def feel(self, finger: VirtualFinger, drive_v: Array | None = None) -> Felt:
         """Return what a finger on the path felt of a drive, or of what the device played."""
-        drive_v = self.driver.played_v if drive_v is None else drive_v
+        drive_v = self.drive_v if drive_v is None else drive_v
         lacking = max(0, _FEWEST_SAMPLES - len(drive_v))
         drive_v = np.append(drive_v, np.zeros(lacking))
         path = self.setting.path
@@ -146,7 +146,7 @@ def play_known(
     on_progress: Callable[[float], None],
 ) -> Played:
     """Play the true path: no panel, latency or prediction."""
-    device, driver = _mock(address)
+    device = _mock(address, "virtual")
     settings = replace(settings, keep_blocks=True)
     path = setting.path
     with Renderer(surface, setting.texture, device, setting.drive, settings) as renderer:
@@ -154,8 +154,7 @@ def play_known(
         for number, touch in enumerate(touches, 1):
             renderer.event(touch)
             on_progress(number / len(touches))
-    device.close()
-    return Played(setting, renderer, device, driver, float(path.t_s[0]))
+    return _played(setting, renderer, float(path.t_s[0]))
 
 
 def play_live(
@@ -165,20 +164,31 @@ def play_live(
     settings: LiveSettings,
     address: str,
 ) -> Played:
-    """Play what a touch panel reports of the path."""
+    """Play what a touch panel reports of the path, as a live renderer does, in steps."""
     seen = panel.read(setting.path)
-    device, driver = _mock(address)
-    with PredictingRenderer(surface, setting.texture, device, setting.drive, settings) as renderer:
+    device = _mock(address, "stepped")
+    start_s = float(setting.path.t_s[0])
+    with LiveRenderer(surface, setting.texture, device, setting.drive, settings) as renderer:
         columns = (seen.t_s, seen.x_mm, seen.y_mm, seen.normal_force_n, seen.arrival_s)
         for t, x, y, force, arrival in zip(*(c.tolist() for c in columns), strict=True):
-            renderer.event(TouchEvent(t, 0, x, y, "move", force), arrival)
+            renderer.event(TouchEvent(t - start_s, 0, x, y, "move", force), arrival - start_s)
+        renderer.run_until(max(renderer.now_s(), setting.path.duration_s))
+    device.clock.sleep(_ENDS_S)
+    return _played(setting, renderer, start_s)
+
+
+def _played(setting: Setting, renderer: Renderer | LiveRenderer, start_s: float) -> Played:
+    """Close the device, and say what it played."""
+    device, driver = renderer.device, renderer.device.mock
+    assert driver is not None
     device.close()
-    return Played(setting, renderer, device, driver, float(seen.t_s[0]))
+    return Played(setting, renderer, device, driver.played_v, start_s)
 
 
-def _mock(address: str) -> tuple[Device, MockDriver]:
-    device = open_device(address)
-    if device.mock is None:
-        device.close()
+def _mock(address: str, pace: str) -> Device:
+    """Open a mock device with the options of an address, at a pace."""
+    scheme, _, options = address.partition(":")
+    if scheme != "mock":
         raise InputError(f"device: expected a mock device, whose output can be felt, got {address}")
-    return device, device.mock
+    kept = [option for option in options.split(",") if option and not option.startswith("pace=")]
+    return open_device(f"mock:{','.join([*kept, f'pace={pace}'])}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,7 +12,7 @@ import torch
 
 from haptix.checks import Array
 from haptix.motion import LIFTED_BELOW_N, Motion
-from haptix.motion.reactions import facts_on
+from haptix.motion.block import facts_on
 from haptix.render import DirectWave, LiveSettings
 from haptix.simulation.parts import felt_in_steps
 from haptix.simulation.played import Played, Setting, play_known, play_live
@@ -76,7 +76,7 @@ class Simulation:
         frequency = played.renderer.drive.frequency_hz
         # The amplitude of each period, where the finger presses and something is played.
         period = max(1, round(rate / frequency))
-        volts = np.abs(played.driver.played_v)
+        volts = np.abs(played.drive_v)
         peaks = volts[: len(volts) // period * period].reshape(-1, period).max(axis=1)
         t_s = played.start_s + (np.arange(len(peaks)) + 0.5) * period / rate
         force = np.interp(t_s, self.felt.t_s, self.felt.normal_force_n)
@@ -153,8 +153,7 @@ def simulate(
     low, high, target, reachable = _target(played, felt)
     if panel is None:
         reachable &= known.is_settled(felt.t_s)
-    # A whole period of a slow drive, whose ripple is left out.
-    average_s = max(FELT_WITHIN_S, 1 / played.renderer.drive.frequency_hz)
+    average_s = _averaged_over_s(played)
     parts: dict[str, Evaluation] = {}
     periods = None
     if steps:
@@ -169,6 +168,28 @@ def simulate(
     return Simulation(
         surface, played, felt, target, low, high, reachable, evaluation, parts, periods
     )
+
+
+def evaluate_live(played: Played, left_out_s: Sequence[tuple[float, float]] = ()) -> Evaluation:
+    """Errors of what a live renderer played, as `simulate` with a touch panel has them.
+
+    Parameters
+    ----------
+    played : Played
+        On any device, in real time or in steps.
+    left_out_s : sequence of (float, float)
+        Begin and end of spans that do not count, by the clock of the path [s].
+    """
+    felt = played.feel(VirtualFinger(played.setting.model))
+    _, _, target, counts = _target(played, felt)
+    for began_s, ended_s in left_out_s:
+        counts &= ~((felt.t_s >= began_s) & (felt.t_s <= ended_s))
+    return evaluate(felt, target, counts, _averaged_over_s(played))
+
+
+def _averaged_over_s(played: Played) -> float:
+    """A whole period of a slow drive, whose ripple is left out."""
+    return max(FELT_WITHIN_S, 1 / played.renderer.drive.frequency_hz)
 
 
 def _target(played: Played, felt: Felt) -> tuple[Array, Array, Array, npt.NDArray[np.bool_]]:

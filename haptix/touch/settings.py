@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 
 from haptix.checks import NotNegative, Positive, check_fields, instance
 from haptix.errors import InputError
-from haptix.touch.filters import PlaceFilter
+from haptix.touch.filters import InteractingSinger, PlaceFilter
 from haptix.touch.force import ForceModel
-from haptix.touch.singer import InteractingSinger
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,377 @@
-"""All touches on a screen: one tracker for each finger that is down."""
+"""All touches on a screen: each from its reports to the finger's place now."""
 
 from __future__ import annotations
 
-from math import nan
+import logging
+from collections import deque
+from math import exp, hypot, nan
+from typing import Any, NamedTuple
 
 from haptix import checks
 from haptix.errors import InputError
-from haptix.touch.clock import about_clock, misplaced
-from haptix.touch.events import LARGEST_S, TouchCounts, TouchEvent, TouchKind, problem_of
+from haptix.touch.events import (
+    LARGEST_S,
+    TouchCounts,
+    TouchEvent,
+    TouchKind,
+    about_clock,
+    misplaced,
+    problem_of,
+)
+from haptix.touch.filters import Course, FilterState
+from haptix.touch.force import ForceEstimate, ForceSource
 from haptix.touch.settings import TouchSettings
-from haptix.touch.tracker import TouchTracker
 
+_LOG = logging.getLogger("haptix.touch")
+
+# Events are kept for `reorder_s` at `least_interval_s` apart; with other settings this bounds them.
+_KEPT = 64
+# Reports closer than this count as simultaneous: their speed would be noise over nothing.
+_SIMULTANEOUS_S = 1e-5
+# Blocks that follow each other to this count as adjacent: a sample's time is rounded.
+_NO_GAP_S = 1e-6
+# After this many late events in a row, each after the one before, the clock has jumped.
+_LATE_IN_A_ROW = 3
 # Ended touches that are remembered, so that their late events do not start them again.
 _REMEMBERED = 32
+
+
+class TouchState(NamedTuple):
+    """A touch at one time; names hold the units."""
+
+    t_s: float
+    x_mm: float
+    y_mm: float
+    vx_mm_s: float
+    vy_mm_s: float
+    speed_mm_s: float
+    age_s: float
+    """Time since the last report; below 0 if its time stamp is later."""
+    normal_force_n: float
+    force_sigma_n: float
+    force_source: ForceSource
+    is_sliding: bool
+    is_lost: bool
+    is_down: bool
+
+
+class PathSegment(NamedTuple):
+    """A straight piece of the finger's path, at constant speed from `t0_s` to `t1_s`.
+
+    At time t the finger is at ``x_mm + x_slope_mm_s * (t - t0_s)``, likewise y and force.
+    """
+
+    t0_s: float
+    t1_s: float
+    x_mm: float
+    y_mm: float
+    x_slope_mm_s: float
+    y_slope_mm_s: float
+    normal_force_n: float
+    force_slope_n_s: float
+    speed_mm_s: float
+    """Estimated speed of the finger; the slopes contain the blending of corrections too."""
+    is_sliding: bool
+    is_lost: bool
+    is_down: bool
+    vx_mm_s: float
+    """Estimated velocity, as `speed_mm_s`; 0 once the touch is lost."""
+    vy_mm_s: float
+    force_known: bool
+    """Whether the force was measured, or comes from the area; otherwise it is assumed."""
+
+
+class _Entry(NamedTuple):
+    """A report that was used, and the state after it."""
+
+    t_s: float
+    x_mm: float
+    y_mm: float
+    filtered: FilterState
+    slow_vx: float
+    slow_vy: float
+    slow_speed: float
+    is_sliding: bool
+    moved_s: float
+    """Time of the last report whose averaged velocity was that of a sliding finger."""
+
+
+# What the renderer reads: time of the last report, the filter after it, the force, sliding or not.
+_Now = tuple[float, FilterState, ForceEstimate, bool]
+
+
+class _End(NamedTuple):
+    """End of the last segment, and the prediction for that time that it used."""
+
+    t_s: float
+    x_mm: float
+    y_mm: float
+    normal_force_n: float
+    expected_x: float
+    expected_y: float
+    now: _Now
+
+
+class TouchTracker:
+    """Follows one touch from down to up.
+
+    One thread may push reports while another reads paths: the second reads one tuple that the first
+    replaces.
+
+    Parameters
+    ----------
+    settings : TouchSettings
+        Filter, latency and limits.
+    t_s, x_mm, y_mm : float
+        The first report, finite.
+    normal_force_n, contact_area_m2 : float, optional
+        Its force and area, if measured.
+    counts : TouchCounts, optional
+        Counts to add to; by default its own.
+    touch_id : int
+        Which touch it is.
+    """
+
+    def __init__(
+        self,
+        settings: TouchSettings,
+        t_s: float,
+        x_mm: float,
+        y_mm: float,
+        normal_force_n: float | None = None,
+        contact_area_m2: float | None = None,
+        counts: TouchCounts | None = None,
+        touch_id: int = 0,
+    ) -> None:
+        self.settings = settings
+        self.touch_id = touch_id
+        self.counts = TouchCounts() if counts is None else counts
+        self.is_down = True
+        self._filter = settings.filter
+        self._history: deque[_Entry] = deque(maxlen=_KEPT)
+        self._force = settings.force.assumed
+        self._late_t_s = -1e300
+        self._late = 0
+        # Of the renderer's thread alone: end of the last segment, and the decay over its length.
+        self._end: _End | None = None
+        self._decay_length_s = -1.0
+        self._decay = 0.0
+        self._restart(t_s, x_mm, y_mm)
+        if normal_force_n is not None or contact_area_m2 is not None:
+            self._take_force(normal_force_n, contact_area_m2)
+        self._publish()
+        self.counts.taken += 1
+
+    @property
+    def last_t_s(self) -> float:
+        """Time of the latest report."""
+        return self._now[0]
+
+    def push(
+        self,
+        t_s: float,
+        x_mm: float,
+        y_mm: float,
+        normal_force_n: float | None = None,
+        contact_area_m2: float | None = None,
+    ) -> bool:
+        """Take a further report; all numbers finite. False if it came too late and was dropped."""
+        history = self._history
+        last = history[-1]
+        settings = self.settings
+        dt = t_s - last.t_s
+        if dt > settings.lost_after_s:
+            self._restart(t_s, x_mm, y_mm)
+        elif dt > _SIMULTANEOUS_S and (
+            len(history) == 1 or last.t_s - history[-2].t_s >= settings.least_interval_s
+        ):
+            history.append(self._after(last, t_s, x_mm, y_mm))
+        elif dt >= -_SIMULTANEOUS_S:
+            self.counts.coalesced += 1
+            history.pop()
+            self._add(max(t_s, last.t_s), x_mm, y_mm)
+        elif dt >= -settings.reorder_s and (t_s > history[0].t_s or len(history) < _KEPT):
+            self._insert(t_s, x_mm, y_mm)
+        elif not self._is_clock_jump(t_s):
+            self.counts.late += 1
+            return False
+        else:
+            self.counts.clock_jumps += 1
+            self._restart(t_s, x_mm, y_mm)
+        self._late = 0
+        self.counts.taken += 1
+        if (normal_force_n is not None or contact_area_m2 is not None) and (
+            t_s >= history[-1].t_s  # a later report has a newer force
+        ):
+            self._take_force(normal_force_n, contact_area_m2)
+        self._publish()
+        return True
+
+    def lift(self) -> None:
+        """End the touch: it no longer slides, and its place is predicted until it is lost."""
+        self.is_down = False
+
+    @property
+    def now(self) -> Any:
+        """What is known now: a mark for `at` that changes, as an object, with every report."""
+        return self._now
+
+    def at(self, t_s: float, now: Any = None) -> TouchState:
+        """Place, velocity and force of the finger at a time, by prediction over the latency.
+
+        With an earlier `now`, as it was predicted then.
+        """
+        t, filtered, force, slides = self._now if now is None else now
+        age = t_s - t
+        lost = age > self.settings.lost_after_s
+        x, y, vx, vy = self._filter.ahead(filtered, self._ahead_s(age))
+        if lost:
+            vx = vy = 0.0
+        down = self.is_down
+        return TouchState(
+            t_s, x, y, vx, vy, hypot(vx, vy), age, force.normal_force_n, force.sigma_n,
+            force.source, slides and down and not lost, lost, down,
+        )  # fmt: skip
+
+    def course(self, now: Any) -> Course:
+        """Return how the finger went on as was known then."""
+        return self._filter.course(now[1])
+
+    def path(self, t0_s: float, dt_s: float, count: int) -> PathSegment:
+        """Return the path over a block of samples, as one straight piece.
+
+        It begins where the one before ended. A new report changes the prediction by an offset e
+        from that end. The offset decays as ``e exp(-t / blend_s)``, so the path is continuous and
+        reaches the prediction within a few ms. It decays over a gap between blocks too. A block
+        that begins before the last one ended starts on the prediction.
+
+        Parameters
+        ----------
+        t0_s : float
+            Time of the first sample [s].
+        dt_s : float
+            Interval of samples [s].
+        count : int
+            Samples, 1 or more. Pieces are straight, so blocks should be of 8 ms at most.
+
+        Returns
+        -------
+        PathSegment
+            From `t0_s` to ``t0_s + count * dt_s``.
+        """
+        now = self._now
+        t, filtered, estimate, slides = now
+        length = dt_s * count
+        t1 = t0_s + length
+        age = t1 - t
+        lost = age > self.settings.lost_after_s
+        expected_x, expected_y, vx, vy = self._filter.ahead(filtered, self._ahead_s(age))
+        force = estimate.normal_force_n
+        end = self._end
+        if end is None or t0_s < end.t_s - _NO_GAP_S:
+            x0, y0, _, _ = self._filter.ahead(filtered, self._ahead_s(t0_s - t))
+            x1, y1, force0, force1 = expected_x, expected_y, force, force
+        else:
+            if end.now is not now or t0_s > end.t_s + _NO_GAP_S:
+                end = self._up_to(t0_s, end, now)
+            if length != self._decay_length_s:
+                self._decay_length_s = length
+                self._decay = exp(-length / self.settings.blend_s)
+            decay = self._decay
+            _, x0, y0, force0, x_then, y_then, _ = end
+            x1 = expected_x + decay * (x0 - x_then)
+            y1 = expected_y + decay * (y0 - y_then)
+            force1 = force + decay * (force0 - force)
+        self._end = _End(t1, x1, y1, force1, expected_x, expected_y, now)
+        down = self.is_down
+        return PathSegment(
+            t0_s, t1, x0, y0, (x1 - x0) / length, (y1 - y0) / length,
+            force0, (force1 - force0) / length,
+            0.0 if lost else hypot(vx, vy), slides and down and not lost, lost, down,
+            0.0 if lost else vx, 0.0 if lost else vy, estimate.source != "assumed",
+        )  # fmt: skip
+
+    def _up_to(self, t0_s: float, end: _End, now: _Now) -> _End:
+        """Extend the end of the last segment over a gap, with the present prediction."""
+        t, filtered, estimate, _ = now
+        ahead = self._filter.ahead
+        x, y, _, _ = ahead(filtered, self._ahead_s(end.t_s - t))
+        if t0_s - end.t_s <= _NO_GAP_S:
+            return end._replace(expected_x=x, expected_y=y)
+        decay = exp((end.t_s - t0_s) / self.settings.blend_s)
+        x0, y0, _, _ = ahead(filtered, self._ahead_s(t0_s - t))
+        force = estimate.normal_force_n
+        return _End(
+            t0_s, x0 + decay * (end.x_mm - x), y0 + decay * (end.y_mm - y),
+            force + decay * (end.normal_force_n - force), x0, y0, now,
+        )  # fmt: skip
+
+    def _ahead_s(self, age_s: float) -> float:
+        """Prediction time from the last report, limited to `lost_after_s` either way."""
+        settings = self.settings
+        limit = settings.lost_after_s
+        ahead = settings.latency_s + (age_s if age_s < limit else limit)
+        return ahead if ahead > -limit else -limit
+
+    def _after(self, last: _Entry, t_s: float, x_mm: float, y_mm: float) -> _Entry:
+        settings = self.settings
+        filtered = self._filter.step(last.filtered, t_s, x_mm, y_mm)
+        vx, vy = filtered[3], filtered[4]
+        dt = t_s - last.t_s
+        weight = dt / (dt + settings.slide_smoothing_s)
+        slow_vx = last.slow_vx + weight * (vx - last.slow_vx)
+        slow_vy = last.slow_vy + weight * (vy - last.slow_vy)
+        slow_speed = last.slow_speed + weight * (hypot(vx, vy) - last.slow_speed)
+        moved = hypot(slow_vx, slow_vy) > (
+            settings.rest_below_mm_s if last.is_sliding else settings.slide_above_mm_s
+        )
+        moved_s = t_s if moved else last.moved_s
+        # Where a finger turns, its velocity averages to nothing and its speed does not.
+        turns = slow_speed > settings.turn_above_mm_s and t_s - moved_s < settings.turn_s
+        slides = moved or (last.is_sliding and turns)
+        return _Entry(t_s, x_mm, y_mm, filtered, slow_vx, slow_vy, slow_speed, slides, moved_s)
+
+    def _add(self, t_s: float, x_mm: float, y_mm: float) -> None:
+        if self._history:
+            self._history.append(self._after(self._history[-1], t_s, x_mm, y_mm))
+        else:
+            self._restart(t_s, x_mm, y_mm)
+
+    def _restart(self, t_s: float, x_mm: float, y_mm: float) -> None:
+        self._history.clear()
+        start = self._filter.start(t_s, x_mm, y_mm)
+        self._history.append(_Entry(t_s, x_mm, y_mm, start, 0.0, 0.0, 0.0, False, t_s))
+
+    def _insert(self, t_s: float, x_mm: float, y_mm: float) -> None:
+        """Undo the later reports, add the late one, and add the others again."""
+        history = self._history
+        again = []
+        while history and history[-1].t_s > t_s + _SIMULTANEOUS_S:
+            again.append(history.pop())
+        if history and t_s - history[-1].t_s <= _SIMULTANEOUS_S:
+            t_s = history.pop().t_s
+            self.counts.coalesced += 1
+        else:
+            self.counts.reordered += 1
+        self._add(t_s, x_mm, y_mm)
+        for entry in reversed(again):
+            self._add(entry.t_s, entry.x_mm, entry.y_mm)
+
+    def _is_clock_jump(self, t_s: float) -> bool:
+        self._late = self._late + 1 if t_s > self._late_t_s or self._late == 0 else 1
+        self._late_t_s = t_s
+        return self._late >= _LATE_IN_A_ROW
+
+    def _take_force(self, normal_force_n: float | None, contact_area_m2: float | None) -> None:
+        found = self.settings.force.estimate(normal_force_n, contact_area_m2)
+        if found is not None:
+            self._force = found
+        elif normal_force_n is not None or self.settings.force.area_proxy is not None:
+            self.counts.bad_force += 1
+
+    def _publish(self) -> None:
+        last = self._history[-1]
+        self._now: _Now = (last.t_s, last.filtered, self._force, last.is_sliding)
 
 
 class Touches:
@@ -180,6 +539,7 @@ class Touches:
     def _drop(self, problem: str) -> bool:
         if self.strict:
             raise InputError(problem)
+        _LOG.info("dropped: %s", problem)
         return False
 
     def _make_room(self, t_s: float) -> bool:

@@ -133,7 +133,7 @@ def test_surface(gpu: PretendGpu, surface: FrictionSurface, tmp_path: Path) -> N
 
 
 def test_what_reads_a_surface(gpu: PretendGpu, surface: FrictionSurface) -> None:
-    headroom(Grating(6.0), surface.at(1500.0), 0.5, 10.0, 10.0, columns=8).numbers()
+    headroom(Grating(period_mm=6.0), surface.at(1500.0), 0.5, 10.0, 10.0, columns=8).numbers()
     stimulus = Stimulus("one", Constant(0.01, 0.1), "contrast", carrier_hz=1500.0)
     response = surface.column(0.5, 1500.0)
     assert np.isfinite(Rendering(stimulus, response).whole()).all()

@@ -74,6 +74,18 @@ RENDERERS = {
     "lifted at no time": (lambda g: g.entered("lift", None), "t_s of a lift"),
     "a path's file": (lambda g: g.entered("play", "path.csv"), "path: .*from_csv"),
     "events for a path": (lambda g: g.entered("play", events_of(PATH)), "path: .*Trajectory"),
+    "a path beyond the screen": (
+        lambda g: g.entered("play", Trajectory.of([0, 1, 2], [0, 9e5, 0], 1, 0.5)),
+        "x_mm: .*millimetres.*, in sample 2",
+    ),
+    "a path with a lift": (
+        lambda g: g.entered("play", Trajectory.of([0, 1, 2], 1, 1, [0.5, 0.5, 0])),
+        "normal_force_n: .*0.001.*, in sample 3",
+    ),
+    "a path with a pause": (
+        lambda g: g.entered("play", Trajectory.of([0, 1, 72], 1, 1, 0.5)),
+        "within 60 s of .* 71 s later",
+    ),
     "50 gram": (
         lambda g: g.entered("touch", 0.1, 1, 1, 500.0),
         "normal_force_n: .*100",
@@ -87,9 +99,9 @@ OTHERS = {
     "a long horizon": (lambda: LiveSettings(horizon_s=1.0), "horizon_s: expected 0.11 s at most"),
     "fields without names": (lambda: Slider(60, 9), "Slider: .*by name, such as .*got 60"),  # type: ignore[call-arg]
     "no path": (lambda: haptix.materials.load(3), "load: expected the path"),
-    "lead with a unit": (lambda: LiveSettings(lead_s="25ms"), "lead_s: .*25ms"),
-    "lead in ms": (lambda: LiveSettings(lead_s=25), "lead_s: .*in ms"),
-    "a lead of days": (lambda: LiveSettings(lead_s=1e6), "lead_s: .*1e"),
+    "reaction with a unit": (lambda: LiveSettings(reaction_s="3ms"), "reaction_s: .*3ms"),
+    "reaction in ms": (lambda: LiveSettings(reaction_s=3), "reaction_s: .*in ms"),
+    "a horizon of days": (lambda: LiveSettings(horizon_s=1e6), "horizon_s: .*1e"),
     "not strict": (lambda: LiveSettings(strict="no"), "strict: .*True or False"),
     "touch as a dict": (lambda: LiveSettings(touch={"latency_s": 0.03}), "touch: .*TouchSettings"),
     "sliding": (lambda: LiveSettings(sliding=True), "sliding: .*Sliding"),

@@ -9,17 +9,19 @@ from hypothesis import strategies as st
 
 import haptix
 from haptix import Texture
-from haptix.render import DirectWave, PredictingRenderer
+from haptix.render import DirectWave, RenderSettings
 from haptix.touch import TouchEvent
 from tests.live_strokes import (
     ALWAYS,
     CARRIER_HZ,
     HALF,
-    KEEP,
+    RATE,
     Ruler,
     amplitude,
     render,
+    row_times,
     stroke,
+    target_mu,
     times,
 )
 
@@ -40,9 +42,7 @@ def test_a_texture_out_of_reach_is_compressed_if_asked_for(surface):
     flat = np.diff(amplitude(clipped)[inside][t > 0.1]) == 0
     assert flat.mean() > 0.5
     lowest, highest = (float(surface.mu(0.5, v, CARRIER_HZ)) for v in (0.0, 200.0))
-    middle = float(
-        np.interp(0.2, t, np.concatenate([b.target_mu for b in squeezed.blocks])[inside])
-    )
+    middle = float(np.interp(0.2, row_times(squeezed), target_mu(squeezed)))
     # At 0.2 s the finger is at 25 mm, where 0.35 is wanted: the middle of the span.
     assert middle == pytest.approx((lowest + highest) / 2, abs=0.01 * (highest - lowest))
 
@@ -77,20 +77,22 @@ def test_a_quarter_of_a_direct_period_asks_for_the_mean_over_its_way(model):
     path = haptix.Trajectory(
         np.array([0.0, 0.5]), np.array([5.0, 55.0]), np.full(2, 10.0), np.full(2, 0.5)
     )
-    with haptix.Renderer(surface, ruler, device, DirectWave(frequency_hz), KEEP) as renderer:
+    keep = RenderSettings(keep_blocks=True)
+    with haptix.Renderer(surface, ruler, device, DirectWave(frequency_hz), keep) as renderer:
         renderer.play(path)
-    t = times(renderer)
+    t = np.concatenate([block.sample for block in renderer.blocks]) / RATE
+    mu = np.concatenate([block.target_mu for block in renderer.blocks])
     middle_s = (np.ceil(4 * frequency_hz * t - 1e-9) - 0.5) / (4 * frequency_hz)
     inside = (t > 0.1) & (t < 0.4)
     # The mean of a line is its middle. Friction is inverted and read back to 1e-9.
-    place = ruler.place_mm(renderer)[inside]
+    place = (mu[inside] - ruler.LOW) / ruler.PER_MM
     np.testing.assert_allclose(place, 5 + 100 * middle_s[inside], rtol=0, atol=1e-6)
 
 
 def test_the_ripple_is_followed_at_the_response_of_the_surfaces_finger(direct_surface):
     def highest(surface, speed_mm_per_s):
         device = haptix.open_device("mock:")
-        renderer = PredictingRenderer(surface, HALF, device, DirectWave(125.0))
+        renderer = haptix.Renderer(surface, HALF, device, DirectWave(125.0))
         _, high = renderer.reachable(np.array([0.5]), np.array([speed_mm_per_s]))
         return float(high[0])
 

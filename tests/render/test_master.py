@@ -7,20 +7,20 @@ import haptix
 from haptix import InputError, Layout, Renderer
 from haptix.layout import LayoutEvent
 from haptix.materials import Button, Slider, Transient
-from haptix.render import LiveSettings, PredictingRenderer, Sliding
+from haptix.render import LiveRenderer, LiveSettings, Sliding
 from haptix.texture import Grating
 from haptix.touch import TouchEvent
+from tests.live_strokes import SteppedRenderer, row_times, target_mu
 
 RATE = 48_000
 LEVEL = Grating(period_mm=1e6, low=0.6, high=0.6000001)
 CURVE = {"kind": "pulse", "width_s": 0.02, "height": 0.3, "at_s": 0.005, "length_s": 0.03}
 BUMP = Transient(curve=CURVE)
-KEEP = LiveSettings(keep_blocks=True, lead_s=1e-3, block_s=1e-3, sliding=Sliding(is_needed=False))
+ALWAYS = LiveSettings(sliding=Sliding(is_needed=False))
 
 
-def playing(surface, texture, settings=KEEP):
-    device = haptix.open_device("mock:")
-    return PredictingRenderer(surface, texture, device, settings=settings)
+def playing(surface, texture, settings=ALWAYS):
+    return SteppedRenderer(surface, texture, settings=settings)
 
 
 def slide(renderer, until_s, from_s=0.0, force_n=0.5, y=5.0):
@@ -31,10 +31,9 @@ def slide(renderer, until_s, from_s=0.0, force_n=0.5, y=5.0):
 
 
 def target(renderer):
-    """Times and friction asked for at the control points."""
-    blocks = [block for block in renderer.blocks if block.fingers]
-    t_s = np.concatenate([block.sample for block in blocks]) / RATE
-    return t_s, np.concatenate([block.target_mu for block in blocks])
+    """Times and friction asked for, a millisecond apart."""
+    known = ~np.isnan(target_mu(renderer))
+    return row_times(renderer)[known], target_mu(renderer)[known]
 
 
 def at(renderer, t_s):
@@ -75,7 +74,7 @@ def test_nothing_raises_a_voltage_beyond_what_friction_asks(surface):
                 renderer.play(effect)
             slide(renderer, 0.15, 0.05)
         assert renderer.stats.above == 0
-        return renderer, max(block.amplitude_v.max() for block in renderer.blocks)
+        return renderer, renderer.played.amplitude_v.max()
 
     one, _ = highest(BUMP)
     three, loudest = highest(BUMP, BUMP, BUMP)
@@ -84,7 +83,7 @@ def test_nothing_raises_a_voltage_beyond_what_friction_asks(surface):
     with playing(surface, full) as renderer:
         slide(renderer, 0.1)
     # The texture asks for 1e-7 less than the highest friction.
-    most = max(block.amplitude_v.max() for block in renderer.blocks)
+    most = renderer.played.amplitude_v.max()
     assert loudest <= most * (1 + 1e-6)
 
 
@@ -109,8 +108,8 @@ def test_mute_takes_5_ms_and_time_goes_on_while_in_a_pause_it_stands(surface, re
     assert at(renderer, 0.115) == pytest.approx(low, rel=1e-6)
     assert at(renderer, 0.25) == pytest.approx(at(renderer, 0.09), rel=1e-6)
     assert at(renderer, 0.4) == pytest.approx(low, rel=1e-6)
-    # The last touch before was at 0.305 s; blocks of 1 ms are rendered a lead of 1 ms ahead.
-    assert scene_s == pytest.approx(0.3065, abs=0.001)
+    # The last touch before was at 0.305 s, and the reaction is 3 ms.
+    assert scene_s == pytest.approx(0.308, abs=1e-6)
     # The move goes on where it stood, with its edge at 5 mm and the finger at 55: 0.125 s are left.
     assert at(renderer, 0.6) > at(renderer, 0.65) > low
 
@@ -137,7 +136,7 @@ def test_an_effect_is_felt_and_its_end_is_told(surface, reach):
 def test_of_an_effect_it_is_told_how_much_was_felt(surface):
     """A finger that is lifted feels a part, one that rests nothing."""
     told = []
-    settings = LiveSettings(lead_s=1e-3, block_s=1e-3, sliding=Sliding(fade_s=0.001))
+    settings = LiveSettings(sliding=Sliding(fade_s=0.001))
     with playing(surface, LEVEL, settings) as renderer:
         slide(renderer, 0.1)
         renderer.play(BUMP, done=told.append)
@@ -149,8 +148,8 @@ def test_of_an_effect_it_is_told_how_much_was_felt(surface):
         for i in range(20):
             renderer.touch(0.3 + 0.005 * (i + 1), 30, 5, 0.5)
     assert [one.outcome for one in told] == ["played", "played"]
-    # Reports count a lead of 1 ms after they came, in blocks of 1 ms; the drive fades for 1 ms.
-    felt_s = 0.11 + 0.0015 - began_s
+    # Reports count 3 ms after they came; the drive fades for 1 ms, to a half in 0.5.
+    felt_s = 0.11 + 0.0035 - began_s
     assert told[0].felt_share == pytest.approx(felt_s / BUMP.length_s, abs=0.002 / BUMP.length_s)
     assert told[1].felt_share == 0.0
 
@@ -175,12 +174,12 @@ def test_of_nine_effects_the_oldest_of_the_lowest_priority_is_dropped(surface):
             renderer.play(wrong)
 
 
-@pytest.mark.parametrize("kind", [Renderer, PredictingRenderer])
+@pytest.mark.parametrize("kind", [Renderer, LiveRenderer])
 def test_callbacks_tell_what_fingers_do(surface, kind):
     layout = Layout()
     button = layout.add(Button(width_mm=16, height_mm=12), 10, 0)
     heard: list[LayoutEvent] = []
-    device = haptix.open_device("mock:")
+    device = haptix.open_device("mock:" if kind is Renderer else "mock:pace=stepped")
     with kind(surface, layout, device) as renderer:
         for what in ("enter", "leave", "press", "release", "detent"):
             renderer.on(what, heard.append)
@@ -237,7 +236,7 @@ def test_the_finger_with_priority_gets_the_electrode(surface):
                 renderer.touch(0.005 * i, 5 + i / 2, 25.0, 0.5, touch_id=1)
                 if both:
                     renderer.touch(0.005 * i, 5 + i / 2, 5.0, 0.5, touch_id=0)
-        volts.append(renderer.blocks[-1].amplitude_v[-1])
+        volts.append(renderer.played.amplitude_v[-1])
     assert volts[0] == pytest.approx(volts[1], rel=1e-3)
 
 
@@ -246,7 +245,7 @@ def test_a_value_is_set_while_a_finger_is_on_its_control(surface):
     layout = Layout()
     patch = layout.add(Slider(travel_mm=40.0, detents=5), 0.0, 0.0, 80.0, 20.0)
     told = []
-    with PredictingRenderer(surface, layout, haptix.open_device("mock:")) as renderer:
+    with playing(surface, layout, LiveSettings()) as renderer:
         renderer.on("detent", told.append)
         for i in range(20):
             renderer.touch(0.01 * i, 1 + i, 5.0, 0.5)

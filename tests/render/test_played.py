@@ -8,9 +8,10 @@ from firmware_io import Device, MockDriver, MockLink
 from haptix import Texture
 from haptix.render import LiveSettings
 from haptix.render.core import RenderCore
+from haptix.render.fingers import PredictedFingers
+from haptix.render.master import Master
 from haptix.render.played import COLUMNS, PlayedRecord
-from haptix.render.revised import RevisedSource
-from haptix.render.revised_fingers import RevisedFingers
+from haptix.render.stream import RenderSource
 from haptix.touch import TouchEvent
 
 RATE_HZ, STEP_S, START_S = 48_000, 1 / 12_000, 0.2
@@ -25,10 +26,10 @@ class Recorded:
 
     def __init__(self, surface):
         self.core = RenderCore(surface, STRIPES, Device(MockLink(MockDriver())))
-        self.fingers = RevisedFingers(LiveSettings())
+        self.fingers = PredictedFingers(LiveSettings())
         self.record = PlayedRecord(self.core)
-        self.source = RevisedSource(
-            self.core, self.fingers, lambda s: s, lambda *_: None, lambda: self.record
+        self.source = RenderSource(
+            self.core, self.fingers, Master(lambda: None), lambda *_: None, lambda: self.record
         )
         self.sent = 0
         for k in range(20):

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from firmware_io import Device, MockDriver, MockLink
+from firmware_io import Device, MockDriver, MockLink, Playback
 from haptix import Layout, LiveRenderer, Texture
 from haptix.materials import Transient
 from haptix.render import LiveSettings
 from haptix.render.core import RenderCore
-from haptix.render.revised import RevisedProducer, RevisedSource
-from haptix.render.revised_fingers import RevisedFingers
+from haptix.render.fingers import PredictedFingers
+from haptix.render.master import Master
+from haptix.render.stream import RenderSource
 from haptix.touch import TouchEvent
 
 STEP_S = 1 / 12_000
@@ -25,7 +26,7 @@ def core(surface):
 
 def sliding(settings=None, reports=20, vx=100.0):
     """A finger that slides at a constant speed, reported each 10 ms up to 0.19 s."""
-    fingers = RevisedFingers(settings or LiveSettings())
+    fingers = PredictedFingers(settings or LiveSettings())
     for k in range(reports):
         report(fingers, 0.01 * k, 5.0 + vx * 0.01 * k)
     return fingers
@@ -91,6 +92,9 @@ def test_gains_fade_in_and_out_at_the_rate_of_the_settings():
     assert gain == pytest.approx(falling, abs=1e-9)
     assert fingers.is_live
     fingers.update(0.23)
+    fingers.motion(0.23, STEP_S, 120, 0.0)
+    assert fingers.is_live  # what was made until 0.3 s has drive, and may still be queued
+    fingers.update(0.301)
     assert not fingers.is_live
     assert fingers.motion(0.23, STEP_S, 12, 0.0).motion.fingers == 0
 
@@ -100,7 +104,7 @@ class Stream:
 
     def __init__(self, core, fingers):
         self.core, self.fingers = core, fingers
-        self.source = RevisedSource(core, fingers, lambda s: s, lambda *_: None)
+        self.source = RenderSource(core, fingers, Master(lambda: None), lambda *_: None)
         self.volts = np.empty(0)
 
     def append(self, count):
@@ -182,14 +186,14 @@ def test_live_rendering_agrees_with_one_that_knows_the_touches_at_once(surface, 
 def test_a_renderer_that_revises_holds_its_reaction(surface):
     device = Device(MockLink(MockDriver(pace="real")))
     with LiveRenderer(surface, STRIPES, device) as renderer:
-        assert renderer.stats.lead_s == renderer.settings.reaction_s == 0.003
+        assert renderer.stats.reaction_s == renderer.settings.reaction_s == 0.003
     assert renderer.stats.reaction_p50_s != renderer.stats.reaction_p50_s  # nothing was touched
 
 
 def test_what_an_app_changes_is_rendered_again_at_once(surface, monkeypatch):
     """As a touch is; without a finger there is nothing to render."""
     told = []
-    monkeypatch.setattr(RevisedProducer, "touch", lambda self, now_s: told.append(now_s))
+    monkeypatch.setattr(Playback, "touch", lambda self, now_s: told.append(now_s))
     layout, bump = (
         Layout(),
         Transient(

@@ -10,6 +10,7 @@ from scipy.ndimage import map_coordinates
 from skimage.io import imread
 
 import haptix
+from haptix.results import folder_of
 
 RATE, CARRIER_HZ = 48_000, 4000
 
@@ -76,7 +77,7 @@ def test_the_counts_agree_with_each_other(demo):
     assert len(surface["grid"]) == 4
     sidecar = json.loads((demo.folder / "drive.json").read_text())
     assert sidecar["surface_key"] == surface["key"]
-    assert (demo.cache / f"{surface['key']}.surface").is_file()
+    assert (demo.cache / folder_of(surface["key"]) / "friction.surface").is_file()
 
 
 def test_the_figures_of_friction_by_another_way(demo):
@@ -100,10 +101,10 @@ def test_the_figures_of_friction_by_another_way(demo):
     )
     load = torch.from_numpy(along(t, "normal_force_n"))
     reached = model.solve(load, torch.from_numpy(amplitude.clip(0, 200)), CARRIER_HZ).mu.numpy()
-    # 0.7 mA through 150 pF, at right angles to the amplitude's own slope of 4e5 V/s.
-    highest_v = np.sqrt((0.7e-3 // 150e-12 - 250 / 32767 * 48e3 * (1 + np.pi)) ** 2 - 4e5**2) / (
-        2 * np.pi * CARRIER_HZ
-    )
+    # 0.7 mA through 150 pF in whole codes of a sample, at right angles to the amplitude's own slope
+    # of 4e5 V/s.
+    step_codes = 0.7e-3 / 150e-12 / RATE * 32767 / 250 // 1
+    highest_v = np.sqrt((step_codes * 250 / 32767 * RATE) ** 2 - 4e5**2) / (2 * np.pi * CARRIER_HZ)
     ends = {"normal_force_n": (table["normal_force_n"].min(), table["normal_force_n"].max())}
     surface = haptix.FrictionSurface.build(model, {**ends, "frequency_hz": CARRIER_HZ}, 5e-4)
 

@@ -1,6 +1,7 @@
 """The demo again from the cache, and inputs it refuses."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import soundfile
 from skimage.io import imread, imsave
 
 import haptix
+from haptix.results import folder_of
 from haptix.surface import cached_surface
 
 
@@ -36,31 +38,40 @@ def test_a_second_run_takes_the_surface_from_the_cache(demo, tmp_path, monkeypat
         assert (tmp_path / "again" / name).read_bytes() == (demo.folder / name).read_bytes()
 
 
-# A truncated file is refused by the same check as the other two.
+# All are refused by the same check, which reads the hash of every byte.
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     "damage",
     [
-        "truncated",
+        "one bit",
         "unwritable",
+        pytest.param("truncated", marks=pytest.mark.slow),
         pytest.param("garbage", marks=pytest.mark.slow),
         pytest.param("empty", marks=pytest.mark.slow),
     ],
 )
 def test_a_bad_cache_changes_no_sample(demo, tmp_path, private_cache, damage):
-    good = demo.cache / f"{demo.summary['surface']['key']}.surface"
+    name = f"{folder_of(demo.summary['surface']['key'])}/friction.surface"
+    good = demo.cache / name
     if damage == "unwritable":
         private_cache.write_text("a file where the folder should be")
     else:
-        private_cache.mkdir()
-        data = {"garbage": b"no surface", "truncated": good.read_bytes()[:-9], "empty": b""}
-        (private_cache / good.name).write_bytes(data[damage])
+        shutil.copytree(demo.cache, private_cache)
+        bit = bytearray(good.read_bytes())
+        bit[-9] ^= 1
+        data = {
+            "one bit": bit,
+            "garbage": b"no surface",
+            "truncated": good.read_bytes()[:-9],
+            "empty": b"",
+        }
+        (private_cache / name).write_bytes(data[damage])
     again = summary_of(demo.again(tmp_path / "again"))
     assert again["is_surface_cached"] is False
     wave = (tmp_path / "again" / "drive.wav").read_bytes()
     assert wave == (demo.folder / "drive.wav").read_bytes()
     if damage != "unwritable":
-        assert (private_cache / good.name).read_bytes() == good.read_bytes()
+        assert (private_cache / name).read_bytes() == good.read_bytes()
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -78,7 +89,7 @@ def test_the_cache_tells_inputs_apart(private_cache):
     assert not cached_surface(model(youngs_modulus_pa=41e6), scene, 0.05)[1]
     assert cached_surface(model(), scene, 0.05)[1]
     # A surface that lies under another's key is not taken for it.
-    first, *others = sorted(private_cache.glob("*.surface"))
+    first, *others = sorted(private_cache.glob("results/*/*/*.surface"))
     for other in others:
         other.write_bytes(first.read_bytes())
     for modulus in (40e6, 41e6):

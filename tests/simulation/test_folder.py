@@ -40,7 +40,7 @@ def test_all_files_say_the_same(simulation, tmp_path):
     samples, rate = soundfile.read(folder / "drive.wav", dtype="int16")
     assert rate == drive["sample_rate_hz"] == simulation.played.renderer.sample_rate_hz
     np.testing.assert_array_equal(
-        samples / 32767 * drive["full_scale_v"], simulation.played.driver.played_v
+        samples / 32767 * drive["full_scale_v"], simulation.played.drive_v
     )
     pixels = imread(folder / "simulation.png")[::9, ::9, :3].reshape(-1, 3)
     assert len(np.unique(pixels, axis=0)) > 20

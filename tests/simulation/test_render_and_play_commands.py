@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from firmware_io import RevisedStats
+from firmware_io import PlaybackStats
 from haptix.errors import OverloadWarning
 
 SMALL = ("--trajectory", "path.csv", "--surface", "my.surface")
@@ -67,7 +67,7 @@ def test_play_in_real_time(haptix_cli, own_folder, steady_mock, as_json):
     if as_json:
         (row,) = json.loads(done.out)
         assert row["seconds"] > 0.2  # less than the 0.4 s of the path only where the machine stalls
-        assert row["lead_ms"] == 3  # the reaction: the mock can revise
+        assert row["reaction_ms"] == 3
         assert row["revisions"] > 0
         assert row["underruns"] >= 0
     else:
@@ -80,7 +80,7 @@ def test_play_prints_that_the_horizon_did_not_hold(
     haptix_cli, own_folder, steady_mock, as_json, monkeypatch
 ):
     told = "cannot hold its horizon of 100 ms: 3 underruns"
-    monkeypatch.setattr(RevisedStats, "advice", told)
+    monkeypatch.setattr(PlaybackStats, "advice", told)
     options = ("--json",) if as_json else ()
     with warnings.catch_warnings():
         warnings.simplefilter("error", OverloadWarning)  # said in the output, not a second time
@@ -90,6 +90,7 @@ def test_play_prints_that_the_horizon_did_not_hold(
 
 
 BOTH = {
+    "no reaction": ((*SMALL, "--reaction-ms", "-1"), "reaction-ms.*-1"),
     "both carriers": (
         ("--trajectory", "path.csv", "--carrier-hz", "4000", "--direct-hz", "100"),
         "--carrier-hz or --direct-hz, got both",
@@ -113,7 +114,6 @@ BOTH = {
         "'saw'",
     ),
     "a carrier too fast": (("--trajectory", "path.csv", "--carrier-hz", "20000"), "quarter.*20000"),
-    "no lead": ((*SMALL, "--lead-ms", "-1"), "lead-ms.*-1"),
     "no such device": ((*SMALL, "--device", "tape:"), "tape:"),
     "an option of the mock": ((*SMALL, "--device", "mock:colour=red"), "colour.*keys"),
 }

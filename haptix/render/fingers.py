@@ -1,0 +1,417 @@
+"""Fingers as functions of time: recorded, whose paths are known, and live, which are predicted."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from math import exp, hypot, inf, isnan, nan
+from typing import Any, Protocol
+
+import numpy as np
+
+from haptix.checks import Array
+from haptix.errors import InputError
+from haptix.motion import VELOCITY_OVER_S, Motion, Report
+from haptix.motion.block import React, Reactions, unmoved
+from haptix.native import Struct, doubles, ffi, library, room
+from haptix.render.core import Fingers
+from haptix.render.settings import LiveSettings, Sliding
+from haptix.touch import Touches, TouchEvent, TouchState, TouchTracker
+
+LOST_S = 0.1
+"""A recorded finger without touches for so long, while others go on, counts as lifted."""
+
+_ROUNDING_S = 1e-6  # of a clock: a fade continues over it
+
+
+@dataclass
+class _KnownTrack:
+    """One finger, from the touch up to which it is rendered."""
+
+    touches: Array
+    """Time [s], place x and y [mm] and normal force [N], shape (4, touches)."""
+    gains: list[tuple[float, float]]
+    """Time [s], and share of its amplitude that the finger gets then."""
+    is_sliding: bool = False
+    is_down: bool = True
+    force_known: bool = True
+    react: React = unmoved
+    reports: deque[tuple[float, Report, React]] = field(default_factory=deque)
+    """Time [s] of each that does not count yet, and how the material reacts."""
+    reactions: Reactions = field(default_factory=Reactions)
+
+    def fade(self, start_s: float, end_s: float, goal: float, fade_s: float) -> None:
+        """Move the gain towards a goal during an interval."""
+        last_s, gain = self.gains[-1]
+        if last_s < start_s:
+            self.gains.append((start_s, gain))
+        needs = abs(goal - gain) * fade_s
+        if needs >= end_s - start_s:
+            goal = gain + (goal - gain) * (end_s - start_s) / needs
+        elif needs > 0:
+            self.gains.append((start_s + needs, goal))
+        self.gains.append((end_s, goal))
+
+    def speed_mm_per_s(self, t_s: float) -> float:
+        """Return the speed between the touches around a time."""
+        t, x, y, _ = self.touches
+        i = min(max(int(t.searchsorted(t_s)), 1), len(t) - 1)
+        return hypot(x[i] - x[i - 1], y[i] - y[i - 1]) / float(t[i] - t[i - 1]) if i else 0.0
+
+    def react_until(self, t_s: float) -> None:
+        """Let reports count up to the first after a time, which may date facts before it."""
+        while self.reports:
+            at_s, report, react = self.reports.popleft()
+            self.reactions.report(report, react)
+            if at_s >= t_s:
+                break
+
+    def forget_before(self, t_s: float) -> None:
+        """Drop what lies before `t_s`, except the start of the line through it."""
+        first = int(self.touches[0].searchsorted(t_s - VELOCITY_OVER_S, side="right")) - 1
+        self.touches = self.touches[:, max(min(first, self.touches.shape[1] - 2), 0) :]
+        while len(self.gains) > 2 and self.gains[1][0] <= t_s:
+            del self.gains[0]
+
+
+class MovingFingers(Protocol):
+    """Fingers that a stream can ask for at any time."""
+
+    def motion(
+        self, t0_s: float, step_s: float, points: int, since_s: float, at_rest: bool = False
+    ) -> Fingers:
+        """Fingers at ``t0_s + step_s * (1 ... points)``."""
+
+
+class RecordedFingers:
+    """Recorded touches of several fingers, each path known up to its last touch."""
+
+    def __init__(self, sliding: Sliding) -> None:
+        self._sliding = sliding
+        self._tracks: dict[int, _KnownTrack] = {}
+        self._latest_s = -np.inf
+
+    def touch(
+        self,
+        touch_id: int,
+        t_s: float | Array,
+        x_mm: float | Array,
+        y_mm: float | Array,
+        normal_force_n: float | Array,
+        force_known: bool = True,
+        react: React = unmoved,
+        start_s: float = 0.0,
+        at_rest: bool = False,
+    ) -> None:
+        """Take a checked touch, or a row of them; `InputError` if their time does not advance.
+
+        `react` is that of the material, `start_s` the time of the first sample; with `at_rest` a
+        finger that rests gets drive too.
+        """
+        touches = np.array([t_s, x_mm, y_mm, normal_force_n], dtype=np.float64).reshape(4, -1)
+        first_s, joined = float(touches[0, 0]), touches
+        track = self._tracks.get(touch_id)
+        if track is not None and not track.is_down:
+            track = None
+        latest_s = self._latest_s if track is None else float(track.touches[0, -1])
+        if first_s < latest_s - LOST_S if track is None else first_s <= latest_s:
+            raise InputError(f"touch: time must advance, but {first_s:g} s follows {latest_s:g} s")
+        if track is None:
+            self._tracks[touch_id] = track = _KnownTrack(touches, [(first_s, 0.0)])
+        else:
+            joined = np.hstack([track.touches[:, -1:], touches])
+            track.touches = np.hstack([track.touches, touches])
+        t, x, y, _ = joined
+        speeds = np.hypot(np.diff(x), np.diff(y)) / np.diff(t)
+        sliding = self._sliding
+        for i, speed in enumerate(speeds.tolist()):
+            track.is_sliding = at_rest or sliding.is_sliding(speed, track.is_sliding)
+            if track.gains[-1][1] != track.is_sliding:
+                track.fade(float(t[i]), float(t[i + 1]), float(track.is_sliding), sliding.fade_s)
+        track.force_known, track.react = force_known, react
+        # A material that does not react needs no more than the ends.
+        told = touches[:, [0, -1]] if react is unmoved else touches
+        for at_s, x_at, y_at, force in told.T.tolist():
+            report = Report(at_s - start_s, x_at, y_at, force if force_known else None)
+            track.reports.append((at_s, report, react))
+        self._latest_s = max(self._latest_s, float(t[-1]))
+
+    def lift(self, touch_id: int, t_s: float, since_s: float = nan) -> None:
+        """Lift a finger; its drive fades out. `since_s` is the time on the clock of samples."""
+        track = self._tracks.get(touch_id)
+        if track is None or not track.is_down:
+            return
+        track.is_down = False
+        if not isnan(since_s):
+            now = Report(since_s, nan, nan, None, is_down=False)
+            track.reports.append((t_s, now, track.react))
+        fade_s, faded_until_s = self._sliding.fade_s, track.gains[-1][0]
+        end_s = max(t_s, float(track.touches[0, -1]))
+        if end_s > faded_until_s:
+            track.fade(faded_until_s, end_s, float(track.is_sliding), fade_s)
+        track.fade(end_s, end_s + fade_s, 0.0, fade_s)
+        self._latest_s = max(self._latest_s, t_s)
+
+    @property
+    def known_until_s(self) -> float:
+        """Time up to which all fingers' paths are known."""
+        for touch_id, track in self._tracks.items():
+            last_s = float(track.touches[0, -1])
+            if track.is_down and last_s < self._latest_s - LOST_S:
+                self.lift(touch_id, last_s)
+        down = [float(track.touches[0, -1]) for track in self._tracks.values() if track.is_down]
+        return min(down, default=self._latest_s)
+
+    def motion(
+        self, t0_s: float, step_s: float, points: int, since_s: float, at_rest: bool = False
+    ) -> Fingers:
+        """Fingers at ``t0_s + step_s * (1 ... points)``; the first ends a step from `since_s`.
+
+        Touches have a clock of their own; `since_s` is on that of samples, see `Motion`. Those that
+        get drive at rest were told with their touches.
+        """
+        self._tracks = {
+            touch_id: track
+            for touch_id, track in sorted(self._tracks.items())
+            if track.is_down or track.gains[-1][0] >= t0_s + step_s
+        }
+        tracks = list(self._tracks.values())
+        if not tracks:
+            return Fingers.none(points)
+        end_s = t0_s + step_s * points
+        lines = np.empty((4, len(tracks), points))
+        for finger, track in enumerate(tracks):
+            track.forget_before(t0_s)
+            track.react_until(end_s)
+            gain_s, gains = self._gains(track)
+            known_s, *places_and_force = track.touches
+            knots = [*((known_s, line) for line in places_and_force), (gain_s, gains)]
+            for value, (knot_s, line) in zip(lines[:, finger], knots, strict=True):
+                library.hx_line(
+                    doubles(knot_s), doubles(line), len(line), t0_s, step_s, points, doubles(value)
+                )
+        x, y, force, gain = lines.reshape(4, -1)
+        fastest = max(track.speed_mm_per_s(end_s) for track in tracks)
+        paths = [track.touches for track in tracks]
+        motion = Motion(
+            len(tracks), points, x, y, force, fastest * step_s, step_s, since_s,
+            lambda: _velocities(t0_s + step_s * np.arange(1.0, points + 1), paths),
+            tuple(track.force_known for track in tracks),
+            tuple(track.reactions.history for track in tracks),
+        )  # fmt: skip
+        return Fingers(motion, gain)
+
+    def _gains(self, track: _KnownTrack) -> Array:
+        """Times and gains. A fade continues for a microsecond, which covers a clock's rounding."""
+        change = _ROUNDING_S / self._sliding.fade_s * (1 if track.is_sliding else -1)
+        last_s, last = track.gains[-1]
+        end = (last_s + _ROUNDING_S, min(max(last + change * track.is_down, 0.0), 1.0))
+        return np.array([*track.gains, end]).T
+
+
+def _velocities(t_s: Array, paths: list[Array]) -> tuple[Array, Array]:
+    """Mean velocities over the time before each point: what comes after is not known yet."""
+    vx, vy = (
+        np.concatenate(
+            [
+                np.interp(t_s, path[0], path[axis])
+                - np.interp(t_s - VELOCITY_OVER_S, path[0], path[axis])
+                for path in paths
+            ]
+        )
+        / VELOCITY_OVER_S
+        for axis in (1, 2)
+    )
+    return vx, vy
+
+
+@dataclass(frozen=True, slots=True)
+class _PredictedTrack:
+    """One finger from a time on, as the reports until then predict it; it never changes.
+
+    What was played before then was of an older prediction: the difference in place and force decays
+    as in `TouchTracker.path`, and the gain goes on from where it was.
+    """
+
+    tracker: TouchTracker
+    now: Any
+    """What the tracker knew, by identity."""
+    is_down: bool
+    start_s: float
+    offset: tuple[float, float, float]
+    gain: float
+
+    def ahead(self, t_s: float) -> TouchState:
+        """Return the prediction for a time, without the offset."""
+        return self.tracker.at(t_s, self.now)
+
+    def place(self, t_s: float) -> tuple[float, float, float]:
+        """Return place and force at a time."""
+        state = self.ahead(t_s)
+        dx, dy, df = self.left(t_s)
+        return state.x_mm + dx, state.y_mm + dy, state.normal_force_n + df
+
+    def left(self, t_s: float) -> tuple[float, float, float]:
+        """Return what is left of the offset at a time."""
+        dx, dy, df = self.offset
+        decay = exp(-max(t_s - self.start_s, 0.0) / self.tracker.settings.blend_s)
+        return decay * dx, decay * dy, decay * df
+
+    def _driven_until_s(self, settings: LiveSettings, at_rest: bool) -> float:
+        """Return until when the finger gets drive."""
+        if not (self.is_down and (self.now[-1] or at_rest)):
+            return self.start_s
+        reported_s: float = self.now[0]
+        return max(reported_s + settings.touch.lost_after_s, self.start_s)
+
+    def gain_at(self, t_s: float, settings: LiveSettings, at_rest: bool) -> float:
+        """Return the share of its amplitude that the finger gets at a time."""
+        last_s, fade_s = self._driven_until_s(settings, at_rest), settings.sliding.fade_s
+        risen = self.gain + max(min(t_s, last_s) - self.start_s, 0.0) / fade_s
+        return max(min(risen, 1.0) - max(t_s - last_s, 0.0) / fade_s, 0.0)
+
+    @property
+    def row(self) -> tuple[Any, ...]:
+        """The same for the library in C."""
+        reported_s, _, estimate, is_sliding = self.now
+        return (
+            reported_s, *self.tracker.course(self.now), estimate.normal_force_n, self.start_s,
+            *self.offset, self.gain, self.is_down, is_sliding,
+        )  # fmt: skip
+
+
+class PredictedFingers:
+    """Live fingers, as the reports until now predict them. Only `update` lets a new report count.
+
+    So what is appended goes on from what is queued, and any window can be rendered again. One
+    thread may take touches while another asks for the motion.
+    """
+
+    def __init__(self, settings: LiveSettings) -> None:
+        self.touches = Touches(settings.touch, settings.strict)
+        self._settings = settings
+        self._tracks: dict[TouchTracker, _PredictedTrack] = {}
+        self._reactions: dict[TouchTracker, Reactions] = {}
+        self._at_rest = not settings.sliding.is_needed
+        self._ahead_s: float | None = None  # clock of touches minus that of samples
+        self._updated_s = self._driven_until_s = -inf
+        touch = settings.touch
+        self._following = Struct(
+            "hx_following",
+            latency_s=touch.latency_s,
+            lost_after_s=touch.lost_after_s,
+            blend_s=touch.blend_s,
+            fade_s=settings.sliding.fade_s,
+        )
+        self._rows = ffi.new("hx_track[]", 0)
+        self._known: tuple[bool, ...] = ()
+        self._ids: tuple[int, ...] = ()
+
+    @property
+    def is_live(self) -> bool:
+        """Whether a finger is on the screen, still fades out, or has drive in what is queued."""
+        is_here = bool(self._tracks or self.touches.active)
+        return is_here or self._updated_s < self._driven_until_s
+
+    def update(self, t0_s: float) -> None:
+        """Let what has been reported count from a time on."""
+        self._updated_s = t0_s
+        down = [tracker for _, tracker in self.touches.active]
+        tracks = self._tracks
+        before = dict(tracks)
+        for tracker in dict.fromkeys([*down, *tracks]):
+            now, is_down, old = tracker.now, tracker.is_down, tracks.get(tracker)
+            if old is None:
+                tracks[tracker] = _PredictedTrack(tracker, now, is_down, t0_s, (0.0, 0.0, 0.0), 0.0)
+                continue
+            if old.now is now and old.is_down == is_down:
+                if not is_down and not self._gain(old, t0_s):
+                    del tracks[tracker]
+                    self._reactions.pop(tracker, None)
+                continue
+            new = tracker.at(t0_s, now)
+            x, y, force = old.place(t0_s)
+            offset = (x - new.x_mm, y - new.y_mm, force - new.normal_force_n)
+            if old.now[0] + self._settings.touch.lost_after_s < t0_s:
+                offset = (0.0, 0.0, 0.0)  # it was lost: nothing was played
+            tracks[tracker] = _PredictedTrack(
+                tracker, now, is_down, t0_s, offset, self._gain(old, t0_s)
+            )
+
+        if tracks != before:
+            self._rows = ffi.new("hx_track[]", [track.row for track in tracks.values()])
+            self._known = tuple(one.now[2].source != "assumed" for one in tracks.values())
+            self._ids = tuple(one.tracker.touch_id for one in tracks.values())
+
+    def _gain(self, track: _PredictedTrack, t_s: float) -> float:
+        return track.gain_at(t_s, self._settings, self._at_rest)
+
+    def take(
+        self, event: TouchEvent, arrival_s: float | None = None, react: React = unmoved
+    ) -> None:
+        """Take a touch event, see `Touches.push`; a move of an unknown finger brings it down.
+
+        `react` is that of the material, see `Evaluator`. What it makes of the event holds from when
+        that can be played.
+        """
+        kind = getattr(event, "kind", None)
+        if kind == "move" and event.touch_id not in self.touches:
+            event = event._replace(kind="down")
+        touches = self.touches
+        before = dict(touches.active)
+        if not touches.push(event, arrival_s):
+            return
+        touch_id = event.touch_id
+        tracker = dict(touches.active).get(touch_id) or before.get(touch_id)
+        if tracker is None:
+            return
+        heard_s = 0.0
+        if self._ahead_s is None:
+            self._ahead_s = tracker.last_t_s
+        elif arrival_s is not None:
+            heard_s = arrival_s + self._settings.reaction_s - self._ahead_s
+        t_s = tracker.last_t_s - self._ahead_s
+        if kind == "up":
+            now = Report(t_s, nan, nan, None, is_down=False)
+        else:
+            force = touches.settings.force.estimate(event.normal_force_n, event.contact_area_m2)
+            force_n = None if force is None else force.normal_force_n
+            now = Report(t_s, float(event.x_mm), float(event.y_mm), force_n)
+        self._reactions.setdefault(tracker, Reactions()).report(now, react, heard_s)
+
+    def motion(
+        self, t0_s: float, step_s: float, points: int, since_s: float, at_rest: bool = False
+    ) -> Fingers:
+        """Fingers at ``t0_s + step_s * (1 ... points)``; `at_rest`, those that rest get drive too.
+
+        Touches have a clock of their own; `since_s` is `t0_s` on that of samples, see `Motion`.
+        """
+        self._ahead_s = t0_s - since_s
+        self._at_rest = at_rest or not self._settings.sliding.is_needed
+        rows, known, ids = self._rows, self._known, self._ids
+        count = len(ids)
+        numbers, at = room(4 * (count + 1) * points + 3 * count + 1)
+        n = library.hx_fingers(
+            self._following.at, rows, count, t0_s, step_s, points, self._at_rest, at
+        )
+        if not n:
+            return Fingers.none(points)
+        self._driven_until_s = max(self._driven_until_s, t0_s + step_s * points)
+        size = n * points
+        each = 4 * (size + points)  # where each finger's own numbers begin
+        trackers = list(self._tracks)
+        if n < count:
+            which = numbers[each + 2 * n : each + 3 * n].astype(int).tolist()
+            known, ids = tuple(known[k] for k in which), tuple(ids[k] for k in which)
+            trackers = [trackers[k] for k in which]
+        reactions = self._reactions
+        histories = tuple([reactions[one].history if one in reactions else () for one in trackers])
+        motion = Motion(
+            n, points, numbers[:size], numbers[size : 2 * size], numbers[2 * size : 3 * size],
+            numbers.item(each + 3 * n) * step_s, step_s, since_s,
+            lambda: tuple(
+                np.repeat(numbers[each : each + 2 * n].reshape(2, n), points, axis=1)
+            ),
+            known, histories,
+        )  # fmt: skip
+        return Fingers(motion, numbers[3 * size : 4 * size], ids)

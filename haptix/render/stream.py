@@ -1,0 +1,730 @@
+"""From touches to samples on a device: recorded as they are, or live, predicted and revised."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import sys
+import time
+import warnings
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from math import nan
+from typing import Any, Self
+
+import numpy as np
+
+from firmware_io import Device, Playback, PlaybackStats
+from firmware_io.progress import MOST_MARKS
+from firmware_io.revisable import Revisable
+from firmware_io.reviser import percentile
+from haptix.checks import Array, instance, number, whole
+from haptix.errors import InputError, LimitError, OverloadWarning
+from haptix.layout import Layout, LayoutEvent, LayoutEventKind, Listeners
+from haptix.motion import Report, Trajectory
+from haptix.render.core import RenderCore, RenderedBlock
+from haptix.render.drive import Drive, DriverCarrier
+from haptix.render.fingers import PredictedFingers, RecordedFingers
+from haptix.render.master import EffectEnd, Master, PlayingEffect
+from haptix.render.played import PlayedRecord
+from haptix.render.settings import LiveSettings, RenderSettings
+from haptix.status import Status
+from haptix.surface import FrictionSurface
+from haptix.texture import Feelable, check_feelable
+from haptix.touch import ForceModel, TouchCounts, TouchEvent
+from haptix.touch.events import problem_of
+
+_LOG = logging.getLogger("haptix.render")
+
+LONGEST_GAP_S = 60.0
+"""Longest pause between touches that is rendered, where they drive the clock."""
+
+_KEPT = 100_000  # block times
+
+
+@dataclass
+class RenderStats(PlaybackStats):
+    """Counts and times since the renderer was entered; those of a playback are 0 without one."""
+
+    samples: int = 0
+    """Samples rendered."""
+    below: int = 0
+    """Samples, of all fingers, whose target was below the friction without voltage."""
+    above: int = 0
+    """Samples whose target was above what the highest voltage, pull-in or breakdown allow."""
+    outside: int = 0
+    """Samples whose force was outside the surface's range."""
+    block_s: deque[float] = field(default_factory=lambda: deque(maxlen=_KEPT), repr=False)
+    """Time to compute each of the last blocks [s]."""
+
+    def add(self, block: RenderedBlock, seconds: float) -> None:
+        """Count a block."""
+        self.samples += len(block.drive_v)
+        self.block_s.append(seconds)
+        if block.status.any():
+            each = np.bincount(block.status.ravel(), minlength=len(Status)) * block.step
+            self.below += int(each[Status.BELOW])
+            self.above += int(each[Status.ABOVE] + each[Status.PULL_IN] + each[Status.BREAKDOWN])
+            self.outside += int(each[Status.OUT_OF_RANGE])
+
+    def __str__(self) -> str:
+        line = (
+            f"{self.samples} samples ({self.below} below reach, {self.above} above, "
+            f"{self.outside} outside the surface), {len(self.block_s)} blocks of "
+            f"{self.p50_block_s * 1e3:.2f} ms (p99 {self.p99_block_s * 1e3:.2f}, longest "
+            f"{self.max_block_s * 1e3:.2f}), {self.revisions} revisions, {self.underruns} underruns"
+        )
+        return f"{line}; {self.advice}" if self.advice else line
+
+    @property
+    def p50_block_s(self) -> float:
+        """Median time to compute a block [s]; nan without blocks."""
+        return percentile(self.block_s, 50)
+
+    @property
+    def p99_block_s(self) -> float:
+        """99th percentile of it [s]."""
+        return percentile(self.block_s, 99)
+
+    @property
+    def max_block_s(self) -> float:
+        """Longest time [s]."""
+        return percentile(self.block_s, 100)
+
+
+class RenderStream(RenderCore, ABC):
+    """A context in which touches become samples on a device.
+
+    Leaving the context ends at 0 V. So does a failing device: the next call raises its error once,
+    and the renderer can be entered again.
+
+    Parameters are those of `RenderCore`. The device's voltage ceiling is lowered to the surface's
+    voltage limit.
+
+    Raises
+    ------
+    LimitError
+        On entering, if the surface's voltage limit is above the device's ceiling.
+    """
+
+    def __init__(
+        self,
+        surface: FrictionSurface,
+        texture: Feelable,
+        device: Device,
+        drive: Drive | None = None,
+        settings: RenderSettings | None = None,
+    ) -> None:
+        self._mix = self._master = Master(self._changed)
+        self._listeners = Listeners()
+        super().__init__(surface, texture, device, drive, settings)
+        self.device = device
+        self._reset()
+
+    def _reset(self) -> None:
+        """Start anew: from rest, at sample 0, with empty counts."""
+        self.stats = RenderStats()
+        self.blocks: list[RenderedBlock] = []
+        self._master.reset()
+        self._listeners.forget()
+        self._attach(self.texture)
+
+    @property
+    def intensity(self) -> float:
+        """Intensity that the app asks for, 0 to 1: a share of the friction above the lowest."""
+        return self._master.intensity
+
+    @intensity.setter
+    def intensity(self, share: float) -> None:
+        self._master.turn(self._samples_s, intensity=share)
+
+    @property
+    def user_intensity(self) -> float:
+        """Intensity that the user allows, 0 to 1; the app's is multiplied with it."""
+        return self._master.user_intensity
+
+    @user_intensity.setter
+    def user_intensity(self, share: float) -> None:
+        self._master.turn(self._samples_s, user_intensity=share)
+
+    def mute(self) -> None:
+        """Fade to the lowest friction in 5 ms; time goes on."""
+        self._master.turn(self._samples_s, is_muted=True)
+
+    def unmute(self) -> None:
+        """Fade in again."""
+        self._master.turn(self._samples_s, is_muted=False)
+
+    def pause(self) -> None:
+        """Fade out; what depends on time, layouts too, stands until `resume`."""
+        self._master.pause(self._samples_s)
+
+    def resume(self) -> None:
+        """Go on after a pause."""
+        self._master.resume(self._samples_s)
+
+    def on(self, kind: LayoutEventKind, callback: Callable[[LayoutEvent], None]) -> None:
+        """Call a function at each "enter", "leave", "press", "release" or "detent" of a finger.
+
+        It is called by `touch` and `lift`, in their thread, by the report itself and never by
+        prediction. Fingers whose force is not measured press nothing.
+        """
+        self._listeners.on(kind, callback)
+
+    def poll(self) -> list[EffectEnd]:
+        """Tell which effects have ended since the last time, see `LiveRenderer.play`."""
+        return self._master.ended(self._since_s, self.sample_rate_hz)
+
+    def _feel(self, texture: Feelable) -> None:
+        check_feelable("texture", texture)
+        self._attach(texture)
+        super()._feel(texture)
+        self._changed()
+
+    @abstractmethod
+    def _changed(self) -> None:
+        """What is felt has changed, other than by a touch."""
+
+    def _attach(self, texture: Feelable) -> None:
+        """Give a layout the clock of the stream."""
+        if isinstance(layout := texture.evaluator, Layout):
+            layout.attach(lambda: self._since_s, self._changed)
+
+    @property
+    @abstractmethod
+    def _samples_s(self) -> float:
+        """Time of the next sample that can still be rendered, since the first."""
+
+    def _heard(self, event: TouchEvent) -> None:
+        """Tell callbacks what a touch did, and which effects have ended."""
+        is_down = event.kind != "up"
+        force = self._force_of(event) if is_down else None
+        x, y = (float(event.x_mm), float(event.y_mm)) if is_down else (nan, nan)
+        _LOG.debug("touch %d %s at %.6f s, %g, %g mm", event.touch_id, event.kind, event.t_s, x, y)
+        now = Report(self._since_s, x, y, force, is_down)
+        if isinstance(layout := self._felt[1], Layout):
+            layout.heard(event.touch_id, now)
+        self._listeners.report(self.texture, event.touch_id, event.t_s, now)
+        self.poll()
+
+    @abstractmethod
+    def _force_of(self, event: TouchEvent) -> float | None:
+        """Force that was measured; None where it is assumed."""
+
+    def touch(
+        self,
+        t_s: float,
+        x_mm: float,
+        y_mm: float,
+        normal_force_n: float | None = None,
+        touch_id: int = 0,
+        contact_area_m2: float | None = None,
+    ) -> None:
+        """Take a touch; in virtual time, render up to it.
+
+        Parameters
+        ----------
+        t_s : float
+            Time of the touch [s]; in real time by `LiveRenderer.now_s`.
+        x_mm, y_mm : float
+            Place on the screen.
+        normal_force_n : float, optional
+            Normal force [N], above 0. Without it, the force is estimated or assumed.
+        touch_id : int
+            Which finger.
+        contact_area_m2 : float, optional
+            Contact area [m^2], from which the force may be estimated.
+
+        Raises
+        ------
+        InputError
+            If a value cannot be used or time does not advance, unless `LiveSettings.strict` is
+            off.
+        LimitError, DeviceError
+            If the device rejects the samples or fails; its output is then at 0 V.
+        """
+        self.event(TouchEvent(t_s, touch_id, x_mm, y_mm, "move", normal_force_n, contact_area_m2))
+
+    def lift(self, t_s: float, touch_id: int = 0) -> None:
+        """Take a finger off the screen."""
+        self.event(TouchEvent(t_s, touch_id, 0.0, 0.0, "up"))
+
+    @abstractmethod
+    def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
+        """Take any touch event; see `touch`.
+
+        Live, `arrival_s` is a time of the clock to wait for first; recordings take no notice of it.
+        """
+
+    def _prepare(self) -> None:
+        """Check and set the device's limits, and reset."""
+        limit, ceiling = self.surface.voltage_limit_v, self.device.limits.ceiling_v
+        if limit > ceiling:
+            raise LimitError(
+                f"the surface asks for up to {limit:g} V, but the device allows {ceiling:g} V; "
+                f"build the surface for voltages up to {ceiling:g} V, or open the device anew if "
+                "an earlier surface has lowered its ceiling"
+            )
+        if limit < ceiling:
+            self.device.lower_ceiling(limit)
+        if isinstance(self.drive, DriverCarrier):
+            self.device.set_up(carrier_hz=self.drive.frequency_hz)
+        self._reset()
+        _LOG.info("%s begins, up to %g V on %s", type(self).__name__, limit, self.device.name)
+
+    @property
+    def _since_s(self) -> float:
+        """Time of the next sample since the first, less pauses."""
+        return self._master.scene_s(self._samples_s)
+
+    def _count(self, block: RenderedBlock, seconds: float) -> None:
+        self.stats.add(block, seconds)
+        if self.settings.keep_blocks:
+            self.blocks.append(block)
+
+
+_FORCE = ForceModel()
+_LONG_S = 0.25  # a block of `play`: far longer than what numpy costs per call
+
+
+class Renderer(RenderStream):
+    """Renders a texture under recorded touches, which are joined by straight lines.
+
+    The clock is that of the touches: the first is sample 0, each is rendered up to as it comes, and
+    nothing is revised, so that a recording gives the same samples each time. A touch that cannot be
+    used raises `InputError`. Parameters are those of `RenderCore`.
+    """
+
+    def _reset(self) -> None:
+        super()._reset()
+        self._fingers = RecordedFingers(self.settings.sliding)
+        self._start_s: float | None = None
+        self._next_sample = 0
+        self._amplitude_v = 0.0
+
+    def __enter__(self) -> Self:
+        self._prepare()
+        self.device.arm()
+        return self
+
+    def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
+        _LOG.info("%s ends: %s", type(self).__name__, self.stats)
+        self.device.__exit__(kind, error, traceback)
+        self._master.cut(self._since_s, self.sample_rate_hz)
+
+    @property
+    def _samples_s(self) -> float:
+        return self._next_sample / self.sample_rate_hz
+
+    def _force_of(self, event: TouchEvent) -> float | None:
+        return event.normal_force_n
+
+    def _changed(self) -> None:
+        """The next block has it."""
+
+    def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
+        """Take a touch event and render up to it; see `touch`."""
+        self._take(event)
+        self._render_known(self.points)
+        self._heard(event)
+
+    def play(self, path: Trajectory, touch_id: int = 0) -> None:
+        """Render one finger's whole recorded path, in long blocks: the fastest way.
+
+        All of it is checked before any of it is rendered.
+        """
+        instance("path", path, Trajectory, "haptix.Trajectory.from_csv reads a file")
+        columns = (path.t_s, path.x_mm, path.y_mm, path.normal_force_n)
+        # Each bound is an interval: where the ends of all columns keep them, all samples do.
+        for i in sorted({int(end) for each in columns for end in (each.argmin(), each.argmax())}):
+            t_s, x_mm, y_mm, force_n = (float(each[i]) for each in columns)
+            problem = problem_of(TouchEvent(t_s, touch_id, x_mm, y_mm, "move", force_n))
+            if problem is not None:
+                raise InputError(f"{problem}, in sample {i + 1}")
+        self._follow(touch_id, *columns)
+        self._render_known(max(self.points, round(_LONG_S / self.step_s)))
+
+    def _take(self, event: TouchEvent) -> None:
+        problem = problem_of(event)
+        if problem is not None:
+            raise InputError(problem)
+        if event.kind == "up":
+            number("touch: t_s of a lift", event.t_s)
+            self._check_gap(event.t_s)
+            self._fingers.lift(event.touch_id, event.t_s, event.t_s - (self._start_s or 0.0))
+            return
+        found = _FORCE.estimate(event.normal_force_n, event.contact_area_m2)
+        force_n = (found or _FORCE.assumed).normal_force_n
+        place = (event.x_mm, event.y_mm)
+        self._follow(event.touch_id, event.t_s, *place, force_n, found is not None)
+
+    def _follow(
+        self,
+        touch_id: int,
+        t_s: float | Array,
+        x_mm: float | Array,
+        y_mm: float | Array,
+        normal_force_n: float | Array,
+        force_known: bool = True,
+    ) -> None:
+        """Let a finger go on by touches, which are checked."""
+        self._check_gap(t_s)
+        start_s = float(np.min(t_s)) if self._start_s is None else self._start_s
+        self._fingers.touch(
+            touch_id, t_s, x_mm, y_mm, normal_force_n, force_known, self._felt[1].react, start_s,
+            self.drives_at_rest,
+        )  # fmt: skip
+        self._start_s = start_s
+
+    def _render_known(self, most: int) -> None:
+        """Render as far as all fingers' paths are known, in blocks of up to `most` points."""
+        if self._start_s is None:
+            return
+        rate, step = self.sample_rate_hz, self.step
+        # Clocks that count from 1970 resolve a few 1e-7 s: that must not cost a sample.
+        end = int((self._fingers.known_until_s - self._start_s) * rate + 0.02)
+        while (left := (end - self._next_sample) // step) > 0:
+            began, at_s = time.perf_counter(), self._start_s + self._next_sample / rate
+            since_s = self._since_s
+            fingers = self._fingers.motion(at_s, self.step_s, min(most, left), since_s)
+            block = self.block(fingers, self._next_sample, self._amplitude_v)
+            self._master.mark(fingers.motion, since_s, fingers.gain)
+            self._amplitude_v = float(block.amplitude_v[-1])
+            self._next_sample += len(block.drive_v)
+            self.device.write(block.drive_v)
+            self._count(block, time.perf_counter() - began)
+
+    def _check_gap(self, t_s: float | Array) -> None:
+        """Refuse to render hours of nothing because a clock jumped."""
+        times = np.atleast_1d(t_s)
+        before_s = times[0] if self._start_s is None else self._start_s + self._samples_s
+        gap_s = float(np.diff(times, prepend=before_s).max())
+        if gap_s > LONGEST_GAP_S:
+            raise InputError(
+                f"touch: expected a time within {LONGEST_GAP_S:g} s of what is rendered, got one "
+                f"{gap_s:g} s later; is the clock in seconds? Enter the renderer anew after a pause"
+            )
+
+
+SWITCH_S = 5e-4
+"""How long a thread may hold the interpreter while another waits. With the usual 5 ms, a busy
+thread delays a window by as much."""
+
+
+@contextmanager
+def ready_interpreter() -> Iterator[None]:
+    """Keep garbage collection and thread switches short, and restore them.
+
+    A full garbage collection takes some 100 ms here. Frozen objects are left out of it. A program
+    that has frozen its objects keeps them so.
+    """
+    switch_s = sys.getswitchinterval()
+    was_frozen = gc.get_freeze_count() > 0
+    if not was_frozen:
+        gc.collect()
+        gc.freeze()
+    sys.setswitchinterval(min(switch_s, SWITCH_S))
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(switch_s)
+        if not was_frozen:
+            gc.unfreeze()
+
+
+class RenderSource:
+    """Renders windows from what is queued before them; see `firmware_io.Source`.
+
+    Parameters
+    ----------
+    core : RenderCore
+        Renders.
+    fingers : PredictedFingers
+        Where they are.
+    master : Master
+        Intensity and effects, and the time of the scene.
+    count : callable
+        Takes each block, the time that it took, and when its first sample is played.
+    record : callable
+        Returns the record of what is played, where one is kept.
+    appended : callable
+        Called with the index of the first of samples that are new to the driver, before they are
+        sent, on the thread that owns the device.
+    """
+
+    def __init__(
+        self,
+        core: RenderCore,
+        fingers: PredictedFingers,
+        master: Master,
+        count: Callable[[RenderedBlock, float, float], None],
+        record: Callable[[], PlayedRecord | None] = lambda: None,
+        appended: Callable[[int], None] = lambda first: None,
+    ) -> None:
+        self._core = core
+        self._fingers = fingers
+        self._master = master
+        self._count = count
+        self._record = record
+        self._appended = appended
+        self._amplitudes = Revisable()  # of what is queued, where each step begins
+        self._amplitudes.append(np.zeros(1))
+
+    @property
+    def grid(self) -> int:
+        """Samples in a step."""
+        return self._core.step
+
+    @property
+    def is_live(self) -> bool:
+        """Whether fingers' reports could still change what is played."""
+        return self._fingers.is_live
+
+    def window(self, first: int, count: int, at_s: float, is_revision: bool) -> Array:
+        """Render samples from index `first` on, of which the first is played at `at_s`."""
+        began = time.perf_counter()
+        core, amplitudes = self._core, self._amplitudes
+        step, points = first // core.step, count // core.step
+        queued = None
+        if is_revision:
+            self._fingers.update(at_s)
+            start = step + 1 - amplitudes.first
+            queued = amplitudes.values[start : start + points]
+        since_s = self._master.scene_s(first / core.sample_rate_hz)
+        fingers = self._fingers.motion(at_s, core.step_s, points, since_s, core.drives_at_rest)
+        block = core.block(fingers, first, amplitudes[step], queued)
+        self._master.mark(fingers.motion, since_s, fingers.gain)
+        if is_revision:
+            amplitudes.replace(step + 1, block.amplitude_v)
+        else:
+            amplitudes.append(block.amplitude_v)
+            self._appended(first)
+        if (record := self._record()) is not None:
+            record.add(block, fingers, at_s, is_revision)
+        self._count(block, time.perf_counter() - began, at_s)
+        return block.drive_v
+
+    def settle(self, obeyed: int, undone: bool) -> None:
+        """Take the oldest revisions as played; with `undone`, all others never were."""
+        self._amplitudes.accept(obeyed)
+        if undone:
+            self._amplitudes.undo()
+        if (record := self._record()) is not None:
+            record.settle(obeyed, undone)
+
+    def played(self, index: int) -> None:
+        """Forget what lies before an index."""
+        self._amplitudes.drop_before(index // self._core.step)
+
+
+class LiveRenderer(RenderStream):
+    """Renders live touches, which are predicted; they are given as they come, stamped by `now_s`.
+
+    One thread renders and owns the device (`firmware_io.Playback`). It plays
+    `LiveSettings.horizon_s` ahead, and on each touch renders again what is played next. On a device
+    in steps ("mock:pace=stepped") there is no thread: `run_until`, and events with the time of
+    their arrival, play what is due by the device's clock, the same each time.
+
+    Parameters are those of `RenderCore`, with `LiveSettings`.
+
+    Warns
+    -----
+    OverloadWarning
+        On leaving, if samples ran out, with what would help.
+    """
+
+    settings: LiveSettings
+    _settings_kind = LiveSettings
+
+    _playback: Playback | None = None
+    record: PlayedRecord | None = None
+    """What is played, where somebody takes it: set `PlayedRecord(renderer)`, or None, at any time.
+    """
+    taken: Callable[[TouchEvent], None] | None = None
+    """Called with each touch that was taken, by `touch` and `lift`."""
+
+    def __init__(
+        self,
+        surface: FrictionSurface,
+        texture: Feelable,
+        device: Device,
+        drive: Drive | None = None,
+        settings: LiveSettings | None = None,
+    ) -> None:
+        super().__init__(surface, texture, device, drive, settings or LiveSettings())
+
+    def _reset(self) -> None:
+        super()._reset()
+        self._marks: deque[int] = deque()
+        self._ahead_s: float | None = None  # clock of touches minus that of samples
+        self._fingers = PredictedFingers(self.settings)
+
+    def __enter__(self) -> Self:
+        self._prepare()
+        source = RenderSource(
+            self,
+            self._fingers,
+            self._master,
+            self._count_window,
+            lambda: self.record,
+            self._place_marks,
+        )
+        settings = self.settings
+        playback = Playback(
+            self.device, source, settings.reaction_s, settings.horizon_s, stats=self.stats
+        )
+        # The collection comes first: it takes long, and an armed driver does not wait.
+        with ExitStack() as stack:
+            stack.enter_context(ready_interpreter())
+            playback.start()
+            self._interpreter = stack.pop_all()
+        self._playback = playback
+        return self
+
+    @property
+    def _samples_s(self) -> float:
+        """Time of the next sample that can still be rendered, since the first."""
+        if self._ahead_s is None:
+            return 0.0
+        return max(0.0, self.now_s() + self.settings.reaction_s - self._ahead_s)
+
+    def __exit__(self, kind: Any, error: BaseException | None, traceback: Any) -> None:
+        playback, self._playback = self._playback, None
+        if playback is None:
+            return
+        self._interpreter.close()
+        try:
+            playback.__exit__(kind, error, traceback)
+        finally:
+            _LOG.info("%s ends: %s", type(self).__name__, self.stats)
+            self._master.cut(self._since_s, self.sample_rate_hz)
+        if self.stats.advice and error is None:
+            warnings.warn(f"the renderer {self.stats.advice}", OverloadWarning, stacklevel=2)
+
+    def mark(self, code: int = 0) -> None:
+        """Let the driver tell when it plays the next sample that it has not been sent.
+
+        Its digital line rises with that sample, up to `LiveSettings.horizon_s` from now, and
+        `Device.marked` has the time by the driver's clock. More marks than a driver holds wait.
+
+        Raises
+        ------
+        InputError
+            If the driver takes no marks.
+        """
+        if not self.device.capabilities.takes_marks:
+            raise InputError("mark: expected a driver that takes marks; update its firmware")
+        if whole("code", code) >= 2**16:
+            raise InputError(f"code: expected at most 65535, got {code}")
+        self._marks.append(code)
+
+    def _place_marks(self, first: int) -> None:
+        while self._marks and self.device.marks_waiting < MOST_MARKS:
+            self.device.mark(first, self._marks.popleft())
+
+    def now_s(self) -> float:
+        """Time of the clock by which touches are stamped: that of the device."""
+        return self.device.clock()
+
+    def run_until(self, t_s: float) -> None:
+        """Wait until a time of the clock; a device in steps plays meanwhile."""
+        self._running().run_until(t_s)
+
+    @property
+    def scene_s(self) -> float:
+        """Time of the scene now: the one that materials which change in time are asked for."""
+        if self._ahead_s is None:
+            return self._master.scene_s(0.0)
+        return self._master.scene_s(max(0.0, self.now_s() - self._ahead_s))
+
+    def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
+        """Take a touch event; see `touch`.
+
+        It is taken at a time of the clock, or now; on a device in steps, when it was touched.
+        """
+        playback = self._running()
+        at_s = event.t_s if arrival_s is None and not playback.has_thread else arrival_s
+        if at_s is not None and at_s - self.now_s() <= LONGEST_GAP_S:
+            playback.run_until(at_s)
+        self.events([event])
+
+    def events(self, events: Sequence[TouchEvent]) -> None:
+        """Take the touch events of several fingers, which are rendered together; see `touch`."""
+        self._running().raise_once()
+        self._take(events, self.now_s())
+
+    def _running(self) -> Playback:
+        if self._playback is None:
+            raise InputError("touch: expected a renderer that was entered; use it in a with block")
+        return self._playback
+
+    def play(
+        self,
+        effect: Feelable,
+        priority: int = 0,
+        done: Callable[[EffectEnd], None] | None = None,
+    ) -> PlayingEffect:
+        """Add an effect that ends to what all fingers feel, from the next sample on.
+
+        Parameters
+        ----------
+        effect : Material
+            Such as `haptix.materials.Transient`; a share of the reachable friction. Its time and
+            all events from which it may begin are now.
+        priority : int
+            Of more than 8 at once, the oldest of the lowest priority is dropped.
+        done : callable, optional
+            Called with `EffectEnd` once the effect has been played, by the next `touch`, `lift` or
+            `poll`, or on leaving.
+
+        Raises
+        ------
+        InputError
+            If the effect has no end, or is no share.
+        """
+        return self._master.play(effect, lambda: self._since_s, priority, done)
+
+    def _take(self, events: Sequence[TouchEvent], arrival_s: float) -> None:
+        """Take touch events, and tell what those did that were some."""
+        counts, react = self.touch_counts, self._felt[1].react
+        heard: list[TouchEvent] = []
+        try:
+            for event in events:
+                before = counts.taken
+                self._fingers.take(event, arrival_s, react)
+                if counts.taken > before or getattr(event, "kind", None) == "up":
+                    heard.append(event)
+        finally:
+            self._touched(arrival_s)  # once, and before callbacks, which may take long
+            for event in heard:
+                self._heard(event)
+
+    def _force_of(self, event: TouchEvent) -> float | None:
+        found = self.settings.touch.force.estimate(event.normal_force_n, event.contact_area_m2)
+        return None if found is None else found.normal_force_n
+
+    @property
+    def touch_counts(self) -> TouchCounts:
+        """What became of the touches."""
+        return self._fingers.touches.counts
+
+    def _heard(self, event: TouchEvent) -> None:
+        if self.taken is not None:
+            self.taken(event)
+        super()._heard(event)
+
+    def _touched(self, now_s: float) -> None:
+        # Once its end was told, touches are taken and lead nowhere.
+        if self._playback is not None and self._playback.is_running:
+            self._playback.touch(now_s)
+
+    def _changed(self) -> None:
+        if self._playback is not None and self._fingers.touches.active:
+            self._touched(self.now_s())
+
+    def _count_window(self, block: RenderedBlock, seconds: float, at_s: float) -> None:
+        self._count(block, seconds)
+        self._ahead_s = at_s - block.first_sample / self.sample_rate_hz
