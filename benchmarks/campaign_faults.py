@@ -25,7 +25,7 @@ from pathlib import Path
 
 from haptix.campaign import Campaign, CampaignTask, Outcome, run_campaign
 from haptix.campaign.cluster import DaskWorkers
-from haptix.campaign.store import store_at
+from haptix.results import ResultStore
 from haptix.version import __version__
 
 HOSTS = {"haptix-a": "10.77.0.1", "haptix-b": "10.77.0.2"}
@@ -144,7 +144,7 @@ def main() -> None:
     kind = "campaign_faults:Small"
     plan = Small(name="small", kind=kind, numbers=asked.tasks, seconds=asked.seconds)
     folder = Path(tempfile.mkdtemp(prefix="haptix-faults-"))
-    loop, began = store_at(folder / "loop"), time.perf_counter()
+    loop, began = ResultStore(folder / "loop"), time.perf_counter()
     for task in plan.tasks():  # the same loop: computed and written
         result = {"kind": kind, "haptix": __version__, "document": task.document}
         found = plan.run(task.document)

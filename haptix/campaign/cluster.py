@@ -10,12 +10,14 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
+from haptix.campaign.processes import PROCESS_BYTES, processes_that_fit
 from haptix.campaign.worker import as_seen_here, differences
 from haptix.errors import HaptixError, InputError, from_extra
+
+_LOG = logging.getLogger("haptix.campaign")
 
 Result = TypeVar("Result")
 
@@ -25,9 +27,8 @@ _FIRST_WORKER_S = 60
 _TOLD_BY_US = ("distributed.client", "distributed.core", "distributed.utils")
 
 
-@dataclass
-class _Call:
-    """A call that was sent, and the workers that may do it."""
+class _Call(NamedTuple):
+    """A call, Dask's future of it, and the workers that may do it."""
 
     work: Callable[..., Any]
     given: tuple[Any, ...]
@@ -49,9 +50,9 @@ class DaskWorkers(Executor):
     def __init__(self, client: Any, on_refused: Callable[[str], None] = lambda why: None) -> None:
         self.client, self._on_refused = client, on_refused
         self._owned: list[Any] = []
-        self._where = ""
+        self._asked: tuple[str, ...] = ()
         self._own: dict[str, str] = {}
-        self._good: dict[str, int] = {}
+        self._good: dict[str, int] = {}  # threads of the workers that are used, by address
         self._known: set[str] = set()
         self.refused: dict[str, str] = {}
         """Reasons by the names of workers that are not used."""
@@ -78,33 +79,29 @@ class DaskWorkers(Executor):
             from distributed import Client, LocalCluster
         for name in _TOLD_BY_US:
             logging.getLogger(name).setLevel(logging.CRITICAL)
+        owned: list[Any] = []
+        asked: dict[str, Any]
         if place == "dask":
-            from haptix.campaign.processes import PROCESS_BYTES, processes_that_fit
-
             count = processes_that_fit(memory_bytes or 0, workers)
             limit = "auto" if memory_bytes is None else PROCESS_BYTES + memory_bytes
             cluster = LocalCluster(
                 n_workers=count, threads_per_worker=1, memory_limit=limit, dashboard_address=None
             )
-            opened = cls(Client(cluster), on_refused)
-            opened._owned = [opened.client, cluster]
-            return opened
+            owned, asked = [cluster], {"address": cluster}
+        elif "://" in place:
+            asked = {"address": place}
+        elif Path(place).is_file():
+            asked = {"scheduler_file": place}
+        else:
+            raise InputError(
+                f"--on: expected processes, dask, an address such as tcp://HOST:8786, or a "
+                f"scheduler file, got {place!r:.80}"
+            )
         try:
-            if "://" in place:
-                client = Client(place)
-            elif Path(place).is_file():
-                client = Client(scheduler_file=place)
-            else:
-                raise InputError(
-                    f"--on: expected processes, dask, an address such as tcp://HOST:8786, or a "
-                    f"scheduler file, got {place!r:.80}"
-                )
+            opened = cls(Client(**asked), on_refused)
         except (OSError, ValueError, TypeError) as error:  # the last: TLS without a certificate
-            if isinstance(error, HaptixError):
-                raise
             raise HaptixError(f"--on: no Dask scheduler answers at {place}: {error}") from None
-        opened = cls(client, on_refused)
-        opened._owned = [client]
+        opened._owned = [opened.client, *owned]
         return opened
 
     @property
@@ -117,27 +114,28 @@ class DaskWorkers(Executor):
         """Calls in flight: one that waits for each that is done."""
         return 2 * self.workers
 
-    def expect(self, where: str) -> None:
+    def expect(self, where: str, kind: str = "") -> None:
         """Check the workers that there are, and from now on each that arrives.
 
         Parameters
         ----------
-        where : str
-            Place of the campaign, which workers must reach.
+        where, kind : str
+            Place of the campaign, which workers must reach, and its kind, which they must have.
 
         Raises
         ------
         HaptixError
             If none may be used; the message has each by name, and why.
         """
-        self._where, self._own = where, as_seen_here(where)
+        self._asked, self._own = (where, kind), as_seen_here(where, kind)
         with suppress(TimeoutError):
             self.client.wait_for_workers(1, timeout=_FIRST_WORKER_S)
         self._look()
         if not self._good:
             reasons = "; ".join(f"{name}: {why}" for name, why in self.refused.items())
             raise HaptixError(
-                f"expected workers of this version, got none that may be used ({reasons or 'none'})"
+                "expected workers of this version that can import the campaign's kind, got none "
+                f"that may be used ({reasons or 'none'})"
             )
         threading.Thread(target=self._keep_looking, daemon=True).start()
 
@@ -149,9 +147,8 @@ class DaskWorkers(Executor):
     def _look(self) -> None:
         """Check newcomers, and send again what only workers that are gone could do."""
         workers = self.client.scheduler_info(n_workers=-1)["workers"]
-        new = [address for address in workers if address not in self._known]
-        if new:
-            seen = self.client.run(as_seen_here, self._where, workers=new, on_error="return")
+        if new := [address for address in workers if address not in self._known]:
+            seen = self.client.run(as_seen_here, *self._asked, workers=new, on_error="return")
             for address in new:
                 self._judge(address, workers[address], seen.get(address))
         with self._lock:
@@ -159,9 +156,9 @@ class DaskWorkers(Executor):
             lost = [one for one, call in self._calls.items() if not call.workers & set(workers)]
             for future in lost if self._good else []:
                 call = self._calls[future]
-                old, call.sent = call.sent, None
-                old.cancel()
+                _LOG.info("a call is sent again: its workers are gone")
                 self._send(future, call.work, call.given)
+                call.sent.cancel()
 
     def _judge(self, address: str, about: dict[str, Any], seen: Any) -> None:
         name = str(about.get("name", address))
@@ -189,7 +186,7 @@ class DaskWorkers(Executor):
         try:
             sent = self.client.submit(work, *given, pure=False, workers=[*workers])
         except Exception as error:
-            raise self._gone(error) from None
+            raise _gone(error) from None
         self._calls[future] = _Call(work, given, sent, workers)
         sent.add_done_callback(lambda one: self._take(future, one))
 
@@ -202,24 +199,18 @@ class DaskWorkers(Executor):
                 try:
                     future.set_result(sent.result())
                 except Exception as error:
-                    future.set_exception(self._gone(error))
+                    future.set_exception(_gone(error))
             elif sent.status == "error":
                 why = sent.exception()
                 killed = type(why).__name__ == "KilledWorker"
                 future.set_exception(BrokenExecutor(str(why)) if killed else why)
             else:
-                future.set_exception(self._gone(sent.status))
-
-    def _gone(self, why: Any) -> HaptixError:
-        return HaptixError(
-            f"the scheduler does not answer any more ({why}); finished tasks are kept: start it "
-            "and its workers, and the same command goes on"
-        )
+                future.set_exception(_gone(sent.status))
 
     def _forget(self, future: Future[Any]) -> None:
         with self._lock:
             call = self._calls.pop(future, None)
-        if call is not None and call.sent is not None and future.cancelled():
+        if call is not None and future.cancelled():
             call.sent.cancel()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -228,3 +219,10 @@ class DaskWorkers(Executor):
         for one in self._owned:
             with suppress(Exception):
                 one.close()
+
+
+def _gone(why: Any) -> HaptixError:
+    return HaptixError(
+        f"the scheduler does not answer any more ({why}); finished tasks are kept: start it and "
+        "its workers, and the same command goes on"
+    )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -17,14 +15,14 @@ from pydantic import Field
 from haptix.documents import Document
 from haptix.errors import FileFormatError, InputError
 from haptix.files import Content, file_at, read_json, read_toml
-from haptix.version import __version__
+from haptix.results import result_key
 
 # Where each kind stands; a plan may also name a class of an installed module, as "module:Class".
 KINDS = {
-    "surfaces": "haptix.campaign.surfaces:SurfacesOfPeople",
-    "population": "haptix.campaign.states:FrictionOfPeople",
-    "boundary-elements": "haptix.campaign.states:BoundaryElementSets",
-    "trade-off": "haptix.campaign.tradeoffs:Tradeoffs",
+    "surfaces": "haptix.campaign.on_screens:SurfacesOfPeople",
+    "population": "haptix.campaign.on_screens:FrictionOfPeople",
+    "boundary-elements": "haptix.campaign.on_screens:BoundaryElementSets",
+    "trade-off": "haptix.campaign.on_screens:Tradeoffs",
     "calibration-fits": "calibration.campaigns:CalibrationFits",
     "stimulus-sets": "haptix.stimuli.campaigns:StimulusSets",
     "experiment-simulations": "haptix.stimuli.campaigns:ExperimentSimulations",
@@ -53,9 +51,8 @@ class CampaignTask:
 
     @cached_property
     def key(self) -> str:
-        """SHA-256 of kind, document and version: the name of its results."""
-        text = json.dumps([__version__, self.kind, self.document], sort_keys=True, allow_nan=False)
-        return hashlib.sha256(text.encode()).hexdigest()
+        """Hash of kind, document and version: the name of its results."""
+        return result_key(self.kind, self.document)
 
 
 @dataclass(frozen=True)

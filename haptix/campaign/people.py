@@ -1,17 +1,196 @@
-"""Who touches what: the fingers and the screens of a campaign, each pair with its labels."""
+"""Fingers of a population, their friction at some states, and the plans of campaigns for them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
 from typing import Annotated, Any
 
+import numpy as np
+import torch
 from pydantic import Field, PositiveFloat
 
 from haptix.campaign.kinds import Campaign, Value
-from haptix.campaign.population import DrawnPeople, Population
+from haptix.checks import positive, whole
+from haptix.documents import Part
+from haptix.errors import InputError
+from haptix.executors import executor_of
+from haptix.fidelity import BoundaryElementBox
 from haptix.finger import Finger
+from haptix.friction import ContactModel
 from haptix.scene import Scene
 from haptix.screen import Screen
+from haptix.status import Status
+
+_AXES = ("normal_force_n", "voltage_v", "frequency_hz")
+_FOUND = ("mu", "area_fraction", "pressure_pa", "mean_gap_m")
+
+
+def states_of(document: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Solve one finger on one screen at all combinations of some values.
+
+    Parameters
+    ----------
+    document : mapping
+        ``finger``, ``screen``, lists ``normal_force_n``, ``voltage_v`` and ``frequency_hz``, and
+        for boundary elements ``box``.
+
+    Returns
+    -------
+    dict
+        A list for each column, over all combinations; the frequency is fastest.
+    """
+    grid = [*product(*(document[name] for name in _AXES))]
+    at = dict(zip(_AXES, torch.tensor(grid, dtype=torch.float64).T, strict=True))
+    how: dict[str, Any] = {}
+    if "box" in document:
+        box = BoundaryElementBox(**document["box"], most_states=len(grid))
+        how = {"fidelity": "boundary-element", "boundary_elements": box}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the box: it is what the plan asks for
+        finger, screen = Finger(**document["finger"]), Screen(**document["screen"])
+        state = ContactModel(finger, screen, **how).solve(**at)
+    found = {name: values.tolist() for name, values in at.items()}
+    found |= {name: getattr(state, name).double().tolist() for name in _FOUND}
+    return {**found, "status": [Status(int(one)).name for one in state.status]}
+
+
+class DrawnPeople(Part):
+    """People around each finger, see `Population.around`.
+
+    Parameters
+    ----------
+    size : int
+        People around each finger.
+    seed : int
+        Seed of the draw.
+    spread : mapping
+        Standard deviation of the logarithm, by field of the finger.
+    """
+
+    size: int
+    seed: int = 0
+    spread: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Population:
+    """Fingers, and how they were drawn.
+
+    Parameters
+    ----------
+    fingers : tuple of Finger
+        All of them.
+    statement : str
+        The spread and its origin, for sidecars.
+    """
+
+    fingers: tuple[Finger, ...]
+    statement: str
+
+    def __post_init__(self) -> None:
+        if not self.fingers:
+            raise InputError("fingers: expected one or more")
+
+    @classmethod
+    def around(
+        cls, finger: Finger, size: int, spread: Mapping[str, float], seed: int
+    ) -> Population:
+        """Draw fingers whose fields vary by equal ratios (log-normally), independently.
+
+        Parameters
+        ----------
+        finger : Finger
+            The median of every field.
+        size, seed : int
+            Number of fingers, 2 or more, and seed of the draw.
+        spread : mapping
+            Standard deviation of the logarithm, by field: ``{"youngs_modulus_pa": 0.3,
+            "roughness.h_rms_m": 0.1}``. There is no default.
+        """
+        fingers = tuple(one for one, _ in cls.draw(finger, size, spread, seed))
+        widths = ", ".join(f"{name} {width:g}" for name, width in sorted(spread.items()))
+        return cls(
+            fingers,
+            f"{size} fingers around {finger.name!r}, log-normal with standard deviations of the "
+            f"logarithm {widths}; seed {seed}",
+        )
+
+    def run(
+        self,
+        screen: Screen,
+        normal_force_n: Sequence[float],
+        voltage_v: Sequence[float],
+        frequency_hz: Sequence[float],
+        executor: Any = None,
+    ) -> list[dict[str, list[Any]]]:
+        """Solve every finger on a screen at all combinations of some values.
+
+        Parameters
+        ----------
+        screen : Screen
+            The screen.
+        normal_force_n, voltage_v, frequency_hz : sequence of float
+            The values.
+        executor : concurrent.futures.Executor or Dask client, optional
+            Where fingers are solved; without it here, one after the other.
+
+        Returns
+        -------
+        list of dict
+            For each finger the columns of its states, in the order of the combinations (frequency
+            fastest): the values, ``mu``, ``area_fraction``, ``pressure_pa``, ``mean_gap_m`` and
+            ``status``.
+        """
+        shared = {
+            "screen": screen.model_dump(mode="json", exclude_none=True),
+            **dict(zip(_AXES, map(list, (normal_force_n, voltage_v, frequency_hz)), strict=True)),
+        }
+        documents = [
+            {"finger": one.model_dump(mode="json", exclude_none=True), **shared}
+            for one in self.fingers
+        ]
+        return [*executor_of(executor).map(states_of, documents)]
+
+    @staticmethod
+    def draw(
+        finger: Finger, size: int, spread: Mapping[str, float], seed: int
+    ) -> Iterator[tuple[Finger, dict[str, float]]]:
+        """Yield the fingers of `around` one by one, with the ratio of each field to its median."""
+        whole("size", size, 2)
+        if not spread:
+            raise InputError("spread: expected the spread of one field of the finger or more")
+        spread = dict(sorted(spread.items()))
+        for name, value in spread.items():
+            positive(f"spread.{name}", value)
+            _get(finger, name)
+        generator = np.random.default_rng(seed)
+        for _ in range(size):
+            one, ratios = finger, {}
+            for name, width in spread.items():
+                ratios[name] = float(np.exp(width * generator.standard_normal()))
+                one = _scaled(one, name, ratios[name])
+            yield one, ratios
+
+
+def _get(finger: Finger, name: str) -> float:
+    value: Any = finger
+    for part in name.split("."):
+        value = getattr(value, part, None)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"spread.{name}: {finger.name!r} has no such number")
+    return float(value)
+
+
+def _scaled(finger: Finger, name: str, ratio: float) -> Finger:
+    value = _get(finger, name) * ratio
+    if "." not in name:
+        return finger.replace(**{name: value})
+    part, field = name.split(".", 1)
+    inner = getattr(finger, part)
+    return finger.replace(**{part: {**inner.model_dump(), field: value}})
 
 
 class PeopleOnScreens(Campaign):

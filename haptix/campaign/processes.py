@@ -52,22 +52,12 @@ class Processes(Executor):
     """
 
     def __init__(self, count: int, memory_bytes: int | None = None) -> None:
-        self._memory = memory_bytes
         self._places = [_Place(memory_bytes) for _ in range(count)]
         self.at_once = self.workers = count
 
     def submit(self, work: Callable[..., Result], /, *given: Any, **named: Any) -> Future[Result]:
         """Do a call on the process that has the fewest."""
-        place = min(self._places, key=lambda one: one.calls)
-        try:
-            future = place.pool.submit(work, *given, **named)
-        except BrokenProcessPool:
-            place.close()
-            place.open()
-            future = place.pool.submit(work, *given, **named)
-        place.calls += 1
-        future.add_done_callback(place.has_ended)
-        return future
+        return min(self._places, key=lambda one: one.calls).submit(work, *given, **named)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes: with `wait` once their calls have ended, else at once."""
@@ -94,7 +84,19 @@ class _Place:
         self.end.close()
         self.pool.shutdown(wait=False, cancel_futures=True)
 
-    def has_ended(self, future: Future[Any]) -> None:
+    def submit(self, work: Callable[..., Any], /, *given: Any, **named: Any) -> Future[Any]:
+        try:
+            future = self.pool.submit(work, *given, **named)
+        except BrokenProcessPool:
+            self.close()
+            self.open()
+            future = self.pool.submit(work, *given, **named)
+        with self._lock:
+            self.calls += 1
+        future.add_done_callback(self._has_ended)
+        return future
+
+    def _has_ended(self, future: Future[Any]) -> None:
         with self._lock:
             self.calls -= 1
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -13,23 +13,16 @@ from haptix.report_page import page, picture, table
 from haptix.version import __version__
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _MOST_FAILURES = 50
 
 
 def report_html(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> str:
-    """Return the page.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The plan, which says what is drawn.
-    rows : sequence of dict
-        The table.
-    """
-    counts = Counter(row["status"] for row in rows)
+    """Return the page of a campaign, which says what is drawn, and its table."""
     done = [row for row in rows if row["status"] == "done"]
+    counts = Counter(row["status"] for row in rows)
     facts = {"kind": campaign.kind, "haptix": __version__, "tasks": len(rows), **counts}
     for name, text in (("cpu_seconds", "processor time [h]"), ("seconds", "time of tasks [h]")):
         facts[text] = f"{sum(_numbers(done, name)) / 3600:.4g}"
@@ -38,11 +31,9 @@ def report_html(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> str:
         facts["largest memory of a worker [MB]"] = f"{max(peaks) / 1e6:.4g}"
     parts = [table([{"": name, "value": value} for name, value in facts.items()])]
     try:
-        pictures = _pictures(campaign, done)
+        parts += [picture(title, figure) for title, figure in _pictures(campaign, done)]
     except MissingExtraError as error:
-        pictures = []
         parts.append(f"<p>Without pictures: {escape(str(error))}</p>")
-    parts += [picture(title, figure) for title, figure in pictures]
     if wrong := [row for row in rows if row["status"] in ("failed", "set aside")]:
         kept = ("key", "status", "worker", "error")
         listed = [{name: row[name] for name in kept} for row in wrong[:_MOST_FAILURES]]
@@ -50,36 +41,30 @@ def report_html(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> str:
     return page(campaign.name, parts)
 
 
-def _pictures(campaign: Campaign, done: Sequence[dict[str, Any]]) -> list[tuple[str, Figure]]:
-    pictures = []
-    for name in (*campaign.shown, "cpu_seconds"):
-        values = _numbers(done, name)
-        if len(values) > 1:
-            figure, axes = _panel()
-            axes.hist(values, bins="auto" if len(set(values)) > 1 else 1)
-            axes.set(xlabel=name, ylabel="tasks")
-            pictures.append((f"{name}: {min(values):.4g} to {max(values):.4g}", figure))
-    for x, y in campaign.maps:
-        pairs = [
-            (row[x], row[y]) for row in done if _is_number(row.get(x)) and _is_number(row.get(y))
-        ]
-        if len(pairs) > 1:
-            figure, axes = _panel()
-            axes.plot(*zip(*pairs, strict=True), ".")
-            axes.set(xlabel=x, ylabel=y)
-            for axis, column in zip("xy", zip(*pairs, strict=True), strict=True):
-                if min(column) > 0 and max(column) > 10 * min(column):
-                    axes.set(**{f"{axis}scale": "log"})
-            pictures.append((f"{y} against {x}", figure))
-    return pictures
-
-
-def _panel() -> tuple[Figure, Any]:
+def _pictures(campaign: Campaign, done: Sequence[dict[str, Any]]) -> Iterator[tuple[str, Figure]]:
     with from_extra("figures"):
         from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6.4, 3.6), layout="constrained")
-    return figure, figure.add_subplot()
+    def panel(x: str, y: str) -> tuple[Figure, Axes]:
+        figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+        axes = figure.add_subplot()
+        axes.set(xlabel=x, ylabel=y)
+        return figure, axes
+
+    for name in (*campaign.shown, "cpu_seconds"):
+        if len(values := _numbers(done, name)) > 1:
+            figure, axes = panel(name, "tasks")
+            axes.hist(values, bins="auto" if len(set(values)) > 1 else 1)
+            yield f"{name}: {min(values):.4g} to {max(values):.4g}", figure
+    for x, y in campaign.maps:
+        both = [row for row in done if _is_number(row.get(x)) and _is_number(row.get(y))]
+        if len(both) > 1:
+            figure, axes = panel(x, y)
+            axes.plot(_numbers(both, x), _numbers(both, y), ".")
+            for axis, column in (("x", _numbers(both, x)), ("y", _numbers(both, y))):
+                if min(column) > 0 and max(column) > 10 * min(column):
+                    axes.set(**{f"{axis}scale": "log"})
+            yield f"{y} against {x}", figure
 
 
 def _is_number(value: Any) -> bool:

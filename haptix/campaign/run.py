@@ -1,31 +1,40 @@
-"""Run a campaign: what is missing is done, what is finished is left alone."""
+"""Run a campaign: what is missing is done, what is finished is left alone.
+
+A place has ``campaign.json`` (plan and versions), ``results/`` (see `haptix.results`), ``runs/``
+(the costs, deaths and errors of each task), ``table.csv`` and ``report.html``.
+"""
 
 from __future__ import annotations
 
 import json
+import logging
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from haptix.campaign.kinds import Campaign
-from haptix.campaign.ledger import Ledger
+from haptix.campaign.kinds import Campaign, Value
 from haptix.campaign.report import report_html
-from haptix.campaign.store import Store, record_of, store_at
-from haptix.campaign.worker import do, identity
+from haptix.campaign.worker import as_seen_here, differences, do, identity, record_of
 from haptix.errors import HaptixError, InputError
-from haptix.executors import executor_of, finished
+from haptix.executors import Here, executor_of, finished
+from haptix.files import csv_text
+from haptix.results import ResultStore, folder_of
 from haptix.version import __version__
 
+_LOG = logging.getLogger("haptix.campaign")
+
+PILOTS = 2
+"""Tasks that an `estimate` does where none was measured yet; their results are kept."""
+
 _MOST_LOST = 6  # workers in a row that may end before they begin a task
-_BEGAN = ("begun", "done", "failed")
-_TABLE_EVERY_S = 60.0
 _SHORT_CALL_S, _LARGEST_CALL = 0.2, 64  # of tasks that are done by one call
+_LAST = ("status", "seconds", "cpu_seconds", "peak_bytes", "bytes", "worker", "deaths", "error")
 
 
 @dataclass(frozen=True)
@@ -35,12 +44,9 @@ class Seen:
     total: int
     """Tasks in all."""
     counts: Counter[str]
-    """Tasks by status; what has not begun is "waiting"."""
+    """Tasks by status; what has not ended is "waiting"."""
     seconds_left: float | None
-    """From the costs measured so far; None before the second task has ended."""
-
-
-Progress = Callable[[Seen], None]
+    """From the ends so far; None before the second task has ended."""
 
 
 @dataclass(frozen=True)
@@ -55,17 +61,74 @@ class CampaignResult:
     """Tasks by status."""
     reused: int
     """Tasks that an earlier run had finished."""
+    damaged: Mapping[str, str]
+    """What was wrong with results of an earlier run, by their folders; they were made again."""
+
+
+@dataclass
+class Tasks:
+    """What is known of every task of a campaign, by its key, in the order of the plan."""
+
+    rows: dict[str, dict[str, Value]] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
+    damaged: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, store: ResultStore, campaign: Campaign, again: bool = False) -> Tasks:
+        """Read, every byte, what a place has of a campaign.
+
+        With `again`, forget what failed or was set aside.
+        """
+        tasks, there = cls(), store.kept()
+        for task in campaign.tasks():
+            key = task.key
+            if key in tasks.rows:
+                continue
+            tasks.rows[key] = {**task.labels, "status": "waiting"}
+            tasks.counts["waiting"] += 1
+            record = store.read_table(record_of(key)) or {}
+            result, why = store.check(key) if key in there else (None, "")
+            if result is not None:
+                record = {**record, "status": "done", "error": "", "row": result["row"]}
+                tasks.enter(key, record)
+            elif why or record.get("status") == "done":
+                tasks.damaged[folder_of(key)] = why or "is gone"
+            elif record.get("status") in ("failed", "set aside"):
+                if again:
+                    store.write_table(record_of(key), {"status": "stopped"})
+                else:
+                    tasks.enter(key, record)
+        return tasks
+
+    def enter(self, key: str, record: Mapping[str, Any]) -> None:
+        """Keep how a task ended."""
+        _LOG.info("task %s: %s", key, record["status"])
+        row = self.rows[key]
+        self.counts[str(row["status"])] -= 1
+        self.counts[record["status"]] += 1
+        for name, value in {**record.get("row", {}), **record}.items():
+            if name != "row":
+                row[name] = len(value) if isinstance(value, list) else value
+
+    def table(self) -> list[dict[str, Value]]:
+        """Return the rows with the same columns in each: labels, numbers, status, costs, key."""
+        names = dict.fromkeys(name for row in self.rows.values() for name in row)
+        columns = [*(name for name in names if name not in _LAST), *_LAST]
+        return [
+            {**{name: row.get(name) for name in columns}, "key": key}
+            for key, row in self.rows.items()
+        ]
 
 
 def run_campaign(
     campaign: Campaign,
     where: str | Path,
     executor: Any = None,
-    on_progress: Progress = lambda seen: None,
+    on_progress: Callable[[Seen], None] = lambda seen: None,
     again: bool = False,
     most: int | None = None,
 ) -> CampaignResult:
-    """Do the tasks of a campaign that are not done yet.
+    """Do the tasks of a campaign that are not done yet, or whose results are damaged.
 
     Parameters
     ----------
@@ -75,7 +138,7 @@ def run_campaign(
         Folder, or a URL of fsspec such as ``s3://bucket/campaign``.
     executor : concurrent.futures.Executor or Dask client, optional
         Where tasks are done; without it in this process, one after the other. Its workers must
-        have this haptix and reach `where`.
+        have this haptix and the campaign's kind, and reach `where`.
     on_progress : callable
         Called with a `Seen` after each task.
     again : bool
@@ -89,179 +152,198 @@ def run_campaign(
         If `where` belongs to another version, is in use, or cannot be written: a full disk. The
         same call goes on from there.
     HaptixError
-        If the executor's workers are lost, or have another version.
+        If the executor's workers are lost, have another version or cannot import the kind.
     """
-    store = store_at(where)
+    store = ResultStore(where)
     with store.held():
         _begin(store, campaign, identity(campaign.kind))
-        ledger = Ledger.of(store, campaign, again)
-        reused = ledger.counts["done"]
-        with _workers(executor, store) as workers:
+        tasks = Tasks.of(store, campaign, again)
+        reused = tasks.counts["done"]
+        with _workers(executor, store, campaign.kind) as workers:
+            first = 0.0
             try:
-                records = _records(store, campaign, ledger, workers, most)
-                _go_on(store, ledger, records, on_progress)
+                for ended, _ in enumerate(_ends(store, campaign, tasks, workers, most)):
+                    now = time.monotonic()
+                    first = first or now
+                    # A worker may take long to start: its time counts from the first end on.
+                    left = tasks.counts["waiting"] * (now - first) / ended if ended else None
+                    on_progress(Seen(len(tasks.rows), tasks.counts, left))
+            except BrokenExecutor as error:
+                raise HaptixError(
+                    f"the executor has lost its workers ({error}); finished tasks are kept, and "
+                    "the same call with a new one goes on"
+                ) from None
             finally:
-                ledger.let_go()
-                _conclude(store, campaign, ledger)
-    return CampaignResult(store.where, tuple(ledger.table()), ledger.counts, reused)
+                _conclude(store, campaign, tasks)
+    rows = tuple(tasks.table())
+    return CampaignResult(store.where, rows, tasks.counts, reused, tasks.damaged)
 
 
-def _go_on(
-    store: Store,
-    ledger: Ledger,
-    records: Iterator[None],
-    on_progress: Progress,
-) -> None:
-    """Let tasks be done, and say how far they are."""
-    first = 0.0
-    written = time.monotonic()
-    for before, _ in enumerate(records):
-        now = time.monotonic()
-        first = first or now
-        # A worker may take long to start: its time counts from the first end on.
-        each = (now - first) / before if before else None
-        left = ledger.counts["waiting"] + ledger.counts["in work"]
-        on_progress(Seen(len(ledger.rows), ledger.counts, each and left * each))
-        if now - written > _TABLE_EVERY_S:
-            written = now
-            store.write("table.csv", ledger.csv().encode())
-
-
-def _begin(store: Store, campaign: Campaign, own: dict[str, str]) -> None:
+def _begin(store: ResultStore, campaign: Campaign, own: dict[str, str]) -> None:
     """Write what this campaign is, or check that it is of this version."""
     known = store.read_table("campaign.json")
-    before = (known or {}).get("identity", own)
-    other = [
-        f"{name} {before.get(name)} (here {own[name]})"
-        for name in own
-        if before.get(name) != own[name]
-    ]
-    if other:
+    if other := differences((known or {}).get("identity", own), own):
         raise InputError(
             f"{store.where}: expected a campaign of this haptix, got one begun with "
             f"{', '.join(other)}; name another --out, since its results may differ"
         )
     plan = campaign.model_dump(mode="json", exclude_none=True)
     try:
-        store.write_table(
-            "campaign.json",
-            {"haptix": __version__, "identity": own, "plan": plan},
-        )
+        store.write_table("campaign.json", {"haptix": __version__, "identity": own, "plan": plan})
     except OSError as error:
         raise InputError(f"cannot write to {store.where}: {error.strerror or error}") from None
 
 
 @contextmanager
-def _workers(executor: Any, store: Store) -> Iterator[Executor]:
-    """Give what tasks are done on, its workers checked where they are elsewhere."""
+def _workers(executor: Any, store: ResultStore, kind: str) -> Iterator[Executor]:
+    """Give what tasks are done on, its workers checked before the first task."""
     own = None
     if hasattr(executor, "get_executor"):  # a Dask client
         from haptix.campaign.cluster import DaskWorkers
 
         executor = own = DaskWorkers(executor)
     try:
+        workers = executor_of(executor)
         if hasattr(executor, "expect"):
-            executor.expect(store.where)
-        yield executor_of(executor)
+            executor.expect(store.where, kind)
+        elif not isinstance(workers, Here):
+            _check(workers, store.where, kind)
+        yield workers
     finally:
         if own is not None:
             own.shutdown()
 
 
-class _Waiting:
-    """The tasks that are to be done, as texts for `do`; some may come back."""
-
-    def __init__(self, store: Store, campaign: Campaign, ledger: Ledger, most: int | None) -> None:
-        self._where, self._ledger = store.where, ledger
-        self._tasks = islice(self._new(campaign), most)
-        self._again: deque[dict[str, Any]] = deque()
-        self._jobs: dict[str, list[dict[str, Any]]] = {}
-        self._seconds: float | None = None  # of a task, lately
-
-    def _new(self, campaign: Campaign) -> Iterator[dict[str, Any]]:
-        for task in campaign.tasks():
-            if self._ledger.take(task.key):
-                yield {"key": task.key, "kind": task.kind, "document": task.document}
-
-    def __iter__(self) -> Iterator[str]:
-        return self
-
-    def __next__(self) -> str:
-        # Tasks that came back may have cost a worker: each goes alone.
-        jobs = [self._again.popleft()] if self._again else [*islice(self._tasks, self._size)]
-        if not jobs:
-            raise StopIteration
-        text = json.dumps({"where": self._where, "tasks": jobs})
-        self._jobs[text] = jobs
-        return text
-
-    @property
-    def _size(self) -> int:
-        """Tasks in one call: calls of short tasks would cost more than the tasks."""
-        if self._seconds is None:
-            return 1
-        return max(1, min(_LARGEST_CALL, int(_SHORT_CALL_S / max(self._seconds, 1e-6))))
-
-    def pop(self, text: str) -> list[str]:
-        """Keys of a call that has ended."""
-        return [job["key"] for job in self._jobs.pop(text)]
-
-    def give_back(self, text: str) -> list[str]:
-        """Keys of a call that was lost; its tasks are to be done again."""
-        self._again += self._jobs[text]
-        return self.pop(text)
-
-    def learn(self, seconds: float) -> None:
-        """Take the time of a task into account."""
-        self._seconds = seconds if self._seconds is None else 0.8 * self._seconds + 0.2 * seconds
+def _check(workers: Executor, where: str, kind: str) -> None:
+    """Raise `HaptixError` unless a worker has this haptix and the kind, and reaches the place."""
+    for _ in range(_MOST_LOST):
+        try:
+            seen = workers.submit(as_seen_here, where, kind).result()
+        except (BrokenExecutor, CancelledError) as error:
+            why = error
+            continue
+        if other := differences(seen, as_seen_here(where, kind)):
+            raise HaptixError(
+                f"the workers cannot do tasks of the kind {kind!r}: {', '.join(other)}; install "
+                "on them what is installed here, or set PYTHONPATH for them"
+            )
+        return
+    raise _never_begin(why)
 
 
-def _records(
-    store: Store,
-    campaign: Campaign,
-    ledger: Ledger,
-    executor: Executor,
-    most: int | None,
+def _never_begin(why: BaseException) -> HaptixError:
+    return HaptixError(
+        f"workers end before they begin a task, the last with: {why}; a script that starts "
+        'processes needs `if __name__ == "__main__":`'
+    )
+
+
+def _ends(
+    store: ResultStore, campaign: Campaign, tasks: Tasks, workers: Executor, most: int | None
 ) -> Iterator[None]:
-    """Do tasks, and enter each into the ledger as it ends."""
-    waiting, lost = _Waiting(store, campaign, ledger, most), 0
-    try:
-        for text, future in finished(executor, do, waiting):
+    """Do tasks, and enter each as it ends."""
+    waiting = {key for key, row in tasks.rows.items() if row["status"] == "waiting"}
+    seconds: float | None = None  # of a task, lately
+    lost = 0
+
+    def text_of(*jobs: dict[str, Any]) -> str:
+        return json.dumps({"where": store.where, "tasks": jobs})
+
+    def calls() -> Iterator[str]:
+        new = islice((task for task in campaign.tasks() if task.key in waiting), most)
+        for task in new:
+            # Calls of short tasks would cost more than the tasks.
+            size = 1 if seconds is None else int(_SHORT_CALL_S / max(seconds, 1e-6))
+            more = max(1, min(size, _LARGEST_CALL)) - 1
+            call = {one.key: one for one in (task, *islice(new, more))}
+            waiting.difference_update(call)
+            yield text_of(
+                *({"key": key, "kind": t.kind, "document": t.document} for key, t in call.items())
+            )
+
+    texts: Iterable[str] = calls()
+    while True:
+        again: list[str] = []
+        for text, future in finished(workers, do, texts):
+            jobs = json.loads(text)["tasks"]
             try:
                 records = json.loads(future.result())
             except (BrokenExecutor, CancelledError) as error:
                 # A task that began counts its workers' deaths itself; where none began, the
-                # workers are what is wrong.
-                found = (store.read_table(record_of(key)) for key in waiting.give_back(text))
-                lost = 0 if any((one or {}).get("status") in _BEGAN for one in found) else lost + 1
+                # workers are what is wrong. Any may have cost the worker: each goes alone.
+                again += [text_of(job) for job in jobs]
+                found = [store.read_table(record_of(job["key"])) or {} for job in jobs]
+                began = any(one.get("status") in ("begun", "done", "failed") for one in found)
+                lost = 0 if began else lost + 1
                 if lost > _MOST_LOST:
-                    raise HaptixError(
-                        f"workers end before they begin a task, the last with: {error}; a script "
-                        'that starts processes needs `if __name__ == "__main__":`'
-                    ) from None
+                    raise _never_begin(error) from None
+                for job in jobs:
+                    _LOG.info(
+                        "task %s: its worker is lost, it is done again: %s", job["key"], error
+                    )
                 continue
             lost = 0
-            for key, record in zip(waiting.pop(text), records, strict=True):
+            for job, record in zip(jobs, records, strict=True):
                 if record["status"] == "not written":
                     raise InputError(
                         f"cannot write to {store.where}: {record['error']}; finished tasks are "
                         "kept, and the same command goes on"
                     )
-                if "seconds" in record:
-                    waiting.learn(record["seconds"])
-                ledger.enter(key, record)
+                took = record.get("seconds", seconds)
+                seconds = took if seconds is None else 0.8 * seconds + 0.2 * took
+                tasks.enter(job["key"], record)
                 yield
-    except BrokenExecutor as error:
-        raise HaptixError(
-            f"the executor has lost its workers ({error}); finished tasks are kept, and the same "
-            "call with a new one goes on"
-        ) from None
+        if not again:
+            return
+        texts = again
 
 
-def _conclude(store: Store, campaign: Campaign, ledger: Ledger) -> None:
+def _conclude(store: ResultStore, campaign: Campaign, tasks: Tasks) -> None:
     """Write the table and the report."""
+    table = tasks.table()
+    names = table[0] if table else ("status",)
     try:
-        store.write("table.csv", ledger.csv().encode())
-        store.write("report.html", report_html(campaign, ledger.table()).encode())
+        store.write("table.csv", csv_text(names, (row.values() for row in table)).encode())
+        store.write("report.html", report_html(campaign, table).encode())
     except OSError as error:
         raise InputError(f"cannot write to {store.where}: {error.strerror or error}") from None
+
+
+def estimate(
+    campaign: Campaign, where: str | Path, executor: Any = None
+) -> tuple[str, list[dict[str, Any]]]:
+    """Return a sentence and a row about tasks, hours and bytes, from the tasks done so far.
+
+    Where there are none, the first `PILOTS` are done.
+
+    Raises
+    ------
+    HaptixError
+        If none of these has a result; the message has the reason of the first.
+    """
+    tasks = Tasks.of(ResultStore(where), campaign)
+    if not tasks.counts["done"]:
+        run_campaign(campaign, where, executor, most=PILOTS)
+        tasks = Tasks.of(ResultStore(where), campaign)
+    table = tasks.table()
+    done = [row for row in table if row["status"] == "done" and row["seconds"] is not None]
+    if not done:
+        reason = next((row["error"] for row in table if row["error"]), "there are none")
+        raise HaptixError(f"{campaign.name}: no task could be measured: {reason}")
+    waiting = tasks.counts["waiting"]
+    seconds, cpu_seconds, size = (
+        sum(float(row[name] or 0) for row in done) / len(done)
+        for name in ("seconds", "cpu_seconds", "bytes")
+    )
+    at_once = getattr(executor, "workers", 1)
+    row = {
+        "tasks": len(table),
+        "done": tasks.counts["done"],
+        "seconds_each": seconds,
+        "hours_left": waiting * seconds / at_once / 3600,
+        "cpu_hours_left": waiting * cpu_seconds / 3600,  # whatever else the machine did
+        "at_once": at_once,
+        "bytes_left": round(waiting * size),
+        "bytes_in_all": round(len(table) * size),
+    }
+    return f"{campaign.name}: from the costs of {len(done)} tasks, kept in {where}", [row]

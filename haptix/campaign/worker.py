@@ -1,8 +1,11 @@
 """What a worker does: one task, told and answered as JSON text.
 
 A worker knows everything by name and takes no code from a message. Before a task begins its record
-says so, and afterwards how it ended. A task that finds itself begun and never ended has cost a
-worker its life; after three of them it is set aside.
+says so, and afterwards how it ended:
+
+    (none) -> begun -> done | failed | stopped (asked to end) | set aside (after three deaths)
+
+A record that still says "begun" when the task is taken again has cost a worker its life.
 """
 
 from __future__ import annotations
@@ -19,9 +22,9 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-from haptix.campaign.kinds import KINDS, Outcome, kind_named
-from haptix.campaign.store import MANIFEST, Store, folder_of, record_of, store_at
+from haptix.campaign.kinds import KINDS, kind_named
 from haptix.errors import HaptixError
+from haptix.results import ResultStore
 from haptix.version import __version__
 
 MOST_DEATHS = 3
@@ -31,8 +34,13 @@ _PACKAGES = ("calibration", "firmware_io", "haptix")
 # Rooms that no result depends on.
 _NO_RESULT = {"cli", "service", "studio", "client"}
 
-_store = lru_cache(maxsize=4)(store_at)
-_begun: list[tuple[Store, str, dict[str, Any]]] = []  # the task that this process is doing
+_store = lru_cache(maxsize=4)(ResultStore)
+_begun: list[tuple[ResultStore, str, dict[str, Any]]] = []  # what this process is doing
+
+
+def record_of(key: str) -> str:
+    """Return the file of a task's run: what it cost, where, how often it began, why it failed."""
+    return f"runs/{key[:2]}/{key}.json"
 
 
 def do(text: str) -> str:
@@ -54,87 +62,80 @@ def do(text: str) -> str:
     return json.dumps([_do_one(store, job) for job in given["tasks"]])
 
 
-def _do_one(store: Store, job: dict[str, Any]) -> dict[str, Any]:
-    from haptix.threads import one_thread
-
-    key = str(job["key"])
-    name = record_of(key)
-    record = store.read_table(name) or {}
+def _do_one(store: ResultStore, job: dict[str, Any]) -> dict[str, Any]:
+    key = job["key"]
+    record = store.read_table(record_of(key)) or {}
     if record.get("status") == "done":  # by a worker whose answer was lost
-        result = store.read_table(f"{folder_of(key)}/{MANIFEST}")
+        result, _ = store.check(key)
         if result is not None:
             return {**record, "row": result["row"]}
     deaths = [*record.get("deaths", ())]
     if record.get("status") == "begun":
         deaths.append(str(record.get("worker")))
-    about: dict[str, Any] = {"worker": worker_name(), "deaths": deaths}
+    about: dict[str, Any] = {"worker": f"{socket.gethostname()}:{os.getpid()}", "deaths": deaths}
     if len(deaths) >= MOST_DEATHS:
-        error = f"its worker died {len(deaths)} times: {', '.join(deaths)}"
-        return _ended(store, name, {**about, "status": "set aside", "error": error})
+        why = f"its worker died {len(deaths)} times: {', '.join(deaths)}"
+        return _ended(store, key, {**about, "status": "set aside", "error": why})
     try:
-        store.write_table(name, {**about, "status": "begun"})
+        store.write_table(record_of(key), {**about, "status": "begun"})
     except (OSError, HaptixError) as error:
-        return {**about, "status": "not written", "error": _said(error)}
-    here = (store, name, {**about, "status": "stopped"})
+        return {**about, "status": "not written", "error": said(error)}
+    here = (store, key, {**about, "status": "stopped"})
     _begun.append(here)
+    try:
+        answer = _done(store, job, about)
+    except Exception as error:  # whatever it is, it is this task's
+        answer = _ended(store, key, {**about, "status": "failed", "error": said(error)})
+    _begun.remove(here)
+    return answer
+
+
+def _done(store: ResultStore, job: dict[str, Any], about: dict[str, Any]) -> dict[str, Any]:
+    from haptix.threads import one_thread
+
     _forget_peak_memory()
     began, began_cpu = time.perf_counter(), time.process_time()
-    try:
-        with one_thread():
-            found = kind_named(job["kind"]).run(job["document"])
-        about |= {
-            "seconds": time.perf_counter() - began,
-            "cpu_seconds": time.process_time() - began_cpu,
-            "peak_bytes": _peak_memory(),
-            **found.measured,
-        }
-    except Exception as error:  # whatever it is, it is this task's
-        _begun.remove(here)
-        return _ended(store, name, {**about, "status": "failed", "error": _said(error)})
-    try:
-        about["bytes"] = _publish(store, job, found)
-    except Exception as error:  # a full disk, or a place that is gone
-        _begun.remove(here)
-        if store.read(f"{folder_of(key)}/{MANIFEST}") is None:
-            with suppress(Exception):
-                store.write_table(name, {**about, "status": "stopped"})
-            return {**about, "status": "not written", "error": _said(error)}
-    _begun.remove(here)
-    return _ended(store, name, {**about, "status": "done"}, dict(found.row))
-
-
-def _publish(store: Store, job: dict[str, Any], found: Outcome) -> int:
+    with one_thread():
+        found = kind_named(job["kind"]).run(job["document"])
+    about |= {
+        "seconds": time.perf_counter() - began,
+        "cpu_seconds": time.process_time() - began_cpu,
+        "peak_bytes": _peak_memory(),
+        **found.measured,
+    }
     result = {
         "kind": job["kind"],
         "haptix": __version__,
         "document": job["document"],
         "row": dict(found.row),
     }
-    return store.publish(job["key"], found.files, result)
+    try:
+        about["bytes"] = store.publish(job["key"], found.files, result)
+    except Exception as error:  # a full disk, or a place that is gone
+        with suppress(Exception):
+            store.write_table(record_of(job["key"]), {**about, "status": "stopped"})
+        return {**about, "status": "not written", "error": said(error)}
+    return _ended(store, job["key"], {**about, "status": "done"}, dict(found.row))
 
 
 def _ended(
-    store: Store, name: str, record: dict[str, Any], row: dict[str, Any] | None = None
+    store: ResultStore, key: str, record: dict[str, Any], row: dict[str, Any] | None = None
 ) -> dict[str, Any]:
     with suppress(Exception):  # the results are what counts
-        store.write_table(name, record)
+        store.write_table(record_of(key), record)
     return record if row is None else {**record, "row": row}
 
 
-def _said(error: BaseException) -> str:
+def said(error: BaseException) -> str:
+    """Return an error as one sentence."""
     return " ".join(f"{type(error).__name__}: {error}".split())[:1000]
 
 
 def release() -> None:
     """Say of the task that this process is doing that it was stopped, and did not fail."""
-    for store, name, record in _begun:
+    for store, key, record in _begun:
         with suppress(Exception):
-            store.write_table(name, record)
-
-
-def worker_name() -> str:
-    """Host and process of this worker."""
-    return f"{socket.gethostname()}:{os.getpid()}"
+            store.write_table(record_of(key), record)
 
 
 def identity(kind: str) -> dict[str, str]:
@@ -160,20 +161,23 @@ def differences(found: Mapping[str, Any], own: Mapping[str, str]) -> list[str]:
     return [f"{k} {found.get(k)} (here {v})" for k, v in own.items() if found.get(k) != v]
 
 
-def as_seen_here(where: str) -> dict[str, str]:
-    """Return `identity`, and the hash of the campaign's own file as this process sees it."""
-    file, kind = f"{where}/campaign.json", next(iter(KINDS))
+def as_seen_here(where: str, kind: str = "") -> dict[str, str]:
+    """Return `identity`, and the hash of the campaign's own file as this process sees it.
+
+    The value of what cannot be had, such as a kind whose module is not installed, says why.
+    """
+    found = identity(next(iter(KINDS)))
+    if kind:
+        try:
+            found |= identity(kind)
+        except Exception as error:
+            found[kind] = said(error)
     try:
-        data = _store(where).read("campaign.json")
-        seen = "no file" if data is None else hashlib.sha256(data).hexdigest()[:16]
-        if data is not None:
-            kind = str(json.loads(data)["plan"]["kind"])
+        data = _store(where).read("campaign.json") or b"no file"
+        found[f"{where}/campaign.json"] = hashlib.sha256(data).hexdigest()[:16]
     except (OSError, HaptixError) as error:
-        seen = _said(error)
-    try:
-        return {**identity(kind), file: seen}
-    except HaptixError as error:  # a module that is not installed here
-        return {**identity(next(iter(KINDS))), kind: _said(error), file: seen}
+        found[f"{where}/campaign.json"] = said(error)
+    return found
 
 
 @cache
@@ -181,8 +185,9 @@ def code_digest() -> str:
     """Hash of the source code of everything that results may depend on."""
     code, root = hashlib.sha256(), Path(__file__).parents[2]
     for package in _PACKAGES:
-        for file in sorted((root / package).rglob("*.py")):
-            if file.relative_to(root).parts[1] not in _NO_RESULT:
+        for file in sorted((root / package).rglob("*.*")):
+            inside = file.relative_to(root).parts[1] not in _NO_RESULT
+            if inside and file.suffix in (".py", ".c", ".h"):
                 code.update(file.read_bytes())
     return code.hexdigest()[:16]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,8 +14,9 @@ from haptix.errors import InputError
 from haptix.files import cache_folder
 from haptix.terminal import AsJson, show
 
-# Surfaces are named by a hash, so that one which somebody has put there is told from them.
-_SURFACE = re.compile(r"[0-9a-f]{64}\.surface|\.[0-9a-f]{64}\.surface\.[0-9a-f]+\.part")
+# Results are named by a hash, so that what somebody has put there is told from them. An earlier
+# version kept each surface in one file.
+_KEPT = re.compile(r"results/[0-9a-f]{2}/[0-9a-f]{64}/[^/]+|\.?[0-9a-f]{64}\.surface.*")
 
 
 def cache(
@@ -25,30 +27,24 @@ def cache(
 
     Profiles of calibrated screens and the files of apps are no cache, and are left alone.
     """
-    from firmware_io.firmware.build import compiled_files
-
     try:
         folder = cache_folder()
-        inside = folder.iterdir() if folder.is_dir() else ()
-        found = {
-            "surfaces": sorted(path for path in inside if _SURFACE.fullmatch(path.name)),
-            "compiled firmware": compiled_files(),
-        }
-        rows = [_row(kind, files) for kind, files in found.items()]
+        inside = [*folder.iterdir(), *folder.glob("results/*/*/*")] if folder.is_dir() else []
+        surfaces = sorted(p for p in inside if _KEPT.fullmatch(p.relative_to(folder).as_posix()))
+        rows = [_row("surfaces", surfaces, folder)]
     except OSError as error:
         raise InputError(f"cannot read {error.filename}: {error.strerror}") from None
     if clear:
-        _remove(path for files in found.values() for path in files)
+        _remove(surfaces)
     show("removed from the cache" if clear else "cache; --clear removes it", rows, as_json)
 
 
-def _row(kind: str, files: list[Path]) -> dict[str, Any]:
-    folders = dict.fromkeys(str(path.parent) for path in files)
+def _row(kind: str, files: list[Path], folder: Path) -> dict[str, Any]:
     return {
         "kept": kind,
         "files": len(files),
         "bytes": sum(path.lstat().st_size for path in files),
-        "folder": ", ".join(folders) or "-",
+        "folder": str(folder) if files else "-",
     }
 
 
@@ -57,6 +53,8 @@ def _remove(files: Iterable[Path]) -> None:
     for path in files:
         try:
             path.unlink(missing_ok=True)
+            with suppress(OSError):  # it is not empty yet
+                path.parent.rmdir()
         except OSError as error:
             wrong.append(f"{path}: {error.strerror}")
     if wrong:

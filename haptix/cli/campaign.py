@@ -85,7 +85,7 @@ def campaign(
     chosen = load_campaign(plan)
     where = out or chosen.name
     if dry_run:
-        from haptix.campaign.costs import estimate
+        from haptix.campaign.run import estimate
 
         with _executor(on, chosen, processes, memory_gb) as executor:
             show(*estimate(chosen, where, executor), as_json)
@@ -99,6 +99,8 @@ def campaign(
     except KeyboardInterrupt:
         sys.stderr.write("haptix: stopped; finished tasks are kept, and the same command goes on\n")
         raise typer.Exit(130) from None
+    for place, why in result.damaged.items():
+        _warn(f"{where}/{place}: {why}; its task was done again")
     counts = ", ".join(f"{n} {status}" for status, n in result.counts.items() if n)
     title = f"{chosen.name}: {counts}, {result.reused} of them before; report: {where}/report.html"
     if as_json:
@@ -151,7 +153,7 @@ class _Say:
     def __call__(self, seen: Any) -> None:
         now, live = time.monotonic(), sys.stderr.isatty()
         counts = seen.counts
-        is_last = not counts["waiting"] + counts["in work"]
+        is_last = not counts["waiting"]
         if now - self._said < (0.2 if live else _SAY_EVERY_S) and not is_last:
             return
         self._said = now

@@ -22,6 +22,8 @@ class Countable(Campaign):
     greedy: tuple[int, ...] = ()
     waits_for: str = ""
     """A file whose absence stops a worker in the middle of writing."""
+    held: tuple[int, ...] = ()
+    """Those that do not end before the file of `waits_for` is there."""
     dies_writing: str = ""
     """A file that is made when a worker dies in the middle of writing, once."""
 
@@ -32,10 +34,10 @@ class Countable(Campaign):
                 "seconds": self.seconds,
                 "file_bytes": self.file_bytes,
             }
-            for harm in ("deadly", "wrong", "greedy"):
+            for harm in ("deadly", "wrong", "greedy", "held"):
                 if number in getattr(self, harm):
                     document[harm] = True
-            if self.waits_for:
+            if self.waits_for and (not self.held or number in self.held):
                 document["waits_for"] = self.waits_for
             if self.dies_writing:
                 document["dies_writing"] = self.dies_writing
@@ -50,6 +52,8 @@ class Countable(Campaign):
             raise ValueError(f"no square of {number}")
         if document.get("greedy"):
             bytearray(4_000_000_000)
+        while document.get("held") and not Path(document["waits_for"]).exists():
+            time.sleep(0.01)
         end = time.monotonic() + document["seconds"]
         while time.monotonic() < end:
             time.sleep(0.001)

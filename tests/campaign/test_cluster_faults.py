@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from haptix.campaign import load_campaign, run_campaign
-from tests.campaign.test_local_campaigns import KIND, pages, results, wait_for  # noqa: F401
+from tests.campaign.test_local_campaigns import KIND, pages, results  # noqa: F401
+from tests.waiting import PATIENCE_S, wait_for
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.slow  # tests of clusters in one process cover the same code
 
 ROOT = Path(__file__).parents[2]
-PATIENCE_S = 240  # of a machine with two cores that others use
 
 
 class Cluster:
@@ -43,7 +43,7 @@ class Cluster:
         self.file.unlink(missing_ok=True)
         options = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
         one = self.start("dask", "scheduler", *options, "--scheduler-file", str(self.file))
-        wait_for(self.file.exists, PATIENCE_S)
+        wait_for(self.file.exists)
         return one
 
     def start_worker(self, name, *options, path=""):
@@ -55,7 +55,7 @@ class Cluster:
             one.terminate()  # a nanny ends its worker
         for one in self.running:
             try:
-                one.wait(10)
+                one.wait(10)  # one whose scheduler was killed may seek it without end
             except subprocess.TimeoutExpired:
                 one.kill()
                 one.wait()
@@ -99,19 +99,19 @@ def test_a_killed_scheduler_and_client_lose_nothing(cluster, tmp_path):
 
     # The client goes in the middle of a write; its workers end what they do.
     command = start_command(cluster, plan, out)
-    wait_for(lambda: [*out.glob("results/*/.*.part")], PATIENCE_S)
+    wait_for(lambda: is_begun(out))
     command.kill()
     command.communicate()
     gate.touch()
     with distributed.Client(scheduler_file=str(cluster.file)) as client:
-        wait_for(lambda: not any(client.processing().values()), PATIENCE_S)
-    wait_for(lambda: not is_begun(out), PATIENCE_S)
+        wait_for(lambda: not any(client.processing().values()))
+    wait_for(lambda: not is_begun(out))
     assert 1 <= done_in(out) < 12
     gate.unlink()
 
     # The scheduler goes, in the middle of another's.
     command = start_command(cluster, plan, out)
-    wait_for(lambda: is_begun(out), PATIENCE_S)
+    wait_for(lambda: is_begun(out))
     cluster.scheduler.kill()
     said = command.communicate(timeout=PATIENCE_S)[1]
     assert command.returncode == 2, said
@@ -163,7 +163,7 @@ def test_ctrl_c_leaves_what_is_finished(cluster, tmp_path):
     out = tmp_path / "out"
     cluster.start_worker("w", "--no-nanny")
     command = start_command(cluster, plan, out)
-    wait_for(lambda: done_in(out) >= 2, PATIENCE_S)
+    wait_for(lambda: done_in(out) >= 2)
     command.send_signal(signal.SIGINT)
     said = command.communicate(timeout=PATIENCE_S)[1]
     assert command.returncode == 130 and "the same command goes on" in said

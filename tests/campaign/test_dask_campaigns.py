@@ -58,8 +58,8 @@ def test_a_worker_of_another_version_is_refused_by_its_name(client, tmp_path, mo
 def test_workers_that_do_not_see_the_folder_are_refused_all(client, tmp_path, monkeypatch):
     real = client.run
 
-    def run(function, where, **named):
-        return real(function, f"{where}-elsewhere", **named)
+    def run(function, where, kind, **named):
+        return real(function, f"{where}-elsewhere", kind, **named)
 
     monkeypatch.setattr(client, "run", run)
     workers = DaskWorkers(client)
@@ -96,7 +96,8 @@ def test_errors_of_calls_and_killed_workers_are_told_apart(client):
             return KilledWorker("four times")
 
     future = workers.submit(len, "abc")
-    workers._calls[future].sent = sent = Sent()
+    sent = Sent()
+    workers._calls[future] = workers._calls[future]._replace(sent=sent)
     workers._take(future, sent)
     assert isinstance(future.exception(timeout=60), BrokenExecutor)
     workers.shutdown()

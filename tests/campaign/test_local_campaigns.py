@@ -7,21 +7,24 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import accumulate, count, islice
+from pathlib import Path
+from random import Random
 
 import pytest
 
 from haptix.campaign import load_campaign, run_campaign
-from haptix.campaign.costs import estimate
 from haptix.campaign.processes import Processes
 from haptix.campaign.report import report_html
-from haptix.campaign.store import Folder
+from haptix.campaign.run import estimate
+from haptix.campaign.worker import as_seen_here, do
 from haptix.errors import HaptixError, InputError
+from haptix.results import ResultStore, folder_of
 from tests.campaign.countable import Countable
+from tests.waiting import wait_for
 
 KIND = "tests.campaign.countable:Countable"
 
@@ -40,6 +43,12 @@ def pages(monkeypatch, request):
 @pytest.fixture
 def pictures():
     """Reports with pictures."""
+
+
+def finished(folder):
+    """Keys of the tasks whose results are whole."""
+    store = ResultStore(folder)
+    return {key for key in store.kept() if store.check(key)[0] is not None}
 
 
 def results(folder):
@@ -81,13 +90,115 @@ def test_what_is_finished_is_not_done_again_and_a_longer_plan_goes_on(tmp_path):
     assert all(path.stat().st_mtime_ns == at for path, at in before.items())
 
 
-def test_a_damaged_result_is_made_again(tmp_path):
-    run_campaign(plan(numbers=2), tmp_path)
-    whole = results(tmp_path)
-    victim = next(tmp_path.glob("results/*/*/result.json"))
-    victim.write_bytes(b"\0" * 50)  # as a power cut leaves it
-    assert run_campaign(plan(numbers=2), tmp_path).reused == 1
+def emptied(path, random):
+    path.write_bytes(b"")
+
+
+def one_bit(path, random):
+    data = bytearray(path.read_bytes())
+    data[random.randrange(len(data))] ^= 1 << random.randrange(8)
+    path.write_bytes(data)
+
+
+def swapped(path, random):
+    """Take the place of the same file of another result, and that one's its own."""
+    others = sorted(set(path.parents[2].glob(f"*/*/{path.name}")) - {path})
+    other = random.choice(others)
+    mine, its = path.read_bytes(), other.read_bytes()
+    path.write_bytes(its)
+    other.write_bytes(mine)
+    return other
+
+
+def removed(path, random):
+    path.unlink()
+
+
+@pytest.mark.parametrize("where", ["result.json", "numbers.bin", "both"])
+def test_twenty_results_damaged_at_random_are_named_and_made_again(tmp_path, where):
+    random = Random(23)
+    given = plan(numbers=60, file_bytes=50)
+    run_campaign(given, tmp_path)
+    whole, hurt = results(tmp_path), set()
+    names = ["result.json", "numbers.bin"] if where == "both" else [where]
+    folders = sorted(path.parent for path in tmp_path.glob("results/*/*/result.json"))
+    for number, folder in enumerate(random.sample(folders, 20)):
+        path = folder / random.choice(names)
+        other = (emptied, one_bit, swapped, removed)[number % 4](path, random)
+        hurt |= {str(one.parent.relative_to(tmp_path)) for one in (path, other) if one}
+    # A swap may take what was hurt before, and leave it as it was: compare the bytes.
+    now = results(tmp_path)
+    hurt = {folder for folder in hurt if any(
+        now.get(f"{folder}/{name}") != whole[f"{folder}/{name}"]
+        for name in ("result.json", "numbers.bin")
+    )}  # fmt: skip
+    assert len(hurt) >= 20
+    done = run_campaign(given, tmp_path)
+    assert set(done.damaged) == hurt
+    assert done.reused == 60 - len(hurt) and done.counts["done"] == 60
     assert results(tmp_path) == whole
+    again = run_campaign(given, tmp_path)
+    assert again.reused == 60 and not again.damaged
+
+
+@pytest.mark.parametrize(
+    ("harm", "file", "why"),
+    [
+        (emptied, "numbers.bin", "numbers.bin is empty"),
+        (one_bit, "numbers.bin", "numbers.bin is not what was written"),
+        (removed, "numbers.bin", "numbers.bin is missing"),
+        (emptied, "result.json", "result.json is empty"),
+        (one_bit, "result.json", "result.json is not what was written"),
+        (swapped, "result.json", "result.json is not what was written"),
+        (removed, "result.json", "is gone"),
+    ],
+)
+def test_what_is_damaged_is_named(tmp_path, harm, file, why):
+    run_campaign(plan(numbers=3, file_bytes=9), tmp_path)
+    victim = sorted(tmp_path.glob(f"results/*/*/{file}"))[0]
+    harm(victim, Random(5))
+    done = run_campaign(plan(numbers=3, file_bytes=9), tmp_path)
+    assert done.damaged[str(victim.parent.relative_to(tmp_path))] == why
+
+
+def test_the_command_says_what_it_made_again(tmp_path, haptix_cli):
+    (tmp_path / "plan.toml").write_text(f'name = "squares"\nkind = "{KIND}"\nnumbers = 2\n')
+    out = tmp_path / "out"
+    run_campaign(load_campaign(tmp_path / "plan.toml"), out)
+    victim = sorted(out.glob("results/*/*/result.json"))[0]
+    emptied(victim, None)
+    said = haptix_cli("campaign", tmp_path / "plan.toml", "--out", out, "--processes", "1")
+    assert said.code == 0
+    place = f"{out}/{victim.parent.relative_to(out)}"
+    assert f"{place}: result.json is empty; its task was done again" in said.err
+
+
+def test_every_byte_of_a_manifest_counts(tmp_path):
+    store = ResultStore(tmp_path)
+    store.publish("ab" * 32, {"a.txt": "text"}, {"row": {"x": 1.5}})
+    file = tmp_path / folder_of("ab" * 32) / "result.json"
+    data = file.read_bytes()
+    for place in range(len(data)):
+        hurt = bytearray(data)
+        hurt[place] ^= 1 << place % 8
+        file.write_bytes(hurt)
+        assert store.check("ab" * 32) == (None, "result.json is not what was written")
+
+
+def test_a_result_of_the_first_form_is_read(tmp_path):
+    """Its manifest has no hash of its own: the key, and the hashes of its files, are checked."""
+    given = plan(numbers=2, file_bytes=9)
+    whole = run_campaign(given, tmp_path)
+    for file in tmp_path.glob("results/*/*/result.json"):
+        table = json.loads(file.read_text())
+        del table["sha256"], table["key"]
+        file.write_text(json.dumps(table))
+    assert estimate(given, tmp_path)[1][0]["done"] == 2
+    done = run_campaign(given, tmp_path)
+    assert done.reused == 2 and not done.damaged
+    assert [row["square"] for row in done.rows] == [row["square"] for row in whole.rows]
+    swapped(file, Random(1))
+    assert len(run_campaign(given, tmp_path).damaged) == 2
 
 
 def test_what_fails_has_its_reason_and_is_done_again_only_when_asked(tmp_path):
@@ -203,7 +314,7 @@ def test_a_place_of_fsspec_has_the_same_bytes_as_a_folder(tmp_path):
 def test_a_place_of_fsspec_that_breaks_half_way_never_has_a_half_result(
     tmp_path, renames, monkeypatch
 ):
-    monkeypatch.setattr("haptix.campaign.store._WHOLE", {"whole"})
+    monkeypatch.setattr("haptix.results._WHOLE", {"whole"})
     fsspec = pytest.importorskip("fsspec")
     from fsspec.implementations.memory import MemoryFileSystem
 
@@ -310,7 +421,7 @@ def test_a_full_disk_stops_it_and_the_same_call_goes_on(tmp_path):
 
 def test_two_workers_that_do_the_same_task_at_once_leave_it_once(tmp_path):
     """As where a client was killed and its worker goes on beside the next one's."""
-    store = Folder(tmp_path)
+    store = ResultStore(tmp_path)
     late = []
 
     def write(path):
@@ -324,6 +435,16 @@ def test_two_workers_that_do_the_same_task_at_once_leave_it_once(tmp_path):
     assert names == ["results/ab/abcd/a.bin", "results/ab/abcd/result.json"]
 
 
+def test_what_a_killed_worker_left_is_no_result_and_goes(tmp_path):
+    run_campaign(plan(numbers=1, file_bytes=5), tmp_path)
+    [key] = finished(tmp_path)
+    manifest = tmp_path / "results" / key[:2] / key / "result.json"
+    draft = manifest.rename(manifest.with_name(".result.json.0123.part"))
+    assert finished(tmp_path) == set()
+    assert run_campaign(plan(numbers=1, file_bytes=5), tmp_path).reused == 0
+    assert not draft.exists() and finished(tmp_path) == {key}
+
+
 def start(folder, *options):
     """The command, in a process group of its own."""
     return subprocess.Popen(
@@ -333,37 +454,30 @@ def start(folder, *options):
     )  # fmt: skip
 
 
-def wait_for(condition, seconds=60):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it never came"
-        time.sleep(0.02)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("kill", [signal.SIGKILL, signal.SIGINT])
 def test_a_client_that_is_stopped_leaves_no_process_and_goes_on(tmp_path, kill):
+    gate, out = tmp_path / "gate", tmp_path / "out"
     (tmp_path / "plan.toml").write_text(
-        f'name = "squares"\nkind = "{KIND}"\nnumbers = 8\nseconds = 0.3\nfile_bytes = 5\n'
+        f'name = "squares"\nkind = "{KIND}"\nnumbers = 5\nfile_bytes = 5\n'
+        f'held = [2]\nwaits_for = "{gate}"\n'
     )
-    out = tmp_path / "out"
     command = start(tmp_path, "--processes", "1")
-    wait_for(lambda: len([*out.glob("results/*/*/result.json")]) >= 2)
-    [record] = [p for p in out.glob("runs/*/*.json") if "begun" in p.read_text()] or [None]
-    if record is None:
-        wait_for(lambda: any("begun" in p.read_text() for p in out.glob("runs/*/*.json")))
+    # One after the other: two have ended, and the third is held.
+    wait_for(lambda: len(finished(out)) == 2)
+    wait_for(lambda: any("begun" in p.read_text() for p in out.glob("runs/*/*.json")))
     command.send_signal(kill)
-    said = command.communicate(timeout=60)[1]
+    said = command.communicate(timeout=60)[1]  # to the end of all who hold its stderr
     if kill == signal.SIGINT:
         assert command.returncode == 130 and "the same command goes on" in said
-    # The worker says that it was stopped, and ends.
-    wait_for(lambda: not any("begun" in p.read_text() for p in out.glob("runs/*/*.json")))
-    kept = len([*out.glob("results/*/*/result.json")])
+    # The worker has said that it was stopped.
+    assert not any("begun" in p.read_text() for p in out.glob("runs/*/*.json"))
+    gate.touch()
     done = run_campaign(load_campaign(tmp_path / "plan.toml"), out)
-    assert done.reused == kept and done.counts["done"] == 8
+    assert done.reused == 2 and done.counts["done"] == 5
     assert not any(row["deaths"] for row in done.rows)
-    whole = run_campaign(load_campaign(tmp_path / "plan.toml"), tmp_path / "whole")
-    assert whole.counts["done"] == 8 and results(out) == results(tmp_path / "whole")
+    run_campaign(load_campaign(tmp_path / "plan.toml"), tmp_path / "whole")
+    assert results(out) == results(tmp_path / "whole")
 
 
 @pytest.mark.slow
@@ -378,6 +492,23 @@ def test_an_executor_that_lost_its_workers_is_one_sentence(tmp_path):
         run_campaign(plan(numbers=2, deadly=(0,)), tmp_path, pool)
 
 
+class Calling(Executor):
+    """Does calls here, and hands each to `hears`, which may lose the answer or change it."""
+
+    at_once = 1
+
+    def __init__(self, hears):
+        self.hears = hears
+
+    def submit(self, work, /, *given, **named):
+        future, answer = Future(), work(*given, **named)
+        try:
+            future.set_result(self.hears(work, answer))
+        except BrokenProcessPool as error:
+            future.set_exception(error)
+        return future
+
+
 def test_short_tasks_share_calls_and_a_lost_answer_costs_no_task_twice(tmp_path, monkeypatch):
     monkeypatch.setattr("haptix.campaign.run._SHORT_CALL_S", 1e9)  # however slow this machine is
     calls, numbers, real = [], [], Countable.run
@@ -386,27 +517,58 @@ def test_short_tasks_share_calls_and_a_lost_answer_costs_no_task_twice(tmp_path,
         numbers.append(document["number"])
         return real(document)
 
-    monkeypatch.setattr(Countable, "run", staticmethod(run))
-
-    class Losing(Executor):
-        at_once = 1
-
-        def submit(self, work, /, *given, **named):
-            (text,) = given
-            calls.append([job["document"]["number"] for job in json.loads(text)["tasks"]])
-            future, answer = Future(), work(text)
+    def hears(work, answer):
+        if work is do:
+            calls.append(len(json.loads(answer)))
             if len(calls) == 2:  # all of it is done, but nobody hears
-                future.set_exception(BrokenProcessPool("gone"))
-            else:
-                future.set_result(answer)
-            return future
+                raise BrokenProcessPool("gone")
+        return answer
 
-    done = run_campaign(plan(numbers=100), tmp_path, Losing())
-    # One alone, 64 whose answer is lost, these one by one, and the rest.
-    assert [len(call) for call in calls] == [1, 64, *[1] * 64, 35]
+    monkeypatch.setattr(Countable, "run", staticmethod(run))
+    done = run_campaign(plan(numbers=100), tmp_path, Calling(hears))
+    # One alone, 64 whose answer is lost, the rest, and the lost ones one by one.
+    assert calls == [1, 64, 35, *[1] * 64]
     assert sorted(numbers) == [*range(100)]
     assert [row["square"] for row in done.rows] == [n**2 for n in range(100)]
     assert not any(row["deaths"] for row in done.rows)
+
+
+@pytest.mark.slow  # the next test covers the same code
+def test_a_kind_that_workers_cannot_import_is_said_before_the_first_task(tmp_path):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "kind_of_here.py").write_text(
+        "from tests.campaign.countable import Countable\n\n\nclass Here(Countable):\n    pass\n"
+    )
+    script = (
+        "import sys\n"
+        "from haptix.campaign import run_campaign\n"
+        "from haptix.campaign.kinds import kind_named\n"
+        "from haptix.campaign.processes import Processes\n"
+        "if __name__ == '__main__':\n"
+        f"    with Processes(1) as workers:\n"
+        "        workers.submit(len, 'abc').result()  # they have started, with today's paths\n"
+        f"        sys.path.append({str(tmp_path / 'here')!r})\n"
+        "        plan = kind_named('kind_of_here:Here')(\n"
+        "            name='a', kind='kind_of_here:Here', numbers=1)\n"
+        f"        run_campaign(plan, {str(tmp_path / 'out')!r}, workers)\n"
+    )
+    (tmp_path / "run.py").write_text(script)
+    ended = subprocess.run(
+        [sys.executable, tmp_path / "run.py"], capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": str(Path.cwd())},
+    )  # fmt: skip
+    assert "the workers cannot do tasks of the kind 'kind_of_here:Here'" in ended.stderr
+    assert "No module named 'kind_of_here'" in ended.stderr
+    assert not [*(tmp_path / "out").glob("runs/*")]
+
+
+def test_workers_of_another_version_are_refused_before_the_first_task(tmp_path):
+    def hears(work, answer):
+        return {**answer, "torch": "1.0"} if work is as_seen_here else answer
+
+    with pytest.raises(HaptixError, match=r"cannot do tasks of the kind .*torch 1\.0 \(here"):
+        run_campaign(plan(numbers=2), tmp_path, Calling(hears))
+    assert not [*tmp_path.glob("runs/*")]
 
 
 class Stillborn(Executor):

@@ -1,23 +1,97 @@
-"""The kinds "population" and "boundary-elements": friction of people at some states."""
+"""The kinds "surfaces", "trade-off", "population" and "boundary-elements": people on screens."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 
-from haptix.campaign.kinds import CampaignTask, Outcome
-from haptix.campaign.people import PeopleOnScreens
-from haptix.campaign.solving import states_of
+from haptix.campaign.kinds import CampaignTask, Outcome, Value
+from haptix.campaign.people import PeopleOnScreens, ScenesOfPeople, states_of
 from haptix.contact.boundary_elements import estimated_bytes
 from haptix.documents import Part
-from haptix.files import csv_text
+from haptix.files import csv_text, json_text
 from haptix.finger import Finger
+from haptix.planning import plan_scene
+from haptix.scene import Scene, plain_scene
 from haptix.screen import Screen
+from haptix.tradeoff.runs import measure_setting, setting_jobs
 
 Several = Annotated[tuple[PositiveFloat, ...], Field(min_length=1)]
+_COSTS = ("build_s", "query_s_per_million", "invert_s_per_million")
+# Of a float32 surface, for the table; the file has all ways to ask it.
+_WAY = {"dtype": "float32", "form": "surface", "device": "cpu"}
+
+
+class SurfacesOfPeople(ScenesOfPeople):
+    """A surface for every finger on every screen, as ``haptix build SCENE.toml`` makes it."""
+
+    shown = ("mu_low", "mu_high", "mu_span", "surface_bytes")
+    maps = (("mu_low", "mu_high"), ("cpu_seconds", "error_max"))
+
+    kind: Literal["surfaces"]
+
+    def tasks(self) -> Iterator[CampaignTask]:
+        """Yield a task for each finger on each screen."""
+        for scene, labels in self.scenes():
+            yield CampaignTask(self.kind, plain_scene(scene), labels)
+
+    @staticmethod
+    def run(document: Mapping[str, Any]) -> Outcome:
+        """Plan the scene, and build its surface."""
+        surface = plan_scene(Scene(**document)).build()
+        info = surface.info
+        row = {
+            "mu_low": info["mu_low"],
+            "mu_high": info["mu_high"],
+            "mu_span": info["mu_high"] / info["mu_low"],
+            "error_max": info["error_max"],
+            "pull_past_breakdown": info["pull_past_breakdown"],
+            "surface_bytes": surface.nbytes,
+        }
+        return Outcome(row, {"friction.surface": surface.save})
+
+
+class Tradeoffs(ScenesOfPeople):
+    """A task for each model and tolerance, see `haptix.tradeoff`.
+
+    Parameters
+    ----------
+    quick : bool
+        Two tolerances and small batches.
+    boundary_elements : bool
+        Also a surface that they correct.
+    """
+
+    shown = ("error_max_thresholds", "memory_bytes")
+    maps = (("build_s", "error_max_thresholds"), ("memory_bytes", "error_max_thresholds"))
+
+    kind: Literal["trade-off"]
+    quick: bool = False
+    boundary_elements: bool = False
+
+    def tasks(self) -> Iterator[CampaignTask]:
+        """Yield a task for each setting of each scene."""
+        for scene, labels in self.scenes():
+            for job in setting_jobs(scene, self.quick, self.boundary_elements):
+                way = {"model": job["model"], "tolerance": job["tolerance"]}
+                yield CampaignTask(self.kind, job, {**labels, **way})
+
+    @staticmethod
+    def run(document: Mapping[str, Any]) -> Outcome:
+        """Build and measure one setting; its times are costs, and no results."""
+        found = measure_setting(document)
+        runs = found["runs"]
+        usual = next((run for run in runs if _WAY.items() <= run.items()), runs[0])
+        times: dict[str, Value] = {name: usual[name] for name in _COSTS}
+        for run in runs:
+            way = f"{run['dtype']} {run['form']} {run['device']}"
+            times |= {f"{way} {name}": run.pop(name) for name in _COSTS}
+            del run["fronts"], run["take"]  # they are among all settings
+        kept = ("error_max_thresholds", "error_p99_thresholds", "outside_share", "memory_bytes")
+        row = {name: usual[name] for name in kept}
+        return Outcome(row, {"runs.json": json_text(found)}, times)
 
 
 class FrictionOfPeople(PeopleOnScreens):
@@ -54,7 +128,7 @@ class FrictionOfPeople(PeopleOnScreens):
     @staticmethod
     def run(document: Mapping[str, Any]) -> Outcome:
         """Solve all states of one finger on one screen, or of one surface."""
-        found = json.loads(states_of(json.dumps(document)))
+        found = states_of(document)
         mu = found["mu"]
         row = {
             "mu_first": mu[0],

@@ -1,0 +1,217 @@
+"""Results by the hash of what they depend on: in a folder, or at a place that fsspec reaches.
+
+results/ab/abcd.../    files of one result, then result.json: the hashes of all, and its own
+
+A result counts only where every byte of it is what was written. It is read when it is used again:
+what was emptied, changed, swapped or removed is named, and made again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath
+from secrets import token_hex
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from filelock import FileLock, Timeout
+from fsspec.core import url_to_fs
+
+from haptix.errors import InputError
+from haptix.files import Content, json_text, parse_json
+from haptix.version import __version__
+
+MANIFEST = "result.json"
+_DRAFT = ".part"
+# An object appears here only once all of it is there.
+_WHOLE = {"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl", "memory", "r2", "oss"}
+_FIRST_FORM = {"kind", "haptix", "document", "row", "files"}  # of a manifest without its own hash
+
+
+def result_key(kind: str, document: Mapping[str, Any], version: str = __version__) -> str:
+    """SHA-256 of what a result depends on, which is its name."""
+    text = json.dumps([version, kind, document], sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def folder_of(key: str) -> str:
+    """Return the folder of a result."""
+    return f"results/{key[:2]}/{key}"
+
+
+class ResultStore:
+    """Files by their names within a place, results among them.
+
+    Parameters
+    ----------
+    where : str or Path
+        A folder, or a URL of fsspec such as ``s3://bucket/campaign``.
+
+    Raises
+    ------
+    InputError
+        If fsspec does not reach it.
+    """
+
+    def __init__(self, where: str | Path) -> None:
+        self.is_local = "://" not in str(where)
+        self.where = str(Path(where).absolute()) if self.is_local else str(where)
+        try:
+            self._system, root = url_to_fs(self.where)
+        except (ImportError, ValueError) as error:
+            raise InputError(f"{where}: expected a place that fsspec reaches: {error}") from None
+        self._root = root.rstrip("/")
+        protocol = self._system.protocol
+        names = {protocol} if isinstance(protocol, str) else set(protocol)
+        self._writes_whole = bool(names & _WHOLE)
+
+    def _at(self, name: str) -> str:
+        return f"{self._root}/{name}"
+
+    def read(self, name: str) -> bytes | None:
+        """Return a file's bytes, or None where there is none."""
+        try:
+            return bytes(self._system.cat_file(self._at(name)))
+        except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
+            return None
+
+    def write(self, name: str, data: bytes) -> None:
+        """Write a file whole; an interrupted one leaves what was there before."""
+        path = self._at(name)
+        if self._writes_whole:
+            self._system.pipe_file(path, data)
+            return
+        folder, _, last = path.rpartition("/")
+        self._system.makedirs(folder, exist_ok=True)
+        draft = f"{folder}/.{last}.{token_hex(8)}{_DRAFT}"
+        try:
+            self._system.pipe_file(draft, data)
+            self._system.mv(draft, path)
+        except BaseException:
+            with suppress(Exception):
+                self._system.rm_file(draft)
+            raise
+
+    def read_table(self, name: str) -> dict[str, Any] | None:
+        """Return a JSON file, or None where there is none or it is damaged."""
+        with suppress(ValueError):
+            found = parse_json(self.read(name) or b"null")
+            return found if isinstance(found, dict) else None
+        return None
+
+    def write_table(self, name: str, table: Mapping[str, Any]) -> None:
+        """Write a JSON file whole."""
+        self.write(name, json_text(table).encode())
+
+    def publish(self, key: str, files: Mapping[str, Content], about: Mapping[str, Any]) -> int:
+        """Write a result's files, then its manifest; return all bytes.
+
+        Parameters
+        ----------
+        key : str
+            Its name.
+        files : mapping
+            By name: bytes, text, or a function that writes to a path.
+        about : mapping
+            Plain values for the manifest.
+        """
+        size, hashes = 0, {}
+        for name, content in files.items():
+            data = _bytes_of(name, content)
+            hashes[name] = {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
+            self.write(f"{folder_of(key)}/{name}", data)
+            size += len(data)
+        manifest = _signed({**about, "key": key, "files": hashes})
+        self.write(f"{folder_of(key)}/{MANIFEST}", manifest)
+        return size + len(manifest)
+
+    def check(self, key: str) -> tuple[dict[str, Any] | None, str]:
+        """Read a result, every byte of it.
+
+        Returns
+        -------
+        dict or None
+            Its manifest, where the result is whole.
+        str
+            What is wrong with it; empty where it is whole, or where there is none.
+        """
+        data = self.read(f"{folder_of(key)}/{MANIFEST}")
+        if data is None:
+            return None, ""
+        manifest = None
+        with suppress(ValueError):
+            manifest = parse_json(data)
+            if not (isinstance(manifest, dict) and _is_own(manifest, data, key)):
+                manifest = None
+        if not data:
+            return None, f"{MANIFEST} is empty"
+        if manifest is None:
+            return None, f"{MANIFEST} is not what was written"
+        for name, written in manifest["files"].items():
+            data = self.read(f"{folder_of(key)}/{name}")
+            if data is None:
+                return None, f"{name} is missing"
+            if hashlib.sha256(data).hexdigest() != written["sha256"]:
+                return None, f"{name} is {'not what was written' if data else 'empty'}"
+        return manifest, ""
+
+    def remove(self, key: str) -> None:
+        """Remove a result."""
+        with suppress(FileNotFoundError):
+            self._system.rm(self._at(folder_of(key)), recursive=True)
+
+    def kept(self) -> set[str]:
+        """Keys of all results, whole or not."""
+        try:
+            found = map(PurePosixPath, self._system.find(self._at("results")))
+        except FileNotFoundError:
+            return set()
+        return {path.parent.name for path in found if path.name == MANIFEST}
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Keep others of this machine out of a folder, and remove what killed writers left."""
+        if not self.is_local:
+            yield
+            return
+        try:
+            self._system.makedirs(self._root, exist_ok=True)
+            lock = FileLock(self._at("campaign.lock")).acquire(timeout=0)
+        except Timeout:
+            raise InputError(
+                f"{self.where}: another campaign is at work here; wait for it, or name another "
+                "--out"
+            ) from None
+        except OSError as error:
+            why = error.strerror or error
+            raise InputError(f"cannot write to {self.where}: {why}; name another --out") from None
+        with lock:
+            for draft in Path(self.where).rglob(f".*{_DRAFT}"):
+                draft.unlink(missing_ok=True)
+            yield
+
+
+def _bytes_of(name: str, content: Content) -> bytes:
+    if not callable(content):
+        return content.encode() if isinstance(content, str) else bytes(content)
+    with TemporaryDirectory(prefix="haptix-") as folder:
+        content(path := Path(folder, name))
+        return path.read_bytes()
+
+
+def _signed(manifest: Mapping[str, Any]) -> bytes:
+    """Return a manifest as bytes, with the hash of its other fields."""
+    own = hashlib.sha256(json_text(manifest).encode()).hexdigest()
+    return json_text({**manifest, "sha256": own}).encode()
+
+
+def _is_own(manifest: dict[str, Any], data: bytes, key: str) -> bool:
+    """Whether a manifest has the bytes that were written for a key."""
+    if set(manifest) == _FIRST_FORM:
+        about = (manifest["kind"], manifest["document"], manifest["haptix"])
+        return result_key(*about) == key
+    fields = {name: value for name, value in manifest.items() if name != "sha256"}
+    return manifest.get("key") == key and _signed(fields) == data
