@@ -1,8 +1,8 @@
-"""Solve the boundary elements of figure 2D, the marks that `haptix figures` draws.
+"""Solve the boundary elements of figure 2D, the marks that examples/paper_figures.py draws.
 
     python benchmarks/figure_2d.py
 
-Writes haptix/figures/fig2d_boundary_elements.csv; minutes on two cores. The roughness is that of
+Writes examples/paper_figures_2d.csv; minutes on two cores. The roughness is that of
 set S1 of the reference: what a grid of 512 x 512 can hold, not a whole finger.
 """
 
@@ -16,16 +16,18 @@ import torch
 
 from haptix.contact.boundary_elements import BoundaryElements, Surfaces
 from haptix.electro import VACUUM_PERMITTIVITY
-from haptix.figures.area_against_pressure import (
+from haptix.status import Status
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
+from paper_figures import (
+    BOUNDARY_ELEMENTS,
     H0_M,
     PRESSURES_PA,
     SKIN,
     SPECTRUM,
     VOLTAGES_V,
 )
-from haptix.status import Status
 
-OUT = Path(__file__).parents[1] / "haptix" / "figures" / "fig2d_boundary_elements.csv"
 POINTS, SURFACES, SEED = 512, 6, 2
 
 
@@ -40,7 +42,7 @@ def main() -> None:
         strengths,
         progress=_report,
     )
-    with OUT.open("w", newline="") as file:
+    with BOUNDARY_ELEMENTS.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["pressure_pa", "voltage_v", "surfaces", "area_fraction", "scatter"])
         for i, pressure in enumerate(PRESSURES_PA):

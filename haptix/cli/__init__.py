@@ -11,6 +11,8 @@ from haptix.version import __version__
 
 ABOUT = "Haptic rendering for electrovibration touchscreens: from contact mechanics to volts."
 
+LOG_HELP = "Log to the standard error what happens, see docs/log.md: info or debug."
+
 # Where each command stands, and the first sentence of its help. To build them all from their
 # annotations, and even to load Typer, takes longer than everything else that --help does.
 COMMANDS = {
@@ -68,10 +70,6 @@ COMMANDS = {
         "calibration.app:app",
         "Calibrate a screen: plan, measure, reduce, fit, verify; each step can be repeated.",
     ),
-    "figures": (
-        "haptix.cli.figures:figures",
-        "Draw the paper's figures, and those of roughness and gaps, from the model.",
-    ),
     "devices": (
         "haptix.cli.hardware:devices",
         "List what can be opened, and what the buses show: USB, HID, serial, audio, NI outputs.",
@@ -106,7 +104,11 @@ def help_text() -> str:
     width = max(min(shutil.get_terminal_size().columns, 80) - 2, 50)
     is_module = sys.argv[0].endswith("__main__.py")
     name = "python -m haptix.cli" if is_module else os.path.basename(sys.argv[0])  # noqa: PTH119
-    options = {"--version": "Print the version.", "--help": "Show this message and exit."}
+    options = {
+        "--version": "Print the version.",
+        "--log LEVEL": LOG_HELP,
+        "--help": "Show this message and exit.",
+    }
     commands = {name: about for name, (_, about) in COMMANDS.items()}
     lines = [f"Usage: {name} [OPTIONS] COMMAND [ARGS]...", ""]
     lines += textwrap.wrap(ABOUT, width, initial_indent="  ", subsequent_indent="  ")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from typer.core import TyperGroup
 
-from haptix.cli import ABOUT, COMMANDS
+from haptix.cli import ABOUT, COMMANDS, LOG_HELP
 from haptix.version import __version__
 
 
@@ -53,7 +53,14 @@ app = typer.Typer(
 @app.callback(invoke_without_command=True)
 def _options(
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+    log: Annotated[
+        Literal["info", "debug"] | None, typer.Option(help=LOG_HELP, metavar="LEVEL")
+    ] = None,
 ) -> None:
+    if log:
+        from haptix.log import start
+
+        start(log)
     if version:
         sys.stdout.write(f"haptix {__version__}\n")
         raise typer.Exit

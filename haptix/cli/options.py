@@ -96,11 +96,13 @@ Waveform = Annotated[
         help="Waveform of the direct drive: sine or square.", callback=one_of("sine", "square")
     ),
 ]
-LeadMs = Annotated[
+ReactionMs = Annotated[
     float,
-    typer.Option(
-        help="From computing a sample to its being played.", callback=number(above=0, most=1000)
-    ),
+    typer.Option(help="From a touch to what it changes.", callback=number(above=0, most=1000)),
+]
+HorizonMs = Annotated[
+    float,
+    typer.Option(help="Longest stall that is not felt.", callback=number(above=0, most=10_000)),
 ]
 Fidelity = Annotated[
     str,

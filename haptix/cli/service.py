@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptix.arguments import device_address, is_there, text
+from haptix.arguments import device_address, file_to_write, is_there, text
 from haptix.cli.options import OwnFinger, OwnScreen
 from haptix.errors import InputError
 
@@ -26,6 +26,13 @@ Device = Annotated[
 Surface = Annotated[
     Path | None,
     typer.Option(help="Surface of `haptix build`. [default: built and kept]", callback=is_there),
+]
+LogFile = Annotated[
+    Path | None,
+    typer.Option(
+        help="Log to this file, see docs/log.md; all frames, but for `haptix --log info`.",
+        callback=file_to_write,
+    ),
 ]
 Port = Annotated[int, typer.Option(help="TCP port on this machine.", min=0, max=65535)]
 
@@ -46,6 +53,7 @@ def serve(
     key: Annotated[
         Path | None, typer.Option(help="The certificate's key, PEM.", callback=is_there)
     ] = None,
+    log: LogFile = None,
 ) -> None:
     """Serve apps in any language on this machine: touches and materials in, friction out.
 
@@ -65,7 +73,7 @@ def serve(
         access.on_show = _say_code
 
     beyond = (listen, certificate, key) if listen and certificate and key else None
-    _serve(device, surface, finger, screen, port, beyond, ready)
+    _serve(device, surface, finger, screen, port, beyond, ready, log)
 
 
 def studio(
@@ -77,6 +85,7 @@ def studio(
     opens: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the page in this machine's browser.")
     ] = True,
+    log: LogFile = None,
 ) -> None:
     """Open the studio in a browser: feel textures by mouse, pen or touch, make and test them.
 
@@ -95,7 +104,7 @@ def studio(
             # Some browsers answer only when they end.
             threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
 
-    _serve(device, surface, finger, screen, port, None, ready, warms=True)
+    _serve(device, surface, finger, screen, port, None, ready, log, warms=True)
 
 
 def _serve(
@@ -106,11 +115,15 @@ def _serve(
     port: int,
     beyond: tuple[str, Path, Path] | None,
     ready: Callable[[Access, Inventory], None],
+    log: Path | None,
     warms: bool = False,
 ) -> None:
+    from haptix.log import into
     from haptix.service.listen import Listen
     from haptix.service.run import serve as serve_until_interrupted
 
+    if log is not None:
+        into(log)
     listen = Listen(*beyond) if beyond else None
     serve_until_interrupted(
         device, surface, finger, screen, port, listen=listen, warms=warms, on_ready=ready

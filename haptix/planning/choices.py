@@ -8,11 +8,11 @@ from math import sqrt
 from typing import Literal
 
 from haptix.fidelity import FIDELITIES, Ability, FidelityName
-from haptix.scene import DtypeName, Scene
+from haptix.scene import Scene
 from haptix.surface.axes import AXES
 from haptix.terms import TERMS, Term
 
-Kind = Literal["term", "axis", "fidelity", "dtype", "material"]
+Kind = Literal["term", "axis", "fidelity", "material"]
 
 COLLAPSIBLE = tuple(axis.name for axis in AXES if axis.is_collapsible)
 """Axes that planning may hold at one value."""
@@ -20,11 +20,10 @@ COLLAPSIBLE = tuple(axis.name for axis in AXES if axis.is_collapsible)
 COARSE, *_, FULL = (name for name, how in FIDELITIES.items() if Ability.TABULATE in how.can)
 """The fastest and the most exact of the fidelities that a surface can be tabulated from."""
 
-# Share of a build's work that leaving something out saves, at most: what it may cost of the budget.
-# Constants, so that a plan does not depend on how busy a machine is. An axis has some ten nodes,
-# the mean field's table is most of a small build, and float32 halves the memory. Terms have their
-# own.
-_WORK: Mapping[Kind, float] = {"axis": 0.9, "fidelity": 0.7, "dtype": 0.5}
+# Share of a build's work that leaving something out saves: constants, so that a plan does not
+# depend on how busy a machine is. An axis has some ten nodes, and the mean field's table is most of
+# a small build. Terms have their own.
+_WORK: Mapping[Kind, float] = {"axis": 0.9, "fidelity": 0.7}
 
 
 @dataclass(frozen=True)
@@ -34,8 +33,6 @@ class Choice:
     terms: frozenset[str]
     """Terms that are on, of those that change friction."""
     fidelity: FidelityName = FULL
-    dtype: DtypeName = "float64"
-    """Precision in which friction is kept."""
     held: frozenset[tuple[str, float]] = frozenset()
     """Collapsed axes, each with the value that it is held at."""
 
@@ -46,7 +43,7 @@ class Omission:
 
     kind: Kind
     name: str
-    """What is left out, such as "finite-size", "h0_m", "mean-field" or "float64"."""
+    """What is left out, such as "finite-size", "h0_m" or "mean-field"."""
     value: float = 0.0
     """Value at which an axis would be held."""
     possible: frozenset[str] = frozenset()
@@ -63,8 +60,6 @@ class Omission:
             return replace(choice, terms=choice.terms - {self.name})
         if self.kind == "fidelity":
             return replace(choice, fidelity=COARSE, terms=choice.terms & self.possible)
-        if self.kind == "dtype":
-            return replace(choice, dtype="float32")
         return replace(choice, held=choice.held | {(self.name, self.value)})
 
     def into(self, choice: Choice) -> Choice:
@@ -73,8 +68,6 @@ class Omission:
             return replace(choice, terms=choice.terms | {self.name})
         if self.kind == "fidelity":
             return replace(choice, fidelity=FULL)
-        if self.kind == "dtype":
-            return replace(choice, dtype="float64")
         return replace(choice, held=choice.held - {(self.name, self.value)})
 
 
@@ -96,16 +89,11 @@ def reporting_terms(scene: Scene) -> list[Term]:
 
 def kept_reports(scene: Scene) -> frozenset[str]:
     """Names of the reporting terms that the scene switches on; planning leaves them off."""
-    return frozenset(
-        term.name for term in reporting_terms(scene) if scene.override.terms.get(term.name)
-    )
+    return frozenset(t.name for t in reporting_terms(scene) if scene.override.terms.get(t.name))
 
 
 def omissions(scene: Scene) -> list[Omission]:
-    """Everything that could be left out of a scene's model, in the order of its table.
-
-    So too what the scene could have, and leaves out.
-    """
+    """Everything that a scene's model could leave out, or leaves out though it could have it."""
     terms = [t for t in sorted(scene.possible_terms()) if TERMS[t].changes_friction]
     ranges = scene.ranges()
     varying = [axis for axis in COLLAPSIBLE if ranges[axis][0] < ranges[axis][1]]
@@ -113,5 +101,4 @@ def omissions(scene: Scene) -> list[Omission]:
         *(Omission("term", name) for name in terms),
         *(Omission("axis", axis, middle(*ranges[axis])) for axis in varying),
         Omission("fidelity", FULL, possible=friction_terms(scene, COARSE)),
-        Omission("dtype", "float64"),
     ]

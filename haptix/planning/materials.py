@@ -1,21 +1,22 @@
-"""What the materials of a scene depend on, and what of it a budget allows to leave out."""
+"""What it changes to hold one of the things that a scene's materials depend on."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from haptix.checks import Array
 from haptix.friction import ContactModel
-from haptix.materials.held import DROPPABLE, without
-from haptix.materials.material import Material
 from haptix.motion import Depends, Motion
-from haptix.planning.effects import Effect
+from haptix.planning.trials import Effect
 from haptix.scene import Scene
 from haptix.texture import Evaluator, as_mu
+from haptix.texture.material import Answering, Material
+
+HOLDABLE = (Depends.TIME, Depends.DIRECTION, Depends.SPEED, Depends.FORCE)
+"""What can be held: time at 0, direction to the right, speed and force in the scene's middle."""
 
 _STATES = 4000
 _SECONDS = 10.0
@@ -23,22 +24,8 @@ _SPEED_MM_S = (20.0, 200.0)  # where the scene gives none
 _FORCES = 9
 
 
-@dataclass(frozen=True)
-class MaterialDecision:
-    """One thing that a material depends on."""
-
-    name: str
-    kept: bool
-    effect: Effect
-    """Effect of holding this alone: time at 0, the direction to the right, speed and force in the
-    middle of the scene's."""
-    why: str
-
-
-def decide_materials(
-    scene: Scene, model: ContactModel, budget_jnd: float
-) -> tuple[tuple[MaterialDecision, ...], tuple[Evaluator, ...]]:
-    """Hold what changes a material's friction by less than a budget, one thing after the other.
+def effects_of_materials(scene: Scene, model: ContactModel) -> Iterator[tuple[str, Effect]]:
+    """Yield what each material depends on, and the effect of holding it alone.
 
     Parameters
     ----------
@@ -46,62 +33,56 @@ def decide_materials(
         Its ranges of force and speed are those of the seeded states that are compared.
     model : ContactModel
         Gives the reachable friction.
-    budget_jnd : float
-        Largest joint effect of all that is left out of one material [JND].
-
-    Returns
-    -------
-    tuple of MaterialDecision, tuple of Evaluator
-        A decision for each thing that a material depends on and that can be held; each material's
-        evaluator without what was dropped.
     """
-    decisions: list[MaterialDecision] = []
-    evaluators: list[Evaluator] = []
+    speeds = scene.speed_mm_per_s or _SPEED_MM_S
     for number, material in enumerate(scene.materials):
-        evaluator, rows = _decided(scene, model, material, budget_jnd)
-        evaluators.append(evaluator)
-        decisions += [
-            MaterialDecision(f"materials.{number} ({material.kind}) {name}", kept, effect, why)
-            for name, kept, effect, why in rows
-        ]
-    return tuple(decisions), tuple(evaluators)
+        evaluator = material.evaluator
+        motion = _motion(scene, material, speeds)
+        reach = _reach(scene, model, motion.normal_force_n)
+        motion = motion.within(lambda force_n, _: _reach(scene, model, force_n))
+        held = {
+            flag: holding(evaluator, flag, sum(speeds) / 2, sum(scene.normal_force_n) / 2)
+            for flag in HOLDABLE
+            if flag & evaluator.depends_on
+        }
+        truth, *others = (
+            torch.from_numpy(np.clip(as_mu(one.target, one.wanted(motion), *reach), *reach))
+            for one in (evaluator, *held.values())
+        )
+        for flag, mu in zip(held, others, strict=True):
+            name = f"materials.{number} ({material.kind}) {str(flag.name).lower()}"
+            yield name, Effect.between(truth, mu)
 
 
-def _decided(
-    scene: Scene, model: ContactModel, material: Material, budget_jnd: float
-) -> tuple[Evaluator, list[tuple[str, bool, Effect, str]]]:
-    evaluator = material.evaluator
-    low, high = scene.speed_mm_per_s or _SPEED_MM_S
-    force = sum(scene.normal_force_n) / 2
-    motion = _motion(scene, material, (low, high))
-    reach = _reach(scene, model, motion.normal_force_n)
-    motion = motion.within(lambda force_n, _: _reach(scene, model, force_n))
+def holding(
+    evaluator: Evaluator, held: Depends, speed_mm_s: float, normal_force_n: float
+) -> Answering:
+    """Return an evaluator that is asked as if what is held never changed."""
 
-    def friction(one: Evaluator) -> torch.Tensor:
-        mu = as_mu(one.target, one.wanted(motion), *reach)
-        return torch.from_numpy(np.clip(mu, *reach))
+    def constant(motion: Motion) -> Motion:
+        ones = np.ones(motion.x_mm.shape)
 
-    truth, dropped = friction(evaluator), Depends.NOTHING
-    alone = {
-        flag: Effect.between(truth, friction(without(evaluator, flag, (low + high) / 2, force)))
-        for flag in _droppable(evaluator)
-    }
-    rows = []
-    for flag, effect in sorted(alone.items(), key=lambda item: item[1].thresholds_max):
-        more = without(evaluator, dropped | flag, (low + high) / 2, force)
-        joint = Effect.between(truth, friction(more)).thresholds_max
-        kept = joint > budget_jnd
-        if not kept:
-            dropped |= flag
-        why = f"{joint:.2g} of {budget_jnd:.2g} JND left out" if not kept else "above the budget"
-        rows.append((str(flag.name).lower(), kept, effect, why))
-    if dropped:
-        evaluator = without(evaluator, dropped, (low + high) / 2, force)
-    return evaluator, rows
+        def velocity() -> tuple[Array, Array]:
+            if held & Depends.SPEED:
+                vx, vy = motion.ux * speed_mm_s, motion.uy * speed_mm_s
+            else:
+                vx, vy = motion.vx_mm_s, motion.vy_mm_s
+            return (np.hypot(vx, vy), 0 * ones) if held & Depends.DIRECTION else (vx, vy)
 
+        return motion.changed(
+            0 * ones if held & Depends.TIME else None,
+            normal_force_n * ones if held & Depends.FORCE else None,
+            velocity,
+        )
 
-def _droppable(evaluator: Evaluator) -> Iterator[Depends]:
-    return (flag for flag in DROPPABLE if flag & evaluator.depends_on)
+    return Answering(
+        lambda motion: evaluator.wanted(constant(motion)),
+        evaluator.target,
+        evaluator.outside,
+        evaluator.depends_on & ~held,
+        evaluator.drives_at_rest,
+        evaluator.react,
+    )
 
 
 def _motion(scene: Scene, material: Material, speeds: tuple[float, float]) -> Motion:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import prod
+from math import inf
 from typing import Any
 
 import torch
@@ -14,33 +14,37 @@ from haptix.errors import InputError, ToleranceError
 from haptix.fidelity import FIDELITIES, Ability
 from haptix.friction import ContactModel
 from haptix.friction.placeholders import largest_spread
-from haptix.perception import WEBER_FRACTION
 from haptix.planning.choices import (
+    COARSE,
+    FULL,
     Choice,
     Kind,
     Omission,
     friction_terms,
+    kept_reports,
     omissions,
     reporting_terms,
 )
-from haptix.planning.decisions import (
-    MODELLING_SHARE,
-    decide_report,
-    effect_alone,
-    spend,
-    with_overrides,
-)
-from haptix.planning.effects import Effect, Trials
-from haptix.planning.grid import estimated_nodes
-from haptix.planning.materials import decide_materials
+from haptix.planning.materials import effects_of_materials
+from haptix.planning.trials import Effect, Trials
 from haptix.scene import Scene
+from haptix.status import Status
 from haptix.surface import LARGEST_BYTES, FrictionSurface
 from haptix.surface.axes import AXIS_NAMES
 from haptix.surface.tolerance import LEAST, Tolerance
-from haptix.terms import TERMS
-from haptix.texture import Evaluator
+from haptix.terms import TERMS, Term, chosen_terms
 
+MODELLING_SHARE = 0.5
+"""Share of the budget that may go into what is left out; the surface's tolerance gets the rest."""
+
+_OVERREACH = 0.05  # past breakdown, whose "about 350 V/um" is not known better than that
 _UNSEEN = 1.25  # between the points measured, effects may be larger by this factor
+
+
+_NO_EFFECT = Effect()
+
+Decision = tuple[bool, str]
+"""Whether something is kept, and why."""
 
 
 @dataclass(frozen=True)
@@ -52,13 +56,10 @@ class Row:
     """Name of what would be left out."""
     kept: bool
     why: str
-    effect: Effect
+    effect: Effect = _NO_EFFECT
     """Effect of leaving out this alone."""
-    time_saved_s: float = 0.0
-    """Saved by leaving it out; time and memory are 0 where it is kept."""
-    memory_saved_bytes: int = 0
-    savings: str = "none"
-    """"measured" on the scene's points, "estimated" from the axes' nodes, or "none"."""
+    cost_s: float = 0.0
+    """Time that it adds to a table of the contact and 2000 states; of terms and fidelities."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ class Plan:
 
     scene: Scene
     rows: tuple[Row, ...]
-    """Terms, axes, fidelity and dtype; of materials, what they depend on."""
+    """Terms, axes and fidelity; of materials, what they depend on."""
     model: ContactModel
     ranges: Mapping[str, tuple[float, float]]
     """For `FrictionSurface.build`; both ends of a collapsed axis are its middle."""
@@ -79,8 +80,6 @@ class Plan:
     """Joint effect of everything that is left out."""
     points: int
     """States at which effects were measured."""
-    nodes: Mapping[str, int]
-    """Estimated nodes of each axis."""
     placeholder_spread_jnd: Mapping[str, float]
     """Largest difference that others in place of unmeasured values make, at the same states."""
     pull_past_breakdown: float
@@ -89,8 +88,6 @@ class Plan:
     """Lowest ``p0/(E* slope)`` of the scene."""
     accuracy: str
     """Errors that the theory was shown to have there, see `haptix.contact.shown_accuracy`."""
-    materials: tuple[Evaluator, ...]
-    """Of each material of the scene, without what of its dependence was dropped."""
     warnings: tuple[str, ...]
     """Where the scene lies below what was validated, see `ContactState.warnings`."""
 
@@ -173,9 +170,9 @@ def plan_scene(
     """Decide what a scene's surface needs.
 
     Each thing that can be left out is switched off alone, at the same seeded points of the scene,
-    and its effect on friction is measured. Then things are dropped one by one. Those that cost
-    little for the work they save come first. After each, the joint effect of all that is dropped
-    must stay within the share of the budget given to modelling. A larger budget never keeps more.
+    and its effect on friction and its time are measured. Then things are dropped one by one, those
+    first that cost little for the work they save, while the joint effect of all that is dropped
+    stays within the share of the budget given to modelling. A larger budget never keeps more.
     Overrides of the scene are applied first and cost no budget.
 
     Parameters
@@ -197,62 +194,54 @@ def plan_scene(
     if asked is None:
         _surface_tolerance(scene, scene.budget_thresholds)  # what it would be at best
     everything = omissions(scene)
-    base, settled = with_overrides(scene, everything)
+    base, settled = _with_overrides(scene, everything)
     trials = Trials(scene, base, points)
     on_progress(0.1)
+    rows: list[Row] = []
     effects: dict[Omission, Effect] = {}
     for number, omission in enumerate(everything, start=1):
-        effects[omission] = effect_alone(scene, trials, base, omission)
-        on_progress(0.1 + 0.6 * number / len(everything))
+        effects[omission] = _effect_alone(trials, base, omission)
+        on_progress(0.1 + 0.7 * number / len(everything))
     free = [one for one in everything if one not in settled]
-    chosen, joint, decisions = spend(scene, trials, base, free, effects)
-    on_progress(0.8)
-    decisions = {**settled, **decisions}
-    rest = scene.budget_thresholds - _UNSEEN * joint.thresholds_max
-    tolerance = asked or _surface_tolerance(scene, rest)
-    nodes = estimated_nodes(trials, chosen, _in_jnd(tolerance, trials, chosen))
-    on_progress(0.9)
-    rows = []
+    chosen, joint, decisions = _spend(trials, base, free, effects)
+    decisions |= settled
     for one, effect in effects.items():
-        kept, why = decisions[one].kept, decisions[one].why
-        saved = () if kept else _saved(one, trials, chosen, nodes)
-        rows.append(Row(one.kind, one.name, kept, why, effect, *saved))
-    for term in reporting_terms(scene):
-        decision = decide_report(scene, trials, chosen, term)
-        rows.append(Row("term", term.name, decision.kept, decision.why, Effect()))
+        rows.append(Row(one.kind, one.name, *decisions[one], effect, _cost_s(trials, base, one)))
+    rows += [_report_row(trials, chosen, term) for term in reporting_terms(scene)]
     rows += _fixed_rows(scene)
     order = {name: rank for rank, name in enumerate((*TERMS, *AXIS_NAMES))}
     rows.sort(key=lambda row: order.get(row.name, len(order)))
-    model, asked_for = trials.model(chosen), scene.override.fidelity
+    spare = max(0.0, scene.budget_thresholds * MODELLING_SHARE - joint.thresholds_max)
+    for name, effect in effects_of_materials(scene, trials.model(chosen)):
+        felt = effect.thresholds_max > spare
+        why = "felt" if felt else f"not felt: below the {spare:.2g} JND left of the budget"
+        rows.append(Row("material", name, felt, why, effect))
+    dtype = getattr(torch, scene.override.dtype or "float32")
+    model, asked_for = trials.model(chosen, dtype), scene.override.fidelity
     if asked_for is not None and Ability.TABULATE not in FIDELITIES[asked_for].can:
         model = scene.model(asked_for, model.dtype, terms=model.terms)
     lightest = trials.model(chosen).solve(
         scene.normal_force_n[0], 0.0, scene.ranges()["frequency_hz"][0]
     )
-    spare = scene.budget_thresholds * MODELLING_SHARE - joint.thresholds_max
-    decided, materials = decide_materials(scene, trials.model(chosen), max(spare, 0.0))
-    rows += [Row("material", one.name, one.kept, one.why, one.effect) for one in decided]
-    plan = Plan(
+    on_progress(1.0)
+    return Plan(
         scene=scene,
         rows=tuple(rows),
         model=model,
         ranges={**scene.ranges(), **{name: (value, value) for name, value in chosen.held}},
-        tolerance=tolerance,
-        dtype=getattr(torch, chosen.dtype),
+        tolerance=asked
+        or _surface_tolerance(scene, scene.budget_thresholds - _UNSEEN * joint.thresholds_max),
+        dtype=dtype,
         effect=joint,
         points=len(trials.voltage_v),
-        nodes=nodes,
         placeholder_spread_jnd=largest_spread(
             trials.model(base), trials.points.places, trials.voltage_v
         ),
         pull_past_breakdown=trials.pull_past_breakdown(chosen),
         lowest_x=float(lightest.x),
         accuracy=shown_accuracy(model.theory, float(lightest.x)),
-        materials=materials,
         warnings=tuple(lightest.warnings()),
     )
-    on_progress(1.0)
-    return plan
 
 
 def _surface_tolerance(scene: Scene, rest: float) -> Tolerance:
@@ -265,36 +254,135 @@ def _surface_tolerance(scene: Scene, rest: float) -> Tolerance:
     return Tolerance(rest, "JND")
 
 
-def _in_jnd(tolerance: Tolerance, trials: Trials, chosen: Choice) -> float:
-    if tolerance.unit == "JND":
-        return tolerance.value
-    mu = trials.friction(chosen, trials.points, trials.voltage_v)
-    unit = tolerance.unit_in_mu(mu, float(mu.min()), float(mu.max()))
-    return float((tolerance.value * unit / (WEBER_FRACTION * mu)).min())
+def _cost_s(trials: Trials, base: Choice, one: Omission) -> float:
+    """Time that a term or a fidelity takes, see `Row.cost_s`."""
+    if one.kind not in ("term", "fidelity"):
+        return 0.0
+    if one.kind == "term" and one.name not in trials.scene.terms(base.fidelity):
+        return 0.0
+    full = one.into(base) if one.kind == "term" else Choice(friction_terms(trials.scene))
+    return max(0.0, trials.seconds(full) - trials.seconds(one.of(full)))
 
 
-def _saved(
-    one: Omission, trials: Trials, chosen: Choice, nodes: Mapping[str, int]
-) -> tuple[float, int, str]:
-    """Time [s], memory [bytes] and kind of the savings of something left out, see `Row`."""
-    count = prod(nodes.values())
-    each = trials.seconds_per_state(chosen)
+def _with_overrides(
+    scene: Scene, everything: list[Omission]
+) -> tuple[Choice, dict[Omission, Decision]]:
+    """Return the model before planning, and the decisions that the scene takes itself."""
+    override, fidelity = scene.override, scene.override.fidelity or FULL
+    base = Choice(friction_terms(scene, fidelity))
+    on = {name: True for name, is_on in override.terms.items() if is_on}
+    # Raises where the profiles or the fidelity do not allow it.
+    chosen_terms(on, scene.finger, scene.screen, FIDELITIES[fidelity])
+    settled: dict[Omission, Decision] = {}
+    for one in everything:
+        kept = _overridden(scene, one)
+        if kept is not None:
+            settled[one] = (kept, f"{'kept' if kept else 'dropped'} by the scene")
+            base = base if kept else one.of(base)
+        elif one.kind == "term" and TERMS[one.name].left_to_scene:
+            settled[one] = (False, "on request, and the scene does not ask for it")
+    for one in everything:
+        if one.kind == "term" and one.name not in base.terms and one not in settled:
+            settled[one] = (False, "contradicts the scene's fidelity")
+        if one.kind == "fidelity" and one not in settled:
+            needed = (on.keys() & friction_terms(scene)) - one.possible
+            if needed:
+                names = ", ".join(sorted(needed))
+                settled[one] = (True, f"needed by {names}, kept by the scene")
+    return base, settled
+
+
+def _overridden(scene: Scene, one: Omission) -> bool | None:
+    """Return the scene's decision on one thing: True to keep it, None without one."""
+    override = scene.override
+    if one.kind == "term":
+        return override.terms.get(one.name)
     if one.kind == "axis":
-        # At the tolerance that the other axes have.
-        budget = trials.scene.budget_thresholds
-        needed = estimated_nodes(trials, one.into(chosen), budget)[one.name]
-        more = prod({**nodes, one.name: needed}.values()) - count
-        return more * each, more * (4 if chosen.dtype == "float32" else 8), "estimated"
-    if one.kind == "dtype":
-        return 0.0, 4 * count, "estimated"
-    if one.kind == "fidelity":
-        full = Choice(friction_terms(trials.scene))
-        tables_s = trials.seconds_to_prepare(full) - trials.seconds_to_prepare(chosen)
-    elif one.name in trials.scene.terms(chosen.fidelity):
-        full, tables_s = one.into(chosen), 0.0
-    else:
-        return 0.0, 0, "none"
-    return max(0.0, tables_s + count * (trials.seconds_per_state(full) - each)), 0, "measured"
+        asked = override.axes.get(one.name)
+        return None if asked is None else asked == "keep"
+    # A fidelity that cannot be tabulated corrects a surface of the full one.
+    return None if override.fidelity is None else override.fidelity != COARSE
+
+
+def _effect_alone(trials: Trials, base: Choice, one: Omission) -> Effect:
+    """Effect of leaving out one thing, all else being as in `base`."""
+    without = one.of(base)
+    if without != base:
+        return trials.effect(base, without)
+    # An override has left it out already.
+    if one.kind == "term" and one.name not in trials.scene.possible_terms(base.fidelity):
+        return _NO_EFFECT
+    return trials.effect(one.into(base), base)
+
+
+def _spend(
+    trials: Trials, base: Choice, free: list[Omission], effects: Mapping[Omission, Effect]
+) -> tuple[Choice, Effect, dict[Omission, Decision]]:
+    """Drop what costs least for the work it saves, until the share for modelling is spent.
+
+    The order does not depend on the budget, so that a larger one drops everything that a smaller
+    one drops.
+    """
+    share = MODELLING_SHARE * trials.scene.budget_thresholds
+    chosen, joint = base, _NO_EFFECT
+    decisions: dict[Omission, Decision] = {}
+    for one in sorted(free, key=lambda one: _price(one, effects[one])):
+        if one.of(chosen) == chosen:
+            decisions[one] = (False, "not in the coarser fidelity")
+            continue
+        together = trials.effect(base, one.of(chosen))
+        if max(_price(one, effects[one]), _cost(together)) > share:
+            break
+        chosen, joint = one.of(chosen), together
+        why = f"held at {one.value:.4g}; " if one.kind == "axis" else ""
+        if effects[one].thresholds_max == 0:
+            why += "changes nothing here"
+        else:
+            why += f"all dropped so far cost {joint.thresholds_max:.2g} JND"
+        decisions[one] = (False, why)
+    for one in free:
+        if one not in decisions:
+            decisions[one] = (True, _why_kept(one, effects[one], share))
+    return chosen, joint, decisions
+
+
+def _price(one: Omission, alone: Effect) -> float:
+    """Least modelling budget [JND] at which it is dropped: what saves little may cost little."""
+    return _cost(alone) / one.work
+
+
+def _cost(effect: Effect) -> float:
+    """Largest effect [JND]; infinite where voltages would go past breakdown."""
+    return inf if effect.overreach > _OVERREACH else effect.thresholds_max
+
+
+def _why_kept(one: Omission, alone: Effect, share: float) -> str:
+    if alone.overreach > _OVERREACH:
+        return f"without it the surface would end {alone.overreach:.0%} past breakdown"
+    if alone.thresholds_max > share:
+        return f"matters: more than {share:.2g} JND"
+    if _price(one, alone) > share:
+        return f"saves too little to cost more than {share * one.work:.2g} JND"
+    return f"with what is dropped, more than {share:.2g} JND"
+
+
+def _report_row(trials: Trials, chosen: Choice, term: Term) -> Row:
+    """Decide on a term that reports a status and changes no friction.
+
+    The surface ends where the term reports only if the scene asks for it. The reason says how near
+    the voltages come.
+    """
+    is_kept = term.name in kept_reports(trials.scene)
+    share = trials.share_of_limit(chosen, term)
+    why = f"voltages reach {share:.0%} of its voltage"
+    if term.reports == Status.BREAKDOWN:
+        past = trials.pull_past_breakdown(chosen)
+        why += f", {past:.0%} of the attraction is past what gaps bear"
+    if term.name in trials.scene.override.terms:
+        why = f"{'kept' if is_kept else 'dropped'} by the scene; {why}"
+    if is_kept and share >= 1:
+        why += ": the surface ends there"
+    return Row("term", term.name, is_kept, why)
 
 
 def _fixed_rows(scene: Scene) -> list[Row]:
@@ -304,10 +392,10 @@ def _fixed_rows(scene: Scene) -> list[Row]:
     for name in AXIS_NAMES:
         low, high = ranges[name]
         if low == high:
-            rows.append(Row("axis", name, False, f"one value: {low:g}", Effect()))
+            rows.append(Row("axis", name, False, f"one value: {low:g}"))
         elif name == "normal_force_n":
-            rows.append(Row("axis", name, True, "friction is asked for by force", Effect()))
+            rows.append(Row("axis", name, True, "friction is asked for by force"))
     for name in sorted(set(TERMS) - scene.possible_terms()):
         fields = ", ".join(TERMS[name].missing(scene.finger, scene.screen))
-        rows.append(Row("term", name, False, f"{fields} not given", Effect()))
+        rows.append(Row("term", name, False, f"{fields} not given"))
     return rows

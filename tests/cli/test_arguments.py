@@ -14,7 +14,7 @@ import pytest
         ("build", "a.surface", "--tolerance", "1e-12"),
         ("build", "a.surface", "--tolerance", "1e-12 %"),
         ("demo", "--width-mm", "1e-9"),
-        ("render", "--lead-ms", "1e6"),
+        ("render", "--reaction-ms", "1e6"),
         ("play", "--horizon-ms", "1e6"),
         ("build", "a.surface", "--normal-force-n", ""),
         ("export", "a" * 5000, "b.nc"),

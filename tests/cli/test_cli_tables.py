@@ -301,10 +301,10 @@ def test_doctor(haptix_cli, tmp_path):
         "cache",
         "solver",
         "udev rule",
-        "mock driver",
+        "firmware",
         "timing",
     } | buses == set(rows)
-    for name in ("haptix", "torch", "cache", "solver"):
+    for name in ("haptix", "torch", "cache", "solver", "firmware"):
         assert rows[name]["ok"] == "yes"
     assert haptix.__version__ in rows["haptix"]["detail"]
     assert rows["cache"]["detail"] == str(tmp_path / "cache")

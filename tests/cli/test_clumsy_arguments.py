@@ -9,7 +9,6 @@ from typer.main import get_command
 
 from haptix import presets
 from haptix.cli.application import app
-from haptix.figures import FIGURES
 from haptix.terms import TERMS
 from tests.command_line import run_haptix
 
@@ -36,7 +35,7 @@ KINDS = {
     ),
     "word": (
         "--skin-dielectric --fidelity --theory --with --without --polarity --waveform --protocol "
-        "--source --on names",
+        "--source --on",
         ("", "missing", "mean_field", "FINITE-SIZE", LONG, "\u00fc"),
     ),
     "address": (
@@ -45,7 +44,7 @@ KINDS = {
          "mock:pace=real,pace=real", "COM3", "tcp:", "tcp:host", LONG),
     ),
     "number": (
-        "--width-mm --carrier-hz --direct-hz --touch-hz --touch-latency-ms --lead-ms --reaction-ms "
+        "--width-mm --carrier-hz --direct-hz --touch-hz --touch-latency-ms --reaction-ms "
         "--horizon-ms --largest-mb --memory-gb --simulate-db --difference-db --between-db "
         "--max-voltage-v --minutes --crosstalk --temperature-c --humidity-percent --weight-n "
         "--tolerance-thresholds --normal-reading-n --tangential-reading-n --monitor-v "
@@ -67,7 +66,7 @@ KINDS = {
     "any text": ("--operator", ()),
 }  # fmt: skip
 OUT_IS_A_FOLDER = {
-    "demo", "render", "tradeoff", "figures", "campaign", "stimuli make", "stimuli analyse",
+    "demo", "render", "tradeoff", "campaign", "stimuli make", "stimuli analyse",
 }  # fmt: skip
 WRONG = {name: values for names, values in KINDS.values() for name in names.split()}
 
@@ -157,7 +156,6 @@ def test_what_cannot_be_right_is_refused_in_a_sentence_that_names_the_option(typ
 
 def test_names_that_are_known_without_torch_are_those_that_it_knows():
     assert tuple(TERMS) == presets.TERMS
-    assert tuple(FIGURES) == presets.FIGURES
 
 
 TYPED = st.one_of(

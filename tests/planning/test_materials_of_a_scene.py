@@ -7,9 +7,9 @@ import pytest
 
 import haptix
 from haptix.materials import KINDS
-from haptix.materials.held import DROPPABLE
 from haptix.motion import Depends, Motion
-from haptix.planning.materials import decide_materials
+from haptix.planning import plan_scene
+from haptix.planning.materials import HOLDABLE, effects_of_materials, holding
 from haptix.scene import Scene
 
 SLOW = {"kind": "moving", "velocity_mm_s": [1e-4, 0.0], "of": {"kind": "grating", "period_mm": 9.0}}
@@ -26,26 +26,32 @@ def scene(*materials, **fields):
     )  # fmt: skip
 
 
-def test_what_changes_little_is_dropped_and_what_is_felt_is_kept(model):
-    decisions, evaluators = decide_materials(scene(SLOW, FAST, FLAT, STEEP, PRESSED), model, 0.1)
-    assert [(one.name.split()[-1], one.kept) for one in decisions] == [
-        ("time", False), ("time", True), ("speed", False), ("speed", True),
-        ("force", False), ("speed", True),
-    ]  # fmt: skip
-    assert [one.depends_on for one in evaluators] == [
-        Depends.PLACE, Depends.PLACE | Depends.TIME, Depends.NOTHING, Depends.SPEED, Depends.SPEED,
-    ]  # fmt: skip
+def test_what_is_felt_is_kept_and_what_is_not_is_told(model):
+    found = dict(effects_of_materials(scene(SLOW, FAST, FLAT, STEEP, PRESSED), model))
+    assert {name: effect.thresholds_max > 0.1 for name, effect in found.items()} == {
+        "materials.0 (moving) time": False, "materials.1 (moving) time": True,
+        "materials.2 (by-speed) speed": False, "materials.3 (by-speed) speed": True,
+        "materials.4 (by-force) speed": True, "materials.4 (by-force) force": False,
+    }  # fmt: skip
     # Up to 90 of 300 mm/s from the middle of 20 to 200: 0.3 of a reach of 2.5 to 3 JND.
-    assert decisions[3].effect.thresholds_max == pytest.approx(0.3 * 2.75, rel=0.15)
-    assert all(one.effect.thresholds_max < 0.1 for one in decisions if not one.kept)
+    felt = found["materials.3 (by-speed) speed"].thresholds_max
+    assert felt == pytest.approx(0.3 * 2.75, rel=0.15)
+
+
+def test_what_is_held_never_changes():
     motion = Motion.of(3.0, 4.0, [0.0, 0.225], 80.0)  # half a period of the fast one
-    assert np.ptp(evaluators[0].wanted(motion)) == 0
-    assert np.ptp(evaluators[1].wanted(motion)) == pytest.approx(np.sin(2 * np.pi / 3))
+    (moving,) = scene(FAST).materials
+    still = holding(moving.evaluator, Depends.TIME, 110.0, 0.5)
+    assert still.depends_on == Depends.PLACE
+    assert np.ptp(still.wanted(motion)) == 0
+    assert np.ptp(moving.evaluator.wanted(motion)) == pytest.approx(np.sin(2 * np.pi / 3))
 
 
-def test_a_budget_of_nothing_keeps_everything(model):
-    decisions, _ = decide_materials(scene(SLOW, FLAT), model, 0.0)
-    assert all(one.kept for one in decisions)
+def test_a_plan_says_what_of_a_material_is_felt(plain):
+    rows = plan_scene(plain.replace(materials=(FLAT, STEEP)), points=50).rows
+    assert [(row.name, row.kept) for row in rows if row.kind == "material"] == [
+        ("materials.0 (by-speed) speed", False), ("materials.1 (by-speed) speed", True),
+    ]  # fmt: skip
 
 
 EXAMPLES = Path(haptix.__file__).parents[1] / "examples" / "materials"
@@ -53,15 +59,15 @@ OWN = sorted(kind for kind, of in KINDS.items() if of.__module__.startswith("hap
 
 
 @pytest.mark.parametrize("kind", OWN)
-def test_every_kind_is_planned_and_loses_what_a_budget_allows(model, kind):
-    """A boundless budget drops all that can be held: then no answer depends on it."""
+def test_every_kind_is_planned_and_can_be_held(model, kind):
     one = scene(haptix.materials.load(EXAMPLES / f"{kind}.toml"))
-    found, (evaluator,) = decide_materials(one, model, 1e9)
-    before = one.materials[0].evaluator.depends_on
-    can = {flag for flag in DROPPABLE if flag & before}
-    assert {row.name.split()[-1].upper() for row in found} == {flag.name for flag in can}
-    assert not any(row.kept for row in found)
-    assert not any(flag & evaluator.depends_on for flag in DROPPABLE)
+    evaluator = one.materials[0].evaluator
+    can = {flag for flag in HOLDABLE if flag & evaluator.depends_on}
+    found = {name.split()[-1].upper() for name, _ in effects_of_materials(one, model)}
+    assert found == {flag.name for flag in can}
+    for flag in can:
+        evaluator = holding(evaluator, flag, 110.0, 0.5)
+    assert not any(flag & evaluator.depends_on for flag in HOLDABLE)
     left, right, top, bottom = one.materials[0].extent_mm
     x, y = np.linspace(left, right, 50), (top + 2 * bottom) / 3
     one_answer, other = (

@@ -23,7 +23,7 @@ def test_a_table_and_the_same_as_json(haptix_cli, scene_file, plain_plan, monkey
     for row in rows:
         assert row["name"] in table.out
         assert row["decision"] in ("kept", "dropped")
-        assert row["savings"] in ("measured", "estimated", "none")
+        assert row["cost_s"] >= 0
         assert row["why"]
 
 

@@ -75,15 +75,37 @@ def test_float32_halves_the_memory_and_a_slice_has_less(folder):
 
 
 @pytest.mark.slow
-def test_the_fronts_have_what_nothing_beats(folder):
+@pytest.mark.parametrize("form", ["surface", "slice"])
+def test_the_fronts_have_what_nothing_beats(folder, form):
     columns = {"build": "build_s", "query": "query_s_per_million", "memory": "memory_bytes"}
+    rows = chosen(folder.rows, form=form)
     for name, column in columns.items():
-        best = min(folder.rows, key=lambda row: row["error_max_thresholds"])
-        front = [row for row in folder.rows if name in row["fronts"].split()]
+        best = min(row["error_max_thresholds"] for row in rows)
+        front = [row for row in rows if name in row["fronts"].split()]
         least = min(row["error_max_thresholds"] for row in front)
         # Errors are compared to three digits, so that rounding wins nothing.
-        assert least == pytest.approx(best["error_max_thresholds"], rel=0.01)
-        assert min(row[column] for row in front) == min(row[column] for row in folder.rows)
+        assert least == pytest.approx(best, rel=0.01)
+        assert min(row[column] for row in front) == min(row[column] for row in rows)
+
+
+@pytest.mark.slow
+def test_what_to_take_is_a_whole_surface_within_what_it_is_for(folder, scene):
+    taken = {purpose: row for row in folder.rows for purpose in row["take"].split(", ")}
+    del taken[""]
+    budget = scene.budget_thresholds
+    whole = chosen(folder.rows, form="surface")
+    assert all(row["form"] == "surface" for row in taken.values())
+    assert taken["as planned"]["model"] == "planned"
+    for purpose, limit in (
+        ("smallest within the budget", budget),
+        ("smallest within a tenth of the budget", budget / 10),
+    ):
+        within = [row for row in whole if row["error_max_thresholds"] <= limit]
+        assert (purpose in taken) is bool(within)
+        for row in within:
+            assert taken[purpose]["memory_bytes"] <= row["memory_bytes"]
+    exact = taken["most exact"]["error_max_thresholds"]
+    assert exact == pytest.approx(min(row["error_max_thresholds"] for row in whole), rel=0.01)
 
 
 @pytest.mark.slow

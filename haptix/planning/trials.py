@@ -1,4 +1,4 @@
-"""Effect of leaving something out on friction: a scene is solved with and without it."""
+"""A scene solved in many ways at the same points: what an omission changes, and what it costs."""
 
 from __future__ import annotations
 
@@ -24,10 +24,12 @@ from haptix.terms import TERMS, Term
 
 _SEED = 20180516  # any; fixed, so that a scene always gets the same plan
 _TIMED = 3  # solves; the fastest counts, since other programs slow the others
-_TIMED_TOGETHER = 2000  # states in each
+
+TIMED_STATES = 2000
+"""States that are timed together; a surface has some hundreds to thousands."""
 
 _Key = tuple[frozenset[str], str]
-"""Terms and fidelity of a model; models of several precisions share one."""
+"""Terms and fidelity of a model."""
 
 
 @dataclass(frozen=True)
@@ -49,13 +51,8 @@ class Effect:
         """Compare frictions of one shape."""
         mu = (other - truth).abs().reshape(-1)
         felt = mu / (WEBER_FRACTION * truth.reshape(-1))
-        return cls(
-            float(mu.max()),
-            float(mu.quantile(0.99)),
-            float(felt.max()),
-            float(felt.quantile(0.99)),
-            overreach,
-        )
+        largest = float(mu.max()), float(mu.quantile(0.99))
+        return cls(*largest, float(felt.max()), float(felt.quantile(0.99)), overreach)
 
 
 @dataclass(frozen=True)
@@ -103,33 +100,19 @@ class Trials:
         self._ending = [TERMS[name] for name in sorted(kept_reports(scene))]
         self.points = SampledPlaces.of(scene, count, seed)
         self._models: dict[_Key, ContactModel] = {}
-        self._prepared_s: dict[_Key, float] = {}
-        self._state_s: dict[_Key, float] = {}
-        self._at_rest: dict[Choice, ContactState] = {}
+        self._table_s: dict[_Key, float] = {}
+        self._solving_s: dict[_Key, float] = {}
         self.voltage_v = self.points.voltage_share * self.highest_voltage(reference, self.points)
-
-    def _rest(self, choice: Choice, points: SampledPlaces) -> ContactState:
-        """Solve without voltage, for the pull-in and breakdown voltage of each point."""
-        found = self._at_rest.get(choice) if points is self.points else None
-        if found is None:
-            found = self._solve(choice, points, torch.zeros_like(points.voltage_share))
-            if points is self.points:
-                self._at_rest[choice] = found
-        return found
 
     def highest_voltage(self, choice: Choice, points: SampledPlaces) -> Tensor:
         """Amplitude [V] at which a surface of this choice ends."""
-        state = self._rest(choice, points)
+        state = self._solve(choice, points, 0.0)
         limits = (term.voltage_limit(state) for term in self._ending)
         return reduce(torch.minimum, limits, self._end(state))
 
     def friction(self, choice: Choice, points: SampledPlaces, voltage_v: Tensor) -> Tensor:
-        """Friction coefficient at points and voltages [V], rounded as the choice rounds it.
-
-        Past pull-in it is that of the end.
-        """
-        mu = self._solve(choice, points, voltage_v).mu
-        return mu.to(getattr(torch, choice.dtype)).to(torch.float64)
+        """Friction coefficient at points and voltages [V]; past pull-in that of the end."""
+        return self._solve(choice, points, voltage_v).mu
 
     def effect(self, truth: Choice, other: Choice) -> Effect:
         """Compare the friction of the scene modelled as `other` with that modelled as `truth`.
@@ -140,7 +123,7 @@ class Trials:
         ends = self.highest_voltage(other, self.points)
         wrong = self.friction(other, self.points, torch.minimum(self.voltage_v, ends))
         right = self.friction(truth, self.points, self.voltage_v)
-        rest = self._rest(truth, self.points)
+        rest = self._solve(truth, self.points, 0.0)
         past = [float((ends / term.voltage_limit(rest)).max()) - 1 for term in self._ending]
         further = ends > self.highest_voltage(truth, self.points)
         if bool(further.any()):
@@ -155,7 +138,7 @@ class Trials:
 
     def share_of_limit(self, choice: Choice, term: Term) -> float:
         """Highest voltage short of pull-in, over that from which a term reports its status."""
-        state = self._rest(choice, self.points)
+        state = self._solve(choice, self.points, 0.0)
         return float((self._end(state) / term.voltage_limit(state)).max())
 
     def pull_past_breakdown(self, choice: Choice) -> float:
@@ -163,31 +146,27 @@ class Trials:
         highest = self.highest_voltage(choice, self.points)
         return float(self._solve(choice, self.points, highest).pull_past_breakdown.max())
 
-    def seconds_per_state(self, choice: Choice) -> float:
-        """Time to solve one of many states, without the time for tables."""
-        key = (choice.terms, choice.fidelity)
-        if key not in self._state_s:
-            # Many points: with few, the overhead would be all that is timed.
-            rows = torch.arange(_TIMED_TOGETHER) % len(self.voltage_v)
-            points, voltage = self.points.at(rows), self.voltage_v[rows]
-            self._model(choice)
-            times = repeat(lambda: self._solve(choice, points, voltage), number=1, repeat=_TIMED)
-            self._state_s[key] = min(times) / len(rows)
-        return self._state_s[key]
-
-    def seconds_to_prepare(self, choice: Choice) -> float:
-        """Time to make the model and its tables."""
+    def seconds(self, choice: Choice) -> float:
+        """Time to tabulate the contact, and to solve `TIMED_STATES` states."""
         self._model(choice)
-        return self._prepared_s[choice.terms, choice.fidelity]
+        key = (choice.terms, choice.fidelity)
+        if key not in self._solving_s:
+            rows = torch.arange(TIMED_STATES) % len(self.voltage_v)
+            points, voltage = self.points.at(rows), self.voltage_v[rows]
+            times = repeat(lambda: self._solve(choice, points, voltage), number=1, repeat=_TIMED)
+            self._solving_s[key] = min(times)
+        return self._table_s[key] + self._solving_s[key]
 
-    def model(self, choice: Choice) -> ContactModel:
-        """Return the model of a choice, in its precision, with the scene's reporting terms."""
+    def model(self, choice: Choice, dtype: torch.dtype = torch.float64) -> ContactModel:
+        """Return the model of a choice, with the scene's reporting terms."""
         terms = choice.terms | kept_reports(self.scene)
-        model = self.scene.model(choice.fidelity, getattr(torch, choice.dtype), terms=terms)
+        model = self.scene.model(choice.fidelity, dtype, terms=terms)
         self._share(model, choice)
         return model
 
-    def _solve(self, choice: Choice, points: SampledPlaces, voltage_v: Tensor) -> ContactState:
+    def _solve(
+        self, choice: Choice, points: SampledPlaces, voltage_v: Tensor | float
+    ) -> ContactState:
         places = {**points.places, **dict(choice.held)}
         return self._model(choice).solve(voltage_v=voltage_v, **places)
 
@@ -196,17 +175,17 @@ class Trials:
         if key not in self._models:
             began = perf_counter()
             model = self.scene.model(choice.fidelity, terms=choice.terms)
-            self._share(model, choice)
+            lender = self._share(model, choice)
             low, high = self.scene.ranges()["normal_force_n"]
             model.solve(torch.tensor([low, high], dtype=torch.float64), 0.0, 1e3)
-            self._prepared_s[key] = perf_counter() - began
+            # A table that is borrowed took the time of the model that made it.
+            self._table_s[key] = self._table_s[lender] if lender else perf_counter() - began
             self._models[key] = model
         return self._models[key]
 
-    def _share(self, model: ContactModel, choice: Choice) -> None:
-        """Borrow the table of a model with the same solid: tables are slow to make.
-
-        The most similar models come first, since their tables cover the same pressures.
-        """
-        known = sorted(self._models.items(), key=lambda item: len(item[0][0] ^ choice.terms))
-        any(model.solver.fidelity.borrow(other.solver.fidelity) for _, other in known)
+    def _share(self, model: ContactModel, choice: Choice) -> _Key | None:
+        """Borrow the table of a model with the same solid, the most similar first."""
+        for key in sorted(self._models, key=lambda key: len(key[0] ^ choice.terms)):
+            if model.solver.fidelity.borrow(self._models[key].solver.fidelity):
+                return key
+        return None

@@ -1,0 +1,376 @@
+"""Build a scene's surface in many ways, and measure the error, time and memory of each."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from itertools import product
+from time import perf_counter
+from timeit import repeat
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from haptix.errors import ToleranceError
+from haptix.fidelity import BoundaryElementBox, FidelityName
+from haptix.finger import Finger
+from haptix.friction import ContactModel
+from haptix.planning import Effect, plan_scene
+from haptix.planning.choices import (
+    COARSE,
+    COLLAPSIBLE,
+    FULL,
+    Choice,
+    friction_terms,
+    kept_reports,
+    middle,
+)
+from haptix.planning.trials import SampledPlaces, Trials
+from haptix.scene import DirectDrive, Scene, plain_scene
+from haptix.screen import Screen
+from haptix.status import Status
+from haptix.surface import FrictionSurface, MeasuredPoints, MeasuringJob
+
+Progress = Callable[[str, float], None]
+
+TABULATED: tuple[FidelityName, ...] = (FULL, COARSE)
+FORMS = ("surface", "slice")
+_SEED = 20180518  # of the held-out points; planning and building use others
+# Held-out points, queries timed together, and tolerances of the surface against its model [JND].
+_THOROUGH = (2000, 1_000_000, (0.01, 0.02, 0.05, 0.1, 0.2, 0.5))
+_QUICK = (500, 50_000, (0.05, 0.5))
+_BOX = BoundaryElementBox(points=64, surfaces=2)
+_MEASURED = MeasuredPoints(forces=2, drives=2, axis_values=1)
+_REPEATS = 3  # of which the fastest counts
+
+
+@dataclass(frozen=True)
+class Run:
+    """One way to build and query a surface, measured."""
+
+    model: str
+    """A fidelity with every possible term, or "planned": the choice of `plan_scene`."""
+    tolerance: str
+    """Tolerance of the surface against that model."""
+    dtype: str
+    """Precision of the surface."""
+    form: str
+    """Whether every query gives frequency and h0 ("surface"), or the surface is sliced at them."""
+    device: str
+    """Device of the queries."""
+    error_max_thresholds: float
+    """Error against the mean field with every term, at held-out points [JND]."""
+    error_p99_thresholds: float
+    error_max_mu: float
+    error_p99_mu: float
+    outside_share: float
+    """Share of those points outside the surface."""
+    build_s: float
+    query_s_per_million: float
+    invert_s_per_million: float
+    memory_bytes: int
+    """Memory of the surface or slice."""
+    fronts: str = ""
+    """Those of "build", "query" and "memory" where no other of its form is better in both."""
+    take: str = ""
+    """What it is the one to take for, see `TAKE`."""
+
+
+COSTS: Mapping[str, str] = {
+    "build": "build_s",
+    "query": "query_s_per_million",
+    "memory": "memory_bytes",
+}
+"""What is traded against the error: the field of a run, by the name of its front."""
+
+TAKE: Mapping[str, Callable[[Run, float], tuple[float, ...] | None]] = {
+    "as planned": lambda run, _: () if run.model == "planned" else None,
+    "smallest within the budget": lambda run, budget: _smallest(run, budget),
+    "smallest within a tenth of the budget": lambda run, budget: _smallest(run, budget / 10),
+    "most exact": lambda run, _: (run.error_max_thresholds, run.memory_bytes),
+}
+"""What a user may want, and of what the run for it has least; None where it is none. Times are not
+among them, since they differ from run to run; nor are slices, which answer at one frequency and h0.
+"""
+
+
+def _smallest(run: Run, budget: float) -> tuple[float, ...] | None:
+    if run.error_max_thresholds > budget:
+        return None
+    return run.memory_bytes, run.error_max_thresholds
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """All runs of a scene."""
+
+    scene: Scene
+    runs: tuple[Run, ...]
+    """The planned setting's first."""
+    points: int
+    """Held-out states."""
+    batch: int
+    """Queries timed together."""
+
+    def record(self) -> dict[str, Any]:
+        """Everything as plain values, with the machine."""
+        return {
+            "scene": self.scene.name,
+            "budget_thresholds": self.scene.budget_thresholds,
+            "held_out_points": self.points,
+            "queries_timed_together": self.batch,
+            "machine": machine(),
+            "runs": [asdict(run) for run in self.runs],
+        }
+
+
+def machine() -> dict[str, Any]:
+    """Describe the machine that the times were measured on."""
+    return {
+        "processor": platform.processor() or platform.machine(),
+        "threads": torch.get_num_threads(),
+        "gpu": torch.cuda.get_device_name() if torch.cuda.is_available() else None,
+        "python": platform.python_version(),
+        "torch": torch.__version__,
+    }
+
+
+def default_scene() -> Scene:
+    """Return a scene in which every axis varies: the paper's finger on several insulators.
+
+    The drive is direct, at the frequencies of the physics page, section 7.
+    """
+    return Scene(
+        name="semi-wet finger, 80 to 400 Hz, several screens",
+        finger=Finger.preset("semi-wet"),
+        screen=Screen.preset("3m-sct3250"),
+        normal_force_n=(0.1, 1.0),
+        drive=DirectDrive(scheme="direct", frequency_hz=(80.0, 400.0)),
+        h0_m=(0.1e-6, 0.2e-6),
+    )
+
+
+def run_tradeoff(
+    scene: Scene,
+    quick: bool = False,
+    on_progress: Progress = lambda stage, share: None,
+    boundary_elements: bool = False,
+) -> Tradeoff:
+    """Measure every setting of a scene, one after the other.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    quick : bool
+        Two tolerances and small batches; their times are rough.
+    on_progress : callable
+        Called with the stage ("run", or "measure" for boundary elements) and its finished share.
+    boundary_elements : bool
+        Also measure a surface that boundary elements correct, from a small box and four states;
+        takes minutes.
+
+    Raises
+    ------
+    InputError
+        If the scene contradicts itself.
+    """
+    if boundary_elements:
+        _boxed(scene)  # an unsuitable box is refused before any work
+    jobs = [*setting_jobs(scene, quick, boundary_elements)]
+    runs: list[Run] = []
+    for number, job in enumerate(jobs, start=1):
+        found = measure_setting(job, on_progress)
+        runs += [Run(**row) for row in found["runs"]]
+        on_progress("run", number / len(jobs))
+    batch = (_QUICK if quick else _THOROUGH)[1]
+    return Tradeoff(scene, chosen(runs, scene.budget_thresholds), found["points"], batch)
+
+
+def setting_jobs(scene: Scene, quick: bool, boundary_elements: bool) -> Iterator[dict[str, Any]]:
+    """Yield the documents of `measure_setting`, the planned setting's first."""
+    tolerances = (_QUICK if quick else _THOROUGH)[2]
+    settings = [("planned", "")]
+    settings += [(fidelity, f"{value:g} JND") for fidelity in TABULATED for value in tolerances]
+    if boundary_elements:
+        settings.append(("boundary-element", f"{_QUICK[2][0]:g} JND"))
+    for model, tolerance in settings:
+        yield {"scene": plain_scene(scene), "quick": quick, "model": model, "tolerance": tolerance}
+
+
+def measure_setting(
+    job: Mapping[str, Any], on_progress: Progress = lambda stage, share: None
+) -> dict[str, Any]:
+    """Build the surface of one of `setting_jobs`, and measure it in every way to ask it.
+
+    Returns
+    -------
+    dict
+        ``runs``, the fields of each `Run`, and ``points``, the number of held-out states.
+    """
+    model, tolerance = job["model"], job["tolerance"]
+    bench = _bench(json.dumps(job["scene"]), job["quick"])
+    dtypes: tuple[str, ...] = ("float64", "float32")
+    devices: tuple[str, ...] = ("cpu",)
+    if torch.cuda.is_available():
+        devices += ("cuda",)
+    if model == "planned":
+        plan = plan_scene(bench.scene)
+        tolerance = f"{plan.tolerance.value:.3g} {plan.tolerance.unit}"
+        dtypes = (str(plan.dtype).removeprefix("torch."),)
+        began = perf_counter()
+        # A new model: the plan's has the tables of its trials already.
+        anew = plan.scene.model(plan.model.fidelity, plan.dtype, terms=plan.model.terms)
+        surface = replace(plan, model=anew).build()
+    elif model == "boundary-element":
+        dtypes, devices = ("float64",), ("cpu",)
+        boxed, began = _boxed(bench.scene), perf_counter()
+        work = MeasuringJob(boxed, bench.scene, _MEASURED)
+        surface = FrictionSurface.measured(
+            work, tolerance, lambda share: on_progress("measure", share)
+        )
+    else:
+        began = perf_counter()
+        full = bench.scene.model(model, terms=_terms(bench.scene, model))
+        try:
+            surface = FrictionSurface.build(full, bench.scene.ranges(), tolerance)
+        except ToleranceError as error:  # keep the best that fits into the size
+            surface, tolerance = error.best, f"{tolerance}, not met"
+    build_s = perf_counter() - began
+    runs = [
+        Run(model, tolerance, *way, **bench.measure(surface, *way), build_s=build_s)
+        for way in product(dtypes, FORMS, devices)
+    ]
+    return {"points": bench.count, "runs": [asdict(run) for run in runs]}
+
+
+def _boxed(scene: Scene) -> ContactModel:
+    return ContactModel(
+        scene.finger,
+        scene.screen,
+        "boundary-element",
+        terms=_terms(scene, "boundary-element"),
+        theory=scene.override.theory,
+        boundary_elements=_BOX,
+    )
+
+
+def _terms(scene: Scene, fidelity: FidelityName) -> frozenset[str]:
+    return friction_terms(scene, fidelity) | kept_reports(scene)
+
+
+@lru_cache(maxsize=1)  # a process measures many settings of one scene
+def _bench(scene: str, quick: bool) -> _Bench:
+    count, batch, _ = _QUICK if quick else _THOROUGH
+    return _Bench(Scene(**json.loads(scene)), count, batch)
+
+
+class _Bench:
+    """Held-out points, the truth at them, and the queries that are timed."""
+
+    def __init__(self, scene: Scene, count: int, batch: int) -> None:
+        self.scene, self.batch = scene, batch
+        everything = Choice(friction_terms(scene))
+        self.middles = {axis: middle(*scene.ranges()[axis]) for axis in COLLAPSIBLE}
+        trials = Trials(scene, everything, count, _SEED)
+        self.count = len(trials.voltage_v)
+        held = {axis: torch.full_like(trials.voltage_v, at) for axis, at in self.middles.items()}
+        sliced = replace(trials.points, places={**trials.points.places, **held})
+        self.truths: dict[str, tuple[SampledPlaces, Tensor, Tensor]] = {}
+        for form, points in zip(FORMS, (trials.points, sliced), strict=True):
+            voltage = points.voltage_share * trials.highest_voltage(everything, points)
+            self.truths[form] = points, voltage, trials.friction(everything, points, voltage)
+
+    def measure(
+        self, surface: FrictionSurface, dtype: str, form: str, device: str
+    ) -> dict[str, Any]:
+        """Errors, times and memory of a surface that is asked in one way, by fields of `Run`."""
+        points, voltage, truth = self.truths[form]
+        # A collapsed axis stands for its whole range: it takes no values.
+        varying = [name for name in COLLAPSIBLE if surface.table.axes[name].varies]
+        if form == "slice":
+            surface = surface.at(**{name: self.middles[name] for name in varying})
+            varying = []
+        precision = getattr(torch, dtype)
+        surface = surface.to(precision, device)
+        places: dict[str, Any] = {n: points.places[n] for n in ("normal_force_n", *varying)}
+        sample = surface.evaluate(voltage_v=voltage, **places)
+        error = Effect.between(truth, sample.mu.to("cpu", torch.float64))
+        # Many random points of these, in one batch, are timed.
+        generator = torch.Generator().manual_seed(_SEED)
+        rows = torch.randint(len(voltage), (self.batch,), generator=generator)
+        at: dict[str, Any] = {name: x[rows].to(device, precision) for name, x in places.items()}
+        volts = voltage[rows].to(device, precision)
+        mu = surface.evaluate(voltage_v=volts, **at).mu
+        return {
+            "error_max_thresholds": error.thresholds_max,
+            "error_p99_thresholds": error.thresholds_p99,
+            "error_max_mu": error.mu_max,
+            "error_p99_mu": error.mu_p99,
+            "outside_share": float((sample.status != int(Status.OK)).double().mean()),
+            "query_s_per_million": self._seconds(
+                lambda: surface.evaluate(voltage_v=volts, **at), device
+            ),
+            "invert_s_per_million": self._seconds(lambda: surface.voltage(mu, **at), device),
+            "memory_bytes": surface.nbytes,
+        }
+
+    def _seconds(self, ask: Callable[[], object], device: str) -> float:
+        """Seconds per million queries."""
+
+        def work() -> None:
+            ask()
+            if device != "cpu":
+                torch.cuda.synchronize()
+
+        return min(repeat(work, number=1, repeat=_REPEATS)) * 1e6 / self.batch
+
+
+def chosen(runs: Sequence[Run], budget_thresholds: float) -> tuple[Run, ...]:
+    """Return the runs with the fronts that each is on, and what each is the one to take for."""
+    # Errors are compared to three digits: the seventh is no reason to take float64.
+    rounded = [
+        replace(run, error_max_thresholds=float(f"{run.error_max_thresholds:.3g}")) for run in runs
+    ]
+    on: dict[int, list[str]] = {}
+    for form, (name, cost) in product(FORMS, COSTS.items()):
+        those = [number for number, run in enumerate(rounded) if run.form == form]
+        costs = [(getattr(rounded[n], cost), rounded[n].error_max_thresholds) for n in those]
+        for number, is_on in zip(those, pareto_front(costs), strict=True):
+            on.setdefault(number, []).extend([name] * is_on)
+    take: dict[int, list[str]] = {}
+    for purpose, least in TAKE.items():
+        ranked = [
+            (wants, number)
+            for number, run in enumerate(rounded)
+            if run.form == "surface" and (wants := least(run, budget_thresholds)) is not None
+        ]
+        if ranked:
+            take.setdefault(min(ranked)[1], []).append(purpose)
+    return tuple(
+        replace(
+            run,
+            fronts=" ".join(on[number]),
+            take=", ".join(take.get(number, [])),
+        )
+        for number, run in enumerate(runs)
+    )
+
+
+def pareto_front(costs: Sequence[tuple[float, ...]]) -> list[bool]:
+    """Return which are on the front: no other is as low in every cost and lower in one.
+
+    Parameters
+    ----------
+    costs : sequence of tuples of one length
+        Lower is better. Equal ones are on the front together.
+    """
+
+    def beats(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+        return one != other and all(a <= b for a, b in zip(one, other, strict=True))
+
+    return [not any(beats(other, one) for other in costs) for one in costs]
