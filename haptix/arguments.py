@@ -10,11 +10,10 @@ from collections.abc import Callable, Collection
 from difflib import get_close_matches
 from math import inf, isfinite
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import typer
 
-from firmware_io.address import SchemeName, split_address
 from haptix.errors import DeviceError, InputError
 
 Check = Callable[[typer.CallbackParam, Any], Any]
@@ -102,11 +101,9 @@ def device_address(option: typer.CallbackParam, value: Any) -> Any:
     """Refuse an address of no known scheme, or whose keys or values its scheme does not have."""
     if value is not None:
         try:
-            scheme, selector = split_address(value, get_args(SchemeName))
-            if selector or scheme == "tcp":
-                from firmware_io.opening import read_address  # with numpy
+            from firmware_io.opening import read_address  # with numpy
 
-                read_address(value)
+            read_address(value)
         except DeviceError as error:
             raise InputError(f"{_name(option)}: {error}") from None
     return value

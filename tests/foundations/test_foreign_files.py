@@ -578,3 +578,10 @@ def test_a_sidecar_that_cannot_be_drawn(kept, place):
     path.write_text(json.dumps(table))
     with pytest.raises(FileFormatError, match="sidecar of a stimulus"):
         draw_stimulus(path.with_suffix(".flac"))
+
+
+def test_a_recipe_without_a_screen(kept):
+    recipe = kept / "gratings.json"
+    recipe.write_text(json.dumps({**read_toml(KEPT / "gratings.toml"), "screens": []}))
+    with pytest.raises(HaptixError, match="screens"):
+        Recipe.load(recipe)

@@ -1,0 +1,261 @@
+"""The log of what happened between a touch and the driver, for whoever looks for a fault.
+
+Each room logs by Python's `logging` under its name, ``haptix.render`` or ``firmware_io.protocol``:
+at ``info`` what changes a state, is refused, repeated or dropped, and why; at ``debug`` also every
+frame. `start` writes these records in a thread of its own. Who logs never waits: what a slow or
+full disk does not take is dropped and counted, and the log says so where the records are missing.
+It must never hold a secret or what a participant answered.
+"""
+
+from __future__ import annotations
+
+import atexit
+import logging
+import os
+import re
+import sys
+import warnings
+from contextlib import suppress
+from datetime import datetime
+from logging.handlers import QueueHandler, QueueListener, RotatingFileHandler
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, TextIO
+
+from filelock import FileLock, Timeout
+
+from haptix.errors import InputError
+
+VARIABLE = "HAPTIX_LOG"
+"""The environment's ``LEVEL`` or ``LEVEL,FILE``; the processes that this one starts read it too."""
+
+ROOMS = ("haptix", "firmware_io", "calibration")
+LEVELS = ("info", "debug")
+MOST_WAITING = 8192
+FILE_BYTES, FILES_BEFORE = 20_000_000, 4
+_END_S = 2.0  # for the disk to take what waits, at the end of the process
+_SECRETS = re.compile(r"(?i)\b((?:token|password|secret|key)(?:=|['\"]: ?['\"]))[^\s,&'\"]+")
+_CREDENTIALS = re.compile(r"://[^/\s]+@")
+
+# What would move a terminal's cursor, but for line breaks.
+_CONTROL = {code: f"\\x{code:02x}" for code in (*range(10), *range(11, 32), 127)}
+
+_running: Log | None = None
+
+
+def start(level: str = "debug", file: str | Path | None = None) -> None:
+    """Log from now on, here and in the processes that this one starts.
+
+    Parameters
+    ----------
+    level : str
+        "info" for changes of state, refusals, repetitions and losses; "debug" for all frames too.
+    file : str or Path, optional
+        Where to; by default to the standard error. At 20 MB it becomes ``FILE.1``, and of these
+        four are kept. A file that another process logs to has a number added to its name.
+
+    Raises
+    ------
+    InputError
+        If there is no such level, or the file cannot be written.
+    """
+    global _running
+    if level not in LEVELS:
+        raise InputError(f"log: expected {' or '.join(LEVELS)}, got {level!r}")
+    stop()
+    if file is None:
+        _running = Log(level, _Output(sys.stderr))
+        os.environ[VARIABLE] = level
+    else:
+        path = Path(file).absolute()
+        _running = Log(level, _own_file(path))
+        os.environ[VARIABLE] = f"{level},{path}"
+
+
+def into(file: Path) -> None:
+    """Log to a file: at the level of the log that runs, and all frames if none does."""
+    start(os.environ.get(VARIABLE, "").partition(",")[0] or "debug", file)
+
+
+def start_as_environment_says() -> None:
+    """Log if `VARIABLE` is set; a program is not stopped by what is wrong with it."""
+    level, _, file = os.environ.get(VARIABLE, "").partition(",")
+    if level:
+        try:
+            start(level, file or None)
+        except InputError as error:
+            warnings.warn(f"{VARIABLE}: {error}", stacklevel=2)
+
+
+def stop() -> None:
+    """Write what waits, for two seconds at most, and log no more. Idempotent."""
+    global _running
+    log, _running = _running, None
+    if log is not None:
+        os.environ.pop(VARIABLE, None)
+        log.close()
+
+
+class Log:
+    """Takes the records of all rooms and writes them from a thread of its own.
+
+    Parameters
+    ----------
+    level : str
+        The lowest level that is taken.
+    output : _Output
+        Where they are written.
+    """
+
+    def __init__(self, level: str, output: _Output) -> None:
+        self._aside = _Aside(SimpleQueue())
+        self._writer = _Writer(self._aside, output)
+        self._writer.start()
+        for room in ROOMS:
+            logging.getLogger(room).addHandler(self._aside)
+            logging.getLogger(room).setLevel(level.upper())
+        # A module, or a file; its other arguments may be secret.
+        by_module = sys.orig_argv[1:2] == ["-m"]
+        program = sys.orig_argv[2] if by_module else Path(sys.argv[0]).name
+        logging.getLogger("haptix.log").info("%s begins", program)
+        atexit.register(self.close)
+
+    def close(self) -> None:
+        """Write what waits, and say on the standard error how many records could not be written."""
+        atexit.unregister(self.close)
+        for room in ROOMS:
+            logging.getLogger(room).removeHandler(self._aside)
+            logging.getLogger(room).setLevel(logging.NOTSET)
+        missing = self._writer.end()
+        if missing:
+            why = self._writer.output.why or "it is written slower than it comes"
+            sys.stderr.write(f"haptix: the end of the log lacks {missing} records: {why}\n")
+
+
+class _Aside(QueueHandler):
+    """Puts records aside for the writer. Nothing here waits: not for a lock, nor for room."""
+
+    queue: SimpleQueue[Any]
+    dropped = 0
+
+    def handle(self, record: logging.LogRecord) -> bool:
+        self.emit(record)  # without the handler's lock, which a thread without priority may hold
+        return True
+
+    def prepare(self, record: logging.LogRecord) -> logging.LogRecord:
+        return record  # the writer makes the text
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        if self.queue.qsize() < MOST_WAITING:
+            record.dropped_before = self.dropped
+            self.queue.put(record)
+        else:
+            self.dropped += 1
+
+
+class _Writer(QueueListener):
+    """Writes records, and where some are missing, how many."""
+
+    def __init__(self, aside: _Aside, output: _Output) -> None:
+        super().__init__(aside.queue)
+        self.output = output
+        self._aside, self._told = aside, 0
+
+    def handle(self, record: logging.LogRecord) -> None:
+        self._tell(record.dropped_before)  # type: ignore[attr-defined]  # of _Aside
+        self.output.handle(record)
+
+    def end(self) -> int:
+        """Write what waits; return how many records are missing and could not be told of."""
+        thread = self._thread
+        assert thread is not None
+        self.enqueue_sentinel()
+        thread.join(_END_S)
+        waiting = 0
+        if thread.is_alive():  # the disk takes none; the thread ends with the process
+            waiting = self._aside.queue.qsize()
+        else:
+            self._tell(self._aside.dropped)
+            self.output.close()
+        return self._aside.dropped + self.output.lost - self._told + waiting
+
+    def _tell(self, dropped: int) -> None:
+        lost = self.output.lost
+        missing = dropped + lost - self._told
+        if missing:
+            why = self.output.why or "written slower than it came"
+            text = f"{missing} records are missing here: {why}"
+            self.output.handle(logging.makeLogRecord(
+                {"name": "haptix.log", "levelname": "INFO", "msg": text}
+            ))  # fmt: skip
+            if self.output.lost == lost:
+                self._told, self.output.why = self._told + missing, ""
+            self.output.lost = lost
+
+
+class _Output(logging.StreamHandler[TextIO]):
+    """Where records are written. What cannot be is counted, and never raised or printed."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.lost, self.why = 0, ""
+        self.setFormatter(_Lines("%(asctime)s %(process)d %(name)s %(levelname)s %(message)s"))
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        self.lost += 1
+        self.why = str(sys.exc_info()[1])
+
+
+class _File(_Output, RotatingFileHandler):
+    """A file of this user alone, which is begun anew when it is full."""
+
+    def __init__(self, path: Path, lock: FileLock | None) -> None:
+        self._lock = lock
+        super().__init__(path, maxBytes=FILE_BYTES, backupCount=FILES_BEFORE, encoding="utf-8")
+
+    def _open(self) -> Any:
+        return open(
+            self.baseFilename, "a", encoding="utf-8",
+            opener=lambda path, flags: os.open(path, flags, 0o600),
+        )  # fmt: skip
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        super().handleError(record)
+        # What it has not written it would try again with each record.
+        stream, self.stream = self.stream, None  # emit opens it again
+        if stream is not None:
+            with suppress(OSError):
+                stream.close()
+
+    def close(self) -> None:
+        super().close()
+        if self._lock is not None:
+            self._lock.release()
+
+
+class _Lines(logging.Formatter):
+    """One line a record, with microseconds; further lines are indented, and secrets left out."""
+
+    def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:
+        return datetime.fromtimestamp(record.created).isoformat(timespec="microseconds")
+
+    def format(self, record: logging.LogRecord) -> str:
+        text = super().format(record).translate(_CONTROL).replace("\n", "\n    ")
+        return _CREDENTIALS.sub("://***@", _SECRETS.sub(r"\1***", text))
+
+
+def _own_file(path: Path) -> _File:
+    """Return the file, or the first of ``NAME-2.log``, ``NAME-3.log``, ... that nobody logs to."""
+    number = 1
+    while True:
+        own = path if number == 1 else path.with_stem(f"{path.stem}-{number}")
+        try:
+            if own.exists() and not own.is_file():  # a pipe, or what takes all
+                return _File(own, None)
+            lock = FileLock(own.with_name(f".{own.name}.lock"), timeout=0)
+            lock.acquire()
+            return _File(own, lock)
+        except Timeout:
+            number += 1
+        except OSError as error:
+            raise InputError(f"log: cannot write {own}: {error.strerror or error}") from None
