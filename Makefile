@@ -1,7 +1,7 @@
 # `make demo` and `make test` work from a bare clone: each sets up .venv first when it has to.
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo studio test test-slow test-devices docs lint types setup clean
+.PHONY: help demo studio test test-slow test-devices clients docs lint types setup clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-13s %s\n", $$1, $$2 }' Makefile
@@ -21,6 +21,9 @@ test-slow: .venv/.ready ## the tests that make test leaves out for their time
 test-devices: .venv/.ready ## the tests through real USB, HID, touchscreen and audio stacks (first: bash scripts/setup-devices.sh)
 	.venv/bin/python -m pytest -m devices tests/devices tests/examples $(ARGS)
 
+clients: .venv/.ready ## the clients' types and messages, from the schema; needs Node 20 (ARGS='--pack FOLDER' for a release)
+	.venv/bin/python scripts/make-clients.py $(ARGS)
+
 docs: .venv/.ready ## the site, into site/: guides and the API reference; a broken link or a blank page fails
 	NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build -q
 
@@ -36,7 +39,7 @@ setup: ## set up again, or mend, .venv (PYTHON=... picks the interpreter)
 	@bash scripts/setup.sh
 
 clean: ## remove caches and outputs; .venv stays
-	rm -rf haptix-demo haptix-figures my.surface dist build site .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	rm -rf haptix-demo my.surface dist build site clients/asyncapi.json clients/csharp/Messages.cs clients/typescript/types .benchmarks .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
 	find . \( -name .venv -o -name .git \) -prune -o -name __pycache__ -type d -exec rm -rf {} +
 
 # Written by setup.sh as its last act, so an interrupted set-up is taken up again.

@@ -21,7 +21,7 @@ PACKAGES = (
     "haptix.planning", "haptix.tradeoff", "haptix.texture", "haptix.materials",
     "haptix.gallery", "haptix.layout", "haptix.motion", "haptix.touch", "haptix.render",
     "haptix.virtual_finger", "haptix.simulation", "haptix.perception", "haptix.stimuli",
-    "haptix.figures", "haptix.client", "haptix.errors", "firmware_io", "calibration",
+    "haptix.client", "haptix.errors", "firmware_io", "calibration",
 )  # fmt: skip
 OUTSIDE = {
     "protocol.md": "firmware_io/PROTOCOL.md",

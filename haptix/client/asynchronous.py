@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from pathlib import Path
@@ -17,6 +18,8 @@ from haptix.files import read_json
 from haptix.service import messages as m
 from haptix.service.access import service_folder
 from haptix.service.batches import TelemetryFrame, read_frame, write_touches
+
+_LOG = logging.getLogger("haptix.client")
 
 with from_extra("serve"):
     from websockets.asyncio.client import ClientConnection
@@ -231,9 +234,11 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
             await asyncio.gather(self._reader, return_exceptions=True)
             if self._closes:
                 break
+            _LOG.info("the connection is lost: %s", self._ended)
             self._tell("lost", LostConnection(self._ended, False))
             wait_s = _FIRST_S
             while not self._closes:
+                _LOG.info("connects again in %g s", wait_s)
                 await asyncio.sleep(wait_s)
                 try:
                     await self._open()
@@ -243,6 +248,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
                 except HaptixError:
                     wait_s = min(2 * wait_s, _LAST_S)
                 else:
+                    _LOG.info("connected again as session %d", self.welcome.session)
                     self._tell("resumed", self.welcome)
                     break
         self._tell("closed", LostConnection(self._ended or "closed", True))

@@ -17,7 +17,7 @@ class ClientRegion:
         self._change, self.name = change, name
 
     async def move(self, **fields: Any) -> m.LayoutReply:
-        """Move to `x_mm`, `y_mm` and `rotation_deg`, within `over_s`; what is left out stays."""
+        """Move to a `haptix.region.Place`, within `over_s`; what is left out stays."""
         return await self._change({"op": "move", "name": self.name, **fields})
 
     async def change(self, **fields: Any) -> m.LayoutReply:
@@ -55,8 +55,7 @@ class ClientLayout:
         name : str, optional
             For `contact` events; made where none is given.
         **fields
-            ``x_mm``, ``y_mm``, ``width_mm``, ``height_mm``, ``shape``, ``rotation_deg``, ``scale``,
-            ``z``, ``blend``, ``opacity``, ``priority``, as `haptix.Layout.add` takes them.
+            Those of `haptix.region.RegionFields`.
 
         Raises
         ------

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-CSHARP = Path(__file__).parents[2] / "clients" / "csharp"
+from tests.made_clients import CSHARP, make_clients
+
 JSON = Path("/usr/lib/cli/Newtonsoft.Json-5.0/Newtonsoft.Json.dll")
 
 
@@ -14,6 +15,7 @@ def compiled(target, *folders):
     """Compile the client and what is in `folders`; return the target."""
     if shutil.which("mcs") is None or shutil.which("mono") is None or not JSON.exists():
         pytest.skip("needs mono-mcs, mono-runtime and libnewtonsoft-json5.0-cil of Debian")
+    make_clients()
     sources = [path for folder in (CSHARP, *folders) for path in sorted(folder.glob("*.cs"))]
     kind = "library" if target.suffix == ".dll" else "exe"
     options = ["-langversion:6", "-warn:4", "-warnaserror", "-r:System.dll", f"-r:{JSON}"]

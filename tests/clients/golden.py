@@ -11,6 +11,7 @@ from websockets.typing import Subprotocol
 
 from haptix.service.batches import write_touches
 from haptix.service.messages import TouchMessage, read_server
+from tests.waiting import PATIENCE_S
 
 GOLDEN = Path(__file__).parents[2] / "clients" / "golden"
 SESSIONS = sorted(path.stem for path in GOLDEN.glob("*.jsonl") if path.stem != "bytes")
@@ -65,7 +66,7 @@ class Run:
     def expect(self, line):
         while True:
             try:
-                data = self.socket.recv(timeout=5)
+                data = self.socket.recv(timeout=PATIENCE_S)
             except ConnectionClosed as closed:
                 assert closed.rcvd and closed.rcvd.code == line.get("close")
                 return

@@ -6,7 +6,8 @@ import subprocess
 
 from haptix.service.jobs import Job
 from haptix.service.messages import JobMessage
-from tests.clients.compiled import CSHARP, compiled
+from tests.clients.compiled import compiled
+from tests.made_clients import CSHARP
 
 
 def test_client(service, tmp_path):

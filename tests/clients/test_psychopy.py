@@ -8,7 +8,6 @@ the tests of start and stop leave the indentation. The code that the component w
 import hashlib
 import json
 import sys
-import time
 import tomllib
 from dataclasses import replace
 from importlib.metadata import EntryPoint
@@ -23,6 +22,7 @@ import soundfile
 
 from firmware_io import DeviceBusyError
 from haptix.errors import InputError, LimitError
+from tests.waiting import wait_for
 
 PLUGIN = Path(__file__).parents[2] / "clients" / "psychopy"
 RATE, FULL_V = 48_000, 180.0
@@ -116,13 +116,6 @@ def stimulus_file(folder, name="a.wav", seconds=0.2, volts=100.0):
     return path
 
 
-def wait_until(is_true):
-    end_s = time.monotonic() + 30.0
-    while not is_true():
-        assert time.monotonic() < end_s
-        time.sleep(0.001)
-
-
 def driven(session):
     """Volts that the mock driver has played."""
     codes, _ = session.device._stream.link.driver.output
@@ -136,7 +129,7 @@ def test_the_session_plays_a_file_and_tells_its_onset(plugin, tmp_path):
         stimulus.load(stimulus_file(tmp_path), 7, lambda: now["s"])
         assert (stimulus.onset, stimulus.is_done) == (None, True)
         stimulus.play()
-        wait_until(lambda: stimulus.is_done)
+        wait_for(lambda: stimulus.is_done)
         stimulus.stop()
         volts = driven(session)
         assert np.abs(volts).max() == pytest.approx(100.0, rel=1e-3)
@@ -153,7 +146,7 @@ def test_a_device_without_marks_estimates_the_onset(plugin, tmp_path, monkeypatc
     stimulus = plugin("HapticStimulus")(session)
     stimulus.load(stimulus_file(tmp_path, seconds=0.6))
     stimulus.play()
-    wait_until(lambda: stimulus.is_done)
+    wait_for(lambda: stimulus.is_done)
     assert stimulus.onset_by == "estimate"
     stimulus.close()
     stimulus.close()
@@ -179,7 +172,7 @@ def test_wrong_files_and_uses_say_what_to_do(plugin, tmp_path):
         stimulus = plugin("HapticStimulus")(session)
         stimulus.load(stimulus_file(tmp_path, "strong.wav"))
         stimulus.play()
-        wait_until(lambda: stimulus.is_done)
+        wait_for(lambda: stimulus.is_done)
         with pytest.raises(LimitError, match="ceiling"):
             stimulus.stop()
     with (
@@ -232,7 +225,7 @@ def test_the_code_of_the_component_plays_and_saves(plugin, tmp_path):
         assert stimulus.is_done and stimulus.status == 0
         yield 0.5
         assert stimulus.status == 1
-        wait_until(lambda: stimulus.is_done)
+        wait_for(lambda: stimulus.is_done)
         yield 0.6
         assert stimulus.status == -1
 
@@ -252,7 +245,7 @@ def test_a_stop_time_ends_it_at_zero(plugin, tmp_path):
 
     def frames(stimulus):
         yield 0.0
-        wait_until(lambda: stimulus.onset is not None)
+        wait_for(lambda: stimulus.onset is not None)
         yield 1.0
         assert stimulus.is_done and stimulus.status == -1
 

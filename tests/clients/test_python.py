@@ -1,8 +1,8 @@
 """The Python client, with and without await, against the real front."""
 
 import asyncio
+import logging
 import threading
-import time
 
 import pytest
 
@@ -10,13 +10,7 @@ import haptix.client
 from haptix.errors import DeviceError, InputError
 from haptix.service.jobs import Job
 from haptix.service.messages import JobMessage
-
-
-def wait_for(condition, seconds=30.0):
-    end_s = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end_s, "it did not happen"
-        time.sleep(0.005)
+from tests.waiting import PATIENCE_S, wait_for
 
 
 @pytest.fixture
@@ -45,7 +39,8 @@ def test_touches_go_out_in_order_and_contacts_come_back(service, connect):
         assert events[0].touch_id == 3 and abs(events[0].t_s - at_s) < 0.5
 
 
-def test_a_broken_connection_is_opened_again_with_the_lease_and_disarmed(service, connect):
+def test_a_broken_connection_is_opened_again_with_the_lease_and_disarmed(service, connect, caplog):
+    caplog.set_level(logging.INFO, "haptix.client")
     with connect("test") as h:
         told = []
         for kind in ("lost", "resumed"):
@@ -61,6 +56,10 @@ def test_a_broken_connection_is_opened_again_with_the_lease_and_disarmed(service
         assert "cut" in lost.reason and not lost.is_final
         assert welcome is h.welcome and welcome.session != first
         assert welcome.lease.is_mine and welcome.output.state == "off"
+        logged = [each.getMessage() for each in caplog.records if each.name == "haptix.client"]
+        assert logged[0] == "the connection is lost: cut"
+        assert logged[1].startswith("connects again in ")
+        assert logged[-1] == f"connected again as session {welcome.session}"
         h.arm()
         count = len(service.engine.reports)
         h.touches([haptix.service.messages.TouchMessage(t_s=h.now_s(), x_px=40.0, y_px=0.0)])
@@ -141,7 +140,7 @@ def test_with_await(service, connect):
             h.on("resumed", lambda _: resumed.set())
             with pytest.raises(DeviceError):
                 await h.ask("play", effect={"kind": "cut"})
-            await asyncio.wait_for(resumed.wait(), 5.0)
+            await asyncio.wait_for(resumed.wait(), PATIENCE_S)
             assert h.welcome.lease.is_mine
 
     asyncio.run(plays())

@@ -1,28 +1,17 @@
 """The client for pages and Node, under Node, against the real front."""
 
 import os
-import shutil
 import subprocess
-from pathlib import Path
 
-import pytest
-
-CLIENT = Path(__file__).parents[2] / "clients" / "typescript"
+from tests.made_clients import TYPESCRIPT, node_tools
 
 
-@pytest.fixture(scope="module")
-def node():
-    found = shutil.which("node")
-    if found is None or not (CLIENT / "node_modules" / "ws").exists():
-        pytest.skip("needs node, and npm ci in clients/typescript")
-    return found
-
-
-def test_client(node, service):
+def test_client(service):
+    node_tools()
     environment = os.environ | {"HAPTIX_SERVICE": str(service.access._folder)}
-    for test in sorted((CLIENT / "test").glob("*.test.js")):  # one by one: there is one lease
+    for test in sorted((TYPESCRIPT / "test").glob("*.test.js")):  # one by one: there is one lease
         done = subprocess.run(
-            [node, test], capture_output=True, text=True, timeout=60, env=environment
+            ["node", test], capture_output=True, text=True, timeout=60, env=environment
         )
         assert done.returncode == 0, done.stdout[-6000:]
     # 40 px from the element's corner, at 4 px/mm from (10, 5) mm

@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -10,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.clients.compiled import CSHARP, compiled
+from tests.clients.compiled import compiled
 from tests.clients.golden import GOLDEN, SESSIONS, Run
-
-TYPESCRIPT = GOLDEN.parent / "typescript"
+from tests.made_clients import CSHARP, TYPESCRIPT, node_tools
+from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.slow  # the same sessions run against the front alone
 
@@ -26,7 +25,7 @@ def environment(tmp_path_factory):
         assert "haptix serves" in process.stdout.readline()
         yield environment
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=20)
+        process.communicate(timeout=PATIENCE_S)
 
 
 @pytest.mark.parametrize("name", SESSIONS)
@@ -36,8 +35,7 @@ def test_python(environment, name):
 
 
 def test_typescript(environment):
-    if shutil.which("node") is None or not (TYPESCRIPT / "node_modules" / "ws").exists():
-        pytest.skip("needs node, and npm ci in clients/typescript")
+    node_tools()
     command = ["node", TYPESCRIPT / "test" / "golden.test.js"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
     assert done.returncode == 0, done.stdout[-4000:]

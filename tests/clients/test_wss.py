@@ -4,7 +4,6 @@ import os
 import shutil
 import subprocess
 import threading
-import time
 
 import pytest
 
@@ -17,10 +16,10 @@ from haptix.service.http_server import HttpServer
 from haptix.service.hub import Hub
 from haptix.service.listen import Listen, listens
 from haptix.service.messages import DeviceMessage, Inventory
-from tests.clients.compiled import CSHARP, compiled
+from tests.clients.compiled import compiled
+from tests.made_clients import TYPESCRIPT, node_tools
 from tests.service.service_under_test import WrittenEngine
-
-TYPESCRIPT = CSHARP.parent / "typescript"
+from tests.waiting import PATIENCE_S, wait_for
 
 pytestmark = pytest.mark.slow  # the same clients speak to the front without TLS
 
@@ -78,8 +77,7 @@ class FarService:
         self.url = f"wss://localhost:{port}/v1/session"
         self.thread = threading.Thread(target=self.server.run, args=([self.listener],))
         self.thread.start()
-        while not self.server.started:
-            time.sleep(0.01)
+        wait_for(lambda: self.server.started)
 
     def felt(self):
         """Whether the touch of a client came, and its file."""
@@ -111,15 +109,14 @@ def test_python(far, monkeypatch):
 
 
 def test_typescript(far, tmp_path):
-    if shutil.which("node") is None or not (TYPESCRIPT / "node_modules" / "ws").exists():
-        pytest.skip("needs node, and npm ci in clients/typescript")
+    node_tools()
     script = tmp_path / "far.mjs"
     script.write_text(NODE)
     command = ["node", script, TYPESCRIPT, far.url, far.access.native]
-    stranger = subprocess.run(command, capture_output=True, text=True, timeout=30)
+    stranger = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
     assert stranger.returncode != 0  # a certificate that nobody vouches for
     trusting = os.environ | {"NODE_EXTRA_CA_CERTS": str(far.certificate)}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=30, env=trusting)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, env=trusting)
     assert done.returncode == 0, done.stderr
     assert far.felt()
 

@@ -21,12 +21,12 @@ KEPT = ROOT / "tests" / "data" / "kept-files" / "direct.surface"
 BLOCKED = (
     "matplotlib", "skimage", "PIL", "tifffile", "imageio", "h5py", "xarray", "h5netcdf", "serial",
     "nidaqmx", "pylsl", "evdev", "fastapi", "uvicorn", "websockets", "SurfaceTopography",
-    "distributed", "fsspec",
+    "distributed",
 )  # fmt: skip
 # What a person would do that needs each extra.
 NEEDS = {
     "photographs": "haptix.Texture.from_image('photo.png', 60)",
-    "figures": "import_module('haptix.figures').write_figures",
+    "figures": "import_module('haptix.tradeoff').write_tradeoff",
     "calibration": "calibration.StrokeRecording",
     "stimuli": "import_module('haptix.stimuli.drawing')",
     "serve": "import_module('haptix.client')",
@@ -37,7 +37,7 @@ NEEDS = {
     "evdev": "import_module('haptix.touch').Touchscreen('/dev/input/event5')",
 }
 COMMANDS = {
-    "figures": ("figures", "gaps"),
+    "figures": ("tradeoff", "--quick"),
     "serve": ("studio", "--no-open"),
     "netcdf": ("export", "my.surface", "my.nc"),
     "photographs": ("play", "--image", "photo.png", "--width-mm", "60"),

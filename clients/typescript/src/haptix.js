@@ -120,8 +120,8 @@ export class Session extends Connection {
     return `sha256:${digest}`;
   }
 
-  /** Say how pixels become millimetres: ``origin_mm + turn(rotation_deg) (px / px_per_mm)``.
-   * @param {{px_per_mm: number, origin_mm?: [number, number], rotation_deg?: number}} geometry
+  /** Say how pixels become millimetres: ``origin + turn(rotation) (px / px_per_mm)``.
+   * @param {Omit<m.Geometry, "type" | "id">} geometry
    * @returns {Promise<m.Done>} */
   async geometry(geometry) {
     const done = await this.ask("geometry", geometry);
