@@ -54,7 +54,7 @@ def front() -> None:
 
 def engine() -> None:
     """Render as the engine does, and write what was noted to HAPTIX_NOTES at the end."""
-    import firmware_io.revised_playback
+    import firmware_io.playback
     from firmware_io.reviser import Reviser
     from haptix.render import LiveRenderer
     from haptix.service.engine import main
@@ -74,7 +74,7 @@ def engine() -> None:
                 self._begun.append((began_s, self._under_way[-1][1]))
 
         def _observe(self, progress: Any) -> None:
-            count = min(progress.revisions - self.revisions, len(self._begun))
+            count = min(progress.revisions - self._obeyed, len(self._begun))
             undone = progress.revisions_undone - self._undone
             super()._observe(progress)
             obeyed.extend(self._begun.popleft() for _ in range(count))
@@ -87,7 +87,7 @@ def engine() -> None:
         take(renderer, events, *arguments)
         taken.extend([time.monotonic()] * len(events))  # batches may be taken together
 
-    setattr(firmware_io.revised_playback, "Reviser", NotingReviser)  # noqa: B010
+    setattr(firmware_io.playback, "Reviser", NotingReviser)  # noqa: B010
     setattr(LiveRenderer, "_take", takes)  # noqa: B010
     try:
         main()
@@ -178,6 +178,7 @@ def command(client: str, folder: Path) -> list[str]:
     if client == "C#":
         target = folder / "touching.exe"
         library = "/usr/lib/cli/Newtonsoft.Json-5.0/Newtonsoft.Json.dll"
+        subprocess.run(["make", "-C", HERE.parent, "-s", "clients"], check=True)
         sources = [*map(str, CSHARP.glob("*.cs")), str(here / "Touching.cs")]
         options = ["-langversion:6", "-r:System.dll", f"-r:{library}", f"-out:{target}"]
         subprocess.run(["mcs", *options, *sources], check=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
@@ -22,6 +23,8 @@ from calibration.sources import ForceSource, Live, StrokeDrive
 from firmware_io import Device
 from haptix.checks import whole
 from haptix.errors import HaptixError, InputError
+
+_LOG = logging.getLogger("calibration")
 
 _SLACK_S = 1.2  # to press, turn and lift
 _RAMP_S = 0.02  # over which the drive comes and goes
@@ -182,6 +185,8 @@ def measure(
             findings = check_recording(recording, protocol.idle_s, protocol.tolerance)
             fatal = tuple(str(one) for one in findings if one.is_fatal)
             session.keep(replace(recording, findings=fatal))
+            found = "; ".join(map(str, findings))
+            _LOG.info("stroke %d is %s: %s", stroke.number, "repeated" if fatal else "kept", found)
             watcher.done(stroke, findings)
             if not fatal:
                 break

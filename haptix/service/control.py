@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hmac
+import logging
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
@@ -10,6 +11,8 @@ from haptix.service import messages as m
 from haptix.service.messages import Problem
 from haptix.service.session import ServiceSession
 from haptix.service.wire import TouchRecord
+
+_LOG = logging.getLogger("haptix.service")
 
 
 class Engine(Protocol):
@@ -127,6 +130,7 @@ class OutputControl:
     def set(self, number: int = 0, **changes: Any) -> m.OutputMessage:
         """Change the state of the output, tell all, and return the answer to a message."""
         self.output = self.output.model_copy(update=changes)
+        _LOG.info("output: %s", ", ".join(f"{name} {value}" for name, value in changes.items()))
         for session in self._welcome():
             if not (number and session is self.holder):
                 session.send(self.output)
@@ -144,6 +148,7 @@ class OutputControl:
 
     def _give(self, session: ServiceSession | None, reason: str) -> None:
         self.holder = session
+        _LOG.info("lease: session %s, %s", session.number if session else None, reason)
         for each in self._welcome():
             each.send(self.lease_of(each, reason))
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import gc
 import importlib
+import logging
 import queue
 import signal
 import sys
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from haptix.service.layouts import SessionLayout
     from haptix.surface import FrictionSurface
 
+_LOG = logging.getLogger("haptix.service.engine")
+
 SLEEP_S, STOP_S = 0.1, 2.0
 FORCES_N = (0.05, 3.0)
 """Forces [N] of the surface that is built where none is given: all that a finger slides with."""
@@ -46,7 +49,7 @@ _RENDERS = (
     "haptix.friction.model",
     "haptix.surface.cache",
     "haptix.materials.kinds",
-    "haptix.render.live",
+    "haptix.render.stream",
     "haptix.service.layouts",
 )
 
@@ -185,6 +188,7 @@ class EngineServer:
 
     def _sleep(self, on: bool) -> None:
         self._sleeps = on
+        _LOG.info("sleeps" if on else "wakes")
         if on:
             self._lift()
         try:
@@ -205,6 +209,7 @@ class EngineServer:
             renderer, self._renderer = self._renderer, None
         if renderer is None:
             return
+        _LOG.info("stops: %s", reason)
         error = InputError(reason)  # leaving with an error does not play what is queued
         try:
             renderer.__exit__(InputError, error, None)
@@ -213,6 +218,7 @@ class EngineServer:
 
     def _fail(self, error: Exception) -> None:
         """End at 0 V and say why; no thread ends by what a driver or a fault of ours raises."""
+        _LOG.info("fails, %s: %s", type(error).__name__, error)
         if not isinstance(error, HaptixError):
             sys.excepthook(type(error), error, error.__traceback__)
         self._stop(str(error))
@@ -354,6 +360,7 @@ class EngineServer:
             overtaken = self._stops != stops
             if not overtaken:
                 self._renderer = renderer
+        _LOG.info("armed for session %d%s", session, ", and overtaken by a stop" * overtaken)
         if overtaken:
             error = InputError("stopped while arming")
             renderer.__exit__(InputError, error, None)
@@ -393,8 +400,8 @@ class EngineServer:
                 renderer.resume()
 
     def _do_play(self, effect: dict[str, Any]) -> dict[str, Any]:
+        from haptix.kinds import in_folder
         from haptix.materials import material_of
-        from haptix.materials.material import in_folder
 
         with in_folder(self._assets, is_sealed=True):
             material = material_of(effect)

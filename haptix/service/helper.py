@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import sys
 from typing import Any
 
 from haptix.service.messages import Problem
 from haptix.service.wire import HEADER, JSON, MOST_BYTES, json_frame
+
+_LOG = logging.getLogger("haptix.service")
 
 _FULL_BYTES = 256 * 1024  # waiting for a process that does not read
 
@@ -50,6 +53,7 @@ class HelperProcess:
             stdout=asyncio.subprocess.PIPE,
             limit=MOST_BYTES,
         )
+        _LOG.info("%s: process %d begins", self.name, self._process.pid)
         self._reader = asyncio.create_task(self._read(self._process))
 
     async def stop(self) -> None:
@@ -62,6 +66,7 @@ class HelperProcess:
         try:
             await asyncio.wait_for(process.wait(), 3.0)
         except TimeoutError:
+            _LOG.info("%s: killed, for it does not end", self.name)
             process.kill()
             await process.wait()
         if self._reader is not None:
@@ -107,6 +112,7 @@ class HelperProcess:
         elif self._full_since is None:
             self._full_since = now_s
         elif now_s - self._full_since > self._full_s:
+            _LOG.info("%s: killed, for it reads nothing", self.name)
             process.kill()
         return True
 
@@ -132,6 +138,7 @@ class HelperProcess:
         except (asyncio.IncompleteReadError, ConnectionError):
             pass
         await process.wait()
+        _LOG.info("%s: process %d ended with code %s", self.name, process.pid, process.returncode)
         self._process = None
         for answer in self._asked.values():
             if not answer.done():

@@ -7,6 +7,7 @@ stop. A lease is never taken without 0 V first, and nobody who gets one is armed
 from __future__ import annotations
 
 import hmac
+import logging
 import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
@@ -22,6 +23,8 @@ from haptix.service.session import ServiceSession
 from haptix.service.touch_inbox import Stalls
 from haptix.service.touch_reports import reports_of
 from haptix.version import __version__
+
+_LOG = logging.getLogger("haptix.service")
 
 TICK_S = 0.02
 """Between two looks at the sessions. A silent client's voltage is gone a tick after its limit."""
@@ -79,12 +82,14 @@ class Hub:
         session = ServiceSession(self._next, origin, self.now_s)
         self._next += 1
         self.sessions[session.number] = session
+        _LOG.info("session %d: its socket is open", session.number)
         return session
 
     def gone(self, session: ServiceSession) -> None:
         """Take note that a socket is closed: 0 V at once if it held the output."""
         if self.sessions.pop(session.number, None) is None:
             return
+        _LOG.info("session %d: its socket is closed", session.number)
         session.close(1000, "")
         if self.control.holder is session:
             self.control.keep(self.now_s() + self.keep_alive.free_s)
@@ -246,6 +251,7 @@ class Hub:
             ):
                 self.gone(old)
         reason = "resumed" if self.control.resumes(session, message.resume) else "free"
+        _LOG.info("session %d: hello of %r, %s", session.number, message.client, reason)
         speaks = min((major, minor), m.PROTOCOL)
         session.send(
             m.Welcome(
@@ -294,6 +300,7 @@ class Hub:
         reports = [report for one in taken for report in one.reports]
         if reports:
             self.engine.touch(reports)
+            _LOG.debug("session %d: %d touches", session.number, len(reports))
         first = next((one.problem for one in taken if one.problem is not None), None)
         return sum(one.left_out for one in taken), first
 

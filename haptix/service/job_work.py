@@ -115,7 +115,7 @@ class Work:
         normal_force_n: list[float],
         touch_hz: float,
         touch_latency_s: float,
-        lead_s: float,
+        reaction_s: float,
     ) -> dict[str, Any]:
         """Do as `haptix render` does; what has to do with volts stays here."""
         from haptix.motion import Trajectory
@@ -131,7 +131,7 @@ class Work:
             setting,
             surface,
             TouchPanel(touch_hz, touch_latency_s),
-            LiveSettings(lead_s=lead_s),
+            LiveSettings(reaction_s=reaction_s),
             "mock:",
             lambda share: self._progress(0.5 + share / 2),
         )
@@ -230,8 +230,8 @@ class Work:
         return name
 
     def _read(self, document: dict[str, Any]) -> Material:
+        from haptix.kinds import in_folder
         from haptix.materials import material_of
-        from haptix.materials.material import in_folder
 
         with in_folder(Path(self._context["assets"]), is_sealed=True):
             return material_of(document)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import secrets
 from collections import deque
 from collections.abc import Callable
@@ -12,6 +13,8 @@ from typing import Any, Literal
 from haptix.service.control import Engine
 from haptix.service.helper import HelperProcess
 from haptix.service.messages import JobMessage, Problem, StrokeTrace
+
+_LOG = logging.getLogger("haptix.service")
 
 MOST_QUEUED = 8
 _KEPT = 50  # jobs that have ended
@@ -86,6 +89,8 @@ class Job(HelperProcess):
 
     def change(self, **fields: Any) -> None:
         """Take a change and tell it."""
+        if fields.get("state", self.message.state) != self.message.state:  # and no prompt or answer
+            _LOG.info("job %s: %s, %s", self.message.job, self.message.kind, fields["state"])
         self.message = self.message.model_copy(update=fields)
         self._tell(self.message)
 

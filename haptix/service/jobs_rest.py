@@ -59,7 +59,7 @@ class RenderingAsked(Asked):
     normal_force_n: Annotated[tuple[Force, ...], Field(min_length=2, max_length=MOST_TOUCHES)]
     touch_hz: Annotated[float, Field(ge=10, le=1000)] = 100.0
     touch_latency_s: Annotated[float, Field(ge=0, le=0.5)] = 0.02
-    lead_s: Annotated[float, Field(ge=0.001, le=1)] = 0.025
+    reaction_s: Annotated[float, Field(ge=0.001, le=0.1)] = 0.003
 
 
 class ExperimentAsked(BaseModel):

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from haptix.errors import HaptixError, InputError
+from haptix.kinds import in_folder
 from haptix.layout import Layout, Patch
 from haptix.materials import material_of
-from haptix.materials.material import in_folder
 from haptix.motion import Motion
 
 MOST_REGIONS = 256

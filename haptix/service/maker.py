@@ -11,6 +11,8 @@ from haptix.service.messages import Problem
 
 LONGEST_S = 20.0
 """An answer that takes longer ends the process: a picture that is a bomb, or a fault of ours."""
+START_S = 120.0
+"""For the process to start: torch loads in 20 s where other programs use both cores."""
 MOST_WAITING = 16
 
 
@@ -22,8 +24,7 @@ class Maker(HelperProcess):
     opening : dict
         Assets, surface, finger and screen, as the engine has them.
     longest_s : float
-        Longest time for one answer, from when its turn comes; that of the first one has as much
-        again, for the process to start.
+        Longest time for one answer, from when its turn comes and the process has started.
     """
 
     def __init__(self, opening: dict[str, Any], longest_s: float = LONGEST_S) -> None:
@@ -68,13 +69,15 @@ class Maker(HelperProcess):
         await super().stop()
 
     async def _ask_now(self, do: str, fields: dict[str, Any]) -> dict[str, Any]:
-        is_new = self.pid is None
+        limit_s = START_S
         try:
-            async with asyncio.timeout(self._longest_s * (2 if is_new else 1)):
-                if is_new:
+            if self.pid is None:
+                async with asyncio.timeout(limit_s):
                     await self.launch()
                     await super().ask("open", **self.opening)
+            limit_s = self._longest_s
+            async with asyncio.timeout(limit_s):
                 return await super().ask(do, **fields)
         except TimeoutError:
             await self.stop()
-            raise Problem("limit", f"{do}: took more than {self._longest_s:g} s") from None
+            raise Problem("limit", f"{do}: took more than {limit_s:g} s") from None

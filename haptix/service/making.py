@@ -163,8 +163,8 @@ class Making:
 
     def read(self, document: dict[str, Any]) -> Material:
         """Read a document, whose files are those of the service."""
+        from haptix.kinds import in_folder
         from haptix.materials import material_of
-        from haptix.materials.material import in_folder
 
         with in_folder(self._assets, is_sealed=True):
             one = material_of(document)

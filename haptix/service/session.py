@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import secrets
 from collections import deque
 from collections.abc import Callable
@@ -14,6 +15,8 @@ from haptix.service import messages as m
 from haptix.service.batches import TelemetryFrame, numbered, write_frame
 from haptix.service.clocks import ClientClock
 from haptix.service.touch_inbox import TouchInbox
+
+_LOG = logging.getLogger("haptix.service")
 
 _MOST_WAITING = 64  # replies that a client has not read
 _MOST_FRAMES = 4
@@ -132,6 +135,8 @@ class ServiceSession:
 
     def refuse(self, number: int, problem: m.Problem) -> None:
         """Answer a message by an error."""
+        # Not the sentence: it may quote what the client sent.
+        _LOG.info("session %d: refused, %s at %r", self.number, problem.code, problem.path)
         self.send(
             m.Error(id=number, code=problem.code, sentence=problem.sentence, path=problem.path)
         )
@@ -152,6 +157,7 @@ class ServiceSession:
                 "and newer ones of the same fingers replaced them"
             )
             self.send(m.WarningMessage(sentence=sentence))
+            _LOG.info("session %d: dropped %d late touches", self.number, self.inbox.dropped)
             self.inbox.dropped, self._warned_s = 0, now_s
 
     def send_frame(self, frame: TelemetryFrame) -> None:
@@ -173,7 +179,9 @@ class ServiceSession:
         )
         if not feed.frames:
             self._full.append(feed)
-        feed.dropped += len(feed.frames) == _MOST_FRAMES
+        if len(feed.frames) == _MOST_FRAMES:
+            feed.dropped += 1
+            _LOG.debug("session %d: dropped a frame of %s", self.number, frame.stream)
         feed.frames.append(numbered(write_frame(left), feed.number, feed.dropped))
         feed.number += 1
         self.has_more.set()
@@ -193,6 +201,7 @@ class ServiceSession:
         if self.closing is None:
             if self.is_welcome and code != 4409:
                 self.waiting.append(m.Bye(reason=reason).model_dump_json())
+            _LOG.info("session %d: closes, %d %s", self.number, code, reason)
             self.closing = (code, reason)
             self.has_more.set()
             self.has_asked.set()

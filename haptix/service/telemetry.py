@@ -14,6 +14,7 @@ from haptix.service.wire import TELEMETRY, amplitude_frame, frame
 
 _SETTLED_S = 0.015  # a driver tells within its status' period which revisions it refused
 _MOST_STATS_HZ = 50.0
+_LAST_REACTIONS = 500  # of which percentiles are told
 
 
 class Telemetry:
@@ -61,7 +62,8 @@ class Telemetry:
         if not rate_hz or now_s - self._told_s < 1 / rate_hz - self._look_s / 2:
             return
         self._told_s = now_s
-        times = np.percentile(renderer.reactions_s() or [np.nan], (50, 99))
+        last = [*renderer.stats.reactions_s][-_LAST_REACTIONS:]
+        times = np.percentile(last or [np.nan], (50, 99))
         counts = renderer.stats.underruns, renderer.touch_counts.taken
         row = (*times, *counts, renderer.scene_s)
         self._tell("stats", 0, now_s, 1 / rate_hz, np.array([row]))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, radians, sin
 from typing import NamedTuple
 
 from haptix.service.batches import ClientTouch
@@ -61,12 +60,7 @@ def _place(geometry: Geometry | None, touch: TouchMessage | ClientTouch) -> tupl
     if touch.x_px is not None and touch.y_px is not None and touch.x_mm is None:
         if geometry is None:
             raise Problem("order", "x_px: send geometry first, or millimetres", "/x_px")
-        turn = radians(geometry.rotation_deg)
-        x, y = touch.x_px / geometry.px_per_mm, touch.y_px / geometry.px_per_mm
-        return (
-            geometry.origin_mm[0] + x * cos(turn) - y * sin(turn),
-            geometry.origin_mm[1] + x * sin(turn) + y * cos(turn),
-        )
+        return geometry.mm(touch.x_px, touch.y_px)
     if touch.kind == "up" and touch.x_mm is None and touch.x_px is None:
         return 0.0, 0.0
     raise Problem("message", "expected x_mm and y_mm, or x_px and y_px")

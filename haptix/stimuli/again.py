@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from haptix.campaign.population import Population
+from haptix.campaign.people import Population
 from haptix.errors import InputError
 from haptix.files import read_json, reading
 from haptix.finger import Finger

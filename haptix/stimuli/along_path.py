@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass
+from inspect import signature
 from math import inf, pi
 from typing import Any
 
@@ -14,10 +16,35 @@ from haptix.errors import InputError
 from haptix.files import read_csv
 from haptix.signals.described import KINDS, Described, read, set_corners
 from haptix.signals.signal import Array, Signal
-from haptix.texture import FrictionField, Grating, RecordedProfile
+from haptix.texture import FrictionField, Grating, RecordedProfile, TargetKind
+from haptix.waves import Shape
 
-KINDS["grating-texture"] = Grating
-KINDS["profile-texture"] = RecordedProfile
+
+def _grating_texture(
+    period_mm: float,
+    wave: Shape = "sine",
+    orientation_deg: float = 0.0,
+    duty: float = 0.5,
+    target: TargetKind = "share",
+    low: float = 0.0,
+    high: float = 1.0,
+    phase: float = 0.0,
+) -> Grating:
+    """Return a grating whose numbers may be plain, in a stimulus's quantity; no material's are."""
+    rest = {"wave": wave, "orientation_deg": orientation_deg, "duty": duty, "phase": phase}
+    if target != "plain":
+        return Grating(period_mm=period_mm, target=target, low=low, high=high, **rest)
+    plain_range = {"low": number("low", low), "high": number("high", high)}
+    return Grating(period_mm=period_mm, **rest).model_copy(update={"target": target, **plain_range})
+
+
+_TEXTURES: dict[str, tuple[type[FrictionField], Callable[..., FrictionField]]] = {
+    "grating-texture": (Grating, _grating_texture),
+    "profile-texture": (RecordedProfile, RecordedProfile),
+}
+"""Textures that recipes hold: their classes, and what makes one of its fields."""
+
+KINDS.update({kind: make for kind, (_, make) in _TEXTURES.items()})
 
 
 class SpeedProfile(Described):
@@ -139,14 +166,13 @@ class AlongPath(Signal):
         InputError
             If a recipe cannot describe the texture.
         """
-        kind = next((kind for kind, of in KINDS.items() if of is type(self.field)), None)
+        kind = next((kind for kind, (of, _) in _TEXTURES.items() if of is type(self.field)), None)
         if kind is None:
             raise InputError(
                 f"field: a {type(self.field).__name__} cannot be written to a sidecar; expected a "
                 "Grating or a RecordedProfile"
             )
-        # Both are dataclasses.
-        names = [one.name for one in fields(self.field) if one.init]  # type: ignore[arg-type]
+        names = signature(_TEXTURES[kind][1]).parameters
         texture = {name: getattr(self.field, name) for name in names}
         listed = {name: list(v) if isinstance(v, tuple) else v for name, v in texture.items()}
         return {**super().describe(), "field": {"kind": kind, **listed}}
@@ -168,10 +194,9 @@ def grating(
     """
     for name, value in (("amplitude", amplitude), ("phase_rad", phase_rad), ("offset", offset)):
         number(name, value)
-    choice("shape", shape, ("sine", "square"))
-    waves = Grating(
-        period_mm,
-        "square" if shape == "square" else "sine",
+    waves = _grating_texture(
+        period_mm=period_mm,
+        wave="square" if choice("shape", shape, ("sine", "square")) == "square" else "sine",
         target="plain",
         low=offset - amplitude,
         high=offset + amplitude,

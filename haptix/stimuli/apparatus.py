@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from firmware_io.limits import BODY_CAPACITANCE_F, DriveLimits
-from haptix.campaign.population import Population
+from haptix.campaign.people import Population
 from haptix.checks import Array
 from haptix.errors import InputError
 from haptix.finger import Finger

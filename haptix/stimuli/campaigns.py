@@ -14,7 +14,7 @@ from weakref import finalize
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 
 from haptix.campaign.kinds import Campaign, CampaignTask, Outcome, Value, places_of
-from haptix.campaign.population import DrawnPeople, Population
+from haptix.campaign.people import DrawnPeople, Population
 from haptix.documents import Part
 from haptix.errors import InputError
 from haptix.files import Content, csv_text

@@ -15,7 +15,7 @@ from pydantic import Field, PositiveFloat, PositiveInt, model_validator
 from haptix.documents import Document, Part
 from haptix.errors import InputError
 from haptix.finger import Finger
-from haptix.materials.material import in_folder
+from haptix.kinds import in_folder
 from haptix.screen import Screen
 from haptix.signals.described import read
 from haptix.signals.signal import Array, Constant, Product, Signal, signal_from

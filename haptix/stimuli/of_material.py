@@ -12,14 +12,15 @@ import numpy as np
 
 from haptix.checks import Length, Positive
 from haptix.errors import InputError
+from haptix.kinds import by_content
 from haptix.materials import material_of
-from haptix.materials.material import by_content, table_of
 from haptix.motion import VELOCITY_OVER_S, Depends, History, Motion, Report
-from haptix.motion.reactions import Reactions
+from haptix.motion.block import Reactions
 from haptix.signals.described import Described
 from haptix.signals.signal import Array, Signal
 from haptix.stimuli.along_path import SpeedProfile, speed_from
 from haptix.texture import Feelable, TargetKind
+from haptix.texture.material import table_of
 
 _REPORT_S = 1e-3  # between what a material hears of the finger
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from firmware_io import Device
 from firmware_io.clock import HOST_CLOCK, Clock
 from firmware_io.errors import from_extra
-from firmware_io.marks import Marked
+from firmware_io.progress import Marked
 from firmware_io.protocol import TouchReport
 from haptix.checks import Array, positive, row
 from haptix.errors import InputError

@@ -8,11 +8,11 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, PositiveFloat, model_validator
 
 from firmware_io.limits import DriveLimits
-from haptix.campaign.population import DrawnPeople, Population
+from haptix.campaign.people import DrawnPeople, Population
 from haptix.documents import Document, Part
 from haptix.errors import InputError
 from haptix.finger import Finger
-from haptix.materials.material import in_folder
+from haptix.kinds import in_folder
 from haptix.perception import Perception
 from haptix.screen import Screen
 from haptix.signals.audio import Container, Encoding
@@ -149,7 +149,7 @@ class Recipe(Document):
     name: str
     finger: str = "semi-wet"
     population: PopulationTable | None = None
-    screens: tuple[str, ...] = ("3m-sct3250",)
+    screens: Annotated[tuple[str, ...], Field(min_length=1)] = ("3m-sct3250",)
     stimuli: Annotated[dict[str, Table], Field(default_factory=dict)]
     designs: tuple[Design, ...] = ()
     sample_rate_hz: PositiveFloat = 48_000.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from firmware_io.limits import BODY_CAPACITANCE_F, DriveLimits
-from haptix.campaign.population import Population
+from haptix.campaign.people import Population
 from haptix.checks import Positive, check_fields, choice
 from haptix.errors import InputError, LimitError
 from haptix.finger import Finger

@@ -1,5 +1,7 @@
 """Playing a protocol: what is on disk, when, and what becomes of strokes that are off."""
 
+import logging
+
 import numpy as np
 import pytest
 
@@ -71,7 +73,8 @@ def test_every_stroke_is_on_disk_before_the_next_starts(session, recorded):
     assert first.conditions.started  # a date
 
 
-def test_strokes_that_are_off_are_repeated_and_kept_apart(session, recorded):
+def test_strokes_that_are_off_are_repeated_and_kept_apart(session, recorded, caplog):
+    caplog.set_level(logging.INFO, "calibration")
     told = []
     faults = [{"force_share": 1.3}, {"speed_share": 0.6}, {}]
     source = Scripted(recorded, faults)
@@ -81,6 +84,9 @@ def test_strokes_that_are_off_are_repeated_and_kept_apart(session, recorded):
     outcome = measure(session, source, watcher=watcher)
     assert told[:3] == [(1, ["force off"]), (1, ["speed off"]), (1, [])]
     assert (outcome.accepted, outcome.rejected) == (3, 2)
+    logged = [record.getMessage().partition(":")[0] for record in caplog.records]
+    repeated, kept_ones = ["stroke 1 is repeated"] * 2, [f"stroke {n} is kept" for n in (1, 2, 3)]
+    assert logged == repeated + kept_ones
     kept = sorted(path.name for path in (session.folder / "rejected").iterdir())
     assert kept == ["stroke-001-1.h5", "stroke-001-2.h5"]
     assert (

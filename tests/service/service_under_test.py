@@ -12,6 +12,7 @@ from haptix.service.front import application
 from haptix.service.hub import Hub
 from haptix.service.listen import listens
 from haptix.service.messages import DeviceMessage, Inventory, Problem
+from tests.waiting import wait_for
 
 
 class WrittenEngine:
@@ -66,8 +67,7 @@ class Service:
         self.app = application(self.hub, AssetStore(folder / "assets"), documents=documents)
         self.thread = threading.Thread(target=self.server.run, args=(sockets,))
         self.thread.start()
-        while not self.server.started:
-            time.sleep(0.01)
+        wait_for(lambda: self.server.started)
 
     def close(self):
         self.server.should_exit = True

@@ -27,6 +27,7 @@ from haptix.texture import decoded
 from tests.service.service_under_test import Service
 from tests.service.test_decoding import OPENING, bomb, kept
 from tests.service.test_sessions import Client
+from tests.waiting import PATIENCE_S
 
 
 class MakerHere:
@@ -213,7 +214,7 @@ def test_a_layout_that_takes_long_stops_nobody(service, monkeypatch):
 
 
 def post(service, route, body, **headers):
-    connection = HTTPConnection("127.0.0.1", service.port, timeout=20)
+    connection = HTTPConnection("127.0.0.1", service.port, timeout=PATIENCE_S)
     headers |= {"Authorization": f"Bearer {service.access.native}"}
     connection.request("POST", route, body, headers | {"Content-Type": "application/json"})
     answer = connection.getresponse()

@@ -3,6 +3,7 @@
 import io
 import json
 import time
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -11,7 +12,7 @@ from haptix.errors import DeviceError
 from haptix.service import engine as engine_module
 from haptix.service.engine import EngineServer
 from haptix.service.wire import JSON, TouchRecord, read_frame
-from tests.service.test_sessions import wait_for
+from tests.waiting import wait_for
 
 
 class FakeRenderer:
@@ -78,6 +79,10 @@ class Input:
         return []
 
 
+def has_ended(renderer):
+    return renderer.exits == 1
+
+
 @pytest.mark.parametrize("at", ["poll", "lift", "mute", "events"])
 @pytest.mark.parametrize("error", [DeviceError("starved"), ZeroDivisionError("a fault of ours")])
 def test_a_driver_that_fails_while_the_front_is_silent_ends_at_0_v(monkeypatch, at, error):
@@ -97,7 +102,7 @@ def test_a_driver_that_fails_while_the_front_is_silent_ends_at_0_v(monkeypatch, 
             server._renderer = one
             touch = TouchRecord(time.monotonic(), 1, "down", 1.0, 1.0, None, None)
             server._touch([touch])
-            wait_for(lambda one=one: one.exits == 1)
+            wait_for(partial(has_ended, one))
 
     server.run(Input(during))
     assert [one["state"] for one in told(output)] == ["failed", "failed"]

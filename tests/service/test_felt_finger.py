@@ -6,11 +6,12 @@ import pytest
 from haptix import FrictionSurface, Texture
 from haptix.motion import Trajectory
 from haptix.perception import WEBER_FRACTION
-from haptix.render import LiveSettings
 from haptix.service.felt_finger import FeltFinger
 from haptix.service.wire import TouchRecord
-from haptix.simulation.played import Setting, play_live
+from haptix.simulation import Played, Setting
+from haptix.touch import TouchEvent
 from haptix.virtual_finger import TouchPanel, VirtualFinger
+from tests.live_strokes import SteppedRenderer
 
 START_S, END_S = 100.0, 100.4
 STRIPES = Texture(np.tile([0.2, 0.9, 0.5, 0.3], (2, 8)), width_mm=30.0, beyond="hold")
@@ -32,13 +33,19 @@ def felt_finger():
 def played(model):
     scene = {"normal_force_n": (0.4, 0.6), "frequency_hz": 4000.0}
     surface = FrictionSurface.build(model, scene, tolerance=2e-3)
-    panel, settings = TouchPanel(100.0, 0.02), LiveSettings(keep_blocks=True)
-    return play_live(Setting(model, STRIPES, path()), surface, panel, settings, "mock:")
+    seen = TouchPanel(100.0, 0.02).read(path())
+    with SteppedRenderer(surface, STRIPES) as renderer:
+        rows = (seen.t_s, seen.x_mm, seen.y_mm, seen.normal_force_n, seen.arrival_s)
+        for t, x, y, force, arrival in zip(*(row.tolist() for row in rows), strict=True):
+            renderer.event(TouchEvent(t - START_S, 0, x, y, "move", force), arrival - START_S)
+    setting, volts = Setting(model, STRIPES, path()), renderer.device.mock.played_v
+    return Played(setting, renderer, renderer.device, volts, START_S)
 
 
 def feel(felt_finger, played, every, lag_s=0.0):
     """Play a stroke to the virtual finger as the service does, and return times and friction."""
-    amplitude, step_s = played.collected("amplitude_v"), played.renderer.step_s
+    part = played.renderer.played
+    amplitude, step_s, begin_s = part.amplitude_v, part.step_s, START_S + part.t0_s
     reports = [
         TouchRecord(t_s, 3, "move", x_mm, y_mm, force_n, None)
         for t_s, x_mm, y_mm, force_n in zip(
@@ -48,9 +55,9 @@ def feel(felt_finger, played, every, lag_s=0.0):
     ]
     frames = []
     for number, first in enumerate(range(0, len(amplitude), 240)):
-        part, t0_s = amplitude[first : first + 240], played.start_s + (first + 1) * step_s
-        felt_finger.play(t0_s, step_s, part)
-        now_s = t0_s + len(part) * step_s
+        piece, t0_s = amplitude[first : first + 240], begin_s + first * step_s
+        felt_finger.play(t0_s, step_s, piece)
+        now_s = t0_s + len(piece) * step_s
         felt_finger.touch([one for one in reports if one.t_s <= now_s - lag_s])
         reports = [one for one in reports if one.t_s > now_s - lag_s]
         if number % every == 0:

@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from haptix.service.wire import json_frame
+from tests.waiting import PATIENCE_S
 
 BUSY = """
 from haptix.service.helper_input import frames
@@ -25,7 +26,7 @@ def test_a_helper_that_computes_ends_when_its_input_does():
         assert b"compute" in process.stdout.readline()
         assert process.poll() is None
         process.stdin.close()
-        assert process.wait(20) == 1
+        assert process.wait(PATIENCE_S) == 1
 
 
 @pytest.mark.parametrize("module", ["making", "job_work"])
@@ -43,5 +44,5 @@ def test_a_helper_whose_front_has_gone_says_nothing(module):
         process.stdin.write(json_frame({**asked, "context": context}))
         process.stdin.close()
         said = process.stderr.read()
-        process.wait(20)
+        process.wait(PATIENCE_S)
         assert b"BrokenPipe" not in said

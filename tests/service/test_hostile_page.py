@@ -3,13 +3,13 @@
 import hashlib
 import http.server
 import threading
-import time
 
 import httpx
 import pytest
 
 from tests.chromium import chromium
 from tests.service.service_under_test import Service
+from tests.waiting import pause
 
 PAGE = b"<!doctype html><title>hostile</title><body></body>"
 
@@ -132,7 +132,7 @@ def test_a_hostile_page_gets_nothing(service, other_site, browser, where):
     for name, text in found.items():
         assert text == "refused" or "no name of the service" in text, name
         assert "SECRET7" not in text
-    time.sleep(0.1)
+    pause(0.1)
     assert not service.engine.told
 
 

@@ -20,7 +20,8 @@ from haptix.service.messages import asyncapi
 from haptix.simulation import Setting, simulate
 from haptix.virtual_finger import TouchPanel
 from tests.service.service_under_test import Service
-from tests.service.test_sessions import Client, wait_for
+from tests.service.test_sessions import Client
+from tests.waiting import PATIENCE_S, wait_for
 
 GRATING = {"kind": "grating", "period_mm": 3.0, "low": 0.2, "high": 0.8}
 RECIPE: dict[str, Any] = {
@@ -55,7 +56,7 @@ def service(tmp_path_factory):
 
 def rest(service, method, path, body=None, status=None, page=None):
     """Ask as a program, or as a page: its origin and its token."""
-    connection = HTTPConnection("127.0.0.1", service.port, timeout=20)
+    connection = HTTPConnection("127.0.0.1", service.port, timeout=PATIENCE_S)
     origin, token = page or (None, service.access.native)
     headers = {"Authorization": f"Bearer {token}"} | ({"Origin": origin} if origin else {})
     text = None if body is None else json.dumps(body)
@@ -96,7 +97,7 @@ def test_one_runs_eight_wait_and_any_can_be_cancelled(service):
             rest(service, "DELETE", f"/v1/jobs/{job}", status=204)
         told = client.until(lambda m: m["type"] == "job" and m["id"] == 0)
         assert (told["job"], told["state"]) == (jobs[0], "cancelled")
-    wait_for(lambda: not is_alive(pid), 30.0)
+    wait_for(lambda: not is_alive(pid))
     # A process that is killed from outside fails its job alone, and the next goes on.
     hang(service, jobs[1])
     os.kill(service.hub.jobs.get(jobs[1], "programs").pid, signal.SIGKILL)
@@ -157,7 +158,7 @@ def test_an_experiment_asks_and_borrows_the_device(service):
         found = [do for do, *_ in service.engine.told[began:]]
         return [do for do in found if do in ("stop", "lend", "take_back")]
 
-    wait_for(lambda: told() == ["stop", "lend", "take_back"], 30.0)
+    wait_for(lambda: told() == ["stop", "lend", "take_back"])
 
 
 @pytest.mark.parametrize(
@@ -196,11 +197,11 @@ def test_a_rendering_has_the_numbers_of_haptix_render(tmp_path, model, monkeypat
     work = Work(context, lambda share: shares.append(share), None)
     lists = {name: column.tolist() for name, column in stroke.items()}
     found = work.rendering(None, None, GRATING, **lists, touch_hz=100.0, touch_latency_s=0.02,
-                           lead_s=0.025)  # fmt: skip
+                           reaction_s=0.003)  # fmt: skip
     setting = Setting(model, haptix.materials.material_of(GRATING), Trajectory.of(*stroke.values()))
     surface, was_kept = setting.surface()
     assert was_kept  # the job has built the very surface that `haptix render` takes
-    whole = simulate(setting, surface, TouchPanel(100.0, 0.02), LiveSettings(lead_s=0.025))
+    whole = simulate(setting, surface, TouchPanel(100.0, 0.02), LiveSettings(reaction_s=0.003))
     assert found["evaluation"]["error_rms_jnd"] == whole.evaluation.error_rms_jnd
     assert shares == sorted(shares) and shares[-1] > 0.9
     told = json.dumps(found)
@@ -234,7 +235,7 @@ def test_a_job_that_is_not_there(service):
 
 
 def test_the_page_of_routes_and_messages_is_whole_and_loads_nothing(service):
-    connection = HTTPConnection("127.0.0.1", service.port, timeout=20)
+    connection = HTTPConnection("127.0.0.1", service.port, timeout=PATIENCE_S)
     connection.request("GET", "/docs")  # no token: it is a page
     answer = connection.getresponse()
     text = answer.read().decode()

@@ -113,11 +113,6 @@ def test_no_message_speaks_of_volts():
     assert names == set()
 
 
-def test_asyncapi_is_that_of_todays_messages():
-    kept = json.loads((GOLDEN.parent / "asyncapi.json").read_text())
-    assert kept == m.asyncapi(), "run scripts/make-client-types.py"
-
-
 def test_asyncapi_names_every_message_and_every_reference_leads_somewhere():
     document = m.asyncapi()
     sides = {"ClientMessage": "receive", "ServerMessage": "send"}

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
@@ -10,6 +11,8 @@ from hypothesis import strategies as st
 from haptix.service import touch_gate
 from haptix.service.touch_gate import TouchGate
 from haptix.service.wire import TouchRecord
+from tests.hand_clock import HandClock
+from tests.waiting import pause, wait_for
 
 REPORTS = st.lists(
     st.tuples(st.integers(0, 2), st.sampled_from(["down", "move", "move", "move", "up"])),
@@ -20,13 +23,6 @@ REPORTS = st.lists(
 
 def touch(t_s, touch_id=0, kind="move"):
     return TouchRecord(t_s, touch_id, kind, t_s, 0.0, None, None)
-
-
-def wait_for(condition):
-    end_s = time.monotonic() + 5.0
-    while not condition():
-        assert time.monotonic() < end_s, "it did not happen"
-        time.sleep(0.001)
 
 
 @settings(max_examples=30, deadline=None)
@@ -47,12 +43,14 @@ def test_every_down_and_up_passes_and_each_finger_in_its_order(reports, size):
 
 
 def test_moves_at_1_khz_pass_at_the_interval_and_slow_ones_all(monkeypatch):
-    monkeypatch.setattr(touch_gate, "_REST", 0)  # a busy machine takes long
+    clock = HandClock()
+    monkeypatch.setattr(touch_gate, "time", SimpleNamespace(monotonic=clock))
     passed, interval_s = [], 0.01
     gate = TouchGate(passed.extend, lambda: interval_s)
     stamps = [0.001 * number for number in range(100)]
     for t_s in stamps:
-        gate.put([touch(t_s)])  # all within a few milliseconds
+        gate.put([touch(t_s)])  # all at once
+    clock.sleep(interval_s)
     wait_for(lambda: passed and passed[-1].t_s == stamps[-1])
     # One each 10 ms of the stamps, and the first two and the newest.
     assert len(passed) <= 100 * 0.001 / interval_s + 3
@@ -70,7 +68,7 @@ def test_touches_are_taken_by_one_thread_at_a_time_and_what_is_forgotten_is_not(
         nonlocal inside, most
         inside += 1
         most = max(most, inside)
-        time.sleep(0.001)
+        pause(0.001)
         inside -= 1
 
     gate = TouchGate(take, lambda: 0.002)
@@ -106,7 +104,7 @@ def test_a_renderer_that_takes_long_is_given_touches_less_often():
     began_s = time.monotonic()
     for number in range(100):
         gate.put([touch(0.001 * number)])
-        time.sleep(0.001)
+        pause(0.001)
     spent_s = time.monotonic() - began_s
     # Once eight were taken, which may come one after the other, 16 ms of rest lie between two.
     assert len(taken) <= 9 + spent_s / 0.016

@@ -11,7 +11,8 @@ from haptix.service.batches import ClientTouch, write_touches
 from haptix.service.clocks import PAST_S, ClientClock
 from haptix.service.messages import Problem, TouchMessage
 from haptix.service.touch_inbox import OLD_S, Stalls, TouchInbox
-from tests.service.test_sessions import Client, running, service, wait_for
+from tests.service.test_sessions import Client, running, service
+from tests.waiting import PATIENCE_S, pause, wait_for
 
 __all__ = ["running", "service"]  # fixtures
 
@@ -89,22 +90,25 @@ def test_stalls_add_up_and_are_forgotten():
 
 
 def test_a_front_that_did_not_run_refuses_nothing_for_it(service, monkeypatch):
-    stalled, tick = threading.Event(), service.hub.tick
+    stalled, sent, tick = threading.Event(), threading.Event(), service.hub.tick
 
     def stall():
         monkeypatch.setattr(service.hub, "tick", tick)
         stalled.set()
-        time.sleep(PAST_S + 0.2)
+        assert sent.wait(PATIENCE_S)
         tick()
 
     with Client(service).holds() as client:
         monkeypatch.setattr(service.hub, "stalls", Stalls(time.monotonic()))
         monkeypatch.setattr(service.hub, "tick", stall)
-        assert stalled.wait(5)
+        assert stalled.wait(PATIENCE_S)
+        began_s = client.now_s()
         for number in range(200):
             one = TouchMessage(t_s=client.now_s(), x_mm=float(number), y_mm=1.0)
             client.socket.send(write_touches([one], number))
-            time.sleep(0.003)
+            pause(0.003)
+        wait_for(lambda: client.now_s() > began_s + PAST_S + 0.2)
+        sent.set()
         warned = client.until(lambda message: message["type"] == "warning")
         assert not [said for said in client.heard if said["type"] == "error"]
         wait_for(lambda: service.engine.reports[-1].x_mm == 199.0)
@@ -112,7 +116,7 @@ def test_a_front_that_did_not_run_refuses_nothing_for_it(service, monkeypatch):
         assert dropped + len(service.engine.reports) == 200 and dropped > 50
         monkeypatch.undo()
         # The next batches are as before the stall.
-        time.sleep(0.1)
+        pause(0.1)
         before = len(service.engine.reports)
         client.socket.send(write_touches([one.model_copy(update={"t_s": client.now_s()})], 1))
         wait_for(lambda: len(service.engine.reports) == before + 1)

@@ -24,23 +24,10 @@ from haptix.stimuli.adaptive import (
     UpDown,
 )
 from haptix.stimuli.experiment_recipe import presentation_of
+from tests.hand_clock import HandClock
 
 RATE = 48_000
 WAVE = np.sin(2 * np.pi * 120 * np.arange(RATE // 20) / RATE)
-
-
-class Clock:
-    """Time that passes only when it is waited for."""
-
-    def __init__(self):
-        self.now = 0.0
-
-    def __call__(self):
-        return self.now
-
-    def wait(self, seconds):
-        assert seconds >= 0
-        self.now += seconds
 
 
 @pytest.fixture
@@ -58,7 +45,7 @@ def in_volts(wave):
 
 
 def experiment(device, path, method=None, answer=None, presentation=None, **more):
-    clock = Clock()
+    clock = HandClock(0.0)
     return Experiment(
         method or UpDown(40.0, (8.0, 4.0), stop_after=4),
         presentation or in_volts(WAVE),
@@ -66,7 +53,7 @@ def experiment(device, path, method=None, answer=None, presentation=None, **more
         answer or SimulatedObserver(24.0, seed=2),
         path,
         clock=clock,
-        wait=clock.wait,
+        wait=clock.sleep,
         **more,
     )
 

@@ -224,7 +224,7 @@ def test_one_jnd_reaches_tolerances_plans_and_verdicts():
     code = (
         "import inspect, torch\n"
         "from haptix.perception import WEBER_FRACTION\n"
-        "from haptix.planning.effects import Effect\n"
+        "from haptix.planning import Effect\n"
         "from haptix.surface.tolerance import Tolerance\n"
         "from haptix.virtual_finger.evaluation import evaluate\n"
         "mu = torch.tensor([0.5])\n"

@@ -6,23 +6,28 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
 from tests.chromium import chromium
+from tests.made_clients import node_tools
 from tests.service.service_under_test import Service
+from tests.waiting import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]
-AXE = ROOT / "clients" / "typescript" / "node_modules" / "axe-core" / "axe.min.js"
 SCREENSHOTS = os.environ.get("HAPTIX_SCREENSHOTS")
 """Folder that screenshots are kept in, for docs/studio.md; nothing is kept without it."""
 
 
 @pytest.fixture(scope="package")
 def browser():
-    """Chromium, one for all pages."""
+    """Chromium, one for all pages.
+
+    What checks a page comes with Node's packages. Without them all tests of pages are skipped here:
+    one that skips itself in its middle leaves its page to the next test half changed.
+    """
+    node_tools()
     with chromium() as browser:
         yield browser
 
@@ -48,14 +53,21 @@ def a_front(folder, documents=None):
 @pytest.fixture(scope="session")
 def studio(tmp_path_factory):
     """Address, with a code, of `haptix studio` with a mock driver."""
-    environment = os.environ | {"HAPTIX_SERVICE": str(tmp_path_factory.mktemp("service"))}
+    folder = tmp_path_factory.mktemp("service")
+    with a_studio(os.environ | {"HAPTIX_SERVICE": str(folder)}) as address:
+        yield address
+
+
+@contextlib.contextmanager
+def a_studio(environment):
+    """Run `haptix studio` in an environment; its address, with a code."""
     command = [sys.executable, "-m", "haptix.cli", "studio", "--port", "0", "--no-open"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
         found = re.search(r"http://127.0.0.1:\d+/#code=\w{8}", process.stdout.readline())
         assert found
         yield found[0]
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=20)
+        process.communicate(timeout=PATIENCE_S)
 
 
 @pytest.fixture
@@ -69,6 +81,7 @@ def page(browser):
 def a_page(browser):
     """Open a page, and fail at its end if its scripts complained of something."""
     context = browser.new_context(viewport={"width": 1280, "height": 800})
+    context.set_default_timeout(1e3 * PATIENCE_S)
     page = context.new_page()
     errors = page.expected_errors = []  # a test that provokes some clears them
 
@@ -90,18 +103,10 @@ def address(front, path=""):
     return f"http://127.0.0.1:{front.port}/#code={front.access.code()}"
 
 
-def until(is_so, wait_s=30.0):
-    """Wait until something is so; return it."""
-    end_s = time.monotonic() + wait_s
-    while not (found := is_so()) and time.monotonic() < end_s:
-        time.sleep(0.02)
-    assert found
-    return found
-
-
 def violations(page):
     """What axe finds wrong with a page, in short."""
-    page.evaluate(AXE.read_text() + "; 0")  # the policy refuses a script that is added
+    axe = node_tools() / "axe-core" / "axe.min.js"
+    page.evaluate(axe.read_text() + "; 0")  # the policy refuses a script that is added
     found = page.evaluate("async () => (await axe.run(document)).violations")
     return [(one["id"], one["nodes"][0]["html"][:120]) for one in found]
 

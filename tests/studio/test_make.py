@@ -3,7 +3,6 @@
 import asyncio
 import io
 import json
-import time
 import zipfile
 
 import pytest
@@ -18,6 +17,7 @@ from haptix.service.documents import documents_router
 from haptix.service.making import Making
 from haptix.service.messages import Problem
 from tests.studio.conftest import a_front, a_page, address, keep, violations
+from tests.waiting import wait_for
 
 
 class MakerHere:
@@ -50,9 +50,7 @@ def served(tmp_path_factory):
 @pytest.fixture
 def maker(served):
     """The same front, with nothing told and no layout kept."""
-    end_s = time.monotonic() + 30
-    while served.hub.sessions and time.monotonic() < end_s:
-        time.sleep(0.01)
+    wait_for(lambda: not served.hub.sessions)
     served.engine.__init__()
     for kept in (served.folder / "kept").glob("*.json"):
         kept.unlink()

@@ -2,14 +2,14 @@
 
 import itertools
 import re
-import time
 
 import numpy as np
 import pytest
 from fastapi import APIRouter
 
 from haptix.service.batches import TelemetryFrame, write_frame
-from tests.studio.conftest import a_front, a_page, address, keep, until, violations
+from tests.studio.conftest import a_front, a_page, address, keep, violations
+from tests.waiting import pause, wait_for
 
 STEP_S = 0.001
 BEGINS_S = itertools.count(1000.0, 10.0)  # of strokes that are told of: each is a finger's new one
@@ -52,7 +52,7 @@ def tell(front, felt_of_wanted, count=600, wanted=0.30, touch_id=0):
             part, at_s = rows[first : first + 50], t0_s + first * STEP_S
             frame = TelemetryFrame(stream, touch_id, 1 + first // 50, 0, at_s, STEP_S, part)
             front.hub.hear_frame(write_frame(frame))
-            time.sleep(0.02)  # a client is sent the newest four frames only
+            pause(0.02)  # a client is sent the newest four frames only
 
 
 def place(page, x_mm, y_mm):
@@ -73,7 +73,7 @@ def slide(page, start_mm, end_mm, steps=10):
 
 def test_a_slide_is_touches_in_millimetres_with_the_force_that_is_said(front, play):
     slide(play, (10, 17), (50, 17))
-    until(lambda: front.engine.reports and front.engine.reports[-1].kind == "up")
+    wait_for(lambda: front.engine.reports and front.engine.reports[-1].kind == "up")
     reports = front.engine.reports
     assert [reports[0].kind, reports[-1].kind] == ["down", "up"]
     # Pixels of a mouse are whole: half of one is 0.07 mm here.
@@ -84,7 +84,7 @@ def test_a_slide_is_touches_in_millimetres_with_the_force_that_is_said(front, pl
     force = play.get_by_label("Normal force", exact=True)
     force.select_option("assumed")
     slide(play, (10, 17), (50, 17))
-    until(lambda: front.engine.reports and front.engine.reports[-1].kind == "up")
+    wait_for(lambda: front.engine.reports and front.engine.reports[-1].kind == "up")
     force.select_option("slider")
     assert {report.normal_force_n for report in front.engine.reports} == {None}
 
@@ -105,7 +105,7 @@ def test_two_fingers_at_once(front, opened, browser):
         kind = "touchMove" if number else "touchStart"
         touches.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
     touches.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-    until(lambda: [report.kind for report in front.engine.reports].count("up") == 2)
+    wait_for(lambda: [report.kind for report in front.engine.reports].count("up") == 2)
     by_finger = {
         touch_id: [
             report.x_mm
@@ -125,9 +125,9 @@ def test_two_fingers_at_once(front, opened, browser):
 def test_arrow_keys_slide_at_sixty_millimetres_a_second(front, play):
     play.locator(".board").focus()
     play.keyboard.down("ArrowRight")
-    until(lambda: len(front.engine.reports) > 30)
+    wait_for(lambda: len(front.engine.reports) > 30)
     play.keyboard.up("ArrowRight")
-    until(lambda: front.engine.reports[-1].kind == "up")
+    wait_for(lambda: front.engine.reports[-1].kind == "up")
     moves = front.engine.reports[:-1]
     t_s = np.array([report.t_s for report in moves])
     x_mm = np.array([report.x_mm for report in moves])
@@ -136,8 +136,11 @@ def test_arrow_keys_slide_at_sixty_millimetres_a_second(front, play):
 
 
 def test_what_is_told_is_shown(front, play):
-    tell(front, 1.03)
-    until(lambda: play.locator('[data-name="felt"] dd').inner_text() == "0.309")
+    def is_shown():
+        tell(front, 1.03)  # a busy front passes on the newest frames only: it is told again
+        return play.locator('[data-name="felt"] dd').inner_text() == "0.309"
+
+    wait_for(is_shown)
     assert play.locator('[data-name="wanted"] dd').inner_text() == "0.300"
     assert play.locator('[data-name="force"] dd').inner_text().startswith("0.50 N")
     assert play.locator('[data-name="voltage"] dd').inner_text().startswith("60 %")
@@ -173,17 +176,17 @@ def test_the_trail_has_the_colour_of_its_error(front, play):
             play.wait_for_timeout(150)
             return play.evaluate(PIXEL, at) == [*color, 255]
 
-        until(is_drawn, 20.0)
+        wait_for(is_drawn)
 
 
 def test_a_stroke_is_recorded_replayed_and_kept(front, play):
     play.get_by_role("button", name="Record", exact=True).click()
     slide(play, (10, 17), (50, 17), steps=20)
-    until(lambda: front.engine.reports and front.engine.reports[-1].kind == "up")
+    wait_for(lambda: front.engine.reports and front.engine.reports[-1].kind == "up")
     first = list(front.engine.reports)
     front.engine.reports.clear()
     play.get_by_role("button", name="Replay").click()
-    until(lambda: front.engine.reports and front.engine.reports[-1].kind == "up")
+    wait_for(lambda: front.engine.reports and front.engine.reports[-1].kind == "up")
     again = front.engine.reports
     for field in ("kind", "touch_id", "x_mm", "y_mm"):
         values = [[getattr(report, field) for report in stroke[:-1]] for stroke in (first, again)]
@@ -264,7 +267,7 @@ def test_what_plays_is_told_in_volts_and_amperes(front, play):
         tell(front, 1.0, 100)  # a busy page misses frames: it is told again
         return shown.all_inner_texts()[:4] == wanted
 
-    until(is_shown)
+    wait_for(is_shown)
     play.get_by_role("link", name="Play").click()
 
 
@@ -274,7 +277,7 @@ def test_a_profile_says_what_it_rests_on(front, play):
     for words in ("the response of the finger", "its calibration is provisional", "4.0 %"):
         assert play.get_by_text(words).first.is_visible()
     play.get_by_role("button", name="STOP", exact=True).click()
-    until(lambda: front.engine.when("stop"))
+    wait_for(lambda: front.engine.when("stop"))
     play.get_by_role("button", name="Arm").click()
     play.locator('.output[data-state="armed"]').wait_for()
     play.get_by_role("link", name="Play").click()
@@ -305,4 +308,4 @@ def test_a_driver_that_fails_says_why_and_a_virtual_one_is_armed_again(front, pl
     event = {"event": "output", "state": "failed", "reason": "the cable was pulled"}
     front.hub.hear_engine(event)
     play.get_by_text("the cable was pulled").wait_for()
-    until(lambda: len(front.engine.when("arm")) > armed)
+    wait_for(lambda: len(front.engine.when("arm")) > armed)

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from haptix.service.batches import COLUMNS, read_frame
-from tests.service.test_processes import Running, wait_until
+from tests.service.test_processes import Running
 from tests.studio.conftest import a_page, keep, violations
+from tests.waiting import PATIENCE_S, wait_for
 
 pytestmark = pytest.mark.slow  # starts the whole service; the pages alone are tested before a front
 
@@ -117,7 +118,7 @@ def test_an_engine_that_dies_is_seen_and_comes_again(tmp_path, browser):
         subprocess.run(["kill", "-9", str(service.engine)], check=True)
         page.locator('.output:not([data-state="armed"])').wait_for()
         page.locator(".trouble", has_text="Look after its cable").wait_for()
-        wait_until(lambda: not service.is_live())
+        wait_for(lambda: not service.is_live())
         keep(page, "error-engine")
         end_s = time.monotonic() + 120  # a new engine opens the driver first, and says so
         while not page.locator('.output[data-state="armed"]').count():
@@ -182,5 +183,5 @@ def test_the_service_that_ends_is_said_and_a_new_one_is_found(tmp_path, browser)
             page.expected_errors.clear()  # the attempts between
     finally:
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=20)
+        process.communicate(timeout=PATIENCE_S)
     assert json.loads((tmp_path / "tokens.json").read_text())

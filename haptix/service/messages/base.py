@@ -35,7 +35,6 @@ Stream = Literal["stats", "friction", "felt"]
 
 Id = Annotated[int, Field(ge=1, le=2**53)]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
-Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Message(BaseModel):

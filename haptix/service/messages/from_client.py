@@ -6,13 +6,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from haptix.region import Number, PixelPlaces, Place, RegionFields
 from haptix.service.messages.base import (
     MOST_STREAM_HZ,
     MOST_TOUCHES,
     Id,
     Message,
     Name,
-    Number,
     Stream,
 )
 
@@ -43,14 +43,11 @@ class Plain(Message):
     id: Id
 
 
-class Geometry(Message):
+class Geometry(PixelPlaces, Message):
     """Pixels to millimetres: ``mm = origin + turn(rotation) (px / px_per_mm)``."""
 
     type: Literal["geometry"]
     id: Id
-    px_per_mm: Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
-    origin_mm: tuple[Number, Number] = (0.0, 0.0)
-    rotation_deg: Number = 0.0
 
 
 class TouchMessage(Message):
@@ -75,27 +72,7 @@ class TouchesMessage(Message):
     touches: Annotated[tuple[TouchMessage, ...], Field(max_length=MOST_TOUCHES)]
 
 
-class RegionFields(Message):
-    """Where a region lies, and how it lies on what is below; see `haptix.Layout.add`."""
-
-    x_mm: Number | None = None
-    y_mm: Number | None = None
-    width_mm: Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)] | None = None
-    height_mm: Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)] | None = None
-    shape: (
-        Literal["rectangle", "ellipse"]
-        | Annotated[tuple[tuple[Number, Number], ...], Field(min_length=3, max_length=256)]
-        | None
-    ) = None
-    rotation_deg: Number | None = None
-    scale: Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)] | None = None
-    z: Number | None = None
-    blend: Literal["over", "add", "multiply", "max", "min"] | None = None
-    opacity: Annotated[float, Field(ge=0, le=1)] | None = None
-    priority: Annotated[int, Field(ge=-1000, le=1000)] | None = None
-
-
-class RegionMessage(RegionFields):
+class RegionMessage(RegionFields, Message):
     """A region: its name, its material's document, and where it lies."""
 
     name: Name
@@ -122,7 +99,7 @@ class AddRegion(RegionMessage):
     op: Literal["add"]
 
 
-class ChangeRegion(RegionFields):
+class ChangeRegion(RegionFields, Message):
     """Change what is given of a region, in a cross-fade."""
 
     op: Literal["change"]
@@ -130,14 +107,11 @@ class ChangeRegion(RegionFields):
     material: dict[str, Any] | None = None
 
 
-class MoveRegion(Message):
+class MoveRegion(Place, Message):
     """Move a region, in `over_s`."""
 
     op: Literal["move"]
     name: Name
-    x_mm: Number | None = None
-    y_mm: Number | None = None
-    rotation_deg: Number | None = None
     over_s: Annotated[float, Field(ge=0, le=60)] = 0.02
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,9 +12,11 @@ import numpy.typing as npt
 
 from firmware_io import Device
 from firmware_io.clock import HOST_CLOCK
-from firmware_io.marks import Marked
+from firmware_io.progress import Marked
 from firmware_io.protocol import TouchReport
 from haptix.stimuli.adaptive.touch_log import TouchSample
+
+_LOG = logging.getLogger("haptix.stimuli")
 
 _READINGS = 5
 NO_FORCE = 65535  # of a panel that measures none
@@ -43,8 +46,9 @@ def play(
         device.touches()
     if takes_marks:
         device.marked()
+    _LOG.info("an interval of %d samples begins", drive_v.size)
     with device:
-        began, offset_s = clock(), _offset_s(clock)
+        began, offset_s = clock(), _offset_s(clock, device)
         if takes_marks:
             device.mark(0, code)
         device.write(drive_v)
@@ -71,7 +75,7 @@ def on_log_time(
     reports: Sequence[TouchReport], device: Device, clock: Callable[[], float]
 ) -> list[TouchSample]:
     """Return reports of a panel on the time of `clock`."""
-    offset = _offset_s(clock)
+    offset = _offset_s(clock, device)
     return [
         TouchSample(
             round(device.host_time_s(one.clock_ticks) + offset, 5),
@@ -85,11 +89,12 @@ def on_log_time(
     ]
 
 
-def _offset_s(clock: Callable[[], float]) -> float:
-    """Time of a clock minus that of the host's: the closest of several readings."""
+def _offset_s(clock: Callable[[], float], device: Device) -> float:
+    """Time of a clock minus that of the device's host: the closest of several readings."""
+    host: Callable[[], float] = getattr(device, "clock", HOST_CLOCK)
     readings = []
     for _ in range(_READINGS):
-        before, at, after = HOST_CLOCK(), clock(), HOST_CLOCK()
+        before, at, after = host(), clock(), host()
         readings.append((after - before, at - (before + after) / 2))
     return min(readings)[1]
 

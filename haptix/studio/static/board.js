@@ -28,6 +28,9 @@ export function boxOfRegion(region) {
   return { left: x + width / 2 - w / 2, top: y + height / 2 - h / 2, width: w, height: h };
 }
 
+/** Where a region lies that says nothing of it. */
+export const PLACE = { x_mm: 0, y_mm: 0, rotation_deg: 0 };
+
 /** @param {m.Region} region */
 export function placeOf(region) {
   const turn = ((region.rotation_deg ?? 0) * Math.PI) / 180;

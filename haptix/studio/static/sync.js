@@ -1,6 +1,7 @@
 /** The document on the service: what is edited is felt. */
 
 import { Refused } from "/client/haptix.js";
+import { PLACE } from "./board.js";
 import { difference } from "./history.js";
 import { sentence } from "./service.js";
 
@@ -11,7 +12,7 @@ import { sentence } from "./service.js";
 
 const GLIDE_S = 0.02;
 const [ATTEMPTS, AGAIN_MS] = [10, 500];
-const PLACES = ["x_mm", "y_mm", "rotation_deg"];
+const PLACES = Object.keys(PLACE);
 
 /** The layout that the service has of this page: the document, or for a while another one. */
 export class Layout {

@@ -1,6 +1,6 @@
 /** Make a layout: the gallery, regions on the board, the parameters of each, and files to take away. */
 
-import { Board, boxOf, placeOf } from "../board.js";
+import { Board, boxOf, PLACE, placeOf } from "../board.js";
 import { el, fill } from "../dom.js";
 import { Gallery } from "../gallery.js";
 import { Headroom } from "../headroom.js";
@@ -137,7 +137,7 @@ export function mount(root, app) {
   const document_ = root.ownerDocument;
   /** @type {Record<string, HTMLInputElement>} */
   const places = {};
-  const defaults = /** @type {Record<string, any>} */ ({ x_mm: 0, y_mm: 0, width_mm: "", height_mm: "", rotation_deg: 0, opacity: 1, z: 0 });
+  const defaults = /** @type {Record<string, any>} */ ({ ...PLACE, width_mm: "", height_mm: "", opacity: 1, z: 0 });
 
   /** Where the region lies. @param {m.Region} region */
   function placing({ name }) {

@@ -1,0 +1,103 @@
+"""The service's log: who came, who held the output and why it ended; no secret and no answer."""
+
+import asyncio
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+import haptix.client
+from haptix.errors import HaptixError
+from haptix.service.jobs import Job
+from haptix.service.messages import JobMessage, Problem
+from tests.service.service_under_test import Service
+
+
+@pytest.fixture
+def service(tmp_path, caplog):
+    caplog.set_level(logging.DEBUG, "haptix")
+    service = Service(tmp_path)
+    yield service
+    service.close()
+
+
+def test_a_session_is_told_without_its_token(service, caplog):
+    url = f"ws://127.0.0.1:{service.port}/v1/session"
+    token, code = service.access.native, service.access.code()
+    paired = service.access.pair(code, "https://lab.example", "page")
+    with haptix.client.connect("a program", url, token) as h:
+        h.acquire()
+        h.arm()
+        h.touch(7.0, 8.0)
+        h.intensity(0.5)
+        resume = next(iter(service.hub.sessions.values())).resume
+    with pytest.raises(HaptixError):
+        haptix.client.connect("a guess", url, "Geheim-token")
+    said = [record.getMessage() for record in caplog.records if record.name == "haptix.service"]
+    assert "session 1: hello of 'a program', free" in said
+    assert "lease: session 1, acquired" in said
+    assert "output: state armed, reason armed by its holder" in said
+    assert "session 1: 1 touches" in said
+    assert "session 1: its socket is closed" in said
+    assert "session 2: refused, access at '/token'" in said
+    for secret in (token, code, paired, resume, "Geheim"):
+        assert secret not in caplog.text
+
+
+def test_a_job_is_told_without_what_it_asks_and_is_answered(caplog):
+    caplog.set_level(logging.DEBUG, "haptix")
+    message = JobMessage(job="a1", kind="experiment", state="queued")
+
+    async def run():
+        job = Job("programs", message, {}, lambda _: None)
+        job.change(state="running")
+        job.heard({"prompt": "How strong, sub-07?", "choices": ["weakest-1", "stronger-2"]})
+        with pytest.raises(Problem):
+            job.answer("no choice of theirs")
+        job.answer("stronger-2")
+        job.heard({"result": {"felt": "stronger-2", "participant": "sub-07"}})
+
+    asyncio.run(run())
+    said = [record.getMessage() for record in caplog.records if record.name == "haptix.service"]
+    assert said == [
+        f"job a1: experiment, {state}" for state in ("running", "asking", "running", "done")
+    ]
+
+
+@pytest.mark.slow  # starts the whole service; what its parts log is tested above
+def test_all_processes_of_a_service_log(tmp_path):
+    command = [sys.executable, "-m", "haptix.cli", "serve", "--port", "0"]
+    environment = os.environ | {"HAPTIX_SERVICE": str(tmp_path / "service")}
+    with subprocess.Popen(
+        [*command, "--log", tmp_path / "a.log"], stdout=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        try:
+            assert "haptix serves" in process.stdout.readline()
+            found = json.loads((tmp_path / "service" / "service.json").read_text())
+            url = f"ws://127.0.0.1:{found['port']}/v1/session"
+            with haptix.client.connect("a program", url, found["token"]) as h:
+                h.layout.add({"kind": "grating", "period_mm": 2.0}, width_mm=60.0, height_mm=60.0)
+                h.acquire()
+                h.arm()
+                h.touch(7.0, 8.0)
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=20)
+    text = "".join(path.read_text() for path in sorted(tmp_path.glob("a*.log")))
+    assert found["token"] not in text
+    for line in (
+        "haptix.log INFO haptix.cli begins",
+        "haptix.log INFO haptix.service.engine begins",
+        "haptix.service INFO lease: session 1, acquired",
+        "haptix.service.engine INFO armed for session 1",
+        "firmware_io.stream INFO mock: armed for revisions",
+        "firmware_io.protocol DEBUG mock > Revise ",
+        "firmware_io.protocol DEBUG mock < ",
+        "at 0 V and disarmed after",
+        "haptix.service INFO engine: process ",
+    ):
+        assert line in text, line
