@@ -15,6 +15,7 @@ from haptix.errors import HaptixError
 from haptix.service.jobs import Job
 from haptix.service.messages import JobMessage, Problem
 from tests.service.service_under_test import Service
+from tests.waiting import PATIENCE_S, wait_for
 
 
 @pytest.fixture
@@ -72,6 +73,10 @@ def test_a_job_is_told_without_what_it_asks_and_is_answered(caplog):
 def test_all_processes_of_a_service_log(tmp_path):
     command = [sys.executable, "-m", "haptix.cli", "serve", "--port", "0"]
     environment = os.environ | {"HAPTIX_SERVICE": str(tmp_path / "service")}
+
+    def logged() -> str:
+        return "".join(path.read_text() for path in sorted(tmp_path.glob("a*.log")))
+
     with subprocess.Popen(
         [*command, "--log", tmp_path / "a.log"], stdout=subprocess.PIPE, text=True, env=environment
     ) as process:
@@ -84,10 +89,11 @@ def test_all_processes_of_a_service_log(tmp_path):
                 h.acquire()
                 h.arm()
                 h.touch(7.0, 8.0)
+                wait_for(lambda: "mock > Revise " in logged())
         finally:
             process.send_signal(signal.SIGINT)
-            process.communicate(timeout=20)
-    text = "".join(path.read_text() for path in sorted(tmp_path.glob("a*.log")))
+            process.communicate(timeout=PATIENCE_S)
+    text = logged()
     assert found["token"] not in text
     for line in (
         "haptix.log INFO haptix.cli begins",
