@@ -296,7 +296,9 @@ class Hub:
             wrong = next((touch for touch in touches if isinstance(touch, Problem)), None)
             wrong = wrong or Problem("lease", "touch: expected the lease; send acquire first")
             return len(touches), wrong
-        taken = [reports_of(session, touches, self.now_s()) for touches in batches]
+        now_s = self.now_s()
+        late_s = self.stalls.late_s(now_s)
+        taken = [reports_of(session, touches, now_s, late_s) for touches in batches]
         reports = [report for one in taken for report in one.reports]
         if reports:
             self.engine.touch(reports)

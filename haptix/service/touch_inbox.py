@@ -2,7 +2,7 @@
 
 A busy machine may keep the front from running for a while. What waited in the sockets is then old,
 and newer touches wait behind it. Of the moves from before, the newest of each finger is passed on;
-the others are counted. No touch is refused for a delay of ours.
+the others are counted. No touch is refused for a delay of ours (`touch_reports`).
 """
 
 from __future__ import annotations
@@ -85,16 +85,10 @@ class TouchInbox:
         self.passed_s, self.is_due = now_s, False
         if not late_s or not clock.is_known:
             return batches
-        oldest_s = clock.window(now_s)[0]
         dropped = _replaced(batches, clock.client_s(now_s - OLD_S))
         self.dropped += len(dropped)
         for number, index in dropped:
             batches[number][index] = None
-        for touches in batches:
-            for index, touch in enumerate(touches):
-                # What we have kept waiting is taken as if it just were in time.
-                if isinstance(touch, ClientTouch) and oldest_s - late_s <= touch.t_s < oldest_s:
-                    touches[index] = touch._replace(t_s=oldest_s)
         return batches
 
 

@@ -24,8 +24,13 @@ def reports_of(
     session: ServiceSession,
     touches: Sequence[TouchMessage | ClientTouch | Problem | None],
     now_s: float,
+    late_s: float,
 ) -> Taken:
-    """Return a session's touches by the service's clock, and what is wrong with the others."""
+    """Return a session's touches by the service's clock, and what is wrong with the others.
+
+    Touches that are too old by `late_s` [s] at most, the service's own delay, are taken as if they
+    just were in time.
+    """
     reports: list[TouchRecord] = []
     left_out = 0
     wrong: Problem | None = None
@@ -38,11 +43,14 @@ def reports_of(
         try:
             if isinstance(touch, Problem):
                 raise touch
-            if not oldest_s <= touch.t_s <= newest_s:
+            t_s = touch.t_s
+            if oldest_s - late_s <= t_s < oldest_s:
+                t_s = oldest_s
+            elif not oldest_s <= t_s <= newest_s:
                 if wrong is not None:
                     left_out += 1
                     continue  # who is late is late with all, and is not to be held up by it
-                clock.stamp(touch.t_s, now_s)
+                clock.stamp(t_s, now_s)
             x_mm, y_mm = touch.x_mm, touch.y_mm
             if x_mm is None or y_mm is None or touch.x_px is not None:
                 x_mm, y_mm = _place(geometry, touch)
@@ -51,8 +59,10 @@ def reports_of(
             left_out += 1
             wrong = wrong or Problem(problem.code, problem.sentence, path)
             continue
-        t_s, force_n, area_m2 = service_s(touch.t_s), touch.normal_force_n, touch.contact_area_m2
-        reports.append(TouchRecord(t_s, touch.touch_id, touch.kind, x_mm, y_mm, force_n, area_m2))
+        force_n, area_m2 = touch.normal_force_n, touch.contact_area_m2
+        reports.append(
+            TouchRecord(service_s(t_s), touch.touch_id, touch.kind, x_mm, y_mm, force_n, area_m2)
+        )
     return Taken(reports, left_out, wrong)
 
 
