@@ -23,9 +23,9 @@ KINDS = {
     "population": "haptix.campaign.on_screens:FrictionOfPeople",
     "boundary-elements": "haptix.campaign.on_screens:BoundaryElementSets",
     "trade-off": "haptix.campaign.on_screens:Tradeoffs",
-    "calibration-fits": "calibration.campaigns:CalibrationFits",
-    "stimulus-sets": "haptix.stimuli.campaigns:StimulusSets",
-    "experiment-simulations": "haptix.stimuli.campaigns:ExperimentSimulations",
+    "calibration-fits": "haptix.campaign.on_calibrations:CalibrationFits",
+    "stimulus-sets": "haptix.campaign.on_stimuli:StimulusSets",
+    "experiment-simulations": "haptix.campaign.on_stimuli:ExperimentSimulations",
 }
 
 Value = str | float | int | bool | None

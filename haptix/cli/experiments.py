@@ -122,7 +122,7 @@ def run(
     opened, outlets = open_device(device), None
     try:
         if lsl:
-            from haptix.stimuli.outlets import LabOutlets
+            from haptix.render.lab_streams import LabOutlets
 
             outlets = LabOutlets(opened)
         keys, answer = Keys(), None

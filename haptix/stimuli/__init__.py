@@ -1,6 +1,6 @@
 """Offline stimuli: signals, sets, files, and the methods that choose among them."""
 
-from haptix.campaign.people import Population
+from haptix.population import Population
 from haptix.signals.in_time import Chirp, Points, Pulse, Ramp, Recorded, Sine, Square, Step
 from haptix.signals.morph import Morph
 from haptix.signals.signal import (

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from haptix.campaign.people import Population
 from haptix.errors import InputError
 from haptix.files import read_json, reading
 from haptix.finger import Finger
+from haptix.population import Population
 from haptix.screen import Screen
 from haptix.signals.audio import file_hash
 from haptix.stimuli.apparatus import Apparatus

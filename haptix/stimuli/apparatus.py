@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from firmware_io.limits import BODY_CAPACITANCE_F, DriveLimits
-from haptix.campaign.people import Population
 from haptix.checks import Array
+from haptix.devices import BODY_CAPACITANCE_F, DriveLimits
 from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.finger_response import FingerResponse
 from haptix.friction import ContactModel
+from haptix.population import Population
 from haptix.render.drive import DirectWave
 from haptix.screen import Screen
 from haptix.stimuli.stimulus import Stimulus

@@ -11,8 +11,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from firmware_io.limits import DriveLimits
 from haptix.checks import choice, number, positive, whole
+from haptix.devices import DriveLimits
 from haptix.errors import InputError
 from haptix.perception import Perception
 from haptix.screen import Screen

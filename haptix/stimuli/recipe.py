@@ -7,13 +7,13 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PositiveFloat, model_validator
 
-from firmware_io.limits import DriveLimits
-from haptix.campaign.people import DrawnPeople, Population
+from haptix.devices import DriveLimits
 from haptix.documents import Document, Part
 from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.kinds import in_folder
 from haptix.perception import Perception
+from haptix.population import DrawnPeople, Population
 from haptix.screen import Screen
 from haptix.signals.audio import Container, Encoding
 from haptix.stimuli.designs import (

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.drive_check import DriveWindow
-from firmware_io.limits import Current
+from haptix.devices import Current, DriveWindow
 from haptix.errors import InputError, LimitError
 from haptix.perception import SensationInTime
 from haptix.signals.audio import AudioWriter

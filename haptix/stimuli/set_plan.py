@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from firmware_io.limits import BODY_CAPACITANCE_F, DriveLimits
-from haptix.campaign.people import Population
 from haptix.checks import Positive, check_fields, choice
+from haptix.devices import BODY_CAPACITANCE_F, DriveLimits
 from haptix.errors import InputError, LimitError
 from haptix.finger import Finger
 from haptix.perception import Perception
+from haptix.population import Population
 from haptix.screen import Screen
 from haptix.signals.audio import Container, Encoding, check_format
 from haptix.stimuli.apparatus import Apparatus

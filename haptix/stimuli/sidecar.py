@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from firmware_io.limits import MAX_PEAK_A, MAX_RMS_A, series_capacitance_f
+from haptix.devices import MAX_PEAK_A, MAX_RMS_A, series_capacitance_f
 from haptix.perception import Perception
 from haptix.status import Status
 from haptix.stimuli.apparatus import Apparatus

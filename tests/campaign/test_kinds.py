@@ -6,7 +6,7 @@ import warnings
 import pytest
 from typer.testing import CliRunner
 
-from haptix.campaign import Population, load_campaign, run_campaign
+from haptix.campaign import load_campaign, run_campaign
 from haptix.campaign.kinds import kind_named
 from haptix.cli.application import app
 from haptix.errors import InputError
@@ -14,6 +14,7 @@ from haptix.fidelity import BoundaryElementBox
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.planning import plan_scene
+from haptix.population import Population
 from haptix.scene import Scene
 from haptix.screen import Screen
 from haptix.stimuli.recipe import Recipe

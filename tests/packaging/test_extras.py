@@ -33,7 +33,7 @@ NEEDS = {
     "netcdf": "surface.to_netcdf('my.nc')",
     "serial": "haptix.open_device('serial:port=COM3')",
     "cluster": "import_module('haptix.campaign.cluster').DaskWorkers.on('dask')",
-    "lab": "import_module('haptix.stimuli.outlets').LabOutlets(None)",
+    "lab": "import_module('haptix.render.lab_streams').LabOutlets(None)",
     "evdev": "import_module('haptix.touch').Touchscreen('/dev/input/event5')",
 }
 COMMANDS = {

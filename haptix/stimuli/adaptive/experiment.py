@@ -2,31 +2,44 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io import Device
 from haptix import checks
+from haptix.devices import Device
 from haptix.errors import FileFormatError, InputError, LimitError
+from haptix.render.intervals import (
+    TouchSample,
+    code_of,
+    name_of,
+    on_log_time,
+    play,
+    reported,
+)
 from haptix.stimuli.adaptive.conditions import MethodsByCondition
 from haptix.stimuli.adaptive.log import TrialLog, program
 from haptix.stimuli.adaptive.method import Estimate, Method
 from haptix.stimuli.adaptive.next_trial import next_trial
 from haptix.stimuli.adaptive.observer import AnswerTo, Question
-from haptix.stimuli.adaptive.playing import Outlets, code_of, name_of, on_log_time, play, reported
 from haptix.stimuli.adaptive.presentation import Presentation, Touch
 from haptix.stimuli.adaptive.session_plan import SessionPlan, check_plan
 from haptix.stimuli.adaptive.session_summary import found_by_chance, summary
 from haptix.stimuli.adaptive.tasks import task_named
-from haptix.stimuli.adaptive.touch_log import TouchLog, TouchSample
+from haptix.stimuli.adaptive.touch_log import TouchLog
+
+if TYPE_CHECKING:
+    from haptix.render.lab_streams import LabOutlets
+
+_LOG = logging.getLogger("haptix.stimuli")
 
 Array = npt.NDArray[np.float64]
 _CLOSE = 1e-9
@@ -111,7 +124,7 @@ class Experiment:
     plan: SessionPlan = field(default_factory=SessionPlan)
     rest: Callable[[int], None] | None = None
     tell: Callable[[bool], None] | None = None
-    outlets: Outlets | None = None
+    outlets: LabOutlets | None = None
 
     def __post_init__(self) -> None:
         self._task = task_named(self.task)
@@ -255,6 +268,7 @@ class Experiment:
         for number, part in enumerate(parts):
             if number:
                 self.wait(self.pause_s)
+            _LOG.info("an interval of %d samples begins", part.size)
             played = play(self.device, part, self.clock, code_of(self.trials, number))
             onsets.append(played.onset_s)
             reports = reported(self.device)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple
 from pathlib import Path
 
 from haptix.errors import FileFormatError, InputError
 from haptix.files import LARGEST_TABLE_BYTES, read_text, write_failure
+from haptix.render.intervals import TouchSample
 
 COLUMNS = (
     "session", "trial", "attempt", "t_s", "x_mm", "y_mm", "normal_force_n", "contact", "phase",
@@ -16,18 +17,6 @@ COLUMNS = (
 """Columns of the table; `t_s` is on the time of the log."""
 
 _HEAD = "\t".join(COLUMNS) + "\n"
-
-
-@dataclass(frozen=True)
-class TouchSample:
-    """One report of the panel; a force of None is not measured."""
-
-    t_s: float
-    x_mm: float
-    y_mm: float
-    normal_force_n: float | None
-    contact: int
-    phase: str
 
 
 class TouchLog:

@@ -16,10 +16,9 @@ from firmware_io.protocol import TouchPhase
 from haptix import InputError, LiveRenderer, Texture
 from haptix.errors import OverloadWarning
 from haptix.render import LiveSettings, Sliding
+from haptix.render.intervals import play
+from haptix.render.lab_streams import LabOutlets, LiveOutlets
 from haptix.stimuli.adaptive import ConstantStimuli, Experiment, Presentation
-from haptix.stimuli.adaptive.playing import play
-from haptix.stimuli.live_outlets import LiveOutlets
-from haptix.stimuli.outlets import LabOutlets
 from tests.hand_clock import HandClock
 
 pylsl = pytest.importorskip("pylsl", reason="the extra lab is not installed")

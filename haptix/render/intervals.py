@@ -1,11 +1,9 @@
-"""Plays one interval on a device, and says when it began."""
+"""Plays one interval on a device, and says when it began and what the panel reported."""
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -14,12 +12,21 @@ from firmware_io import Device
 from firmware_io.clock import HOST_CLOCK
 from firmware_io.progress import Marked
 from firmware_io.protocol import TouchReport
-from haptix.stimuli.adaptive.touch_log import TouchSample
-
-_LOG = logging.getLogger("haptix.stimuli")
 
 _READINGS = 5
 NO_FORCE = 65535  # of a panel that measures none
+
+
+@dataclass(frozen=True)
+class TouchSample:
+    """One report of the panel; a force of None is not measured."""
+
+    t_s: float
+    x_mm: float
+    y_mm: float
+    normal_force_n: float | None
+    contact: int
+    phase: str
 
 
 @dataclass(frozen=True)
@@ -46,7 +53,6 @@ def play(
         device.touches()
     if takes_marks:
         device.marked()
-    _LOG.info("an interval of %d samples begins", drive_v.size)
     with device:
         began, offset_s = clock(), _offset_s(clock, device)
         if takes_marks:
@@ -97,16 +103,6 @@ def _offset_s(clock: Callable[[], float], device: Device) -> float:
         before, at, after = host(), clock(), host()
         readings.append((after - before, at - (before + after) / 2))
     return min(readings)[1]
-
-
-class Outlets(Protocol):
-    """What takes each interval once it was played, as `haptix.stimuli.outlets.LabOutlets`."""
-
-    def marks(self, marked: Iterable[Marked]) -> None: ...
-
-    def drive(self, first_sample: int, volts: npt.ArrayLike) -> None: ...
-
-    def reports(self, reports: Iterable[TouchReport]) -> None: ...
 
 
 def code_of(trial: int, interval: int) -> int:

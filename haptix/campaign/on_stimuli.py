@@ -14,12 +14,12 @@ from weakref import finalize
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 
 from haptix.campaign.kinds import Campaign, CampaignTask, Outcome, Value, places_of
-from haptix.campaign.people import DrawnPeople, Population
 from haptix.documents import Part
 from haptix.errors import InputError
 from haptix.files import Content, csv_text
 from haptix.finger import Finger
 from haptix.perception import Perception
+from haptix.population import DrawnPeople, Population
 from haptix.screen import Screen
 from haptix.stimuli.experiment_recipe import ExperimentRecipe
 from haptix.stimuli.making import StimulusSet

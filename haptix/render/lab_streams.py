@@ -14,18 +14,24 @@ import numpy.typing as npt
 
 from firmware_io import Device
 from firmware_io.clock import HOST_CLOCK, Clock
-from firmware_io.errors import from_extra
 from firmware_io.progress import Marked
 from firmware_io.protocol import TouchReport
 from haptix.checks import Array, positive, row
-from haptix.errors import InputError
-from haptix.stimuli.adaptive.playing import NO_FORCE
+from haptix.errors import InputError, from_extra
+from haptix.render.intervals import NO_FORCE
+from haptix.render.played import COLUMNS, PlayedRecord
+from haptix.render.stream import LiveRenderer
+from haptix.touch import TouchEvent
 
 _READINGS = 5  # of two clocks one after the other; the closest pair counts
 
 TOUCH_CHANNELS = (("x", "mm"), ("y", "mm"), ("normal_force", "N"), ("contact", ""), ("phase", ""))
 DRIVE_CHANNELS = (("voltage", "V"), ("friction", ""))
 MARKER_CHANNELS = (("code", ""), ("sample", ""))
+
+_PHASES = {"up": 0, "down": 1, "move": 2}
+_TARGET = COLUMNS.index("wanted")
+_FINAL_S = 0.02  # no revision comes as long after a sample was played
 
 
 class LabOutlets:
@@ -183,4 +189,82 @@ class LabOutlets:
         return self
 
     def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+class LiveOutlets:
+    """Streams of a live renderer, as `LabOutlets` has them; follow them some ten times a second.
+
+    Touches are those that the renderer took, by the times that they were stamped with. The drive
+    has a row each millisecond: the amplitude that was sent [V], and the friction that the texture
+    asked for under the finger that came down last; NaN without one. Its times are those of the
+    samples, by the driver's clock. Markers are the marks of `LiveRenderer.mark`, by the same clock.
+
+    Use it inside the renderer's context; on leaving, what was played is sent to its end.
+
+    Parameters
+    ----------
+    renderer : LiveRenderer
+        Entered, on a driver that takes marks and can revise. Its `record` and `taken` are used.
+    name : str
+        Beginning of the streams' names.
+
+    Raises
+    ------
+    InputError
+        If somebody else takes the renderer's record.
+    MissingExtraError
+        Without the extra ``lab``.
+    """
+
+    def __init__(self, renderer: LiveRenderer, name: str = "haptix") -> None:
+        if renderer.record is not None or renderer.taken is not None:
+            raise InputError("LiveOutlets: somebody takes what this renderer plays; end that first")
+        self._renderer, self._record = renderer, PlayedRecord(renderer)
+        drive_hz = 1 / self._record.row_s
+        self._outlets = LabOutlets(renderer.device, name, drive_hz=drive_hz)
+        renderer.record, renderer.taken = self._record, self._touch
+        self.marks_sent = 0
+        """Marks that the driver has told of."""
+
+    def _touch(self, event: TouchEvent) -> None:
+        is_up = event.kind == "up"
+        at = (np.nan, np.nan) if is_up else (event.x_mm, event.y_mm)
+        force = np.nan if event.normal_force_n is None else event.normal_force_n
+        self._outlets.touch(event.t_s, *at, force, event.touch_id, _PHASES[event.kind])
+
+    def follow(self) -> None:
+        """Send the marks that the driver has told of, and what it has played."""
+        self._send_marks()
+        self._send(self._renderer.now_s() - _FINAL_S)
+
+    def _send_marks(self) -> None:
+        marked = self._renderer.device.marked()
+        self._outlets.marks(marked)
+        self.marks_sent += len(marked)
+
+    def _send(self, until_s: float) -> None:
+        while (part := self._record.take(until_s)) is not None:
+            volts = part.amplitude_v[:: self._record.per_row]
+            friction = np.full(len(volts), np.nan)
+            if part.rows:
+                friction = part.rows[max(part.rows)][:, _TARGET]
+            self._outlets.rows(part.t0_s, volts, friction)
+
+    def has_recorders(self) -> bool:
+        """Whether somebody records all three streams."""
+        return self._outlets.has_recorders()
+
+    def close(self) -> None:
+        """Send what is left, and close the streams."""
+        renderer = self._renderer
+        renderer.record = renderer.taken = None
+        self._send_marks()
+        self._send(renderer.now_s())
+        self._outlets.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
         self.close()
