@@ -37,7 +37,7 @@ void hx_host_window_init(hx_host_window *window, uint32_t size);
 
 /* Return the limit that one of n samples breaks, at most as many as the window has; write the first
  * such sample's index and the sum that is too large. */
-int hx_host_check(const hx_host_window *window, const hx_host_limits *limits, const double *volts,
+int hx_host_check(hx_host_window *window, const hx_host_limits *limits, const double *volts,
                   uint32_t n, uint32_t *index, double *sum);
 
 /* Take n samples that are driven. */
