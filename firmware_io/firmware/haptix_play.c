@@ -104,9 +104,11 @@ static enum hx_output advance(hx_device *d) {
         meet_marks(d, d->samples_played++);
         d->tick_of_sample = 0;
     }
-    d->tick_of_sample++;
-    int32_t line = d->from + ((int32_t)d->to - d->from) * (int32_t)d->tick_of_sample /
-                                 (int32_t)d->ticks_per_sample;
+    int32_t line = d->to;
+    if (++d->tick_of_sample < d->ticks_per_sample) { /* a division costs as much as all the rest */
+        line = d->from + (line - d->from) * (int32_t)d->tick_of_sample /
+                             (int32_t)d->ticks_per_sample;
+    }
     if (d->gain < d->ramp_ticks) { /* back from a ramp when it had run dry */
         /* Where the stream itself needs the slew, the gain waits: as it is, it flattens slopes. */
         int32_t ramp = (int32_t)d->ramp_ticks;

@@ -106,7 +106,8 @@ void hx_device_receive(hx_device *d, const uint8_t *bytes, uint32_t n) {
         uint32_t due = d->received < HX_HEADER_BYTES ? HX_HEADER_BYTES : bytes_due(d);
         uint32_t piece = due - d->received;
         if (piece > n) piece = n;
-        for (uint32_t i = 0; i < piece; i++) d->buffer[d->received + i] = bytes[i];
+        uint8_t *rest = d->buffer + d->received;
+        for (uint32_t i = 0; i < piece; i++) rest[i] = bytes[i];
         d->received += piece;
         d->work += piece * HX_WORK_PER_BYTE;
         if (d->work > most) d->work = most;

@@ -33,17 +33,8 @@ uint32_t hx_crc32(const uint8_t *bytes, uint32_t n) {
     return crc ^ 0xffffffff;
 }
 
-uint16_t hx_get_u16(const uint8_t *bytes) {
-    return (uint16_t)(bytes[0] | (uint16_t)bytes[1] << 8);
-}
-
 uint32_t hx_get_u32(const uint8_t *bytes) {
     return hx_get_u16(bytes) | (uint32_t)hx_get_u16(bytes + 2) << 16;
-}
-
-int16_t hx_get_i16(const uint8_t *bytes) {
-    int32_t value = hx_get_u16(bytes);
-    return (int16_t)(value < 0x8000 ? value : value - 0x10000);
 }
 
 void hx_put_u16(uint8_t *bytes, uint16_t value) {

@@ -77,9 +77,17 @@ uint16_t hx_crc16(const uint8_t *bytes, uint32_t n);
 /* CRC-32 of IEEE 802.3, reflected, as in zlib. */
 uint32_t hx_crc32(const uint8_t *bytes, uint32_t n);
 
-uint16_t hx_get_u16(const uint8_t *bytes);
+/* Here, since they are called for every sample. */
+static inline uint16_t hx_get_u16(const uint8_t *bytes) {
+    return (uint16_t)(bytes[0] | (uint16_t)bytes[1] << 8);
+}
+
+static inline int16_t hx_get_i16(const uint8_t *bytes) {
+    int32_t value = hx_get_u16(bytes);
+    return (int16_t)(value < 0x8000 ? value : value - 0x10000);
+}
+
 uint32_t hx_get_u32(const uint8_t *bytes);
-int16_t hx_get_i16(const uint8_t *bytes);
 void hx_put_u16(uint8_t *bytes, uint16_t value);
 void hx_put_u32(uint8_t *bytes, uint32_t value);
 void hx_put_u64(uint8_t *bytes, uint64_t value);
