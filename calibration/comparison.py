@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from calibration.residuals import Residuals
 from haptix.errors import InputError
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
+from haptix.report import Heading
 from haptix.terms import TERMS, Stage
 
 Need = Literal["needed", "contradicted", "cannot tell", "changes nothing"]
@@ -45,21 +46,11 @@ class TermNeed:
         again.
     """
 
-    term: str
-    is_on: bool
-    need: Need
-    evidence: float
-    effect_thresholds: float
-
-    def row(self) -> dict[str, str]:
-        """Return a row of a table for people."""
-        return {
-            "term": self.term,
-            "in the fit": "on" if self.is_on else "off",
-            "the strokes say": self.need,
-            "evidence (AICc)": f"{self.evidence:+.1f}",
-            "effect [JND]": f"{self.effect_thresholds:.2g}",
-        }
+    term: Annotated[str, Heading("term")]
+    is_on: Annotated[bool, Heading("in the fit", "off|on")]
+    need: Annotated[Need, Heading("the strokes say")]
+    evidence: Annotated[float, Heading("evidence (AICc)", "+.1f")]
+    effect_thresholds: Annotated[float, Heading("effect [JND]", ".2g")]
 
 
 def compare_terms(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, sqrt
+from typing import Annotated, Literal
 
 import numpy as np
 from scipy.stats import t as student
@@ -13,6 +14,7 @@ from calibration.predict import StrokePredictor
 from calibration.reduction import Reduced
 from calibration.verification import FEWEST_OF_GROUP, TOLERANCE_THRESHOLDS, HeldOutStroke
 from haptix.errors import InputError
+from haptix.report import Heading
 
 _LEVEL = 0.95  # one side: both sides of an equivalence at 5 %
 
@@ -32,9 +34,9 @@ class Drift:
         Number of strokes.
     """
 
-    mean_thresholds: float
-    uncertainty_thresholds: float
-    strokes: int
+    mean_thresholds: Annotated[float, Heading("mean [JND]", "+.2f")]
+    uncertainty_thresholds: Annotated[float, Heading("± [JND]", ".2f")]
+    strokes: Annotated[int, Heading("strokes")]
 
     @classmethod
     def of(cls, residuals: Array) -> Drift:
@@ -57,20 +59,25 @@ class ProfileCheck:
 
     Parameters
     ----------
-    rows : tuple of HeldOutStroke
+    strokes : tuple of HeldOutStroke
         Every good stroke and its prediction.
     drifts : mapping of str to Drift
         Of "all" strokes, and of those "without_voltage" and "with_voltage": another finger or
         cleaning shifts both, a changed insulator or drive the driven ones alone.
     """
 
-    rows: tuple[HeldOutStroke, ...]
+    strokes: tuple[HeldOutStroke, ...]
     drifts: dict[str, Drift]
 
     @property
     def passed(self) -> bool:
         """Whether friction of all, and of the driven strokes, is within half a JND."""
         return all(self.drifts[name].is_within for name in ("all", "with_voltage"))
+
+    @property
+    def verdict(self) -> Literal["passed", "failed"]:
+        """The same in a word."""
+        return "passed" if self.passed else "failed"
 
 
 def check_profile(reduced: Reduced, predictor: StrokePredictor) -> ProfileCheck:

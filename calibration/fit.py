@@ -18,6 +18,7 @@ from calibration.residuals import Repeatability
 from haptix.contact import TheoryName
 from haptix.documents import Document, Part
 from haptix.errors import InputError
+from haptix.report import Heading
 from haptix.version import __version__
 
 Verdict = Literal["determined", "prior", "undetermined", "fixed"]
@@ -65,25 +66,19 @@ class ParameterEstimate(Part):
         Which experiment would determine it; empty where none is needed.
     """
 
-    name: str
-    value: float | None = None
+    name: Annotated[str, Heading("parameter")]
+    value: Annotated[float | None, Heading("value", ".4g", "not determined")] = None
     low: float
     high: _UpperBound = inf
-    spread: float
-    verdict: Verdict
+    spread: Annotated[float, Heading("spread", ".1%")]
+    verdict: Annotated[Verdict, Heading("verdict")]
     advice: str = ""
 
-    def row(self) -> dict[str, str]:
-        """Return a row of a table for people."""
-        is_fixed = self.verdict == "fixed"
+    @property
+    def interval(self) -> Annotated[str, Heading("90 % interval")]:
+        """Both ends, for people."""
         high = "∞" if self.high == inf else f"{self.high:.3g}"
-        return {
-            "parameter": self.name,
-            "value": "not determined" if self.value is None else f"{self.value:.4g}",
-            "90 % interval": "" if is_fixed else f"{self.low:.3g} to {high}",
-            "spread": "" if is_fixed else f"{self.spread:.1%}",
-            "verdict": self.verdict,
-        }
+        return "" if self.verdict == "fixed" else f"{self.low:.3g} to {high}"
 
     def refusal(self) -> str:
         """Return one sentence: why there is no value, and what would give one."""

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibration.options import Measured
-from calibration.profile_app import rounded, stroke_rows
 from haptix.arguments import Check, is_there, number, some_of
 from haptix.errors import InputError
 from haptix.files import json_text
 from haptix.presets import TERMS
+from haptix.report import record
 from haptix.terminal import AsJson, show
 
 if TYPE_CHECKING:
@@ -55,27 +55,12 @@ def reduce(folder: Measured, as_json: AsJson = False) -> None:
     from calibration.steps import REDUCED, reduce_folder
 
     found = reduce_folder(folder)
-    rows = [
-        {
-            "stroke": one.number,
-            "normal_force_n": rounded(one.normal_force_n),
-            "voltage_v": rounded(one.voltage_v),
-            "frequency_hz": one.frequency_hz,
-            "mu": rounded(one.mu),
-            "mu_sd": rounded(one.mu_sd),
-            "ripple": rounded(one.ripple),
-            "ripple_sd": rounded(one.ripple_sd),
-            "held_out": one.held_out,
-            "remarks": "; ".join(filter(None, (one.outlier, *one.notes))),
-        }
-        for one in found.points
-    ]
-    show(
+    rows = [{"stroke": one.number, **record(one)} for one in found.points]
+    title = (
         f"{folder / REDUCED}: {len(found.used)} strokes to fit, {len(found.held_out)} held out, "
-        f"{len(found.outliers)} not used",
-        rows,
-        as_json,
+        f"{len(found.outliers)} not used"
     )
+    show(title, rows if as_json else found.points, as_json)
 
 
 def fit(
@@ -133,34 +118,23 @@ def fit(
             "advice": advice,
             "left_out": found.left_out,
             "theory": found.theory,
-            "repeatability": vars(found.repeatability),
-            "forms": [
-                {
-                    key: rounded(one) if isinstance(one, float) else one
-                    for key, one in vars(form).items()
-                }
-                for form in found.forms
-            ],
-            "terms": [
-                {**vars(one), "evidence": rounded(one.evidence)}
-                | {"effect_thresholds": rounded(one.effect_thresholds)}
-                for one in needs
-            ],
+            **record(found, ("repeatability", "forms")),
+            "terms": record(needs),
         }
         sys.stdout.write(json_text(document))
         return
     show(
         f"{folder / FIT}: {len(found.strokes)} strokes, which repeat within "
         f"{found.repeatability.log_mu:.1%}; theory {found.theory}",
-        [one.row() for one in found.estimates],
+        found.estimates,
         False,
     )
     left_out = [f"stroke {n} was not used: {why}" for n, why in sorted(found.left_out.items())]
     sys.stdout.writelines(f"{line}\n" for line in [*advice, *left_out])
     if found.forms:
-        show("other forms of the model", [one.row() for one in found.forms], False)
+        show("other forms of the model", found.forms, False)
     if needs:
-        show("which terms the strokes need", [one.row() for one in needs], False)
+        show("which terms the strokes need", needs, False)
 
 
 def verify(
@@ -182,8 +156,7 @@ def verify(
 
     found, screen = verify_folder(folder, tolerance_thresholds)
     if as_json:
-        document = {**verdict_table(found), "strokes": stroke_rows(found.rows)}
-        sys.stdout.write(json_text(document))
+        sys.stdout.write(json_text(record(found)))
     else:
         written = "no profile" if screen is None else folder / SCREEN
         show_verdict(f"{found.verdict}: {written}, {folder / REPORT}", found)
@@ -191,34 +164,10 @@ def verify(
         raise typer.Exit(1)
 
 
-def verdict_table(found: Verification) -> dict[str, object]:
-    """A verdict for JSON."""
-    return {
-        "verdict": found.verdict,
-        "failures": found.failures,
-        "untested": found.untested,
-        "worst_thresholds": rounded(found.worst_thresholds),
-        "bound_thresholds": rounded(found.bound_thresholds),
-        "fit_bound_thresholds": rounded(found.fit_bound_thresholds),
-        "steadiness": found.steadiness.values(),
-        "groups": [
-            {
-                "group": one.group,
-                "strokes": one.strokes,
-                "mean_thresholds": rounded(one.mean_thresholds),
-                "uncertainty_thresholds": rounded(one.uncertainty_thresholds),
-                "rig_thresholds": rounded(one.rig_thresholds),
-                "bound_thresholds": rounded(one.bound_thresholds),
-            }
-            for one in found.groups
-        ],
-    }
-
-
 def show_verdict(title: str, found: Verification) -> None:
     """Show a verdict to people: what was tested, every stroke, and what failed or is missing."""
-    show(title, [one.row() for one in found.groups], False)
-    show("strokes kept out of the fit", [one.row() for one in found.rows], False)
+    show(title, found.groups, False)
+    show("strokes kept out of the fit", found.strokes, False)
     sys.stdout.writelines(f"{line}\n" for line in found.failures)
     sys.stdout.writelines(f"not tested: {line}\n" for line in found.untested)
     sys.stdout.write(f"steadiness: {found.steadiness.text}\n")

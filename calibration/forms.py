@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.special import expit
@@ -19,6 +20,7 @@ from haptix.contact import THEORIES, TheoryName
 from haptix.contact.meanfield import GapDistribution
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
+from haptix.report import Heading
 
 
 @dataclass(frozen=True)
@@ -38,24 +40,15 @@ class FormFit:
         Largest change of friction at the strokes [JND].
     """
 
-    form: str
-    evidence: float
-    h0_ratio: float
-    effect_thresholds: float
+    form: Annotated[str, Heading("form")]
+    evidence: Annotated[float, Heading("evidence against it", "+.1f")]
+    h0_ratio: Annotated[float, Heading("d1/eps1, over the fit's", ".3g")]
+    effect_thresholds: Annotated[float, Heading("friction changes by [JND]", ".2g")]
 
     @property
     def weight(self) -> float:
         """Probability of this form against the fit's own, if both were as likely before."""
         return float(expit(-self.evidence / 2))
-
-    def row(self) -> dict[str, str]:
-        """Return a row of a table for people."""
-        return {
-            "form": self.form,
-            "evidence against it": f"{self.evidence:+.1f}",
-            "d1/eps1, over the fit's": f"{self.h0_ratio:.3g}",
-            "friction changes by [JND]": f"{self.effect_thresholds:.2g}",
-        }
 
 
 def other_forms(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp, hypot
+from typing import Annotated
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
+from haptix.report import Heading
 from haptix.screen import Screen
 from haptix.status import Status
 
@@ -42,24 +44,31 @@ class MatchedFriction:
 
     normal_force_n: float
     frequency_hz: float
-    mu: float
-    voltage_a_v: float
-    voltage_b_v: float
-    difference_thresholds: float
-    uncertainty_thresholds: float
+    mu: Annotated[float, Heading("mu", ".3g")]
+    voltage_a_v: Annotated[float, Heading("A [V]", ".1f")]
+    voltage_b_v: Annotated[float, Heading("B [V]", ".1f")]
+    difference_thresholds: Annotated[float, Heading("difference [JND]", "+.2f")]
+    uncertainty_thresholds: Annotated[float, Heading("uncertainty [JND]", ".2f")]
 
 
 @dataclass(frozen=True)
 class Match:
     """Range of friction that both screens give at one force, and voltages in it.
 
-    Where the ranges do not overlap `mu_high` is below `mu_low` and there are no rows.
+    Where the ranges do not overlap `mu_high` is below `mu_low` and there are no levels.
     """
 
     normal_force_n: float
     mu_low: float
     mu_high: float
-    rows: tuple[MatchedFriction, ...]
+    levels: tuple[MatchedFriction, ...]
+
+    @property
+    def text(self) -> str:
+        """One line for people."""
+        if not self.levels:
+            return f"no friction that both give: {self.mu_low:.3g} is above {self.mu_high:.3g}"
+        return f"both give mu {self.mu_low:.3g} to {self.mu_high:.3g}"
 
 
 def match_profiles(

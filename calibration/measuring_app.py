@@ -23,9 +23,9 @@ from calibration.options import (
     screen_name,
     seed_number,
 )
-from calibration.profile_app import rounded
 from haptix.arguments import device_address, file_to_write, is_there, number
 from haptix.errors import InputError
+from haptix.report import rounded
 from haptix.terminal import AsJson, show
 
 if TYPE_CHECKING:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import exp
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from haptix.errors import InputError
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
+from haptix.report import Heading
 from haptix.screen import Screen
 
 TRUTH = "practice.json"
@@ -91,11 +93,11 @@ def draw_truth(finger: Finger, screen: Screen, protocol: Protocol, seed: int) ->
 class PracticeResult:
     """How far a practice was off: d1/eps1, and friction over forces, voltages, frequencies."""
 
-    true_h0_m: float
-    found_h0_m: float
-    h0_error: float
-    friction_error_median_thresholds: float
-    friction_error_worst_thresholds: float
+    true_h0_m: Annotated[float, Heading("true d1/eps1 [m]", ".3g")]
+    found_h0_m: Annotated[float, Heading("found", ".3g")]
+    h0_error: Annotated[float, Heading("its error", "+.1%")]
+    friction_error_median_thresholds: Annotated[float, Heading("friction, median [JND]", ".2f")]
+    friction_error_worst_thresholds: Annotated[float, Heading("friction, worst [JND]", ".2f")]
 
 
 def compare_with_truth(folder: Path, highest_voltage_v: float) -> PracticeResult:

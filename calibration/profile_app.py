@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,11 +12,11 @@ from haptix.arguments import device_address, folder_there, is_there, number, pre
 from haptix.errors import InputError
 from haptix.files import json_text
 from haptix.presets import FINGERS
+from haptix.report import record, row
 from haptix.terminal import AsJson, show
 
 if TYPE_CHECKING:
     from calibration.parameters import Array
-    from calibration.verification import HeldOutStroke
     from haptix.finger import Finger
     from haptix.screen import Screen
 
@@ -53,22 +51,14 @@ def check(
 
     screen, own_finger = _profiles(profile, finger)
     found = check_profile(reduce_folder(folder), StrokePredictor(ContactModel(own_finger, screen)))
-    verdict = "passed" if found.passed else "failed"
     days = _days_between(screen, folder)
-    drifts = {
-        name: {key: rounded(value) for key, value in vars(one).items()}
-        for name, one in found.drifts.items()
-    }
     if as_json:
-        strokes = stroke_rows(found.rows)
-        document = {"verdict": verdict, "days": days, "drift": drifts, "strokes": strokes}
-        sys.stdout.write(json_text(document))
+        drifts = {"drift": record(found.drifts), "strokes": record(found.strokes)}
+        sys.stdout.write(json_text({"verdict": found.verdict, "days": days, **drifts}))
     else:
         since = "" if days is None else f", {days} days after its calibration"
-        rows = [{"strokes": name.replace("_", " "), **one} for name, one in drifts.items()]
-        for row, one in zip(rows, found.drifts.values(), strict=True):
-            row["strokes"] = f"{row['strokes']} ({one.strokes})"
-        show(f"{verdict}: {screen.name}{since}; drift in JND", rows, False)
+        rows = [{"": name.replace("_", " "), **row(one)} for name, one in found.drifts.items()]
+        show(f"{found.verdict}: {screen.name}{since}; drift in JND", rows, False)
     if not found.passed:
         raise typer.Exit(1)
 
@@ -100,32 +90,11 @@ def match(
     one, other = _profiles(a, finger), _profiles(b, finger)
     found = match_profiles(one, other, forces, frequency_hz, levels)
     if as_json:
-        document = [
-            {
-                "normal_force_n": place.normal_force_n,
-                "mu_low": rounded(place.mu_low),
-                "mu_high": rounded(place.mu_high),
-                "levels": [{k: rounded(v) for k, v in vars(row).items()} for row in place.rows],
-            }
-            for place in found
-        ]
-        sys.stdout.write(json_text(document))
+        sys.stdout.write(json_text(record(found)))
         return
     for place in found:
-        common = f"both give mu {place.mu_low:.3g} to {place.mu_high:.3g}"
-        if not place.rows:
-            common = f"no friction that both give: {place.mu_low:.3g} is above {place.mu_high:.3g}"
-        rows = [
-            {
-                "mu": f"{row.mu:.3g}",
-                "A [V]": f"{row.voltage_a_v:.1f}",
-                "B [V]": f"{row.voltage_b_v:.1f}",
-                "difference [JND]": f"{row.difference_thresholds:+.2f}",
-                "uncertainty [JND]": f"{row.uncertainty_thresholds:.2f}",
-            }
-            for row in place.rows
-        ]
-        show(f"at {place.normal_force_n:g} N and {frequency_hz:g} Hz: {common}", rows, False)
+        title = f"at {place.normal_force_n:g} N and {frequency_hz:g} Hz: {place.text}"
+        show(title, place.levels, False)
 
 
 def install(
@@ -158,8 +127,9 @@ def install(
         with closing(open_device(device)) as opened:
             serial = opened.capabilities.serial
     made = install_profile(serial or "", profile, finger or profile.with_name("finger.toml"))
-    row = {"serial": serial, "calibration_id": Screen.load(made.screen).calibration_id}
-    show("installed", [{**row, "screen": str(made.screen), "finger": str(made.finger)}], as_json)
+    said = {"serial": serial, "calibration_id": Screen.load(made.screen).calibration_id}
+    said |= {"screen": str(made.screen), "finger": str(made.finger)}
+    show("installed", [said], as_json)
 
 
 def period(
@@ -198,15 +168,7 @@ def period(
         t, x, signals = _signals_of(file, columns, speed_mm_per_s)
         found = spatial_period(t, x, signals, shortest_mm, longest_mm)
         is_sure &= found.is_significant
-        row: dict[str, object] = {
-            "file": file.name,
-            **{
-                key: value if isinstance(value, int) else rounded(value)
-                for key, value in vars(found).items()
-            },
-            "is_significant": found.is_significant,
-        }
-        rows.append(row if as_json else {"file": file.name, "period": found.summary})
+        rows.append({"file": file.name, **(record(found) if as_json else row(found, ("summary",)))})
     show("spatial period", rows, as_json)
     if not is_sure:
         raise typer.Exit(1)
@@ -238,16 +200,6 @@ def _signals_of(
     if not names:
         raise InputError(f"{columns}: expected a signal beside time and place")
     return found["t_s"], found["x_mm"], np.stack([found[name] for name in names], axis=-1)
-
-
-def stroke_rows(strokes: Iterable[HeldOutStroke]) -> list[dict[str, float | None]]:
-    """Strokes and their predictions, for JSON."""
-    return [{k: rounded(v) for k, v in stroke.values().items()} for stroke in strokes]
-
-
-def rounded(value: float) -> float | None:
-    """Four digits; None where there is no finite number."""
-    return float(f"{value:.4g}") if isfinite(value) else None
 
 
 def _profiles(path: Path, finger: str | None) -> tuple[Screen, Finger]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from math import hypot, nan, sqrt
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -18,6 +19,7 @@ from calibration.segmentation import Segment, full_slip, sliding_speed
 from haptix.documents import first_error
 from haptix.errors import FileFormatError, InputError
 from haptix.files import csv_text, parse_json, read_csv, write_whole
+from haptix.report import Heading
 
 _BLOCKS = 8  # of a segment: their scatter is the error of its mean
 _HIGHEST_SHARE = 0.4  # of the sampling rate, up to which a ripple is looked for
@@ -55,20 +57,25 @@ class Point:
         Faults that the reduction has corrected.
     """
 
-    number: int
-    normal_force_n: float
-    voltage_v: float
-    frequency_hz: float
+    number: Annotated[int, Heading("stroke")]
+    normal_force_n: Annotated[float, Heading("F_N [N]", ".3g")]
+    voltage_v: Annotated[float, Heading("V0 [V]", ".3g")]
+    frequency_hz: Annotated[float, Heading("f [Hz]", "g")]
     speed_mm_per_s: float
-    mu: float
-    mu_sd: float
-    ripple: float
-    ripple_sd: float
+    mu: Annotated[float, Heading("mu", ".3g")]
+    mu_sd: Annotated[float, Heading("sd of mu", ".2g")]
+    ripple: Annotated[float, Heading("ripple", ".3g")]
+    ripple_sd: Annotated[float, Heading("sd of ripple", ".2g")]
     crosstalk: float = nan
     creep: float = nan
-    held_out: bool = False
+    held_out: Annotated[bool, Heading("kept out")] = False
     outlier: str = ""
     notes: tuple[str, ...] = ()
+
+    @property
+    def remarks(self) -> Annotated[str, Heading("remarks")]:
+        """Why it is not used, and what was corrected."""
+        return "; ".join(filter(None, (self.outlier, *self.notes)))
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import base64
-import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
-from html import escape
 from itertools import cycle
 from pathlib import Path
 
@@ -25,20 +22,13 @@ from calibration.verification import Verification
 from haptix.errors import from_extra
 from haptix.files import write_whole
 from haptix.perception import WEBER_FRACTION
+from haptix.report import listed, page, paragraph, picture, table
 from haptix.screen import Screen
 
 with from_extra("calibration"):
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_STYLE = """
-@media print{body{max-width:none;font-size:11px}img,table,details[open]{break-inside:avoid}
-details:not([open]){display:none}}
-body{font:14px/1.4 system-ui,sans-serif;max-width:60em;margin:1em auto;padding:0 1em;color:#222}
-table{border-collapse:collapse;margin:.5em 0}td,th{padding:.1em .7em;text-align:left;
-border-bottom:1px solid #ddd}h1{font-size:1.4em}h2{font-size:1.1em}
-.passed{color:#1a6e1a}.provisional{color:#8a5a00}.failed{color:#a81111}img{max-width:100%}small{color:#555}
-"""
 _COLOURS = ("#3b4cc0", "#7b9ff9", "#8a8a8a", "#f4987a", "#b40426", "#1b9e77", "#7570b3", "#a6761d")
 
 
@@ -58,8 +48,6 @@ def write_report(
     The screen is as calibrated, or as it was assumed where no profile was written since the
     insulator is not determined. `recordings` are the strokes, whose raw traces are shown.
     """
-    picture = _picture(fit, reduced, verification, predictor)
-    causes = _residuals_over_causes(fit, reduced, predictor, minutes_of(recordings))
     calibration, verdict = screen.calibration, verification.verdict
     about, rests_on = "", tuple[str, ...]()
     if calibration is not None:
@@ -69,40 +57,41 @@ def write_report(
         )
         rests_on = calibration.rests_on
     left_out = [f"stroke {number}: {why}" for number, why in sorted(fit.left_out.items())]
+    minutes = minutes_of(recordings)
     parts = [
-        f"<h1>Calibration of {escape(screen.name)}: <span class={verdict}>{verdict}</span></h1>",
-        f"<p>{escape(about)}</p>",
+        paragraph(about),
         "" if profile_is_written else "<p class=failed>No profile was written.</p>",
-        _list("Why it failed", verification.failures),
-        _list("Not tested", verification.untested),
-        _sizes(verification, fit),
-        _table(
-            "Errors of friction, by the strokes kept out", [g.row() for g in verification.groups]
+        listed("Why it failed", verification.failures),
+        listed("Not tested", verification.untested),
+        paragraph(_sizes(verification, fit)),
+        paragraph(f"Steadiness: {verification.steadiness.text}."),
+        table("Errors of friction, by the strokes kept out", verification.groups),
+        picture("Friction and residuals", _friction(fit, reduced, verification, predictor)),
+        picture(
+            "Residuals over force, voltage, frequency, order and time",
+            _residuals_over_causes(fit, reduced, predictor, minutes),
         ),
-        f'<img alt="friction and residuals" src="{picture}">',
-        f'<img alt="residuals over force, voltage, frequency, order and time" src="{causes}">',
         _ripples(fit, reduced, predictor),
-        _table("Results", [one.row() for one in fit.estimates]),
-        _list("Not determined", [one.refusal() for one in fit.undetermined]),
-        _table("Strokes kept out of the fit", [one.row() for one in verification.rows]),
-        f"<p>Residuals in just-noticeable differences (JND, {WEBER_FRACTION:.0%} of mu). Each "
-        "group's mean, with its 90 % uncertainty, is to lie within "
-        f"{verification.tolerance_thresholds:g}.</p>",
-        _table("Other forms of the model", [one.row() for one in fit.forms]),
-        _table("Which terms the strokes need", [one.row() for one in needs]),
-        _list("Strokes that were not used", left_out),
-        _list("Rests on", rests_on),
+        table("Results", fit.estimates),
+        listed("Not determined", [one.refusal() for one in fit.undetermined]),
+        table("Strokes kept out of the fit", verification.strokes),
+        paragraph(
+            f"Residuals in just-noticeable differences (JND, {WEBER_FRACTION:.0%} of mu). Each "
+            "group's mean, with its 90 % uncertainty, is to lie within "
+            f"{verification.tolerance_thresholds:g}."
+        ),
+        table("Other forms of the model", fit.forms),
+        table("Which terms the strokes need", needs),
+        listed("Strokes that were not used", left_out),
+        listed("Rests on", rests_on),
         traces(recordings, farthest_stroke(fit, reduced, predictor)),
-        f"<p><small>{len(fit.strokes)} strokes in the fit; they repeat within "
-        f"{fit.repeatability.log_mu:.1%} in mu beyond their own errors. Terms on: "
-        f"{escape(', '.join(fit.terms))}. {_crosstalk(reduced)}</small></p>",
+        paragraph(
+            f"{len(fit.strokes)} strokes in the fit; they repeat within "
+            f"{fit.repeatability.log_mu:.1%} in mu beyond their own errors. Terms on: "
+            f"{', '.join(fit.terms)}. {_crosstalk(reduced)}"
+        ),
     ]
-    body = "\n".join(filter(None, parts))
-    write_whole(
-        path,
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Calibration of '
-        f"{escape(screen.name)}</title><style>{_STYLE}</style></head><body>{body}</body></html>\n",
-    )
+    write_whole(path, page(f"Calibration of {screen.name}", parts, verdict))
 
 
 def _crosstalk(reduced: Reduced) -> str:
@@ -114,26 +103,10 @@ def _crosstalk(reduced: Reduced) -> str:
     return f"The sensor's cross-talk, subtracted: {float(np.median(seen)):.2%} of the normal force."
 
 
-def _list(title: str, lines: Iterable[str]) -> str:
-    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
-    return f"<h2>{title}</h2><ul>{items}</ul>" if items else ""
-
-
-def _table(title: str, rows: Sequence[Mapping[str, str]]) -> str:
-    if not rows:
-        return ""
-    head = "".join(f"<th>{escape(name)}</th>" for name in rows[0])
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row.values()) + "</tr>"
-        for row in rows
-    )
-    return f"<h2>{title}</h2><table><tr>{head}</tr>{body}</table>"
-
-
-def _picture(
+def _friction(
     fit: Fit, reduced: Reduced, verification: Verification, predictor: StrokePredictor
-) -> str:
-    """Data URI of a PNG."""
+) -> Figure:
+    """Friction over force and over frequency, and the residuals."""
     figure = Figure(figsize=(12.5, 3.6), layout="constrained")
     by_force, by_frequency, rest = figure.subplots(1, 3)
     good = [point for point in reduced.points if not point.outlier]
@@ -170,13 +143,7 @@ def _picture(
     _residuals(rest, fit, good, verification, predictor)
     for axes in (by_force, by_frequency, rest):
         axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    return _data_uri(figure)
-
-
-def _data_uri(figure: Figure) -> str:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110)
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
+    return figure
 
 
 def minutes_of(recordings: Sequence[StrokeRecording]) -> dict[int, float]:
@@ -191,7 +158,7 @@ def minutes_of(recordings: Sequence[StrokeRecording]) -> dict[int, float]:
 
 def _residuals_over_causes(
     fit: Fit, reduced: Reduced, predictor: StrokePredictor, minutes: Mapping[int, float]
-) -> str:
+) -> Figure:
     """Residuals over what could cause them: a slope or a step in one of them is no noise."""
     figure = Figure(figsize=(12.5, 2.6), layout="constrained")
     panels = figure.subplots(1, 5 if minutes else 4, sharey=True)
@@ -213,7 +180,7 @@ def _residuals_over_causes(
         axes.set(xlabel=label)
     panels[2].set_xscale("log")
     panels[0].set_ylabel("residual [JND]")
-    return _data_uri(figure)
+    return figure
 
 
 def _residuals_of(points: Sequence[Point], fit: Fit, predictor: StrokePredictor) -> Array:
@@ -244,7 +211,7 @@ def _ripples(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> str:
     against.errorbar(fitted, measured - fitted, sd, fmt=".", color="#3b4cc0")
     against.axhline(0, color="#222", lw=0.6)
     against.set(xlabel="fitted ripple", ylabel="measured less fitted")
-    return f'<h2>Ripples</h2><img alt="ripples and their fit" src="{_data_uri(figure)}">'
+    return picture("Ripples", figure)
 
 
 def _sizes(verification: Verification, fit: Fit) -> str:
@@ -258,10 +225,9 @@ def _sizes(verification: Verification, fit: Fit) -> str:
     elif any("no second reading" in one for one in verification.untested):
         checked = f"the forces' gains {rig:.2f}; the volts: not checked"
     return (
-        f"<p>Friction rests on, in JND: the scatter of the held-out strokes {scatter:.2f}; "
+        f"Friction rests on, in JND: the scatter of the held-out strokes {scatter:.2f}; "
         f"{checked}; the fit's own uncertainty {verification.fit_bound_thresholds:.2f}; the form "
-        f"of the model {forms:.2f}. At most: {verification.bound_thresholds:.2f}.</p>"
-        f"<p>Steadiness: {verification.steadiness.text}.</p>"
+        f"of the model {forms:.2f}. At most: {verification.bound_thresholds:.2f}."
     )
 
 

@@ -11,6 +11,7 @@ import typer
 from haptix.arguments import device_address, is_there, number
 from haptix.arguments import folder as folder_of
 from haptix.errors import InputError
+from haptix.report import record
 from haptix.terminal import AsJson, show
 
 if TYPE_CHECKING:
@@ -68,7 +69,6 @@ def rig(
     Writes rig.toml, which `fit` and `verify` use: without it a verdict is provisional. Exit code 1
     if the rig has a fault.
     """
-    from calibration.profile_app import rounded
     from calibration.rig import RIG
 
     if inputs is not None:
@@ -80,9 +80,7 @@ def rig(
     folder.mkdir(parents=True, exist_ok=True)
     found.save(folder / RIG)
     names = "normal_gain", "tangential_gain", "voltage_gain", "pole_hz", "resonance_hz", "quality"
-    values = {name: getattr(found, name) for name in names}
-    row = {name: None if one is None else rounded(one) for name, one in values.items()}
-    show(str(folder / RIG), [row], as_json)
+    show(str(folder / RIG), [record(found, names)], as_json)
     faults = found.faults()
     sys.stderr.writelines(f"{line}\n" for line in faults)
     if faults:

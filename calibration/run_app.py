@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from calibration import rig_app
-from calibration.fitting_app import show_verdict, verdict_table
+from calibration.fitting_app import show_verdict
 from calibration.measuring_app import check_source, measure
 from calibration.options import (
     Columns,
@@ -23,10 +23,10 @@ from calibration.options import (
     protocol_kind,
     seed_number,
 )
-from calibration.profile_app import rounded
 from haptix.arguments import device_address, number
 from haptix.errors import InputError
 from haptix.files import json_text
+from haptix.report import record
 from haptix.terminal import AsJson, show
 
 
@@ -127,7 +127,7 @@ def run(
     found_fit, _ = fit_folder(folder)
     found, made = verify_folder(folder)
     document: dict[str, object] = {
-        **verdict_table(found),
+        **record(found),
         "strokes_used": len(found_fit.strokes),
         "h0_m": None if made is None else made.h0_m,
         "screen": None if made is None else str(folder / SCREEN),
@@ -137,12 +137,12 @@ def run(
     if practice and made is not None:
         highest = max(one.voltage_v for one in Session.open(folder).protocol.strokes)
         off = compare_with_truth(folder, highest)
-        document["practice"] = {key: rounded(value) for key, value in vars(off).items()}
+        document["practice"] = record(off)
     if as_json:
         sys.stdout.write(json_text(document))
     else:
         show_verdict(f"{found.verdict}: {folder / REPORT}", found)
         if document["practice"]:
-            show("how far the practice was off", [vars(off)], False)
+            show("how far the practice was off", [off], False)
     if found.failures:
         raise typer.Exit(1)

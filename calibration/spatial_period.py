@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -11,6 +12,7 @@ from scipy.stats import f as fisher
 from calibration.parameters import Array
 from calibration.segmentation import full_slip
 from haptix.errors import InputError
+from haptix.report import Heading
 
 _MOST_HARMONIC = 8
 _FEWEST_PERIODS = 4  # in a segment
@@ -47,12 +49,12 @@ class SpatialPeriod:
     fundamental_mm: float
 
     @property
-    def is_significant(self) -> bool:
+    def is_significant(self) -> Annotated[bool, Heading("significant")]:
         """Whether noise alone would give such a line in fewer than one of a hundred strokes."""
         return self.false_alarm_probability < 0.01
 
     @property
-    def summary(self) -> str:
+    def summary(self) -> Annotated[str, Heading("period")]:
         """One sentence."""
         found = f"{self.period_mm:.3f} mm"
         if self.harmonic > 1:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import isfinite, log, nan, sqrt
 
 import numpy as np
@@ -42,18 +42,18 @@ class Steadiness:
     @property
     def text(self) -> str:
         """One line for people."""
-        return (
-            f"strokes repeat within {self.repeatability_thresholds:.2f} JND; over the session "
-            f"friction drifts by {self.session_drift_thresholds:+.2f} ± "
-            f"{self.session_drift_uncertainty_thresholds:.2f} JND, and it creeps by "
-            f"{self.creep_thresholds:+.2f} ± {self.creep_uncertainty_thresholds:.2f} JND in ten "
-            "times the contact time"
-        )
-
-    def values(self) -> dict[str, float | None]:
-        """Return a row of numbers; None where there is none."""
-        found = ((one.name, getattr(self, one.name)) for one in fields(self))
-        return {name: float(f"{value:.3g}") if isfinite(value) else None for name, value in found}
+        said = [f"strokes repeat within {self.repeatability_thresholds:.2f} JND"]
+        if isfinite(self.session_drift_thresholds):
+            said.append(
+                f"over the session friction drifts by {self.session_drift_thresholds:+.2f} ± "
+                f"{self.session_drift_uncertainty_thresholds:.2f} JND"
+            )
+        if isfinite(self.creep_thresholds):
+            said.append(
+                f"it creeps by {self.creep_thresholds:+.2f} ± "
+                f"{self.creep_uncertainty_thresholds:.2f} JND in ten times the contact time"
+            )
+        return "; ".join(said)
 
 
 def steadiness(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> Steadiness:

@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
-from math import hypot, isfinite
-from typing import Literal, Self
+from math import hypot
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from scipy.stats import t as student
@@ -26,6 +26,9 @@ from calibration.reduction import Point, Reduced
 from calibration.rig import RigCheck
 from calibration.steadiness import Steadiness, steadiness
 from haptix.perception import WEBER_FRACTION
+from haptix.report import Heading, HeadingsOf
+
+Verdict = Literal["passed", "provisional", "failed"]
 
 TOLERANCE_THRESHOLDS = 0.5
 """Largest error of friction that passes, its uncertainty included [JND]."""
@@ -44,6 +47,8 @@ _USED_N = (0.2, 0.5, 0.8)
 _USED_SHARES = (0.0, 0.5, 0.9)  # of the highest voltage
 _SPEED_MM_PER_S = 50.0  # that of the protocols
 _VOLTS_STEP = 0.01  # relative, of a numerical derivative
+_SHOWN = HeadingsOf(("number", "normal_force_n", "voltage_v", "frequency_hz", "mu"))
+_WITHIN = "{0.mean_thresholds:+.2f} ± {0.uncertainty_thresholds:.2f}"
 
 
 @dataclass(frozen=True)
@@ -54,18 +59,18 @@ class HeldOutStroke:
     contact snaps in by the prediction.
     """
 
-    point: Point
-    predicted_mu: float
+    point: Annotated[Point, _SHOWN]
+    predicted_mu: Annotated[float, Heading("predicted", ".3g")]
     predicted_ripple: float
     is_light: bool = True
 
     @property
-    def residual_thresholds(self) -> float:
+    def residual_thresholds(self) -> Annotated[float, Heading("residual [JND]", "+.2f")]:
         """Measured minus predicted friction, in just-noticeable differences (11 % of mu)."""
         return (self.point.mu / self.predicted_mu - 1) / WEBER_FRACTION
 
     @property
-    def ripple_residual_thresholds(self) -> float:
+    def ripple_residual_thresholds(self) -> Annotated[float, Heading("ripple [JND]", "+.2f")]:
         """The same of the ripple's amplitude in mu; NaN where no ripple is seen."""
         measured = self.point.ripple * self.point.mu
         return (measured / self.predicted_mu - self.predicted_ripple) / WEBER_FRACTION
@@ -89,30 +94,6 @@ class HeldOutStroke:
         numbers = np.exp(found.log_mu).tolist(), found.ripple.tolist(), found.is_light.tolist()
         return tuple(cls(*one) for one in zip(points, *numbers, strict=True))
 
-    def values(self) -> dict[str, float]:
-        """Return a row of numbers."""
-        return {
-            "number": self.point.number,
-            "mu": self.point.mu,
-            "predicted_mu": self.predicted_mu,
-            "residual_thresholds": self.residual_thresholds,
-            "ripple_residual_thresholds": self.ripple_residual_thresholds,
-        }
-
-    def row(self) -> dict[str, str]:
-        """Return a row of a table for people."""
-        ripple = self.ripple_residual_thresholds
-        return {
-            "stroke": str(self.point.number),
-            "F_N [N]": f"{self.point.normal_force_n:.3g}",
-            "V0 [V]": f"{self.point.voltage_v:.3g}",
-            "f [Hz]": f"{self.point.frequency_hz:g}",
-            "mu": f"{self.point.mu:.3g}",
-            "predicted": f"{self.predicted_mu:.3g}",
-            "residual [JND]": f"{self.residual_thresholds:+.2f}",
-            "ripple [JND]": f"{ripple:+.2f}" if isfinite(ripple) else "-",
-        }
-
 
 @dataclass(frozen=True)
 class Equivalence:
@@ -132,25 +113,21 @@ class Equivalence:
         Size of the error that the rig's gains have [JND], which no stroke shows.
     """
 
-    group: str
+    group: Annotated[str, Heading("held-out strokes", "{0.group} ({0.count})")]
     strokes: tuple[int, ...]
-    mean_thresholds: float
+    mean_thresholds: Annotated[float, Heading("error [JND]", _WITHIN)]
     uncertainty_thresholds: float
-    rig_thresholds: float = 0.0
+    rig_thresholds: Annotated[float, Heading("of the rig [JND]", ".2f")] = 0.0
 
     @property
-    def bound_thresholds(self) -> float:
+    def count(self) -> int:
+        """How many strokes."""
+        return len(self.strokes)
+
+    @property
+    def bound_thresholds(self) -> Annotated[float, Heading("at most [JND]", ".2f")]:
         """Largest error of friction that the strokes leave possible [JND]."""
         return abs(self.mean_thresholds) + self.uncertainty_thresholds + self.rig_thresholds
-
-    def row(self) -> dict[str, str]:
-        """Return a row of a table for people."""
-        return {
-            "held-out strokes": f"{self.group} ({len(self.strokes)})",
-            "error [JND]": f"{self.mean_thresholds:+.2f} ± {self.uncertainty_thresholds:.2f}",
-            "of the rig [JND]": f"{self.rig_thresholds:.2f}",
-            "at most [JND]": f"{self.bound_thresholds:.2f}",
-        }
 
 
 @dataclass(frozen=True)
@@ -159,7 +136,7 @@ class Verification:
 
     Parameters
     ----------
-    rows : tuple of HeldOutStroke
+    strokes : tuple of HeldOutStroke
         Strokes kept out of the fit.
     tolerance_thresholds : float
         Largest error that passes, its uncertainty included [JND].
@@ -176,7 +153,7 @@ class Verification:
         Repeatability, drift over the session, and creep in contact.
     """
 
-    rows: tuple[HeldOutStroke, ...]
+    strokes: tuple[HeldOutStroke, ...]
     tolerance_thresholds: float
     failures: tuple[str, ...]
     groups: tuple[Equivalence, ...] = ()
@@ -190,19 +167,19 @@ class Verification:
         return self.verdict == "passed"
 
     @property
-    def verdict(self) -> Literal["passed", "provisional", "failed"]:
+    def verdict(self) -> Annotated[Verdict, Heading("verdict")]:
         """Return "failed"; "provisional" where nothing failed but something was not tested."""
         if self.failures:
             return "failed"
         return "provisional" if self.untested else "passed"
 
     @property
-    def worst_thresholds(self) -> float:
+    def worst_thresholds(self) -> Annotated[float, Heading("worst stroke [JND]", ".2f")]:
         """Largest residual of mu [JND]; NaN without strokes."""
-        return max((abs(row.residual_thresholds) for row in self.rows), default=float("nan"))
+        return max((abs(row.residual_thresholds) for row in self.strokes), default=float("nan"))
 
     @property
-    def bound_thresholds(self) -> float:
+    def bound_thresholds(self) -> Annotated[float, Heading("at most [JND]", ".2f")]:
         """Largest error of friction that is left possible [JND]; NaN without strokes."""
         return max((one.bound_thresholds for one in self.groups), default=float("nan"))
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from haptix.errors import HaptixError
+from haptix.report import record, row, text
 
 _LONGEST_MESSAGE = 10_000
 
@@ -23,20 +24,22 @@ def run(app: Callable[[], object], name: str) -> None:
     try:
         app()
     except HaptixError as error:
-        text = str(error)
-        if len(text) > _LONGEST_MESSAGE:  # it may quote a file
-            text = f"{text[:_LONGEST_MESSAGE]} ..."
+        said = str(error)
+        if len(said) > _LONGEST_MESSAGE:  # it may quote a file
+            said = f"{said[:_LONGEST_MESSAGE]} ..."
         # Names of files may hold line breaks, and what would move a terminal's cursor.
-        text = "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
-        sys.stderr.write(f"{name}: {text}\n")
+        said = "".join(one if one.isprintable() else repr(one)[1:-1] for one in said)
+        sys.stderr.write(f"{name}: {said}\n")
         sys.exit(2)
 
 
-def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
-    """Print rows with the same columns as a table, or as JSON."""
+def show(title: str, results: Sequence[Any], as_json: bool) -> None:
+    """Print results, or mappings with the same keys, as a table or as JSON."""
     if as_json:
-        sys.stdout.write(json.dumps(rows, indent=2, allow_nan=False) + "\n")
+        plain = [one if isinstance(one, Mapping) else record(one) for one in results]
+        sys.stdout.write(json.dumps(plain, indent=2, allow_nan=False) + "\n")
         return
+    rows = [one if isinstance(one, Mapping) else row(one) for one in results]
     from rich.box import SIMPLE
     from rich.console import Console
     from rich.markup import escape
@@ -46,14 +49,14 @@ def show(title: str, rows: Sequence[Mapping[str, Any]], as_json: bool) -> None:
     console = Console()
     console.print(Text(title, "table.title"))
     # The box: a line on each side, and one between two columns.
-    columns = [_Column.of(name, [row[name] for row in rows]) for name in rows[0]] if rows else []
+    columns = [_Column.of(name, [one[name] for one in rows]) for name in rows[0]] if rows else []
     widths = _widths(columns, console.width - len(columns) - 1)
     table = Table(box=SIMPLE, padding=0)
     for column, width in zip(columns, widths, strict=True):
         justify: Literal["left", "right"] = "right" if column.is_number else "left"
         table.add_column(column.heading, justify=justify, overflow="fold", width=width)
-    for row in rows:
-        table.add_row(*(escape(_text(value)) for value in row.values()))
+    for one in rows:
+        table.add_row(*(escape(text(value)) for value in one.values()))
     # A terminal folds lines that are too long; cut off, they would lose values.
     console.width = max(console.width, sum(widths) + len(columns) + 1)
     console.print(table)
@@ -75,7 +78,7 @@ class _Column:
     def of(cls, name: str, values: Sequence[Any]) -> _Column:
         is_number = isinstance(values[0], int | float) and not isinstance(values[0], bool)
         heading = name.replace("_", " ")
-        widest = max(len(_text(value)) for value in values)
+        widest = max(len(text(value)) for value in values)
         least = widest if is_number else min(widest, 8)
         words = max(least, *map(len, heading.split(" ")))
         return cls(heading, is_number, least, words, max(widest, len(heading)))
@@ -130,12 +133,6 @@ def accuracy_note(lowest_x: float, accuracy: str) -> str:
 def warning_note(warnings: Sequence[str]) -> str:
     """Return what a title says about results below what was validated."""
     return f"; beyond what was validated: {'; '.join(warnings)}" if warnings else ""
-
-
-def _text(value: Any) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 @contextmanager

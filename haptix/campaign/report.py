@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 from haptix.campaign.kinds import Campaign
 from haptix.errors import MissingExtraError, from_extra
-from haptix.report_page import page, picture, table
+from haptix.report import page, paragraph, picture, table
 from haptix.version import __version__
 
 if TYPE_CHECKING:
@@ -29,15 +28,15 @@ def report_html(campaign: Campaign, rows: Sequence[dict[str, Any]]) -> str:
     facts["results [MB]"] = f"{sum(_numbers(done, 'bytes')) / 1e6:.4g}"
     if peaks := _numbers(done, "peak_bytes"):
         facts["largest memory of a worker [MB]"] = f"{max(peaks) / 1e6:.4g}"
-    parts = [table([{"": name, "value": value} for name, value in facts.items()])]
+    parts = [table("", [{"": name, "value": value} for name, value in facts.items()])]
     try:
         parts += [picture(title, figure) for title, figure in _pictures(campaign, done)]
     except MissingExtraError as error:
-        parts.append(f"<p>Without pictures: {escape(str(error))}</p>")
+        parts.append(paragraph(f"Without pictures: {error}"))
     if wrong := [row for row in rows if row["status"] in ("failed", "set aside")]:
         kept = ("key", "status", "worker", "error")
         listed = [{name: row[name] for name in kept} for row in wrong[:_MOST_FAILURES]]
-        parts.append(f"<h2>{len(wrong)} without results</h2>{table(listed)}")
+        parts.append(table(f"{len(wrong)} without results", listed))
     return page(campaign.name, parts)
 
 

@@ -143,21 +143,21 @@ def test_matched_screens_give_the_same_friction(finger, screen):
     thick = screen.replace(insulator_thickness_m=1.6e-6, name="other")
     found = match_profiles((calibrated(screen), finger), (thick, finger), (0.3,), 4000.0, 4)
     (place,) = found
-    assert len(place.rows) == 4
-    for row in place.rows:
+    assert len(place.levels) == 4
+    for row in place.levels:
         for panel, volts in ((screen, row.voltage_a_v), (thick, row.voltage_b_v)):
             mu = float(haptix.ContactModel(finger, panel).solve(0.3, volts, 4000.0).mu)
             assert mu == pytest.approx(row.mu, rel=2e-4)  # 81 voltages, straight between
         assert np.isnan(row.uncertainty_thresholds)  # one of the profiles states no spread
-    assert place.rows[-1].voltage_b_v > place.rows[-1].voltage_a_v
-    assert place.rows[-1].difference_thresholds < -0.05
-    assert place.rows[0].difference_thresholds == pytest.approx(0.0, abs=0.01)
+    assert place.levels[-1].voltage_b_v > place.levels[-1].voltage_a_v
+    assert place.levels[-1].difference_thresholds < -0.05
+    assert place.levels[0].difference_thresholds == pytest.approx(0.0, abs=0.01)
 
 
 def test_the_uncertainty_of_a_match_is_that_of_both_profiles(finger, screen):
     one = calibrated(screen)
     (place,) = match_profiles((one, finger), (one, finger), (0.3,), 4000.0, 3)
-    row = place.rows[-1]
+    row = place.levels[-1]
     assert row.difference_thresholds == pytest.approx(0.0, abs=1e-9)
     low, high = (
         float(haptix.ContactModel(finger, screen).solve(0.3, row.voltage_a_v, 4000.0, h0).mu)

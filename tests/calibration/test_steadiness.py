@@ -12,6 +12,7 @@ from calibration.reduction import Point, Reduced, reduce_stroke
 from calibration.residuals import Repeatability
 from calibration.steadiness import steadiness
 from haptix.perception import WEBER_FRACTION
+from haptix.report import record
 
 CREEP = 0.03  # for each e-fold of the time in contact
 
@@ -61,5 +62,5 @@ def test_drift_and_creep_have_their_size(predictor, finger, screen):
 def test_of_few_strokes_there_is_no_trend(predictor):
     fit = SimpleNamespace(repeatability=Repeatability())
     found = steadiness(fit, Reduced(()), predictor)
-    assert found.values()["session_drift_thresholds"] is None
-    assert found.values()["creep_thresholds"] is None
+    assert record(found)["session_drift_thresholds"] is None
+    assert record(found)["creep_thresholds"] is None

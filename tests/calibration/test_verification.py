@@ -65,10 +65,10 @@ def calibrated(screen, fit, passed, predictor):
 
 def test_good_strokes_pass(passed, strokes):
     assert passed.passed
-    assert len(passed.rows) == len(strokes.held_out) == 8
+    assert len(passed.strokes) == len(strokes.held_out) == 8
     # 1 % of repeatability is a tenth of a threshold: three times that for the worst of eight.
     assert 0 < passed.worst_thresholds < 0.4
-    error = [one.point.mu - one.predicted_mu for one in passed.rows]
+    error = [one.point.mu - one.predicted_mu for one in passed.strokes]
     assert np.sqrt(np.mean(np.square(error))) < 0.02
 
 
@@ -91,18 +91,20 @@ def shifted(strokes, rows, thresholds):
 
 def test_one_noisy_stroke_does_not_decide(fit, strokes, written, passed):
     """Half a JND in one of eight: the mean of no group leaves the tolerance."""
-    assert verify(fit, shifted(strokes, passed.rows, [0.52] + [0.0] * 7), written, rig=RIGHT).passed
+    assert verify(
+        fit, shifted(strokes, passed.strokes, [0.52] + [0.0] * 7), written, rig=RIGHT
+    ).passed
 
 
 @pytest.mark.slow
 def test_a_shift_of_the_tolerance_passes_in_one_of_twenty_at_most(fit, strokes, written, passed):
     """Friction wrong by half a JND at the carrier alone, with a repeatability of 1 %."""
     rng = np.random.default_rng(3)
-    carrier = np.array([row.point.frequency_hz > 2000 for row in passed.rows])
+    carrier = np.array([row.point.frequency_hz > 2000 for row in passed.strokes])
     count = 0
     for _ in range(40):
         noisy = 0.5 * carrier + rng.normal(0, 0.01 / WEBER_FRACTION, 8)
-        found = verify(fit, shifted(strokes, passed.rows, noisy), written, rig=RIGHT)
+        found = verify(fit, shifted(strokes, passed.strokes, noisy), written, rig=RIGHT)
         assert found.passed or "at the carrier (strokes" in "".join(found.failures)
         count += found.passed
     # More than 5 of 40 at a true 5 %: a chance of 1 %.
@@ -110,14 +112,14 @@ def test_a_shift_of_the_tolerance_passes_in_one_of_twenty_at_most(fit, strokes, 
 
 
 def test_a_group_that_is_off_fails_and_is_named(fit, strokes, written, passed):
-    off = [0.6 if row.point.normal_force_n < 0.45 else 0.0 for row in passed.rows]
-    found = verify(fit, shifted(strokes, passed.rows, off), written, rig=RIGHT)
+    off = [0.6 if row.point.normal_force_n < 0.45 else 0.0 for row in passed.strokes]
+    found = verify(fit, shifted(strokes, passed.strokes, off), written, rig=RIGHT)
     assert found.verdict == "failed"
     assert re.search(
         r"light strokes \(strokes [\d, ]+\): friction is \+[\d.]+ ± ", found.failures[0]
     )
     # A raised tolerance says nothing about half a JND.
-    raised = verify(fit, shifted(strokes, passed.rows, off), written, 3.0, RIGHT)
+    raised = verify(fit, shifted(strokes, passed.strokes, off), written, 3.0, RIGHT)
     assert raised.verdict == "provisional" and "3 JND" in raised.untested[0]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from html import escape
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,7 @@ import numpy as np
 
 from haptix.errors import MissingExtraError, from_extra
 from haptix.files import json_text, write_folder
-from haptix.report_page import page, picture, table
+from haptix.report import page, paragraph, picture, table
 from haptix.stimuli.adaptive import Magnitudes, Pairs, UpDown
 from haptix.stimuli.adaptive.evidence import counted
 from haptix.stimuli.adaptive.psychometric import function_named
@@ -33,19 +32,16 @@ _INTERVAL = 0.95
 
 def report_html(analysis: Analysis, title: str) -> str:
     """Return the page; without the extra ``stimuli`` it has no pictures, and says so."""
-    parts = [f"<p>haptix {escape(__version__)}</p>"]
-    parts += [f"<p>{escape(note)}</p>" for note in analysis.notes]
-    for name, rows in analysis.tables.items():
-        shown = [{key: _text(value) for key, value in row.items()} for row in rows]
-        parts.append(f"<h2>{escape(name)}</h2>{table(shown)}")
+    parts = [paragraph(line) for line in (f"haptix {__version__}", *analysis.notes)]
+    parts += [table(name, rows) for name, rows in analysis.tables.items()]
     drawn = [run for run in analysis.runs if run.rows]
     try:
         parts += [picture(name, figure) for name, figure in _of_groups(analysis)]
         parts += [picture(_name(run), _of_run(run)) for run in drawn[:MOST_PICTURES]]
     except MissingExtraError as error:
-        parts.append(f"<p>Without pictures: {escape(str(error))}</p>")
+        parts.append(paragraph(f"Without pictures: {error}"))
     if len(drawn) > MOST_PICTURES:
-        parts.append(f"<p>{len(drawn) - MOST_PICTURES} more runs are in the tables alone.</p>")
+        parts.append(paragraph(f"{len(drawn) - MOST_PICTURES} more runs are in the tables alone."))
     return page(title, parts)
 
 
@@ -84,12 +80,6 @@ def write_analysis(
 def _cell(value: Any) -> str:
     """Text of a cell as BIDS has it; the shortest number that reads the same."""
     return "n/a" if value in (None, "") else " ".join(str(value).split())
-
-
-def _text(value: Any) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _name(run: RunOfMethod) -> str:
