@@ -495,4 +495,4 @@ def _as_samples(volts: npt.ArrayLike) -> npt.NDArray[np.float64]:
             f"Voltages must be a 1-D array of real numbers, but came as {array.ndim}-D "
             f"{array.dtype} of shape {array.shape}; give one voltage per sample."
         )
-    return array.astype(np.float64)
+    return np.ascontiguousarray(array, np.float64)

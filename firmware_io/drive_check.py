@@ -39,6 +39,7 @@ class DriveWindow:
         self._size = max(1, round(limits.window_s * sample_rate_hz))
         self._ffi, self._lib = compiled()
         self._memory = np.zeros(self._lib.hx_host_window_bytes(self._size), np.uint8)
+        self._window = self._ffi.cast("hx_host_window *", self._ffi.from_buffer(self._memory))
         self._lib.hx_host_window_init(self._window, self._size)
         self.bind(limits)
 
@@ -98,10 +99,6 @@ class DriveWindow:
     def rest(self, samples: int) -> None:
         """Take the time during which the output stood at 0 V, in samples."""
         self.take(np.zeros(max(1, min(samples, self._size))))
-
-    @property
-    def _window(self) -> object:
-        return self._ffi.cast("hx_host_window *", self._memory.ctypes.data)
 
     def _buffer(self, volts: _Volts) -> object:
         return self._ffi.from_buffer("double[]", volts)

@@ -21,6 +21,7 @@ from __future__ import annotations
 import logging
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -86,7 +87,7 @@ class Pace:
         """Best size of a write: multiples of it fill whole frames if the link has reports."""
         return 1 if self.report_bytes is None else self.frame_samples
 
-    @property
+    @cached_property
     def frame_samples(self) -> int:
         """Samples in a whole frame: at most a quarter of the watchdog time."""
         most = self.max_frame_samples
@@ -312,28 +313,33 @@ class Stream:
 
     def progress(self) -> Progress:
         """Return the driver's progress, by its last report."""
-        status, sent, provisional = self._status(), self._sent, self.provisional
-        rate_hz = self.setup.sample_rate_hz
-        played = sent - (sent - status.samples_played) % INDEX_MODULUS
-        ahead = sent - played
-        is_playing = status.state is DeviceState.PLAYING
-        if is_playing:
-            # What it has played since then, at the least, is room that it will report.
-            since_s = _SLOWEST * (self.client.clock() - self.client.status_s)
-            ahead -= min(max(0, int(since_s * rate_hz)), status.queued_samples)
-        room = status.queued_samples + status.free_samples - ahead
+        status, provisional = self._status(), self.provisional
+        played, room = self._played_and_room(status)
         return Progress(
             reported_s=self.client.status_s,
-            samples_sent=sent,
+            samples_sent=self._sent,
             samples_played=played,
-            room_samples=max(0, min(room, self.pace.most_ahead(provisional is not None) - ahead)),
-            is_playing=is_playing,
-            clock_samples=status.clock_ticks * rate_hz / self.output_rate_hz,
+            room_samples=room,
+            is_playing=status.state is DeviceState.PLAYING,
+            clock_samples=status.clock_ticks * self.setup.sample_rate_hz / self.output_rate_hz,
             underruns=status.underruns,
             revisions=0 if provisional is None else provisional.obeyed,
             revisions_undone=0 if provisional is None else provisional.undone,
             margin_samples=status.margin_samples,
         )
+
+    def _played_and_room(self, status: StatusReport) -> tuple[int, int]:
+        """Return how many samples were played by a report, and how many the driver can accept."""
+        played = self._sent - (self._sent - status.samples_played) % INDEX_MODULUS
+        ahead = self._sent - played
+        if status.state is DeviceState.PLAYING:
+            # What it has played since then, at the least, is room that it will report.
+            since_s = _SLOWEST * (self.client.clock() - self.client.status_s)
+            since = int(since_s * self.setup.sample_rate_hz)
+            ahead -= min(max(0, since), status.queued_samples)
+        room = status.queued_samples + status.free_samples - ahead
+        most_ahead = self.pace.most_ahead(self.provisional is not None)
+        return played, max(0, min(room, most_ahead - ahead))
 
     def stop(self, play_out: bool) -> None:
         """Bring the output to 0 V and deliver STOP, if one is owed; it stays owed if that fails."""
@@ -438,26 +444,26 @@ class Stream:
         """Return how many of these samples the driver can accept: at least one frame, or all."""
         wanted = min(wanted, _SAMPLES_PER_WRITE)
         least = min(wanted, self.pace.frame_samples)
-        rate_hz = self.setup.sample_rate_hz
-        stood_since_s = None
+        rate_hz, clock = self.setup.sample_rate_hz, self.client.clock
+        stood_since_s = last_played = None
         while True:
-            progress = self.progress()
-            if progress.room_samples >= least:
-                return min(wanted, progress.room_samples)
-            if stood_since_s is not None:
-                self.client.clock.sleep(min((least - progress.room_samples) / rate_hz, 0.005))
+            played, room = self._played_and_room(self._status())
+            if played != last_played:
+                stood_since_s = None
+            elif stood_since_s is None:
+                stood_since_s = clock()
+            elif clock() - stood_since_s > _STANDS_S:
+                raise DeviceError(
+                    f"{self.link.name} has not played for two seconds; its clock has stopped. "
+                    "Stop the device and open it again."
+                )
+            if room >= least:
+                return min(wanted, room)
+            if last_played is not None:
+                clock.sleep(min((least - room) / rate_hz, 0.005))
+            last_played = played
             self.client.synchronise()
             self._follow_fault()
-            if self.progress().samples_played == progress.samples_played:
-                now_s = self.client.clock()
-                stood_since_s = now_s if stood_since_s is None else stood_since_s
-                if now_s - stood_since_s > _STANDS_S:
-                    raise DeviceError(
-                        f"{self.link.name} has not played for two seconds; its clock has stopped. "
-                        "Stop the device and open it again."
-                    )
-            else:
-                stood_since_s = self.client.clock()
 
     def _status(self) -> StatusReport:
         status = self.client.status

@@ -138,8 +138,8 @@ class Core:
         what = np.empty(ticks, dtype=np.uint8)
         self._lib.hx_device_play(
             self._device,
-            self._ffi.cast("int16_t *", codes.ctypes.data),
-            self._ffi.cast("uint8_t *", what.ctypes.data),
+            self._ffi.from_buffer("int16_t[]", codes),
+            self._ffi.from_buffer("uint8_t[]", what),
             ticks,
         )
         return codes, what

@@ -45,7 +45,7 @@ _BOTH = frozenset(StreamMode)
 _KEPT_S = 60.0
 # So few bytes that no queue overflows, whatever frames they hold.
 _LEAST_PIECE_BYTES = 512
-_PLAYED = np.isin(np.arange(256) & ~LINE, (Output.STREAM, Output.RAMP))
+_STREAM, _RAMP = np.uint8(Output.STREAM), np.uint8(Output.RAMP)
 
 
 class MockDriver:
@@ -319,7 +319,8 @@ class MockDriver:
 
 
 def _is_played(what: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
-    is_played: npt.NDArray[np.bool_] = _PLAYED[what]
+    kind = what & ~np.uint8(LINE)
+    is_played: npt.NDArray[np.bool_] = (kind == _STREAM) | (kind == _RAMP)
     return is_played
 
 
@@ -450,6 +451,8 @@ class FaultInjection:
     def _next(self, of_answers: bool) -> tuple[InjectedFault | None, float]:
         """Count one transfer; return its fault and the duration of that."""
         happens: tuple[InjectedFault | None, float] = (None, 0.0)
+        if not self._due:
+            return happens
         for due in [due for due in self._due if (due.fault in _OF_ANSWERS) == of_answers]:
             if due.transfers_left == 0 and happens[0] is None:
                 happens = due.fault, due.seconds

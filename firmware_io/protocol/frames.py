@@ -163,7 +163,10 @@ INDEX_MODULUS = 2**32
 _HEADER = struct.Struct("<2sBBHHH")
 _HEADER_CHECK = struct.Struct("<H")
 _INDEX = struct.Struct("<I")
-_REVISION = struct.Struct("<H")
+_REVISE_HEAD = struct.Struct("<IH")
+_CODES = np.dtype("<i2")
+# Looked up once: a member of an enumeration takes as long as packing it.
+_STREAM, _REVISE = int(FrameKind.STREAM), int(FrameKind.REVISE)
 _CRC = struct.Struct("<I")
 HEADER_BYTES = _HEADER.size + _HEADER_CHECK.size
 #: Header and CRC-32 around a payload.
@@ -200,13 +203,12 @@ def encode(frame: Frame, version: int = VERSION) -> bytes:
     mode = 0
     try:
         if isinstance(message, StreamSamples):
-            kind = FrameKind.STREAM
-            mode = message.mode
-            payload = _INDEX.pack(message.sample_index)
+            mode = int(message.mode)
             if isinstance(message, Revise):
-                kind = FrameKind.REVISE
-                payload += _REVISION.pack(message.revision)
-            payload += message.codes.astype("<i2").tobytes()
+                kind, head = _REVISE, _REVISE_HEAD.pack(message.sample_index, message.revision)
+            else:
+                kind, head = _STREAM, _INDEX.pack(message.sample_index)
+            payload = head + message.codes.astype(_CODES, copy=False).tobytes()
         else:
             kind, payload = write_payload(message)
         header = _HEADER.pack(MAGIC, version, kind, frame.sequence, len(payload), mode)
@@ -214,8 +216,8 @@ def encode(frame: Frame, version: int = VERSION) -> bytes:
         raise ProtocolError(
             f"{frame} does not fit the wire format: {error}; correct it."
         ) from error
-    body = header + _HEADER_CHECK.pack(crc_hqx(header, 0xFFFF)) + payload
-    return body + _CRC.pack(crc32(body))
+    header += _HEADER_CHECK.pack(crc_hqx(header, 0xFFFF))
+    return b"".join((header, payload, _CRC.pack(crc32(payload, crc32(header)))))
 
 
 def decode(data: bytes) -> Frame:
@@ -287,20 +289,20 @@ def read_frame(
             f"The frame's CRC-32 is {carried:#010x}, but its bytes give {check:#010x}; "
             "it was damaged on the way."
         )
-    if kind in (FrameKind.STREAM, FrameKind.REVISE):
-        is_revision = kind == FrameKind.REVISE
-        first = _INDEX.size + (_REVISION.size if is_revision else 0)
+    if kind in (_STREAM, _REVISE):
+        is_revision = kind == _REVISE
+        first = _REVISE_HEAD.size if is_revision else _INDEX.size
         if length < first + 2 or length % 2:
             raise ProtocolError(
                 f"A {FrameKind(kind).name} payload is {first} bytes and whole samples, {first} + "
                 f"2 n bytes, but has {length} bytes; send at least one sample."
             )
         (index,) = _INDEX.unpack_from(data, HEADER_BYTES)
-        codes = np.frombuffer(data, "<i2", (length - first) // 2, HEADER_BYTES + first)
+        codes = np.frombuffer(data, _CODES, (length - first) // 2, HEADER_BYTES + first)
         samples = (index, codes.astype(np.int16), member(StreamMode, mode, "stream mode"))
         if not is_revision:
             return Frame(StreamSamples(*samples), sequence)
-        (revision,) = _REVISION.unpack_from(data, HEADER_BYTES + _INDEX.size)
+        _, revision = _REVISE_HEAD.unpack_from(data, HEADER_BYTES)
         return Frame(Revise(*samples, revision), sequence)
     if mode != 0:
         raise ProtocolError(f"Only STREAM and REVISE have a mode, but mode {mode} came; send 0.")
