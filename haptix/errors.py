@@ -45,6 +45,9 @@ class ToleranceError(HaptixError):
         The most accurate surface of that size.
     """
 
+    exit_code = 3
+    """Of the command line; that of other errors is 2."""
+
     def __init__(self, message: str, best: Any = None) -> None:
         super().__init__(message)
         self.best = best

@@ -30,7 +30,7 @@ def run(app: Callable[[], object], name: str) -> None:
         # Names of files may hold line breaks, and what would move a terminal's cursor.
         said = "".join(one if one.isprintable() else repr(one)[1:-1] for one in said)
         sys.stderr.write(f"{name}: {said}\n")
-        sys.exit(2)
+        sys.exit(getattr(error, "exit_code", 2))
 
 
 def show(title: str, results: Sequence[Any], as_json: bool) -> None:
@@ -136,12 +136,24 @@ def warning_note(warnings: Sequence[str]) -> str:
 
 
 @contextmanager
-def progress_bar(stages: Mapping[str, str]) -> Iterator[Callable[[str, float], None]]:
-    """Show a bar for each stage once it starts; yields ``update(stage, share)``."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+def progress_bar(
+    stages: Mapping[str, str] | None = None,
+) -> Iterator[Callable[[str, float], None]]:
+    """Show a bar for each stage once it starts; yields ``update(stage, share)``.
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    `stages` are what is shown for each; without it, that is the stage itself.
+    """
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    columns = (*columns, TimeElapsedColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         tasks: dict[str, Any] = {}
@@ -150,7 +162,7 @@ def progress_bar(stages: Mapping[str, str]) -> Iterator[Callable[[str, float], N
             if stage not in tasks:
                 for earlier in tasks.values():
                     progress.update(earlier, completed=1.0)
-                tasks[stage] = progress.add_task(stages[stage], total=1.0)
+                tasks[stage] = progress.add_task((stages or {}).get(stage, stage), total=1.0)
             progress.update(tasks[stage], completed=share)
 
         yield update

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from decimal import Decimal
 from typing import Any
 
@@ -28,15 +29,18 @@ _SUFFIXES: Mapping[str, tuple[str, str]] = {
     "_ohm_m": ("Ohm m", "1 MOhm m"),
     "_per_m": ("/m", "4000 /m"),
     "_m2": ("m2", "45 mm2"),
+    "_ms": ("ms", "20 ms"),
     "_hz": ("Hz", "20 kHz"),
     "_pa": ("Pa", "40 MPa"),
     "_mm": ("mm", "40 mm"),
     "_m": ("m", "0.2 um"),
     "_n": ("N", "0.5 N"),
     "_v": ("V", "150 V"),
+    "_s": ("s", "0.5 s"),
 }
 
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*")
+_DECIMAL_COMMA = re.compile(r"^\s*([-+]?\d+),(\d+)(?![\d,])")
 _FACTOR = re.compile(
     rf"([{''.join(_PREFIXES)}]?)({'|'.join(_SYMBOLS)})(?:\^?(-?\d)|(\N{{SUPERSCRIPT TWO}}))?"
 )
@@ -71,6 +75,31 @@ def _converted(place: str, key: str, value: Any) -> Any:
         suffix = next((end for end in _SUFFIXES if key.endswith(end)), None)
         return value if suffix is None else _quantity(place, value, *_SUFFIXES[suffix])
     return value
+
+
+def unit_of(name: str) -> str:
+    """Return the unit that the end of a field's name says, or an empty text."""
+    return next((unit for end, (unit, _) in _SUFFIXES.items() if name.endswith(end)), "")
+
+
+def read_number(name: str, text: str) -> float:
+    """Read a number as people type it: plain, or with a unit of the field's dimension.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    with suppress(ValueError):
+        return float(text)
+    suffix = next((end for end in _SUFFIXES if name.endswith(end)), None)
+    if suffix is not None:
+        with suppress(InputError):
+            return _quantity(name, text, *_SUFFIXES[suffix])
+    such = "" if suffix is None else f', or one with its unit such as "{_SUFFIXES[suffix][1]}"'
+    comma = _DECIMAL_COMMA.search(text)
+    point = f"; the decimal sign is a point: {comma[1]}.{comma[2]}" if comma else ""
+    raise ValueError(f"expected a number{such}, got {text!r:.80}{point}")
 
 
 def _quantity(place: str, text: str, unit: str, example: str) -> float:

@@ -7,34 +7,20 @@ import shutil
 import sys
 import textwrap
 
+from haptix.task_list import MODULES, tasks_of
 from haptix.version import __version__
 
 ABOUT = "Haptic rendering for electrovibration touchscreens: from contact mechanics to volts."
 
 LOG_HELP = "Log to the standard error what happens, see docs/log.md: info or debug."
 
-# Where each command stands, and the first sentence of its help. To build them all from their
-# annotations, and even to load Typer, takes longer than everything else that --help does.
+# Where each command stands, and the first sentence of its help: those that are tasks say both
+# themselves. To load Typer takes longer than everything else that --help does.
 COMMANDS = {
+    **{name: told for name, told in tasks_of(MODULES).items() if " " not in name},
     "demo": (
         "haptix.cli.demo:demo",
         "From a photograph to volts: everything once, without hardware.",
-    ),
-    "build": (
-        "haptix.cli.building:build",
-        "Solve the contact model once and write its friction surface.",
-    ),
-    "query": (
-        "haptix.cli.surfaces:query",
-        "Friction for a force and a voltage, from the model or from a surface.",
-    ),
-    "invert": (
-        "haptix.cli.surfaces:invert",
-        "Voltage for a friction, with the status of each: OK, BELOW, ABOVE, PULL_IN.",
-    ),
-    "export": (
-        "haptix.cli.archive:export",
-        "Write a surface's numbers as NetCDF, for other programs; needs xarray and h5netcdf.",
     ),
     "render": (
         "haptix.cli.rendering:render",

@@ -25,9 +25,13 @@ class _Commands(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name in COMMANDS and self.commands[cmd_name] is None:
             module, _, name = COMMANDS[cmd_name][0].partition(":")
-            found = getattr(import_module(module), name)
+            found: Any = getattr(import_module(module), name)
             if not isinstance(found, typer.Typer):
                 found, command = typer.Typer(add_completion=False, rich_markup_mode=None), found
+                if isinstance(command, type):  # a task
+                    from haptix.cli.tasks import command_of
+
+                    command = command_of(command)
                 found.command(cmd_name)(command)
             made: Any = typer.main.get_command(found)
             made.name = cmd_name

@@ -18,7 +18,7 @@ LONG = "a" * 5000
 NOT_READ = ("", "missing", "folder", LONG, "file/below", "fehlt-\u00fc\U0001f600", "a\nb")
 NOT_WRITTEN = ("folder", LONG, "file/below", "folder/", ".", "..", "file/a/b")
 NOT_MADE = ("file", "file/below", LONG)
-NOT_A_NUMBER = ("", "nan", "inf", "-inf", "1e309", "ten", "1,5", "0x10", "1 N", "--", "\u00bd")
+NOT_A_NUMBER = ("", "nan", "inf", "-inf", "1e309", "ten", "1,5", "0x10", "1 K", "--", "\u00bd")
 KINDS = {
     "file that is read": (
         "--image --material --trajectory --profile --tap --inputs --columns --plan --certificate "
@@ -54,7 +54,7 @@ KINDS = {
     "numbers": (
         "--normal-force-n --voltage-v --frequency-hz --h0-m --mu --mu-range --tolerance "
         "--threshold-db --slope --lapse --participants",
-        ("", ",", "nan", "inf", "1e309", "ten", "1,,2", "1;2", "1 N", "\u00bd", "[1]"),
+        ("", ",", "nan", "inf", "1e309", "ten", "1,,2", "1;2", "1 K", "\u00bd", "[1]"),
     ),
     "whole number": (
         "--port --processes --first --threads --workers --runs --levels --seed",

@@ -1,0 +1,144 @@
+"""Commands of the desk's tasks: options with help, units and defaults from their parameters."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from inspect import Parameter, Signature
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+import typer
+from pydantic.fields import FieldInfo
+
+from haptix.desk import Context, Task, inner, read, typed
+from haptix.errors import InputError
+from haptix.terminal import AsJson, progress_bar, show
+from haptix.units import unit_of
+
+_UNDERSTOOD = "haptix.understood"
+
+
+def command_of(task: type[Task]) -> Callable[..., None]:
+    """Return a function whose signature Typer makes a command of."""
+
+    def command(context: typer.Context, as_json: bool, **values: Any) -> None:
+        given = {name: value for name, value in values.items() if _is_typed(context, name)}
+        with progress_bar() as update:
+            result = task(**given).run(_Terminal(update))
+        for line in context.meta.get(_UNDERSTOOD, ()):
+            sys.stderr.write(f"haptix: {line}\n")
+        if as_json:
+            show("", result.document, True)
+        else:
+            for title, rows in result.tables:
+                show(title, rows, False)
+            sys.stdout.writelines(f"{line}\n" for line in result.lines)
+        if result.failed:
+            raise typer.Exit(1)
+
+    kind = Parameter.KEYWORD_ONLY
+    parameters = [
+        Parameter("context", kind, annotation=typer.Context),
+        *(_parameter(name, one) for name, one in task.model_fields.items()),
+        Parameter("as_json", kind, annotation=AsJson, default=False),
+    ]
+    command.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {one.name: one.annotation for one in parameters}
+    command.__doc__ = task.__doc__
+    return command
+
+
+class _Terminal(Context):
+    """Progress on the standard error; a person answers on the standard input."""
+
+    def __init__(self, update: Callable[[str, float], None]) -> None:
+        super().__init__()
+        self._update = update
+
+    def progress(self, stage: str, share: float) -> None:
+        super().progress(stage, share)
+        self._update(stage, share)
+
+    def tell(self, **what: Any) -> None:
+        if "step" in what:
+            sys.stderr.write(f"haptix: {what['step']}\n")
+
+    def ask(self, prompt: str, choices: Sequence[str] = ()) -> str:
+        sys.stderr.write(f"{prompt} {'/'.join(choices)} ")
+        sys.stderr.flush()
+        return sys.stdin.readline().strip()
+
+
+def _is_typed(context: typer.Context, name: str) -> bool:
+    source = context.get_parameter_source(name)
+    return source is not None and source.name != "DEFAULT"
+
+
+def _parameter(name: str, one: FieldInfo) -> Parameter:
+    how, kind = typed(one), inner(one.annotation)
+    is_list = get_origin(kind) is tuple and get_args(kind)[-1] is Ellipsis
+    taken: Any = bool if kind is bool else list[str] if is_list else str
+    option = how.option or f"--{name.replace('_', '-')}"
+    shown = name.upper() if how.is_argument else option
+    default = Parameter.empty if one.is_required() else _text(one.default, taken)
+
+    def check(context: typer.Context, value: Any) -> Any:
+        if value is None or not _is_typed(context, name):
+            return value
+        try:
+            found = read(name, one, value)
+        except ValueError as error:
+            raise InputError(f"{shown}: {error}") from None
+        _note(context, f"{shown}: {_shown(name, found)}", value, found)
+        return found
+
+    about: dict[str, Any] = {"help": one.description, "callback": None if kind is bool else check}
+    if how.metavar or not (how.is_argument or kind is bool):
+        about["metavar"] = how.metavar or _metavar(name, kind)
+    if how.is_argument:
+        info: Any = typer.Argument(**about)
+    else:
+        info = typer.Option(*([option] if how.option or one.default is False else []), **about)
+    annotation = taken | None if default is None else taken
+    return Parameter(
+        name, Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[annotation, info]
+    )
+
+
+def _text(default: Any, taken: Any) -> Any:
+    """Return a default as it would be typed."""
+    if default is None or taken is bool:
+        return default
+    if isinstance(default, tuple):
+        parts = [_text(part, str) for part in default]
+        return parts if taken is not str else ",".join(parts)
+    return f"{default:g}" if isinstance(default, float) else str(default)
+
+
+def _metavar(name: str, kind: Any) -> str:
+    if get_origin(kind) is Literal:
+        return "WORD"
+    if get_origin(kind) is tuple:
+        several = "LOW,HIGH" if get_args(kind)[-1] is not Ellipsis else ""
+        return several or f"{_metavar(name, inner(get_args(kind)[0]))},..."
+    if kind is float:
+        return unit_of(name) or "NUMBER"
+    return {int: "WHOLE", Path: "PATH"}.get(kind, "TEXT")
+
+
+def _note(context: typer.Context, line: str, value: Any, found: Any) -> None:
+    """Keep a line for what was understood of units and lists."""
+    texts = [value] if isinstance(value, str) else value
+    numbers = found if isinstance(found, tuple) else (found,)
+    is_plain = len(texts) == len(numbers) and not any(text[-1:].isalpha() for text in texts)
+    if all(isinstance(one, float) for one in numbers) and not is_plain:
+        context.meta.setdefault(_UNDERSTOOD, []).append(line)
+
+
+def _shown(name: str, found: Any) -> str:
+    numbers = found if isinstance(found, tuple) else (found,)
+    said = [f"{one:.6g}" if isinstance(one, float) else str(one) for one in numbers]
+    return (
+        " and ".join(filter(None, (", ".join(said[:-1]), said[-1]))) + f" {unit_of(name)}".rstrip()
+    )

@@ -1,0 +1,318 @@
+"""The desk: a task is one model of its parameters and one `run`, and every door is made from it.
+
+    class Query(Task, command="query"):
+        \"\"\"Friction for a force and a voltage.\"\"\"
+
+        voltage_v: tuple[NotNegative, ...] = Field(description="Amplitudes.")
+
+        def run(self, context: Context) -> Result: ...
+
+The doors are the command line (`haptix.cli.tasks`), the service's routes, jobs and forms
+(`haptix.service.jobs_rest`), and campaigns (`haptix.campaign.of_tasks`). Which tasks there are is
+read from the text of `MODULES`, so that a list of them loads nothing.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from importlib import import_module
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, ClassVar, Union, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic.fields import FieldInfo
+
+from haptix.errors import HaptixError, InputError
+from haptix.fields import Local, Typed, expected_words
+from haptix.task_list import MODULES, tasks_of
+from haptix.units import read_number, unit_of
+
+_EXPECTED = {
+    "greater_than": "a finite number above {gt:g}",
+    "greater_than_equal": "a finite number of at least {ge:g}",
+    "less_than": "a finite number below {lt:g}",
+    "less_than_equal": "a finite number of at most {le:g}",
+    "finite_number": "a finite number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "int_parsing_size": "a whole number of fewer digits",
+}
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a task found.
+
+    Parameters
+    ----------
+    document : dict or list
+        For programs: plain values for JSON.
+    tables : sequence of (str, sequence of mapping)
+        For people: titles and rows.
+    lines : sequence of str
+        What stands below the tables.
+    files : mapping
+        What a campaign keeps, by name: bytes, text, or a function that writes to a path.
+    failed : bool
+        Whether what was tested failed, which is no error.
+    """
+
+    document: Any
+    tables: Sequence[tuple[str, Sequence[Mapping[str, Any]]]] = ()
+    lines: Sequence[str] = ()
+    files: Mapping[str, Any] = field(default_factory=dict)
+    failed: bool = False
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """Its numbers and words, for a campaign's table: those of its first row."""
+        first = self.document[0] if isinstance(self.document, list) else self.document
+        kinds = str | float | int | bool | None
+        return {name: one for name, one in first.items() if isinstance(one, kinds)}
+
+
+class CancelledError(HaptixError):
+    """A task was cancelled."""
+
+
+class Context:
+    """What a task may use: each door brings its own. This one says nothing and asks nobody.
+
+    Parameters
+    ----------
+    used : mapping of str to str
+        ``finger`` and ``screen`` in use, and the ``device``.
+    folder : Path
+        Place for results.
+    seed : int
+        Of its random numbers.
+    executor : Executor, optional
+        On which it does many calls; by default here.
+    """
+
+    def __init__(
+        self,
+        used: Mapping[str, str] | None = None,
+        folder: Path = Path(),
+        seed: int = 0,
+        executor: Any = None,
+    ) -> None:
+        self.used = {
+            "finger": "semi-wet",
+            "screen": "3m-sct3250",
+            "device": "mock:",
+            **(used or {}),
+        }
+        self.folder, self._seed, self._executor = folder, seed, executor
+        self._stage, self._share, self._began_s = "", 0.0, 0.0
+        self._is_cancelled = False
+
+    def progress(self, stage: str, share: float) -> None:
+        """Say which share of a stage is done; raises `CancelledError` once it is cancelled."""
+        if self._is_cancelled:
+            raise CancelledError("cancelled")
+        if stage != self._stage:
+            self._stage, self._began_s = stage, time.monotonic()
+        self._share = share
+
+    @property
+    def seconds_left(self) -> float | None:
+        """Of the present stage, from what it took so far."""
+        took_s = time.monotonic() - self._began_s
+        return took_s * (1 / self._share - 1) if self._share > 0 else None
+
+    def cancel(self) -> None:
+        """End the task where it says next how far it is."""
+        self._is_cancelled = True
+
+    def ask(self, prompt: str, choices: Sequence[str] = ()) -> str:
+        """Ask a person."""
+        raise InputError(f"nobody is here to answer: {prompt}")
+
+    def tell(self, **what: Any) -> None:
+        """Tell who watches of a `step` or a `trace`."""
+
+    @cached_property
+    def random(self) -> Any:
+        """Generator of numpy."""
+        from numpy.random import default_rng
+
+        return default_rng(self._seed)
+
+    @cached_property
+    def executor(self) -> Any:
+        """An executor of `concurrent.futures`."""
+        from haptix.executors import executor_of
+
+        return executor_of(self._executor)
+
+    def profile(self, kind: str, name: str | None) -> str:
+        """Return the name of a finger or screen: that in use where none is given."""
+        return self.used[kind] if name is None else name
+
+
+class Task(BaseModel, ABC):
+    """A task: its parameters, with their units, ranges and help; its docstring is its help.
+
+    Raises
+    ------
+    InputError
+        If a parameter is unknown, missing or outside its range.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    command: ClassVar[str] = ""
+    """Words of the command line."""
+    route: ClassVar[str] = ""
+    """Of the service: ``POST /v1/route``; none where it is empty."""
+    kind: ClassVar[str] = ""
+    """Of its jobs."""
+    plays: ClassVar[bool] = False
+    """Whether it plays on the device in use."""
+
+    def __init__(self, /, **fields: Any) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            place, why = first_wrong(error)
+            raise InputError(f"{place}: {why}" if place else why) from None
+
+    def __init_subclass__(
+        cls, command: str = "", route: str = "", kind: str = "", plays: bool = False, **more: Any
+    ) -> None:
+        super().__init_subclass__(**more)
+        cls.command, cls.route, cls.plays = command, route, plays
+        cls.kind = kind or command
+
+    @abstractmethod
+    def run(self, context: Context) -> Result:
+        """Do it."""
+
+    @classmethod
+    def path(cls) -> str:
+        """Where another process finds it."""
+        return f"{cls.__module__}:{cls.__qualname__}"
+
+    @classmethod
+    def for_clients(cls) -> dict[str, FieldInfo]:
+        """Return the parameters that a client of the network may give."""
+        return {name: one for name, one in cls.model_fields.items() if not is_local(one)}
+
+
+def first_wrong(error: ValidationError) -> tuple[str, str]:
+    """Return the place of the first error, and what was expected and given."""
+    errors = error.errors()
+    # A name that is not known is why another is missing, as where one is mistyped.
+    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
+    place = ".".join(str(part) for part in first["loc"] if str(part).isidentifier())
+    message = first["msg"].removeprefix("Value error, ")
+    if first["type"] in ("value_error", "missing", "extra_forbidden"):
+        return place, message[0].lower() + message[1:]
+    if first["type"] == "literal_error":
+        words = re.findall("'([^']+)'", first["ctx"]["expected"])
+        return place, expected_words(words, str(first["input"]))
+    expected = _EXPECTED.get(first["type"], "").format(**first.get("ctx", {}))
+    given = first["input"]
+    shown = f"{given:g}" if isinstance(given, float) else f"{given!r:.40}"
+    told = f"expected {expected}" if expected else message[0].lower() + message[1:]
+    return place, f"{told}, got {shown}"
+
+
+def inner(annotation: Any) -> Any:
+    """Return a type without what is annotated, and without None."""
+    if get_origin(annotation) is Annotated:
+        return inner(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, UnionType):
+        (only,) = (one for one in get_args(annotation) if one is not type(None))
+        return inner(only)
+    return annotation
+
+
+def markers(annotation: Any) -> Iterator[Any]:
+    """Yield what a type is annotated with, at any depth."""
+    if get_origin(annotation) is Annotated:
+        yield from annotation.__metadata__
+    for one in get_args(annotation):
+        yield from markers(one)
+
+
+def is_local(parameter: FieldInfo) -> bool:
+    """Whether a parameter names a file or a device of this machine."""
+    return any(
+        isinstance(one, Local) for one in (*parameter.metadata, *markers(parameter.annotation))
+    )
+
+
+def typed(parameter: FieldInfo) -> Typed:
+    """Return how the command line takes a parameter."""
+    found = (*parameter.metadata, *markers(parameter.annotation))
+    return next((one for one in found if isinstance(one, Typed)), Typed())
+
+
+def read(name: str, parameter: FieldInfo, texts: str | Sequence[str]) -> Any:
+    """Return the value of a parameter that was typed; numbers may have units.
+
+    Raises
+    ------
+    ValueError
+        If it is none; the message says what was expected.
+    """
+    kind: Any = parameter.annotation
+    if parameter.metadata:
+        kind = Annotated[(kind, *parameter.metadata)]
+    adapter = TypeAdapter[Any](kind, config=ConfigDict(allow_inf_nan=False))
+    try:
+        return adapter.validate_python(_values(name, inner(parameter.annotation), texts))
+    except ValidationError as error:
+        raise ValueError(first_wrong(error)[1]) from None
+
+
+def _values(name: str, kind: Any, texts: Any) -> Any:
+    if get_origin(kind) is not tuple:
+        return read_number(name, texts) if kind is float else texts
+    item, last = inner(get_args(kind)[0]), get_args(kind)[-1]
+    lists = [texts] if isinstance(texts, str) else texts
+    if item is Path:
+        return lists
+    parts = [part for text in lists for part in ([text] if "=" in text else text.split(","))]
+    if item is not float:
+        return parts
+    try:
+        found = [read_number(name, part) for part in parts]
+    except ValueError:
+        unit = unit_of(name)
+        also = f", or with the unit {unit}" if unit else ""
+        raise ValueError(
+            f"expected numbers separated by commas, such as 0.2,0.5{also}, got {lists[-1]!r:.80}"
+        ) from None
+    if last is not Ellipsis:
+        if len(found) > len(get_args(kind)):
+            raise ValueError(f"expected LOW,HIGH or one value, got {lists[-1]!r:.80}")
+        found = [found[0], found[-1]]
+    return found
+
+
+def task_at(path: str) -> type[Task]:
+    """Return the class of a task from ``module:Class``."""
+    module, _, name = path.partition(":")
+    found = getattr(import_module(module), name)
+    if not (isinstance(found, type) and issubclass(found, Task)):
+        raise InputError(f"expected a task, got {path!r:.80}")
+    return found
+
+
+def all_tasks() -> tuple[type[Task], ...]:
+    """Return all tasks, those of the command line first as its help lists them."""
+    return _tasks_of(tuple(MODULES))
+
+
+@cache
+def _tasks_of(modules: tuple[str, ...]) -> tuple[type[Task], ...]:
+    return tuple(task_at(path) for path, _ in tasks_of(modules).values())

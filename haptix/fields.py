@@ -1,0 +1,179 @@
+"""Types of parameters that tasks share: files, folders, presets, devices, labels, texts.
+
+Each checks what is given before torch loads; the message does not repeat the parameter's name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from haptix.errors import DeviceError, InputError
+from haptix.presets import FINGERS, SCREENS, TERMS
+
+
+@dataclass(frozen=True)
+class Typed:
+    """How the command line takes a parameter, where its name alone does not say so.
+
+    Parameters
+    ----------
+    option : str
+        Its option, in place of that of its name.
+    is_argument : bool
+        Whether it has a place instead of an option.
+    metavar : str, optional
+        What stands for its value in the help.
+    """
+
+    option: str = ""
+    is_argument: bool = False
+    metavar: str | None = None
+
+
+class Local:
+    """Marks what names a file or a device of this machine: no client of the network gives it."""
+
+
+def expected_words(words: Collection[str], value: str) -> str:
+    """Say which words were expected, and which is nearest."""
+    near = get_close_matches(value.lower(), words, 1)
+    meant = f"; did you mean {near[0]}?" if near else ""
+    return f"expected one of {', '.join(words)}, got {value!r:.80}{meant}"
+
+
+def one_of(*words: str) -> Callable[[str], str]:
+    """Return a check that refuses any other word."""
+
+    def check(value: str) -> str:
+        if value not in words:
+            raise ValueError(expected_words(words, value))
+        return value
+
+    return check
+
+
+def preset_or_file(presets: Collection[str]) -> Callable[[str], str]:
+    """Return a check that refuses what is neither a preset nor a TOML file that is there."""
+
+    def check(value: str) -> str:
+        if value.endswith(".toml"):
+            return str(is_there(Path(value)))
+        if value not in presets:
+            near = get_close_matches(value.lower(), presets, 1)
+            raise ValueError(
+                f"unknown preset {value!r:.80}: expected one of {', '.join(presets)}, or a file "
+                f"whose name ends in .toml{f'; did you mean {near[0]}?' if near else ''}"
+            )
+        return value
+
+    return check
+
+
+def is_there(path: Path) -> Path:
+    """Refuse the path of a file that cannot be read."""
+    if not _exists(path):
+        raise ValueError(f"cannot read {path}: there is no such file")
+    if path.is_dir():
+        raise ValueError(f"expected a file, but {path} is a folder")
+    return path
+
+
+def file_to_write(path: Path) -> Path:
+    """Refuse the path of a file that cannot be made: a folder, or below another file."""
+    if _exists(path) and path.is_dir():
+        raise ValueError(f"expected a file, but {path} is a folder")
+    if not (above := _above(path.parent)).is_dir():
+        raise ValueError(f"cannot make {path}: {above} is a file")
+    return path
+
+
+def folder(path: Path) -> Path:
+    """Refuse a folder that cannot be made, because a file has its name."""
+    if not (above := _above(path)).is_dir():
+        raise ValueError(f"{above} is a file; name a folder")
+    return path
+
+
+def file_or_folder(path: Path) -> Path:
+    """Refuse what does not exist."""
+    if not _exists(path):
+        raise ValueError(f"cannot read {path}: there is no such file or folder")
+    return path
+
+
+def _above(path: Path) -> Path:
+    """Return the path, or the first folder above it that exists."""
+    return next(one for one in (path, *path.absolute().parents) if _exists(one))
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError) as error:  # a name with a NUL, or far too long
+        why = getattr(error, "strerror", None) or error
+        raise ValueError(f"no file has such a name: {why}") from None
+
+
+def check_new(path: Path, overwrite: bool, *inputs: Path) -> None:
+    """Refuse to write a file that exists, unless it may be replaced, or that is read."""
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists: name another file, or pass --overwrite to replace it")
+    file_to_write(path)
+    refuse_input(path, *inputs)
+
+
+def refuse_input(out: Path, *inputs: Path) -> None:
+    """Refuse to write a file onto one that is read."""
+    for one in inputs:
+        if out.exists() and one.exists() and out.samefile(one):
+            raise InputError(f"{out} is the file that is read: name another one to write")
+
+
+def _material(value: Path) -> Path:
+    return value if str(value).startswith("gallery:") else is_there(value)
+
+
+def _address(value: str) -> str:
+    from firmware_io.opening import read_address  # with numpy
+
+    try:
+        read_address(value)
+    except DeviceError as error:
+        raise ValueError(str(error)) from None
+    return value
+
+
+def _text(value: str) -> str:
+    if not value.strip():
+        raise ValueError(f"expected a text, got {value!r:.80}")
+    return value
+
+
+def _is_ordered(value: tuple[float, float]) -> tuple[float, float]:
+    if value[0] > value[1]:
+        raise ValueError(f"expected LOW <= HIGH, got {value}")
+    return value
+
+
+FileThere = Annotated[Path, AfterValidator(is_there), Local()]
+NewFile = Annotated[Path, AfterValidator(file_to_write), Local()]
+Folder = Annotated[Path, AfterValidator(folder), Local()]
+FolderThere = Annotated[Path, AfterValidator(file_or_folder), AfterValidator(folder), Local()]
+FileOrFolder = Annotated[Path, AfterValidator(file_or_folder), Local()]
+MaterialFile = Annotated[Path, AfterValidator(_material), Local()]
+Address = Annotated[str, AfterValidator(_address), Local()]
+Text = Annotated[str, AfterValidator(_text)]
+FingerName = Annotated[str, AfterValidator(preset_or_file(FINGERS))]
+ScreenName = Annotated[str, AfterValidator(preset_or_file(SCREENS))]
+TermName = Annotated[str, AfterValidator(one_of(*TERMS))]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Range = Annotated[tuple[float, float], AfterValidator(_is_ordered)]
+PositiveRange = Annotated[tuple[Positive, Positive], AfterValidator(_is_ordered)]
+Argument = Typed(is_argument=True)

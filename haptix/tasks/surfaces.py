@@ -1,0 +1,370 @@
+"""Tasks of surfaces: query, invert, export."""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field
+
+from haptix.desk import Context, Result, Task
+from haptix.errors import InputError, LimitError, ToleranceError
+from haptix.fields import (
+    Argument,
+    FileThere,
+    FingerName,
+    Local,
+    NewFile,
+    NotNegative,
+    Positive,
+    PositiveRange,
+    ScreenName,
+    TermName,
+    Typed,
+    check_new,
+    file_to_write,
+    is_there,
+)
+from haptix.files import reading
+from haptix.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
+
+if TYPE_CHECKING:
+    from haptix.friction import ContactModel
+    from haptix.surface import FrictionSurface
+
+SurfaceThere = Annotated[FileThere, Argument]
+
+
+class OfModel(Task):
+    """What a contact model is made of."""
+
+    finger: FingerName = Field(
+        "semi-wet", description="Finger: a preset (dry, semi-wet, wet) or a TOML file."
+    )
+    screen: ScreenName = Field(
+        "3m-sct3250", description="Screen: a preset (3m-sct3250) or a TOML file."
+    )
+    skin_dielectric: Literal["order-of-magnitude", "gabriel-dry", "gabriel-wet"] | None = Field(
+        None,
+        description="Skin dielectric: order-of-magnitude, gabriel-dry or gabriel-wet. "
+        "[default: the finger's own]",
+    )
+    fidelity: Literal["mean-field", "closed-form", "boundary-element"] = Field(
+        "mean-field",
+        description="mean-field; closed-form: faster and coarser; boundary-element: the "
+        "reference, slow.",
+    )
+    theory: Literal["corrected", "open-gaps", "as-published"] | None = Field(
+        None,
+        description="Mean field: corrected by boundary elements, open-gaps or as-published; tau_f "
+        "is carried over. [default: the finger's]",
+    )
+    with_terms: Annotated[tuple[TermName, ...], Typed("--with")] = Field(
+        (), description="Switch a term on, such as finite-size; may be repeated."
+    )
+    without_terms: Annotated[tuple[TermName, ...], Typed("--without")] = Field(
+        (), description="Switch a term off; may be repeated."
+    )
+
+    def model(self, context: Context) -> ContactModel:
+        """Return the contact model."""
+        from haptix.finger import Finger
+        from haptix.friction import ContactModel
+        from haptix.screen import Screen
+
+        chosen = Finger.named(self.finger)
+        if self.skin_dielectric is not None:
+            chosen = chosen.replace(dielectric=self.skin_dielectric)
+        terms = dict.fromkeys(self.with_terms, True) | dict.fromkeys(self.without_terms, False)
+        return ContactModel(
+            chosen,
+            Screen.named(self.screen),
+            fidelity=self.fidelity,
+            theory=self.theory,
+            terms=terms,
+        )
+
+
+def _tolerance(value: str) -> str:
+    from haptix.surface.tolerance import Tolerance
+
+    try:
+        Tolerance.read(value)
+    except InputError as error:
+        raise ValueError(str(error).removeprefix("tolerance: ")) from None
+    return value
+
+
+def _scene_or_new(path: Path) -> Path:
+    return is_there(path) if path.suffix == ".toml" else file_to_write(path)
+
+
+class Build(OfModel, command="build"):
+    """Solve the contact model once and write its friction surface.
+
+    Exit code 3: the tolerance cannot be met within the size, and nothing is written unless
+    --accept-best.
+    """
+
+    what: Annotated[
+        Path, AfterValidator(_scene_or_new), Local(), Typed("", True, "OUT|SCENE.toml")
+    ] = Field(description="File to write, such as my.surface; or a scene, whose plan is built.")
+    out: NewFile | None = Field(
+        None, description="File to write for a scene. [default: SCENE.surface]"
+    )
+    normal_force_n: PositiveRange | None = Field(
+        None, description="Range of normal force [N]: LOW,HIGH or one value. [default: 0.1,1]"
+    )
+    voltage_v: Positive | None = Field(
+        None, description="Highest amplitude [V]. [default: the screen's limit]"
+    )
+    frequency_hz: PositiveRange | None = Field(
+        None, description="Drive frequency [Hz]: LOW,HIGH or one. Without it the skin conducts."
+    )
+    h0_m: PositiveRange | None = Field(
+        None, description="Range of d1/eps1 [m]. [default: the screen's own]"
+    )
+    tolerance: Annotated[str, AfterValidator(_tolerance)] | None = Field(
+        None,
+        description='Largest error: in mu, "0.05 JND" or "0.2 %" of the range. '
+        "[default: 0.002, or the plan's]",
+    )
+    largest_mb: Positive = Field(64.0, description="Size that the surface may have.")
+    accept_best: bool = Field(
+        False, description="Write the best of that size, where the tolerance cannot be met."
+    )
+    overwrite: bool = Field(False, description="Replace an existing file.")
+
+    def run(self, context: Context) -> Result:
+        """Build it, and write it."""
+        scene = self.what if self.what.suffix == ".toml" else None
+        if scene is None and self.out is not None:
+            raise InputError(f"--out goes with a scene; {self.what} is the file to write")
+        if scene is not None and (wrong := self.model_fields_set & _IN_A_SCENE.keys()):
+            named = ", ".join(option for name, option in _IN_A_SCENE.items() if name in wrong)
+            raise InputError(
+                f"{named}: a scene says this itself; change it there, or in its [override]"
+            )
+        target = self.what if scene is None else self.out or self.what.with_suffix(".surface")
+        read = [*([] if scene is None else [scene]), Path(self.finger), Path(self.screen)]
+        check_new(target, self.overwrite, *read)
+        try:
+            surface = self._built(context, scene, target)
+        except ToleranceError as error:
+            if not self.accept_best or error.best is None:
+                raise ToleranceError(f"{error}; or pass --accept-best", error.best) from None
+            surface = error.best
+        surface.save(target)
+        share = surface.info["pull_past_breakdown"]
+        title = f"friction surface{note_of(surface, target)}{breakdown_note(share)}"
+        row = _summary(target, surface)
+        # The title says it in a table, which has no room for more.
+        return Result([{**row, "pull_past_breakdown": share}], [(title, [row])])
+
+    def _built(self, context: Context, scene: Path | None, target: Path) -> FrictionSurface:
+        """Tabulate a model; boundary elements correct the mean field, and resume if interrupted."""
+        context.progress("plan the scene" if scene else "build the surface", 0.0)
+        from haptix.surface import FrictionSurface, MeasuringJob
+
+        update = partial(context.progress, "build the surface")
+        largest_bytes = int(min(self.largest_mb, 1e6) * 1e6)
+        if scene is not None:
+            from haptix.planning import plan_scene
+            from haptix.scene import Scene
+
+            plan = plan_scene(Scene.load(scene), partial(context.progress, "plan the scene"))
+            return plan.build(update, self.tolerance, largest_bytes)
+        model, tolerance = self.model(context), self.tolerance or "0.002"
+        wanted = {name: getattr(self, name) for name in ("normal_force_n", "frequency_hz", "h0_m")}
+        ranges = {name: one for name, one in wanted.items() if one is not None}
+        if self.voltage_v is not None:
+            ranges["voltage_v"] = (0.0, self.voltage_v)
+        if model.boxed is None:
+            notes = {"placeholder_spread_jnd": _spread_at_corners(model, ranges)}
+            return FrictionSurface.build(model, ranges, tolerance, update, largest_bytes, notes)
+        job = MeasuringJob(model, ranges)
+        kept = target.with_name(target.name + ".partial.npz")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        context.tell(
+            step=f"{job.states} states of boundary elements, some {job.estimated_seconds():.2g} s; "
+            f"an interrupted build resumes from {kept}"
+        )
+        surface = FrictionSurface.measured(job, tolerance, update, largest_bytes, checkpoint=kept)
+        kept.unlink(missing_ok=True)
+        return surface
+
+
+_IN_A_SCENE = {
+    "finger": "--finger", "screen": "--screen", "skin_dielectric": "--skin-dielectric",
+    "fidelity": "--fidelity", "theory": "--theory", "normal_force_n": "--normal-force-n",
+    "voltage_v": "--voltage-v", "frequency_hz": "--frequency-hz", "h0_m": "--h0-m",
+    "with_terms": "--with", "without_terms": "--without",
+}  # fmt: skip
+"""Parameters of `Build` that a scene sets itself, and their options."""
+
+
+class Query(OfModel, command="query"):
+    """Friction for a force and a voltage, from the model or from a surface."""
+
+    normal_force_n: tuple[Positive, ...] = Field(description="Normal forces [N], comma-separated.")
+    voltage_v: tuple[NotNegative, ...] = Field(description="Amplitudes [V], comma-separated.")
+    frequency_hz: tuple[Positive, ...] | None = Field(
+        None, description="Drive frequencies [Hz]. Without them the skin is a conductor."
+    )
+    h0_m: tuple[Positive, ...] | None = Field(
+        None, description="d1/eps1 of the insulator [m]. [default: the screen's own]"
+    )
+    surface: FileThere | None = Field(
+        None, description="Read this surface instead of solving the model."
+    )
+
+    def run(self, context: Context) -> Result:
+        """Solve all combinations."""
+        from haptix.contact import shown_accuracy
+        from haptix.friction import placeholder_spread
+        from haptix.surface import FrictionSurface
+
+        inputs = _product(self, "normal_force_n", "voltage_v", "frequency_hz", "h0_m")
+        spread: dict[str, Any] = {}
+        if self.surface is None:
+            model = self.model(context)
+            state, spread = model.solve(**inputs), placeholder_spread(model, **inputs)
+            largest = {name: float(jnd.max()) for name, jnd in spread.items()}
+            x = float(state.x.min())
+            note = placeholder_note(model.placeholders(), largest)
+            note += accuracy_note(x, shown_accuracy(model.theory, x))
+            names = (
+                "mu",
+                "x",
+                "area_fraction",
+                "attraction_pa",
+                "pull_in_voltage_v",
+                "pull_past_breakdown",
+            )
+            outputs = {name: getattr(state, name) for name in names}
+            share = float(state.pull_past_breakdown.max())
+            status, warnings = state.status, state.warnings()
+        else:
+            table = FrictionSurface.load(self.surface)
+            with reading(self.surface, "a surface with its model"):
+                limit = float(table.info["model"]["screen"]["max_voltage_v"])
+            highest = float(inputs["voltage_v"].max())
+            if highest > limit:
+                raise LimitError(
+                    f"voltage_v: {highest:g} V is above the limit of {limit:g} V of the "
+                    "surface's screen; lower it (it is rejected, not clamped)"
+                )
+            sample, note = table.evaluate(**inputs), note_of(table, self.surface)
+            outputs, status, warnings = {"mu": sample.mu}, sample.status, []
+            # Surfaces of earlier versions do not know.
+            share = float(table.info.get("pull_past_breakdown", 0.0))
+        title = f"friction at the period's mean attraction{note}"
+        title += breakdown_note(share) + warning_note(warnings)
+        spreads = {f"{name.replace(' ', '_')}_spread_jnd": jnd for name, jnd in spread.items()}
+        return Result(
+            _rows(inputs, outputs | spreads, status), [(title, _rows(inputs, outputs, status))]
+        )
+
+
+class Invert(Task, command="invert"):
+    """Voltage for a friction, with the status of each: OK, BELOW, ABOVE, PULL_IN."""
+
+    surface: SurfaceThere = Field(description="Surface made by `haptix build`.")
+    mu: tuple[float, ...] = Field(description="Friction coefficients, comma-separated.")
+    normal_force_n: tuple[Positive, ...] = Field(description="Normal forces [N], comma-separated.")
+    frequency_hz: tuple[Positive, ...] | None = Field(
+        None, description="Drive frequencies [Hz]. Without them the skin is a conductor."
+    )
+    h0_m: tuple[Positive, ...] | None = Field(
+        None, description="d1/eps1 of the insulator [m]. [default: the screen's own]"
+    )
+
+    def run(self, context: Context) -> Result:
+        """Invert all combinations."""
+        from haptix.surface import FrictionSurface
+
+        inputs = _product(self, "mu", "normal_force_n", "frequency_hz", "h0_m")
+        table = FrictionSurface.load(self.surface)
+        found = table.voltage(**inputs)
+        rows = _rows(inputs, {"voltage_v": found.voltage_v}, found.status)
+        return Result(rows, [(f"voltage{note_of(table, self.surface)}", rows)])
+
+
+class Export(Task, command="export"):
+    """Write a surface's numbers as NetCDF, for other programs; needs xarray and h5netcdf."""
+
+    surface: SurfaceThere = Field(description="Surface made by `haptix build`.")
+    out: Annotated[NewFile, Argument] = Field(description="NetCDF file to write, such as my.nc.")
+    overwrite: bool = Field(False, description="Replace an existing file.")
+
+    def run(self, context: Context) -> Result:
+        """Write the file."""
+        from haptix.surface import FrictionSurface
+
+        check_new(self.out, self.overwrite, self.surface)
+        table = FrictionSurface.load(self.surface)
+        table.to_netcdf(self.out)
+        size = self.out.stat().st_size
+        rows = [{"file": str(self.out), "values": table.mu_table.numel(), "bytes": size}]
+        return Result(rows, [("exported surface", rows)])
+
+
+def _spread_at_corners(model: ContactModel, ranges: dict[str, Any]) -> dict[str, float]:
+    """Largest placeholder spread [JND] at the corners of a surface, at its highest voltage."""
+    import torch
+
+    from haptix.friction.placeholders import largest_spread
+    from haptix.surface.axes import AXIS_NAMES
+    from haptix.surface.request import read_ranges
+
+    whole = read_ranges(model, ranges)
+    ends = {name: whole[name] for name in (*AXIS_NAMES, "voltage_v")}
+    given = {name: sorted(set(pair)) for name, pair in ends.items() if pair is not None}
+    given["voltage_v"] = given["voltage_v"][-1:]
+    corners = torch.tensor(list(product(*given.values())), dtype=torch.float64).T
+    places = dict(zip(given, corners, strict=True))
+    return largest_spread(model, places, places.pop("voltage_v"))
+
+
+def _summary(path: Path, surface: FrictionSurface) -> dict[str, Any]:
+    info = surface.info
+    return {
+        "file": str(path),
+        "grid": " x ".join(str(size) for size in surface.mu_table.shape if size > 1),
+        "bytes": path.stat().st_size,
+        **{name: info[name] for name in ("mu_low", "mu_high", "error_max", "error_p99")},
+        "tolerance": info["tolerance"]["value"],
+        "unit": info["tolerance"]["unit"],
+        "met": info["tolerance_met"],
+    }
+
+
+def note_of(table: FrictionSurface, file: Path) -> str:
+    """Return what a title says about the placeholders of a surface."""
+    with reading(file, "a surface with its model"):
+        placeholders = [str(one) for one in table.info["model"]["placeholders"]]
+        # A surface of an earlier version, or one made in Python, does not have it.
+        spread = table.info.get("notes", {}).get("placeholder_spread_jnd", {})
+        return placeholder_note(placeholders, {str(k): float(v) for k, v in spread.items()})
+
+
+def _product(task: Task, *names: str) -> dict[str, Any]:
+    """Every combination of some parameters, one row each; one that is not given stays None."""
+    import torch
+
+    given = {name: values for name in names if (values := getattr(task, name)) is not None}
+    columns = torch.tensor(list(product(*given.values())), dtype=torch.float64).T
+    return dict.fromkeys(names) | dict(zip(given, columns, strict=True))
+
+
+def _rows(inputs: dict[str, Any], outputs: dict[str, Any], status: Any) -> list[dict[str, Any]]:
+    from haptix.status import Status
+
+    columns = {name: column for name, column in (inputs | outputs).items() if column is not None}
+    return [
+        {name: float(column[row]) for name, column in columns.items()}
+        | {"status": Status(int(status[row])).name}
+        for row in range(len(status))
+    ]
