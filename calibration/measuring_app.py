@@ -25,7 +25,7 @@ from calibration.options import (
 )
 from haptix.arguments import device_address, file_to_write, is_there, number
 from haptix.errors import InputError
-from haptix.report import rounded
+from haptix.report import record
 from haptix.terminal import AsJson, show
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def plan(
         f"{found.protocol.duration_s / 60:.1f} minutes; expected errors"
     )
     rows: list[dict[str, object]] = [
-        {"name": name, "expected_spread": rounded(sd), "is_reported": sd <= reported_within(name)}
+        {"name": name, "expected_spread": record(sd), "is_reported": sd <= reported_within(name)}
         for name, sd in found.expected_spread.items()
     ]
     show(title, rows, as_json)

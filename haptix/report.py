@@ -68,16 +68,10 @@ def text(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def rounded(value: float) -> float | None:
-    """Four digits; None where there is no finite number."""
-    return float(f"{value:.4g}") if isfinite(value) else None
-
-
 def record(value: Any, only: Container[str] | None = None) -> Any:
     """Return a result, or results in lists and tables, as plain values for JSON.
 
-    Numbers have four digits, and are None where they are not finite. A result has `only` these of
-    its fields.
+    Numbers that are not finite are None. A result has `only` these of its fields.
     """
     if _field_names(type(value)):
         plain: dict[str, Any] = {}
@@ -91,7 +85,7 @@ def record(value: Any, only: Container[str] | None = None) -> Any:
         return {str(key): record(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
         return [record(one) for one in value]
-    return rounded(value) if isinstance(value, float) else value
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def row(result: object, only: Container[str] | None = None) -> dict[str, str]:

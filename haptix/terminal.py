@@ -54,7 +54,7 @@ def show(title: str, results: Sequence[Any], as_json: bool) -> None:
     table = Table(box=SIMPLE, padding=0)
     for column, width in zip(columns, widths, strict=True):
         justify: Literal["left", "right"] = "right" if column.is_number else "left"
-        table.add_column(column.heading, justify=justify, overflow="fold", width=width)
+        table.add_column(escape(column.heading), justify=justify, overflow="fold", width=width)
     for one in rows:
         table.add_row(*(escape(text(value)) for value in one.values()))
     # A terminal folds lines that are too long; cut off, they would lose values.

@@ -6,14 +6,18 @@ import time
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from haptix.arguments import folder, one_of
 from haptix.cli.options import Finger, FingerPath, Image, Range, Screen, positive, width
 from haptix.cli.setting import current_of, setting_of
+from haptix.report import row
 from haptix.terminal import AsJson, breakdown_note, progress_bar, show
+
+if TYPE_CHECKING:
+    from haptix.virtual_finger import Evaluation
 
 
 def demo(
@@ -79,10 +83,10 @@ def demo(
         update("write", 0.0)
         summary = write(out, simulation, about, "demo.png")
     title = f"haptix demo: outputs in {out}{breakdown_note(summary['pull_past_breakdown'])}"
-    show(title, [summary] if as_json else _rows(summary), as_json)
+    show(title, [summary] if as_json else _rows(summary, simulation.evaluation), as_json)
 
 
-def _rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
+def _rows(summary: Mapping[str, Any], errors: Evaluation) -> list[dict[str, str]]:
     shares, stream, surface = summary["out_of_range"], summary["stream"], summary["surface"]
     origin = "from the cache" if summary["is_surface_cached"] else "built"
     low, high = summary["target_mu"]
@@ -94,7 +98,8 @@ def _rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
         "surface": f"{origin} in {summary['seconds']['surface']:.2f} s, error in mu at most "
         f"{surface['error_max_mu']:.1g}",
         "target friction": f"{low:.3f} to {high:.3f}",
-        "error": _error(summary["evaluation"]),
+        "error": ", ".join(f"{heading} {cell}" for heading, cell in row(errors).items()),
+        "": errors.counts,
         "out of reach": f"{shares['share_below']:.1%} too low, {shares['share_above']:.1%} too "
         f"high, {shares['share_outside_surface']:.1%} outside the surface",
         "past breakdown": f"{summary['pull_past_breakdown']:.0%} of the attraction at its "
@@ -107,14 +112,3 @@ def _rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
         "picture": summary["picture"],
     }
     return [{"": name, "result": text} for name, text in lines.items()]
-
-
-def _error(evaluation: Mapping[str, Any]) -> str:
-    if evaluation["error_rms_mu"] is None:
-        return "no target can be reached"
-    share = evaluation["evaluated"] / evaluation["samples"]
-    return (
-        f"rms {evaluation['error_rms_mu']:.1e}, 95 % below {evaluation['error_p95_mu']:.1e} in mu "
-        f"({evaluation['error_p95_jnd']:.3f} just-noticeable differences), over {share:.0%} of "
-        "the path"
-    )

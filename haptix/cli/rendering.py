@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -76,7 +75,7 @@ def render(
         from haptix.files import check_folder
         from haptix.profiles import profiles_for
         from haptix.render import LiveSettings
-        from haptix.simulation import FILES, simulate, write
+        from haptix.simulation import FILES, errors_of, simulate, write
         from haptix.virtual_finger import TouchPanel
 
         check_folder(out, ("simulation.png", *FILES))
@@ -110,7 +109,7 @@ def render(
     title += f"; current {current_of(summary['current'])}"
     title += breakdown_note(summary["pull_past_breakdown"])
     title += placeholder_note(summary["placeholders"])
-    show(title, [summary] if as_json else _rows(summary), as_json)
+    show(title, [summary] if as_json else errors_of(simulation), as_json)
 
 
 def play(
@@ -179,30 +178,3 @@ def play(
         row |= {"revisions": stats.revisions, "refused": stats.refused}
         row |= {"reaction_p50_ms": p50_ms, "reaction_p99_ms": p99_ms}
     show(f"{title}; {stats.advice}" if stats.advice else title, [row], as_json)
-
-
-def _rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    return [
-        {
-            "error": name,
-            "rms_mu": part["error_rms_mu"],
-            "p95_mu": part["error_p95_mu"],
-            "p95_jnd": part["error_p95_jnd"],
-            "weighted_jnd": part["by_frequency"]["rms_jnd"],
-            "what": part.get("what") or _counts(part),
-        }
-        for name, part in (
-            *summary["parts"].items(),
-            ("periods", summary["periods"]),
-            ("all", summary["evaluation"]),
-        )
-        if part
-    ]
-
-
-def _counts(evaluation: Mapping[str, Any]) -> str:
-    evaluated, still, unreachable = (
-        f"{evaluation[name] / evaluation['samples']:.0%}"
-        for name in ("evaluated", "still", "unreachable")
-    )
-    return f"evaluated over {evaluated} of the path, still {still}, out of reach {unreachable}"

@@ -1,6 +1,6 @@
 """Rendering without hardware: a finger on a texture, a simulated driver, and what was felt."""
 
-from haptix.simulation.folder import FILES, summary_of, write
+from haptix.simulation.folder import FILES, errors_of, summary_of, write
 from haptix.simulation.parts import PARTS
 from haptix.simulation.played import FINGER_PATH, Played, Setting
 from haptix.simulation.run import Simulation, evaluate_live, simulate
@@ -12,6 +12,7 @@ __all__ = [
     "Played",
     "Setting",
     "Simulation",
+    "errors_of",
     "evaluate_live",
     "simulate",
     "summary_of",

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
 from io import BytesIO
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,10 @@ from firmware_io.limits import Current
 from haptix.errors import MissingExtraError
 from haptix.files import check_folder, csv_text, json_text, write_folder
 from haptix.render import SineCarrier
+from haptix.report import record, row
 from haptix.simulation.parts import PARTS
 from haptix.simulation.run import Simulation
 from haptix.version import __version__
-from haptix.virtual_finger import Evaluation
 
 _PERIODS = "of the modulation: mean friction of each period of the drive; the rest is ripple"
 
@@ -39,11 +38,11 @@ def summary_of(simulation: Simulation) -> dict[str, Any]:
         "haptix": __version__,
         "placeholders": simulation.setting.model.placeholders(),
         "target_mu": [float(target.min()), float(target.max())],
-        "evaluation": _plain(simulation.evaluation),
+        "evaluation": record(simulation.evaluation),
         "parts": {
-            name: {"what": PARTS[name], **_plain(part)} for name, part in simulation.parts.items()
+            name: {"what": PARTS[name], **record(part)} for name, part in simulation.parts.items()
         },
-        "periods": simulation.periods and {"what": _PERIODS, **_plain(simulation.periods)},
+        "periods": simulation.periods and {"what": _PERIODS, **record(simulation.periods)},
         "out_of_range": {
             "share_below": stats.below / stats.samples,
             "share_above": stats.above / stats.samples,
@@ -70,6 +69,17 @@ def summary_of(simulation: Simulation) -> dict[str, Any]:
             "faults": driver.faults,
         },
     }
+
+
+def errors_of(simulation: Simulation) -> list[dict[str, str]]:
+    """Return the parts of the error, that of the periods and all errors, as rows for people."""
+    errors = {**simulation.parts, "periods": simulation.periods, "all": simulation.evaluation}
+    about = {**PARTS, "periods": _PERIODS}
+    return [
+        {"error": name, **row(one), "what": about.get(name, one.counts)}
+        for name, one in errors.items()
+        if one is not None
+    ]
 
 
 def write(
@@ -171,13 +181,3 @@ def _current(simulation: Simulation) -> dict[str, float]:
         "limit_peak_a": limits.max_peak_a,
         "limit_rms_a": limits.max_rms_a,
     }
-
-
-def _plain(evaluation: Evaluation) -> dict[str, Any]:
-    def plain(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {name: plain(one) for name, one in value.items()}
-        return None if isinstance(value, float) and not isfinite(value) else value
-
-    found: dict[str, Any] = plain(asdict(evaluation))
-    return found

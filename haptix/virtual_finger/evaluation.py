@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +11,7 @@ import numpy.typing as npt
 from haptix.checks import Array, number, positive
 from haptix.errors import InputError
 from haptix.perception import WEBER_FRACTION, WeightedError, weighted_error
+from haptix.report import Heading
 from haptix.status import Status
 from haptix.virtual_finger.sensing import Felt
 
@@ -25,13 +27,13 @@ class Evaluation:
     A just-noticeable difference (JND) is ``weber_fraction * target mu``.
     """
 
-    error_rms_mu: float
-    error_p95_mu: float
+    error_rms_mu: Annotated[float, Heading("rms [mu]", ".3g")]
+    error_p95_mu: Annotated[float, Heading("p95 [mu]", ".3g")]
     error_max_mu: float
     bias_mu: float
     """Mean of felt minus target."""
     error_rms_jnd: float
-    error_p95_jnd: float
+    error_p95_jnd: Annotated[float, Heading("p95 [JND]", ".3g")]
     error_max_jnd: float
     samples: int
     """All samples. The counts below need not add up to it, since averaging drops the edges of each
@@ -49,6 +51,20 @@ class Evaluation:
     weber_fraction: float
     by_frequency: WeightedError
     """Without the moving average: felt minus target over the JND, as the skin detects it."""
+
+    @property
+    def weighted_jnd(self) -> Annotated[float, Heading("weighted [JND]", ".3g")]:
+        """The root mean square of that."""
+        return self.by_frequency.rms_jnd
+
+    @property
+    def counts(self) -> str:
+        """One line for people: how much of the path was evaluated."""
+        seen, still, beyond = (
+            f"{count / self.samples:.0%}"
+            for count in (self.evaluated, self.still, self.unreachable)
+        )
+        return f"evaluated over {seen} of the path, still {still}, out of reach {beyond}"
 
 
 def evaluate(

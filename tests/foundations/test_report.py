@@ -68,7 +68,7 @@ def test_a_record_has_all_fields_and_the_properties_that_are_columns():
                 "spread": 0.5,
                 "is_good": True,
                 "is_on": False,
-                "share": 0.1235,
+                "share": 0.123456,
                 "others": [{"name": "b", "height_m": 2.0}],
                 "most": 1.75,
             }
@@ -83,6 +83,8 @@ def test_a_terminal_shows_rows_or_records(capsys):
     assert "+1.2 ± 0.5" in shown
     show("readings", [GOOD], True)
     assert json.loads(capsys.readouterr().out) == [record(GOOD)]
+    show("places", [GOOD.place], False)
+    assert "height [m]" in capsys.readouterr().out  # small letters in brackets are markup to rich
 
 
 class Words(HTMLParser):
