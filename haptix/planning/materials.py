@@ -12,8 +12,8 @@ from haptix.friction import ContactModel
 from haptix.motion import Depends, Motion
 from haptix.planning.trials import Effect
 from haptix.scene import Scene
-from haptix.texture import Evaluator, as_mu
-from haptix.texture.material import Answering, Material
+from haptix.texture import as_mu
+from haptix.texture.material import Material
 
 HOLDABLE = (Depends.TIME, Depends.DIRECTION, Depends.SPEED, Depends.FORCE)
 """What can be held: time at 0, direction to the right, speed and force in the scene's middle."""
@@ -40,48 +40,35 @@ def effects_of_materials(scene: Scene, model: ContactModel) -> Iterator[tuple[st
         motion = _motion(scene, material, speeds)
         reach = _reach(scene, model, motion.normal_force_n)
         motion = motion.within(lambda force_n, _: _reach(scene, model, force_n))
-        held = {
-            flag: holding(evaluator, flag, sum(speeds) / 2, sum(scene.normal_force_n) / 2)
-            for flag in HOLDABLE
-            if flag & evaluator.depends_on
-        }
+        middle = sum(speeds) / 2, sum(scene.normal_force_n) / 2
+        held = [flag for flag in HOLDABLE if flag & evaluator.depends_on]
+        motions = [motion, *(holding(motion, flag, *middle) for flag in held)]
         truth, *others = (
-            torch.from_numpy(np.clip(as_mu(one.target, one.wanted(motion), *reach), *reach))
-            for one in (evaluator, *held.values())
+            torch.from_numpy(
+                np.clip(as_mu(evaluator.target, evaluator.wanted(one), *reach), *reach)
+            )
+            for one in motions
         )
         for flag, mu in zip(held, others, strict=True):
             name = f"materials.{number} ({material.kind}) {str(flag.name).lower()}"
             yield name, Effect.between(truth, mu)
 
 
-def holding(
-    evaluator: Evaluator, held: Depends, speed_mm_s: float, normal_force_n: float
-) -> Answering:
-    """Return an evaluator that is asked as if what is held never changed."""
+def holding(motion: Motion, held: Depends, speed_mm_s: float, normal_force_n: float) -> Motion:
+    """Return a motion in which what is held never changes."""
+    ones = np.ones(motion.x_mm.shape)
 
-    def constant(motion: Motion) -> Motion:
-        ones = np.ones(motion.x_mm.shape)
+    def velocity() -> tuple[Array, Array]:
+        if held & Depends.SPEED:
+            vx, vy = motion.ux * speed_mm_s, motion.uy * speed_mm_s
+        else:
+            vx, vy = motion.vx_mm_s, motion.vy_mm_s
+        return (np.hypot(vx, vy), 0 * ones) if held & Depends.DIRECTION else (vx, vy)
 
-        def velocity() -> tuple[Array, Array]:
-            if held & Depends.SPEED:
-                vx, vy = motion.ux * speed_mm_s, motion.uy * speed_mm_s
-            else:
-                vx, vy = motion.vx_mm_s, motion.vy_mm_s
-            return (np.hypot(vx, vy), 0 * ones) if held & Depends.DIRECTION else (vx, vy)
-
-        return motion.changed(
-            0 * ones if held & Depends.TIME else None,
-            normal_force_n * ones if held & Depends.FORCE else None,
-            velocity,
-        )
-
-    return Answering(
-        lambda motion: evaluator.wanted(constant(motion)),
-        evaluator.target,
-        evaluator.outside,
-        evaluator.depends_on & ~held,
-        evaluator.drives_at_rest,
-        evaluator.react,
+    return motion.changed(
+        0 * ones if held & Depends.TIME else None,
+        normal_force_n * ones if held & Depends.FORCE else None,
+        velocity,
     )
 
 
