@@ -8,6 +8,7 @@ from haptix.campaign import run_campaign
 from haptix.campaign.cluster import DaskWorkers
 from haptix.errors import HaptixError
 from tests.campaign.test_local_campaigns import pages, plan, results  # noqa: F401
+from tests.waiting import PATIENCE_S
 
 distributed = pytest.importorskip("distributed")
 
@@ -73,10 +74,11 @@ def test_what_only_lost_workers_could_do_is_sent_to_others(client, tmp_path):
     workers = DaskWorkers(client)
     workers.expect(str(tmp_path))
     gone = frozenset(["tcp://127.0.0.1:1"])
-    good, workers._good = workers._good, dict.fromkeys(gone, 1)
-    future = workers.submit(len, "abc")
-    workers._good = good
-    assert future.result(timeout=60) == 3  # the next look sends it again
+    with workers._lock:  # its own looks at the workers come between these lines otherwise
+        good, workers._good = workers._good, dict.fromkeys(gone, 1)
+        future = workers.submit(len, "abc")
+        workers._good = good
+    assert future.result(timeout=PATIENCE_S) == 3  # the next look sends it again
     workers.shutdown()
 
 
@@ -84,7 +86,7 @@ def test_errors_of_calls_and_killed_workers_are_told_apart(client):
     workers = DaskWorkers(client)
     workers._good = dict.fromkeys(client.scheduler_info(n_workers=-1)["workers"], 1)
     with pytest.raises(ValueError, match="invalid literal"):
-        workers.submit(int, "x").result(timeout=60)
+        workers.submit(int, "x").result(timeout=PATIENCE_S)
 
     class KilledWorker(Exception):
         pass
@@ -99,7 +101,7 @@ def test_errors_of_calls_and_killed_workers_are_told_apart(client):
     sent = Sent()
     workers._calls[future] = workers._calls[future]._replace(sent=sent)
     workers._take(future, sent)
-    assert isinstance(future.exception(timeout=60), BrokenExecutor)
+    assert isinstance(future.exception(timeout=PATIENCE_S), BrokenExecutor)
     workers.shutdown()
 
 

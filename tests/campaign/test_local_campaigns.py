@@ -24,7 +24,7 @@ from haptix.campaign.worker import as_seen_here, do
 from haptix.errors import HaptixError, InputError
 from haptix.results import ResultStore, folder_of
 from tests.campaign.countable import Countable
-from tests.waiting import wait_for
+from tests.waiting import PATIENCE_S, wait_for
 
 KIND = "tests.campaign.countable:Countable"
 
@@ -467,7 +467,7 @@ def test_a_client_that_is_stopped_leaves_no_process_and_goes_on(tmp_path, kill):
     wait_for(lambda: len(finished(out)) == 2)
     wait_for(lambda: any("begun" in p.read_text() for p in out.glob("runs/*/*.json")))
     command.send_signal(kill)
-    said = command.communicate(timeout=60)[1]  # to the end of all who hold its stderr
+    said = command.communicate(timeout=PATIENCE_S)[1]  # to the end of all who hold its stderr
     if kill == signal.SIGINT:
         assert command.returncode == 130 and "the same command goes on" in said
     # The worker has said that it was stopped.

@@ -48,6 +48,7 @@ class Run:
                 if line["from"] == "server":
                     self.expect(line)
                     continue
+                # The format's "not before": a floor, after which any machine may take its time.
                 time.sleep(max(line["at_s"] - self.now_s(), 0))
                 self.socket.send(self.filled(line))
 

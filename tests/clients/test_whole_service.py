@@ -37,12 +37,16 @@ def test_python(environment, name):
 def test_typescript(environment):
     node_tools()
     command = ["node", TYPESCRIPT / "test" / "golden.test.js"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=PATIENCE_S, env=environment
+    )
     assert done.returncode == 0, done.stdout[-4000:]
 
 
 def test_csharp(environment, tmp_path):
     program = compiled(tmp_path / "test.exe", CSHARP / "Test")
     command = ["mono", program, GOLDEN, "golden"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=PATIENCE_S, env=environment
+    )
     assert done.returncode == 0, done.stdout + done.stderr

@@ -105,7 +105,7 @@ def test_python(far, monkeypatch):
         h.acquire()
         h.arm()
         h.touch(7.0, 8.0)
-    assert far.felt()
+    wait_for(far.felt)
 
 
 def test_typescript(far, tmp_path):
@@ -118,7 +118,7 @@ def test_typescript(far, tmp_path):
     trusting = os.environ | {"NODE_EXTRA_CA_CERTS": str(far.certificate)}
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, env=trusting)
     assert done.returncode == 0, done.stderr
-    assert far.felt()
+    wait_for(far.felt)
 
 
 def test_csharp(far, tmp_path):
@@ -130,7 +130,7 @@ def test_csharp(far, tmp_path):
     photograph.write_bytes(b"a photograph")
     home = os.environ | {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path / ".config")}
     command = ["mono", program, far.url, far.access.native, photograph]
-    stranger = subprocess.run(command, capture_output=True, text=True, timeout=60, env=home)
+    stranger = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, env=home)
     assert stranger.returncode != 0
     # Where `cert-sync --user` of ca-certificates-mono puts what this user trusts.
     trusted = tmp_path / ".config" / ".mono" / "new-certs" / "Trust"
@@ -138,6 +138,6 @@ def test_csharp(far, tmp_path):
     naming = ["openssl", "x509", "-noout", "-subject_hash", "-in", far.certificate]
     named = subprocess.run(naming, check=True, capture_output=True, text=True)
     shutil.copy(far.certificate, trusted / f"{named.stdout.strip()}.0")
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=home)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, env=home)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert far.felt()
+    wait_for(far.felt)

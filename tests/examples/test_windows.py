@@ -5,7 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
-import time
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,8 @@ import pytest
 
 from haptix import InputError
 from haptix.touch import TouchEvent
+from tests.hand_clock import HandClock
+from tests.waiting import pause, wait_for
 
 FOLDER = Path(__file__).parents[2] / "examples"
 
@@ -28,13 +30,19 @@ def test_the_mouse_is_a_finger(steady_mock):
     session = load("mouse_finger").Session("mock:pace=real")
     heard = []
     with session.renderer:
-        for i in range(60):
-            session.finger(100 + 4 * i, 120)  # from 14 mm on: the photograph, the grating
+
+        def slid(i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            session.finger(100 + 4 * (i % 60), 120)  # from 14 mm on: the photograph, the grating
             heard.append(session.said)
-            session.lately()  # as the window does
             if i == 30:
                 session.drag(500, 300)
-            time.sleep(0.005)
+            pause(0.005)
+            return session.lately()  # as the window does
+
+        strokes = map(slid, count())
+        wait_for(lambda: next(strokes)[2].max(initial=0.0) > 20 and "enter Texture" in heard)
+        while len(heard) < 60:
+            next(strokes)
         session.lift()
         ages, friction, volts = session.lately()
     assert session.photograph.x_mm == pytest.approx(500 / 7 - 25)
@@ -57,8 +65,10 @@ session = program.Session("mock:pace=real")
 with session.renderer:
     window = program.Window(session)
     def step(i=0):
-        window.pad.event_generate("<B1-Motion>" if i else "<Button-1>", x=100 + 3 * i, y=120)
-        if i < 60:
+        at = {{"x": 100 + 3 * (i % 60), "y": 120}}
+        window.pad.event_generate("<B1-Motion>" if i else "<Button-1>", **at)
+        taken, rows = session.renderer.touch_counts.taken, session.rows.shape[1]
+        if taken <= 50 or rows <= 300 or "enter" not in window.words["text"]:
             window.after(10, step, i + 1)
         else:
             window.pad.event_generate("<ButtonRelease-1>", x=300, y=120)
@@ -96,25 +106,25 @@ def test_the_window_on_a_display():
 class Reports:
     """A touchscreen of another machine."""
 
-    def __init__(self, events):
-        self.events = events
+    def __init__(self, events, clock):
+        self.events, self.clock = events, clock
 
     def read(self, timeout_s):
-        time.sleep(timeout_s)
+        self.clock.sleep(timeout_s)
         found, self.events = self.events[:5], self.events[5:]
-        return [one._replace(t_s=time.monotonic()) for one in found]
+        return [one._replace(t_s=self.clock()) for one in found]
 
 
 def test_a_touchscreen_is_followed():
     program = load("touchscreen_photograph")
-    taken = []
+    taken, clock = [], HandClock()
 
     class Renderer:
-        now_s = staticmethod(time.monotonic)
+        now_s = clock
         event = staticmethod(taken.append)
 
     events = [TouchEvent(0.0, 1, float(i), 0.0) for i in range(12)]
-    program.follow(Renderer(), Reports(events), 0.1)
+    program.follow(Renderer(), Reports(events, clock), 0.1)
     assert [one.x_mm for one in taken] == [one.x_mm for one in events]
     with pytest.raises(InputError, match="touchscreen"):
         program.main()

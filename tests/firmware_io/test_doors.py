@@ -120,7 +120,7 @@ FORK = """
 
 def test_a_forked_child_ends_nothing_of_its_parent(served):
     program = [sys.executable, "-c", textwrap.dedent(FORK), served.address]
-    done = subprocess.run(program, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(program, capture_output=True, text=True, timeout=PATIENCE_S)
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) >= 24_000
 

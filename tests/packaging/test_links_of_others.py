@@ -12,6 +12,7 @@ import pytest
 
 import haptix
 from firmware_io import DeviceError, open_device, scheme, survey_buses
+from tests.waiting import PATIENCE_S
 
 ROOT = Path(haptix.__file__).parents[1]
 PAGE = (ROOT / "docs" / "devices.md").read_text(encoding="utf-8")
@@ -72,7 +73,7 @@ def test_the_service_opens_it(environment, tmp_path):
         assert process.stdout is not None
         assert "haptix serves kept" in process.stdout.readline()
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=60)
+        process.communicate(timeout=PATIENCE_S)
     assert file.stat().st_size > 0
 
 

@@ -20,6 +20,7 @@ from haptix.render.intervals import play
 from haptix.render.lab_streams import LabOutlets, LiveOutlets
 from haptix.stimuli.adaptive import ConstantStimuli, Experiment, Presentation
 from tests.hand_clock import HandClock
+from tests.waiting import PATIENCE_S
 
 pylsl = pytest.importorskip("pylsl", reason="the extra lab is not installed")
 pyxdf = pytest.importorskip("pyxdf", reason="pyxdf is not installed")
@@ -51,10 +52,10 @@ def record(outlets, act, counts, path, name=NAME):
     """Record what is sent in `act`, until as many samples of each stream have come."""
     inlets = {}
     for kind in counts:
-        (found,) = pylsl.resolve_byprop("name", f"{name}-{kind}", 1, timeout=60.0)
+        (found,) = pylsl.resolve_byprop("name", f"{name}-{kind}", 1, timeout=PATIENCE_S)
         inlets[kind] = pylsl.StreamInlet(found)
-        inlets[kind].open_stream(timeout=60.0)
-    until = time.monotonic() + 60.0
+        inlets[kind].open_stream(timeout=PATIENCE_S)
+    until = time.monotonic() + PATIENCE_S
     while not outlets.has_recorders():
         assert time.monotonic() < until, "nobody listens"
         time.sleep(0.01)
@@ -238,7 +239,7 @@ def test_a_live_renderer_sends_its_touches_drive_and_marks(surface, tmp_path):
         warnings.simplefilter("ignore", OverloadWarning)  # a busy machine is no failure
 
         def act():
-            until, marks = time.monotonic() + 60.0, [11, 12]
+            until, marks = time.monotonic() + PATIENCE_S, [11, 12]
             while len(sent) < 20 or outlets.marks_sent < 2:
                 assert time.monotonic() < until, "the driver told of no marks"
                 now_s = renderer.now_s()

@@ -19,6 +19,7 @@ from haptix.service.making import Making
 from haptix.service.messages import Problem
 from haptix.stimuli.interchange import FrictionMap
 from tests.service.service_under_test import Service
+from tests.waiting import PATIENCE_S
 
 OPENING = {"surface": None, "finger": "semi-wet", "screen": "3m-sct3250"}
 RIBS = {"kind": "grating", "period_mm": 4.0}
@@ -188,10 +189,10 @@ def test_a_line_is_exported_with_what_it_loses(making, form):
 @pytest.mark.slow  # the process itself starts; what it answers is tested above, refusals with REST
 def test_a_question_is_refused_in_one_sentence_and_the_next_is_answered(rest):
     asked = {"material": {"kind": "velvet"}, "width_mm": 10, "height_mm": 10}
-    refused = rest.post("/pictures", json=asked, timeout=60)
+    refused = rest.post("/pictures", json=asked, timeout=PATIENCE_S)
     assert refused.status_code == 422
     assert "velvet" in refused.json()["sentence"]
-    answer = rest.post("/pictures", json=asked | {"material": RIBS}, timeout=60)
+    answer = rest.post("/pictures", json=asked | {"material": RIBS}, timeout=PATIENCE_S)
     assert answer.json()["columns"] == 160
 
 

@@ -11,6 +11,7 @@ import pytest
 from haptix.service.batches import read_frame
 from haptix.service.link import FeltFingerProcess
 from haptix.service.wire import TouchRecord, amplitude_frame, touch_frame
+from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.slow  # loads torch three times
 
@@ -55,7 +56,7 @@ async def feeds(finger, is_over, copies=1):
     """Play a steady amplitude under a finger that slides, until something is so."""
     now_s = played_s = began_s = time.monotonic()
     while not is_over():
-        assert now_s < began_s + 120, "it did not happen"
+        assert now_s < began_s + PATIENCE_S, "it did not happen"
         x_mm = 25 + 20 * np.sin(4 * (now_s - began_s))
         finger.feed(touch_frame([TouchRecord(now_s, 5, "move", x_mm, 5.0, 0.5, None)]))
         now_s = time.monotonic()

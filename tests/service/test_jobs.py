@@ -70,7 +70,7 @@ def rest(service, method, path, body=None, status=None, page=None):
 
 def until(service, job, *states):
     """The job once it is in one of some states."""
-    end_s = time.monotonic() + 180  # a busy machine loads torch slowly
+    end_s = time.monotonic() + PATIENCE_S
     while True:
         found = rest(service, "GET", f"/v1/jobs/{job}", status=200)
         if found["state"] in states:

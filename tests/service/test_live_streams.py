@@ -1,12 +1,11 @@
 """Friction and felt friction of the whole service, against the driver's own record."""
 
-import time
-
 import numpy as np
 import pytest
 
 from haptix.service.batches import COLUMNS
 from tests.service.test_processes import LAYOUT, Running
+from tests.waiting import pause, wait_for
 
 pytestmark = pytest.mark.slow  # starts the whole service
 
@@ -22,13 +21,16 @@ def test_two_fingers_are_told_apart_and_what_is_told_was_played(tmp_path):
             client.ask("subscribe", streams={"friction": 250, "felt": 1000})
             client.arm()
             began_s = client.now_s()
-            # The virtual finger makes its tables first, and a busy machine takes long.
-            while (now_s := client.now_s()) < began_s + 60.0 and is_short(frames):
-                x_mm = 50 + 30 * np.sin(2 * (now_s - began_s))
+
+            def slides():
+                x_mm = place_mm(client.now_s() - began_s)
                 client.touch(float(x_mm), 20.0, 0.5, touch_id=4)
                 client.touch(float(x_mm) + 10, 40.0, 0.4, touch_id=9)
-                time.sleep(0.008)
-            time.sleep(0.5)
+                pause(0.008)
+                return not is_short(frames)
+
+            # The virtual finger makes its tables first, and a busy machine takes long.
+            wait_for(slides)
     finally:
         service.close()
     assert {(one.stream, one.touch_id) for one in frames} == {
@@ -39,9 +41,12 @@ def test_two_fingers_are_told_apart_and_what_is_told_was_played(tmp_path):
         times, row = friction
         assert np.median(np.diff(times)) == pytest.approx(0.004, abs=1e-6)
         there = ~np.isnan(row["x_mm"])
-        expected = 50 + dx_mm + 30 * np.sin(2 * (times - began_s))
-        # Predicted over the reaction; a busy machine's late touches make it worse.
-        assert np.median(np.abs(row["x_mm"] - expected)[there]) < 2.0
+        # Its own path, predicted over the reaction; touches of a busy machine come late.
+        off_mm = [
+            np.median(np.abs(row["x_mm"] - dx_mm - place_mm(times - late_s - began_s))[there])
+            for late_s in np.arange(0.0, 0.5, 0.02)
+        ]
+        assert min(off_mm) < 2.0
         assert np.median(row["normal_force_n"][there]) == pytest.approx(force_n, rel=1e-3)
         assert (row["low"] <= row["reached"] + 1e-9)[there].all()
         assert (row["reached"] <= row["high"] + 1e-9)[there].all()
@@ -59,9 +64,15 @@ def test_two_fingers_are_told_apart_and_what_is_told_was_played(tmp_path):
     assert volts / share == pytest.approx(186.0, rel=0.02)  # the screen's highest at 4 kHz
 
 
+def place_mm(t_s):
+    """Where the first finger is."""
+    return 50 + 30 * np.sin(2 * t_s)
+
+
 def is_short(frames):
-    """Whether less than two seconds were felt."""
-    return sum(len(one.rows) for one in frames if one.stream == "felt") < 4000
+    """Whether less than two seconds of a finger were felt."""
+    felt = [one for one in frames if one.stream == "felt"]
+    return any(sum(len(one.rows) for one in felt if one.touch_id == n) < 2000 for n in (4, 9))
 
 
 def table(frames, stream, touch_id):

@@ -2,8 +2,12 @@
 
 The driver is a mock at real pace, served to the engine over TCP by this process, so it lives on
 whatever dies. Times are the driver's own: samples between the fault and the last one above 0 V.
+
+Here real time is the subject: each deadline is what a finger on a screen is promised. A machine
+that lets programs wait adds to it; how long it lets one of ours wait is measured beside it.
 """
 
+import contextlib
 import os
 import re
 import signal
@@ -37,8 +41,31 @@ LAYOUT = {
         }
     ]
 }
-#: What this machine adds to a deadline of the service when its two cores are busy with other tests.
-BUSY_S = 0.25
+BUSY_S, HOPS = 0.25, 5
+"""What a machine with two busy cores adds to a deadline, and how often between a fault and 0 V a
+program of ours waits for its turn."""
+
+
+class Lateness:
+    """How long this machine lets a program wait for its turn, at most, since its begin."""
+
+    EVERY_S = 0.005
+
+    def __init__(self):
+        self.ends, self.longest_s = threading.Event(), 0.0
+        self.thread = threading.Thread(target=self.run, daemon=True)
+        self.thread.start()
+
+    def run(self):
+        looked_s = time.monotonic()
+        while not self.ends.wait(self.EVERY_S):
+            now_s = time.monotonic()
+            self.longest_s = max(self.longest_s, now_s - looked_s - self.EVERY_S)
+            looked_s = now_s
+
+    def stop(self):
+        self.ends.set()
+        self.thread.join()
 
 
 class Running:
@@ -78,14 +105,18 @@ class Running:
         os.environ["HAPTIX_SERVICE"] = self.environment["HAPTIX_SERVICE"]
         return haptix.client.connect(name, **fields)
 
-    def volts_end_s(self, began_s):
-        """Time from `began_s`, of `monotonic`, to the last output above 0 V."""
-        time.sleep(1.0)
+    @contextlib.contextmanager
+    def at_0_v_within(self, limit_s):
+        """Fail if the last output above 0 V is later after the body's begin than a deadline."""
+        lateness, began_s = Lateness(), time.monotonic()
+        yield
+        wait_for(lambda: not np.any(self.driver.output_v[-24_000:]))
+        lateness.stop()
         volts, now_s = self.driver.output_v, time.monotonic()
         live = np.flatnonzero(volts)
         assert len(live), "nothing was played at all"
         silent_s = (len(volts) - 1 - live[-1]) / 48_000
-        return now_s - silent_s - began_s
+        assert now_s - silent_s - began_s < limit_s + BUSY_S + HOPS * lateness.longest_s
 
     def is_live(self):
         """Whether there was voltage in the last 50 ms."""
@@ -138,6 +169,7 @@ def felt(service, client):
 
 
 def test_a_finger_feels_and_every_end_is_at_0_v(running):
+    lateness = Lateness()
     with running.connect() as client:
         sliding = felt(running, client)
         # The first volts are those of the fade.
@@ -147,11 +179,12 @@ def test_a_finger_feels_and_every_end_is_at_0_v(running):
         wait_for(lambda: not running.is_live())
         client.arm()
         wait_for(running.is_live)
-        began_s = time.monotonic()
-        client.stop()
-        assert running.volts_end_s(began_s) < 0.05 + BUSY_S
+        with running.at_0_v_within(0.05):
+            client.stop()
         sliding.stop()
-        assert running.driver.faults == 0
+        lateness.stop()
+        # A driver whose host does not run for a while is starved.
+        assert running.driver.faults == 0 or lateness.longest_s > 0.05
 
 
 def test_what_a_finger_does_is_told_and_what_an_app_sets_is_obeyed(running):
@@ -160,15 +193,16 @@ def test_what_a_finger_does_is_told_and_what_an_app_sets_is_obeyed(running):
         for kind in ("contact", "effect_ended", "output"):
             client.on(kind, events.append)
         sliding = felt(running, client)
-        assert client.ask("subscribe", streams={"stats": 20.0}).columns["stats"][3] == "touches"
         frames = []
         client.on("frame", frames.append)
-        wait_for(lambda: len(frames) >= 3)
-        assert [frame.number for frame in frames[:3]] == [0, 1, 2]
-        touches = [float(frame.rows[0, 3]) for frame in frames[:3]]
-        assert 0 < touches[0] < touches[2]
-        assert 0.0 < frames[2].rows[0, 0] <= frames[2].rows[0, 1]  # reactions of the last touches
-        entered = next(event for event in events if event.type == "contact")
+        assert client.ask("subscribe", streams={"stats": 20.0}).columns["stats"][3] == "touches"
+        wait_for(lambda: len(frames) >= 3 and 0 < frames[0].rows[0, 3] < frames[-1].rows[0, 3])
+        # A client that reads late is sent the newest frames only.
+        numbers, touches = zip(*((one.number, one.rows[0, 3]) for one in [*frames]), strict=True)
+        assert [*numbers] == sorted({*numbers}) and [*touches] == sorted(touches)
+        # Reactions of the last touches, in a second in which some were in time.
+        wait_for(lambda: any(0.0 < one.rows[0, 0] <= one.rows[0, 1] for one in frames))
+        entered = wait_for(lambda: next((one for one in events if one.type == "contact"), None))
         assert (entered.event, entered.region, entered.touch_id) == ("enter", "ribs", 0)
         assert abs(client.now_s() - entered.t_s) < 60.0  # by the client's own clock
         assert client.ask("mute", on=True).muted
@@ -215,11 +249,10 @@ def test_a_client_is_killed_or_hangs(running, how):
     try:
         assert client.stdout.readline() == "armed\n"
         wait_for(running.is_live)
-        began_s = time.monotonic()
-        client.send_signal(how)
         # A closed socket: 50 ms. Silence: two pings, 0.4 s without an answer, and 50 ms.
         limit_s = 0.05 if how == signal.SIGKILL else 0.2 + 0.4 + 0.05
-        assert running.volts_end_s(began_s) < limit_s + BUSY_S
+        with running.at_0_v_within(limit_s):
+            client.send_signal(how)
     finally:
         client.kill()
         client.wait()
@@ -239,10 +272,8 @@ def test_the_engine_is_killed_or_hangs(running, how):
     with running.connect() as client:
         sliding = felt(running, client)
         engine = running.engine
-        began_s = time.monotonic()
-        os.kill(engine, how)
-        # The driver's watchdog is 250 ms at most.
-        assert running.volts_end_s(began_s) < 0.25 + 0.05 + BUSY_S
+        with running.at_0_v_within(0.25 + 0.05):  # the driver's watchdog is 250 ms at most
+            os.kill(engine, how)
         if how == signal.SIGKILL:
             wait_for(lambda: running.engine not in (0, engine))
             wait_for(lambda: is_armed(client))  # with the layout that it was told again
@@ -259,11 +290,10 @@ def test_the_front_is_killed_or_hangs(running, how):
         client.ask("subscribe", streams={"felt": 100.0})
         wait_for(lambda: len(running.helpers) > 1)  # the virtual finger starts
         helpers = running.helpers
-        began_s = time.monotonic()
-        os.kill(running.process.pid, how)
         # Its input ends, or no tick comes for 100 ms.
         limit_s = 0.05 if how == signal.SIGKILL else 0.1 + 0.02 + 0.05
-        assert running.volts_end_s(began_s) < limit_s + BUSY_S
+        with running.at_0_v_within(limit_s):
+            os.kill(running.process.pid, how)
         if how == signal.SIGKILL:
             # The virtual finger may still import what it needs, and hears of the end after that.
             wait_for(lambda: not any(Path(f"/proc/{one}").exists() for one in helpers))

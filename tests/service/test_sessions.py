@@ -18,7 +18,7 @@ from haptix.service.front import SUBPROTOCOL
 from haptix.service.listen import listens
 from haptix.service.messages import TouchMessage
 from tests.service.service_under_test import Service
-from tests.waiting import wait_for
+from tests.waiting import PATIENCE_S, wait_for
 
 PAGE = "https://example.org"
 SPOKEN = Subprotocol(SUBPROTOCOL)
@@ -64,7 +64,7 @@ class Client:
         self.say(kind, **fields)
         return self.until(lambda message: message["id"] == self.number)
 
-    def until(self, wanted, seconds=30.0):
+    def until(self, wanted, seconds=PATIENCE_S):
         end_s = time.monotonic() + seconds
         while True:
             message = json.loads(self.socket.recv(timeout=max(end_s - time.monotonic(), 0)))
