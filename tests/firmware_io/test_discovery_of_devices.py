@@ -22,6 +22,7 @@ from firmware_io import (
     open_device,
     survey_buses,
 )
+from tests.waiting import PATIENCE_S
 
 
 def report(kind):
@@ -273,7 +274,7 @@ def test_an_error_in_what_is_told_does_not_end_the_watch(buses, no_thread_is_lef
         while watch.error is None:
             time.sleep(0.001)
         buses.devices.append(driver)
-        assert seen.wait(10.0)
+        assert seen.wait(PATIENCE_S)
     assert isinstance(watch.error, KeyError)
 
 

@@ -1,7 +1,5 @@
 """Playing far ahead and revising what waits: against a mock whose clock a test moves."""
 
-import threading
-import time
 from collections import deque
 
 import numpy as np
@@ -23,6 +21,8 @@ from firmware_io import (
 from firmware_io.firmware.core import Output
 from firmware_io.progress import OutputClock
 from firmware_io.revisable import Revisable
+from tests.steady_clock import steady_driver
+from tests.waiting import pause, wait_for
 
 RATE = 48_000
 TICK_S = 5e-4
@@ -483,14 +483,16 @@ def test_reports_that_come_late_do_not_move_the_clock():
 @pytest.mark.usefixtures("no_thread_is_left")
 def test_a_thread_of_its_own():
     """Real time, and what a caller may count on whatever the machine does."""
-    driver = MockDriver(pace="real", clock=time.monotonic)
+    driver = steady_driver()
     source = Levels()
     with Playback(Device(MockLink(driver)), source) as playback:
-        end_s = time.monotonic() + 5.0
-        while playback.stats.revisions < 3 and time.monotonic() < end_s:
+
+        def has_revised():
             playback.touch()
-            threading.Event().wait(0.01)
-        assert playback.stats.revisions >= 3
+            pause(0.01)
+            return playback.stats.revisions >= 3
+
+        wait_for(has_revised)
         assert playback.stats.samples_played > 0
     assert not driver.is_armed
 

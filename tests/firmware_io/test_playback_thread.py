@@ -22,6 +22,7 @@ from firmware_io import (
     volts_to_codes,
 )
 from firmware_io.firmware.core import Output
+from tests.waiting import PATIENCE_S, wait_for
 
 pytestmark = pytest.mark.usefixtures("no_thread_is_left", "steady_mock")
 ROOT = Path(__file__).parents[2]
@@ -41,14 +42,6 @@ def started(source):
     playback = Playback(device, source)
     playback.start()
     return device, playback
-
-
-def wait_for(condition):
-    for _ in range(1000):
-        if condition():
-            return
-        time.sleep(0.01)
-    raise TimeoutError
 
 
 def test_samples_arrive_in_order():
@@ -86,9 +79,14 @@ def test_unplugging_is_raised_at_the_end():
 def test_a_link_that_hangs_is_told(monkeypatch):
     device, playback = started(tone())
     monkeypatch.setattr("firmware_io.playback._JOIN_S", 0.05)
-    hang = threading.Event()
-    monkeypatch.setattr(device._stream.link, "send", lambda data: hang.wait(5.0))
-    time.sleep(0.02)
+    hangs, hang = threading.Event(), threading.Event()
+
+    def send(data):
+        hangs.set()
+        hang.wait(PATIENCE_S)
+
+    monkeypatch.setattr(device._stream.link, "send", send)
+    wait_for(hangs.is_set)
     with pytest.raises(DeviceError, match=r"did not return within 0\.05 s.*watchdog"):
         playback.stop()
     hang.set()
@@ -103,11 +101,7 @@ def test_a_forgotten_playback_ends():
     del playback
     gc.collect()
     # The collector may have come first in the playback's own thread, which then ends by itself.
-    for _ in range(1000):
-        if not device.is_armed:
-            break
-        time.sleep(0.01)
-    assert not device.is_armed
+    wait_for(lambda: not device.is_armed)
     time.sleep(0.01)
     assert device.mock.output[0][-1] == 0
 

@@ -18,6 +18,7 @@ from firmware_io import Playback, open_device
 from firmware_io.playback import WaveSource
 from haptix import log
 from haptix.errors import InputError
+from tests.waiting import PATIENCE_S
 
 LINE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6} \d+ haptix\.room (INFO|DEBUG) (.*)")
 room = logging.getLogger("haptix.room")
@@ -150,7 +151,7 @@ def test_no_lock_is_between_threads_that_log(on_disk):
     try:
         other = threading.Thread(target=room.info, args=("from the audio",), daemon=True)
         other.start()
-        other.join(10.0)  # it would wait for ever
+        other.join(PATIENCE_S)  # it would wait for ever
         assert not other.is_alive()
     finally:
         on_disk._aside.release()

@@ -11,7 +11,6 @@ from firmware_io import (
     Device,
     DeviceDisconnectedError,
     DeviceFaultError,
-    MockDriver,
     MockLink,
     open_device,
 )
@@ -25,6 +24,7 @@ from haptix.render.played import COLUMNS, PlayedRecord
 from haptix.render.stream import ready_interpreter
 from haptix.texture import Grating
 from tests.steady_clock import SteadyClock, steady_driver
+from tests.waiting import PATIENCE_S
 
 FULL = Texture(np.ones((2, 2)), width_mm=100.0, beyond="hold")
 NEVER_STILL = Sliding(is_needed=False)
@@ -86,7 +86,7 @@ def until_loud(renderer, link):
     def is_loud():
         return np.abs(link.driver.output_v[before:]).max(initial=0.0) > 150.0
 
-    touching(renderer, 20.0, is_loud)
+    touching(renderer, PATIENCE_S, is_loud)
     assert is_loud()
 
 
@@ -106,7 +106,7 @@ def test_a_session(surface, link):
         assert gc.get_freeze_count() > 0
         assert sys.getswitchinterval() < switch_s
         until_loud(renderer, link)
-        touching(renderer, 20.0, lambda: renderer.stats.revisions > 5)
+        touching(renderer, PATIENCE_S, lambda: renderer.stats.revisions > 5)
     assert_at_rest(device, link)
     stats = renderer.stats
     assert stats.reaction_s == 0.004
@@ -189,7 +189,7 @@ def test_an_error_that_nobody_asked_for_is_told_at_the_end(surface, link):
     with pytest.raises(DeviceDisconnectedError), renderer:
         touching(renderer, 0.03)
         link.inject("disconnect")
-        renderer._playback._writer.thread.join(5.0)
+        renderer._playback._writer.thread.join(PATIENCE_S)
 
 
 def test_a_fault_of_the_driver_and_another_session(surface):
@@ -201,7 +201,7 @@ def test_a_fault_of_the_driver_and_another_session(surface):
         touching(renderer, 0.03)
         clock.longest_s = 0.4
         link.inject("stall", seconds=0.4)  # longer than the watchdog waits
-        touching(renderer, 5.0)
+        touching(renderer, PATIENCE_S)
     clock.longest_s = 0.05
     assert_at_rest(device, link)
     with renderer:
@@ -250,9 +250,7 @@ def test_touches_from_several_threads_at_once(surface, link):
 def test_the_time_of_the_scene_is_the_one_that_is_rendered(surface):
     """What a moving material asked for, as it is told, is what it asks for at that time."""
     material = Moving(of=Grating(period_mm=40.0, low=0.2, high=0.8), velocity_mm_s=(-30.0, 0.0))
-    renderer = LiveRenderer(
-        surface, material, opened(MockLink(MockDriver(pace="real"))), settings=ALWAYS
-    )
+    renderer = LiveRenderer(surface, material, opened(patient_link()), settings=ALWAYS)
     rows = []
     with renderer:
         renderer.record = PlayedRecord(renderer)
@@ -263,7 +261,7 @@ def test_the_time_of_the_scene_is_the_one_that_is_rendered(surface):
                 rows.append((part.t0_s + part.row_s * np.arange(len(part.rows[0])), part.rows[0]))
             return len(rows) > 20
 
-        touching(renderer, 10.0, has_told)
+        touching(renderer, PATIENCE_S, has_told)
         readings = []
         for _ in range(50):  # that in which nothing came between is the one that counts
             before_s, scene_s, after_s = renderer.now_s(), renderer.scene_s, renderer.now_s()
