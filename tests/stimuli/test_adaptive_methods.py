@@ -222,6 +222,7 @@ def test_constant_stimuli_come_equally_often_in_an_order_of_the_seed():
         (lambda: Quest([1, 2], [1, 2], function="logistic"), "logistic"),
         (lambda: Quest([1, 2], [1, 2], prior={"threshold": [1]}), "prior"),
         (lambda: Quest([1, 2], [1, 2], trials=0), "trials"),
+        (lambda: Quest([1, 2], [1, 2], slope=0.0, function="normal"), "finite probabilities"),
         (lambda: ConstantStimuli([1.0]), "levels.*at least 2"),
         (lambda: fit([1.0, 1.0], [True, False]), "two levels"),
     ],
@@ -229,6 +230,11 @@ def test_constant_stimuli_come_equally_often_in_an_order_of_the_seed():
 def test_wrong_methods_are_refused(make, pattern):
     with pytest.raises(InputError, match=pattern):
         make()
+
+
+def test_a_threshold_beyond_all_numbers_leaves_the_guess():
+    far = Quest([6.0, 44.0], [1e308], slope=[2.0, 3.5, 5.0], guess=0.25)
+    assert (far._likelihood[1] == 0.25).all()
 
 
 def test_an_impossible_answer_is_said():

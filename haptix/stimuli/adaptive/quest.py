@@ -76,7 +76,8 @@ class Quest(Method):
         guesses, lapses = self.grids["guess"], self.grids["lapse"]
         if min(guesses[0], lapses[0]) < 0 or guesses[-1] + lapses[-1] >= 1:
             raise InputError("guess and lapse: expected shares of 0 or more, together below 1")
-        right = function_named(self.function)(self._levels[:, None], *flat)
+        with np.errstate(all="ignore"):  # what is not finite is refused
+            right = function_named(self.function)(self._levels[:, None], *flat)
         if not np.isfinite(right).all():
             raise InputError("threshold and slope: expected values that give finite probabilities")
         # Shape (answers, levels, parameters): wrong, right.
