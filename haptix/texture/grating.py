@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from math import log2
+from math import cos, log2, radians, sin
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, PositiveFloat
 
 from haptix.checks import Array
-from haptix.texture.field import FrictionField, turned
+from haptix.texture.field import FrictionField
 from haptix.texture.material import Scaled
 from haptix.waves import Shape, Waveform
 
@@ -67,8 +67,10 @@ class Grating(FrictionField, Scaled):
         return self
 
     @cached_property
-    def _ready(self) -> tuple[tuple[tuple[Array, Array, Array], ...], Array, Array]:
-        return self._tables, np.array(self.period_mm), np.array(self.phase)
+    def _ready(self) -> tuple[tuple[tuple[Array, Array, Array], ...], Array, Array, Array, Array]:
+        turn = radians(self.orientation_deg)
+        c, s = np.array(cos(turn)), np.array(sin(turn))
+        return self._tables, c, s, np.array(self.period_mm), np.array(self.phase)
 
     @cached_property
     def _waveform(self) -> Waveform:
@@ -95,8 +97,8 @@ class Grating(FrictionField, Scaled):
         return tuple(tables)
 
     def _sample(self, x_mm: Array, y_mm: Array, footprint_mm: float | Array) -> Array:
-        along, _ = turned(x_mm, y_mm, self.orientation_deg)
-        tables, period, phase = self._ready
+        tables, c, s, period, phase = self._ready
+        along = x_mm * c + y_mm * s if self.orientation_deg else x_mm
         place = along / period
         place += phase
         place -= np.floor(place)
