@@ -137,12 +137,13 @@ class Motion:
         Of each finger: whether its force was measured, and not assumed. Without it, all were.
     history : tuple, optional
         Of each finger: its dated facts, see `History`.
+    reachable : callable, optional
+        What `reach` asks; a renderer states it before it asks a material.
     """
 
     __slots__ = (
         "_facts",
         "_history",
-        "_reachable",
         "_speed",
         "_t_s",
         "_unit",
@@ -153,6 +154,7 @@ class Motion:
         "force_known",
         "normal_force_n",
         "points",
+        "reachable",
         "start_s",
         "step_s",
         "x_mm",
@@ -185,7 +187,7 @@ class Motion:
         self.force_known = force_known
         self._velocity = velocity
         self._history = history
-        self._reachable = reachable
+        self.reachable = reachable
         self._t_s: Array | None = start_s if isinstance(start_s, np.ndarray) else None
         self._v: tuple[Array, Array] | None = None
         self._speed: Array | None = None
@@ -208,6 +210,7 @@ class Motion:
         normal_force_n: npt.ArrayLike = 0.5,
         footprint_mm: float = 0.0,
         history: History = (),
+        reachable: Reachable | None = None,
     ) -> Motion:
         """One finger, at places, times, velocities and forces that broadcast to one row.
 
@@ -225,7 +228,9 @@ class Motion:
         step_s = float(t[1] - t[0]) if len(t) > 1 else 0.0
         whose = (history,) if history else ()
         velocity = lambda: (vx, vy)  # noqa: E731
-        return cls(1, len(x), x, y, force, footprint_mm, step_s, t, velocity, None, whose)
+        return cls(
+            1, len(x), x, y, force, footprint_mm, step_s, t, velocity, None, whose, reachable
+        )  # fmt: skip
 
     @property
     def t_s(self) -> Array:
@@ -308,14 +313,9 @@ class Motion:
         InputError
             If nobody renders, and it is not known.
         """
-        if self._reachable is None:
+        if self.reachable is None:
             raise InputError("motion.reach: known only while a renderer asks; give friction as mu")
-        return self._reachable(self.normal_force_n, self.speed_mm_s)
-
-    def within(self, reachable: Reachable) -> Motion:
-        """Take a motion that nobody else holds into a reach, and return it."""
-        self._reachable = reachable
-        return self
+        return self.reachable(self.normal_force_n, self.speed_mm_s)
 
     def with_history(self, history: tuple[History, ...]) -> Motion:
         """Return the same motion with other facts, one history for each finger."""
@@ -399,7 +399,7 @@ class Motion:
             lambda: (np.tile(self.vx_mm_s, count), np.tile(self.vy_mm_s, count)),
             None if self.force_known is None else self.force_known * count,
             self._history * count,
-            self._reachable,
+            self.reachable,
         )
 
     def _at(
@@ -412,7 +412,7 @@ class Motion:
     ) -> Motion:
         found = Motion(
             self.fingers, self.points, x_mm, y_mm, self.normal_force_n, footprint_mm, self.step_s,
-            self.start_s, velocity, self.force_known, history, self._reachable,
+            self.start_s, velocity, self.force_known, history, self.reachable,
         )  # fmt: skip
         found._t_s = self._t_s
         return found

@@ -13,28 +13,27 @@ from firmware_io.c_library import load
 ffi, library = load("haptix-native", Path(__file__).parent / "haptix_native.h")
 NULL = ffi.NULL
 _FLOAT64 = np.dtype(np.float64)
-_DOUBLES = ffi.typeof("double *")
+DOUBLES = ffi.typeof("double *")
+"""For ``ffi.from_buffer(DOUBLES, numbers)``: the address of contiguous numbers in double precision.
+It keeps them alive as long as it is kept itself."""
 _from_buffer, _empty = ffi.from_buffer, np.empty
 _NUMBERS = {"double": _FLOAT64, "int32_t": np.dtype(np.int32)}
 
 
 def doubles(numbers: npt.NDArray[Any]) -> Any:
-    """Return the address of numbers in double precision, or of a copy where they are not.
-
-    It keeps them alive as long as it is kept itself.
-    """
+    """Return the address of any numbers, or of a copy of the kind that `DOUBLES` expects."""
     if numbers.dtype is _FLOAT64:
         try:
-            return _from_buffer(_DOUBLES, numbers)
+            return _from_buffer(DOUBLES, numbers)
         except ValueError:  # not contiguous
             pass
-    return _from_buffer(_DOUBLES, np.ascontiguousarray(numbers, dtype=np.float64))
+    return _from_buffer(DOUBLES, np.ascontiguousarray(numbers, dtype=np.float64))
 
 
 def room(count: int) -> tuple[npt.NDArray[np.float64], Any]:
     """Return space for numbers in double precision, and its address."""
     numbers = _empty(count)
-    return numbers, _from_buffer(_DOUBLES, numbers)
+    return numbers, _from_buffer(DOUBLES, numbers)
 
 
 class Struct:

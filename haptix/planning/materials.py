@@ -39,7 +39,7 @@ def effects_of_materials(scene: Scene, model: ContactModel) -> Iterator[tuple[st
         evaluator = material.evaluator
         motion = _motion(scene, material, speeds)
         reach = _reach(scene, model, motion.normal_force_n)
-        motion = motion.within(lambda force_n, _: _reach(scene, model, force_n))
+        motion.reachable = lambda force_n, _: _reach(scene, model, force_n)
         middle = sum(speeds) / 2, sum(scene.normal_force_n) / 2
         held = [flag for flag in HOLDABLE if flag & evaluator.depends_on]
         motions = [motion, *(holding(motion, flag, *middle) for flag in held)]

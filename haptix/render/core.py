@@ -14,9 +14,9 @@ from haptix.errors import InputError
 from haptix.finger_response import FingerResponse
 from haptix.layout import Layout
 from haptix.motion import Motion
-from haptix.native import NULL, Struct, doubles, ffi, library, room
+from haptix.native import DOUBLES, NULL, Struct, ffi, library
 from haptix.render.drive import Drive, DriverCarrier, SineCarrier
-from haptix.render.master import Master
+from haptix.render.master import Mix
 from haptix.render.settings import Combination, RenderSettings
 from haptix.surface import FrictionSurface, Slice
 from haptix.texture import Evaluator, Feelable, TargetKind, check_feelable
@@ -38,7 +38,9 @@ _TARGETS: tuple[TargetKind, ...] = ("mu", "contrast", "share")
 _COMBINATIONS: tuple[Combination, ...] = ("strongest", "first", "mean")
 _BLOCK, _BYTES = ffi.typeof("hx_block *"), ffi.typeof("int8_t *")
 _INT8 = np.dtype(np.int8)
-_new, _from_buffer, _render = ffi.new, ffi.from_buffer, library.hx_render
+_new, _address, _render = ffi.new, ffi.from_buffer, library.hx_render
+_row, _FLOAT64 = np.ascontiguousarray, np.dtype(np.float64)
+_ALL = Mix()  # full intensity, and no effects
 
 DEFAULT_CARRIER_HZ = 4000.0
 """Above what skin feels, and a whole twelfth of the usual 48 kHz."""
@@ -116,8 +118,6 @@ class RenderCore:
     """
 
     _settings_kind: type[RenderSettings] = RenderSettings
-    _mix: Master | None = None
-    """Intensity and effects, where a stream has them."""
 
     def __init__(
         self,
@@ -141,6 +141,8 @@ class RenderCore:
         self.surface = surface = surface.driven_at(drive.frequency_hz, settings.h0_m)
         self.sample_rate_hz = rate
         self.step = max(1, int(rate / CONTROL_HZ))
+        self.step_s = self.step / rate
+        """Time from one control point to the next."""
         self.points = max(1, round(settings.block_s * rate / self.step))
         peak, ripple = drive.peak_per_sine, drive.attraction
         # The current through the person limits the slew: at 4 kHz, 186 V.
@@ -165,7 +167,10 @@ class RenderCore:
         # The drive stays below the limit, rounding included.
         self._most_v = highest_v / (1.0 if peak <= 1 else 1 + 1e-12)
         self._most_step_v = change_v_per_s * self.step / rate
-        self._wave: tuple[Array | None, Any] = (None, NULL)  # the last one, with its address
+        self._period = drive.period(rate)
+        self._period_at = (
+            NULL if self._period is None else _address(DOUBLES, _row(self._period, _FLOAT64))
+        )
         self.texture = texture
 
     @property
@@ -197,11 +202,6 @@ class RenderCore:
         self._felt = (texture, evaluator, rendering)
 
     @property
-    def step_s(self) -> float:
-        """Time from one control point to the next."""
-        return self.step / self.sample_rate_hz
-
-    @property
     def drives_at_rest(self) -> bool:
         """Whether what is felt gives drive to fingers that rest."""
         return self._felt[1].drives_at_rest
@@ -212,11 +212,12 @@ class RenderCore:
         first_sample: int,
         amplitude_v: float = 0.0,
         queued_v: Array | None = None,
+        mix: Mix = _ALL,
     ) -> RenderedBlock:
         """Render the steps that end at a motion's points, from the amplitude before them.
 
         Of amplitudes `queued_v` that are queued at the points, the last stays, and those before it
-        are blended into.
+        are blended into. `mix` has the intensity, and effects that are added to what is felt.
         """
         _, evaluator, rendering = self._felt
         motion, gain = fingers.motion, fingers.gain
@@ -224,7 +225,7 @@ class RenderCore:
         value = force = intensity = added = queued = NULL
         less, more, part = self._compiled, NULL, 0.0
         if count:
-            motion = motion.within(self.reachable)
+            motion.reachable = self.reachable
             if self._averaged:
                 asked = self._over_the_quarter(evaluator, motion, first_sample)
                 speed = motion.footprint_mm * self.sample_rate_hz / step
@@ -237,34 +238,34 @@ class RenderCore:
                     f"texture: expected an answer for each of {count * points} points, got "
                     f"{asked.size}"
                 )
-            value = doubles(asked)
-            if self._mix is not None:
-                share, more_share = self._mix.mixed(motion, first_sample / self.sample_rate_hz)
-                if isinstance(share, np.ndarray) or share != 1.0:
-                    intensity = doubles(np.full(points, share))
-                if more_share is not None:
-                    added = doubles(more_share)
+            value = _address(DOUBLES, _row(asked, _FLOAT64))
+            share = mix.intensity
+            if isinstance(share, np.ndarray) or share != 1.0:
+                intensity = _address(DOUBLES, np.full(points, share, dtype=np.float64))
+            if mix.effects:
+                added = _address(DOUBLES, _row(mix.added(motion), _FLOAT64))
             if count > 1 and isinstance(evaluator, Layout):
                 gain = self._shared(gain, evaluator, motion)
-            force = doubles(motion.normal_force_n)
+            force = _address(DOUBLES, _row(motion.normal_force_n, _FLOAT64))
         if queued_v is not None:
-            queued = doubles(queued_v)
+            queued = _address(DOUBLES, _row(queued_v, _FLOAT64))
         samples = points * step
-        wave, phase = self.drive.wave(first_sample, samples, self.sample_rate_hz)
-        kept = self._wave
-        if kept[0] is not wave:
-            self._wave = kept = (wave, doubles(wave))
-        gain_at = doubles(gain)
+        wave, wave_at, phase = self._period, self._period_at, 0
+        if wave is None:
+            wave = _row(self.drive.wave(first_sample, samples, self.sample_rate_hz), _FLOAT64)
+            wave_at = _address(DOUBLES, wave)
+        else:
+            phase = first_sample % len(wave)
+        gain_at = _address(DOUBLES, _row(gain, _FLOAT64))
         block = _new(_BLOCK, (
             count, points, value, force, gain_at, intensity, added, less, more, part,
-            amplitude_v, queued, 0 if queued_v is None else len(queued_v), kept[1], len(wave),
+            amplitude_v, queued, 0 if queued_v is None else len(queued_v), wave_at, len(wave),
             phase,
         ))  # fmt: skip
         targets = count * points
         end = targets + points
-        numbers, at = room(end + samples)
-        status = np.empty(targets, _INT8)
-        _render(rendering.at, block, at, _from_buffer(_BYTES, status))
+        numbers, status = np.empty(end + samples), np.empty(targets, _INT8)
+        _render(rendering.at, block, _address(DOUBLES, numbers), _address(_BYTES, status))
         return RenderedBlock(
             first_sample, step, count, numbers[:targets], status, fingers.gain,
             numbers[targets:end], numbers[end:],

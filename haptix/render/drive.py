@@ -68,8 +68,11 @@ class Drive(ABC):
 
     def modulate(self, amplitude_v: Array, first_sample: int, sample_rate_hz: float) -> Array:
         """Drive signal [V] for amplitudes at consecutive samples, shape (samples,)."""
-        wave, at = self.wave(first_sample, len(amplitude_v), sample_rate_hz)
-        return amplitude_v * np.take(wave, at + np.arange(len(amplitude_v)), mode="wrap")
+        period = self.period(sample_rate_hz)
+        if period is None:
+            return amplitude_v * self.wave(first_sample, len(amplitude_v), sample_rate_hz)
+        at = first_sample % len(period) + np.arange(len(amplitude_v))
+        return amplitude_v * np.take(period, at, mode="wrap")
 
     def demodulate(self, drive_v: Array, sample_rate_hz: float) -> tuple[Array, Array]:
         """Sample index at the middle, and amplitude [V], of every whole period.
@@ -85,26 +88,28 @@ class Drive(ABC):
         energy = np.add.reduceat(wave[: bounds[-1]] ** 2, starts)
         return (bounds[:-1] + bounds[1:] - 1) / 2, product / energy
 
-    @abstractmethod
-    def wave(self, first_sample: int, count: int, sample_rate_hz: float) -> tuple[Array, int]:
-        """Return samples of the wave of amplitude 1 V, and which of them is at the first sample.
+    def period(self, sample_rate_hz: float) -> Array | None:
+        """Samples of amplitude 1 V from sample 0 until the wave comes again; None if too many."""
+        return None
 
-        They are enough for `count` samples, or the wave comes again after the last of them.
-        """
+    @abstractmethod
+    def wave(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
+        """Samples of the wave of amplitude 1 V, shape (count,)."""
 
 
 @dataclass(frozen=True)
 class SineCarrier(Drive):
     """A sine that is too fast to be felt; its amplitude is the envelope."""
 
-    def wave(self, first_sample: int, count: int, sample_rate_hz: float) -> tuple[Array, int]:
-        """Return samples of the wave, see `Drive.wave`."""
-        table = sine_table(self.frequency_hz, sample_rate_hz)
-        if table is not None:
-            return table, first_sample % len(table)
+    def period(self, sample_rate_hz: float) -> Array | None:
+        """Samples until the sine comes again, see `Drive.period`."""
+        return sine_table(self.frequency_hz, sample_rate_hz)
+
+    def wave(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
+        """Samples of the sine, see `Drive.wave`."""
         # In blocks of a millisecond, twice as fast as adding angles by `haptix.waves.sine`.
         phase = turns(first_sample, count, self.frequency_hz, sample_rate_hz)
-        return np.sin(2 * np.pi * phase), 0
+        return np.sin(2 * np.pi * phase)
 
 
 @dataclass(frozen=True)
@@ -119,9 +124,9 @@ class DriverCarrier(SineCarrier):
         """Highest amplitude [V]; a driver adds the slews of amplitude and carrier."""
         return max(slew_v_per_s - change_v_per_s, 0.0) / (2 * pi * self.frequency_hz)
 
-    def wave(self, first_sample: int, count: int, sample_rate_hz: float) -> tuple[Array, int]:
-        """Return what the amplitudes themselves are multiplied with."""
-        return _AMPLITUDES, 0
+    def period(self, sample_rate_hz: float) -> Array | None:
+        """What the amplitudes are multiplied with: they are sent themselves."""
+        return _AMPLITUDES
 
     def demodulate(self, drive_v: Array, sample_rate_hz: float) -> tuple[Array, Array]:
         """Sample index and amplitude [V] of every sample."""
@@ -185,7 +190,7 @@ class DirectWave(Drive):
         attraction /= attraction.mean()
         return None if np.ptp(attraction) < 0.1 else attraction
 
-    def wave(self, first_sample: int, count: int, sample_rate_hz: float) -> tuple[Array, int]:
-        """Return samples of the wave, see `Drive.wave`."""
+    def wave(self, first_sample: int, count: int, sample_rate_hz: float) -> Array:
+        """Samples of the wave, see `Drive.wave`."""
         phase = turns(first_sample, count, self.frequency_hz, sample_rate_hz)
-        return self.peak_per_sine * self._waveform.at(phase), 0
+        return self.peak_per_sine * self._waveform.at(phase)

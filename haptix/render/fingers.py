@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 from math import exp, hypot, inf, isnan, nan
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from haptix.checks import Array
 from haptix.errors import InputError
-from haptix.motion import VELOCITY_OVER_S, Motion, Report
+from haptix.motion import VELOCITY_OVER_S, History, Motion, Report
 from haptix.motion.block import React, Reactions, unmoved
-from haptix.native import Struct, doubles, ffi, library, room
+from haptix.native import DOUBLES, Struct, ffi, library
 from haptix.render.core import Fingers
 from haptix.render.settings import LiveSettings, Sliding
 from haptix.touch import Touches, TouchEvent, TouchState, TouchTracker
@@ -22,6 +22,7 @@ LOST_S = 0.1
 """A recorded finger without touches for so long, while others go on, counts as lifted."""
 
 _ROUNDING_S = 1e-6  # of a clock: a fade continues over it
+_address, _line = ffi.from_buffer, library.hx_line
 
 
 @dataclass
@@ -58,13 +59,14 @@ class _KnownTrack:
         i = min(max(int(t.searchsorted(t_s)), 1), len(t) - 1)
         return hypot(x[i] - x[i - 1], y[i] - y[i - 1]) / float(t[i] - t[i - 1]) if i else 0.0
 
-    def react_until(self, t_s: float) -> None:
+    def history_until(self, t_s: float) -> History:
         """Let reports count up to the first after a time, which may date facts before it."""
         while self.reports:
             at_s, report, react = self.reports.popleft()
             self.reactions.report(report, react)
             if at_s >= t_s:
                 break
+        return self.reactions.history
 
     def forget_before(self, t_s: float) -> None:
         """Drop what lies before `t_s`, except the start of the line through it."""
@@ -72,15 +74,6 @@ class _KnownTrack:
         self.touches = self.touches[:, max(min(first, self.touches.shape[1] - 2), 0) :]
         while len(self.gains) > 2 and self.gains[1][0] <= t_s:
             del self.gains[0]
-
-
-class MovingFingers(Protocol):
-    """Fingers that a stream can ask for at any time."""
-
-    def motion(
-        self, t0_s: float, step_s: float, points: int, since_s: float, at_rest: bool = False
-    ) -> Fingers:
-        """Fingers at ``t0_s + step_s * (1 ... points)``."""
 
 
 class RecordedFingers:
@@ -125,7 +118,8 @@ class RecordedFingers:
         speeds = np.hypot(np.diff(x), np.diff(y)) / np.diff(t)
         sliding = self._sliding
         for i, speed in enumerate(speeds.tolist()):
-            track.is_sliding = at_rest or sliding.is_sliding(speed, track.is_sliding)
+            least = sliding.to_mm_per_s if track.is_sliding else sliding.from_mm_per_s
+            track.is_sliding = at_rest or not sliding.is_needed or speed > least
             if track.gains[-1][1] != track.is_sliding:
                 track.fade(float(t[i]), float(t[i + 1]), float(track.is_sliding), sliding.fade_s)
         track.force_known, track.react = force_known, react
@@ -180,33 +174,33 @@ class RecordedFingers:
             return Fingers.none(points)
         end_s = t0_s + step_s * points
         lines = np.empty((4, len(tracks), points))
+        fastest, paths, known, histories = 0.0, [], [], []
         for finger, track in enumerate(tracks):
             track.forget_before(t0_s)
-            track.react_until(end_s)
-            gain_s, gains = self._gains(track)
+            fastest = max(fastest, track.speed_mm_per_s(end_s))
+            paths.append(track.touches)
+            known.append(track.force_known)
             known_s, *places_and_force = track.touches
-            knots = [*((known_s, line) for line in places_and_force), (gain_s, gains)]
+            knots = [*((known_s, line) for line in places_and_force), self._gains(track)]
             for value, (knot_s, line) in zip(lines[:, finger], knots, strict=True):
-                library.hx_line(
-                    doubles(knot_s), doubles(line), len(line), t0_s, step_s, points, doubles(value)
-                )
-        x, y, force, gain = lines.reshape(4, -1)
-        fastest = max(track.speed_mm_per_s(end_s) for track in tracks)
-        paths = [track.touches for track in tracks]
+                at_s, at = _address(DOUBLES, knot_s), _address(DOUBLES, line)
+                _line(at_s, at, len(line), t0_s, step_s, points, _address(DOUBLES, value))
+            histories.append(track.history_until(end_s))
+        x, y, force, gains = lines.reshape(4, -1)
         motion = Motion(
             len(tracks), points, x, y, force, fastest * step_s, step_s, since_s,
             lambda: _velocities(t0_s + step_s * np.arange(1.0, points + 1), paths),
-            tuple(track.force_known for track in tracks),
-            tuple(track.reactions.history for track in tracks),
+            tuple(known), tuple(histories),
         )  # fmt: skip
-        return Fingers(motion, gain)
+        return Fingers(motion, gains)
 
-    def _gains(self, track: _KnownTrack) -> Array:
+    def _gains(self, track: _KnownTrack) -> tuple[Array, Array]:
         """Times and gains. A fade continues for a microsecond, which covers a clock's rounding."""
         change = _ROUNDING_S / self._sliding.fade_s * (1 if track.is_sliding else -1)
         last_s, last = track.gains[-1]
         end = (last_s + _ROUNDING_S, min(max(last + change * track.is_down, 0.0), 1.0))
-        return np.array([*track.gains, end]).T
+        times, gains = np.array([*track.gains, end]).T.copy()
+        return times, gains
 
 
 def _velocities(t_s: Array, paths: list[Array]) -> tuple[Array, Array]:
@@ -348,11 +342,11 @@ class PredictedFingers:
 
     def take(
         self, event: TouchEvent, arrival_s: float | None = None, react: React = unmoved
-    ) -> None:
+    ) -> Report | None:
         """Take a touch event, see `Touches.push`; a move of an unknown finger brings it down.
 
         `react` is that of the material, see `Evaluator`. What it makes of the event holds from when
-        that can be played.
+        that can be played. Returns the report that it got; None for an event that was dropped.
         """
         kind = getattr(event, "kind", None)
         if kind == "move" and event.touch_id not in self.touches:
@@ -360,11 +354,9 @@ class PredictedFingers:
         touches = self.touches
         before = dict(touches.active)
         if not touches.push(event, arrival_s):
-            return
+            return None
         touch_id = event.touch_id
-        tracker = dict(touches.active).get(touch_id) or before.get(touch_id)
-        if tracker is None:
-            return
+        tracker = dict(touches.active).get(touch_id) or before[touch_id]
         heard_s = 0.0
         if self._ahead_s is None:
             self._ahead_s = tracker.last_t_s
@@ -378,6 +370,7 @@ class PredictedFingers:
             force_n = None if force is None else force.normal_force_n
             now = Report(t_s, float(event.x_mm), float(event.y_mm), force_n)
         self._reactions.setdefault(tracker, Reactions()).report(now, react, heard_s)
+        return now
 
     def motion(
         self, t0_s: float, step_s: float, points: int, since_s: float, at_rest: bool = False
@@ -390,7 +383,8 @@ class PredictedFingers:
         self._at_rest = at_rest or not self._settings.sliding.is_needed
         rows, known, ids = self._rows, self._known, self._ids
         count = len(ids)
-        numbers, at = room(4 * (count + 1) * points + 3 * count + 1)
+        numbers = np.empty(4 * (count + 1) * points + 3 * count + 1)
+        at = _address(DOUBLES, numbers)
         n = library.hx_fingers(
             self._following.at, rows, count, t0_s, step_s, points, self._at_rest, at
         )

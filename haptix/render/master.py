@@ -95,6 +95,27 @@ class PlayingEffect:
             self._changed()
 
 
+class Mix(NamedTuple):
+    """What one block gets of intensity and effects."""
+
+    since_s: float = 0.0
+    """Time of the scene where the block begins, a step before its first point."""
+    intensity: float | Array = 1.0
+    """At its points, shape (points,); one number where it stays."""
+    effects: tuple[PlayingEffect, ...] = ()
+
+    def added(self, motion: Motion) -> Array:
+        """Share of the reachable friction that the effects add to a motion."""
+        return np.asarray(np.sum([one.added(motion) for one in self.effects], axis=0))
+
+    def mark(self, motion: Motion, gain: Array) -> None:
+        """Note whether the effects are felt by fingers of such gains."""
+        t_s = self.since_s + motion.step_s * np.arange(1.0, motion.points + 1)
+        is_felt = gain.reshape(-1, motion.points).max(axis=0, initial=0.0) > _FELT_GAIN
+        for one in self.effects:
+            one.mark(t_s, is_felt)
+
+
 class Master:
     """Intensity and effects of a session; any thread may change them.
 
@@ -157,13 +178,14 @@ class Master:
         """Time of the scene at a time of samples: less the pauses, and standing in one."""
         return self._stands_s if self.is_paused else samples_s - self._stood_s
 
-    def at(self, first_s: float, step_s: float, points: int) -> float | Array:
-        """Intensity at points that end steps from a time of samples: one number where it stays."""
-        line = self._line
+    def mix(self, first_s: float, step_s: float, points: int) -> Mix:
+        """Return what a block gets whose points end steps from a time of samples."""
+        since_s, line = self.scene_s(first_s), self._line
         if first_s >= line.end_s:
-            return line.after[0]
+            return Mix(since_s, line.after[0], self._effects)
         (low,), (high,) = line.before, line.after
-        return low + line.parts(first_s + step_s * np.arange(1.0, points + 1)) * (high - low)
+        parts = line.parts(first_s + step_s * np.arange(1.0, points + 1))
+        return Mix(since_s, low + parts * (high - low), self._effects)
 
     def play(
         self,
@@ -194,26 +216,6 @@ class Master:
         self._effects = (*playing, found)
         self._changed()
         return found
-
-    def mixed(self, motion: Motion, first_s: float) -> tuple[float | Array, Array | None]:
-        """Intensity at the points of a motion, and shares of the reachable friction to add."""
-        return self.at(first_s, motion.step_s, motion.points), self.added(motion)
-
-    def added(self, motion: Motion) -> Array | None:
-        """Share of the reachable friction that effects add; None without any."""
-        effects = self._effects
-        if not effects:
-            return None
-        return np.asarray(np.sum([one.added(motion) for one in effects], axis=0))
-
-    def mark(self, motion: Motion, since_s: float, gain: Array) -> None:
-        """Note whether effects are felt at the points of a motion from a time of the scene on."""
-        if self._effects:
-            t_s = since_s + motion.step_s * np.arange(1.0, motion.points + 1)
-            each = gain.reshape(-1, motion.points)
-            is_felt = each.max(axis=0, initial=0.0) > _FELT_GAIN
-            for one in self._effects:
-                one.mark(t_s, is_felt)
 
     def cut(self, played_s: float, sample_rate_hz: float) -> None:
         """End what still plays, with the session."""

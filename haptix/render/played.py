@@ -1,16 +1,21 @@
-"""What a live renderer has played, for those who watch it."""
+"""What a live renderer plays: windows that are rendered, and rendered again, and their record."""
 
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from firmware_io.revisable import Revisable
 from haptix.checks import Array
 from haptix.render.core import Fingers, RenderCore, RenderedBlock
+from haptix.render.fingers import PredictedFingers
+from haptix.render.master import Master
 
 ROW_S = 0.001
 """Between rows, as near as the control points allow: friction is felt up to 1 kHz."""
@@ -173,3 +178,89 @@ class PlayedRecord:
             rows.values(), there, np.split(found, np.cumsum(there.sum(axis=1))[:-1]), strict=True
         ):
             row[is_there, 4:] = part
+
+
+class RenderSource:
+    """Renders windows from what is queued before them; see `firmware_io.Source`.
+
+    Parameters
+    ----------
+    core : RenderCore
+        Renders.
+    fingers : PredictedFingers
+        Where they are.
+    master : Master
+        Intensity and effects, and the time of the scene.
+    count : callable
+        Takes each block, the time that it took, and when its first sample is played.
+    record : callable
+        Returns the record of what is played, where one is kept.
+    appended : callable
+        Called with the index of the first of samples that are new to the driver, before they are
+        sent, on the thread that owns the device.
+    """
+
+    def __init__(
+        self,
+        core: RenderCore,
+        fingers: PredictedFingers,
+        master: Master,
+        count: Callable[[RenderedBlock, float, float], None],
+        record: Callable[[], PlayedRecord | None] = lambda: None,
+        appended: Callable[[int], None] = lambda first: None,
+    ) -> None:
+        self._core = core
+        self._fingers = fingers
+        self._master = master
+        self._count = count
+        self._record = record
+        self._appended = appended
+        self._amplitudes = Revisable()  # of what is queued, where each step begins
+        self._amplitudes.append(np.zeros(1))
+
+    @property
+    def grid(self) -> int:
+        """Samples in a step."""
+        return self._core.step
+
+    @property
+    def is_live(self) -> bool:
+        """Whether fingers' reports could still change what is played."""
+        return self._fingers.is_live
+
+    def window(self, first: int, count: int, at_s: float, is_revision: bool) -> Array:
+        """Render samples from index `first` on, of which the first is played at `at_s`."""
+        began = time.perf_counter()
+        core, amplitudes = self._core, self._amplitudes
+        step, points = first // core.step, count // core.step
+        queued = None
+        if is_revision:
+            self._fingers.update(at_s)
+            start = step + 1 - amplitudes.first
+            queued = amplitudes.values[start : start + points]
+        mix = self._master.mix(first / core.sample_rate_hz, core.step_s, points)
+        fingers = self._fingers.motion(at_s, core.step_s, points, mix.since_s, core.drives_at_rest)
+        block = core.block(fingers, first, amplitudes[step], queued, mix)
+        if mix.effects:
+            mix.mark(fingers.motion, fingers.gain)
+        if is_revision:
+            amplitudes.replace(step + 1, block.amplitude_v)
+        else:
+            amplitudes.append(block.amplitude_v)
+            self._appended(first)
+        if (record := self._record()) is not None:
+            record.add(block, fingers, at_s, is_revision)
+        self._count(block, time.perf_counter() - began, at_s)
+        return block.drive_v
+
+    def settle(self, obeyed: int, undone: bool) -> None:
+        """Take the oldest revisions as played; with `undone`, all others never were."""
+        self._amplitudes.accept(obeyed)
+        if undone:
+            self._amplitudes.undo()
+        if (record := self._record()) is not None:
+            record.settle(obeyed, undone)
+
+    def played(self, index: int) -> None:
+        """Forget what lies before an index."""
+        self._amplitudes.drop_before(index // self._core.step)

@@ -60,12 +60,6 @@ class Sliding:
                 f"{self.to_mm_per_s:g} and {self.from_mm_per_s:g}"
             )
 
-    def is_sliding(self, speed_mm_per_s: float, was_sliding: bool) -> bool:
-        """Whether a finger of this speed gets the drive."""
-        if not self.is_needed:
-            return True
-        return speed_mm_per_s > (self.to_mm_per_s if was_sliding else self.from_mm_per_s)
-
 
 @dataclass(frozen=True, kw_only=True)
 class RenderSettings:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import gc
 import logging
-import sys
 import time
 import warnings
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from math import nan
 from typing import Any, Self
@@ -19,7 +17,7 @@ import numpy as np
 
 from firmware_io import Device, Playback, PlaybackStats
 from firmware_io.progress import MOST_MARKS
-from firmware_io.revisable import Revisable
+from firmware_io.real_time import ready_interpreter
 from firmware_io.reviser import percentile
 from haptix.checks import Array, instance, number, whole
 from haptix.errors import InputError, LimitError, OverloadWarning
@@ -29,7 +27,7 @@ from haptix.render.core import RenderCore, RenderedBlock
 from haptix.render.drive import Drive, DriverCarrier
 from haptix.render.fingers import PredictedFingers, RecordedFingers
 from haptix.render.master import EffectEnd, Master, PlayingEffect
-from haptix.render.played import PlayedRecord
+from haptix.render.played import PlayedRecord, RenderSource
 from haptix.render.settings import LiveSettings, RenderSettings
 from haptix.status import Status
 from haptix.surface import FrictionSurface
@@ -118,8 +116,8 @@ class RenderStream(RenderCore, ABC):
         drive: Drive | None = None,
         settings: RenderSettings | None = None,
     ) -> None:
-        self._mix = self._master = Master(self._changed)
-        self._listeners = Listeners()
+        self._master = Master(self._changed)
+        self._listeners: Listeners | None = None
         super().__init__(surface, texture, device, drive, settings)
         self.device = device
         self._reset()
@@ -129,7 +127,8 @@ class RenderStream(RenderCore, ABC):
         self.stats = RenderStats()
         self.blocks: list[RenderedBlock] = []
         self._master.reset()
-        self._listeners.forget()
+        if self._listeners is not None:
+            self._listeners.forget()
         self._attach(self.texture)
 
     @property
@@ -172,6 +171,8 @@ class RenderStream(RenderCore, ABC):
         It is called by `touch` and `lift`, in their thread, by the report itself and never by
         prediction. Fingers whose force is not measured press nothing.
         """
+        if self._listeners is None:
+            self._listeners = Listeners()
         self._listeners.on(kind, callback)
 
     def poll(self) -> list[EffectEnd]:
@@ -184,9 +185,8 @@ class RenderStream(RenderCore, ABC):
         super()._feel(texture)
         self._changed()
 
-    @abstractmethod
     def _changed(self) -> None:
-        """What is felt has changed, other than by a touch."""
+        """What is felt has changed, other than by a touch: the next block has it."""
 
     def _attach(self, texture: Feelable) -> None:
         """Give a layout the clock of the stream."""
@@ -198,21 +198,23 @@ class RenderStream(RenderCore, ABC):
     def _samples_s(self) -> float:
         """Time of the next sample that can still be rendered, since the first."""
 
-    def _heard(self, event: TouchEvent) -> None:
-        """Tell callbacks what a touch did, and which effects have ended."""
+    def _heard(self, event: TouchEvent, normal_force_n: float | None) -> None:
+        """Tell callbacks what a touch did, and which effects have ended.
+
+        The force is that which was measured; None where it is assumed.
+        """
         is_down = event.kind != "up"
-        force = self._force_of(event) if is_down else None
         x, y = (float(event.x_mm), float(event.y_mm)) if is_down else (nan, nan)
         _LOG.debug("touch %d %s at %.6f s, %g, %g mm", event.touch_id, event.kind, event.t_s, x, y)
-        now = Report(self._since_s, x, y, force, is_down)
-        if isinstance(layout := self._felt[1], Layout):
-            layout.heard(event.touch_id, now)
-        self._listeners.report(self.texture, event.touch_id, event.t_s, now)
+        texture, evaluator, _ = self._felt
+        listeners, layout = self._listeners, evaluator if isinstance(evaluator, Layout) else None
+        if listeners is not None or layout is not None:
+            now = Report(self._since_s, x, y, normal_force_n if is_down else None, is_down)
+            if layout is not None:
+                layout.heard(event.touch_id, now)
+            if listeners is not None:
+                listeners.report(texture, event.touch_id, event.t_s, now)
         self.poll()
-
-    @abstractmethod
-    def _force_of(self, event: TouchEvent) -> float | None:
-        """Force that was measured; None where it is assumed."""
 
     def touch(
         self,
@@ -286,7 +288,7 @@ class RenderStream(RenderCore, ABC):
             self.blocks.append(block)
 
 
-_FORCE = ForceModel()
+_ASSUMED_N = ForceModel().assumed_n
 _LONG_S = 0.25  # a block of `play`: far longer than what numpy costs per call
 
 
@@ -319,17 +321,11 @@ class Renderer(RenderStream):
     def _samples_s(self) -> float:
         return self._next_sample / self.sample_rate_hz
 
-    def _force_of(self, event: TouchEvent) -> float | None:
-        return event.normal_force_n
-
-    def _changed(self) -> None:
-        """The next block has it."""
-
     def event(self, event: TouchEvent, arrival_s: float | None = None) -> None:
         """Take a touch event and render up to it; see `touch`."""
         self._take(event)
         self._render_known(self.points)
-        self._heard(event)
+        self._heard(event, event.normal_force_n)
 
     def play(self, path: Trajectory, touch_id: int = 0) -> None:
         """Render one finger's whole recorded path, in long blocks: the fastest way.
@@ -356,10 +352,9 @@ class Renderer(RenderStream):
             self._check_gap(event.t_s)
             self._fingers.lift(event.touch_id, event.t_s, event.t_s - (self._start_s or 0.0))
             return
-        found = _FORCE.estimate(event.normal_force_n, event.contact_area_m2)
-        force_n = (found or _FORCE.assumed).normal_force_n
-        place = (event.x_mm, event.y_mm)
-        self._follow(event.touch_id, event.t_s, *place, force_n, found is not None)
+        force_n = _ASSUMED_N if event.normal_force_n is None else event.normal_force_n
+        place, is_known = (event.x_mm, event.y_mm), event.normal_force_n is not None
+        self._follow(event.touch_id, event.t_s, *place, force_n, is_known)
 
     def _follow(
         self,
@@ -373,9 +368,10 @@ class Renderer(RenderStream):
         """Let a finger go on by touches, which are checked."""
         self._check_gap(t_s)
         start_s = float(np.min(t_s)) if self._start_s is None else self._start_s
+        felt = self._felt[1]
         self._fingers.touch(
-            touch_id, t_s, x_mm, y_mm, normal_force_n, force_known, self._felt[1].react, start_s,
-            self.drives_at_rest,
+            touch_id, t_s, x_mm, y_mm, normal_force_n, force_known, felt.react, start_s,
+            felt.drives_at_rest,
         )  # fmt: skip
         self._start_s = start_s
 
@@ -387,11 +383,14 @@ class Renderer(RenderStream):
         # Clocks that count from 1970 resolve a few 1e-7 s: that must not cost a sample.
         end = int((self._fingers.known_until_s - self._start_s) * rate + 0.02)
         while (left := (end - self._next_sample) // step) > 0:
-            began, at_s = time.perf_counter(), self._start_s + self._next_sample / rate
-            since_s = self._since_s
-            fingers = self._fingers.motion(at_s, self.step_s, min(most, left), since_s)
-            block = self.block(fingers, self._next_sample, self._amplitude_v)
-            self._master.mark(fingers.motion, since_s, fingers.gain)
+            began, first = time.perf_counter(), self._next_sample
+            points, samples_s = min(most, left), first / rate
+            mix = self._master.mix(samples_s, self.step_s, points)
+            at_s = self._start_s + samples_s
+            fingers = self._fingers.motion(at_s, self.step_s, points, mix.since_s)
+            block = self.block(fingers, first, self._amplitude_v, mix=mix)
+            if mix.effects:
+                mix.mark(fingers.motion, fingers.gain)
             self._amplitude_v = float(block.amplitude_v[-1])
             self._next_sample += len(block.drive_v)
             self.device.write(block.drive_v)
@@ -407,117 +406,6 @@ class Renderer(RenderStream):
                 f"touch: expected a time within {LONGEST_GAP_S:g} s of what is rendered, got one "
                 f"{gap_s:g} s later; is the clock in seconds? Enter the renderer anew after a pause"
             )
-
-
-SWITCH_S = 5e-4
-"""How long a thread may hold the interpreter while another waits. With the usual 5 ms, a busy
-thread delays a window by as much."""
-
-
-@contextmanager
-def ready_interpreter() -> Iterator[None]:
-    """Keep garbage collection and thread switches short, and restore them.
-
-    A full garbage collection takes some 100 ms here. Frozen objects are left out of it. A program
-    that has frozen its objects keeps them so.
-    """
-    switch_s = sys.getswitchinterval()
-    was_frozen = gc.get_freeze_count() > 0
-    if not was_frozen:
-        gc.collect()
-        gc.freeze()
-    sys.setswitchinterval(min(switch_s, SWITCH_S))
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(switch_s)
-        if not was_frozen:
-            gc.unfreeze()
-
-
-class RenderSource:
-    """Renders windows from what is queued before them; see `firmware_io.Source`.
-
-    Parameters
-    ----------
-    core : RenderCore
-        Renders.
-    fingers : PredictedFingers
-        Where they are.
-    master : Master
-        Intensity and effects, and the time of the scene.
-    count : callable
-        Takes each block, the time that it took, and when its first sample is played.
-    record : callable
-        Returns the record of what is played, where one is kept.
-    appended : callable
-        Called with the index of the first of samples that are new to the driver, before they are
-        sent, on the thread that owns the device.
-    """
-
-    def __init__(
-        self,
-        core: RenderCore,
-        fingers: PredictedFingers,
-        master: Master,
-        count: Callable[[RenderedBlock, float, float], None],
-        record: Callable[[], PlayedRecord | None] = lambda: None,
-        appended: Callable[[int], None] = lambda first: None,
-    ) -> None:
-        self._core = core
-        self._fingers = fingers
-        self._master = master
-        self._count = count
-        self._record = record
-        self._appended = appended
-        self._amplitudes = Revisable()  # of what is queued, where each step begins
-        self._amplitudes.append(np.zeros(1))
-
-    @property
-    def grid(self) -> int:
-        """Samples in a step."""
-        return self._core.step
-
-    @property
-    def is_live(self) -> bool:
-        """Whether fingers' reports could still change what is played."""
-        return self._fingers.is_live
-
-    def window(self, first: int, count: int, at_s: float, is_revision: bool) -> Array:
-        """Render samples from index `first` on, of which the first is played at `at_s`."""
-        began = time.perf_counter()
-        core, amplitudes = self._core, self._amplitudes
-        step, points = first // core.step, count // core.step
-        queued = None
-        if is_revision:
-            self._fingers.update(at_s)
-            start = step + 1 - amplitudes.first
-            queued = amplitudes.values[start : start + points]
-        since_s = self._master.scene_s(first / core.sample_rate_hz)
-        fingers = self._fingers.motion(at_s, core.step_s, points, since_s, core.drives_at_rest)
-        block = core.block(fingers, first, amplitudes[step], queued)
-        self._master.mark(fingers.motion, since_s, fingers.gain)
-        if is_revision:
-            amplitudes.replace(step + 1, block.amplitude_v)
-        else:
-            amplitudes.append(block.amplitude_v)
-            self._appended(first)
-        if (record := self._record()) is not None:
-            record.add(block, fingers, at_s, is_revision)
-        self._count(block, time.perf_counter() - began, at_s)
-        return block.drive_v
-
-    def settle(self, obeyed: int, undone: bool) -> None:
-        """Take the oldest revisions as played; with `undone`, all others never were."""
-        self._amplitudes.accept(obeyed)
-        if undone:
-            self._amplitudes.undo()
-        if (record := self._record()) is not None:
-            record.settle(obeyed, undone)
-
-    def played(self, index: int) -> None:
-        """Forget what lies before an index."""
-        self._amplitudes.drop_before(index // self._core.step)
 
 
 class LiveRenderer(RenderStream):
@@ -555,6 +443,7 @@ class LiveRenderer(RenderStream):
         settings: LiveSettings | None = None,
     ) -> None:
         super().__init__(surface, texture, device, drive, settings or LiveSettings())
+        self._clock = device.clock
 
     def _reset(self) -> None:
         super()._reset()
@@ -627,7 +516,7 @@ class LiveRenderer(RenderStream):
 
     def now_s(self) -> float:
         """Time of the clock by which touches are stamped: that of the device."""
-        return self.device.clock()
+        return self._clock()
 
     def run_until(self, t_s: float) -> None:
         """Wait until a time of the clock; a device in steps plays meanwhile."""
@@ -689,32 +578,29 @@ class LiveRenderer(RenderStream):
 
     def _take(self, events: Sequence[TouchEvent], arrival_s: float) -> None:
         """Take touch events, and tell what those did that were some."""
-        counts, react = self.touch_counts, self._felt[1].react
-        heard: list[TouchEvent] = []
+        react = self._felt[1].react
+        heard: list[tuple[TouchEvent, float | None]] = []
         try:
             for event in events:
-                before = counts.taken
-                self._fingers.take(event, arrival_s, react)
-                if counts.taken > before or getattr(event, "kind", None) == "up":
-                    heard.append(event)
+                report = self._fingers.take(event, arrival_s, react)
+                if report is not None:
+                    heard.append((event, report.normal_force_n))
+                elif getattr(event, "kind", None) == "up":
+                    heard.append((event, None))
         finally:
             self._touched(arrival_s)  # once, and before callbacks, which may take long
-            for event in heard:
-                self._heard(event)
-
-    def _force_of(self, event: TouchEvent) -> float | None:
-        found = self.settings.touch.force.estimate(event.normal_force_n, event.contact_area_m2)
-        return None if found is None else found.normal_force_n
+            for event, force_n in heard:
+                self._heard(event, force_n)
 
     @property
     def touch_counts(self) -> TouchCounts:
         """What became of the touches."""
         return self._fingers.touches.counts
 
-    def _heard(self, event: TouchEvent) -> None:
+    def _heard(self, event: TouchEvent, normal_force_n: float | None) -> None:
         if self.taken is not None:
             self.taken(event)
-        super()._heard(event)
+        super()._heard(event, normal_force_n)
 
     def _touched(self, now_s: float) -> None:
         # Once its end was told, touches are taken and lead nowhere.

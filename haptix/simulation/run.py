@@ -201,8 +201,11 @@ def _target(played: Played, felt: Felt) -> tuple[Array, Array, Array, npt.NDArra
     velocity = played.setting.path.velocity_mm_per_s(felt.t_s)
     facts = facts_on(played.setting.path, evaluator.react, played.start_s)
     t_s = felt.t_s - played.start_s
-    motion = Motion.of(felt.x_mm, felt.y_mm, t_s, *velocity, force, history=facts)
-    value = evaluator.wanted(motion.within(played.renderer.reachable))
+    reachable = played.renderer.reachable
+    motion = Motion.of(
+        felt.x_mm, felt.y_mm, t_s, *velocity, force, history=facts, reachable=reachable
+    )
+    value = evaluator.wanted(motion)
     target = np.asarray(as_mu(evaluator.target, value, low, high))
     slack = 1e-9 * high
     on_axis = force == felt.normal_force_n

@@ -185,8 +185,12 @@ def headroom(
     low, high = float(column.lowest_mu), float(column.highest_mu)
     evaluator = field.evaluator
     motion = Motion.of(
-        x[None, :], y[:, None], normal_force_n=normal_force_n, footprint_mm=footprint_mm
-    ).within(lambda force_n, speed_mm_s: (np.full_like(force_n, low), np.full_like(force_n, high)))
+        x[None, :],
+        y[:, None],
+        normal_force_n=normal_force_n,
+        footprint_mm=footprint_mm,
+        reachable=lambda force_n, _: (np.full_like(force_n, low), np.full_like(force_n, high)),
+    )
     values = evaluator.wanted(motion).reshape(len(y), len(x))
     target = np.asarray(as_mu(evaluator.target, values, low, high))
     _, status = column.voltage(target)

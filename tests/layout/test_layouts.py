@@ -208,7 +208,7 @@ def test_targets_are_mixed_by_what_can_be_reached():
     def reach(force, speed):
         return np.full(force.shape, 0.3), np.full(force.shape, 0.7)
 
-    asked = Motion.of([5.0], 5.0, 9.0).within(reach)
+    asked = Motion.of([5.0], 5.0, 9.0, reachable=reach)
     for target, own in (("share", 0.25), ("mu", 0.4), ("contrast", 1 / 3)):
         for kind, level in (("share", 0.25), ("mu", 0.4), ("contrast", 1 / 3)):
             layout = Layout(target=target)

@@ -68,7 +68,7 @@ def test_every_kind_is_planned_and_can_be_held(model, kind):
     x, y = np.linspace(left, right, 50), (top + 2 * bottom) / 3
     answers = []
     for changed in ((0.0, 60.0, 0.0, 0.3), (0.7, -40.0, 50.0, 0.6)):
-        motion = Motion.of(x, y, *changed).within(lambda force, _: (0 * force, 1 + force))
+        motion = Motion.of(x, y, *changed, reachable=lambda n, _: (0 * n, 1 + n))
         for flag in can:
             motion = holding(motion, flag, 110.0, 0.5)
         answers.append(evaluator.wanted(motion))

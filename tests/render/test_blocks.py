@@ -1,5 +1,7 @@
 """One block against the oracle in numpy, and what a material may not answer."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,22 +13,20 @@ from haptix import InputError, Status
 from haptix.motion import Motion
 from haptix.render import RenderCore, RenderSettings, SineCarrier
 from haptix.render.core import Fingers
-from haptix.render.master import Master
+from haptix.render.master import Mix
 from tests.render import block_oracle
 from tests.render.block_oracle import Given
 
 POINTS = 12
 
 
-class Mix(Master):
-    """An intensity, and effects, as they are given."""
+class Effect(NamedTuple):
+    """Adds what is given."""
 
-    def __init__(self):
-        super().__init__(lambda: None)
-        self.given_intensity, self.given_added = 1.0, None
+    share: np.ndarray
 
-    def mixed(self, motion, first_s):
-        return self.given_intensity, self.given_added
+    def added(self, motion):
+        return self.share
 
 
 @pytest.fixture(scope="module")
@@ -62,17 +62,18 @@ def test_a_block_is_that_of_the_oracle(request, name, data):
     settings_ = RenderSettings(compress=span, combination=how)
     material = Given(target, value)
     core = RenderCore(surface, material, open_device("mock:"), SineCarrier(3000.0), settings_)
-    core._mix = mix = Mix()
-    added, intensity = np.zeros(count * points), np.ones(points)
+    mix, added, intensity = Mix(), np.zeros(count * points), np.ones(points)
     if data.draw(st.booleans()):
-        mix.given_added = added = random.uniform(0, 1.2, count * points)
+        added = random.uniform(0, 1.2, count * points)
+        mix = mix._replace(effects=(Effect(added),))
     if data.draw(st.booleans()):
-        mix.given_intensity = intensity = random.uniform(0, 1, points)
+        intensity = random.uniform(0, 1, points)
+        mix = mix._replace(intensity=intensity)
     queued = None
     if data.draw(st.booleans()):
         queued = random.uniform(0, core.highest_v, data.draw(st.integers(1, points)))
     first, before_v = data.draw(st.integers(0, 10**12)), random.uniform(0, core.highest_v)
-    found = core.block(fingers, first, before_v, queued)
+    found = core.block(fingers, first, before_v, queued, mix)
     expected = block_oracle.block(core, fingers, value, added, intensity, first, before_v, queued)
     np.testing.assert_array_equal(found.status, expected["status"])
     np.testing.assert_allclose(found.target_mu, expected["target_mu"], rtol=1e-12, atol=1e-14)

@@ -15,13 +15,13 @@ from firmware_io import (
     open_device,
 )
 from firmware_io.limits import WATCHDOG_S
+from firmware_io.real_time import ready_interpreter
 from haptix import InputError, LiveRenderer, Texture
 from haptix.errors import OverloadWarning
 from haptix.materials import Moving
 from haptix.motion import Motion
 from haptix.render import LiveSettings, RenderStats, Sliding
 from haptix.render.played import COLUMNS, PlayedRecord
-from haptix.render.stream import ready_interpreter
 from haptix.texture import Grating
 from tests.steady_clock import SteadyClock, steady_driver
 from tests.waiting import PATIENCE_S

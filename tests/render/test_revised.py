@@ -10,7 +10,7 @@ from haptix.render import LiveSettings
 from haptix.render.core import RenderCore
 from haptix.render.fingers import PredictedFingers
 from haptix.render.master import Master
-from haptix.render.stream import RenderSource
+from haptix.render.played import RenderSource
 from haptix.touch import TouchEvent
 
 STEP_S = 1 / 12_000
