@@ -137,8 +137,9 @@ def first_error(name: str, error: ValidationError) -> str:
     # Tags of a union, such as "self-affine", are not keys in the file.
     keys = [part for part in first["loc"] if isinstance(part, int) or part.isidentifier()]
     field = ".".join((name, *map(str, keys)))
-    # An error of the whole table names its reason; printing all fields would hide it.
-    told = first["type"] == "missing" or not first["loc"]
+    # An error of a table, or of one within, names its reason; printing all fields would hide it.
+    is_within = isinstance(first.get("ctx", {}).get("error"), InputError)
+    told = first["type"] == "missing" or not first["loc"] or is_within
     got = "" if told else f", got {first['input']!r:.200}"
     message = first["msg"].removeprefix("Value error, ")
     return f"{field}: {message[0].lower()}{message[1:]}{got}"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -16,19 +16,21 @@ from functools import cached_property
 from hashlib import sha256
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from inspect import signature
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, TypeVar
 from weakref import WeakValueDictionary
 
 from pydantic import PlainSerializer, PlainValidator, ValidationError, WithJsonSchema
+from pydantic_core import PydanticSerializationError
 
-from haptix.checks import shown
+from haptix.checks import choice, shown
 from haptix.documents import Part, first_error
 from haptix.errors import FileFormatError, InputError
 
 Made = TypeVar("Made")
 
-_FOLDER: ContextVar[Path] = ContextVar("folder", default=Path())
+_FOLDER: ContextVar[Path | None] = ContextVar("folder", default=None)
 _IS_SEALED: ContextVar[bool] = ContextVar("sealed", default=False)
 _BY_CONTENT: ContextVar[bool] = ContextVar("by_content", default=False)
 
@@ -67,7 +69,7 @@ def document_path(name: str) -> Path:
     """
     if _IS_SEALED.get():
         raise InputError(f"expected a table here, got the path {name!r:.80}")
-    return _FOLDER.get() / name
+    return (_FOLDER.get() or Path()) / name
 
 
 class Kinds(Mapping[str, type[Any]]):
@@ -82,11 +84,16 @@ class Kinds(Mapping[str, type[Any]]):
         Group of the entry points.
     built_in : mapping
         Modules of the kinds that haptix brings.
+    also : mapping
+        Kinds by other names, which their `upgrade` reads: former ones, and short forms.
     """
 
-    def __init__(self, group: str, built_in: Mapping[str, str]) -> None:
+    def __init__(
+        self, group: str, built_in: Mapping[str, str], also: Mapping[str, str] | None = None
+    ) -> None:
         self._group = group
         self._built_in = built_in
+        self.also = also or {}
         self._entered: dict[str, type[Any]] = {}
 
     @cached_property
@@ -107,6 +114,21 @@ class Kinds(Mapping[str, type[Any]]):
             else:
                 self._load(self._installed[name])
         return self._entered[name]
+
+    def read(self, name: str, table: Mapping[str, Any], version: int = 1) -> Any:
+        """Make what a table describes; messages call it `name`.
+
+        Raises
+        ------
+        InputError
+            If the kind or a field is unknown, missing or wrong.
+        """
+        kind = str(table.get("kind"))
+        kind = self.also.get(kind, kind)
+        if kind not in self:
+            choice(f"{name}.kind", table.get("kind"), [*self, *self.also])
+        model = self[kind]
+        return model(**model.upgrade(dict(table), version))
 
     def _load(self, installed: EntryPoint) -> None:
         whose = installed.dist.name if installed.dist else installed.value
@@ -156,6 +178,11 @@ class Kind(Part):
         try:
             super().__init__(**fields)
         except ValidationError as error:
+            unknown = next((name for name in fields if name not in model.model_fields), None)
+            if unknown is not None:
+                raise InputError(
+                    f"{kind}.{unknown}: {_no_such(kind, model.model_fields)}"
+                ) from None
             raise InputError(first_error(kind, error)) from None
 
     @classmethod
@@ -169,10 +196,48 @@ class Kind(Part):
         """Turn the fields of an older document, of a `schema_version`, into today's."""
         return fields
 
+    def describe(self) -> dict[str, Any]:
+        """Return a table of plain values, which is read back to an equal document.
+
+        Raises
+        ------
+        InputError
+            If it holds what was made in a program, and no document describes.
+        """
+        try:
+            return self.model_dump(mode="json", exclude_none=True)
+        except PydanticSerializationError as error:
+            raise error.__cause__ or error from None
+
     def replace(self, **fields: Any) -> Self:
         """Return a copy with some fields changed, validated like a new one."""
         own = {name: getattr(self, name) for name in type(self).model_fields}
         return type(self)(**{**own, **fields})
+
+
+def _no_such(kind: str, known: Iterable[str]) -> str:
+    names = ", ".join(name for name in known if name != "kind")
+    return f"{kind} has no such field; expected any of {names}"
+
+
+def call(name: str, make: Callable[..., Made], fields: Mapping[str, Any]) -> Made:
+    """Call a function or a class with the fields of a table that messages call `name`.
+
+    Raises
+    ------
+    InputError
+        If a field is unknown, missing or wrong.
+    """
+    known = signature(make).parameters
+    for one in fields:
+        if one not in known:
+            raise InputError(f"{name}.{one}: {_no_such(name, known)}")
+    try:
+        return make(**fields)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+    except TypeError as error:  # "grating() missing 1 required positional argument: 'period_mm'"
+        raise InputError(f"{name}: {str(error).split('() ')[-1]}") from None
 
 
 _SHARED: WeakValueDictionary[str, Any] = WeakValueDictionary()
@@ -232,18 +297,27 @@ class Asset:
         return found
 
 
-def _asset_of(value: Any) -> Asset:
+def asset_of(value: Any) -> Asset:
+    """Return the file that a document names.
+
+    Raises
+    ------
+    InputError
+        If it is no name, or a path in a sealed folder.
+    """
     if isinstance(value, Asset):
         return value
     if isinstance(value, Path):
         value = str(value)
     if not isinstance(value, str) or not value:
-        raise ValueError("expected the path of a file, or sha256: and its hash")
+        raise InputError(f"expected the path of a file, or sha256: and its hash, got {value!r:.80}")
     if _IS_SEALED.get() and not value.startswith("sha256:"):
-        raise ValueError("expected sha256: and the hash of a file that was sent")
+        raise InputError(
+            f"expected sha256: and the hash of a file that was sent, got {value!r:.80}"
+        )
     if value.startswith("sha256:") and not is_digest(value.removeprefix("sha256:")):
-        raise ValueError("expected 64 hexadecimal digits after sha256:")
-    return Asset(value, _FOLDER.get())
+        raise InputError(f"expected 64 hexadecimal digits after sha256:, got {value!r:.80}")
+    return Asset(value, _FOLDER.get() or Path())
 
 
 def is_digest(text: str) -> bool:
@@ -257,25 +331,14 @@ def _name_of(asset: Asset) -> str:
         return asset.name
     if _BY_CONTENT.get():
         return f"sha256:{sha256(asset.path.read_bytes()).hexdigest()}"
-    return Path(os.path.relpath(asset.path, _FOLDER.get())).as_posix()
-
-
-def read_asset(name: str) -> str:
-    """Path of a file that a document names, for what knows files by their path alone."""
-    try:
-        return str(_asset_of(name).path)
-    except ValueError as error:
-        raise InputError(f"file: {error}") from None
-
-
-def write_asset(path: str) -> str:
-    """Return the name of a path for the document that is being written."""
-    return _name_of(Asset(path, Path()))
+    folder = _FOLDER.get()
+    path = asset.path if folder is None else Path(os.path.relpath(asset.path, folder))
+    return path.as_posix()
 
 
 AnyAsset = Annotated[
     Asset,
-    PlainValidator(_asset_of),
+    PlainValidator(asset_of),
     PlainSerializer(_name_of),
     WithJsonSchema({"type": "string", "minLength": 1}),
 ]

@@ -11,7 +11,6 @@ from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 
 from haptix.checks import Array
 from haptix.errors import InputError
-from haptix.kinds import read_asset, write_asset
 from haptix.motion import Facts, Motion
 from haptix.signals.signal import Signal, signal_from
 
@@ -31,19 +30,8 @@ Begins = Literal["start", "down", "press", "release", "detent"]
 """The event from which a curve's time counts: the first sample, or a fact of the finger."""
 
 
-def _with_files(table: Any, move: Any) -> Any:
-    if isinstance(table, list | tuple):
-        return [_with_files(item, move) for item in table]
-    if not isinstance(table, dict):
-        return table
-    inner = {key: _with_files(value, move) for key, value in table.items()}
-    if inner.get("kind") == "recorded" and isinstance(inner.get("file"), str):
-        inner["file"] = move(inner["file"])
-    return inner
-
-
 def _signal(table: Any) -> Signal:
-    signal = signal_from(_with_files(table, read_asset), "curve")
+    signal = signal_from(table)
     if not signal.length_s <= LONGEST_S:
         length = "no end" if signal.length_s == inf else f"{signal.length_s:g} s"
         raise InputError(
@@ -56,7 +44,7 @@ def _signal(table: Any) -> Signal:
 AnyCurve = Annotated[
     Signal,
     PlainValidator(_signal),
-    PlainSerializer(lambda one: _with_files(one.describe(), write_asset)),
+    PlainSerializer(lambda one: one.describe()),
     WithJsonSchema(
         {"type": "object", "properties": {"kind": {"type": "string"}}, "required": ["kind"]}
     ),

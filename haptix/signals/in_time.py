@@ -2,59 +2,56 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import cached_property
 from math import gcd, inf, log, pi
-from pathlib import Path
+from typing import Annotated, Literal, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
-from haptix.checks import Length, NotNegative, Positive, choice
 from haptix.errors import FileFormatError, InputError
+from haptix.kinds import AnyAsset
 from haptix.signals.audio import HIGHEST_RATE_HZ, MOST_SAMPLES, file_hash, read_audio
-from haptix.signals.described import set_corners
-from haptix.signals.signal import Array, Signal
+from haptix.signals.signal import Array, Length, NotNegative, Number, Positive, Row, Signal
 from haptix.waves import Waveform, sine, turns
 
 
-@dataclass(frozen=True)
 class Step(Signal):
     """`before` until `at_s`, `after` from there on."""
 
-    kind = "step"
-    before: float
-    after: float
+    before: Number
+    after: Number
     at_s: NotNegative
     length_s: Length = inf
+    kind: Literal["step"] = "step"
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         n = np.arange(first, first + count)
         return np.where(n < round(self.at_s * sample_rate_hz), self.before, self.after)
 
 
-@dataclass(frozen=True)
 class Ramp(Signal):
     """A straight line from `start` at 0 to `end` at the length."""
 
-    kind = "ramp"
-    start: float
-    end: float
+    start: Number
+    end: Number
     length_s: Positive
+    kind: Literal["ramp"] = "ramp"
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         t = np.arange(first, first + count) / sample_rate_hz
         return np.asarray(self.start + (self.end - self.start) * (t / self.length_s))
 
 
-@dataclass(frozen=True)
 class Pulse(Signal):
     """`height` for `width_s` from `at_s` on, `rest` before and after."""
 
-    kind = "pulse"
-    height: float
+    height: Number
     width_s: Positive
     at_s: NotNegative = 0.0
-    rest: float = 0.0
+    rest: Number = 0.0
     length_s: Length = inf
+    kind: Literal["pulse"] = "pulse"
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         begin = round(self.at_s * sample_rate_hz)
@@ -63,7 +60,6 @@ class Pulse(Signal):
         return np.where(within, self.height, self.rest)
 
 
-@dataclass(frozen=True)
 class Sine(Signal):
     """``offset + amplitude * sin(2 pi f t + phase)``.
 
@@ -74,12 +70,12 @@ class Sine(Signal):
     0.5
     """
 
-    kind = "sine"
-    amplitude: float
+    amplitude: Number
     frequency_hz: Positive
-    phase_rad: float = 0.0
-    offset: float = 0.0
+    phase_rad: Number = 0.0
+    offset: Number = 0.0
     length_s: Length = inf
+    kind: Literal["sine"] = "sine"
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         below_nyquist(self.frequency_hz, sample_rate_hz)
@@ -87,20 +83,15 @@ class Sine(Signal):
         return self.offset + self.amplitude * wave
 
 
-@dataclass(frozen=True)
 class Square(Signal):
     """``offset + amplitude`` for the first `duty` of a period, ``offset - amplitude`` then."""
 
-    kind = "square"
-    amplitude: float
+    amplitude: Number
     frequency_hz: Positive
-    duty: float = 0.5
-    offset: float = 0.0
+    duty: Annotated[Number, Field(gt=0, lt=1)] = 0.5
+    offset: Number = 0.0
     length_s: Length = inf
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        Waveform("square", self.duty)  # checks the duty
+    kind: Literal["square"] = "square"
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         below_nyquist(self.frequency_hz, sample_rate_hz)
@@ -110,22 +101,17 @@ class Square(Signal):
         return self.offset + self.amplitude * Waveform("square", self.duty).at(phase)
 
 
-@dataclass(frozen=True)
 class Chirp(Signal):
     """A sine whose frequency goes from `start_hz` to `end_hz`, linearly or by equal ratios."""
 
-    kind = "chirp"
-    amplitude: float
+    amplitude: Number
     start_hz: Positive
     end_hz: Positive
     length_s: Positive
-    law: str = "linear"
-    phase_rad: float = 0.0
-    offset: float = 0.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        choice("law", self.law, ("linear", "logarithmic"))
+    law: Literal["linear", "logarithmic"] = "linear"
+    phase_rad: Number = 0.0
+    offset: Number = 0.0
+    kind: Literal["chirp"] = "chirp"
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         below_nyquist(max(self.start_hz, self.end_hz), sample_rate_hz)
@@ -140,26 +126,30 @@ class Chirp(Signal):
         )
 
 
-@dataclass(frozen=True)
 class Points(Signal):
     """Straight lines between corners; the last corner is the end."""
 
-    kind = "points"
-    t_s: tuple[float, ...]
-    values_at: tuple[float, ...]
+    t_s: Row
+    values_at: Row
+    kind: Literal["points"] = "points"
 
-    def __post_init__(self) -> None:
-        set_corners(self, "t_s", "values_at")
+    @model_validator(mode="after")
+    def _is_a_line(self) -> Self:
+        self._check_corners("t_s", "values_at")
         if self.t_s[0] != 0:
             raise InputError(f"t_s: expected the first corner at 0 s, got {self.t_s[0]:g} s")
-        object.__setattr__(self, "length_s", self.t_s[-1])
+        return self
+
+    @property
+    def length_s(self) -> float:
+        """Time of the last corner."""
+        return self.t_s[-1]
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         t = np.arange(first, first + count) / sample_rate_hz
         return np.asarray(np.interp(t, self.t_s, self.values_at))
 
 
-@dataclass(frozen=True)
 class Recorded(Signal):
     """A recorded signal, once; resampled where rates differ.
 
@@ -173,38 +163,49 @@ class Recorded(Signal):
         Hash that the file must have; its own where none is given.
     """
 
-    kind = "recorded"
-    file: str
-    gain: float = 1.0
-    offset: float = 0.0
+    file: AnyAsset
+    gain: Number = 1.0
+    offset: Number = 0.0
     sha256: str = ""
+    kind: Literal["recorded"] = "recorded"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        data, rate = read_audio(self.file)
-        digest = file_hash(Path(self.file))
+    @model_validator(mode="after")
+    def _is_the_recording(self) -> Self:
+        data, _ = self._recording
         if data.shape[1] != 1 or not len(data):
             raise FileFormatError(
-                f"file: expected one channel with samples in {self.file}, got {data.shape[1]} "
-                f"channels of {len(data)} samples"
+                f"file: expected one channel with samples in {self.file.path}, got "
+                f"{data.shape[1]} channels of {len(data)} samples"
             )
+        digest = file_hash(self.file.path)
         if self.sha256 not in ("", digest):
-            raise FileFormatError(f"file: {self.file} is not the recording with that sha256")
-        at_rate = {float(rate): data[:, 0]}
-        for name, value in (
-            ("_own_rate", rate), ("_at_rate", at_rate), ("sha256", digest),
-            ("length_s", len(data) / rate),
-        ):  # fmt: skip
-            object.__setattr__(self, name, value)
+            raise FileFormatError(f"file: {self.file.path} is not the recording with that sha256")
+        object.__setattr__(self, "sha256", digest)
+        return self
+
+    @cached_property
+    def _recording(self) -> tuple[Array, int]:
+        return read_audio(self.file.path)
+
+    @cached_property
+    def _at_rate(self) -> dict[float, Array]:
+        data, rate = self._recording
+        return {float(rate): data[:, 0]}
+
+    @property
+    def length_s(self) -> float:
+        """Length of the recording."""
+        data, rate = self._recording
+        return len(data) / rate
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        rate, at_rate = self._own_rate, self._at_rate  # type: ignore[attr-defined]
+        (_, rate), at_rate = self._recording, self._at_rate
         if sample_rate_hz not in at_rate:
             from scipy.signal import resample_poly
 
             is_whole = sample_rate_hz == int(sample_rate_hz) and sample_rate_hz <= HIGHEST_RATE_HZ
             if not is_whole or len(at_rate[rate]) * sample_rate_hz > MOST_SAMPLES * rate:
-                raise InputError(f"{self.file}: cannot be resampled to {sample_rate_hz:g} Hz")
+                raise InputError(f"{self.file.path}: cannot be resampled to {sample_rate_hz:g} Hz")
             common = gcd(int(sample_rate_hz), rate)
             up, down = int(sample_rate_hz) // common, rate // common
             at_rate[sample_rate_hz] = resample_poly(at_rate[rate], up, down)

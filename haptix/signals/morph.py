@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
-from math import sqrt
+from math import inf, sqrt
+from typing import Annotated, Literal, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
-from haptix.checks import number
 from haptix.errors import InputError
-from haptix.signals.signal import Array, Signal, as_signal
+from haptix.signals.signal import AnySignal, Array, Number, Signal
 
 _BLOCK = 1 << 16  # samples
 
 
-@dataclass(frozen=True)
 class Morph(Signal):
     """A mixture of two finite signals of one length.
 
@@ -31,24 +30,25 @@ class Morph(Signal):
         0 to 1.
     """
 
-    kind = "morph"
-    start: Signal
-    end: Signal
-    share: float
+    start: AnySignal
+    end: AnySignal
+    share: Annotated[Number, Field(ge=0, le=1)]
+    kind: Literal["morph"] = "morph"
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "start", as_signal(self.start))
-        object.__setattr__(self, "end", as_signal(self.end))
-        number("share", self.share, 0)
-        if self.share > 1:
-            raise InputError(f"share: expected 0 to 1, got {self.share:g}")
-        lengths = self.start.length_s, self.end.length_s
-        if not (lengths[0] == lengths[1] < float("inf")):
+    @model_validator(mode="after")
+    def _is_of_one_length(self) -> Self:
+        start_s, end_s = self.start.length_s, self.end.length_s
+        if not start_s == end_s < inf:
             raise InputError(
-                f"start and end: expected one length for both, got {lengths[0]:g} s and "
-                f"{lengths[1]:g} s; give it with .lasting(seconds), or as an excerpt"
+                f"start and end: expected one length for both, got {start_s:g} s and {end_s:g} s; "
+                "give it with .lasting(seconds), or as an excerpt"
             )
-        object.__setattr__(self, "length_s", lengths[0])
+        return self
+
+    @property
+    def length_s(self) -> float:
+        """Length of both."""
+        return self.start.length_s
 
     def samples(self, sample_rate_hz: float) -> int | None:
         """Length in samples."""

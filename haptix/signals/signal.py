@@ -1,4 +1,4 @@
-"""Signals: frozen descriptions that are evaluated block by block, and their algebra.
+"""Signals: documents that are evaluated block by block, and their algebra.
 
 A signal is a quantity against time. Its value at a sample depends only on the sample's number and
 the sample rate. So it can be streamed in blocks, by several threads, in any order.
@@ -7,31 +7,109 @@ the sample rate. So it can be streamed in blocks, by several threads, in any ord
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from functools import cached_property
 from math import inf
 from numbers import Real
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, dataclass_transform
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 
-from haptix.checks import Length, NotNegative, Positive, choice, number
+from haptix.checks import increasing, plain
 from haptix.errors import InputError
-from haptix.signals.described import Described, read
+from haptix.kinds import Kind, Kinds
 
 Array = npt.NDArray[np.float64]
+
+KINDS = Kinds(
+    "haptix.signals",
+    {
+        "along-path": "haptix.stimuli.along_path",
+        "material": "haptix.stimuli.of_material",
+        "morph": "haptix.signals.morph",
+        "time-noise": "haptix.signals.time_noise",
+        **dict.fromkeys(
+            ("chirp", "points", "pulse", "ramp", "recorded", "sine", "square", "step"),
+            "haptix.signals.in_time",
+        ),
+    },
+    {"grating": "along-path", "noise": "time-noise", "relief": "along-path"},
+)
+"""Every kind of signal by its name in recipes and sidecars; a subclass enters itself."""
+
+
+def _number(value: Any, check: ValidatorFunctionWrapHandler) -> Any:
+    """Read numbers of numpy and torch too; a whole one stays whole in sidecars and their hashes."""
+    if not isinstance(value, int | float):
+        number = inf if isinstance(value, str) and value == "forever" else plain(value)
+        value = value if number is None else number
+    found = check(value)
+    return value if isinstance(value, int) else found
+
+
+_AS_GIVEN = WrapValidator(_number)
+_AS_HELD = PlainSerializer(lambda value: "forever" if value == inf else value)
+
+Number = Annotated[float, Field(strict=True), _AS_GIVEN, _AS_HELD]
+Positive = Annotated[float, Field(strict=True, gt=0), _AS_GIVEN, _AS_HELD]
+NotNegative = Annotated[float, Field(strict=True, ge=0), _AS_GIVEN, _AS_HELD]
+Length = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=True), _AS_GIVEN, _AS_HELD]
+"""A number above 0 that may be infinite: "forever" in files."""
+
+
+def _row(values: Any) -> Any:
+    with suppress(ValueError):  # not of one shape
+        found = np.asarray(values)
+        return found.tolist() if found.dtype.kind in "iuf" else values
+    return values
+
+
+Row = Annotated[tuple[Number, ...], BeforeValidator(_row)]
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(Field,))
+class Described(Kind):
+    """Base of what recipes and sidecars hold; its fields may be given by their places.
+
+    `kind` stands last in a class: type checkers count the fields before it.
+    """
+
+    def __init__(self, /, *values: Any, **fields: Any) -> None:
+        names = [name for name in type(self).model_fields if name != "kind"]
+        super().__init__(*values[len(names) :], **dict(zip(names, values, strict=False)), **fields)
+
+    def _check_corners(self, places: str, values: str) -> None:
+        """Check two rows: two corners or more at increasing places, with a value for each."""
+        corners = increasing(places, getattr(self, places), 2)
+        if len(corners) != len(getattr(self, values)):
+            raise InputError(f"{places}: expected as many as {values}, got {len(corners)}")
 
 
 class Signal(Described):
     """Base of all signals; ``+``, ``-`` and ``*`` take signals and numbers.
 
-    Attributes
-    ----------
-    length_s : float
-        Length; `math.inf` for a signal without end.
+    A subclass is one kind. It gives `kind` its name, adds fields and a `length_s`, and defines
+    `_inside`. A package brings a kind with an entry point of the group ``haptix.signals``.
     """
 
-    length_s: float
+    kinds: ClassVar[Kinds] = KINDS
+
+    if TYPE_CHECKING:  # a field of some, and a property of others
+
+        @property
+        def length_s(self) -> float:
+            """Length; `math.inf` for a signal without end."""
 
     def samples(self, sample_rate_hz: float) -> int | None:
         """Length in samples; None for a signal without end."""
@@ -52,19 +130,31 @@ class Signal(Described):
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         """Values at samples that lie within the length."""
 
+    def walk(self) -> Iterator[Kind]:
+        """Yield this signal and the documents within it."""
+        yield self
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            for part in value if isinstance(value, tuple) else (value,):
+                if isinstance(part, Signal):
+                    yield from part.walk()
+                elif isinstance(part, Kind):
+                    yield part
+
     @property
     def seeds(self) -> tuple[int, ...]:
         """Seeds of all noise within."""
-        return tuple(int(part.seed) for part in self.walk() if hasattr(part, "seed"))
+        found = (getattr(one, "seed", None) for one in self.walk() if isinstance(one, Signal))
+        return tuple(seed for seed in found if seed is not None)
 
     def __add__(self, other: Signal | float) -> Signal:
-        return Sum((self, as_signal(other)))
+        return Sum((self, signal_from(other)))
 
     def __radd__(self, other: float) -> Signal:
-        return Sum((as_signal(other), self))
+        return Sum((signal_from(other), self))
 
     def __sub__(self, other: Signal | float) -> Signal:
-        return Sum((self, -other if isinstance(other, Signal) else as_signal(-other)))
+        return Sum((self, -other if isinstance(other, Signal) else signal_from(-other)))
 
     def __rsub__(self, other: float) -> Signal:
         return other + (-self)
@@ -73,10 +163,10 @@ class Signal(Described):
         return Product((Constant(-1.0), self))
 
     def __mul__(self, other: Signal | float) -> Signal:
-        return Product((self, as_signal(other)))
+        return Product((self, signal_from(other)))
 
     def __rmul__(self, other: float) -> Signal:
-        return Product((as_signal(other), self))
+        return Product((signal_from(other), self))
 
     def then(self, *others: Signal) -> Signal:
         """Play other signals after this one; all but the last must be finite."""
@@ -101,58 +191,50 @@ class Signal(Described):
         return Window(self, rise_s, rise_s if fall_s is None else fall_s, shape, rest)
 
 
-def as_signal(value: Signal | float) -> Signal:
-    """Return a signal; a number is a constant without end."""
-    if isinstance(value, Signal):
-        return value
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise InputError(f"expected a signal or a number, got {value!r}")
-    return Constant(float(value))
-
-
-def signal_from(table: Any, place: str = "signal") -> Signal:
+def signal_from(table: Any, place: str = "") -> Signal:
     """Read a signal from a table as `Signal.describe` writes it; a number is a constant.
 
     Raises
     ------
     InputError
-        If a kind or a field is unknown, missing or wrong; the message says where.
+        If a kind or a field is unknown, missing or wrong; the message begins with `place`.
     """
-    if isinstance(table, Signal | int | float) and not isinstance(table, bool):
-        return as_signal(table)
-    found: object = read(table, place)
-    if not isinstance(found, Signal):
-        raise InputError(f"{place}: expected a signal, got a {table['kind']}")
-    return found
+    if isinstance(table, Signal):
+        return table
+    try:
+        if isinstance(table, Mapping):
+            found: Signal = KINDS.read("signal", table)
+            return found
+        if isinstance(table, bool) or not isinstance(table, Real):
+            raise InputError(
+                f'expected a table with a "kind", a signal or a number, got {table!r:.80}'
+            )
+        return Constant(float(table))
+    except InputError as error:
+        raise InputError(f"{place}: {error}" if place else str(error)) from None
 
 
-@dataclass(frozen=True)
+AnySignal = Annotated[
+    Signal, PlainValidator(signal_from), PlainSerializer(lambda one: one.describe())
+]
+"""A field that holds any signal: itself, its table, or a number, which is a constant."""
+
+
 class Constant(Signal):
     """A constant value."""
 
-    kind = "constant"
-    value: float
+    value: Number
     length_s: Length = inf
+    kind: Literal["constant"] = "constant"
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         return np.full(count, float(self.value))
 
 
-@dataclass(frozen=True)
 class _OfParts(Signal):
     """A signal of several, or of numbers, which are constants."""
 
-    parts: tuple[Signal, ...]
-
-    def __post_init__(self) -> None:
-        parts: Any = self.parts
-        if not isinstance(parts, tuple | list) or not parts:
-            raise InputError(f"parts: expected one signal or more, got {parts!r}")
-        object.__setattr__(self, "parts", tuple(as_signal(part) for part in parts))
-        object.__setattr__(self, "length_s", self._length())
-
-    def _length(self) -> float:
-        return sum(part.length_s for part in self.parts)
+    parts: Annotated[tuple[AnySignal, ...], Field(min_length=1)]
 
 
 class Sum(_OfParts):
@@ -161,9 +243,11 @@ class Sum(_OfParts):
     A constant without end takes the length of the others.
     """
 
-    kind = "sum"
+    kind: Literal["sum"] = "sum"
 
-    def _length(self) -> float:
+    @cached_property
+    def length_s(self) -> float:
+        """Length of the longest."""
         lengths = [
             part.length_s
             for part in self.parts
@@ -181,9 +265,11 @@ class Sum(_OfParts):
 class Product(_OfParts):
     """Signals multiplied; as long as the shortest."""
 
-    kind = "product"
+    kind: Literal["product"] = "product"
 
-    def _length(self) -> float:
+    @cached_property
+    def length_s(self) -> float:
+        """Length of the shortest."""
         return min(part.length_s for part in self.parts)
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
@@ -196,15 +282,21 @@ class Product(_OfParts):
 class Concatenation(_OfParts):
     """Signals one after the other."""
 
-    kind = "concatenation"
+    kind: Literal["concatenation"] = "concatenation"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    @model_validator(mode="after")
+    def _can_follow(self) -> Self:
         for i, part in enumerate(self.parts[:-1]):
             if part.length_s == inf:
                 raise InputError(
                     f"parts[{i}] has no end, so that nothing can follow it; give it a length"
                 )
+        return self
+
+    @cached_property
+    def length_s(self) -> float:
+        """Length of all together."""
+        return sum(part.length_s for part in self.parts)
 
     def samples(self, sample_rate_hz: float) -> int | None:
         """Length in samples: each part is rounded to whole ones."""
@@ -226,35 +318,33 @@ class Concatenation(_OfParts):
         return values
 
 
-@dataclass(frozen=True)
 class _OfOne(Signal):
     """A signal of another one, or of a number, which is a constant."""
 
-    of: Signal
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "of", as_signal(self.of))
+    of: AnySignal
 
     def _needs_end(self, to: str) -> None:
         if self.of.length_s == inf:
             raise InputError(f"of: has no end, so that it cannot {to}; give it a length")
 
 
-@dataclass(frozen=True)
 class Repetition(_OfOne):
     """A finite signal repeated; `times` may be infinite."""
 
-    kind = "repetition"
     times: Length = inf
+    kind: Literal["repetition"] = "repetition"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    @model_validator(mode="after")
+    def _can_repeat(self) -> Self:
         self._needs_end("repeat")
-        number("times", self.times, 1, open_end=True)
         if self.times != inf and self.times != int(self.times):
             raise InputError(f"times: expected a whole number, got {self.times!r}")
-        object.__setattr__(self, "length_s", self.of.length_s * self.times)
+        return self
+
+    @property
+    def length_s(self) -> float:
+        """Length of all repetitions."""
+        return self.of.length_s * self.times
 
     def samples(self, sample_rate_hz: float) -> int | None:
         """Length in samples, a whole number for each repetition."""
@@ -278,38 +368,39 @@ class Repetition(_OfOne):
         return values
 
 
-@dataclass(frozen=True)
 class Excerpt(_OfOne):
     """The first `length_s` of a signal; 0 where it has ended before."""
 
-    kind = "excerpt"
     length_s: Positive
+    kind: Literal["excerpt"] = "excerpt"
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         return self.of.values(first, count, sample_rate_hz)
 
 
-@dataclass(frozen=True)
 class Window(_OfOne):
     """A finite signal faded in from `rest` and out to it."""
 
-    kind = "window"
     rise_s: NotNegative
     fall_s: NotNegative
-    shape: str = "raised-cosine"
-    rest: float = 0.0
+    shape: Literal["raised-cosine", "linear"] = "raised-cosine"
+    rest: Number = 0.0
+    kind: Literal["window"] = "window"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        choice("shape", self.shape, ("raised-cosine", "linear"))
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
         self._needs_end("fade out")
-        length = self.of.length_s
-        if self.rise_s + self.fall_s > length * (1 + 1e-9):
+        if self.rise_s + self.fall_s > self.length_s * (1 + 1e-9):
             raise InputError(
-                f"rise_s and fall_s: expected at most the signal's {length:g} s together, "
+                f"rise_s and fall_s: expected at most the signal's {self.length_s:g} s together, "
                 f"got {self.rise_s:g} s and {self.fall_s:g} s"
             )
-        object.__setattr__(self, "length_s", length)
+        return self
+
+    @property
+    def length_s(self) -> float:
+        """Length, as without the window."""
+        return self.of.length_s
 
     def samples(self, sample_rate_hz: float) -> int | None:
         """Length in samples, as without the window."""

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from math import inf
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from pydantic import BeforeValidator, Field, model_validator
 
-from haptix.checks import Length, NotNegative, number, whole
 from haptix.errors import InputError
-from haptix.signals.described import KINDS, set_corners
 from haptix.signals.in_time import below_nyquist
-from haptix.signals.signal import Array, Signal
+from haptix.signals.signal import Array, Length, NotNegative, Number, Row, Signal
 
 _HOP = 1 << 16
 _FADE = np.sin(np.pi / 2 * (np.arange(_HOP) + 0.5) / _HOP)
 
 
-@dataclass(frozen=True)
+def _whole(seed: Any) -> Any:
+    return int(seed) if isinstance(seed, np.integer) else seed
+
+
 class TimeNoise(Signal):
     """Gaussian noise of a given deviation and shape of spectrum.
 
@@ -46,26 +48,34 @@ class TimeNoise(Signal):
         Length [s].
     """
 
-    kind = "time-noise"
     deviation: NotNegative
-    frequency_hz: tuple[float, ...]
-    seed: int
-    density: tuple[float, ...] = ()
-    mean: float = 0.0
+    frequency_hz: Row
+    seed: Annotated[int, Field(strict=True, ge=0), BeforeValidator(_whole)]
+    density: Row = ()
+    mean: Number = 0.0
     length_s: Length = inf
-    exponent: float = 0.0
+    exponent: Number = 0.0
+    kind: Literal["time-noise"] = "time-noise"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        whole("seed", self.seed)
-        if not len(self.density):
+    @classmethod
+    def upgrade(cls, fields: dict[str, Any], version: int) -> dict[str, Any]:
+        """Read the kind ``noise`` of version 0.1, whose fields had other names."""
+        if fields["kind"] != "noise":
+            return fields
+        names = {"rms": "deviation", "offset": "mean"}
+        now = {names.get(name, name): value for name, value in fields.items()}
+        return now | {"kind": "time-noise"}
+
+    @model_validator(mode="after")
+    def _has_a_spectrum(self) -> Self:
+        if not self.density:
             object.__setattr__(self, "density", (1.0,) * len(self.frequency_hz))
-        set_corners(self, "frequency_hz", "density")
+        self._check_corners("frequency_hz", "density")
         if self.frequency_hz[0] < 0 or min(self.density) < 0 or max(self.density) == 0:
             raise InputError("frequency_hz and density: expected 0 or more, and some density")
-        number("exponent", self.exponent)
         if self.exponent and self.frequency_hz[0] == 0:
             raise InputError("frequency_hz: 1/f noise has no end of power at 0 Hz; begin above it")
+        return self
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
         below_nyquist(self.frequency_hz[-1], sample_rate_hz)
@@ -117,18 +127,3 @@ def _piece(
     pair = draw.standard_normal((2, len(kept)))
     spectrum[kept] = (pair[0] + 1j * pair[1]) * (np.sqrt(power[kept] / total) * _HOP)
     return np.asarray(np.fft.irfft(spectrum, 2 * _HOP))
-
-
-def _noise(
-    rms: float,
-    frequency_hz: tuple[float, ...],
-    seed: int,
-    density: tuple[float, ...] = (),
-    offset: float = 0.0,
-    length_s: float = inf,
-) -> TimeNoise:
-    """Make a `TimeNoise` by the field names of recipes of version 0.1."""
-    return TimeNoise(rms, frequency_hz, seed, density, offset, length_s)
-
-
-KINDS["noise"] = _noise

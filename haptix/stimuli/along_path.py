@@ -3,93 +3,81 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from inspect import signature
 from math import inf, pi
-from typing import Any
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
+from pydantic import Field, PlainSerializer, PlainValidator, model_validator
 
-from haptix.checks import Length, Positive, choice, increasing, number, positive, row
+from haptix.checks import choice, increasing, number, plain, row
 from haptix.errors import InputError
 from haptix.files import read_csv
-from haptix.signals.described import KINDS, Described, read, set_corners
-from haptix.signals.signal import Array, Signal
-from haptix.texture import FrictionField, Grating, RecordedProfile, TargetKind
-from haptix.waves import Shape
+from haptix.kinds import Kinds, asset_of, call
+from haptix.signals.signal import Array, Described, Length, Positive, Row, Signal
+from haptix.texture import FrictionField, Grating, RecordedProfile
 
-
-def _grating_texture(
-    period_mm: float,
-    wave: Shape = "sine",
-    orientation_deg: float = 0.0,
-    duty: float = 0.5,
-    target: TargetKind = "share",
-    low: float = 0.0,
-    high: float = 1.0,
-    phase: float = 0.0,
-) -> Grating:
-    """Return a grating whose numbers may be plain, in a stimulus's quantity; no material's are."""
-    rest = {"wave": wave, "orientation_deg": orientation_deg, "duty": duty, "phase": phase}
-    if target != "plain":
-        return Grating(period_mm=period_mm, target=target, low=low, high=high, **rest)
-    plain_range = {"low": number("low", low), "high": number("high", high)}
-    return Grating(period_mm=period_mm, **rest).model_copy(update={"target": target, **plain_range})
-
-
-_TEXTURES: dict[str, tuple[type[FrictionField], Callable[..., FrictionField]]] = {
-    "grating-texture": (Grating, _grating_texture),
-    "profile-texture": (RecordedProfile, RecordedProfile),
-}
-"""Textures that recipes hold: their classes, and what makes one of its fields."""
-
-KINDS.update({kind: make for kind, (_, make) in _TEXTURES.items()})
+SPEEDS = Kinds(
+    "haptix.speeds",
+    dict.fromkeys(("path", "steady-speed", "strokes"), "haptix.stimuli.along_path"),
+    {"recorded-path": "path"},
+)
+"""Every kind of speed profile by its name in recipes and sidecars; a subclass enters itself."""
 
 
 class SpeedProfile(Described):
-    """Base of the speed profiles."""
+    """Base of the speed profiles: how a finger moves."""
+
+    kinds: ClassVar[Kinds] = SPEEDS
 
     @abstractmethod
     def position_mm(self, t_s: Array) -> Array:
         """Place along the finger's line [mm] at times [s]."""
 
 
-@dataclass(frozen=True)
 class SteadySpeed(SpeedProfile):
     """A constant speed."""
 
-    kind = "steady-speed"
     speed_mm_per_s: Positive
+    kind: Literal["steady-speed"] = "steady-speed"
 
     def position_mm(self, t_s: Array) -> Array:
         """Place [mm]."""
         return t_s * self.speed_mm_per_s
 
 
-@dataclass(frozen=True)
 class Strokes(SpeedProfile):
     """To and fro over `stroke_mm`, each stroke in `stroke_s`, with the speed of a half sine."""
 
-    kind = "strokes"
     stroke_mm: Positive
     stroke_s: Positive
+    kind: Literal["strokes"] = "strokes"
 
     def position_mm(self, t_s: Array) -> Array:
         """Place [mm]."""
         return np.asarray(self.stroke_mm * (0.5 - 0.5 * np.cos(np.pi * t_s / self.stroke_s)))
 
 
-@dataclass(frozen=True)
 class Path(SpeedProfile):
     """Straight lines between recorded places; the finger stays at the last."""
 
-    kind = "path"
-    t_s: tuple[float, ...]
-    x_mm: tuple[float, ...]
+    t_s: Row
+    x_mm: Row
+    kind: Literal["path"] = "path"
 
-    def __post_init__(self) -> None:
-        set_corners(self, "t_s", "x_mm")
+    @classmethod
+    def upgrade(cls, fields: dict[str, Any], version: int) -> dict[str, Any]:
+        """Read the kind ``recorded-path``: a CSV file with columns t_s and x_mm, from a time on."""
+        if fields["kind"] != "recorded-path":
+            return fields
+        kind = fields.pop("kind")
+        return dict(call(kind, _path_of_file, fields))
+
+    @model_validator(mode="after")
+    def _is_a_path(self) -> Self:
+        self._check_corners("t_s", "x_mm")
+        return self
 
     def position_mm(self, t_s: Array) -> Array:
         """Place [mm]."""
@@ -99,7 +87,8 @@ class Path(SpeedProfile):
 def _path_of_file(file: str, start_s: float = 0.0) -> Path:
     """Read a finger's own path: a CSV file with columns t_s and x_mm, from a time on."""
     rows = [
-        (one.number("t_s") - start_s, one.number("x_mm")) for one in read_csv(file, ("t_s", "x_mm"))
+        (one.number("t_s") - start_s, one.number("x_mm"))
+        for one in read_csv(asset_of(file).path, ("t_s", "x_mm"))
     ]
     kept = [(t_s, x_mm) for t_s, x_mm in rows if t_s >= 0]
     if len(kept) < 2:
@@ -108,10 +97,7 @@ def _path_of_file(file: str, start_s: float = 0.0) -> Path:
     return Path(t_s, x_mm)
 
 
-KINDS["recorded-path"] = _path_of_file
-
-
-def speed_from(table: Any, place: str = "speed") -> SpeedProfile:
+def speed_from(table: Any) -> SpeedProfile:
     """Read a profile from a table as `SpeedProfile.describe` writes it; a number is a speed.
 
     Raises
@@ -121,15 +107,58 @@ def speed_from(table: Any, place: str = "speed") -> SpeedProfile:
     """
     if isinstance(table, SpeedProfile):
         return table
-    if isinstance(table, int | float) and not isinstance(table, bool):
-        return SteadySpeed(positive(place, table))
-    found: object = read(table, place)
-    if not isinstance(found, SpeedProfile):
-        raise InputError(f"{place}: expected how the finger moves, got a {table['kind']}")
-    return found
+    if table is None:
+        raise InputError(
+            "expected the finger's speed, which makes a signal of what lies in space; give mm/s or "
+            "a speed profile"
+        )
+    if isinstance(table, Mapping):
+        found: SpeedProfile = SPEEDS.read("speed", table)
+        return found
+    number = plain(table)
+    return SteadySpeed(table if number is None else number)
 
 
-@dataclass(frozen=True)
+AnySpeed = Annotated[
+    SpeedProfile, PlainValidator(speed_from), PlainSerializer(lambda one: one.describe())
+]
+"""A field that holds how a finger moves: a profile, its table, or a number [mm/s]."""
+
+
+def _grating_of(fields: dict[str, Any]) -> Grating:
+    """Return a grating whose numbers may be plain, in a stimulus's quantity; no material's are."""
+    if fields.get("target") != "plain":
+        return Grating(**fields)
+    ends = {name: number(name, fields.pop(name, at)) for name, at in (("low", 0.0), ("high", 1.0))}
+    plain_ends = {"target": fields.pop("target"), **ends}
+    return Grating(**fields).model_copy(update=plain_ends)
+
+
+def _texture_of(value: Any) -> FrictionField:
+    if isinstance(value, FrictionField):
+        return value
+    fields = dict(value) if isinstance(value, Mapping) else {}
+    kind = fields.pop("kind", None)
+    if kind == "grating-texture":
+        return _grating_of(fields)
+    if kind == "profile-texture":
+        rows = {name: tuple(one) if isinstance(one, list) else one for name, one in fields.items()}
+        return call(kind, RecordedProfile, rows)
+    raise InputError(f"expected a texture, or a table of one, got {value!r:.80}")
+
+
+def _texture_table(texture: FrictionField) -> dict[str, Any]:
+    if type(texture) is Grating:
+        return {**texture.model_dump(), "kind": "grating-texture"}
+    if type(texture) is RecordedProfile:
+        names = signature(RecordedProfile).parameters
+        return {"kind": "profile-texture"} | {name: getattr(texture, name) for name in names}
+    raise InputError(
+        f"field: a {type(texture).__name__} cannot be written to a sidecar; expected a "
+        "Grating or a RecordedProfile"
+    )
+
+
 class AlongPath(Signal):
     """Values of a texture where the finger is: on the line y = 0, with all detail.
 
@@ -137,45 +166,23 @@ class AlongPath(Signal):
     `speed` is a steady one [mm/s].
     """
 
-    kind = "along-path"
-    field: FrictionField
-    speed: SpeedProfile | float | None = None
+    field: Annotated[FrictionField, PlainValidator(_texture_of), PlainSerializer(_texture_table)]
+    speed: AnySpeed = Field(None, validate_default=True)
     length_s: Length = inf
+    kind: Literal["along-path"] = "along-path"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not isinstance(self.field, FrictionField):
-            raise InputError(f"field: expected a texture, got {self.field!r:.80}")
-        if self.speed is None:
-            raise InputError(
-                "speed: a texture lies in space and needs the finger's speed to become a signal; "
-                "give mm/s or a speed profile"
-            )
-        object.__setattr__(self, "speed", speed_from(self.speed))
+    @classmethod
+    def upgrade(cls, fields: dict[str, Any], version: int) -> dict[str, Any]:
+        """Read the short forms `grating` and `relief`."""
+        make = _SHORT_FORMS.get(fields["kind"])
+        if make is None:
+            return fields
+        kind = fields.pop("kind")
+        return dict(call(kind, make, fields))
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        assert isinstance(self.speed, SpeedProfile)  # made so in __post_init__
         x = self.speed.position_mm(np.arange(first, first + count) / sample_rate_hz)
         return self.field.friction(x, np.zeros(count))
-
-    def describe(self) -> dict[str, Any]:
-        """Everything that determines the values, as plain values.
-
-        Raises
-        ------
-        InputError
-            If a recipe cannot describe the texture.
-        """
-        kind = next((kind for kind, (of, _) in _TEXTURES.items() if of is type(self.field)), None)
-        if kind is None:
-            raise InputError(
-                f"field: a {type(self.field).__name__} cannot be written to a sidecar; expected a "
-                "Grating or a RecordedProfile"
-            )
-        names = signature(_TEXTURES[kind][1]).parameters
-        texture = {name: getattr(self.field, name) for name in names}
-        listed = {name: list(v) if isinstance(v, tuple) else v for name, v in texture.items()}
-        return {**super().describe(), "field": {"kind": kind, **listed}}
 
 
 def grating(
@@ -194,15 +201,15 @@ def grating(
     """
     for name, value in (("amplitude", amplitude), ("phase_rad", phase_rad), ("offset", offset)):
         number(name, value)
-    waves = _grating_texture(
-        period_mm=period_mm,
-        wave="square" if choice("shape", shape, ("sine", "square")) == "square" else "sine",
-        target="plain",
-        low=offset - amplitude,
-        high=offset + amplitude,
-        phase=phase_rad / (2 * pi),
-    )
-    return AlongPath(waves, speed, length_s)
+    fields = {
+        "period_mm": period_mm,
+        "wave": choice("shape", shape, ("sine", "square")),
+        "phase": phase_rad / (2 * pi),
+        "target": "plain",
+        "low": offset - amplitude,
+        "high": offset + amplitude,
+    }
+    return AlongPath(_grating_of(fields), speed_from(speed), length_s)
 
 
 def relief(
@@ -218,8 +225,7 @@ def relief(
     profile = RecordedProfile(
         tuple(places.tolist()), tuple(values.tolist()), "plain", beyond="hold", step_mm=step_mm
     )
-    return AlongPath(profile, speed, length_s)
+    return AlongPath(profile, speed_from(speed), length_s)
 
 
-KINDS["grating"] = grating
-KINDS["relief"] = relief
+_SHORT_FORMS: dict[str, Callable[..., AlongPath]] = {"grating": grating, "relief": relief}

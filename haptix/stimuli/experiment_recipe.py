@@ -12,12 +12,12 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, PositiveFloat, PositiveInt, model_validator
 
+from haptix.checks import choice
 from haptix.documents import Document, Part
 from haptix.errors import InputError
 from haptix.finger import Finger
-from haptix.kinds import in_folder
+from haptix.kinds import call, in_folder
 from haptix.screen import Screen
-from haptix.signals.described import read
 from haptix.signals.signal import Array, Constant, Product, Signal, signal_from
 from haptix.status import Status
 from haptix.stimuli.adaptive import (
@@ -168,17 +168,19 @@ class ExperimentRecipe(Document):
             table.setdefault("guess", task.guess or _WITHOUT_TARGET)
         if seed is not None and table.get("kind") in _SEEDED:
             table.setdefault("seed", seed)
-        return read(table, "method", METHODS)
+        kind = choice("method.kind", table.pop("kind", None), METHODS)
+        given = {name: tuple(one) if isinstance(one, list) else one for name, one in table.items()}
+        return call(f"method {kind}", METHODS[kind], given)
 
     def _presentation(self, tables: Mapping[str, Any], sample_rate_hz: float) -> Presentation:
         with in_folder(self.folder):
             stimulus = stimulus_from("target", tables["stimulus"])
+            below = tables["pedestal"]
+            pedestal = None if below is None else signal_from(below, "pedestal")
         finger = Finger.named(self.finger, self.folder)
         screen = Screen.named(self.screen, self.folder)
         apparatus = Apparatus.build(finger, screen, [stimulus], self.ceiling_v)
         response, _ = apparatus.responses(stimulus)
-        below = tables["pedestal"]
-        pedestal = None if below is None else signal_from(below, "pedestal")
         made = presentation_of(stimulus, response, sample_rate_hz, pedestal)
         found = {
             "finger": finger.content_hash(),

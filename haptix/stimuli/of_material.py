@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil, inf, log2
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from pydantic import Field
 
-from haptix.checks import Length, Positive
-from haptix.errors import InputError
 from haptix.kinds import by_content
-from haptix.materials import material_of
+from haptix.materials import AnyMaterial
 from haptix.motion import VELOCITY_OVER_S, Depends, History, Motion, Report
 from haptix.motion.block import Reactions
-from haptix.signals.described import Described
-from haptix.signals.signal import Array, Signal
-from haptix.stimuli.along_path import SpeedProfile, speed_from
-from haptix.texture import Feelable, TargetKind
-from haptix.texture.material import table_of
+from haptix.signals.signal import Array, Length, Number, Positive, Signal
+from haptix.stimuli.along_path import AnySpeed
+from haptix.texture import TargetKind
 
 _REPORT_S = 1e-3  # between what a material hears of the finger
 
 
-@dataclass(frozen=True)
 class MaterialSignal(Signal):
     """What a material asks for where the finger is: along x at a height `y_mm`, with all detail.
 
@@ -47,45 +41,24 @@ class MaterialSignal(Signal):
         Length.
     """
 
-    kind = "material"
-    of: Feelable
-    speed: SpeedProfile | float | None = None
-    y_mm: float = 0.0
+    of: AnyMaterial
+    speed: AnySpeed = Field(None, validate_default=True)
+    y_mm: Number = 0.0
     normal_force_n: Positive = 0.5
     length_s: Length = inf
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "of", material_of(self.of))
-        if self.speed is None:
-            raise InputError(
-                "speed: a material lies in space and needs the finger's speed to become a signal; "
-                "give mm/s or a speed profile"
-            )
-        object.__setattr__(self, "speed", speed_from(self.speed))
+    kind: Literal["material"] = "material"
 
     @property
     def target(self) -> TargetKind:
         """What the values are."""
         return self.of.evaluator.target
 
-    def walk(self) -> Iterator[Described]:
-        """Yield this signal and how the finger moves."""
-        yield self
-        assert isinstance(self.speed, SpeedProfile)  # made so in __post_init__
-        yield self.speed
-
     def describe(self) -> dict[str, Any]:
         """Everything that determines the values; files of the material by their content."""
-        assert isinstance(self.speed, SpeedProfile)
         with by_content():
-            of = table_of(self.of)
-        found = {"kind": self.kind, "of": of, "speed": self.speed.describe(), "y_mm": self.y_mm}
-        length = "forever" if self.length_s == inf else self.length_s
-        return {**found, "normal_force_n": self.normal_force_n, "length_s": length}
+            return super().describe()
 
     def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
-        assert isinstance(self.speed, SpeedProfile)
         evaluator = self.of.evaluator
         t = np.arange(first, first + count) / sample_rate_hz
         half = VELOCITY_OVER_S / 2
@@ -104,7 +77,6 @@ class MaterialSignal(Signal):
 @lru_cache(maxsize=8)
 def _facts(signal: MaterialSignal, until_s: float) -> History:
     """Facts of the finger on its path until a time."""
-    assert isinstance(signal.speed, SpeedProfile)
     reactions, react = Reactions(kept=None), signal.of.evaluator.react
     t = np.arange(0.0, until_s, _REPORT_S)
     for t_s, x_mm in zip(t.tolist(), signal.speed.position_mm(t).tolist(), strict=True):

@@ -26,7 +26,6 @@ from haptix.stimuli.designs import (
     variants_of,
 )
 from haptix.stimuli.making import StimulusSet
-from haptix.stimuli.of_material import MaterialSignal
 from haptix.stimuli.set_plan import drive_limits
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
 from haptix.stimuli.trials import TrialPlan
@@ -202,9 +201,7 @@ class Recipe(Document):
 
     def _found(self, known: Perception, screens: tuple[Screen, ...]) -> list[Stimulus]:
         """Make all stimuli."""
-        found = [
-            stimulus_from(name, self._with_folder(table)) for name, table in self.stimuli.items()
-        ]
+        found = [stimulus_from(name, table) for name, table in self.stimuli.items()]
         limits = drive_limits(screens, self.ceiling_v)
         for design in self.designs:
             try:
@@ -215,18 +212,3 @@ class Recipe(Document):
                 equal_friction(made, screens)
             found += made
         return found
-
-    def _with_folder(self, value: Any) -> Any:
-        """Make the paths of recordings relative to the recipe's folder."""
-        if isinstance(value, list):
-            return [self._with_folder(item) for item in value]
-        if not isinstance(value, dict):
-            return value
-        if value.get("kind") == MaterialSignal.kind:
-            return value  # finds its files itself
-        inner = {key: self._with_folder(item) for key, item in value.items()}
-        if inner.get("kind") in ("recorded", "recorded-path") and isinstance(
-            inner.get("file"), str
-        ):
-            inner["file"] = str(self.folder / inner["file"])
-        return inner

@@ -9,10 +9,12 @@ from math import inf
 from re import ASCII, fullmatch
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from haptix.checks import Positive, check_fields, choice
 from haptix.errors import InputError
+from haptix.kinds import Kind
 from haptix.materials import material_of
-from haptix.signals.described import plain
 from haptix.signals.signal import Signal, signal_from
 from haptix.stimuli.along_path import SpeedProfile, speed_from
 from haptix.stimuli.of_material import MaterialSignal
@@ -117,7 +119,12 @@ class Stimulus:
 
     @cached_property
     def _described(self) -> dict[str, Any]:
-        table = {one.name: plain(getattr(self, one.name)) for one in fields(self)}
+        table = {one.name: getattr(self, one.name) for one in fields(self)}
+        for name, value in table.items():
+            if isinstance(value, Kind):
+                table[name] = value.describe()
+            elif isinstance(value, np.generic):
+                table[name] = value.item()
         return table | {"conditions": dict(self.conditions)}
 
 
@@ -144,17 +151,18 @@ def stimulus_from(name: str, table: Mapping[str, Any]) -> Stimulus:
     if "signal" not in table:
         raise InputError(f"{name}.signal: missing; a stimulus needs one")
     given = dict(table)
-    if given.get("speed") is not None:
-        given["speed"] = speed_from(given["speed"], f"{name}.speed")
-    shared = {key: given[key] for key in ("speed", "normal_force_n") if given.get(key) is not None}
-    signal = signal_from(_with_shared(given["signal"], shared), f"{name}.signal")
-    targets = [one.target for one in signal.walk() if isinstance(one, MaterialSignal)]
-    if targets:
-        given.setdefault("quantity", targets[0])
-    given["signal"] = signal.lasting(given.pop("length_s")) if "length_s" in given else signal
-    if "drive_hz" in given and "carrier_hz" not in given:
-        given["carrier_hz"] = None  # played as it is
+    if "drive_hz" in given:
+        given.setdefault("carrier_hz", None)  # played as it is
+    shared = ("speed", "normal_force_n")
     try:
+        if given.get("speed") is not None:
+            given["speed"] = speed_from(given["speed"])
+        of_all = {key: given[key] for key in shared if given.get(key) is not None}
+        signal = signal_from(_with_shared(given["signal"], of_all))
+        targets = [one.target for one in signal.walk() if isinstance(one, MaterialSignal)]
+        if targets:
+            given.setdefault("quantity", targets[0])
+        given["signal"] = signal.lasting(given.pop("length_s")) if "length_s" in given else signal
         return Stimulus(name, **given)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
@@ -167,7 +175,7 @@ def _with_shared(table: Any, shared: Mapping[str, Any]) -> Any:
     if not isinstance(table, Mapping):
         return table
     kind = str(table.get("kind"))
-    if kind == MaterialSignal.kind:
+    if kind == "material":
         # Kinds of materials and of signals have some names in common: these are not looked into.
         of = {"of": material_of(table["of"])} if "of" in table else {}
         return {**shared, **table, **of}

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Self
 import tomlkit
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, WithJsonSchema, model_validator
 
-from haptix.checks import Array, choice, shown
+from haptix.checks import Array, shown
 from haptix.errors import FileFormatError, InputError
 from haptix.files import json_text, read_json, read_toml, write_whole
 from haptix.kinds import Kind, Kinds, document_path, in_folder
@@ -44,11 +44,9 @@ KINDS = Kinds(
         "toggle": "haptix.materials.detents",
         "transient": "haptix.materials.in_time",
     },
+    {"composition": "layout"},
 )
 """Every kind of material by its name in documents; a subclass enters itself."""
-
-FORMER_KINDS = {"composition": "layout"}
-"""Kinds of older documents, and those whose `upgrade` reads them."""
 
 
 ANY_KIND = "a material of any kind"
@@ -114,7 +112,7 @@ class Material(Kind):
         """Write a document that `load` reads back; paths of assets are relative to its folder."""
         path = Path(path)
         with in_folder(path.parent):
-            fields = {"schema_version": 1, **self.model_dump(mode="json", exclude_none=True)}
+            fields = {"schema_version": 1, **self.describe()}
         is_json = path.suffix == ".json"
         write_whole(path, json_text(fields) if is_json else tomlkit.dumps(fields))
 
@@ -172,12 +170,8 @@ def material_of(table: Any, version: int = 1) -> Material:
             raise InputError(f'material: expected a table with a "kind", got {table!r:.80}')
         found: Material = table
         return found
-    kind = str(table.get("kind"))
-    kind = FORMER_KINDS.get(kind, kind)
-    if kind not in KINDS:
-        choice("material.kind", table.get("kind"), KINDS)
-    model: type[Material] = KINDS[kind]
-    return model(**model.upgrade(dict(table), version))
+    made: Material = KINDS.read("material", table, version)
+    return made
 
 
 def table_of(material: Any) -> Any:
@@ -187,7 +181,7 @@ def table_of(material: Any) -> Any:
             f"material: a {type(material).__name__} made in a program cannot be written; "
             "use its document, such as a photograph"
         )
-    return material.model_dump(mode="json", exclude_none=True)
+    return material.describe()
 
 
 AnyMaterial = Annotated[

@@ -1,4 +1,4 @@
-"""A package of somebody else that brings a kind of material: one file, and one line to find it."""
+"""A package of somebody else that brings a kind of material and one of signal, each by one line."""
 
 import os
 import subprocess
@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import PositiveFloat
 
 from haptix.materials import Scaled
+from haptix.stimuli import Signal
 
 
 class Wool(Scaled):
@@ -27,6 +28,18 @@ class Wool(Scaled):
 
     def wanted(self, motion):
         return self.scaled(np.abs(np.sin(np.pi * motion.x_mm / self.loop_mm)))
+
+
+class Fall(Signal):
+    """A value that falls by half in `half_s`."""
+
+    value: float
+    half_s: PositiveFloat
+    length_s: PositiveFloat = 1.0
+    kind: Literal["fall"] = "fall"
+
+    def _inside(self, first, count, sample_rate_hz):
+        return self.value * 0.5 ** (np.arange(first, first + count) / sample_rate_hz / self.half_s)
 '''
 
 PROJECT = """
@@ -43,6 +56,9 @@ include = ["wool.py"]
 
 [project.entry-points."haptix.materials"]
 wool = "wool:Wool"
+
+[project.entry-points."haptix.signals"]
+fall = "wool:Fall"
 """
 
 

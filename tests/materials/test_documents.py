@@ -176,7 +176,7 @@ BAD = {
     "expected one of .*, got None": {"period_mm": 3},
     "grating.period_mm: field required": {"kind": "grating"},
     "grating.period_mm: .*greater than 0, got -1": {"kind": "grating", "period_mm": -1},
-    "grating.width: extra": {"kind": "grating", "period_mm": 1, "width": 2},
+    "grating.width: grating has no such field": {"kind": "grating", "period_mm": 1, "width": 2},
     "low, high: expected finite 0 <= low < high": {"kind": "grating", "period_mm": 1, "low": 1},
     "expected low and high for a target of mu": {"kind": "grating", "period_mm": 1, "target": "mu"},
     "expected 64 hex": {"kind": "photograph", "file": "sha256:12", "width_mm": 3},

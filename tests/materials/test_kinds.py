@@ -12,7 +12,6 @@ from haptix.kinds import in_folder
 from haptix.materials import KINDS, material_of
 from haptix.motion import Trajectory
 from haptix.simulation import Setting, simulate
-from haptix.texture.material import FORMER_KINDS
 
 JND_FELT = 0.05
 """The surface's tolerance is 0.03 JND; modulation and 16 bits add little."""
@@ -204,4 +203,4 @@ def test_every_kind_is_felt_here_or_is_one_of_these_fields():
     felt = {table["kind"] for table, _ in CASES.values()}
     as_fields = {"heights", "noise", "recording", "penn"}  # tests/materials/test_documents.py
     own = {kind for kind, of in KINDS.items() if of.__module__.startswith("haptix.")}
-    assert felt - set(FORMER_KINDS) | as_fields == own
+    assert felt - set(KINDS.also) | as_fields == own

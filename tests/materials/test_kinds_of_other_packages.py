@@ -38,6 +38,23 @@ print("wool" in materials.KINDS, materials.schema()["$defs"]["Wool"]["properties
     assert "Distance from one loop to the next." in second
 
 
+def test_a_signal_of_another_package_is_found_in_materials_and_recipes(environment):
+    program = """
+from haptix.materials import material_of
+from haptix.stimuli import signal_from
+one = signal_from({"kind": "fall", "value": 8, "half_s": 0.1}) + 1
+print(type(one.parts[0]).__module__, one.values(0, 3, 10.0).tolist())
+print(signal_from(one.describe()) == one, one.parts[0] == type(one.parts[0])(8, 0.1))
+transient = material_of({"kind": "transient", "curve": {"kind": "fall", "value": 1, "half_s": 1}})
+print(transient.describe()["curve"])
+"""
+    assert run(environment, "-c", program).stdout.splitlines() == [
+        "wool [9.0, 5.0, 3.0]",
+        "True True",
+        "{'kind': 'fall', 'value': 1.0, 'half_s': 1.0, 'length_s': 1.0}",
+    ]
+
+
 def test_a_kind_of_another_package_is_found_on_the_command_line(environment):
     found = run(environment, "-m", "haptix.cli", "material", "kinds", "--json").stdout
     rows = {row["kind"]: row for row in json.loads(found)}

@@ -102,7 +102,7 @@ def test_the_target_is_the_quantity_and_shares_are_of_the_reach(response):
 SLIDER: dict[str, Any] = {"kind": "material", "of": {"kind": "slider"}}
 WRONG: dict[str, dict[str, Any]] = {
     "quantity: the material is in share": {"quantity": "mu"},
-    "speed: a material lies in space": {"speed": None},
+    "material.speed: expected the finger's speed": {"speed": None},
     "normal_force_n: expected that of the material": {"signal": {**SLIDER, "normal_force_n": 0.4}},
     "expected a material": {"signal": {"kind": "material", "of": 3}},
     "period_mm: field required": {"signal": {"kind": "material", "of": {"kind": "grating"}}},

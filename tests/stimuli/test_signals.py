@@ -196,7 +196,7 @@ WRONG = {
     "unknown field": ({"kind": "sine", "amplitude": 1, "frequency_hz": 2, "hz": 3}, "hz.*no such"),
     "text": ("sine", "expected a table"),
     "text as number": ({"kind": "constant", "value": "high"}, "value.*'high'"),
-    "nothing": ({"kind": "sum", "parts": []}, "parts.*one signal"),
+    "nothing": ({"kind": "sum", "parts": []}, "parts.*at least 1"),
     "endless in front": (
         {"kind": "concatenation", "parts": [{"kind": "constant", "value": 1}, 2]},
         r"parts\[0\].*no end",
@@ -212,7 +212,7 @@ WRONG = {
          "rise_s": 1, "fall_s": 1},
         "at most the signal's 1 s",
     ),
-    "no speed": ({"kind": "grating", "amplitude": 1, "period_mm": 2}, "speed.*finger's speed"),
+    "no speed": ({"kind": "grating", "amplitude": 1, "period_mm": 2}, "grating.*finger's speed"),
     "no such speed": (
         {"kind": "grating", "amplitude": 1, "period_mm": 2, "speed": {"kind": "fast"}},
         "fast",
