@@ -26,15 +26,6 @@ void hx_receive_init(hx_device *device);
 /* Act on a whole frame. */
 void hx_take_frame(hx_device *device, const uint8_t *frame);
 
-/* The window of energy and mean begins with 0 V. */
-void hx_window_init(hx_device *device);
-
-/* Whether this output sample, of the present level, would break a limit of the window. */
-enum hx_fault_code hx_window_check(const hx_device *device, int16_t code);
-
-/* Count an output sample. */
-void hx_window_take(hx_device *device, int16_t code);
-
 /* The bytes of a frame have paused for too long. Short: it is called for an output sample. */
 void hx_meet_pause(hx_device *device);
 

@@ -3,6 +3,7 @@
 
 #include "haptix_internal.h"
 #include "haptix_sine.h"
+#include "haptix_window.h"
 
 /* The sine of a phase (2^32 is a turn) in 1/32767, interpolated in the table. */
 static int32_t sine(uint32_t phase) {
@@ -74,8 +75,8 @@ static enum hx_output run_dry(hx_device *d) {
     return HX_OUT_RAMP;
 }
 
-static int is_in_reach(const hx_device *d, int32_t code) {
-    return code <= d->code + d->step_codes_now && code >= d->code - d->step_codes_now;
+static int is_in_reach(const hx_device *d, int32_t before, int32_t code) {
+    return code <= before + d->step_codes_now && code >= before - d->step_codes_now;
 }
 
 /* Advance the level by one output sample; return what it is. */
@@ -112,50 +113,115 @@ static enum hx_output advance(hx_device *d) {
     if (d->gain < d->ramp_ticks) { /* back from a ramp when it had run dry */
         /* Where the stream itself needs the slew, the gain waits: as it is, it flattens slopes. */
         int32_t ramp = (int32_t)d->ramp_ticks;
-        if (is_in_reach(d, line * ((int32_t)d->gain + 1) / ramp)) d->gain++;
+        if (is_in_reach(d, d->code, line * ((int32_t)d->gain + 1) / ramp)) d->gain++;
         line = line * (int32_t)d->gain / ramp;
     }
     d->level = (int16_t)line;
     return HX_OUT_STREAM;
 }
 
-/* The level as it goes to the output: below the ceiling, and a step within the slew away.
+/* A code as it goes to the output: below the ceiling, and a step within the slew away.
  *
  * Samples were checked as they came, and ramp and gain keep the slew by themselves. What is limited
  * here is the rounding of a carrier, the first of its ramp, and memory that went bad.
  */
-static int16_t drive(const hx_device *d, enum hx_output what) {
-    int32_t code = d->level, most = d->ceiling_code_now;
-    if (d->has_carrier && what != HX_OUT_IDLE) code = code * sine(d->phase) / 32767;
+static int16_t limited(const hx_device *d, int32_t before, int32_t code) {
+    int32_t most = d->ceiling_code_now;
     if (code > most) code = most;
     if (code < -most) code = -most;
-    if (is_in_reach(d, code)) return (int16_t)code;
-    return (int16_t)(d->code + (code > d->code ? d->step_codes_now : -d->step_codes_now));
+    if (is_in_reach(d, before, code)) return (int16_t)code;
+    return (int16_t)(before + (code > before ? d->step_codes_now : -d->step_codes_now));
 }
 
-/* What the passing of one output sample brings about. */
-static void pass_time(hx_device *d) {
-    d->clock++;
+/* The level as it goes to the output. */
+static int16_t drive(const hx_device *d, enum hx_output what) {
+    int32_t code = d->level;
+    if (d->has_carrier && what != HX_OUT_IDLE) code = code * sine(d->phase) / 32767;
+    return limited(d, d->code, code);
+}
+
+static uint32_t pause_ticks(const hx_device *d) {
+    return d->config.output_rate_hz * HX_PAUSE_MS / 1000u;
+}
+
+/* What the passing of output samples brings about: of one, or of some of which none is due. */
+static void pass_time(hx_device *d, uint32_t ticks) {
+    d->clock += ticks;
     if (d->is_armed && d->has_begun &&
-        ++d->silent_ticks >= d->watchdog_ticks - d->ramp_ticks) {
+        (d->silent_ticks += ticks) >= d->watchdog_ticks - d->ramp_ticks) {
         hx_refuse(d, HX_FAULT_STARVED, 0, 0, d->watchdog_ms, 0);
     }
-    if (d->is_armed && d->status_ticks > 0 && ++d->since_status_ticks >= d->status_ticks) {
+    if (d->is_armed && d->status_ticks > 0 && (d->since_status_ticks += ticks) >= d->status_ticks) {
         d->since_status_ticks = 0;
         d->status_due = 1;
     }
-    if (d->received > 0 && !d->has_paused &&
-        ++d->pause_ticks >= d->config.output_rate_hz * HX_PAUSE_MS / 1000u) {
+    if (d->received > 0 && !d->has_paused && (d->pause_ticks += ticks) >= pause_ticks(d))
         hx_meet_pause(d);
+}
+
+/* The least of a number and of those left before a counter of samples reaches its end. */
+static uint32_t less_left(uint32_t most, uint32_t count, uint32_t end) {
+    uint32_t left = count + 1u < end ? end - count - 1u : 0u;
+    return left < most ? left : most;
+}
+
+/* Output samples, of n, before anything but the next of the queue is due; 0 if something is. */
+static uint32_t undisturbed(const hx_device *d, uint32_t n) {
+    if (!d->is_playing || d->ticks_per_sample != 1u || d->lead_ticks > 0 ||
+        d->ramp_ticks_left > 0 || d->gain < d->ramp_ticks || d->marks > 0 || d->line_ticks_left > 0)
+        return 0;
+    if (n > d->queued) n = d->queued;
+    n = less_left(n, d->block_tick, d->block_ticks);
+    n = less_left(n, d->silent_ticks, d->watchdog_ticks - d->ramp_ticks);
+    if (d->status_ticks > 0) n = less_left(n, d->since_status_ticks, d->status_ticks);
+    if (d->received > 0 && !d->has_paused) n = less_left(n, d->pause_ticks, pause_ticks(d));
+    return n;
+}
+
+/* Play samples of the queue as the loop of hx_device_play does, while nothing else is due and no
+ * limit of the window is broken; return how many. It looks once at what it looks at each time. */
+static uint32_t play_run(hx_device *restrict d, int16_t *restrict out, uint8_t *restrict what,
+                         uint32_t n) {
+    uint32_t most = undisturbed(d, n), at = d->head, done;
+    if (most == 0) return 0;
+    hx_block now = d->block;
+    uint64_t energy_now = d->energy_now;
+    int16_t from = d->from, to = d->to, code = d->code;
+    for (done = 0; done < most; done++) {
+        int16_t next = d->queue[at], driven = limited(d, code, next);
+        if (hx_window_check(d, &now, energy_now, next, driven) != HX_FAULT_NONE) break;
+        hx_window_take(&now, &energy_now, driven);
+        from = to;
+        to = next;
+        code = out[done] = driven;
+        at = at + 1u == HX_QUEUE_SAMPLES ? 0u : at + 1u;
     }
+    if (done == 0) return 0;
+    if (what != NULL)
+        for (uint32_t i = 0; i < done; i++) what[i] = HX_OUT_STREAM;
+    d->is_dry = 0;
+    d->from = from;
+    d->to = to;
+    d->level = d->code = code;
+    d->head = at;
+    d->queued -= done;
+    d->samples_played += done;
+    d->block = now;
+    d->block_tick += done;
+    d->energy_now = energy_now;
+    pass_time(d, done);
+    return done;
 }
 
 void hx_device_play(hx_device *d, int16_t *out, uint8_t *what, uint32_t n) {
     for (uint32_t i = 0; i < n; i++) {
+        if (!d->has_carrier) i += play_run(d, out + i, what == NULL ? NULL : what + i, n - i);
+        if (i == n) return;
         int16_t before = d->level;
         enum hx_output is = advance(d);
         int16_t code = drive(d, is);
-        enum hx_fault_code broken = d->is_playing ? hx_window_check(d, code) : HX_FAULT_NONE;
+        enum hx_fault_code broken = HX_FAULT_NONE;
+        if (d->is_playing) broken = hx_window_check(d, &d->block, d->energy_now, d->level, code);
         if (broken != HX_FAULT_NONE) { /* the ramp takes the place of this sample */
             uint32_t limit_mv = HX_MAX_RMS_MV;
             if (broken == HX_FAULT_MEAN) limit_mv = d->config.ceiling_mv / HX_MEAN_DIVISOR;
@@ -165,12 +231,13 @@ void hx_device_play(hx_device *d, int16_t *out, uint8_t *what, uint32_t n) {
             code = drive(d, is);
         }
         if (d->has_carrier && is != HX_OUT_IDLE) d->phase += d->phase_step_now;
-        hx_window_take(d, code);
+        hx_window_take(&d->block, &d->energy_now, code);
+        if (++d->block_tick >= d->block_ticks) hx_window_close_block(d);
         d->code = out[i] = code;
         if (!d->has_carrier) d->level = code; /* a ramp begins at what stands on the output */
         if (what != NULL) what[i] = (uint8_t)(d->line_ticks_left > 0 ? is | HX_OUT_LINE : is);
         if (d->line_ticks_left > 0) d->line_ticks_left--;
-        pass_time(d);
+        pass_time(d, 1u);
     }
 }
 

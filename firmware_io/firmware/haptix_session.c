@@ -2,6 +2,7 @@
 #include <stddef.h>
 
 #include "haptix_internal.h"
+#include "haptix_window.h"
 
 static uint32_t magnitude(int16_t code) {
     int32_t value = code;

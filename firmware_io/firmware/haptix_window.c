@@ -5,7 +5,7 @@
  * long that ends now, because what came before such a stretch leaves the window later. Both leave
  * room for the safety ramp, so that a ramp can begin at any sample.
  */
-#include "haptix_internal.h"
+#include "haptix_window.h"
 
 void hx_window_init(hx_device *d) {
     uint64_t rate_hz = d->config.output_rate_hz;
@@ -17,29 +17,7 @@ void hx_window_init(hx_device *d) {
     d->max_sum = (int64_t)((uint64_t)d->top_code * rate_hz / HX_MEAN_DIVISOR);
 }
 
-enum hx_fault_code hx_window_check(const hx_device *d, int16_t code) {
-    const hx_block *now = &d->block;
-    uint32_t size = (uint32_t)(d->level < 0 ? -(int32_t)d->level : d->level);
-    uint64_t energy = d->energy_before + d->energy_now + (uint32_t)((int32_t)code * code);
-    if (energy + (uint64_t)(size * size) * d->ramp_energy > d->max_energy) return HX_FAULT_ENERGY;
-
-    int64_t high = now->high + code, low = now->low + code;
-    if (high < now->sum + code + d->high_before) high = now->sum + code + d->high_before;
-    if (low > now->sum + code + d->low_before) low = now->sum + code + d->low_before;
-    if (d->has_carrier) {
-        /* No stretch of a falling envelope sums to more than half a turn at its highest. */
-        uint32_t half_turn = size * d->half_turn_ticks;
-        high += half_turn;
-        low -= half_turn;
-    } else {
-        uint32_t ramp = size * (d->ramp_ticks - 1u) / 2u;
-        if (d->level > 0) high += ramp;
-        else low -= ramp;
-    }
-    return high > d->max_sum || -low > d->max_sum ? HX_FAULT_MEAN : HX_FAULT_NONE;
-}
-
-static void close_block(hx_device *d) {
+void hx_window_close_block(hx_device *d) {
     hx_block *oldest = &d->blocks[d->block_at];
     int64_t sum = 0;
     d->energy_before -= (uint64_t)oldest->energy << HX_ENERGY_SHIFT;
@@ -60,15 +38,4 @@ static void close_block(hx_device *d) {
         at = at == 0 ? HX_WINDOW_BLOCKS - 1u : at - 1u;
     }
     d->block_at = d->block_at + 1u == HX_WINDOW_BLOCKS ? 0u : d->block_at + 1u;
-}
-
-void hx_window_take(hx_device *d, int16_t code) {
-    hx_block *now = &d->block;
-    now->sum += code;
-    now->high += code;
-    now->low += code;
-    if (now->high < 0) now->high = 0;
-    if (now->low > 0) now->low = 0;
-    d->energy_now += (uint32_t)((int32_t)code * code);
-    if (++d->block_tick >= d->block_ticks) close_block(d);
 }

@@ -346,6 +346,17 @@ static void watchdog(void) {
     play(1);
     demand(fault() == HX_FAULT_STARVED);
 
+    /* To the sample, however many are queued behind it and asked for at once. */
+    hx_config deep = config;
+    deep.queue_samples = 1000;
+    power_up(&deep);
+    ready(plain);
+    for (int i = 0; i < 5; i++) demand(stream_level(10000, 150) == HX_FAULT_NONE);
+    play(WATCHDOG);
+    demand(fault() == HX_FAULT_STARVED && device.fault.clock == RAMP + 1u + WATCHDOG - RAMP);
+    demand(out[WATCHDOG - RAMP - 1u] == 10000 && out[WATCHDOG - RAMP] == 10000 * 79 / 80);
+    demand(out[WATCHDOG - 1u] == 0);
+
     /* A frame that breaks off. The watchdog is shorter, so that only a frame's pause is left. */
     power_up(&config);
     ready(plain);
@@ -567,7 +578,9 @@ static void energy_and_mean(void) {
 static void bad_memory(void) {
     set_up_fields s = plain;
     s.slew = GENTLE, s.ceiling_mv = 150000;
-    for (int sign = -1; sign <= 1; sign += 2) {
+    /* Twice as they are, at the output's own rate, and twice with lines between them. */
+    for (int sign = -1, time = 0; time < 4; time++, sign = -sign) {
+        s.rate_hz = time < 2 ? RATE_HZ : RATE_HZ / 4u;
         power_up(&config);
         ready(s);
         demand(stream_level(100, 150) == HX_FAULT_NONE);
