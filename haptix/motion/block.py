@@ -123,8 +123,9 @@ class Motion:
     normal_force_n : ndarray
         Normal forces [N].
     footprint_mm : float
-        Longest distance that a finger slides from one point to the next [mm]. Waves shorter than
-        two of them must be left out of an answer.
+        Distance that the fastest finger slides from one point to the next [mm]: of live fingers by
+        the speed predicted for the middle of the block, of recorded ones by that at its end. Waves
+        shorter than two footprints must be left out of an answer.
     step_s : float
         Time from one point to the next.
     start_s : float or ndarray

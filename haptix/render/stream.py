@@ -1,4 +1,20 @@
-"""From touches to samples on a device: recorded as they are, or live, predicted and revised."""
+"""From touches to samples on a device: recorded as they are, or live, predicted and revised.
+
+States of a renderer::
+
+              with: limits are set, the device is armed, counts begin at 0
+    outside ----------------------------------------------------------------> entered
+       ^                                                                      |     |
+       |  leaving: the output is at 0 V, effects that play are cut            |     |
+       +----------------------------------------------------------------------+     |
+       |                                                                            |
+       |  leaving                       an error of the device, or of a limit: 0 V  |
+       +--------------------- failed <----------------------------------------------+
+
+While entered, the stream goes on whatever is felt: `mute` and `pause` fade to the lowest friction,
+and a pause also stops the time of the scene. A live renderer that failed raises the error once, at
+the next call; a recorded one raises it at once. Either can be entered again.
+"""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 Every texture is a `FrictionField`. The renderer asks it for one block of the finger's path at a
 time::
 
-    footprint_mm = speed_mm_per_s / envelope_rate_hz      # the largest of the block
+    footprint_mm = speed_mm_per_s / envelope_rate_hz      # of the fastest finger
     value = field.friction(x_mm, y_mm, footprint_mm)       # float64, of the shape of x_mm and y_mm
     mu = as_mu(field.target, value, lowest_mu, highest_mu) # the two from surface.reachable(force)
 

@@ -73,7 +73,8 @@ def test_every_kind_is_planned_and_can_be_held(model, kind):
             motion = holding(motion, flag, 110.0, 0.5)
         answers.append(evaluator.wanted(motion))
     # A direction is that of the velocity, shorter near rest: by 1 part in 800 at 40 mm/s.
-    np.testing.assert_allclose(*answers, rtol=0, atol=2.5e-3)
+    one_answer, other = answers
+    np.testing.assert_allclose(one_answer, other, rtol=0, atol=2.5e-3)
 
 
 @pytest.mark.parametrize("ending", ["toml", "json"])
