@@ -9,7 +9,7 @@ from fastapi import APIRouter
 
 from haptix.service.batches import TelemetryFrame, write_frame
 from tests.studio.conftest import a_front, a_page, address, keep, violations
-from tests.waiting import pause, wait_for
+from tests.waiting import wait_for
 
 STEP_S = 0.001
 BEGINS_S = itertools.count(1000.0, 10.0)  # of strokes that are told of: each is a finger's new one
@@ -52,7 +52,8 @@ def tell(front, felt_of_wanted, count=600, wanted=0.30, touch_id=0):
             part, at_s = rows[first : first + 50], t0_s + first * STEP_S
             frame = TelemetryFrame(stream, touch_id, 1 + first // 50, 0, at_s, STEP_S, part)
             front.hub.hear_frame(write_frame(frame))
-            pause(0.02)  # a client is sent the newest four frames only
+            # A client is sent the newest four frames only.
+            wait_for(lambda: not any(session._full for session in front.hub.sessions.values()))
 
 
 def place(page, x_mm, y_mm):
@@ -212,11 +213,14 @@ def test_two_materials_by_the_same_stroke_blind(front, play):
     before = len(front.engine.told)
     play.get_by_role("button", name="Compare").click()
     assert play.get_by_text("Sand").count() == 2  # in both lists: nothing tells what plays
-    play.get_by_role("button", name="No difference").click(timeout=15_000)
+    play.get_by_role("button", name="No difference").click()
     play.get_by_text("You said: No difference").wait_for()
     assert play.locator(".told-comparison th").count() == 2
-    layouts = [fields for do, fields, _ in front.engine.told[before:] if do.startswith("layout")]
-    assert len(layouts) >= 3  # one, the other, and the document again
+
+    def layouts():
+        return [do for do, *_ in front.engine.told[before:] if do.startswith("layout")]
+
+    wait_for(lambda: len(layouts()) >= 3)  # one, the other, and the document again
     assert not violations(play)
 
 

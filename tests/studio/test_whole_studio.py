@@ -11,6 +11,7 @@ import time
 
 import numpy as np
 import pytest
+from playwright.sync_api import TimeoutError
 
 from haptix.service.batches import COLUMNS, read_frame
 from tests.service.test_processes import Running
@@ -35,26 +36,45 @@ def slide(page, seconds=1.5):
 
 
 def armed(page):
-    page.locator('.output[data-state="armed"]').wait_for(timeout=60_000)
+    page.locator('.output[data-state="armed"]').wait_for()
+
+
+def armed_again(page):
+    """Wait until it is armed; arm it where it is off, as when this machine stood for seconds."""
+
+    def is_armed():
+        if page.locator('.output[data-state="armed"]').count():
+            return True
+        button = page.get_by_role("button", name="Arm", exact=True)
+        with contextlib.suppress(TimeoutError):  # it is armed meanwhile
+            if button.is_visible():
+                button.click(timeout=1000)
+        page.wait_for_timeout(500)
+        return False
+
+    wait_for(is_armed)
 
 
 def slide_until_felt(page):
     """The virtual finger makes its tables first, and a busy machine takes long."""
-    for _ in range(20):
-        if slide(page) != "–":
-            return
-        armed(page)
-    raise AssertionError("nothing was felt")
+
+    def felt():
+        armed_again(page)
+        return slide(page) != "–"
+
+    wait_for(felt)
 
 
 def slide_until_live(page, service):
     """A busy machine may send the first strokes too late to be felt."""
-    for _ in range(10):
+    before = len(service.driver.output_v)
+
+    def live():
+        armed_again(page)
         slide(page)
-        if np.any(service.driver.output_v):
-            return
-        armed(page)
-    raise AssertionError("nothing was played")
+        return np.any(service.driver.output_v[before:])
+
+    wait_for(live)
 
 
 @contextlib.contextmanager
@@ -83,12 +103,18 @@ def test_from_a_bare_start_to_a_felt_texture(studio, browser):
         armed(page)
         slide_until_felt(page)
         keep(page, "play")
-        rows = [read_frame(data) for data in frames if isinstance(data, bytes)]
-        felt = np.concatenate([one.rows[:, 0] for one in rows if one.stream == "felt"])
+
+        def felt_rows():
+            """What was felt in all strokes; those that were felt from the first to the last too."""
+            armed_again(page)
+            slide(page)
+            rows = [read_frame(data) for data in frames if isinstance(data, bytes)]
+            felt = np.concatenate([one.rows[:, 0] for one in rows if one.stream == "felt"])
+            return rows, felt[~np.isnan(felt)]
+
+        rows, known = wait_for(lambda: found if len((found := felt_rows())[1]) > 200 else None)
         friction = np.concatenate([one.rows for one in rows if one.stream == "friction"])
         low, high = (friction[:, COLUMNS["friction"].index(name)] for name in ("low", "high"))
-        known = felt[~np.isnan(felt)]
-        assert len(known) > 200
         # The ribs ask for all that can be had.
         assert np.nanmin(low) * 0.98 < known.min() < known.max() < np.nanmax(high) * 1.02
         assert known.max() - known.min() > 0.5 * np.nanmedian(high - low)
@@ -103,7 +129,6 @@ def test_from_a_bare_start_to_a_felt_texture(studio, browser):
                 const greens = [...data].filter((_, at) => at % 4 === 1);
                 return Math.max(...greens) - Math.min(...greens) > 150;
             }""",
-            timeout=60_000,
         )
         page.get_by_role("link", name="Screens").click()
         page.get_by_text("3m-sct3250 (preset)").wait_for()
@@ -120,13 +145,7 @@ def test_an_engine_that_dies_is_seen_and_comes_again(tmp_path, browser):
         page.locator(".trouble", has_text="Look after its cable").wait_for()
         wait_for(lambda: not service.is_live())
         keep(page, "error-engine")
-        end_s = time.monotonic() + 120  # a new engine opens the driver first, and says so
-        while not page.locator('.output[data-state="armed"]').count():
-            assert time.monotonic() < end_s, page.locator(".notice").all_inner_texts()
-            button = page.get_by_role("button", name="Arm", exact=True)
-            if button.is_visible():
-                button.click()
-            page.wait_for_timeout(1000)
+        armed_again(page)  # a new engine opens the driver first, and says so
         slide_until_live(page, service)  # the service has told it the layout
 
 
@@ -148,10 +167,10 @@ def test_stop_while_the_script_hangs_ends_the_volts(tmp_path, browser):
         )
         time.sleep(0.1)
         page.mouse.click(1200, 30)
-        # Its script hangs for five seconds: the voltage ends before, and then the page says so.
+        # Its script hangs for five seconds: its silence ends the voltage, and then it says so.
         page.locator('.output[data-state="off"]').wait_for()
         assert page.locator(".output .word").get_attribute("title") == "stopped by the button"
-        assert not service.is_live()
+        wait_for(lambda: not service.is_live())
 
 
 def test_the_service_that_ends_is_said_and_a_new_one_is_found(tmp_path, browser):
