@@ -20,6 +20,7 @@ import pytest
 
 import firmware_io
 from firmware_io.protocol import Ping
+from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.devices
 
@@ -80,7 +81,7 @@ class Board:
 
     def output_until(self, clock):
         """The output codes up to a clock of the board, waited for."""
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + PATIENCE_S
         while (codes := self.output()).size < clock:
             assert time.monotonic() < deadline, "the emulated board has stopped"
             time.sleep(0.05)

@@ -131,7 +131,7 @@ static class Golden
         while (true)
         {
             bool isText;
-            byte[] data = link.Receive(TimeSpan.FromSeconds(5), out isText);
+            byte[] data = link.Receive(TimeSpan.FromSeconds(100), out isText);
             if (data == null) return new JObject { { "close", link.CloseCode } };
             if (isText) return JObject.Parse(Encoding.UTF8.GetString(data));
         }
