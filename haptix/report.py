@@ -99,6 +99,12 @@ def row(result: object, only: Container[str] | None = None) -> dict[str, str]:
     return cells
 
 
+def titles_of(kind: type) -> dict[str, str]:
+    """Return the headings of a result's columns by field, as for the axes of a picture."""
+    headings = _headings(kind).items()
+    return {name: heading.title for name, heading in headings if isinstance(heading, Heading)}
+
+
 def _field_names(kind: type) -> list[str]:
     """Return the fields of a result; none of what is no result."""
     return [*(getattr(kind, "model_fields", ()) or getattr(kind, "__dataclass_fields__", ()))]

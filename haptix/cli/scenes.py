@@ -116,27 +116,9 @@ def tradeoff(
 
         chosen = default_scene() if scene is None else Scene.load(scene)
         found = write_tradeoff(chosen, out, quick, update, boundary_elements)
-    if as_json:
-        rows = [asdict(run) for run in found.runs]
-    else:
-        rows = [
-            {
-                "take": run.take,
-                "model": run.model,
-                "tolerance": run.tolerance.removesuffix(" JND"),
-                "asked as": f"{run.dtype} {run.form} {run.device}".removesuffix(" cpu"),
-                "error": f"{run.error_max_thresholds:.2g}",
-                "build": f"{run.build_s:.2g}",
-                "query": f"{run.query_s_per_million:.2g}",
-                "invert": f"{run.invert_s_per_million:.2g}",
-                "bytes": run.memory_bytes,
-            }
-            for run in found.runs
-            if run.take
-        ]
+    shown = found.runs if as_json else [run for run in found.runs if run.take]
     title = (
         f"haptix tradeoff: what to take; all {len(found.runs)} runs and the picture in {out}; "
-        f"error and tolerance in JND (budget {chosen.budget_thresholds:g}), build in s, query and "
-        "invert in s per million"
+        f"budget {chosen.budget_thresholds:g} JND"
     )
-    show(title, rows, as_json)
+    show(title, shown, as_json)

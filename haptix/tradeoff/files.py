@@ -9,6 +9,7 @@ from typing import Any
 
 from haptix.errors import from_extra
 from haptix.files import check_folder, csv_text, json_text, write_folder
+from haptix.report import titles_of
 from haptix.scene import Scene
 from haptix.tradeoff.runs import COSTS, Progress, Run, Tradeoff, machine, run_tradeoff
 from haptix.version import __version__
@@ -22,11 +23,6 @@ with from_extra("figures"):
 _FILES = ("tradeoff.csv", "tradeoff.png", "tradeoff.json")
 _COLORS = ("#ee6677", "#4477aa", "#228833", "#aa3377")  # after P. Tol
 _DPI = 150
-_LABELS = {
-    "build": "build time (s)",
-    "query": "query time (s per million)",
-    "memory": "memory (bytes)",
-}
 
 
 def write_tradeoff(
@@ -60,10 +56,10 @@ def draw(tradeoff: Tradeoff) -> Figure:
     """Draw error against build time, query time and memory: what to take, and the rest in grey."""
     layout = ConstrainedLayoutEngine(rect=(0, 0.06, 1, 0.94))
     figure = Figure(figsize=(13, 5.6), layout=layout)
-    panels = figure.subplots(1, len(COSTS), sharey=True)
+    panels, titles = figure.subplots(1, len(COSTS), sharey=True), titles_of(Run)
     for axes, name in zip(panels, COSTS, strict=True):
         _panel(axes, tradeoff, name)
-        axes.set(xlabel=_LABELS[name], xscale="log", yscale="log")
+        axes.set(xlabel=titles[COSTS[name]], xscale="log", yscale="log")
         for axis in (axes.xaxis, axes.yaxis):
             low, high = axis.get_view_interval()
             # Times often span less than a decade: powers of ten alone would leave them unlabelled.
@@ -72,7 +68,7 @@ def draw(tradeoff: Tradeoff) -> Figure:
             axis.set_minor_formatter(NullFormatter())
         axes.grid(which="major", color="0.94", lw=0.7)
         axes.set_axisbelow(True)
-    panels[0].set_ylabel("largest error (JND)")
+    panels[0].set_ylabel(f"largest {titles['error_max_thresholds']}")
     handles, labels = panels[0].get_legend_handles_labels()
     taken = sum(bool(run.take) for run in tradeoff.runs)
     beside: dict[str, Any] = {"frameon": False, "alignment": "left"}

@@ -10,7 +10,7 @@ from functools import lru_cache
 from itertools import product
 from time import perf_counter
 from timeit import repeat
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from torch import Tensor
@@ -30,6 +30,7 @@ from haptix.planning.choices import (
     middle,
 )
 from haptix.planning.trials import SampledPlaces, Trials
+from haptix.report import Heading
 from haptix.scene import DirectDrive, Scene, plain_scene
 from haptix.screen import Screen
 from haptix.status import Status
@@ -52,31 +53,31 @@ _REPEATS = 3  # of which the fastest counts
 class Run:
     """One way to build and query a surface, measured."""
 
-    model: str
+    model: Annotated[str, Heading("model")]
     """A fidelity with every possible term, or "planned": the choice of `plan_scene`."""
-    tolerance: str
+    tolerance: Annotated[str, Heading("tolerance")]
     """Tolerance of the surface against that model."""
-    dtype: str
+    dtype: Annotated[str, Heading("asked as", "{0.dtype} {0.form} {0.device}")]
     """Precision of the surface."""
     form: str
     """Whether every query gives frequency and h0 ("surface"), or the surface is sliced at them."""
     device: str
     """Device of the queries."""
-    error_max_thresholds: float
+    error_max_thresholds: Annotated[float, Heading("error [JND]", ".2g")]
     """Error against the mean field with every term, at held-out points [JND]."""
     error_p99_thresholds: float
     error_max_mu: float
     error_p99_mu: float
     outside_share: float
     """Share of those points outside the surface."""
-    build_s: float
-    query_s_per_million: float
-    invert_s_per_million: float
-    memory_bytes: int
+    build_s: Annotated[float, Heading("build [s]", ".2g")]
+    query_s_per_million: Annotated[float, Heading("query [s/10⁶]", ".2g")]
+    invert_s_per_million: Annotated[float, Heading("invert [s/10⁶]", ".2g")]
+    memory_bytes: Annotated[int, Heading("memory [bytes]")]
     """Memory of the surface or slice."""
     fronts: str = ""
     """Those of "build", "query" and "memory" where no other of its form is better in both."""
-    take: str = ""
+    take: Annotated[str, Heading("take")] = ""
     """What it is the one to take for, see `TAKE`."""
 
 
