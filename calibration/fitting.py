@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from math import exp, inf, log, sqrt
+from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import brentq, least_squares
+from scipy.stats import t as student
 
 from calibration.fit import Fit, ParameterEstimate
-from calibration.forms import FormFit, carried_over, compare_forms, in_form
+from calibration.forms import FormFit, carried_over, compare_forms, in_form, other_forms
 from calibration.parameters import EXPERIMENTS, PER_RIG, Array, Parameter, Parameters
-from calibration.posterior import Posterior
 from calibration.predict import StrokePredictor
 from calibration.reduction import Point, Reduced
 from calibration.residuals import SOFT_AT, Repeatability, Residuals
@@ -31,7 +33,72 @@ _CURVED = 0.4  # spread of a logarithm beyond which the likelihood is no parabol
 _SAME_ANSWER = 0.5  # standard deviations within which two fits are one
 _OTHER_FORM = 0.5  # odds before the strokes: the default is the form that boundary elements chose
 _MOST_EVIDENCE = 300.0  # beyond it a form's likelihood is no number
+_WIDEST = 60.0  # standard deviations within which a quantile is looked for
 _CLOSE_ENOUGH = 1e-5  # relative, of cost and logarithms: below a hundredth of any spread
+
+
+DECISIVE = 10.0
+"""Evidence, minus twice the log-likelihood, for which the theory is changed: 150 to 1."""
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Distribution of the free parameters' logarithms: what strokes leave possible.
+
+    A mixture of normal distributions. The fit in its own form is one component; each other form,
+    and the fit with the finger's response and the sensor's pole exchanged, is another, weighed by
+    its likelihood. A normal distribution as wide as their distance would hold the truth too often.
+
+    Parameters
+    ----------
+    middle : array, shape (free,)
+        The fit.
+    own : array, shape (free, free)
+        Covariance about each component's middle.
+    measured : array, shape (free,)
+        Share of the variance that comes from the strokes, whose repeatability is itself estimated;
+        the rest is the priors'.
+    freedom : float
+        Degrees of freedom of that repeatability.
+    others : array, shape (components, free)
+        Middles of the other components.
+    odds : array, shape (components,)
+        Their likelihoods over the fit's.
+    """
+
+    middle: Array
+    own: Array
+    measured: Array
+    freedom: float
+    others: Array
+    odds: Array
+
+    @property
+    def covariance(self) -> Array:
+        """Second moment about the fit, shape (free, free)."""
+        away = self.others - self.middle
+        shares = self.odds / (1 + self.odds.sum())
+        return np.asarray(self.own + (shares[:, None] * away).T @ away)
+
+    def interval(self, index: int, level: float) -> tuple[float, float]:
+        """Equal-tailed interval of one logarithm; the fit itself always lies within."""
+        at = np.concatenate([[self.middle[index]], self.others[:, index]])
+        weights = np.concatenate([[1.0], self.odds])
+        weights /= weights.sum()
+        sd = sqrt(float(self.own[index, index]))
+        # Welch and Satterthwaite: only the measured share of the variance has few degrees.
+        freedom = self.freedom / max(float(self.measured[index]), 1e-3) ** 2
+
+        def beyond(value: float, tail: float) -> float:
+            return float(weights @ student.cdf((value - at) / sd, freedom)) - tail
+
+        ends = at.min() - _WIDEST * sd, at.max() + _WIDEST * sd
+        low, high = (
+            float(brentq(partial(beyond, tail=tail), *ends))
+            for tail in ((1 - level) / 2, (1 + level) / 2)
+        )
+        middle = float(self.middle[index])
+        return min(low, middle), max(high, middle)
 
 
 def reported_within(name: str) -> float:
@@ -309,3 +376,38 @@ def profile(
             last, rise_last, step = distance, rise, min(1.6 * step, 1.5)
         bounds.append(exp(bound))
     return bounds[0], bounds[1]
+
+
+class ChosenFit(NamedTuple):
+    """A fit, and what it was made with."""
+
+    fit: Fit
+    predictor: StrokePredictor
+    parameters: Parameters
+
+
+def fit_in_best_theory(
+    reduced: Reduced,
+    predictor: StrokePredictor,
+    parameters: Parameters,
+    forms: dict[str, StrokePredictor],
+) -> ChosenFit:
+    """Fit, and fit again in the other theory if the strokes decide for it.
+
+    `forms` are those of `calibration.forms.other_forms`. A theory is kept where tau_f is fixed or
+    has a prior, which belongs to that theory. Errors as `fit_strokes`.
+    """
+    fit = fit_strokes(reduced, predictor, parameters, forms=forms)
+    first = ChosenFit(fit, predictor, parameters)
+    shear = parameters["frictional_shear_stress_pa"]
+    known = parameters.prior_spread(shear.name) is not None or shear.is_fixed
+    against = {one.form: one.evidence for one in fit.forms}
+    for name, other in forms.items():
+        if other.model.theory == predictor.model.theory or known or against[name] > -DECISIVE:
+            continue
+        changed = in_form(parameters, other)
+        others = other_forms(other.model, tables=predictor)
+        again = fit_strokes(reduced, other, changed, forms=others)
+        if again.cost < fit.cost:
+            return ChosenFit(again, other, changed)
+    return first

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
+from html import escape
 from itertools import cycle
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.protocol import FORCES_N
 from calibration.recording import StrokeRecording
 from calibration.reduction import Point, Reduced
-from calibration.traces import traces
+from calibration.segmentation import full_slip
 from calibration.verification import Verification
 from haptix.errors import from_extra
 from haptix.files import write_whole
@@ -29,6 +30,9 @@ with from_extra("calibration"):
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_WIDTH, _HEIGHT = 900, 190
+_COLUMNS = 300  # each with the lowest and the highest sample in it
+_TRACES = {"normal force [N]": "#1f5fa8", "tangential force [N]": "#c9541c", "x": "#a6761d"}
 _COLOURS = ("#3b4cc0", "#7b9ff9", "#8a8a8a", "#f4987a", "#b40426", "#1b9e77", "#7570b3", "#a6761d")
 
 
@@ -84,7 +88,7 @@ def write_report(
         table("Which terms the strokes need", needs),
         listed("Strokes that were not used", left_out),
         listed("Rests on", rests_on),
-        traces(recordings, farthest_stroke(fit, reduced, predictor)),
+        _raw_traces(recordings, farthest_stroke(fit, reduced, predictor)),
         paragraph(
             f"{len(fit.strokes)} strokes in the fit; they repeat within "
             f"{fit.repeatability.log_mu:.1%} in mu beyond their own errors. Terms on: "
@@ -269,3 +273,62 @@ def _residuals(
         axes.axhline(side * verification.tolerance_thresholds, color="#b40426", lw=0.8, ls="--")
     axes.axhline(0, color="#222", lw=0.6)
     axes.set(xlabel="stroke", ylabel="residual [JND]", title="residuals")
+
+
+def _raw_traces(recordings: Sequence[StrokeRecording], opened: int | None) -> str:
+    """HTML with both forces and the place of each stroke over time, full slip shaded.
+
+    The stroke of number `opened` is shown, the others open by a click; no script is needed.
+    """
+    if not recordings:
+        return ""
+    keys = " ".join(
+        f'<span style="color:{colour}">{escape(name)}</span>' for name, colour in _TRACES.items()
+    )
+    parts = [
+        "<h2>Raw traces</h2><p>Full slip, which alone counts, is shaded; the stroke farthest from "
+        f"the fit is open. {keys}</p>"
+    ]
+    for one in recordings:
+        is_open = " open" if one.stroke.number == opened else ""
+        parts.append(
+            f"<details{is_open}><summary>{escape(one.stroke.label)}</summary>{_drawn(one)}</details>"
+        )
+    return "".join(parts)
+
+
+def _drawn(recording: StrokeRecording) -> str:
+    t = recording.t_s - recording.t_s[0]
+    across = t / max(float(t[-1]), 1e-9) * _WIDTH
+    forces = recording.normal_force_n, recording.tangential_force_n
+    low, high = min(one.min() for one in forces), max(one.max() for one in forces)
+    place = recording.x_mm
+    lines = [(one, low, high) for one in forces] + [(place, place.min(), place.max())]
+    shaded = "".join(
+        f'<rect x="{across[s.start]:.1f}" y="0" width="{across[s.stop - 1] - across[s.start]:.1f}" '
+        f'height="{_HEIGHT}" fill="#1b9e77" opacity="0.15"/>'
+        for s in full_slip(recording.t_s, place, recording.normal_force_n)
+    )
+    drawn = "".join(
+        f'<polyline fill="none" stroke="{colour}" points="{_points(across, *line)}"/>'
+        for line, colour in zip(lines, _TRACES.values(), strict=True)
+    )
+    zero = _HEIGHT * (1 - (0 - low) / max(high - low, 1e-9))
+    return (
+        f'<svg role="img" aria-label="raw trace of stroke {recording.stroke.number}" '
+        f'viewBox="0 0 {_WIDTH} {_HEIGHT + 16}">{shaded}'
+        f'<line x1="0" x2="{_WIDTH}" y1="{zero:.1f}" y2="{zero:.1f}" stroke="#999"/>{drawn}'
+        f'<text x="2" y="12" font-size="12">{high:.3g} N</text>'
+        f'<text x="2" y="{_HEIGHT - 2}" font-size="12">{low:.3g} N</text>'
+        f'<text x="{_WIDTH - 2}" y="{_HEIGHT + 13}" font-size="12" text-anchor="end">'
+        f"{t[-1]:.2f} s</text></svg>"
+    )
+
+
+def _points(across: Array, values: Array, low: float, high: float) -> str:
+    """Points of a line: of each column of samples the lowest and the highest."""
+    up = _HEIGHT * (1 - (values - low) / max(high - low, 1e-9))
+    edges = np.linspace(0, len(up), min(_COLUMNS, len(up)) + 1).astype(int)[:-1]
+    ends = np.minimum.reduceat(up, edges), np.maximum.reduceat(up, edges)
+    pairs = zip(across[edges], *ends, strict=True)
+    return " ".join(f"{x:.1f},{a:.1f} {x:.1f},{b:.1f}" for x, a, b in pairs)

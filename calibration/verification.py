@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
-from math import hypot
+from math import hypot, isfinite, log, nan, sqrt
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -24,7 +24,6 @@ from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.protocol import CARRIER_HZ, FREQUENCY_HZ
 from calibration.reduction import Point, Reduced
 from calibration.rig import RigCheck
-from calibration.steadiness import Steadiness, steadiness
 from haptix.perception import WEBER_FRACTION
 from haptix.report import Heading, HeadingsOf
 
@@ -38,6 +37,7 @@ RIG_HOLDS_DAYS = 31
 
 FEWEST_HELD_OUT = 4
 FEWEST_OF_GROUP = 2
+_FEWEST_OF_TREND = 4
 _LEVEL = 0.95  # one side: both sides of an equivalence at 5 %
 _LIGHT_BELOW_N = 0.45  # the middle of the protocols' forces
 _AT_CARRIER = 0.5  # of the carrier's frequency, from which a stroke counts as one at the carrier
@@ -128,6 +128,44 @@ class Equivalence:
     def bound_thresholds(self) -> Annotated[float, Heading("at most [JND]", ".2f")]:
         """Largest error of friction that the strokes leave possible [JND]."""
         return abs(self.mean_thresholds) + self.uncertainty_thresholds + self.rig_thresholds
+
+
+@dataclass(frozen=True)
+class Steadiness:
+    """Sizes, each with the uncertainty that it has at 90 %, either side; NaN where not seen.
+
+    Parameters
+    ----------
+    repeatability_thresholds : float
+        Standard deviation of repeated strokes, beyond their own errors [JND].
+    session_drift_thresholds, session_drift_uncertainty_thresholds : float
+        Change of friction from the first stroke to the last [JND], by a straight line through the
+        differences to the prediction over the strokes' order.
+    creep_thresholds, creep_uncertainty_thresholds : float
+        Change of friction for ten times the time in contact [JND], within strokes.
+    """
+
+    repeatability_thresholds: float = nan
+    session_drift_thresholds: float = nan
+    session_drift_uncertainty_thresholds: float = nan
+    creep_thresholds: float = nan
+    creep_uncertainty_thresholds: float = nan
+
+    @property
+    def text(self) -> str:
+        """One line for people."""
+        said = [f"strokes repeat within {self.repeatability_thresholds:.2f} JND"]
+        if isfinite(self.session_drift_thresholds):
+            said.append(
+                f"over the session friction drifts by {self.session_drift_thresholds:+.2f} ± "
+                f"{self.session_drift_uncertainty_thresholds:.2f} JND"
+            )
+        if isfinite(self.creep_thresholds):
+            said.append(
+                f"it creeps by {self.creep_thresholds:+.2f} ± "
+                f"{self.creep_uncertainty_thresholds:.2f} JND in ten times the contact time"
+            )
+        return "; ".join(said)
 
 
 @dataclass(frozen=True)
@@ -376,3 +414,39 @@ def _spreads(rows: tuple[HeldOutStroke, ...], fit: Fit) -> Array:
     points = [row.point for row in rows]
     own = np.array([p.mu_sd / p.mu for p in points])
     return np.asarray(np.maximum(np.hypot(own, fit.repeatability.log_mu), 1e-9))
+
+
+def steadiness(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> Steadiness:
+    """Find the trends of all good strokes against their prediction, by the profiles' predictor."""
+    points = [one for one in reduced.points if not one.outlier]
+    repeats = fit.repeatability.log_mu / WEBER_FRACTION
+    if len(points) < _FEWEST_OF_TREND:
+        return Steadiness(repeats)
+    own = Parameters.of(predictor.model.finger, predictor.model.screen)
+    found = predictor(StrokeConditions.of(points), own.names, own.log_values, jacobian=False)
+    good = found.is_light
+    misfit = (np.log([one.mu for one in points]) - found.log_mu)[good] / WEBER_FRACTION
+    order = np.array([one.number for one in points], dtype=float)[good]
+    creep = np.array([one.creep for one in points])
+    creep = creep[np.isfinite(creep)] * log(10) / WEBER_FRACTION
+    return Steadiness(repeats, *_slope(order, misfit), *_mean(creep))
+
+
+def _slope(order: Array, misfit: Array) -> tuple[float, float]:
+    """Change from the first to the last, and its uncertainty."""
+    count, lasts = len(order), float(np.ptp(order)) if len(order) else 0.0
+    if count < _FEWEST_OF_TREND or not lasts:
+        return nan, nan
+    away = order - order.mean()
+    slope = float(away @ misfit / (away @ away))
+    rest = misfit - misfit.mean() - slope * away
+    sd = sqrt(float(rest @ rest) / (count - 2) / float(away @ away))
+    return slope * lasts, float(student.ppf(_LEVEL, count - 2)) * sd * lasts
+
+
+def _mean(values: Array) -> tuple[float, float]:
+    """Mean, and its uncertainty from the scatter."""
+    if len(values) < _FEWEST_OF_TREND:
+        return nan, nan
+    sd = float(values.std(ddof=1)) / sqrt(len(values))
+    return float(values.mean()), float(student.ppf(_LEVEL, len(values) - 1)) * sd

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from calibration import Parameters, choosing
-from calibration.choosing import DECISIVE, fit_in_best_theory
+from calibration import Parameters, fitting
+from calibration.fitting import DECISIVE, fit_in_best_theory
 from calibration.forms import FormFit
 
 NAME = 'theory "open-gaps"'
@@ -26,8 +26,8 @@ def fitted(monkeypatch):
                 theory=theory, cost=cost, forms=(FormFit(NAME, evidence, 1.0, 0.1),)
             )
 
-        monkeypatch.setattr(choosing, "fit_strokes", fit_strokes)
-        monkeypatch.setattr(choosing, "other_forms", lambda *args, **options: {})
+        monkeypatch.setattr(fitting, "fit_strokes", fit_strokes)
+        monkeypatch.setattr(fitting, "other_forms", lambda *args, **options: {})
         return made
 
     return setup

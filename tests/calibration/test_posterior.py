@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from calibration.posterior import Posterior
+from calibration.fitting import Posterior
 
 
 def posterior(others=(), odds=(), measured=0.0, freedom=1e9, sd=0.2):
