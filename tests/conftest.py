@@ -38,8 +38,10 @@ def pytest_collection_finish() -> None:
 # A shell starts `make test &` with Ctrl-C ignored, and so would every program that a test starts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# A machine that is busy with other tests is no failure.
-settings.register_profile("any machine", deadline=None)
+# A machine that is busy with other tests is no failure, and what passed once passes again: the
+# examples follow from the test. `--hypothesis-profile="new examples"` looks for others.
+settings.register_profile("any machine", deadline=None, derandomize=True)
+settings.register_profile("new examples", deadline=None)
 settings.load_profile("any machine")
 
 
