@@ -1,9 +1,5 @@
 from .capabilities import Capabilities as Capabilities
 from .device import Device as Device
-from .discovery import BusReport as BusReport
-from .discovery import DeviceWatch as DeviceWatch
-from .discovery import list_devices as list_devices
-from .discovery import survey_buses as survey_buses
 from .errors import DeviceBusyError as DeviceBusyError
 from .errors import DeviceDisconnectedError as DeviceDisconnectedError
 from .errors import DeviceError as DeviceError
@@ -18,7 +14,11 @@ from .limits import DriveLimits as DriveLimits
 from .link import Link as Link
 from .links.mock import MockDriver as MockDriver
 from .links.mock import MockLink as MockLink
+from .opening import BusReport as BusReport
+from .opening import DeviceWatch as DeviceWatch
+from .opening import list_devices as list_devices
 from .opening import open_device as open_device
+from .opening import survey_buses as survey_buses
 from .playback import Playback as Playback
 from .playback import WaveSource as WaveSource
 from .progress import Marked as Marked

@@ -121,7 +121,8 @@ class Playback:
         self.stats = PlaybackStats() if stats is None else stats
         self.stats.reaction_s, self.stats.horizon_s = reaction_s, horizon_s
         self._source = source
-        self.has_thread = device.clock is HOST_CLOCK
+        self._clock = device.clock
+        self.has_thread = self._clock is HOST_CLOCK
         self._writer: Writer | None = None
         self._finalizer: weakref.finalize[Any, Any] | None = None
         self._terminator: Terminator | None = None
@@ -179,7 +180,7 @@ class Playback:
             Once, the error that ended the playback.
         """
         reviser = self._running().reviser
-        reviser.touch(self.device.clock() if touched_s is None else touched_s)
+        reviser.touch(self._clock() if touched_s is None else touched_s)
 
     def step(self) -> float:
         """Do the work that is due, without a thread; return the time to the next, in seconds.
@@ -201,7 +202,7 @@ class Playback:
         DeviceError, LimitError
             Once, the error that ended the playback.
         """
-        clock = self.device.clock
+        clock = self._clock
         while not self.has_thread and (delay_s := self.step()) < end_s - clock():
             clock.sleep(max(delay_s, _LEAST_STEP_S))
         clock.sleep(max(0.0, end_s - clock()))

@@ -257,7 +257,7 @@ class ProtocolClient:
             raise self.lost(error) from error
         now_s = self.clock()
         items: list[Frame | ProtocolError] = []
-        if self._parser.is_amid_a_frame and now_s - self._read_s > _BROKEN_OFF_S:
+        if now_s - self._read_s > _BROKEN_OFF_S and self._parser.is_amid_a_frame:
             items += self._parser.give_up()
         if not data:
             return None

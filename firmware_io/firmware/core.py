@@ -144,6 +144,13 @@ class Core:
         )
         return codes, what
 
+    def play_out(self) -> list[tuple[npt.NDArray[np.int16], npt.NDArray[np.uint8]]]:
+        """Return, as `play`, all that is played until only zeros or a held sample are left."""
+        played = []
+        while ticks := self.pending_ticks:
+            played.append(self.play(ticks))
+        return played
+
     def status(self) -> StatusReport:
         """Return the state of the device, without a frame on the wire."""
         status: StatusReport = self._read(FrameKind.STATUS, self._lib.hx_device_status)

@@ -11,7 +11,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from firmware_io.address import hexadecimal, one_of
 from firmware_io.errors import (
     DeviceBusyError,
     DeviceDisconnectedError,
@@ -23,7 +22,7 @@ from firmware_io.errors import (
 from firmware_io.link import Link
 from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID, permission_remedy
 from firmware_io.protocol import REPORT_BYTES, from_report, to_reports
-from firmware_io.scheme import OTHER_DEVICE, Bus, DeviceInfo, Scheme
+from firmware_io.scheme import OTHER_DEVICE, Bus, DeviceInfo, Scheme, hexadecimal, one_of
 
 
 class Claim:

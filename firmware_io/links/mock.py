@@ -16,7 +16,6 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.address import number, one_of, yes_or_no
 from firmware_io.clock import SteppedClock
 from firmware_io.errors import DeviceDisconnectedError, DeviceError
 from firmware_io.firmware.core import LINE, Core, Output
@@ -35,7 +34,7 @@ from firmware_io.protocol import (
     codes_to_volts,
     to_reports,
 )
-from firmware_io.scheme import Scheme
+from firmware_io.scheme import Scheme, number, one_of, yes_or_no
 
 Pace = Literal["virtual", "real", "stepped"]
 
@@ -291,8 +290,9 @@ class MockDriver:
 
     def _play_out(self) -> None:
         """In virtual time, play the whole queue."""
-        while self.pace == "virtual" and (ticks := self._core.pending_ticks):
-            self._play(ticks)
+        if self.pace == "virtual":
+            for codes, what in self._core.play_out():
+                self._record(codes, what)
 
     def _catch_up(self) -> None:
         """By a clock, play what was due."""
@@ -305,11 +305,11 @@ class MockDriver:
         while ticks > 0:
             codes, what = self._core.play(min(ticks, self.about.output_rate_hz))
             ticks -= codes.size
-            self._ticks += codes.size
-            self._played += int(np.count_nonzero(_is_played(what)))
-            self._remember(codes, what)
+            self._record(codes, what)
 
-    def _remember(self, codes: npt.NDArray[np.int16], what: npt.NDArray[np.uint8]) -> None:
+    def _record(self, codes: npt.NDArray[np.int16], what: npt.NDArray[np.uint8]) -> None:
+        self._ticks += codes.size
+        self._played += int(np.count_nonzero(_is_played(what)))
         self._codes.append(codes)
         self._what.append(what)
         self._remembered += codes.size

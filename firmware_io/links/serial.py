@@ -7,7 +7,6 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
-from firmware_io.address import count, yes_or_no
 from firmware_io.errors import (
     DeviceBusyError,
     DeviceDisconnectedError,
@@ -18,7 +17,7 @@ from firmware_io.errors import (
 )
 from firmware_io.link import Link
 from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID
-from firmware_io.scheme import OTHER_DEVICE, Bus, DeviceInfo, Scheme
+from firmware_io.scheme import OTHER_DEVICE, Bus, DeviceInfo, Scheme, count, yes_or_no
 
 BAUD = 2_000_000
 """Bits a second, of which ten make a byte: samples of 16 bits at 48 kHz need 1.1 million."""

@@ -7,7 +7,6 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any, NoReturn
 
-from firmware_io.address import count, hexadecimal
 from firmware_io.errors import (
     DeviceBusyError,
     DeviceDisconnectedError,
@@ -18,7 +17,7 @@ from firmware_io.errors import (
 )
 from firmware_io.link import Link
 from firmware_io.links.identity import PRODUCT_ID, VENDOR_ID, permission_remedy
-from firmware_io.scheme import OTHER_DEVICE, Bus, DeviceInfo, Scheme
+from firmware_io.scheme import OTHER_DEVICE, Bus, DeviceInfo, Scheme, count, hexadecimal
 
 _VENDOR_CLASS = 0xFF
 _BULK = 2

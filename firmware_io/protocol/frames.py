@@ -5,11 +5,12 @@ from __future__ import annotations
 import struct
 from binascii import crc32, crc_hqx
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from firmware_io.errors import ProtocolError
 from firmware_io.protocol.messages import (
@@ -91,7 +92,7 @@ def write_payload(message: Message) -> tuple[FrameKind, bytes]:
     kind = _KINDS[type(message)]
     if isinstance(message, CapabilitiesReport):
         return kind, _write_capabilities(message)
-    return kind, LAYOUTS[kind].fields.pack(*astuple(message))
+    return kind, LAYOUTS[kind].fields.pack(*vars(message).values())
 
 
 def read_payload(kind: FrameKind, payload: bytes) -> Any:
@@ -197,7 +198,7 @@ def encode(frame: Frame, version: int = VERSION) -> bytes:
     Raises
     ------
     ProtocolError
-        If a field does not fit the wire format.
+        If a field does not fit the wire format, or codes have another type, shape or size.
     """
     message = frame.message
     mode = 0
@@ -208,7 +209,7 @@ def encode(frame: Frame, version: int = VERSION) -> bytes:
                 kind, head = _REVISE, _REVISE_HEAD.pack(message.sample_index, message.revision)
             else:
                 kind, head = _STREAM, _INDEX.pack(message.sample_index)
-            payload = head + message.codes.astype(_CODES, copy=False).tobytes()
+            payload = head + _code_bytes(message.codes)
         else:
             kind, payload = write_payload(message)
         header = _HEADER.pack(MAGIC, version, kind, frame.sequence, len(payload), mode)
@@ -218,6 +219,19 @@ def encode(frame: Frame, version: int = VERSION) -> bytes:
         ) from error
     header += _HEADER_CHECK.pack(crc_hqx(header, 0xFFFF))
     return b"".join((header, payload, _CRC.pack(crc32(payload, crc32(header)))))
+
+
+def _code_bytes(codes: npt.NDArray[np.int16]) -> bytes:
+    if codes.dtype != np.int16 or codes.ndim != 1:
+        raise ProtocolError(
+            f"codes must be a 1-D int16 array, but is {codes.ndim}-D {codes.dtype}; make codes "
+            "with volts_to_codes."
+        )
+    if not 1 <= codes.size <= MAX_SAMPLES:
+        raise ProtocolError(
+            f"A frame carries 1 to {MAX_SAMPLES} samples, but has {codes.size}; split it."
+        )
+    return codes.astype(_CODES, copy=False).tobytes()
 
 
 def decode(data: bytes) -> Frame:

@@ -246,10 +246,10 @@ capabilities: Callable[..., CapabilitiesReport] = CapabilitiesReport
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: StreamSamples(0, np.zeros(1)),
-        lambda: StreamSamples(0, np.zeros((1, 1), np.int16)),
-        lambda: StreamSamples(0, np.zeros(0, np.int16)),
-        lambda: StreamSamples(0, np.zeros(32766, np.int16)),
+        lambda: encode(Frame(StreamSamples(0, np.zeros(1)), 0)),
+        lambda: encode(Frame(StreamSamples(0, np.zeros((1, 1), np.int16)), 0)),
+        lambda: encode(Frame(StreamSamples(0, np.zeros(0, np.int16)), 0)),
+        lambda: encode(Frame(StreamSamples(0, np.zeros(32766, np.int16)), 0)),
         lambda: encode(Frame(StreamSamples(2**32, np.zeros(1, np.int16)), 0)),
         lambda: encode(Frame(StreamSamples(-1, np.zeros(1, np.int16)), 0)),
         lambda: encode(Frame(Arm(), 2**16)),
