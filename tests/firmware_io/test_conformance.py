@@ -22,6 +22,7 @@ from firmware_io.protocol import (
     Frame,
     FrameParser,
     Hello,
+    Mark,
     Ping,
     Rate,
     Setup,
@@ -915,21 +916,24 @@ def test_golden_sessions_are_those_of_an_independent_calculation(name):
         (20_000, 48_000, [1310, 0, 1310, 0]),
     ],
 )
-def test_codes_that_went_bad_in_memory_are_limited(ceiling_mv, slew, expected):
+@pytest.mark.parametrize("marks", [0, 1], ids=["in a run", "one by one"])
+def test_codes_that_went_bad_in_memory_are_limited(ceiling_mv, slew, expected, marks):
     """What was checked as it came is changed in the queue: the output keeps ceiling and slew."""
-    core = Core(BOARD)
+    core = Core(replace(BOARD, takes_marks=True))
     setup = replace(PLAIN, ceiling_mv=ceiling_mv, max_slew_v_per_s=slew)
     for number, message in enumerate((Hello(), setup, Arm())):
         core.receive(encode(Frame(message, number)))
     sent = np.array([111, 222, 333, 444], np.int16)
     core.receive(encode(Frame(StreamSamples(0, sent, PLAIN.mode), 3)))
+    for number in range(marks):  # one that is not due: each sample is looked at by itself
+        core.receive(encode(Frame(Mark(1000, 0), 4 + number)))
     memory = core._ffi.buffer(core._memory)
     damaged = np.array([32767, -32767, 30000, -30000], np.int16).tobytes()
     memory[:] = bytes(memory).replace(sent.tobytes(), damaged)
     played, _ = core.play(4)
     assert played.tolist() == expected
     # The ramp begins at what stands on the output, and not at what should have stood there.
-    core.receive(encode(Frame(Stop(), 4)))
+    core.receive(encode(Frame(Stop(), 4 + marks)))
     ramp = core.play(RAMP)[0].astype(int)
     assert np.array_equal(ramp, np.trunc(expected[-1] * np.arange(RAMP - 1, -1, -1) / RAMP))
 
