@@ -193,6 +193,19 @@ def test_an_envelope_gated_in_step_with_its_carrier(host, carrier_hz, share):
     host.check()
 
 
+def test_the_mean_leaves_room_for_the_half_turn_with_which_a_carrier_ends(host):
+    host.arm(replace(SETUP, mode=ENVELOPE, carrier_mhz=1_000_000))
+    levels = np.where(np.arange(1600) % 8 < 4, 200.0, 0.0)  # of each turn its positive half
+    for begin in (0, 800):
+        host.write(levels[begin : begin + 800])
+        host.play(0.1)
+    assert host.fault is FaultCode.MEAN
+    played = np.concatenate(host.played)[: host.first_refused()].astype(int)
+    sums = np.cumsum(played)
+    ends = sums + 4 * np.trunc(levels[: played.size] / 250 * 32767)  # at its highest throughout
+    assert ends.max() <= int(TOP_V / 250 * 32767) * RATE_HZ / 20
+
+
 @pytest.mark.parametrize("frequency_hz", [6.4, 7.0, 33.0, 250.0, 1000.0])
 def test_a_tone_at_the_ceiling_passes_for_ever(host, frequency_hz):
     host.arm()
