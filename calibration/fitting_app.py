@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from calibration.options import Measured
-from haptix.arguments import Check, is_there, number, some_of
+from haptix.desk import option
 from haptix.errors import InputError
+from haptix.fields import FileThere, Positive, TermName
 from haptix.files import json_text
-from haptix.presets import TERMS
 from haptix.report import record
 from haptix.terminal import AsJson, show
 
@@ -40,7 +40,7 @@ def _numbers(
     return found
 
 
-def _assignments(option: str, form: str) -> Check:
+def _assignments(option: str, form: str) -> Callable[..., Any]:
     """Refuse what `_numbers` cannot read."""
 
     def check(_: typer.CallbackParam, value: list[str] | None) -> list[str] | None:
@@ -80,19 +80,15 @@ def fit(
         ),
     ] = None,
     finger: Annotated[
-        Path | None,
-        typer.Option(help="fit.json of the same finger on another screen.", callback=is_there),
+        Path | None, option("fit.json of the same finger on another screen.", FileThere)
     ] = None,
     leaky_gap: Annotated[
         bool, typer.Option("--leaky-gap", help="Fit the resistivity of the gap.")
     ] = False,
     with_: Annotated[
-        list[str] | None,
-        typer.Option("--with", help="Switch a term on.", callback=some_of(*TERMS)),
+        list[str] | None, option("Switch a term on.", tuple[TermName, ...], "--with")
     ] = None,
-    without: Annotated[
-        list[str] | None, typer.Option(help="Switch a term off.", callback=some_of(*TERMS))
-    ] = None,
+    without: Annotated[list[str] | None, option("Switch a term off.", tuple[TermName, ...])] = None,
     compare: Annotated[bool, typer.Option(help="Find which terms the strokes need.")] = True,
     as_json: AsJson = False,
 ) -> None:
@@ -140,10 +136,7 @@ def fit(
 def verify(
     folder: Measured,
     tolerance_thresholds: Annotated[
-        float,
-        typer.Option(
-            help="Largest error, in just-noticeable differences (JND).", callback=number(above=0)
-        ),
+        float, option("Largest error, in just-noticeable differences (JND).", Positive)
     ] = 0.5,
     as_json: AsJson = False,
 ) -> None:

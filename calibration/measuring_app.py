@@ -18,13 +18,12 @@ from calibration.options import (
     PanelName,
     ScreenOption,
     Source,
-    finger_name,
     protocol_kind,
-    screen_name,
     seed_number,
 )
-from haptix.arguments import device_address, file_to_write, is_there, number
+from haptix.desk import argument, option
 from haptix.errors import InputError
+from haptix.fields import Address, FileThere, FingerName, NewFile, Positive, ScreenName
 from haptix.report import record
 from haptix.terminal import AsJson, show
 
@@ -34,9 +33,7 @@ if TYPE_CHECKING:
 
 
 def plan(
-    out: Annotated[
-        Path, typer.Argument(help="File to write: TOML, or JSON.", callback=file_to_write)
-    ],
+    out: Annotated[Path, argument("File to write: TOML, or JSON.", NewFile)],
     protocol: Annotated[
         str,
         typer.Option(
@@ -46,10 +43,7 @@ def plan(
     ] = "short",
     minutes: Minutes = 3.0,
     max_voltage_v: Annotated[
-        float | None,
-        typer.Option(
-            help="Highest amplitude [V]. [default: the screen's limit]", callback=number(above=0)
-        ),
+        float | None, option("Highest amplitude [V]. [default: the screen's limit]", Positive)
     ] = None,
     finger: FingerOption = "semi-wet",
     screen: ScreenOption = "3m-sct3250",
@@ -84,47 +78,28 @@ def plan(
 def measure(
     folder: Folder,
     protocol: Annotated[
-        Path | None,
-        typer.Option(
-            "--plan", help="Protocol. [default: that of a resumed session]", callback=is_there
-        ),
+        Path | None, option("Protocol. [default: that of a resumed session]", FileThere, "--plan")
     ] = None,
     source: Source = "inputs",
     device: Annotated[
-        str | None,
-        typer.Option(
-            help="Driver, such as usb: or mock:; by default, nothing plays.",
-            callback=device_address,
-        ),
+        str | None, option("Driver, such as usb: or mock:; by default, nothing plays.", Address)
     ] = None,
     screen: Annotated[
-        str | None,
-        typer.Option(
-            help="Assumed screen: a preset or a file. [default: 3m-sct3250]", callback=screen_name
-        ),
+        str | None, option("Assumed screen: a preset or a file. [default: 3m-sct3250]", ScreenName)
     ] = None,
     name: PanelName = None,
     finger: Annotated[
-        str | None,
-        typer.Option(help="Finger: a preset or a file. [default: semi-wet]", callback=finger_name),
+        str | None, option("Finger: a preset or a file. [default: semi-wet]", FingerName)
     ] = None,
     operator: Annotated[str, typer.Option(help="Who measures.")] = "",
     csv: Csv = None,
     columns: Columns = None,
     inputs: Inputs = None,
     crosstalk: Annotated[
-        float,
-        typer.Option(
-            help="Share of the normal force on the tangential axis.",
-            callback=number(least=-1, most=1),
-        ),
+        float, option("Share of the normal force on the tangential axis.", float, ge=-1, le=1)
     ] = 0.0,
-    temperature_c: Annotated[
-        float | None, typer.Option(help="Of the room.", callback=number(least=-50, most=100))
-    ] = None,
-    humidity_percent: Annotated[
-        float | None, typer.Option(help="Of the room.", callback=number(least=0, most=100))
-    ] = None,
+    temperature_c: Annotated[float | None, option("Of the room.", float, ge=-50, le=100)] = None,
+    humidity_percent: Annotated[float | None, option("Of the room.", float, ge=0, le=100)] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue a session.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not wait before each stroke.")] = False,
     seed: Annotated[int, typer.Option(help="Of the virtual finger.", callback=seed_number)] = 0,

@@ -3,52 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from haptix.arguments import (
-    folder,
-    folder_there,
-    is_there,
-    number,
-    one_of,
-    preset_or_file,
-    text,
-)
-from haptix.presets import FINGERS, SCREENS
+from haptix import fields
+from haptix.desk import argument, checked, option
+from haptix.fields import FileThere, FingerName, FolderThere, ScreenName, Text
 
-Folder = Annotated[Path, typer.Argument(help="Folder of the session.", callback=folder)]
-Measured = Annotated[Path, typer.Argument(help="Folder of the session.", callback=folder_there)]
-finger_name, screen_name = preset_or_file("finger", FINGERS), preset_or_file("screen", SCREENS)
+Folder = Annotated[Path, argument("Folder of the session.", fields.Folder)]
+Measured = Annotated[Path, argument("Folder of the session.", FolderThere)]
+finger_name, screen_name = checked(FingerName), checked(ScreenName)
 FingerOption = Annotated[
-    str,
-    typer.Option(help="Finger: a preset (semi-wet, wet) or a TOML file.", callback=finger_name),
+    str, option("Finger: a preset (semi-wet, wet) or a TOML file.", FingerName)
 ]
-ScreenOption = Annotated[
-    str,
-    typer.Option(help="Assumed screen: a preset or a TOML file.", callback=screen_name),
-]
-PanelName = Annotated[
-    str | None, typer.Option(help="Name of this screen alone; required.", callback=text)
-]
-seed_number = number(least=0, most=2**63 - 1)
-protocol_kind = one_of("paper", "full", "short")
-source_kind = one_of("virtual", "csv", "inputs")
-Csv = Annotated[
-    Path | None,
-    typer.Option(help="For csv: folder of stroke-001.csv ...", callback=folder),
-]
-Columns = Annotated[
-    Path | None, typer.Option(help="For csv: column map, as TOML.", callback=is_there)
-]
-Inputs = Annotated[
-    Path | None, typer.Option(help="For inputs: channels, as TOML.", callback=is_there)
-]
-Minutes = Annotated[
-    float,
-    typer.Option(help="Time for a short one.", callback=number(above=0, most=1000)),
-]
+ScreenOption = Annotated[str, option("Assumed screen: a preset or a TOML file.", ScreenName)]
+PanelName = Annotated[str | None, option("Name of this screen alone; required.", Text)]
+seed_number = checked(int, ge=0, le=2**63 - 1)
+protocol_kind = checked(Literal["paper", "full", "short"])
+source_kind = checked(Literal["virtual", "csv", "inputs"])
+Csv = Annotated[Path | None, option("For csv: folder of stroke-001.csv ...", fields.Folder)]
+Columns = Annotated[Path | None, option("For csv: column map, as TOML.", FileThere)]
+Inputs = Annotated[Path | None, option("For inputs: channels, as TOML.", FileThere)]
+Minutes = Annotated[float, option("Time for a short one.", float, gt=0, le=1000)]
 Source = Annotated[
     str, typer.Option(help="Of the forces: virtual, csv or inputs.", callback=source_kind)
 ]

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptix.arguments import device_address, folder_there, is_there, number, preset_or_file, text
+from haptix.desk import argument, option
 from haptix.errors import InputError
+from haptix.fields import Address, FileThere, FingerName, FolderThere, Positive, Text
 from haptix.files import json_text
-from haptix.presets import FINGERS
 from haptix.report import record, row
 from haptix.terminal import AsJson, show
 
@@ -22,20 +22,13 @@ if TYPE_CHECKING:
 
 FingerFile = Annotated[
     str | None,
-    typer.Option(
-        help="Finger: a preset or a file. [default: finger.toml beside the profile]",
-        callback=preset_or_file("finger", FINGERS),
-    ),
+    option("Finger: a preset or a file. [default: finger.toml beside the profile]", FingerName),
 ]
 
 
 def check(
-    folder: Annotated[
-        Path, typer.Argument(help="Folder of a session with new strokes.", callback=folder_there)
-    ],
-    profile: Annotated[
-        Path, typer.Option(help="screen.toml of an earlier calibration.", callback=is_there)
-    ],
+    folder: Annotated[Path, argument("Folder of a session with new strokes.", FolderThere)],
+    profile: Annotated[Path, option("screen.toml of an earlier calibration.", FileThere)],
     finger: FingerFile = None,
     as_json: AsJson = False,
 ) -> None:
@@ -64,19 +57,13 @@ def check(
 
 
 def match(
-    a: Annotated[Path, typer.Argument(help="screen.toml of the first screen.", callback=is_there)],
-    b: Annotated[Path, typer.Argument(help="screen.toml of the second one.", callback=is_there)],
+    a: Annotated[Path, argument("screen.toml of the first screen.", FileThere)],
+    b: Annotated[Path, argument("screen.toml of the second one.", FileThere)],
     normal_force_n: Annotated[
-        list[float] | None,
-        typer.Option(help="May be repeated. [default: 0.2, 0.5, 0.8]", callback=number(above=0)),
+        list[float] | None, option("May be repeated. [default: 0.2, 0.5, 0.8]", Positive)
     ] = None,
-    frequency_hz: Annotated[
-        float, typer.Option(help="Of the drive.", callback=number(above=0))
-    ] = 4000.0,
-    levels: Annotated[
-        int,
-        typer.Option(help="Frictions in the common range.", callback=number(least=2, most=1000)),
-    ] = 5,
+    frequency_hz: Annotated[float, option("Of the drive.", Positive)] = 4000.0,
+    levels: Annotated[int, option("Frictions in the common range.", int, ge=2, le=1000)] = 5,
     finger: FingerFile = None,
     as_json: AsJson = False,
 ) -> None:
@@ -98,19 +85,11 @@ def match(
 
 
 def install(
-    profile: Annotated[
-        Path, typer.Argument(help="screen.toml of a calibration that passed.", callback=is_there)
-    ],
-    serial: Annotated[
-        str | None, typer.Option(help="Serial number of the driver.", callback=text)
-    ] = None,
-    device: Annotated[
-        str | None,
-        typer.Option(help="The driver itself, such as usb:.", callback=device_address),
-    ] = None,
+    profile: Annotated[Path, argument("screen.toml of a calibration that passed.", FileThere)],
+    serial: Annotated[str | None, option("Serial number of the driver.", Text)] = None,
+    device: Annotated[str | None, option("The driver itself, such as usb:.", Address)] = None,
     finger: Annotated[
-        Path | None,
-        typer.Option(help="[default: finger.toml beside the profile]", callback=is_there),
+        Path | None, option("[default: finger.toml beside the profile]", FileThere)
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -134,26 +113,14 @@ def install(
 
 def period(
     files: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Recordings: CSV files, or a session's stroke-001.h5.", callback=is_there
-        ),
+        list[Path], argument("Recordings: CSV files, or a session's stroke-001.h5.", FileThere)
     ],
-    columns: Annotated[
-        Path | None, typer.Option(help="For CSV: column map, as TOML.", callback=is_there)
-    ] = None,
+    columns: Annotated[Path | None, option("For CSV: column map, as TOML.", FileThere)] = None,
     speed_mm_per_s: Annotated[
-        float | None,
-        typer.Option(
-            help="Of the slide, in place of that in the column map.", callback=number(above=0)
-        ),
+        float | None, option("Of the slide, in place of that in the column map.", Positive)
     ] = None,
-    shortest_mm: Annotated[
-        float, typer.Option(help="Shortest period.", callback=number(above=0))
-    ] = 1.0,
-    longest_mm: Annotated[
-        float, typer.Option(help="Longest period.", callback=number(above=0))
-    ] = 6.0,
+    shortest_mm: Annotated[float, option("Shortest period.", Positive)] = 1.0,
+    longest_mm: Annotated[float, option("Longest period.", Positive)] = 6.0,
     as_json: AsJson = False,
 ) -> None:
     """Find the spatial period of what was touched, with its significance and its harmonic.

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptix.arguments import device_address, is_there, number
-from haptix.arguments import folder as folder_of
+from haptix.desk import argument, option
 from haptix.errors import InputError
+from haptix.fields import Address, FileThere, Folder, NotNegative, Positive
 from haptix.report import record
 from haptix.terminal import AsJson, show
 
@@ -19,48 +19,28 @@ if TYPE_CHECKING:
 
 
 def rig(
-    folder: Annotated[
-        Path, typer.Argument(help="Folder of the session, or a new one.", callback=folder_of)
-    ],
-    weight_n: Annotated[
-        float,
-        typer.Option(help="Force of a known weight [N]: m x 9.81.", callback=number(above=0)),
-    ],
+    folder: Annotated[Path, argument("Folder of the session, or a new one.", Folder)],
+    weight_n: Annotated[float, option("Force of a known weight [N]: m x 9.81.", Positive)],
     inputs: Annotated[
-        Path | None,
-        typer.Option(help="Channels, as TOML: the readings are recorded.", callback=is_there),
+        Path | None, option("Channels, as TOML: the readings are recorded.", FileThere)
     ] = None,
     device: Annotated[
-        str | None,
-        typer.Option(
-            help="Driver, such as usb:, that plays for a voltmeter.", callback=device_address
-        ),
+        str | None, option("Driver, such as usb:, that plays for a voltmeter.", Address)
     ] = None,
     normal_reading_n: Annotated[
-        float | None,
-        typer.Option(
-            help="Without --inputs: the weight on the screen, less zero.", callback=number()
-        ),
+        float | None, option("Without --inputs: the weight on the screen, less zero.", float)
     ] = None,
     tangential_reading_n: Annotated[
-        float | None,
-        typer.Option(help="The weight that pulls towards growing x, less zero.", callback=number()),
+        float | None, option("The weight that pulls towards growing x, less zero.", float)
     ] = None,
     monitor_v: Annotated[
-        float | None,
-        typer.Option(
-            help="Amplitude that the recordings show or the driver plays.", callback=number(least=0)
-        ),
+        float | None, option("Amplitude that the recordings show or the driver plays.", NotNegative)
     ] = None,
     voltmeter_v: Annotated[
-        float | None,
-        typer.Option(
-            help="Amplitude on the screen by another instrument.", callback=number(least=0)
-        ),
+        float | None, option("Amplitude on the screen by another instrument.", NotNegative)
     ] = None,
     tap: Annotated[
-        Path | None,
-        typer.Option(help="CSV file of a tap: columns t_s, tangential_force_n.", callback=is_there),
+        Path | None, option("CSV file of a tap: columns t_s, tangential_force_n.", FileThere)
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -23,8 +23,9 @@ from calibration.options import (
     protocol_kind,
     seed_number,
 )
-from haptix.arguments import device_address, number
+from haptix.desk import option
 from haptix.errors import InputError
+from haptix.fields import Address, Positive
 from haptix.files import json_text
 from haptix.report import record
 from haptix.terminal import AsJson, show
@@ -34,9 +35,7 @@ def run(
     folder: Folder,
     name: PanelName = None,
     source: Source = "inputs",
-    device: Annotated[
-        str | None, typer.Option(help="Driver, such as usb: or mock:.", callback=device_address)
-    ] = None,
+    device: Annotated[str | None, option("Driver, such as usb: or mock:.", Address)] = None,
     inputs: Inputs = None,
     csv: Csv = None,
     columns: Columns = None,
@@ -44,18 +43,12 @@ def run(
         str, typer.Option(help="paper, full or short.", callback=protocol_kind)
     ] = "short",
     minutes: Minutes = 3.0,
-    max_voltage_v: Annotated[
-        float | None, typer.Option(help="Highest amplitude [V].", callback=number(above=0))
-    ] = None,
+    max_voltage_v: Annotated[float | None, option("Highest amplitude [V].", Positive)] = None,
     screen: ScreenOption = "3m-sct3250",
     finger: FingerOption = "semi-wet",
     operator: Annotated[str, typer.Option(help="Who measures.")] = "",
     weight_n: Annotated[
-        float | None,
-        typer.Option(
-            help="Known weight [N]: the rig is checked before the strokes.",
-            callback=number(above=0),
-        ),
+        float | None, option("Known weight [N]: the rig is checked before the strokes.", Positive)
     ] = None,
     practice: Annotated[
         bool, typer.Option("--practice", help="On a virtual finger and screen, drawn at random.")

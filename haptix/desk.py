@@ -8,7 +8,7 @@
         def run(self, context: Context) -> Result: ...
 
 The doors are the command line (`haptix.cli.tasks`), the service's routes, jobs and forms
-(`haptix.service.jobs_rest`), and campaigns (`haptix.campaign.of_tasks`). Which tasks there are is
+(`haptix.service.jobs_rest`), and campaigns (`haptix.campaign.kinds`). Which tasks there are is
 read from the text of `MODULES`, so that a list of them loads nothing.
 """
 
@@ -17,20 +17,22 @@ from __future__ import annotations
 import re
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, ClassVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+import typer
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, create_model
 from pydantic.fields import FieldInfo
 
 from haptix.errors import HaptixError, InputError
-from haptix.fields import Local, Typed, expected_words
-from haptix.task_list import MODULES, tasks_of
+from haptix.fields import ForClients, Local, Profile, Typed, expected_words
+from haptix.task_list import MODULES
 from haptix.units import read_number, unit_of
 
 _EXPECTED = {
@@ -86,29 +88,15 @@ class Context:
 
     Parameters
     ----------
-    used : mapping of str to str
-        ``finger`` and ``screen`` in use, and the ``device``.
-    folder : Path
-        Place for results.
+    folder : Path, optional
+        Place for results; without one, a task writes none.
     seed : int
         Of its random numbers.
     executor : Executor, optional
         On which it does many calls; by default here.
     """
 
-    def __init__(
-        self,
-        used: Mapping[str, str] | None = None,
-        folder: Path = Path(),
-        seed: int = 0,
-        executor: Any = None,
-    ) -> None:
-        self.used = {
-            "finger": "semi-wet",
-            "screen": "3m-sct3250",
-            "device": "mock:",
-            **(used or {}),
-        }
+    def __init__(self, folder: Path | None = None, seed: int = 0, executor: Any = None) -> None:
         self.folder, self._seed, self._executor = folder, seed, executor
         self._stage, self._share, self._began_s = "", 0.0, 0.0
         self._is_cancelled = False
@@ -152,10 +140,6 @@ class Context:
 
         return executor_of(self._executor)
 
-    def profile(self, kind: str, name: str | None) -> str:
-        """Return the name of a finger or screen: that in use where none is given."""
-        return self.used[kind] if name is None else name
-
 
 class Task(BaseModel, ABC):
     """A task: its parameters, with their units, ranges and help; its docstring is its help.
@@ -176,6 +160,8 @@ class Task(BaseModel, ABC):
     """Of its jobs."""
     plays: ClassVar[bool] = False
     """Whether it plays on the device in use."""
+    stages: ClassVar[tuple[str, ...]] = ()
+    """What it says it does, in order, each for as long."""
 
     def __init__(self, /, **fields: Any) -> None:
         try:
@@ -201,9 +187,27 @@ class Task(BaseModel, ABC):
         return f"{cls.__module__}:{cls.__qualname__}"
 
     @classmethod
-    def for_clients(cls) -> dict[str, FieldInfo]:
-        """Return the parameters that a client of the network may give."""
-        return {name: one for name, one in cls.model_fields.items() if not is_local(one)}
+    def body(cls) -> type[BaseModel]:
+        """Return the model of what a client of the network may send."""
+        fields: dict[str, Any] = {}
+        for name, one in cls.model_fields.items():
+            kind: Any = one.annotation
+            asked: Any = one
+            marks = {type(mark) for mark in marks_of(one)}
+            if Local in marks:
+                continue
+            if Profile in marks:  # which of them a client may name is known where the task runs
+                kind = Annotated[str, Field(min_length=1, max_length=200)] | None
+                asked = Field(None, description=one.description)
+            elif ForClients in marks and not one.is_required():
+                kind, asked = get_args(kind)[0], Field(description=one.description)
+            asked = copy(asked)
+            asked.json_schema_extra = {"x-unit": unit_of(name)} if unit_of(name) else None
+            fields[name] = (kind, asked)
+        config = ConfigDict(extra="forbid", allow_inf_nan=False)
+        return create_model(
+            f"{cls.__name__}Asked", __config__=config, __doc__=cls.__doc__, **fields
+        )
 
 
 def first_wrong(error: ValidationError) -> tuple[str, str]:
@@ -235,25 +239,23 @@ def inner(annotation: Any) -> Any:
     return annotation
 
 
-def markers(annotation: Any) -> Iterator[Any]:
-    """Yield what a type is annotated with, at any depth."""
-    if get_origin(annotation) is Annotated:
-        yield from annotation.__metadata__
-    for one in get_args(annotation):
-        yield from markers(one)
+def marks_of(parameter: FieldInfo) -> list[Any]:
+    """Return what a parameter is annotated with, at any depth."""
+    found: list[Any] = [*parameter.metadata]
+    kinds: list[Any] = [parameter.annotation]
+    for kind in kinds:
+        if get_origin(kind) is Annotated:
+            found += kind.__metadata__
+        kinds += get_args(kind)
+    return found
 
 
-def is_local(parameter: FieldInfo) -> bool:
-    """Whether a parameter names a file or a device of this machine."""
-    return any(
-        isinstance(one, Local) for one in (*parameter.metadata, *markers(parameter.annotation))
-    )
-
-
-def typed(parameter: FieldInfo) -> Typed:
-    """Return how the command line takes a parameter."""
-    found = (*parameter.metadata, *markers(parameter.annotation))
-    return next((one for one in found if isinstance(one, Typed)), Typed())
+def typed(parameter: FieldInfo) -> Typed | None:
+    """Return how the command line takes a parameter; None if it does not."""
+    marks = marks_of(parameter)
+    if any(isinstance(one, ForClients) for one in marks):
+        return None
+    return next((one for one in marks if isinstance(one, Typed)), Typed())
 
 
 def read(name: str, parameter: FieldInfo, texts: str | Sequence[str]) -> Any:
@@ -274,12 +276,39 @@ def read(name: str, parameter: FieldInfo, texts: str | Sequence[str]) -> Any:
         raise ValueError(first_wrong(error)[1]) from None
 
 
+def checked(kind: Any, **bounds: Any) -> Callable[[typer.CallbackParam, Any], Any]:
+    """Return the check of an option of a command that is written by hand, by a parameter's type."""
+    whole: Any = Annotated[kind, Field(**bounds)] if bounds else kind
+    parameter = FieldInfo.from_annotation(whole)
+
+    def check(option: typer.CallbackParam, value: Any) -> Any:
+        if value is None:
+            return None
+        shown = next((one for one in option.opts if one.startswith("--")), str(option.name).upper())
+        try:
+            return read(str(option.name), parameter, value)
+        except ValueError as error:
+            raise InputError(f"{shown}: {error}") from None
+
+    return check
+
+
+def option(text: str, kind: Any, *names: str, **bounds: Any) -> Any:
+    """Return an option of a command that is written by hand, with its help and check."""
+    return typer.Option(*names, help=text, callback=checked(kind, **bounds))
+
+
+def argument(text: str, kind: Any, **bounds: Any) -> Any:
+    """Return an argument of a command that is written by hand, with its help and check."""
+    return typer.Argument(help=text, callback=checked(kind, **bounds))
+
+
 def _values(name: str, kind: Any, texts: Any) -> Any:
     if get_origin(kind) is not tuple:
-        return read_number(name, texts) if kind is float else texts
+        return read_number(name, texts) if kind is float and isinstance(texts, str) else texts
     item, last = inner(get_args(kind)[0]), get_args(kind)[-1]
     lists = [texts] if isinstance(texts, str) else texts
-    if item is Path:
+    if item is Path or not all(isinstance(text, str) for text in lists):
         return lists
     parts = [part for text in lists for part in ([text] if "=" in text else text.split(","))]
     if item is not float:
@@ -308,11 +337,8 @@ def task_at(path: str) -> type[Task]:
     return found
 
 
-def all_tasks() -> tuple[type[Task], ...]:
-    """Return all tasks, those of the command line first as its help lists them."""
-    return _tasks_of(tuple(MODULES))
-
-
-@cache
-def _tasks_of(modules: tuple[str, ...]) -> tuple[type[Task], ...]:
-    return tuple(task_at(path) for path, _ in tasks_of(modules).values())
+def all_tasks() -> list[type[Task]]:
+    """Return all tasks that have a door."""
+    found = [one for module in MODULES for one in vars(import_module(module)).values()]
+    tasks = [one for one in found if isinstance(one, type) and issubclass(one, Task)]
+    return [one for one in dict.fromkeys(tasks) if one.command or one.route]

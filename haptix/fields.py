@@ -5,6 +5,7 @@ Each checks what is given before torch loads; the message does not repeat the pa
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -38,6 +39,14 @@ class Typed:
 
 class Local:
     """Marks what names a file or a device of this machine: no client of the network gives it."""
+
+
+class ForClients:
+    """Marks what is no option, but a document or a list that clients of the service must send."""
+
+
+class Profile:
+    """Marks a name of a finger or a screen: the service knows which a client may name."""
 
 
 def expected_words(words: Collection[str], value: str) -> str:
@@ -161,6 +170,12 @@ def _is_ordered(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
+def _label(value: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9]{1,64}", value):
+        raise ValueError(f"BIDS labels have letters and digits alone, got {value!r:.80}")
+    return value
+
+
 FileThere = Annotated[Path, AfterValidator(is_there), Local()]
 NewFile = Annotated[Path, AfterValidator(file_to_write), Local()]
 Folder = Annotated[Path, AfterValidator(folder), Local()]
@@ -168,9 +183,10 @@ FolderThere = Annotated[Path, AfterValidator(file_or_folder), AfterValidator(fol
 FileOrFolder = Annotated[Path, AfterValidator(file_or_folder), Local()]
 MaterialFile = Annotated[Path, AfterValidator(_material), Local()]
 Address = Annotated[str, AfterValidator(_address), Local()]
+Label = Annotated[str, AfterValidator(_label)]
 Text = Annotated[str, AfterValidator(_text)]
-FingerName = Annotated[str, AfterValidator(preset_or_file(FINGERS))]
-ScreenName = Annotated[str, AfterValidator(preset_or_file(SCREENS))]
+FingerName = Annotated[str, AfterValidator(preset_or_file(FINGERS)), Profile()]
+ScreenName = Annotated[str, AfterValidator(preset_or_file(SCREENS)), Profile()]
 TermName = Annotated[str, AfterValidator(one_of(*TERMS))]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]

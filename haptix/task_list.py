@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-MODULES = ["haptix.tasks.surfaces"]
+MODULES = ["haptix.tasks.rendering", "haptix.tasks.surfaces"]
 """Modules of tasks, in the order in which help lists them."""
 
 _TASK = re.compile(

@@ -5,17 +5,20 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import import_module
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
+from haptix.desk import Context, Task, first_wrong, task_at
 from haptix.documents import Document
 from haptix.errors import FileFormatError, InputError
 from haptix.files import Content, file_at, read_json, read_toml
 from haptix.results import result_key
+from haptix.units import with_numbers
 
 # Where each kind stands; a plan may also name a class of an installed module, as "module:Class".
 KINDS = {
@@ -118,6 +121,50 @@ class Campaign(Document):
         return cls(**fields, folder=folder)
 
 
+class OfTask(Campaign):
+    """A plan of one task's runs.
+
+    Parameters
+    ----------
+    task : mapping
+        Its parameters, as clients of the service give them.
+    vary : mapping of str to list
+        Values of parameters; each combination is a run.
+    """
+
+    task: dict[str, Any] = Field(default={})
+    vary: dict[str, Annotated[list[Any], Field(min_length=1)]] = Field(default={})
+
+    def tasks(self) -> Iterator[CampaignTask]:
+        """Yield each combination, the last parameter the fastest."""
+        body = task_at(self.kind).body()
+        task, vary = with_numbers("task", self.task), with_numbers("vary", self.vary)
+        for values in product(*vary.values()):
+            labels = dict(zip(vary, values, strict=True))
+            try:
+                made = body.model_validate({**task, **labels})
+            except ValidationError as error:
+                raise InputError(": ".join(filter(None, first_wrong(error)))) from None
+            document = made.model_dump(mode="json", exclude_unset=True)
+            if files := [one for one in document.values() if str(one).endswith(".toml")]:
+                raise InputError(f"{files[0]}: expected a preset, for workers have no such file")
+            yield CampaignTask(self.kind, document, {k: str(v) for k, v in labels.items()})
+
+
+@cache
+def campaign_of(task: type[Task]) -> type[OfTask]:
+    """Return the kind of campaign that runs a task."""
+
+    class OfOneTask(OfTask):
+        @staticmethod
+        def run(document: Mapping[str, Any]) -> Outcome:
+            result = task(**document).run(Context())
+            return Outcome(result.row, result.files)
+
+    OfOneTask.__doc__ = task.__doc__
+    return OfOneTask
+
+
 def places_of(patterns: tuple[str, ...], folder: Path) -> Iterator[Path]:
     """Yield the files or folders of names and patterns within a folder, in order.
 
@@ -151,8 +198,12 @@ def kind_named(name: str) -> type[Campaign]:
         found = getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
         raise InputError(f"kind: expected {known}, got {name!r:.80}: {error}") from None
+    if isinstance(found, type) and issubclass(found, Task):
+        return campaign_of(found)
     if not (isinstance(found, type) and issubclass(found, Campaign)):
-        raise InputError(f"kind: expected {known}, got {name!r:.80}, which is no Campaign")
+        raise InputError(
+            f"kind: expected {known}, got {name!r:.80}, which is neither a Task nor a Campaign"
+        )
     return found
 
 

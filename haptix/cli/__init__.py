@@ -18,15 +18,6 @@ LOG_HELP = "Log to the standard error what happens, see docs/log.md: info or deb
 # themselves. To load Typer takes longer than everything else that --help does.
 COMMANDS = {
     **{name: told for name, told in tasks_of(MODULES).items() if " " not in name},
-    "demo": (
-        "haptix.cli.demo:demo",
-        "From a photograph to volts: everything once, without hardware.",
-    ),
-    "render": (
-        "haptix.cli.rendering:render",
-        "Simulate live touches: a virtual finger feels what is played, and the error is split.",
-    ),
-    "play": ("haptix.cli.rendering:play", "Play a recorded path on a device, in real time."),
     "serve": (
         "haptix.cli.service:serve",
         "Serve apps in any language on this machine: touches and materials in, friction out.",

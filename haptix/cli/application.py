@@ -23,7 +23,7 @@ class _Commands(TyperGroup):
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        if cmd_name in COMMANDS and self.commands[cmd_name] is None:
+        if cmd_name in COMMANDS and self.commands.get(cmd_name) is None:
             module, _, name = COMMANDS[cmd_name][0].partition(":")
             found: Any = getattr(import_module(module), name)
             if not isinstance(found, typer.Typer):

@@ -11,35 +11,36 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from pydantic import AfterValidator
 
-from haptix.arguments import folder, is_there, number, one_of, text
+from haptix.desk import argument, checked, option
+from haptix.fields import FileThere, Positive, Text, folder, is_there, one_of
 from haptix.terminal import AsJson, show
 
 _SAY_EVERY_S = 10.0
 
 
-def _folder_or_url(option: typer.CallbackParam, value: str | None) -> str | None:
-    text(option, value)
-    if value is not None and "://" not in value:
-        folder(option, Path(value))
+def _folder_or_url(value: str) -> str:
+    if "://" not in value:
+        folder(Path(value))
     return value
 
 
-def _executor_named(option: typer.CallbackParam, value: str) -> str:
+def _executor_named(value: str) -> str:
     if "/" not in value and "." not in value:
-        one_of("processes", "dask")(option, value)
+        one_of("processes", "dask")(value)
     elif "://" not in value:
-        is_there(option, Path(value))
+        is_there(Path(value))
     return value
 
 
 def campaign(
-    plan: Annotated[Path, typer.Argument(help="Campaign: a TOML file.", callback=is_there)],
+    plan: Annotated[Path, argument("Campaign: a TOML file.", FileThere)],
     out: Annotated[
         str | None,
         typer.Option(
             help="Folder, or a URL of fsspec such as s3://bucket/name. [default: the plan's name]",
-            callback=_folder_or_url,
+            callback=checked(Annotated[Text, AfterValidator(_folder_or_url)]),
         ),
     ] = None,
     on: Annotated[
@@ -47,29 +48,25 @@ def campaign(
         typer.Option(
             help="processes: of this machine; dask: a local cluster; tcp://HOST:PORT or tls://, or "
             "a scheduler file of Dask: a cluster that runs.",
-            callback=_executor_named,
+            callback=checked(Annotated[str, AfterValidator(_executor_named)]),
         ),
     ] = "processes",
     processes: Annotated[
         int | None,
-        typer.Option(
-            help="Processes of this machine. [default: as many as cores and memory allow]",
-            callback=number(least=1, most=4096),
+        option(
+            "Processes of this machine. [default: as many as cores and memory allow]",
+            int,
+            ge=1,
+            le=4096,
         ),
     ] = None,
     memory_gb: Annotated[
-        float | None,
-        typer.Option(
-            help="Memory that a task may take; one that needs more fails.", callback=number(above=0)
-        ),
+        float | None, option("Memory that a task may take; one that needs more fails.", Positive)
     ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Only say tasks, hours and bytes.")
     ] = False,
-    first: Annotated[
-        int | None,
-        typer.Option(help="End after so many tasks.", callback=number(least=1, most=10**9)),
-    ] = None,
+    first: Annotated[int | None, option("End after so many tasks.", int, ge=1, le=10**9)] = None,
     again: Annotated[
         bool, typer.Option("--again", help="Also what failed or was set aside.")
     ] = False,

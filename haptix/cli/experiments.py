@@ -9,19 +9,20 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from pydantic import Field
 
-from haptix.arguments import (
-    device_address,
-    file_or_folder,
-    file_to_write,
-    folder,
-    is_there,
-    label,
-    number,
-    numbers,
-    read_numbers,
-)
+from haptix.desk import argument, option
 from haptix.errors import InputError
+from haptix.fields import (
+    Address,
+    FileOrFolder,
+    FileThere,
+    Folder,
+    Label,
+    NewFile,
+    NotNegative,
+    Positive,
+)
 from haptix.terminal import AsJson, show
 
 app = typer.Typer()
@@ -46,27 +47,16 @@ def _pseudonym(_: typer.CallbackParam, value: str | None) -> str | None:
 
 @app.command()
 def run(
-    recipe: Annotated[Path, typer.Argument(help="Experiment: a TOML file.", callback=is_there)],
+    recipe: Annotated[Path, argument("Experiment: a TOML file.", FileThere)],
     log: Annotated[
-        Path | None,
-        typer.Option(help="Table of the trials; continued if it exists.", callback=file_to_write),
+        Path | None, option("Table of the trials; continued if it exists.", NewFile)
     ] = None,
     study: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of a study, which gets the log and its BIDS files.", callback=folder
-        ),
+        Path | None, option("Folder of a study, which gets the log and its BIDS files.", Folder)
     ] = None,
-    device: Annotated[
-        str, typer.Option(help="Address of the device.", callback=device_address)
-    ] = "mock:",
+    device: Annotated[str, option("Address of the device.", Address)] = "mock:",
     simulate_db: Annotated[
-        float | None,
-        typer.Option(
-            "--simulate-db",
-            help="Simulate an observer of this threshold [dB].",
-            callback=number(),
-        ),
+        float | None, option("Simulate an observer of this threshold [dB].", float, "--simulate-db")
     ] = None,
     participant: Annotated[
         str | None,
@@ -76,14 +66,9 @@ def run(
             callback=_pseudonym,
         ),
     ] = None,
-    session: Annotated[
-        str, typer.Option(help="Label of the session in a study.", callback=label)
-    ] = "01",
+    session: Annotated[str, option("Label of the session in a study.", Label)] = "01",
     task: Annotated[
-        str | None,
-        typer.Option(
-            help="Label of the task in a study. [default: the recipe's name]", callback=label
-        ),
+        str | None, option("Label of the task in a study. [default: the recipe's name]", Label)
     ] = None,
     another_program: Annotated[
         bool, typer.Option(help="Continue a log that another version of haptix began.")
@@ -174,36 +159,25 @@ def run(
 
 @app.command()
 def simulate(
-    recipe: Annotated[Path, typer.Argument(help="Experiment: a TOML file.", callback=is_there)],
-    threshold_db: Annotated[
-        str, typer.Option(help="Thresholds of the observers [dB].", callback=numbers())
-    ],
-    slope: Annotated[
-        str, typer.Option(help="Slopes of the observers.", callback=numbers(above=0))
-    ] = "1.5,3.5",
+    recipe: Annotated[Path, argument("Experiment: a TOML file.", FileThere)],
+    threshold_db: Annotated[str, option("Thresholds of the observers [dB].", tuple[float, ...])],
+    slope: Annotated[str, option("Slopes of the observers.", tuple[Positive, ...])] = "1.5,3.5",
     lapse: Annotated[
-        str, typer.Option(help="Lapse rates of the observers.", callback=numbers(least=0))
+        str, option("Lapse rates of the observers.", tuple[NotNegative, ...])
     ] = "0.02,0.08",
-    runs: Annotated[
-        int, typer.Option(help="Runs of each observer.", callback=number(least=10, most=100_000))
-    ] = 200,
+    runs: Annotated[int, option("Runs of each observer.", int, ge=10, le=100_000)] = 200,
     participants: Annotated[
         str | None,
-        typer.Option(
-            help="Sample sizes whose power is asked for, such as 8,12,16.",
-            callback=numbers(least=2, is_whole=True),
+        option(
+            "Sample sizes whose power is asked for, such as 8,12,16.",
+            tuple[Annotated[int, Field(ge=2)], ...],
         ),
     ] = None,
-    difference_db: Annotated[
-        float, typer.Option(help="Difference of two conditions [dB].", callback=number())
-    ] = 2.0,
+    difference_db: Annotated[float, option("Difference of two conditions [dB].", float)] = 2.0,
     between_db: Annotated[
-        float,
-        typer.Option(help="Spread of thresholds between people [dB].", callback=number(least=0)),
+        float, option("Spread of thresholds between people [dB].", NotNegative)
     ] = 3.0,
-    workers: Annotated[
-        int, typer.Option(help="Processes that simulate.", callback=number(least=1, most=256))
-    ] = 1,
+    workers: Annotated[int, option("Processes that simulate.", int, ge=1, le=256)] = 1,
     as_json: AsJson = False,
 ) -> None:
     """Simulate a plan before anybody sits: what its thresholds are worth, and its power.
@@ -218,16 +192,12 @@ def simulate(
     from haptix.stimuli.simulating import simulated, simulations
 
     plan = ExperimentRecipe.load(recipe)
-    observers = (
-        read_numbers("--threshold-db", threshold_db),
-        read_numbers("--slope", slope),
-        read_numbers("--lapse", lapse),
-    )
+    # What the options' checks have read, whose texts stand in the signature for Typer.
+    observers: tuple[Any, Any, Any] = (threshold_db, slope, lapse)
     title, comparison = f"{plan.name}: {runs} runs of each observer", None
     if participants is not None:
-        sizes = [int(size) for size in read_numbers("--participants", participants)]
         comparison = {
-            "participants": sizes,
+            "participants": [*participants],
             "difference": difference_db,
             "between": between_db,
         }
@@ -246,7 +216,7 @@ def simulate(
 
 @app.command()
 def new(
-    study: Annotated[Path, typer.Argument(help="Folder that is not there yet.", callback=folder)],
+    study: Annotated[Path, argument("Folder that is not there yet.", Folder)],
     as_json: AsJson = False,
 ) -> None:
     """Begin a study: code/experiment.toml to change, and the frame of a BIDS data set."""
@@ -258,13 +228,11 @@ def new(
 
 @app.command()
 def bids(
-    log: Annotated[Path, typer.Argument(help="Log of `haptix stimuli run`.", callback=is_there)],
-    study: Annotated[Path, typer.Option(help="Folder of the data set.", callback=folder)],
-    participant: Annotated[
-        str, typer.Option(help="Pseudonym: letters and digits.", callback=label)
-    ],
-    session: Annotated[str, typer.Option(help="Label of the session.", callback=label)] = "01",
-    task: Annotated[str, typer.Option(help="Label of the task.", callback=label)] = "detection",
+    log: Annotated[Path, argument("Log of `haptix stimuli run`.", FileThere)],
+    study: Annotated[Path, option("Folder of the data set.", Folder)],
+    participant: Annotated[str, option("Pseudonym: letters and digits.", Label)],
+    session: Annotated[str, option("Label of the session.", Label)] = "01",
+    task: Annotated[str, option("Label of the task.", Label)] = "detection",
     as_json: AsJson = False,
 ) -> None:
     """Write a log into a study in the Brain Imaging Data Structure (BIDS).
@@ -282,18 +250,14 @@ def bids(
 @app.command()
 def analyse(
     source: Annotated[
-        Path,
-        typer.Argument(
-            help="Log of `haptix stimuli run`, folder of logs, or a study.",
-            callback=file_or_folder,
-        ),
+        Path, argument("Log of `haptix stimuli run`, folder of logs, or a study.", FileOrFolder)
     ],
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="Folder of tables and report. [default: derivatives/haptix of a study; of a log "
+        option(
+            "Folder of tables and report. [default: derivatives/haptix of a study; of a log "
             "its name + _analysis]",
-            callback=folder,
+            Folder,
         ),
     ] = None,
     as_json: AsJson = False,

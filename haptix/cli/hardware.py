@@ -10,7 +10,8 @@ from typing import Annotated, Any
 
 import typer
 
-from haptix.arguments import folder
+from haptix.desk import option
+from haptix.fields import Folder
 from haptix.terminal import AsJson, show
 from haptix.version import __version__
 
@@ -32,9 +33,7 @@ def doctor(
         ),
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
-    root: Annotated[
-        Path, typer.Option(help="Folder below which the rule is written.", callback=folder)
-    ] = Path("/"),
+    root: Annotated[Path, option("Folder below which the rule is written.", Folder)] = Path("/"),
 ) -> None:
     """Check this machine: packages, system libraries, cache, and a solve against known numbers.
 

@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from haptix.arguments import file_to_write, material_file, refuse_input
+from haptix.desk import argument, option
+from haptix.fields import MaterialFile, NewFile, refuse_input
 from haptix.terminal import AsJson, show
 
 app = typer.Typer(
@@ -21,14 +22,8 @@ app = typer.Typer(
 
 @app.command("show")
 def show_material(
-    file: Annotated[
-        Path,
-        typer.Argument(help="Material: TOML or JSON, or gallery:NAME.", callback=material_file),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Picture. [default: FILE with .png]", callback=file_to_write),
-    ] = None,
+    file: Annotated[Path, argument("Material: TOML or JSON, or gallery:NAME.", MaterialFile)],
+    out: Annotated[Path | None, option("Picture. [default: FILE with .png]", NewFile)] = None,
     as_json: AsJson = False,
 ) -> None:
     """Draw a material: its friction by place, direction, speed, force and time."""

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from haptix.arguments import folder, is_there
+from haptix.desk import argument, option
+from haptix.fields import FileThere, Folder
 from haptix.terminal import (
     AsJson,
     accuracy_note,
@@ -31,7 +32,7 @@ _TRADEOFF_STAGES = {
 
 
 def plan(
-    scene: Annotated[Path, typer.Argument(help="Scene: a TOML file.", callback=is_there)],
+    scene: Annotated[Path, argument("Scene: a TOML file.", FileThere)],
     as_json: AsJson = False,
 ) -> None:
     """Measure what each part of the model does in a scene, and drop what its budget allows.
@@ -90,14 +91,9 @@ def _full_rows(plan: Plan) -> list[dict[str, Any]]:
 
 def tradeoff(
     scene: Annotated[
-        Path | None,
-        typer.Argument(
-            help="Scene: a TOML file. [default: one that is built in]", callback=is_there
-        ),
+        Path | None, argument("Scene: a TOML file. [default: one that is built in]", FileThere)
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for the outputs.", callback=folder)] = Path(
-        "haptix-tradeoff"
-    ),
+    out: Annotated[Path, option("Folder for the outputs.", Folder)] = Path("haptix-tradeoff"),
     quick: Annotated[bool, typer.Option("--quick", help="Few runs and short timings.")] = False,
     boundary_elements: Annotated[
         bool,

@@ -12,28 +12,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptix.arguments import device_address, file_to_write, is_there, text
-from haptix.cli.options import OwnFinger, OwnScreen
+from haptix.desk import option
 from haptix.errors import InputError
+from haptix.fields import Address, FileThere, FingerName, NewFile, ScreenName, Text
 
 if TYPE_CHECKING:
     from haptix.service.access import Access
     from haptix.service.messages import Inventory
 
-Device = Annotated[
-    str, typer.Option(help="The driver, see `haptix devices`.", callback=device_address)
-]
+Device = Annotated[str, option("The driver, see `haptix devices`.", Address)]
 Surface = Annotated[
-    Path | None,
-    typer.Option(help="Surface of `haptix build`. [default: built and kept]", callback=is_there),
+    Path | None, option("Surface of `haptix build`. [default: built and kept]", FileThere)
 ]
 LogFile = Annotated[
     Path | None,
-    typer.Option(
-        help="Log to this file, see docs/log.md; all frames, but for `haptix --log info`.",
-        callback=file_to_write,
-    ),
+    option("Log to this file, see docs/log.md; all frames, but for `haptix --log info`.", NewFile),
 ]
+_OWN = "[default: the device's installed profile, or {}]"
+OwnFinger = Annotated[str | None, option(f"Finger. {_OWN.format('semi-wet')}", FingerName)]
+OwnScreen = Annotated[str | None, option(f"Screen. {_OWN.format('3m-sct3250')}", ScreenName)]
 Port = Annotated[int, typer.Option(help="TCP port on this machine.", min=0, max=65535)]
 
 
@@ -44,15 +41,10 @@ def serve(
     screen: OwnScreen = None,
     port: Port = 7421,
     listen: Annotated[
-        str | None,
-        typer.Option(help="Name by which other machines reach this one; needs TLS.", callback=text),
+        str | None, option("Name by which other machines reach this one; needs TLS.", Text)
     ] = None,
-    certificate: Annotated[
-        Path | None, typer.Option(help="Its certificate, PEM.", callback=is_there)
-    ] = None,
-    key: Annotated[
-        Path | None, typer.Option(help="The certificate's key, PEM.", callback=is_there)
-    ] = None,
+    certificate: Annotated[Path | None, option("Its certificate, PEM.", FileThere)] = None,
+    key: Annotated[Path | None, option("The certificate's key, PEM.", FileThere)] = None,
     log: LogFile = None,
 ) -> None:
     """Serve apps in any language on this machine: touches and materials in, friction out.

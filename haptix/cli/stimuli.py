@@ -8,16 +8,10 @@ from typing import Annotated, Any
 
 import typer
 
-from haptix.arguments import (
-    file_or_folder,
-    file_to_write,
-    folder,
-    is_there,
-    number,
-    refuse_input,
-)
 from haptix.cli import experiments
+from haptix.desk import argument, option
 from haptix.errors import InputError
+from haptix.fields import FileOrFolder, FileThere, Folder, NewFile, refuse_input
 from haptix.terminal import AsJson, breakdown_note, progress_bar, show
 
 app = typer.Typer(
@@ -37,21 +31,18 @@ _STAGES = {
 
 @app.command()
 def make(
-    recipe: Annotated[Path, typer.Argument(help="Set of stimuli: a TOML file.", callback=is_there)],
-    out: Annotated[
-        Path | None, typer.Option(help="Folder. [default: the set's name]", callback=folder)
-    ] = None,
+    recipe: Annotated[Path, argument("Set of stimuli: a TOML file.", FileThere)],
+    out: Annotated[Path | None, option("Folder. [default: the set's name]", Folder)] = None,
     threads: Annotated[
-        int,
-        typer.Option(
-            help="Threads; the bytes do not depend on it.", callback=number(least=1, most=256)
-        ),
+        int, option("Threads; the bytes do not depend on it.", int, ge=1, le=256)
     ] = 2,
     workers: Annotated[
         int,
-        typer.Option(
-            help="Processes that make files, for sets of hundreds; the bytes do not depend on it.",
-            callback=number(least=1, most=256),
+        option(
+            "Processes that make files, for sets of hundreds; the bytes do not depend on it.",
+            int,
+            ge=1,
+            le=256,
         ),
     ] = 1,
     as_json: AsJson = False,
@@ -82,10 +73,8 @@ def make(
 
 @app.command()
 def again(
-    sidecar: Annotated[
-        Path, typer.Argument(help="Sidecar of a drive file (NAME.json).", callback=is_there)
-    ],
-    out: Annotated[Path, typer.Option(help="Drive file to write.", callback=file_to_write)],
+    sidecar: Annotated[Path, argument("Sidecar of a drive file (NAME.json).", FileThere)],
+    out: Annotated[Path, option("Drive file to write.", NewFile)],
 ) -> None:
     """Make a drive file again from its sidecar and profiles.json; every byte must be the same."""
     from haptix.stimuli.again import make_again
@@ -95,14 +84,9 @@ def again(
 
 @app.command("show")
 def look(
-    what: Annotated[
-        Path, typer.Argument(help="Drive file, or folder of a set.", callback=file_or_folder)
-    ],
+    what: Annotated[Path, argument("Drive file, or folder of a set.", FileOrFolder)],
     out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Picture of a drive file. [default: its name + .png]", callback=file_to_write
-        ),
+        Path | None, option("Picture of a drive file. [default: its name + .png]", NewFile)
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable, Sequence
 from inspect import Parameter, Signature
@@ -13,6 +14,7 @@ from pydantic.fields import FieldInfo
 
 from haptix.desk import Context, Task, inner, read, typed
 from haptix.errors import InputError
+from haptix.fields import Typed
 from haptix.terminal import AsJson, progress_bar, show
 from haptix.units import unit_of
 
@@ -29,7 +31,7 @@ def command_of(task: type[Task]) -> Callable[..., None]:
         for line in context.meta.get(_UNDERSTOOD, ()):
             sys.stderr.write(f"haptix: {line}\n")
         if as_json:
-            show("", result.document, True)
+            sys.stdout.write(json.dumps(result.document, indent=2, allow_nan=False) + "\n")
         else:
             for title, rows in result.tables:
                 show(title, rows, False)
@@ -40,7 +42,11 @@ def command_of(task: type[Task]) -> Callable[..., None]:
     kind = Parameter.KEYWORD_ONLY
     parameters = [
         Parameter("context", kind, annotation=typer.Context),
-        *(_parameter(name, one) for name, one in task.model_fields.items()),
+        *(
+            _parameter(name, one, how)
+            for name, one in task.model_fields.items()
+            if (how := typed(one))
+        ),
         Parameter("as_json", kind, annotation=AsJson, default=False),
     ]
     command.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
@@ -53,7 +59,7 @@ class _Terminal(Context):
     """Progress on the standard error; a person answers on the standard input."""
 
     def __init__(self, update: Callable[[str, float], None]) -> None:
-        super().__init__()
+        super().__init__(Path())
         self._update = update
 
     def progress(self, stage: str, share: float) -> None:
@@ -75,8 +81,8 @@ def _is_typed(context: typer.Context, name: str) -> bool:
     return source is not None and source.name != "DEFAULT"
 
 
-def _parameter(name: str, one: FieldInfo) -> Parameter:
-    how, kind = typed(one), inner(one.annotation)
+def _parameter(name: str, one: FieldInfo, how: Typed) -> Parameter:
+    kind = inner(one.annotation)
     is_list = get_origin(kind) is tuple and get_args(kind)[-1] is Ellipsis
     taken: Any = bool if kind is bool else list[str] if is_list else str
     option = how.option or f"--{name.replace('_', '-')}"

@@ -11,18 +11,16 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
+from functools import partial
 from math import inf, isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from haptix.desk import Context, Task, all_tasks
 from haptix.errors import HaptixError, InputError
 from haptix.files import parse_json
 from haptix.service.helper_input import frames
 from haptix.service.outbox import Outbox, own_output
-
-if TYPE_CHECKING:
-    from haptix.friction import ContactModel
-    from haptix.materials import Material
 
 NICE = 10
 MOST_MEMORY_BYTES = 6 * 2**30
@@ -49,95 +47,22 @@ class Work:
     ) -> None:
         self._context, self._say, self._answers = context, say, answers
 
-    def surface(
-        self, finger: str | None, screen: str | None, tolerance_jnd: float
-    ) -> dict[str, Any]:
-        """Build a surface as the service does at its start."""
-        from haptix.render.core import DEFAULT_CARRIER_HZ
-        from haptix.service.engine import FORCES_N
-        from haptix.surface import cached_surface
+    def __getattr__(self, kind: str) -> Callable[..., dict[str, Any]]:
+        """Jobs that are tasks of the desk, by their kinds."""
+        task = next((one for one in all_tasks() if one.route and one.kind == kind), None)
+        if task is None:
+            raise AttributeError(kind)
+        return partial(self._do, task)
 
-        scene = {"normal_force_n": FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
-        model = self._model(finger, screen)
-        found, was_kept = cached_surface(model, scene, f"{tolerance_jnd:g} JND", self._progress)
-        info = found.info
-        return {
-            "key": info["key"],
-            "was_kept": was_kept,
-            "grid": list(found.mu_table.shape),
-            "error_max_mu": info.get("error_max"),
-            "error_p99_mu": info.get("error_p99"),
-        }
+    def _do(self, task: type[Task], **fields: Any) -> dict[str, Any]:
+        from haptix.kinds import in_folder  # with torch
 
-    def headroom(
-        self,
-        finger: str | None,
-        screen: str | None,
-        material: dict[str, Any],
-        width_mm: float,
-        height_mm: float,
-        normal_force_n: float,
-        columns: int,
-    ) -> dict[str, Any]:
-        """Shares of a material's places that are out of reach, and the range."""
-        import numpy as np
-
-        from haptix.materials.picture import picture
-        from haptix.render.core import DEFAULT_CARRIER_HZ
-        from haptix.status import Status
-        from haptix.surface import cached_surface
-        from haptix.texture import as_mu
-
-        scene = {"normal_force_n": normal_force_n, "frequency_hz": DEFAULT_CARRIER_HZ}
-        surface, _ = cached_surface(self._model(finger, screen), scene, "0.05 JND", self._progress)
-        one = self._read(material)
-        column = surface.driven_at(DEFAULT_CARRIER_HZ).column(normal_force_n, None)
-        low, high = float(column.lowest_mu), float(column.highest_mu)
-        wanted = picture(one, width_mm, height_mm, columns, 0.0)
-        target = np.asarray(as_mu(one.evaluator.target, wanted, low, high))
-        _, status = column.voltage(target)
-        return {
-            "below": float((status == Status.BELOW).mean()),
-            "above": float((status == column.ends_by).mean()),
-            "lowest_mu": low,
-            "highest_mu": high,
-            "target_mu": [float(target.min()), float(target.max())],
-        }
-
-    def rendering(
-        self,
-        finger: str | None,
-        screen: str | None,
-        material: dict[str, Any],
-        t_s: list[float],
-        x_mm: list[float],
-        y_mm: list[float],
-        normal_force_n: list[float],
-        touch_hz: float,
-        touch_latency_s: float,
-        reaction_s: float,
-    ) -> dict[str, Any]:
-        """Do as `haptix render` does; what has to do with volts stays here."""
-        from haptix.motion import Trajectory
-        from haptix.render import LiveSettings
-        from haptix.simulation import Setting, simulate
-        from haptix.simulation.folder import summary_of
-        from haptix.virtual_finger import TouchPanel
-
-        path = Trajectory.of(t_s, x_mm, y_mm, normal_force_n)
-        setting = Setting(self._model(finger, screen), self._read(material), path)
-        surface, _ = setting.surface(lambda share: self._progress(share / 2))
-        simulation = simulate(
-            setting,
-            surface,
-            TouchPanel(touch_hz, touch_latency_s),
-            LiveSettings(reaction_s=reaction_s),
-            "mock:",
-            lambda share: self._progress(0.5 + share / 2),
-        )
-        summary = summary_of(simulation)
-        told = ("placeholders", "target_mu", "evaluation", "parts", "periods", "out_of_range")
-        return {name: summary[name] for name in told}
+        for name in ("finger", "screen"):
+            if name in task.model_fields:
+                fields[name] = self._name(name, fields.get(name))
+        with in_folder(Path(self._context["assets"]), is_sealed=True):
+            found: dict[str, Any] = task(**fields).run(_JobContext(self._say, task)).document
+        return found
 
     def experiment(self, recipe: dict[str, Any], log: str, participant: int = 1) -> dict[str, Any]:
         """Run an adaptive experiment; a person answers each trial."""
@@ -204,18 +129,6 @@ class Work:
     def _rest(self, trials: int) -> None:
         self._ask(f"Rest a moment: {trials} trials are done.", ("continue",))
 
-    def _progress(self, share: float) -> None:
-        self._say(share=float(share))
-
-    def _model(self, finger: str | None, screen: str | None) -> ContactModel:
-        from haptix.finger import Finger
-        from haptix.friction import ContactModel
-        from haptix.screen import Screen
-
-        return ContactModel(
-            Finger.named(self._name("finger", finger)), Screen.named(self._name("screen", screen))
-        )
-
     def _name(self, kind: str, name: str | None) -> str:
         """Return a preset or what is in use: a client names no files."""
         from haptix.finger import Finger
@@ -229,12 +142,18 @@ class Work:
             raise InputError(f"{kind}: expected {used} or one of {', '.join(presets)}, got {name}")
         return name
 
-    def _read(self, document: dict[str, Any]) -> Material:
-        from haptix.kinds import in_folder
-        from haptix.materials import material_of
 
-        with in_folder(Path(self._context["assets"]), is_sealed=True):
-            return material_of(document)
+class _JobContext(Context):
+    """Tells the service how far a task is; results are told, not written."""
+
+    def __init__(self, say: Callable[..., None], task: type[Task]) -> None:
+        super().__init__()
+        self.tell, self._stages = say, task.stages  # type: ignore[method-assign]
+
+    def progress(self, stage: str, share: float) -> None:
+        super().progress(stage, share)
+        if stage in self._stages:
+            self.tell(share=(self._stages.index(stage) + share) / len(self._stages))
 
 
 def _refuse_files_and_volts(recipe: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ import secrets
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, Literal
+from typing import Any
 
 from haptix.service.control import Engine
 from haptix.service.helper import HelperProcess
@@ -22,8 +22,7 @@ _FULL_S = 1.0
 _SHARE = 0.01  # of a job: smaller steps are not told
 _ENDED = ("done", "failed", "cancelled")
 
-Kind = Literal["surface", "rendering", "headroom", "experiment", "calibration"]
-ON_DEVICE: tuple[Kind, ...] = ("experiment", "calibration")
+ON_DEVICE = ("experiment", "calibration")
 """Kinds that play: the engine gives them the device meanwhile."""
 
 
@@ -149,7 +148,7 @@ class JobBoard:
         self._queue: deque[Job] = deque()
         self._runner: asyncio.Task[None] | None = None
 
-    def begin(self, kind: Kind, owner: str, **fields: Any) -> JobMessage:
+    def begin(self, kind: str, owner: str, **fields: Any) -> JobMessage:
         """Queue a job.
 
         Raises

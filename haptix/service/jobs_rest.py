@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,56 +11,13 @@ from fastapi import Path as PathParameter
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field
 
+from haptix.desk import Task, all_tasks
 from haptix.service.jobs import JobBoard
 from haptix.service.messages import Error, JobMessage, Problem
 
-MOST_TOUCHES = 20_000
 JobName = Annotated[str, PathParameter(pattern=r"^[0-9a-f]{1,32}$")]
-ProfileName = Annotated[str, Field(min_length=1, max_length=200)]
 _FOLDER = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,79}$"
 FolderName = Annotated[str, Field(pattern=_FOLDER)]
-Size = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
-Force = Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)]
-
-
-class Asked(BaseModel):
-    """What all jobs take: a finger and a screen, by default those in use."""
-
-    model_config = ConfigDict(extra="forbid")
-    finger: ProfileName | None = None
-    """Preset, or the one in use."""
-    screen: ProfileName | None = None
-    """Preset, or the one in use."""
-
-
-class SurfaceAsked(Asked):
-    """What `POST /v1/surfaces` takes."""
-
-    tolerance_jnd: Annotated[float, Field(ge=0.01, le=1)] = 0.05
-
-
-class HeadroomAsked(Asked):
-    """What `POST /v1/headroom` takes."""
-
-    material: dict[str, Any]
-    width_mm: Size
-    height_mm: Size
-    normal_force_n: Force = 0.5
-    columns: Annotated[int, Field(ge=1, le=1000)] = 300
-
-
-class RenderingAsked(Asked):
-    """What `POST /v1/renderings` takes: a recorded stroke through a material."""
-
-    material: dict[str, Any]
-    t_s: Annotated[tuple[Finite, ...], Field(min_length=2, max_length=MOST_TOUCHES)]
-    x_mm: Annotated[tuple[Finite, ...], Field(min_length=2, max_length=MOST_TOUCHES)]
-    y_mm: Annotated[tuple[Finite, ...], Field(min_length=2, max_length=MOST_TOUCHES)]
-    normal_force_n: Annotated[tuple[Force, ...], Field(min_length=2, max_length=MOST_TOUCHES)]
-    touch_hz: Annotated[float, Field(ge=10, le=1000)] = 100.0
-    touch_latency_s: Annotated[float, Field(ge=0, le=0.5)] = 0.02
-    reaction_s: Annotated[float, Field(ge=0.001, le=0.1)] = 0.003
 
 
 class ExperimentAsked(BaseModel):
@@ -95,25 +53,14 @@ def jobs_router(board: JobBoard) -> APIRouter:
     """Return the routes of a board of jobs, whose requests know their `state.owner`."""
     router = APIRouter(prefix="/v1", responses={409: {"model": Error}})
 
-    @router.post("/surfaces", status_code=202)
-    async def surface(request: Request, asked: SurfaceAsked) -> JobMessage:
-        """Build a surface and keep it; one that is kept is found."""
-        return board.begin("surface", request.state.owner, **asked.model_dump())
+    for task in all_tasks():
+        if task.route:
+            router.post(f"/{task.route}", status_code=202)(_begins(board, task))
 
     @router.get("/surfaces")
     async def surfaces(request: Request) -> tuple[JobMessage, ...]:
         """Surfaces that were asked for, with their progress."""
         return tuple(one for one in board.all(request.state.owner) if one.kind == "surface")
-
-    @router.post("/headroom", status_code=202)
-    async def headroom(request: Request, asked: HeadroomAsked) -> JobMessage:
-        """Count where a material asks for more, or less, than a screen can give."""
-        return board.begin("headroom", request.state.owner, **asked.model_dump())
-
-    @router.post("/renderings", status_code=202)
-    async def rendering(request: Request, asked: RenderingAsked) -> JobMessage:
-        """Feel a recorded stroke through a material: the numbers of `haptix render`."""
-        return board.begin("rendering", request.state.owner, **asked.model_dump())
 
     @router.post("/experiments", status_code=202)
     async def experiment(request: Request, asked: ExperimentAsked) -> JobMessage:
@@ -157,3 +104,15 @@ def jobs_router(board: JobBoard) -> APIRouter:
         return Response(status_code=204)
 
     return router
+
+
+def _begins(board: JobBoard, task: type[Task]) -> Callable[..., Any]:
+    """Return the handler that begins a task's job."""
+
+    async def begin(request: Request, asked: BaseModel) -> JobMessage:
+        fields = asked.model_dump(exclude_unset=True)
+        return board.begin(task.kind, request.state.owner, **fields)
+
+    begin.__annotations__ |= {"request": Request, "asked": task.body(), "return": JobMessage}
+    begin.__name__, begin.__doc__ = task.kind, task.__doc__
+    return begin

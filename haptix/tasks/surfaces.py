@@ -68,7 +68,7 @@ class OfModel(Task):
         (), description="Switch a term off; may be repeated."
     )
 
-    def model(self, context: Context) -> ContactModel:
+    def model(self) -> ContactModel:
         """Return the contact model."""
         from haptix.finger import Finger
         from haptix.friction import ContactModel
@@ -176,7 +176,7 @@ class Build(OfModel, command="build"):
 
             plan = plan_scene(Scene.load(scene), partial(context.progress, "plan the scene"))
             return plan.build(update, self.tolerance, largest_bytes)
-        model, tolerance = self.model(context), self.tolerance or "0.002"
+        model, tolerance = self.model(), self.tolerance or "0.002"
         wanted = {name: getattr(self, name) for name in ("normal_force_n", "frequency_hz", "h0_m")}
         ranges = {name: one for name, one in wanted.items() if one is not None}
         if self.voltage_v is not None:
@@ -229,7 +229,7 @@ class Query(OfModel, command="query"):
         inputs = _product(self, "normal_force_n", "voltage_v", "frequency_hz", "h0_m")
         spread: dict[str, Any] = {}
         if self.surface is None:
-            model = self.model(context)
+            model = self.model()
             state, spread = model.solve(**inputs), placeholder_spread(model, **inputs)
             largest = {name: float(jnd.max()) for name, jnd in spread.items()}
             x = float(state.x.min())

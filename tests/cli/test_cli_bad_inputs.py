@@ -111,6 +111,7 @@ WRONG = {
     "demo backwards": ((*DEMO, "--trajectory", "backwards.csv"), "t_s.*increasing"),
     "demo into a file": ((*DEMO, "--out", "file"), "file"),
     "demo of no width": ((*DEMO, "--width-mm", "0"), "width.mm"),
+    "demo of half a unit": ((*DEMO, "--carrier-hz", "4k"), "--carrier-hz.*20 kHz.*'4k'"),
     "demo of no carrier": ((*DEMO, "--carrier-hz", "0"), "above 0"),
     "demo of a fast carrier": ((*DEMO, "--carrier-hz", "20000"), "quarter.*20000"),
     "demo of a polarity": ((*DEMO, "--polarity", "up"), "polarity.*bright-high"),
@@ -155,7 +156,6 @@ def test_one_sentence_and_nothing_written(haptix_cli, things, surface_file, name
         ("query", "--normal-force-n", "0.5"),
         ("build",),
         (*QUERY, "--colour", "red"),
-        (*DEMO, "--carrier-hz", "4k"),
         (*DEMO, "extra"),
     ],
 )

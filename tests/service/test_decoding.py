@@ -74,7 +74,7 @@ def test_a_bomb_is_refused_by_each_route(store, side, number):
         "check": lambda: making.check(material, 0.5),
         "export": lambda: making.export({"kind": "layout", "regions": [region]}, "hjif", 5.0),
         "layout": lambda: SessionLayout(store.folder).set({"regions": [region]}),
-        "jobs": lambda: work._read(material).evaluator.wanted(haptix.Motion.of([1.0], 1.0)),
+        "jobs": lambda: work.headroom(material=material, width_mm=10.0, height_mm=10.0),
     }
     for route, ask in routes.items():
         with pytest.raises(haptix.HaptixError, match=r"pixels|too large|image"):

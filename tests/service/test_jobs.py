@@ -196,8 +196,7 @@ def test_a_rendering_has_the_numbers_of_haptix_render(tmp_path, model, monkeypat
     shares = []
     work = Work(context, lambda share: shares.append(share), None)
     lists = {name: column.tolist() for name, column in stroke.items()}
-    found = work.rendering(None, None, GRATING, **lists, touch_hz=100.0, touch_latency_s=0.02,
-                           reaction_s=0.003)  # fmt: skip
+    found = work.rendering(material=GRATING, **lists, touch_latency_ms=20.0, reaction_ms=3.0)
     setting = Setting(model, haptix.materials.material_of(GRATING), Trajectory.of(*stroke.values()))
     surface, was_kept = setting.surface()
     assert was_kept  # the job has built the very surface that `haptix render` takes

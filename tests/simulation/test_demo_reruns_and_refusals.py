@@ -22,8 +22,8 @@ def contents(folder):
     return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-def summary_of(done):
-    assert (done.code, done.err) == (0, "")
+def summary_of(done, said=""):
+    assert (done.code, done.err) == (0, said)
     (summary,) = json.loads(done.out)
     return summary
 
@@ -203,7 +203,8 @@ def test_friction_out_of_reach_is_not_evaluated(demo, tmp_path):
     path = tmp_path / "light.csv"
     path.write_text("t_s,x_mm,y_mm,normal_force_n\n0,2,5,0.03\n0.4,28,9,0.03\n")
     options = ("--finger", "wet", "--carrier-hz", 2500, "--mu-range", "0.2,12")
-    summary = summary_of(demo.again(tmp_path / "out", "--trajectory", path, *options))
+    done = demo.again(tmp_path / "out", "--trajectory", path, *options)
+    summary = summary_of(done, "haptix: --mu-range: 0.2 and 12\n")
     assert summary["out_of_range"]["share_above"] > 0.1
     assert summary["out_of_range"]["share_below"] > 0
     found = summary["evaluation"]

@@ -1,0 +1,475 @@
+"""Tasks of renderings: the demo, a simulated stroke, a played path, and what a screen can reach."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
+
+from haptix.desk import Context, Result, Task
+from haptix.errors import InputError, MissingExtraError, OverloadWarning, from_extra
+from haptix.fields import (
+    Address,
+    FileThere,
+    FingerName,
+    Folder,
+    ForClients,
+    Local,
+    MaterialFile,
+    Positive,
+    Range,
+    ScreenName,
+    Typed,
+)
+from haptix.report import row
+from haptix.terminal import breakdown_note, placeholder_note
+
+if TYPE_CHECKING:
+    from haptix.friction import ContactModel
+    from haptix.materials import Material
+    from haptix.simulation import Setting
+    from haptix.surface import FrictionSurface
+    from haptix.texture import Feelable
+    from haptix.virtual_finger import Evaluation
+
+_ENDS_S = 0.05  # after the last touch: what it brought is heard
+_BRICKS = "scikit-image brick (CC0)"
+_WITHOUT_PHOTOGRAPHS = "gallery:basket"
+_TOLD = ("placeholders", "target_mu", "evaluation", "parts", "periods", "out_of_range")
+
+MillimetresWide = Annotated[float, Field(ge=0.1, le=1e4)]
+Touches = Field(min_length=2, max_length=20_000)
+FORCES_N = (0.05, 3.0)
+"""Range of a surface that the service builds."""
+Finite = Annotated[float, Field(ge=-1e6, le=1e6)]
+Force = Annotated[float, Field(gt=0, le=100)]
+
+
+class OnScreen(Task):
+    """A finger on a screen, by default those in use."""
+
+    finger: FingerName | None = Field(
+        None, description="Finger. [default: the device's installed profile, or semi-wet]"
+    )
+    screen: ScreenName | None = Field(
+        None, description="Screen. [default: the device's installed profile, or 3m-sct3250]"
+    )
+
+    def model(self) -> ContactModel:
+        """Return the contact model."""
+        from haptix.finger import Finger
+        from haptix.friction import ContactModel
+        from haptix.screen import Screen
+
+        finger, screen = self.finger or "semi-wet", self.screen or "3m-sct3250"
+        return ContactModel(Finger.named(finger), Screen.named(screen))
+
+
+class OfPhotograph(OnScreen):
+    """A path over a photograph."""
+
+    image: FileThere | None = Field(
+        None,
+        description="Photograph, with its JSON beside it or --width-mm. [default: bricks]",
+    )
+    width_mm: Annotated[MillimetresWide, Local()] | None = Field(
+        None, description="Width of the photograph on the screen."
+    )
+    mu_range: Annotated[Range, Local()] | None = Field(
+        None, description="LOW,HIGH friction coefficients. [default: what is reachable]"
+    )
+    trajectory: FileThere | None = Field(
+        None, description="CSV: t_s, x_mm, y_mm, normal_force_n. [default: a recorded path]"
+    )
+    carrier_hz: Positive | None = Field(
+        None, description="Frequency of the carrier. [default: 4000]"
+    )
+
+    def setting(self, model: ContactModel, polarity: str = "bright-high") -> tuple[Setting, str]:
+        """Return what the parameters describe, and a name for what is felt."""
+        from haptix.motion import Trajectory
+        from haptix.render import SineCarrier
+        from haptix.simulation import FINGER_PATH, Setting
+
+        drive = None if self.carrier_hz is None else SineCarrier(self.carrier_hz)
+        path = Trajectory.from_csv(self.trajectory or FINGER_PATH)
+        texture, name = self.texture(polarity)
+        return Setting(model, texture, path, drive), name
+
+    def texture(self, polarity: Any) -> tuple[Feelable, str]:
+        """Return the photograph, and what it is called."""
+        from haptix.gallery import load
+        from haptix.texture import Sidecar, Texture
+
+        image, width_mm = self.image, self.width_mm
+        if image is None:
+            try:
+                with from_extra("figures"):
+                    from skimage.data import brick
+            except MissingExtraError as error:
+                if self.mu_range is not None:
+                    raise
+                return load(_WITHOUT_PHOTOGRAPHS), f"{_WITHOUT_PHOTOGRAPHS}, no photograph: {error}"
+            return Texture.from_image(brick(), width_mm or 60.0, polarity, self.mu_range), _BRICKS
+        if width_mm is not None:
+            return Texture.from_image(image, width_mm, polarity, self.mu_range), str(image)
+        if not Sidecar.path_for(image).exists():
+            name = Sidecar.path_for(image).name
+            raise InputError(f"--image: {image} has no {name} beside it; give --width-mm")
+        return Texture.load(image), str(image)
+
+
+class Demo(OfPhotograph, command="demo"):
+    """From a photograph to volts: everything once, without hardware.
+
+    Writes demo.png, drive.wav with drive.json, felt.csv and summary.json.
+    """
+
+    finger: FingerName = Field(
+        "semi-wet", description="Finger: a preset (dry, semi-wet, wet) or a TOML file."
+    )
+    screen: ScreenName = Field(
+        "3m-sct3250", description="Screen: a preset (3m-sct3250) or a TOML file."
+    )
+    width_mm: MillimetresWide = Field(60.0, description="Width of the photograph on the screen.")
+    carrier_hz: Positive = Field(4000.0, description="Frequency of the carrier.")
+    polarity: Literal["bright-high", "dark-high"] = Field(
+        "bright-high", description="bright-high or dark-high: which grey has high friction."
+    )
+    out: Folder = Field(Path("haptix-demo"), description="Folder for the outputs.")
+
+    def run(self, context: Context) -> Result:
+        """Build, simulate, write."""
+        # torch and matplotlib load here: the bar should already cover these seconds.
+        context.progress("solve the contact, build the surface", 0.0)
+        from haptix.files import check_folder
+        from haptix.simulation import FILES, simulate, write
+        from haptix.texture import Texture
+
+        check_folder(self.out, ("demo.png", *FILES))
+        setting, photograph = self.setting(self.model(), self.polarity)
+        began_s = time.perf_counter()
+        update = partial(context.progress, "solve the contact, build the surface")
+        surface, was_cached = setting.surface(update)
+        built_s = time.perf_counter()
+        update = partial(context.progress, "slide the finger, render, play")
+        simulation = simulate(setting, surface, on_progress=update)
+        about = {
+            "photograph": photograph,
+            "width_mm": self.width_mm if isinstance(setting.texture, Texture) else None,
+            "polarity": self.polarity,
+            "finger": self.finger,
+            "screen": self.screen,
+            "is_surface_cached": was_cached,
+            "seconds": {
+                "surface": round(built_s - began_s, 3),
+                "simulation": round(time.perf_counter() - built_s, 3),
+            },
+        }
+        context.progress("write the files", 0.0)
+        summary = write(self.out, simulation, about, "demo.png")
+        past = breakdown_note(summary["pull_past_breakdown"])
+        return Result(
+            [summary],
+            [(f"haptix demo: outputs in {self.out}{past}", _told(summary, simulation.evaluation))],
+        )
+
+
+class OfPath(OfPhotograph):
+    """A path over a photograph or a material, by the live renderer."""
+
+    material_file: Annotated[MaterialFile, Typed("--material")] | None = Field(
+        None,
+        description="Material: TOML or JSON, or gallery:NAME, see `haptix material`; instead of a "
+        "photograph.",
+    )
+    surface: FileThere | None = Field(
+        None, description="Surface of `haptix build`. [default: built for the path]"
+    )
+    direct_hz: Positive | None = Field(
+        None, description="Drive at this frequency, without a carrier."
+    )
+    waveform: Literal["sine", "square"] = Field(
+        "sine", description="Waveform of the direct drive: sine or square."
+    )
+    reaction_ms: Annotated[float, Field(gt=0, le=1000)] = Field(
+        3.0, description="From a touch to what it changes."
+    )
+    horizon_ms: Annotated[float, Field(gt=0, le=1e4)] = Field(
+        100.0, description="Longest stall that is not felt."
+    )
+
+    def setting(self, model: ContactModel, polarity: str = "bright-high") -> tuple[Setting, str]:
+        """Return what the parameters describe, and a name for what is felt."""
+        from haptix.render import DirectWave
+
+        if self.carrier_hz is not None and self.direct_hz is not None:
+            raise InputError("expected --carrier-hz or --direct-hz, got both")
+        setting, name = super().setting(model, polarity)
+        if self.direct_hz is not None:
+            setting = replace(setting, drive=DirectWave(self.direct_hz, self.waveform))
+        return setting, name
+
+    def texture(self, polarity: Any) -> tuple[Feelable, str]:
+        """Return the material or the photograph, and what it is called."""
+        from haptix.gallery import load
+
+        if self.material_file is None:
+            return super().texture(polarity)
+        if (self.image, self.width_mm, self.mu_range) != (None, None, None):
+            raise InputError("--material: expected no --image, --width-mm or --mu-range beside it")
+        return load(self.material_file), str(self.material_file)
+
+    def built(self, setting: Setting, context: Context) -> FrictionSurface:
+        """Return the surface of a file, or one that is built for the setting."""
+        from haptix.surface import FrictionSurface
+
+        if self.surface is not None:
+            return FrictionSurface.load(self.surface, setting.model)
+        return setting.surface(partial(context.progress, "build the surface"))[0]
+
+
+class Render(OfPath, command="render", route="renderings", kind="rendering"):
+    """Simulate live touches: a virtual finger feels what is played, and the error is split.
+
+    Writes simulation.png, felt.csv, drive.wav with drive.json, and summary.json.
+    """
+
+    stages: ClassVar[tuple[str, ...]] = ("build the surface", "play and feel")
+
+    touch_hz: Annotated[float, Field(ge=1, le=10_000)] = Field(
+        100.0, description="Reports of the touch panel per second."
+    )
+    touch_latency_ms: Annotated[float, Field(ge=0, le=1000)] = Field(
+        20.0, description="Delay of its reports."
+    )
+    out: Folder = Field(Path("haptix-render"), description="Folder for the outputs.")
+    device: Address = Field("mock:", description="A mock device, with its options.")
+    material: Annotated[dict[str, Any], ForClients()] | None = None
+    t_s: Annotated[tuple[Finite, ...], ForClients(), Touches] | None = None
+    x_mm: Annotated[tuple[Finite, ...], ForClients(), Touches] | None = None
+    y_mm: Annotated[tuple[Finite, ...], ForClients(), Touches] | None = None
+    normal_force_n: Annotated[tuple[Force, ...], ForClients(), Touches] | None = None
+
+    def run(self, context: Context) -> Result:
+        """Build, play, feel; write where there is a place."""
+        context.progress("build the surface", 0.0)
+        from haptix.devices import open_device
+        from haptix.files import check_folder
+        from haptix.profiles import profiles_for
+        from haptix.render import LiveSettings
+        from haptix.simulation import FILES, errors_of, simulate, write
+        from haptix.simulation.folder import summary_of
+        from haptix.virtual_finger import TouchPanel
+
+        finger, screen = self.finger, self.screen
+        if context.folder is not None:
+            check_folder(context.folder / self.out, ("simulation.png", *FILES))
+            # `simulate` refuses what is no mock; a mock may have another driver's serial number.
+            mock = self.device if self.device.startswith("mock:") else "mock:"
+            with closing(open_device(mock)) as opened:
+                finger, screen = profiles_for(opened, finger, screen)
+        found = self.model_copy(update={"finger": finger, "screen": screen})
+        setting, photograph = found.setting(found.model())
+        surface = self.built(setting, context)
+        simulation = simulate(
+            setting,
+            surface,
+            TouchPanel(self.touch_hz, self.touch_latency_ms / 1e3),
+            LiveSettings(reaction_s=self.reaction_ms / 1e3, horizon_s=self.horizon_ms / 1e3),
+            self.device,
+            partial(context.progress, "play and feel"),
+        )
+        if context.folder is None:  # what has to do with volts stays here
+            summary = summary_of(simulation)
+            return Result({name: summary[name] for name in _TOLD})
+        same = ("touch_hz", "touch_latency_ms", "reaction_ms", "horizon_ms")
+        about = {"photograph": photograph, "finger": finger, "screen": screen}
+        about |= {name: getattr(self, name) for name in same}
+        summary = write(context.folder / self.out, simulation, about)
+        title = f"haptix render: outputs in {self.out}; {finger} finger on {screen}"
+        title += f"; current {_current(summary['current'])}"
+        title += breakdown_note(summary["pull_past_breakdown"])
+        title += placeholder_note(summary["placeholders"])
+        return Result([summary], [(title, errors_of(simulation))])
+
+    def setting(self, model: ContactModel, polarity: str = "bright-high") -> tuple[Setting, str]:
+        """Return what the parameters describe; the stroke of a client in place of files."""
+        from haptix.motion import Trajectory
+        from haptix.simulation import Setting
+
+        if self.material is None:
+            return super().setting(model, polarity)
+        columns = [self.t_s or (), self.x_mm or (), self.y_mm or (), self.normal_force_n or ()]
+        return Setting(model, read_material(self.material), Trajectory.of(*columns)), "material"
+
+
+class Play(OfPath, command="play"):
+    """Play a recorded path on a device, in real time."""
+
+    device: Address = Field("mock:pace=real", description="Where to play, see `haptix devices`.")
+
+    def run(self, context: Context) -> Result:
+        """Play it."""
+        context.progress("build the surface", 0.0)
+        from haptix.devices import open_device
+        from haptix.profiles import profiles_for
+        from haptix.render import LiveRenderer, LiveSettings
+        from haptix.touch import events_of, paced
+
+        with closing(open_device(self.device)) as opened:
+            finger, screen = profiles_for(opened, self.finger, self.screen)
+            model = self.model_copy(update={"finger": finger, "screen": screen}).model()
+            setting, _ = self.setting(model)
+            surface = self.built(setting, context)
+            events = events_of(setting.path)
+            # Not strict: after a stall of this machine, touches come too late to be of use.
+            live = LiveSettings(
+                reaction_s=self.reaction_ms / 1e3, horizon_s=self.horizon_ms / 1e3, strict=False
+            )
+            renderer = LiveRenderer(surface, setting.texture, opened, setting.drive, live)
+            with warnings.catch_warnings(), renderer:
+                warnings.simplefilter("ignore", OverloadWarning)  # said below
+                for number, event in enumerate(paced(events, clock=renderer.now_s), 1):
+                    renderer.event(event)
+                    context.progress("play", number / len(events))
+                renderer.run_until(renderer.now_s() + _ENDS_S)
+        stats = renderer.stats
+        seen: dict[str, float | str] = {
+            "seconds": stats.samples_played / renderer.sample_rate_hz,
+            "reaction_ms": stats.reaction_s * 1e3,
+            "underruns": stats.underruns,
+            "block_p50_ms": stats.p50_block_s * 1e3,
+            "block_p99_ms": stats.p99_block_s * 1e3,
+            "too_low": stats.below / max(stats.samples, 1),
+            "too_high": stats.above / max(stats.samples, 1),
+        }
+        more: dict[str, float | str] = {"advice": stats.advice}
+        title = f"haptix play: {self.device}"
+        if stats.revisions:
+            p50_ms, p99_ms = stats.reaction_p50_s * 1e3, stats.reaction_p99_s * 1e3
+            title += f"; reaction {p50_ms:.2g} ms (99 %: {p99_ms:.2g})"
+            more |= {"revisions": stats.revisions, "refused": stats.refused}
+            more |= {"reaction_p50_ms": p50_ms, "reaction_p99_ms": p99_ms}
+        title = f"{title}; {stats.advice}" if stats.advice else title
+        return Result([seen | more], [(title, [seen])])
+
+
+class Headroom(OnScreen, route="headroom", kind="headroom"):
+    """Count where a material asks for more, or less, than a screen can give."""
+
+    stages: ClassVar[tuple[str, ...]] = ("build the surface",)
+
+    material: Annotated[dict[str, Any], ForClients()]
+    width_mm: Annotated[float, Field(gt=0, le=1e4)]
+    height_mm: Annotated[float, Field(gt=0, le=1e4)]
+    normal_force_n: Force = 0.5
+    columns: Annotated[int, Field(ge=1, le=1000)] = 300
+
+    def run(self, context: Context) -> Result:
+        """Shares of a material's places that are out of reach, and the range."""
+        import numpy as np
+
+        from haptix.materials.picture import picture
+        from haptix.render.core import DEFAULT_CARRIER_HZ
+        from haptix.status import Status
+        from haptix.surface import cached_surface
+        from haptix.texture import as_mu
+
+        scene = {"normal_force_n": self.normal_force_n, "frequency_hz": DEFAULT_CARRIER_HZ}
+        update = partial(context.progress, "build the surface")
+        surface, _ = cached_surface(self.model(), scene, "0.05 JND", update)
+        one = read_material(self.material)
+        column = surface.driven_at(DEFAULT_CARRIER_HZ).column(self.normal_force_n, None)
+        low, high = float(column.lowest_mu), float(column.highest_mu)
+        wanted = picture(one, self.width_mm, self.height_mm, self.columns, 0.0)
+        target = np.asarray(as_mu(one.evaluator.target, wanted, low, high))
+        _, status = column.voltage(target)
+        return Result(
+            {
+                "below": float((status == Status.BELOW).mean()),
+                "above": float((status == column.ends_by).mean()),
+                "lowest_mu": low,
+                "highest_mu": high,
+                "target_mu": [float(target.min()), float(target.max())],
+            }
+        )
+
+
+class KeepSurface(OnScreen, route="surfaces", kind="surface"):
+    """Build a surface and keep it; one that is kept is found."""
+
+    stages: ClassVar[tuple[str, ...]] = ("build the surface",)
+
+    tolerance_jnd: Annotated[float, Field(ge=0.01, le=1)] = 0.05
+
+    def run(self, context: Context) -> Result:
+        """Build a surface as the service does at its start."""
+        from haptix.render.core import DEFAULT_CARRIER_HZ
+        from haptix.surface import cached_surface
+
+        scene = {"normal_force_n": FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
+        tolerance = f"{self.tolerance_jnd:g} JND"
+        update = partial(context.progress, "build the surface")
+        found, was_kept = cached_surface(self.model(), scene, tolerance, update)
+        info = found.info
+        return Result(
+            {
+                "key": info["key"],
+                "was_kept": was_kept,
+                "grid": list(found.mu_table.shape),
+                "error_max_mu": info.get("error_max"),
+                "error_p99_mu": info.get("error_p99"),
+            }
+        )
+
+
+def read_material(document: dict[str, Any]) -> Material:
+    """Return the material of a document, in the folder of the moment."""
+    from haptix.materials import material_of
+
+    return material_of(document)
+
+
+def _current(current: Mapping[str, float]) -> str:
+    """Say the expected current through the person beside its limits."""
+    peak, rms = (
+        f"{current[f'{kind}_a'] * 1e3:.2g} mA (limit {current[f'limit_{kind}_a'] * 1e3:g})"
+        for kind in ("peak", "rms")
+    )
+    return f"at most {peak}, {rms} rms, through {current['capacitance_f'] * 1e12:.4g} pF"
+
+
+def _told(summary: Mapping[str, Any], errors: Evaluation) -> list[dict[str, str]]:
+    shares, stream, surface = summary["out_of_range"], summary["stream"], summary["surface"]
+    origin = "from the cache" if summary["is_surface_cached"] else "built"
+    low, high = summary["target_mu"]
+    width = "" if summary["width_mm"] is None else f", {summary['width_mm']:g} mm wide"
+    lines = {
+        "photograph": f"{summary['photograph']}{width}",
+        "contact": f"{summary['finger']} finger on {summary['screen']}; placeholders: "
+        f"{' and '.join(summary['placeholders'])}",
+        "surface": f"{origin} in {summary['seconds']['surface']:.2f} s, error in mu at most "
+        f"{surface['error_max_mu']:.1g}",
+        "target friction": f"{low:.3f} to {high:.3f}",
+        "error": ", ".join(f"{heading} {cell}" for heading, cell in row(errors).items()),
+        "": errors.counts,
+        "out of reach": f"{shares['share_below']:.1%} too low, {shares['share_above']:.1%} too "
+        f"high, {shares['share_outside_surface']:.1%} outside the surface",
+        "past breakdown": f"{summary['pull_past_breakdown']:.0%} of the attraction at its "
+        "strongest, from gaps whose field is past what they bear",
+        "current": _current(summary["current"]),
+        "block times": f"median {stream['block_p50_ms']:.2f} ms, 99 % below "
+        f"{stream['block_p99_ms']:.2f} ms, for {stream['block_length_ms']:.2f} ms of signal",
+        "stream": f"{stream['frames_sent']} frames, {stream['bytes_sent']} bytes, "
+        f"{stream['underruns']} underruns, {stream['faults']} faults",
+        "picture": summary["picture"],
+    }
+    return [{"": name, "result": text} for name, text in lines.items()]

@@ -1,0 +1,121 @@
+"""A new task is one class in one file: command, route, form, job and campaign come from it."""
+
+import json
+import sys
+
+import pytest
+from fastapi import FastAPI
+
+import haptix
+from haptix import cli, desk, task_list
+from haptix.campaign.kinds import load_campaign
+from haptix.campaign.run import run_campaign
+from haptix.service.job_work import Work
+from haptix.service.jobs_rest import jobs_router
+from tests.command_line import run_haptix
+
+ONE_FILE = '''
+"""A task of somebody's own."""
+
+from pydantic import Field
+
+from haptix.desk import Context, Result, Task
+from haptix.fields import FileThere, NotNegative
+
+
+class Charge(Task, command="charge", route="charges"):
+    """Charge of a capacitor at some voltages."""
+
+    voltage_v: tuple[NotNegative, ...] = Field(description="Amplitudes.")
+    width_mm: float = Field(10.0, gt=0, description="Width of a square electrode.")
+    notes: FileThere | None = Field(None, description="What was measured.")
+
+    def run(self, context: Context) -> Result:
+        """Compute it."""
+        context.progress("charge", 0.5)
+        area_m2 = (self.width_mm / 1e3) ** 2
+        rows = [{"voltage_v": one, "charge_c": 1e-6 * area_m2 * one} for one in self.voltage_v]
+        return Result({"rows": rows, "last_c": rows[-1]["charge_c"]}, [("charge", rows)])
+'''
+
+
+@pytest.fixture
+def charge(own_folder, monkeypatch):
+    """The file in place, and nothing else: its commands are listed as those of haptix are."""
+    (own_folder / "charging.py").write_text(ONE_FILE)
+    monkeypatch.syspath_prepend(str(own_folder))
+    monkeypatch.setattr(task_list, "MODULES", [*task_list.MODULES, "charging"])
+    monkeypatch.setattr(desk, "MODULES", task_list.MODULES)
+    listed = task_list.tasks_of(["charging"])
+    monkeypatch.setitem(cli.COMMANDS, "charge", listed["charge"])
+    yield own_folder
+    sys.modules.pop("charging", None)
+
+
+def test_its_command_has_help_units_and_defaults(charge):
+    assert "charge     Charge of a capacitor at some voltages." in cli.help_text()
+    shown = " ".join(run_haptix("charge", "--help").out.split())
+    assert "--voltage-v V,... Amplitudes. [required]" in shown
+    assert "--width-mm mm Width of a square electrode. [default: 10]" in shown
+
+
+def test_its_command_understands_units_and_says_so(charge):
+    shown = run_haptix("charge", "--voltage-v", "1.5 V,200mV", "--width-mm", "6cm", "--json")
+    assert shown.code == 0, shown.err
+    assert [row["voltage_v"] for row in json.loads(shown.out)["rows"]] == [1.5, 0.2]
+    assert json.loads(shown.out)["last_c"] == pytest.approx(1e-6 * 0.06**2 * 0.2)
+    assert "--voltage-v: 1.5 and 0.2 V" in shown.err and "--width-mm: 60 mm" in shown.err
+
+
+@pytest.mark.parametrize(
+    ("width", "words"),
+    [("0,4", "point: 0.4"), ("0", "above 0"), ("4 V", "such as"), ("nan", "finite")],
+)
+def test_its_command_refuses_what_is_no_width(charge, width, words):
+    shown = run_haptix("charge", "--voltage-v", "1", "--width-mm", width)
+    assert (shown.code, shown.out) == (2, "")
+    assert shown.err.startswith("haptix: --width-mm: ") and words in shown.err
+
+
+class Board:
+    """Knows no device."""
+
+    def __init__(self):
+        self.context = {}
+
+
+def test_its_route_has_a_schema_for_a_form_and_names_no_files(charge):
+    app = FastAPI()
+    app.include_router(jobs_router(Board()))
+    assert "post" in app.openapi()["paths"]["/v1/charges"]
+    fields = app.openapi()["components"]["schemas"]["ChargeAsked"]["properties"]
+    assert set(fields) == {"voltage_v", "width_mm"}
+    width = fields["width_mm"]
+    assert (width["x-unit"], width["default"], width["exclusiveMinimum"]) == ("mm", 10.0, 0)
+    assert width["description"] == "Width of a square electrode."
+
+
+def test_its_job_runs(charge):
+    said = []
+    work = Work({"assets": str(charge)}, lambda **fields: said.append(fields), iter(()))
+    assert work.charge(voltage_v=[2.0])["last_c"] == pytest.approx(2e-10)
+
+
+def test_its_campaign_runs_each_combination(charge):
+    (charge / "plan.toml").write_text(
+        'name = "charges"\nkind = "charging:Charge"\n[task]\nvoltage_v = ["1 V"]\n'
+        '[vary]\nwidth_mm = ["1 cm", "2 cm"]\n'
+    )
+    result = run_campaign(load_campaign(charge / "plan.toml"), charge / "out")
+    assert result.counts["done"] == 2
+    found = sorted(row["last_c"] for row in result.rows)
+    assert found == pytest.approx([1e-10, 4e-10])
+
+
+def test_a_cancelled_task_ends_where_it_says_how_far_it_is():
+    context = desk.Context()
+    context.progress("solve", 0.25)
+    assert context.seconds_left is not None and context.seconds_left >= 0
+    context.cancel()
+    with pytest.raises(haptix.HaptixError, match="cancelled"):
+        context.progress("solve", 0.5)
