@@ -22,7 +22,7 @@ def pause(seconds: float) -> None:
     time.sleep(SCALE * seconds)
 
 
-def wait_for(is_so: Callable[[], Found], seconds: float = PATIENCE_S) -> Found:
+def wait_for(is_so: Callable[[], Found | None], seconds: float = PATIENCE_S) -> Found:
     """Wait until something is so, and return it; after `seconds` it hangs."""
     end_s = time.monotonic() + seconds
     while not (found := is_so()):

@@ -22,7 +22,7 @@ def test_two_fingers_are_told_apart_and_what_is_told_was_played(tmp_path):
             client.arm()
             began_s = client.now_s()
 
-            def slides():
+            def is_sliding():
                 x_mm = place_mm(client.now_s() - began_s)
                 client.touch(float(x_mm), 20.0, 0.5, touch_id=4)
                 client.touch(float(x_mm) + 10, 40.0, 0.4, touch_id=9)
@@ -30,7 +30,7 @@ def test_two_fingers_are_told_apart_and_what_is_told_was_played(tmp_path):
                 return not is_short(frames)
 
             # The virtual finger makes its tables first, and a busy machine takes long.
-            wait_for(slides)
+            wait_for(is_sliding)
     finally:
         service.close()
     assert {(one.stream, one.touch_id) for one in frames} == {
