@@ -20,12 +20,13 @@ from pathlib import Path
 import platformdirs
 
 from haptix.files import read_json, write_whole
+from haptix.service.limiter import Limiter
 from haptix.service.messages import Problem
 
 CODE_S = 300.0  # a code is good for so long, and for one page
 _LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ23456789"  # none that is taken for another
 _CODE_LETTERS = 8
-_MOST_TRIES, _TRIES_S = 5, 60.0
+_MOST_TRIES, _TRIES_S = 5, 60.0  # at once, and until as many more
 _SHOW_S = 3.0  # between two codes on the terminal
 _MOST_TOKENS = 100
 
@@ -68,13 +69,13 @@ class Access:
         self._folder = folder
         self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         self._pages: dict[str, dict[str, str]] = self._load()
-        self._tries: list[float] = []
+        self._tries = Limiter(_MOST_TRIES / _TRIES_S, now_s, _MOST_TRIES)
+        self._shows = Limiter(1 / _SHOW_S, now_s, 1)
         self._code, self._code_s = "", -1.0
         self.native = secrets.token_urlsafe(32)
         """Token of the programs of this user."""
         self.on_show: Callable[[str], None] = lambda code: None
         """Shows a code to who sits at the terminal."""
-        self._shown_s = -_SHOW_S
         self._write("service.json", _json({"port": port, "token": self.native}))
 
     def close(self) -> None:
@@ -105,10 +106,8 @@ class Access:
         Problem
             If it was shown a moment ago.
         """
-        now_s = self._now_s()
-        if now_s - self._shown_s < _SHOW_S:
+        if not self._shows.takes():
             raise Problem("limit", "the terminal shows a code already")
-        self._shown_s = now_s
         self.on_show(self.code())
 
     def pair(self, code: str, origin: str | None, name: str) -> str:
@@ -119,13 +118,10 @@ class Access:
         Problem
             If the code is another one, too old or used, or after five tries in a minute.
         """
-        now_s = self._now_s()
-        self._tries = [at_s for at_s in self._tries if now_s - at_s < _TRIES_S]
-        if len(self._tries) >= _MOST_TRIES:
-            raise Problem("limit", f"expected at most {_MOST_TRIES} tries a minute; wait a minute")
         if not origin or origin == "null":
             raise Problem("access", "expected a page with an origin; programs read service.json")
-        self._tries.append(now_s)
+        if not self._tries.takes():
+            raise Problem("limit", f"expected at most {_MOST_TRIES} tries a minute; wait a minute")
         given = code.strip().upper().replace("-", "")
         if not hmac.compare_digest(given.encode(), self.code().encode()):
             raise Problem("access", "this is not the code that the terminal shows", "/code")

@@ -1,4 +1,13 @@
-"""Who holds the output, and what it does."""
+"""Who holds the output, and the state machine of what it does.
+
+    off, failed --arm--> armed --its holder is silent--> asleep
+                         armed <--its holder is heard--- asleep
+    any state --stop, disarm, release, takeover, a closed socket, a job--> off
+    any state --the driver or the engine fails--> failed --the engine is back--> off
+
+Only `armed` has voltage, and only its holder's `arm` leads there from `off` or `failed`. The engine
+is told of 0 V before the state is.
+"""
 
 from __future__ import annotations
 
@@ -126,6 +135,23 @@ class OutputControl:
         self.engine.tell("stop", reason=reason)
         if self.output.state != "off":
             self.set(state="off", reason=reason)
+
+    @property
+    def is_live(self) -> bool:
+        """Whether it is armed, or asleep and would wake."""
+        return self.output.state in ("armed", "asleep")
+
+    def sleep(self, reason: str) -> None:
+        """Be at 0 V until `wake`."""
+        if self.output.state == "armed":
+            self.engine.tell("sleep")
+            self.set(state="asleep", reason=reason)
+
+    def wake(self) -> None:
+        """Be as before `sleep`."""
+        if self.output.state == "asleep":
+            self.engine.tell("wake")
+            self.set(state="armed", reason="its holder is heard again")
 
     def set(self, number: int = 0, **changes: Any) -> m.OutputMessage:
         """Change the state of the output, tell all, and return the answer to a message."""

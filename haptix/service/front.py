@@ -20,6 +20,7 @@ from haptix.service.assets import AssetStore
 from haptix.service.docs_page import POLICY, docs_page
 from haptix.service.hub import TICK_S, Hub
 from haptix.service.jobs_rest import jobs_router
+from haptix.service.limiter import Limiter
 from haptix.service.messages import Problem
 from haptix.service.pages import pages
 from haptix.service.profiles import profiles_router
@@ -200,13 +201,18 @@ def application(
         responses=_REFUSED,
     )
 
+    limiters: dict[str, Limiter] = {}  # by owner
+
     async def token(
         request: Request, authorization: Annotated[str | None, Header()] = None
     ) -> None:
         given = (authorization or "").removeprefix("Bearer ")
         if not hub.access.lets_in(given, request.headers.get("origin")):
             raise Problem("access", "expected the header Authorization: Bearer TOKEN")
-        request.state.owner = hub.access.owner_of(given)
+        request.state.owner = owner = hub.access.owner_of(given)
+        if owner not in limiters:
+            limiters[owner] = Limiter(m.Limits().messages_per_s, hub.now_s)
+        await asyncio.sleep(limiters[owner].wait_s())
 
     @app.exception_handler(Problem)
     async def refuse(_: Request, problem: Problem) -> Response:

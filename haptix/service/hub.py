@@ -114,13 +114,12 @@ class Hub:
                 session.close(4408, f"silent for {keep.close_s:g} s")
                 continue
             holds = control.holder is session
-            if holds and control.output.state == "armed" and silent_s > keep.silent_s:
-                self.engine.tell("sleep")
-                control.set(state="asleep", reason=f"silent for {silent_s:.1f} s")
+            if holds and silent_s > keep.silent_s:
+                control.sleep(f"silent for {silent_s:.1f} s")
             if holds and silent_s > keep.free_s:
                 control.release("silent for too long", "the holder was silent for too long")
-            is_live = holds and control.output.state in ("armed", "asleep")
-            if now_s - session.pinged_s >= (keep.armed_s if is_live else keep.idle_s):
+            every_s = keep.armed_s if holds and control.is_live else keep.idle_s
+            if now_s - session.pinged_s >= every_s:
                 session.ping(self.now_s())
 
     # --- messages --------------------------------------------------------------------------------
@@ -308,9 +307,8 @@ class Hub:
 
     def _heard(self, session: ServiceSession) -> None:
         session.unanswered_s = None
-        if self.control.holder is session and self.control.output.state == "asleep":
-            self.engine.tell("wake")
-            self.control.set(state="armed", reason="its holder is heard again")
+        if self.control.holder is session:
+            self.control.wake()
 
     def tell_streams(self) -> None:
         """Tell the engine which streams anybody wants, and how fast."""

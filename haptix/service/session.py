@@ -14,6 +14,7 @@ from typing import Any
 from haptix.service import messages as m
 from haptix.service.batches import TelemetryFrame, numbered, write_frame
 from haptix.service.clocks import ClientClock
+from haptix.service.limiter import Limiter
 from haptix.service.touch_inbox import TouchInbox
 
 _LOG = logging.getLogger("haptix.service")
@@ -23,28 +24,6 @@ _MOST_FRAMES = 4
 _MOST_PINGS = 64  # that wait for an answer
 _TOUCH_ERRORS_PER_S = 10
 _DROPPED_S = 10.0  # between two warnings of touches that were left out
-
-
-class Bucket:
-    """So many a second, with a second's worth at once; `wait_s` slows down who takes more."""
-
-    def __init__(self, per_s: float, now_s: Callable[[], float]) -> None:
-        self._per_s, self._now_s = per_s, now_s
-        self._left, self._at_s = per_s, now_s()
-
-    def wait_s(self, count: int = 1) -> float:
-        """Take `count` and return how long to wait."""
-        now_s = self._now_s()
-        self._left = min(self._left + (now_s - self._at_s) * self._per_s, self._per_s) - count
-        self._at_s = now_s
-        return max(-self._left / self._per_s, 0.0)
-
-    def takes(self) -> bool:
-        """Take one if there is one."""
-        self.wait_s(0)
-        is_there = self._left >= 1
-        self._left -= is_there
-        return is_there
 
 
 @dataclass
@@ -85,10 +64,10 @@ class ServiceSession:
         self.has_asked = asyncio.Event()
         self.closing: tuple[int, str] | None = None
         limits = m.Limits()
-        self.messages = Bucket(limits.messages_per_s, now_s)
-        self.batches = Bucket(limits.batches_per_s, now_s)
-        self.touches = Bucket(limits.touches_per_s, now_s)
-        self._touch_errors = Bucket(_TOUCH_ERRORS_PER_S, now_s)
+        self.messages = Limiter(limits.messages_per_s, now_s)
+        self.batches = Limiter(limits.batches_per_s, now_s)
+        self.touches = Limiter(limits.touches_per_s, now_s)
+        self._touch_errors = Limiter(_TOUCH_ERRORS_PER_S, now_s)
         self._left_out = 0  # touches whose refusal was not told
         self.inbox = TouchInbox()
         self._warned_s = float("-inf")
