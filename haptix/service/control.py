@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, Protocol
 from haptix.service import messages as m
 from haptix.service.messages import Problem
 from haptix.service.session import ServiceSession
-from haptix.service.wire import TouchRecord
+from haptix.touch.events import TouchEvent
 
 _LOG = logging.getLogger("haptix.service")
 
@@ -33,7 +33,7 @@ class Engine(Protocol):
     def tell(self, do: str, **fields: Any) -> None:
         """Say something that has no answer."""
 
-    def touch(self, reports: list[TouchRecord]) -> None:
+    def touch(self, reports: list[TouchEvent]) -> None:
         """Pass touches on, by the service's clock."""
 
 

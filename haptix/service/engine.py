@@ -25,8 +25,8 @@ from haptix.files import parse_json
 from haptix.service.outbox import Outbox, own_output
 from haptix.service.telemetry import Telemetry
 from haptix.service.touch_gate import TouchGate
-from haptix.service.wire import JSON, TOUCHES, FrameReader, TouchRecord, touches_of
-from haptix.touch import TouchEvent
+from haptix.service.wire import JSON, TOUCHES, FrameReader, touches_of
+from haptix.touch.events import TouchEvent
 
 if TYPE_CHECKING:
     from haptix.layout import LayoutEvent
@@ -109,7 +109,7 @@ class EngineServer:
         try:
             while found := source.read():
                 # Of all that has come, the newest touches count.
-                touches: list[TouchRecord] = []
+                touches: list[TouchEvent] = []
                 for kind, data in found:
                     if kind == TOUCHES:
                         touches += touches_of(data)
@@ -145,21 +145,16 @@ class EngineServer:
         else:
             self._work.put(message)
 
-    def _put(self, touches: list[TouchRecord]) -> None:
+    def _put(self, touches: list[TouchEvent]) -> None:
         if touches:
             self._touches.put(touches)
 
-    def _touch(self, touches: list[TouchRecord]) -> None:
+    def _touch(self, touches: list[TouchEvent]) -> None:
         renderer = self._renderer
         if renderer is None or self._sleeps:
             return
         try:
-            renderer.events(
-                [
-                    TouchEvent(t_s, touch_id, x_mm, y_mm, kind, force_n, area_m2)
-                    for t_s, touch_id, kind, x_mm, y_mm, force_n, area_m2 in touches
-                ]
-            )
+            renderer.events(touches)
             for touch in touches:
                 if touch.kind == "up":
                     self._touching.discard(touch.touch_id)

@@ -30,11 +30,11 @@ from haptix.service.wire import (
     JSON,
     TELEMETRY,
     TOUCHES,
-    TouchRecord,
     amplitude_of,
     frame,
     touches_of,
 )
+from haptix.touch.events import TouchEvent
 from haptix.touch.force import ForceModel
 from haptix.virtual_finger import VirtualFinger
 from haptix.virtual_finger.live import LiveVirtualFinger
@@ -100,10 +100,10 @@ class FeltFinger:
         self._start_s = self._felt_s = self._step_s = 0.0
         self._lock = threading.Lock()
 
-    def touch(self, reports: list[TouchRecord]) -> None:
+    def touch(self, reports: list[TouchEvent]) -> None:
         """Take reports of fingers."""
         with self._lock:
-            for t_s, touch_id, kind, x_mm, y_mm, force_n, area_m2 in reports:
+            for t_s, touch_id, x_mm, y_mm, kind, force_n, area_m2 in reports:
                 path = self._paths.get(touch_id)
                 if kind == "up":
                     if path is not None:

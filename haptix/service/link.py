@@ -10,7 +10,8 @@ from typing import Any
 from haptix.service.helper import HelperProcess
 from haptix.service.messages import Problem
 from haptix.service.told import Told
-from haptix.service.wire import AMPLITUDE, TELEMETRY, TouchRecord, frame, touch_frame
+from haptix.service.wire import AMPLITUDE, TELEMETRY, frame, touch_frame
+from haptix.touch.events import TouchEvent
 
 _AGAIN_S = 1.0  # from the end of a process to its next start
 _ENGINE_FULL_S, _FINGER_FULL_S = 0.05, 1.0
@@ -154,7 +155,7 @@ class EngineProcess(HelperProcess):
         """Return the documents of all layouts that the engine has."""
         return [one["document"] for one in self._told.layouts()]
 
-    def touch(self, reports: list[TouchRecord]) -> None:
+    def touch(self, reports: list[TouchEvent]) -> None:
         """Pass touches on."""
         data = touch_frame(reports)
         self.write(data)

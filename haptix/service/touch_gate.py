@@ -7,13 +7,13 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from haptix.service.wire import TouchRecord
+from haptix.touch.events import TouchEvent
 
 _TAKES = 8  # of which the quickest counts
 _REST = 16
 _MOST_INTERVAL_S = 0.03
 
-Take = Callable[[list[TouchRecord]], None]
+Take = Callable[[list[TouchEvent]], None]
 
 
 class TouchGate:
@@ -35,13 +35,13 @@ class TouchGate:
     def __init__(self, take: Take, interval_s: Callable[[], float]) -> None:
         self._take, self._given_s = take, interval_s
         self._took_s: deque[float] = deque([0.0], maxlen=_TAKES)
-        self._waiting: dict[int, list[TouchRecord]] = {}  # by finger
+        self._waiting: dict[int, list[TouchEvent]] = {}  # by finger
         self._newest_s: dict[int, float] = {}  # stamps that were passed on
         self._passed_s = float("-inf")
         self._has_more = threading.Condition(threading.RLock())
         threading.Thread(target=self._passes, name="haptix touch gate", daemon=True).start()
 
-    def put(self, touches: list[TouchRecord]) -> None:
+    def put(self, touches: list[TouchEvent]) -> None:
         """Take touches, and pass them on now or soon."""
         with self._has_more:
             interval_s, waited = self._interval_s(), bool(self._waiting)
@@ -62,7 +62,7 @@ class TouchGate:
         # The quickest: nothing else held it up.
         return min(self._given_s() + _REST * min(self._took_s), _MOST_INTERVAL_S)
 
-    def _keep(self, touch: TouchRecord, interval_s: float) -> None:
+    def _keep(self, touch: TouchEvent, interval_s: float) -> None:
         waiting = self._waiting.setdefault(touch.touch_id, [])
         if waiting and touch.kind == waiting[-1].kind == "move":
             last_s = waiting[-1].t_s

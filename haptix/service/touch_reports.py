@@ -8,13 +8,13 @@ from typing import NamedTuple
 from haptix.service.batches import ClientTouch
 from haptix.service.messages import Geometry, Problem, TouchMessage
 from haptix.service.session import ServiceSession
-from haptix.service.wire import TouchRecord
+from haptix.touch.events import TouchEvent
 
 
 class Taken(NamedTuple):
     """The touches of a message that can be used."""
 
-    reports: list[TouchRecord]
+    reports: list[TouchEvent]
     left_out: int
     problem: Problem | None
     """What is wrong with the first that cannot."""
@@ -31,7 +31,7 @@ def reports_of(
     Touches that are too old by `late_s` [s] at most, the service's own delay, are taken as if they
     just were in time.
     """
-    reports: list[TouchRecord] = []
+    reports: list[TouchEvent] = []
     left_out = 0
     wrong: Problem | None = None
     clock, geometry = session.clock, session.geometry
@@ -61,7 +61,7 @@ def reports_of(
             continue
         force_n, area_m2 = touch.normal_force_n, touch.contact_area_m2
         reports.append(
-            TouchRecord(service_s(t_s), touch.touch_id, touch.kind, x_mm, y_mm, force_n, area_m2)
+            TouchEvent(service_s(t_s), touch.touch_id, x_mm, y_mm, touch.kind, force_n, area_m2)
         )
     return Taken(reports, left_out, wrong)
 

@@ -10,11 +10,12 @@ import json
 import os
 import struct
 from math import isnan, nan
-from typing import Any, BinaryIO, Literal, NamedTuple
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from haptix.checks import Array
+from haptix.touch.events import KINDS, TouchEvent
 
 HEADER = struct.Struct("<IB")
 JSON, TOUCHES, TELEMETRY, AMPLITUDE = 0, 1, 2, 3
@@ -22,20 +23,7 @@ MOST_BYTES = 64 * 2**20
 _READ_BYTES = 2**18
 _TOUCH = struct.Struct("<dHHdddd")
 _AMPLITUDE = struct.Struct("<dd")
-_KINDS: tuple[Literal["down", "move", "up"], ...] = ("down", "move", "up")
-_NUMBERS = {kind: number for number, kind in enumerate(_KINDS)}
-
-
-class TouchRecord(NamedTuple):
-    """A touch by the service's clock, in millimetres."""
-
-    t_s: float
-    touch_id: int
-    kind: Literal["down", "move", "up"]
-    x_mm: float
-    y_mm: float
-    normal_force_n: float | None
-    contact_area_m2: float | None
+_NUMBERS = {kind: number for number, kind in enumerate(KINDS)}
 
 
 def frame(kind: int, data: bytes) -> bytes:
@@ -48,8 +36,8 @@ def json_frame(value: dict[str, Any]) -> bytes:
     return frame(JSON, json.dumps(value, separators=(",", ":")).encode())
 
 
-def touch_frame(reports: list[TouchRecord]) -> bytes:
-    """Return a frame of touches."""
+def touch_frame(reports: list[TouchEvent]) -> bytes:
+    """Return a frame of touches by the service's clock."""
     records = (
         _TOUCH.pack(
             t_s,
@@ -60,20 +48,20 @@ def touch_frame(reports: list[TouchRecord]) -> bytes:
             nan if force_n is None else force_n,
             nan if area_m2 is None else area_m2,
         )
-        for t_s, touch_id, kind, x_mm, y_mm, force_n, area_m2 in reports
+        for t_s, touch_id, x_mm, y_mm, kind, force_n, area_m2 in reports
     )
     return frame(TOUCHES, b"".join(records))
 
 
-def touches_of(data: bytes) -> list[TouchRecord]:
+def touches_of(data: bytes) -> list[TouchEvent]:
     """Return the touches of a frame."""
     return [
-        TouchRecord(
+        TouchEvent(
             t_s,
             touch_id,
-            _KINDS[kind],
             x_mm,
             y_mm,
+            KINDS[kind],
             None if isnan(force_n) else force_n,
             None if isnan(area_m2) else area_m2,
         )

@@ -28,7 +28,7 @@ def test_client(service, tmp_path):
     place = (10.0 + 40.0 / 4.0, 5.0)
     wait_for(lambda: place in [(report.x_mm, report.y_mm) for report in reports])
     by_mm = wait_for(lambda: next((one for one in reports if one.touch_id == 5), None))
-    assert by_mm[2:] == ("down", 3.0, 4.0, 0.5, None)
+    assert by_mm[2:] == (3.0, 4.0, "down", 0.5, None)
     told = [fields["ops"][0] for do, fields, _ in service.engine.told if do == "layout_change"]
     added, moved, changed, valued, removed = [op for op in told if op["name"] == "region 1"]
     options = {"x_mm": 1.0, "y_mm": 2.0, "width_mm": 60.0, "opacity": 0.5}

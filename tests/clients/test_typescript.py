@@ -19,4 +19,4 @@ def test_client(service):
     reports = service.engine.reports
     wait_for(lambda: (20.0, 5.0) in [(report.x_mm, report.y_mm) for report in reports])
     by_mm = wait_for(lambda: next((one for one in reports if one.touch_id == 5), None))
-    assert by_mm[2:] == ("down", 3.0, 4.0, 0.5, None)
+    assert by_mm[2:] == (3.0, 4.0, "down", 0.5, None)

@@ -11,7 +11,8 @@ import pytest
 from haptix.errors import DeviceError
 from haptix.service import engine as engine_module
 from haptix.service.engine import EngineServer
-from haptix.service.wire import JSON, TouchRecord, read_frame
+from haptix.service.wire import JSON, read_frame
+from haptix.touch.events import TouchEvent
 from tests.waiting import wait_for
 
 
@@ -100,7 +101,7 @@ def test_a_driver_that_fails_while_the_front_is_silent_ends_at_0_v(monkeypatch, 
             server._touching, server._tick_s = {1}, time.monotonic()
             server._sleeps = False
             server._renderer = one
-            touch = TouchRecord(time.monotonic(), 1, "down", 1.0, 1.0, None, None)
+            touch = TouchEvent(time.monotonic(), 1, 1.0, 1.0, "down", None, None)
             server._touch([touch])
             wait_for(partial(has_ended, one))
 

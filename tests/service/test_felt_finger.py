@@ -7,7 +7,6 @@ from haptix import FrictionSurface, Texture
 from haptix.motion import Trajectory
 from haptix.perception import WEBER_FRACTION
 from haptix.service.felt_finger import FeltFinger
-from haptix.service.wire import TouchRecord
 from haptix.simulation import Played, Setting
 from haptix.touch import TouchEvent
 from haptix.virtual_finger import TouchPanel, VirtualFinger
@@ -47,7 +46,7 @@ def feel(felt_finger, played, every, lag_s=0.0):
     part = played.renderer.played
     amplitude, step_s, begin_s = part.amplitude_v, part.step_s, START_S + part.t0_s
     reports = [
-        TouchRecord(t_s, 3, "move", x_mm, y_mm, force_n, None)
+        TouchEvent(t_s, 3, x_mm, y_mm, "move", force_n, None)
         for t_s, x_mm, y_mm, force_n in zip(
             *(getattr(path(), name) for name in ("t_s", "x_mm", "y_mm", "normal_force_n")),
             strict=True,
@@ -82,8 +81,8 @@ def test_felt_is_what_haptix_render_feels(felt_finger, played, model, every, lag
 
 def test_a_finger_that_lifts_is_felt_until_then(felt_finger):
     silence = np.full(1200, 80.0)
-    slide = [TouchRecord(500 + 0.01 * k, 1, "move", 1.0 * k, 0.0, 0.5, None) for k in range(6)]
-    felt_finger.touch([*slide, TouchRecord(500.05, 1, "up", 0.0, 0.0, None, None)])
+    slide = [TouchEvent(500 + 0.01 * k, 1, 1.0 * k, 0.0, "move", 0.5, None) for k in range(6)]
+    felt_finger.touch([*slide, TouchEvent(500.05, 1, 0.0, 0.0, "up", None, None)])
     felt_finger.play(500.0, 1 / 12_000, silence)
     (frame,) = felt_finger.feel(500.2)
     assert frame.t0_s == 500.0 and len(frame.rows) == 50
@@ -93,7 +92,7 @@ def test_a_finger_that_lifts_is_felt_until_then(felt_finger):
 
 
 def test_a_break_in_what_is_played_begins_anew(felt_finger):
-    slide = [TouchRecord(600 + 0.01 * k, 1, "move", 1.0 * k, 0.0, 0.5, None) for k in range(61)]
+    slide = [TouchEvent(600 + 0.01 * k, 1, 1.0 * k, 0.0, "move", 0.5, None) for k in range(61)]
     felt_finger.touch(slide)
     felt_finger.play(600.0, 1 / 12_000, np.full(1200, 80.0))
     assert len(felt_finger.feel(600.61)[0].rows) == 99

@@ -10,7 +10,8 @@ import pytest
 
 from haptix.service.batches import read_frame
 from haptix.service.link import FeltFingerProcess
-from haptix.service.wire import TouchRecord, amplitude_frame, touch_frame
+from haptix.service.wire import amplitude_frame, touch_frame
+from haptix.touch.events import TouchEvent
 from tests.waiting import PATIENCE_S
 
 pytestmark = pytest.mark.slow  # loads torch three times
@@ -58,7 +59,7 @@ async def feeds(finger, is_over, copies=1):
     while not is_over():
         assert now_s < began_s + PATIENCE_S, "it did not happen"
         x_mm = 25 + 20 * np.sin(4 * (now_s - began_s))
-        finger.feed(touch_frame([TouchRecord(now_s, 5, "move", x_mm, 5.0, 0.5, None)]))
+        finger.feed(touch_frame([TouchEvent(now_s, 5, x_mm, 5.0, "move", 0.5, None)]))
         now_s = time.monotonic()
         points = int((now_s - played_s) / STEP_S)
         finger.feed(amplitude_frame(played_s, STEP_S, np.full(points, 90.0)) * copies)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from haptix.service import touch_gate
 from haptix.service.touch_gate import TouchGate
-from haptix.service.wire import TouchRecord
+from haptix.touch.events import TouchEvent
 from tests.hand_clock import HandClock
 from tests.waiting import pause, wait_for
 
@@ -22,7 +22,7 @@ REPORTS = st.lists(
 
 
 def touch(t_s, touch_id=0, kind="move"):
-    return TouchRecord(t_s, touch_id, kind, t_s, 0.0, None, None)
+    return TouchEvent(t_s, touch_id, t_s, 0.0, kind, None, None)
 
 
 @settings(max_examples=30, deadline=None)
