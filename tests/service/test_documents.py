@@ -45,7 +45,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def rest(folder):
     """A client of a service whose documents are served, and its maker."""
-    maker = Maker({**OPENING, "assets": str(folder / "assets")})
+    maker = Maker({**OPENING, "assets": str(folder / "assets")}, PATIENCE_S)
     service = Service(folder, documents_router(maker, folder / "layouts"))
     headers = {"authorization": f"Bearer {service.access.native}"}
     with httpx.Client(base_url=f"http://127.0.0.1:{service.port}/v1", headers=headers) as client:
