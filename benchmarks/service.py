@@ -123,7 +123,7 @@ class Service:
     def pids(self) -> dict[str, int]:
         """Process numbers of the front, and of its children by their order."""
         children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text()
-        names = ("front", "engine", *(f"helper {number}" for number in range(9)))
+        names = ("front", "engine", *(f"worker {number}" for number in range(9)))
         return dict(zip(names, (self.process.pid, *map(int, children.split())), strict=False))
 
     def cpu_s(self) -> dict[str, float]:

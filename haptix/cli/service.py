@@ -96,7 +96,7 @@ def studio(
             # Some browsers answer only when they end.
             threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
 
-    _serve(device, surface, finger, screen, port, None, ready, log, warms=True)
+    _serve(device, surface, finger, screen, port, None, ready, log)
 
 
 def _serve(
@@ -108,7 +108,6 @@ def _serve(
     beyond: tuple[str, Path, Path] | None,
     ready: Callable[[Access, Inventory], None],
     log: Path | None,
-    warms: bool = False,
 ) -> None:
     from haptix.log import into
     from haptix.service.listen import Listen
@@ -117,9 +116,7 @@ def _serve(
     if log is not None:
         into(log)
     listen = Listen(*beyond) if beyond else None
-    serve_until_interrupted(
-        device, surface, finger, screen, port, listen=listen, warms=warms, on_ready=ready
-    )
+    serve_until_interrupted(device, surface, finger, screen, port, listen=listen, on_ready=ready)
 
 
 def _has_browser() -> bool:

@@ -61,7 +61,7 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
     if isinstance(message, m.LayoutSet | m.LayoutChange):
         fields = message.model_dump(exclude={"type", "id"}, exclude_none=True)
         if hub.decode is not None:
-            await hub.decode(fields)
+            await hub.decode(f"session {session.number}", fields)
         found = await _ask(hub, message.type, session=session.layout, **fields)
         return m.LayoutReply(id=number, revision=found["revision"], sample=found.get("sample"))
     if control.holder is not session:
@@ -73,7 +73,7 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
     elif isinstance(message, m.Play):
         fields = message.model_dump(exclude={"type", "id"})
         if hub.decode is not None:
-            await hub.decode(fields)
+            await hub.decode(f"session {session.number}", fields)
         return m.PlayingMessage(
             id=number, effect_id=(await _ask(hub, "play", **fields))["effect_id"]
         )

@@ -1,6 +1,7 @@
-"""Files of layouts are looked at by the maker before the engine hears of them.
+"""Files of layouts are looked at by a worker of their session before the engine hears of them.
 
-It decodes the pictures. A file that unpacks to gigabytes ends a process that nobody's touch needs.
+It decodes the pictures. A file that unpacks to gigabytes ends a process that nobody's touch needs,
+and in which nobody else's data is.
 """
 
 from __future__ import annotations
@@ -10,13 +11,10 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from haptix.service.assets import AssetStore
-from haptix.service.maker import Maker
 from haptix.service.messages import Problem
-from haptix.texture.decoded import is_kept
+from haptix.service.pool import Pool
+from haptix.texture.decoded import FOLDER, PICTURES, is_kept
 
-FOLDER = "decoded"
-"""Beside the folder of assets."""
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 MOST_BYTES = 4 * 2**30
 """Memory of the files of all sessions' layouts in the engine."""
 
@@ -28,7 +26,7 @@ class Decoding:
     ----------
     assets : AssetStore
         The files.
-    maker : Maker
+    pool : Pool
         Decodes them.
     layouts : callable
         Returns the documents that the engine has.
@@ -37,15 +35,15 @@ class Decoding:
     def __init__(
         self,
         assets: AssetStore,
-        maker: Maker,
+        pool: Pool,
         layouts: Callable[[], Iterable[dict[str, Any]]] = tuple,
     ) -> None:
-        self._assets, self._maker, self._layouts = assets, maker, layouts
+        self._assets, self._pool, self._layouts = assets, pool, layouts
         self._folder = assets.folder.parent / FOLDER
         self._bytes: dict[str, int] = {}  # of memory, by digest
 
-    async def __call__(self, fields: dict[str, Any]) -> None:
-        """Look at what is new.
+    async def __call__(self, owner: str, fields: dict[str, Any]) -> None:
+        """Look at what is new in a message of an owner.
 
         Raises
         ------
@@ -65,7 +63,8 @@ class Decoding:
             is_decoded = file.suffix not in PICTURES or is_kept(self._folder, digest)
             if digest not in self._bytes or not is_decoded:
                 try:
-                    self._bytes[digest] = (await self._maker.ask("decode", digest=digest))["bytes"]
+                    found = await self._pool.ask(owner, "decode", digest=digest)
+                    self._bytes[digest] = found["bytes"]
                 except Problem as problem:
                     raise Problem(problem.code, problem.sentence, path) from None
             textures[digest, use] = self._bytes[digest]

@@ -8,7 +8,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from fastapi import APIRouter, Header, Response
+from fastapi import APIRouter, Header, Request, Response
 from fastapi import Path as PathParameter
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -16,8 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from haptix.files import write_whole
 from haptix.gallery import FOLDER, presets
 from haptix.service import messages as m
-from haptix.service.maker import Maker
 from haptix.service.messages import Problem
+from haptix.service.pool import Pool
 
 MOST_LAYOUTS = 1000
 _MOST_COLUMNS_MOVING = 160
@@ -111,12 +111,12 @@ class ExportAsked(BaseModel):
     """Height of the stroke, of forms that know no places."""
 
 
-def documents_router(maker: Maker, layouts: Path) -> APIRouter:
+def documents_router(pool: Pool, layouts: Path) -> APIRouter:
     """Return the routes.
 
     Parameters
     ----------
-    maker : Maker
+    pool : Pool
         Draws, checks and exports.
     layouts : Path
         Folder of kept layouts.
@@ -180,21 +180,22 @@ def documents_router(maker: Maker, layouts: Path) -> APIRouter:
         kept(name).unlink()
 
     @router.post("/pictures")
-    async def picture(asked: PictureAsked) -> Picture:
+    async def picture(request: Request, asked: PictureAsked) -> Picture:
         """Draw what a material asks for."""
-        return Picture(**await maker.ask("picture", **asked.model_dump()))
+        return Picture(**await pool.ask(request.state.owner, "picture", **asked.model_dump()))
 
     @router.post("/materials/check")
-    async def check(asked: CheckAsked) -> Checked:
+    async def check(request: Request, asked: CheckAsked) -> Checked:
         """Check a material: its fields, what it depends on, what a step of each field changes."""
-        return Checked(**await maker.ask("check", **asked.model_dump()))
+        return Checked(**await pool.ask(request.state.owner, "check", **asked.model_dump()))
 
     @router.post("/exports", response_class=Response)
-    async def export(asked: ExportAsked) -> Response:
+    async def export(request: Request, asked: ExportAsked) -> Response:
         """A layout in a form of interchange: a zip archive that says what is lost."""
         regions = _layout(asked.document).model_dump(mode="json", exclude_none=True)["regions"]
         document = {"kind": "layout", "regions": regions}
-        answer = await maker.ask("export", document=document, form=asked.form, y_mm=asked.y_mm)
+        fields = {"document": document, "form": asked.form, "y_mm": asked.y_mm}
+        answer = await pool.ask(request.state.owner, "export", **fields)
         return Response(base64.b64decode(answer["content"]), media_type="application/zip")
 
     return router

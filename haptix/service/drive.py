@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 from pydantic import BaseModel
 
 from haptix.service.hub import Hub
-from haptix.service.maker import Maker
 from haptix.service.messages import Error, Problem
+from haptix.service.pool import Pool
 
 
 class FullDrive(BaseModel):
@@ -30,16 +30,16 @@ class FullDrive(BaseModel):
     """Amplitude at each of the forces, by the contact model."""
 
 
-def drive_router(hub: Hub, maker: Maker) -> APIRouter:
+def drive_router(hub: Hub, pool: Pool) -> APIRouter:
     """Return the route ``/v1/drive``."""
     router = APIRouter(prefix="/v1")
 
     @router.get("/drive", responses={409: {"model": Error}})
-    async def drive() -> FullDrive:
+    async def drive(request: Request) -> FullDrive:
         """What full drive means: 409 before anybody has armed, when it is not known yet."""
         asked: dict[str, Any] | None = hub.full_drive
         if asked is None:
             raise Problem("order", "expected an output that was armed once; arm it first")
-        return FullDrive(**asked, **await maker.ask("currents", **asked))
+        return FullDrive(**asked, **await pool.ask(request.state.owner, "currents", **asked))
 
     return router

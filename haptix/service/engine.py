@@ -282,12 +282,11 @@ class EngineServer:
         from haptix.profiles import profiles_for
         from haptix.render.core import carrier_hz
         from haptix.screen import Screen
-        from haptix.service.decoding import FOLDER as DECODED
         from haptix.service.profiles import profiles_of
-        from haptix.texture.decoded import keep_in
+        from haptix.texture.decoded import FOLDER, keep_in
 
         self._assets = Path(assets)
-        keep_in(self._assets.parent / DECODED, makes=False)
+        keep_in(self._assets.parent / FOLDER, makes=False)
         self._address = device
         self._device = open_device(device)
         finger, screen = profiles_for(self._device, finger, screen)

@@ -1,33 +1,27 @@
-"""``python -m haptix.service.felt_finger``: a virtual finger feels what the engine plays, live.
+"""A virtual finger feels what the engine plays, live, a tenth of a second later at most.
 
-It reads touches and amplitudes as frames, and tells what each finger feels, a tenth of a second
-later at most. It runs apart from the engine, and at a lower priority, so that the engine keeps its
-time.
+It takes touches and amplitudes as frames, in a worker of its own with a lower priority than the
+engine's, so that the engine keeps its time.
 """
 
 from __future__ import annotations
 
-import os
-import signal
 import sys
 import threading
 import time
+from collections.abc import Callable
 
 import numpy as np
 
 from haptix.checks import Array
 from haptix.errors import HaptixError
-from haptix.files import parse_json
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.motion import Trajectory
 from haptix.screen import Screen
 from haptix.service.batches import TelemetryFrame, write_frame
-from haptix.service.helper_input import frames
-from haptix.service.outbox import Outbox, own_output
 from haptix.service.wire import (
     AMPLITUDE,
-    JSON,
     TELEMETRY,
     TOUCHES,
     amplitude_of,
@@ -39,7 +33,6 @@ from haptix.touch.force import ForceModel
 from haptix.virtual_finger import VirtualFinger
 from haptix.virtual_finger.live import LiveVirtualFinger
 
-NICE = 5
 _FORCES_N = (0.02, 5.0)
 _ROW_S = 0.001
 _FINER = 2  # instants felt in a row: edges of a texture are followed to 0.003 JND, not 0.02
@@ -164,39 +157,38 @@ class FeltFinger:
         ]  # fmt: skip
 
 
-def main() -> None:
-    """Feel until the input ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "nice"):
-        os.nice(NICE)
-    outbox, finger, ends = Outbox(own_output()), None, threading.Event()
-    feeling: threading.Thread | None = None
-    for kind, data in frames():
-        if kind == JSON:
-            message = parse_json(data)
-            if message["do"] == "open" and finger is None:
-                finger = FeltFinger(message["finger"], message["screen"], message["carrier_hz"])
-                feeling = threading.Thread(target=_feels, args=(finger, outbox, ends), daemon=True)
-                feeling.start()
-            outbox.say(n=message.get("n"))
-        elif finger is not None and kind == TOUCHES:
-            finger.touch(touches_of(data))
-        elif finger is not None and kind == AMPLITUDE:
-            finger.play(*amplitude_of(data))
-    ends.set()
-    if feeling is not None:
-        feeling.join()  # the interpreter's end in the midst of torch's code would be an abort
-    outbox.close()
+class Feeling:
+    """Feels in a thread of its own while frames come.
 
+    Parameters
+    ----------
+    finger : FeltFinger
+        What feels.
+    tell : callable
+        Takes frames of telemetry.
+    """
 
-def _feels(finger: FeltFinger, outbox: Outbox, ends: threading.Event) -> None:
-    while not ends.wait(_PART_S):
-        try:
-            for one in finger.feel(time.monotonic()):
-                outbox.tell(frame(TELEMETRY, write_frame(one)))
-        except HaptixError as error:  # such as a path that no finger slides: the next part may do
-            sys.stderr.write(f"haptix felt finger: {error}\n")
+    def __init__(self, finger: FeltFinger, tell: Callable[[bytes], None]) -> None:
+        self._finger, self._tell, self._ends = finger, tell, threading.Event()
+        self._thread = threading.Thread(target=self._feels, name="haptix felt finger", daemon=True)
+        self._thread.start()
 
+    def take(self, kind: int, data: bytes) -> None:
+        """Take a frame of touches or amplitudes."""
+        if kind == TOUCHES:
+            self._finger.touch(touches_of(data))
+        elif kind == AMPLITUDE:
+            self._finger.play(*amplitude_of(data))
 
-if __name__ == "__main__":
-    main()
+    def close(self) -> None:
+        """Feel no more."""
+        self._ends.set()
+        self._thread.join()  # the process's end in the midst of torch's code would be an abort
+
+    def _feels(self) -> None:
+        while not self._ends.wait(_PART_S):
+            try:
+                for one in self._finger.feel(time.monotonic()):
+                    self._tell(frame(TELEMETRY, write_frame(one)))
+            except HaptixError as error:  # such as a path that no finger slides: the next may do
+                sys.stderr.write(f"haptix felt finger: {error}\n")

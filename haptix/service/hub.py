@@ -62,7 +62,7 @@ class Hub:
         self.access, self.engine, self.inventory = access, engine, inventory
         self.material_schema: dict[str, Any] = {}
         self.profiles: dict[str, Any] = {}
-        self.decode: Callable[[dict[str, Any]], Awaitable[None]] | None = None  # pictures
+        self.decode: Callable[[str, dict[str, Any]], Awaitable[None]] | None = None  # pictures
         self.full_drive: dict[str, Any] | None = None  # carrier and amplitude, once armed
         self.now_s = now_s
         self.stalls = Stalls(now_s())

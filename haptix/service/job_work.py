@@ -1,14 +1,7 @@
-"""``python -m haptix.service.job_work``: the process that does one job and ends.
-
-It reads the job from its standard input, says how far it is, asks, and tells the result. Whoever
-ends it ends the job. At the end of its input it ends too.
-"""
+"""Jobs as a worker does them: it says how far it is, asks, and returns the result."""
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
 from functools import partial
@@ -17,13 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from haptix.desk import Context, Task, all_tasks
-from haptix.errors import HaptixError, InputError
-from haptix.files import parse_json
-from haptix.service.helper_input import frames
-from haptix.service.outbox import Outbox, own_output
-
-NICE = 10
-MOST_MEMORY_BYTES = 6 * 2**30
+from haptix.errors import InputError
 
 
 class Work:
@@ -169,42 +156,3 @@ def _refuse_files_and_volts(recipe: dict[str, Any]) -> None:
             tables += one
         elif isinstance(one, str) and (one == "volts" or set(one) & set("./\\")):
             raise InputError(f"recipe: expected neither volts nor files, got {one!r:.40}")
-
-
-def limit_memory(most_bytes: int = MOST_MEMORY_BYTES) -> None:
-    """End with MemoryError what takes more, where the system can."""
-    with suppress(ImportError, ValueError, OSError):
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_DATA, (most_bytes, most_bytes))
-
-
-def main() -> None:
-    """Do the job that comes first on the input."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    outbox = Outbox(own_output())
-    if hasattr(os, "nice"):
-        os.nice(NICE)
-    limit_memory()
-    # What it plays once the service is gone ends at 0 V by the driver's watchdog.
-    asked = frames()
-    first = next(asked, None)
-    if first is None:
-        return
-    message = parse_json(first[1])
-    work = Work(message.pop("context"), outbox.say, (parse_json(data)["text"] for _, data in asked))
-    try:
-        outbox.say(result=getattr(work, message.pop("do"))(**message))
-    except HaptixError as error:
-        outbox.say(sentence=str(error))
-    except MemoryError:
-        outbox.say(sentence=f"needs more than {MOST_MEMORY_BYTES / 2**30:g} GiB of memory")
-    except Exception as error:  # a fault of ours is told as one
-        sys.excepthook(type(error), error, error.__traceback__)
-        outbox.say(sentence=f"{type(error).__name__}: {error}")
-    outbox.close()
-    os._exit(0)  # a thread still reads the input
-
-
-if __name__ == "__main__":
-    main()

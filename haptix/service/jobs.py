@@ -1,4 +1,9 @@
-"""Jobs: work that takes long or asks a person, each in a process of its own that can be ended."""
+"""Jobs: work that takes long or asks a person, each in a worker of its own that can be ended.
+
+queued ---> running <---> asking        a person answers each prompt
+|           |             |
++-----------+-------------+---> cancelled, failed;  from running: done
+"""
 
 from __future__ import annotations
 
@@ -11,14 +16,13 @@ from contextlib import suppress
 from typing import Any
 
 from haptix.service.control import Engine
-from haptix.service.helper import HelperProcess
 from haptix.service.messages import JobMessage, Problem, StrokeTrace
+from haptix.service.pool import NICE, Process
 
 _LOG = logging.getLogger("haptix.service")
 
 MOST_QUEUED = 8
 _KEPT = 50  # jobs that have ended
-_FULL_S = 1.0
 _SHARE = 0.01  # of a job: smaller steps are not told
 _ENDED = ("done", "failed", "cancelled")
 
@@ -26,8 +30,8 @@ ON_DEVICE = ("experiment", "calibration")
 """Kinds that play: the engine gives them the device meanwhile."""
 
 
-class Job(HelperProcess):
-    """One job, and the process that does it.
+class Job(Process):
+    """One job, and the worker that does it.
 
     Parameters
     ----------
@@ -48,9 +52,8 @@ class Job(HelperProcess):
         fields: dict[str, Any],
         tell: Callable[[JobMessage], None],
     ) -> None:
-        super().__init__("job_work", "job", _FULL_S)
+        super().__init__(nice=NICE)
         self.owner, self.message, self._fields, self._tell = owner, message, fields, tell
-        self._over = asyncio.Event()
 
     @property
     def is_over(self) -> bool:
@@ -59,11 +62,20 @@ class Job(HelperProcess):
 
     async def run(self) -> None:
         """Do it until it ends, by whichever way."""
-        if not self.is_over:
-            await self.launch()
-            self.change(state="running")
-            self.tell(self.message.kind, **self._fields)
-            await self._over.wait()
+        if self.is_over:
+            return
+        await self.launch()
+        try:
+            if not self.is_over:  # it may be cancelled meanwhile
+                self.change(state="running")
+                found = await self.ask("job", kind=self.message.kind, **self._fields)
+                if not self.is_over:
+                    self.change(state="done", share=1.0, result=found["result"])
+        except Problem as problem:
+            if not self.is_over:
+                self.change(state="failed", sentence=problem.sentence)
+        finally:
+            await self.stop()
 
     def cancel(self) -> None:
         """End it."""
@@ -94,7 +106,7 @@ class Job(HelperProcess):
         self._tell(self.message)
 
     def heard(self, message: dict[str, Any]) -> None:
-        """Take progress, a prompt, the result or a refusal."""
+        """Take progress or a prompt."""
         if self.is_over:
             return
         if "share" in message:
@@ -105,19 +117,9 @@ class Job(HelperProcess):
         elif "trace" in message:
             trace = StrokeTrace.model_validate(message["trace"], strict=False)
             self._tell(self.message.model_copy(update={"trace": trace}))
-        elif "prompt" in message:
+        else:
             choices = tuple(message["choices"])
             self.change(state="asking", prompt=message["prompt"], choices=choices)
-        elif "result" in message:
-            self.change(state="done", share=1.0, result=message["result"])
-        else:
-            self.change(state="failed", sentence=message["sentence"])
-
-    def ended(self, code: int | None) -> None:
-        """Take note that its process has ended."""
-        if not self.is_over:
-            self.change(state="failed", sentence=f"its process ended with code {code}")
-        self._over.set()
 
 
 class JobBoard:

@@ -7,18 +7,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from haptix.service.helper import HelperProcess
 from haptix.service.messages import Problem
+from haptix.service.pool import IDLE_S, Process
 from haptix.service.told import Told
 from haptix.service.wire import AMPLITUDE, TELEMETRY, frame, touch_frame
 from haptix.touch.events import TouchEvent
 
 _AGAIN_S = 1.0  # from the end of a process to its next start
-_ENGINE_FULL_S, _FINGER_FULL_S = 0.05, 1.0
+_ENGINE_FULL_S, _FINGER_NICE = 0.05, 5
 
 
-class FeltFingerProcess(HelperProcess):
-    """The virtual finger; it runs once somebody has asked for what is felt.
+class FeltFingerProcess(Process):
+    """The virtual finger's worker; it runs while somebody wants what it feels, and a minute more.
 
     Parameters
     ----------
@@ -27,50 +27,42 @@ class FeltFingerProcess(HelperProcess):
     """
 
     def __init__(self, hear_frame: Callable[[bytes], None]) -> None:
-        super().__init__("felt_finger", "felt_finger", _FINGER_FULL_S)
+        super().__init__(nice=_FINGER_NICE)
         self._hear_frame = hear_frame
         self._opening: dict[str, Any] = {}
-        self._is_wanted = self._is_open = self._is_kept = False
+        self._is_wanted = self._is_open = False
         self._starter: asyncio.Task[None] | None = None
-        self._loader: asyncio.Task[None] | None = None
-
-    def load(self) -> None:
-        """Start its process before it is known what it feels: most of its time goes to imports."""
-        self._is_kept = True
-        self._loader = asyncio.create_task(self.launch())
+        self._rests: asyncio.TimerHandle | None = None
 
     def opens(self, opening: dict[str, Any]) -> None:
         """Set what it feels: finger, screen and carrier."""
         self._opening = opening
+        self.want(self._is_wanted)
 
     def want(self, on: bool) -> None:
-        """Start it if it is wanted; once started it stays."""
+        """Start it if it is wanted, and end it when it was not for a while."""
+        if self._is_wanted and not on:
+            self._rests = asyncio.get_running_loop().call_later(IDLE_S, self.kill)
         self._is_wanted = on
-        if on:
-            self.warm()
-
-    def warm(self) -> None:
-        """Start it before it is wanted: its tables take seconds."""
-        self._is_kept = True
-        if not self._is_open and (self._starter is None or self._starter.done()):
+        if on and self._rests is not None:
+            self._rests.cancel()
+            self._rests = None
+        if on and self._opening and (self._starter is None or self._starter.done()):
             self._starter = asyncio.create_task(self._start(0.0))
 
     async def stop(self) -> None:
         """End it."""
-        self._is_wanted = self._is_kept = False
+        self._is_wanted = False
         await super().stop()
 
     async def _start(self, after_s: float) -> None:
         await asyncio.sleep(after_s)
-        loader, self._loader = self._loader, None
-        if loader is not None:
-            await loader
-        if self._is_kept and self._opening:
-            if self.pid is None:
-                await self.launch()
-            with suppress(Problem):  # it has ended, and is started again
-                await self.ask("open", **self._opening)
-                self._is_open = True
+        if not self._is_wanted or self.pid is not None:
+            return
+        await self.launch()
+        with suppress(Problem):  # it has ended, and is started again
+            await self.ask("feel", **self._opening)
+            self._is_open = True
 
     def feed(self, data: bytes) -> None:
         """Pass on what it feels, once it has made its tables: they take seconds."""
@@ -85,11 +77,11 @@ class FeltFingerProcess(HelperProcess):
     def ended(self, code: int | None) -> None:
         """Start it again."""
         self._is_open = False
-        if self._is_kept:
+        if self._is_wanted:
             self._starter = asyncio.create_task(self._start(_AGAIN_S))
 
 
-class EngineProcess(HelperProcess):
+class EngineProcess(Process):
     """Starts the engine, and again when it has died; disarmed each time.
 
     A new one is told the layouts and settings of the one before.
@@ -111,7 +103,7 @@ class EngineProcess(HelperProcess):
         hear_frame: Callable[[bytes], None],
     ) -> None:
         # One that hangs is killed: the driver's watchdog ends at 0 V.
-        super().__init__("engine", "engine", _ENGINE_FULL_S)
+        super().__init__("engine", _ENGINE_FULL_S)
         self._opening, self._hear, self._hear_frame = opening, hear, hear_frame
         self._ends = self._is_open = False
         self._rates: dict[str, float] = {}

@@ -1,35 +1,21 @@
-"""``python -m haptix.service.making``: the process that draws, checks and exports materials.
-
-It decodes images and asks materials, so that neither the front nor the engine waits for that. It
-answers one question after the other; the front ends it where one takes too long.
-"""
+"""Questions about files and materials, as a worker answers them: decode, draw, check, export."""
 
 from __future__ import annotations
 
 import base64
-import os
-import signal
-import sys
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from haptix.errors import HaptixError, InputError
-from haptix.files import parse_json
-from haptix.service.decoding import FOLDER as DECODED
-from haptix.service.decoding import PICTURES
-from haptix.service.helper_input import frames
-from haptix.service.job_work import limit_memory
-from haptix.service.outbox import Outbox, own_output
-from haptix.texture.decoded import keep_in
+from haptix.errors import InputError
+from haptix.texture.decoded import PICTURES
 
 if TYPE_CHECKING:
     from haptix.materials import Material
     from haptix.surface import Column
 
-_NICE = 15  # a picture may wait: at the start for the virtual finger, which is felt first
 _FORCES_N = (0.1, 0.2, 0.5, 1.0, 2.0, 3.0)
 _FORCE_N = 0.5  # what is asked for where nobody says another
 _BYTES_PER_PIXEL = 48  # of a texture: the pixels, its pyramid, and one level more
@@ -38,7 +24,7 @@ MOST_SAMPLES, MOST_TABLE_BYTES = 48_000 * 60, 2_000_000
 
 
 class Making:
-    """What the process answers, by the names of its methods.
+    """What a worker answers, by the names of its methods.
 
     Parameters
     ----------
@@ -53,17 +39,11 @@ class Making:
         self.reach = lru_cache(64)(self._reach)
         self._currents = lru_cache(4)(self._solve_currents)
 
-    def warm(self) -> dict[str, Any]:
-        """Load what the first answers need."""
+    def load(self) -> dict[str, Any]:
+        """Load what all answers but that of `decode` need."""
         from haptix.materials import picture, steps  # noqa: F401
 
         self.reach(_FORCE_N)
-        return {}
-
-    def warm_decoder(self) -> dict[str, Any]:
-        """Load what `decode` needs, which is little."""
-        from haptix.texture import pictures  # noqa: F401
-
         return {}
 
     def picture(
@@ -192,39 +172,3 @@ class Making:
 
         surface = surface_of(self._opening).driven_at(DEFAULT_CARRIER_HZ)
         return surface.column(normal_force_n, None)
-
-
-def main() -> None:
-    """Answer until the input ends."""
-    outbox = Outbox(own_output())
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "nice"):
-        os.nice(_NICE)
-    limit_memory()
-    making: Making | None = None
-    for _, data in frames():
-        message = parse_json(data)
-        number, do = message.pop("n"), message.pop("do")
-        answer: dict[str, Any]
-        try:
-            if do == "open":
-                assets = Path(message.pop("assets"))
-                keep_in(assets.parent / DECODED, makes=True)
-                making, answer = Making(assets, message), {}
-            else:
-                answer = getattr(making, do)(**message)
-        except HaptixError as error:
-            path = getattr(error, "path", "")
-            answer = {"problem": {"code": "document", "sentence": str(error), "path": path}}
-        except MemoryError:
-            answer = {"problem": {"code": "limit", "sentence": f"{do}: takes too much memory"}}
-        except Exception as error:
-            sys.excepthook(type(error), error, error.__traceback__)
-            sentence = f"{do}: {type(error).__name__}: {error}"
-            answer = {"problem": {"code": "internal", "sentence": sentence}}
-        outbox.say(n=number, **answer)
-    outbox.close()
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,9 @@
-"""Put the service together: hub, engine, HTTP server."""
+"""Put the service together: a front, which is this process, one engine, and one pool of workers.
+
+clients <--HTTP, WebSocket--> front <--frames--> engine <--> driver
++--touches, amplitudes--> worker: the virtual finger
++--frames--> workers, each for one owner: files, pictures, jobs
+"""
 
 from __future__ import annotations
 
@@ -29,7 +34,6 @@ def serve(
     port: int = DEFAULT_PORT,
     folder: Path | None = None,
     listen: Listen | None = None,
-    warms: bool = False,
     on_ready: Callable[[Access, m.Inventory], None] = lambda access, inventory: None,
 ) -> None:
     """Serve clients of this machine until interrupted.
@@ -48,8 +52,6 @@ def serve(
         Where tokens are kept, see `service_folder`.
     listen : Listen, optional
         Where other machines reach the service; by default none does.
-    warms : bool
-        Whether to start what draws and what feels before anybody asks for it.
     on_ready : callable
         Called once clients can come, with the keeper of the codes and what there is.
 
@@ -90,8 +92,6 @@ def serve(
 
     async def run() -> None:
         starting = asyncio.create_task(link.start())
-        if warms:
-            link.felt_finger.load()
         await asyncio.sleep(0)  # its process starts here, and loads while this one does
         from fastapi import APIRouter
 
@@ -100,11 +100,10 @@ def serve(
         from haptix.service.drive import drive_router
         from haptix.service.front import application
         from haptix.service.http_server import HttpServer
-        from haptix.service.maker import Maker
+        from haptix.service.pool import Pool
 
         m.build()
-        maker, warming = Maker({}), list[asyncio.Task[None]]()
-        decoder = Maker({})  # of its own: a layout does not wait for an export
+        pool = Pool({})
 
         async def start() -> None:
             try:
@@ -115,34 +114,25 @@ def serve(
                 return
             hub.inventory, hub.material_schema = _inventory(device, found), found["schema"]
             hub.profiles = found["profiles"]
-            maker.opening = {key: opening[key] for key in ("surface", "assets")}
-            maker.opening |= {"finger": found["finger"], "screen": found["screen"]}
             used = {key: found[key] for key in ("finger", "screen")}
+            pool.opening = {**used, "surface": opening["surface"], "assets": opening["assets"]}
             hub.jobs.context = {**used, "device": device, "assets": opening["assets"]}
             hub.jobs.context["logs"] = str(folder / "experiments")
             hub.jobs.context["calibrations"] = str(folder / "calibrations")
             on_ready(access, hub.inventory)
-            decoder.opening = maker.opening
-            warming.append(asyncio.create_task(decoder.warm("warm_decoder")))
-            if warms:
-                link.felt_finger.warm()
-                warming.append(asyncio.create_task(maker.warm()))
+            pool.warm()
 
         async def end() -> None:
-            await asyncio.gather(maker.stop(), decoder.stop())
+            await pool.stop()
             await link.stop()
 
-        hub.decode = Decoding(assets, decoder, link.layouts)
+        hub.decode = Decoding(assets, pool, link.layouts)
         routes = APIRouter()
-        routes.include_router(documents_router(maker, folder / "layouts"))
-        routes.include_router(drive_router(hub, maker))
+        routes.include_router(documents_router(pool, folder / "layouts"))
+        routes.include_router(drive_router(hub, pool))
         app = application(hub, assets, start, end, routes)
 
-        def end_makers() -> None:
-            maker.end()
-            decoder.end()
-
-        server = HttpServer(app, hub, listen, end_makers)
+        server = HttpServer(app, hub, listen, pool.end)
         await server.serve(sockets=[listener])
 
     try:

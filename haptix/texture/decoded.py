@@ -1,7 +1,7 @@
 """Pixels of pictures that another process has decoded.
 
 A decoder is the place where a hostile file does its harm, and where a large one takes its time. The
-service's engine decodes nothing: its maker does, in a process that may die, and keeps the pixels.
+service's engine decodes nothing: a worker does, in a process that may die, and keeps the pixels.
 """
 
 from __future__ import annotations
@@ -18,6 +18,10 @@ import numpy as np
 
 from haptix.errors import InputError
 
+FOLDER = "decoded"
+"""Beside the service's folder of assets."""
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+"""Files that are decoded, by their ends."""
 MOST_BYTES = 2 * 2**30
 """Of the pixels that are kept; the oldest go first."""
 

@@ -30,13 +30,13 @@ from tests.service.test_sessions import Client
 from tests.waiting import PATIENCE_S
 
 
-class MakerHere:
-    """The maker's answers, in this process."""
+class PoolHere:
+    """The workers' answers, in this process."""
 
     def __init__(self, making):
         self.making = making
 
-    async def ask(self, do, **fields):
+    async def ask(self, owner, do, **fields):
         try:
             return getattr(self.making, do)(**fields)
         except Exception as error:
@@ -58,8 +58,8 @@ def service(tmp_path_factory):
         patch.setattr(decoded, "_place", None)
         decoded.keep_in(service.folder / "decoded", makes=True)
         service.layouts = []
-        maker = MakerHere(Making(store.folder, OPENING))
-        service.hub.decode = Decoding(store, maker, lambda: service.layouts)
+        pool = PoolHere(Making(store.folder, OPENING))
+        service.hub.decode = Decoding(store, pool, lambda: service.layouts)
         yield service
     service.close()
 

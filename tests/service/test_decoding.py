@@ -1,4 +1,4 @@
-"""Pictures: decoded by the maker alone, and bombs refused on every way in."""
+"""Pictures: decoded by workers alone, and bombs refused on every way in."""
 
 import asyncio
 import hashlib
@@ -11,12 +11,13 @@ from PIL import Image
 
 import haptix
 from haptix.service.assets import AssetStore
-from haptix.service.decoding import FOLDER, Decoding
+from haptix.service.decoding import Decoding
 from haptix.service.job_work import Work
 from haptix.service.layouts import SessionLayout
 from haptix.service.making import Making
 from haptix.service.messages import Problem
 from haptix.texture import decoded
+from haptix.texture.decoded import FOLDER
 from haptix.texture.pictures import read_grey
 
 OPENING = {"surface": None, "finger": "semi-wet", "screen": "3m-sct3250"}
@@ -82,7 +83,7 @@ def test_a_bomb_is_refused_by_each_route(store, side, number):
         assert not list(store.folder.parent.glob(f"{FOLDER}/*")), route
 
 
-def test_an_engine_decodes_nothing_and_reads_what_the_maker_kept(store, tmp_path, monkeypatch):
+def test_an_engine_decodes_nothing_and_reads_what_a_worker_kept(store, tmp_path, monkeypatch):
     monkeypatch.setattr(decoded, "_place", None)
     path = tmp_path / "a.png"
     pixels = np.random.default_rng(1).integers(0, 255, (30, 40, 4), dtype=np.uint8)
@@ -101,39 +102,39 @@ def test_an_engine_decodes_nothing_and_reads_what_the_maker_kept(store, tmp_path
     np.testing.assert_array_equal(read_grey(file), plain)
 
 
-class Maker:
+class Pool:
     """Notes what it is asked."""
 
     def __init__(self):
         self.asked = []
 
-    async def ask(self, do, **fields):
-        self.asked.append((do, fields["digest"]))
+    async def ask(self, owner, do, **fields):
+        self.asked.append((owner, do, fields["digest"]))
         return {"bytes": 1}
 
 
 def test_each_picture_of_a_message_is_decoded_once(store):
-    maker, one = Maker(), kept(store, b"one")
+    pool, one = Pool(), kept(store, b"one")
     sound = kept(store, b"sound", ".wav")
     regions = [{"material": {"file": f"sha256:{name}"}} for name in (one, sound, "0" * 64)]
-    asyncio.run(Decoding(store, maker)({"document": {"regions": regions}}))
-    assert maker.asked == [("decode", one), ("decode", sound)]
+    asyncio.run(Decoding(store, pool)("me", {"document": {"regions": regions}}))
+    assert pool.asked == [("me", "decode", one), ("me", "decode", sound)]
     folder = store.folder.parent / FOLDER
     folder.mkdir()
     np.save(folder / f"{one}.npy", np.zeros(1))
-    decoding, maker.asked = Decoding(store, maker), []
+    decoding, pool.asked = Decoding(store, pool), []
     for _ in range(2):
-        asyncio.run(decoding({"ops": [{"material": {"file": f"sha256:{one}"}}]}))
-    assert len(maker.asked) == 1  # its size, once
+        asyncio.run(decoding("me", {"ops": [{"material": {"file": f"sha256:{one}"}}]}))
+    assert len(pool.asked) == 1  # its size, once
 
 
 def test_a_picture_that_cannot_be_is_pointed_to(store):
     class Refusing:
-        async def ask(self, do, **fields):
+        async def ask(self, owner, do, **fields):
             raise Problem("document", "no picture")
 
     name = f"sha256:{kept(store, b'one')}"
     ops = [{"op": "remove", "name": "x"}, {"op": "add", "material": {"of": {"file": name}}}]
     with pytest.raises(Problem) as caught:
-        asyncio.run(Decoding(store, Refusing())({"ops": ops}))
+        asyncio.run(Decoding(store, Refusing())("me", {"ops": ops}))
     assert caught.value.path == "/ops/1/material/of/file"

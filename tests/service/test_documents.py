@@ -12,11 +12,12 @@ import pytest
 
 import haptix
 from haptix.gallery import ASSETS, presets
+from haptix.service import pool as pool_module
 from haptix.service.assets import AssetStore
 from haptix.service.documents import documents_router
-from haptix.service.maker import Maker
 from haptix.service.making import Making
 from haptix.service.messages import Problem
+from haptix.service.pool import Pool
 from haptix.stimuli.interchange import FrictionMap
 from tests.service.service_under_test import Service
 from tests.waiting import PATIENCE_S
@@ -44,13 +45,16 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def rest(folder):
-    """A client of a service whose documents are served, and its maker."""
-    maker = Maker({**OPENING, "assets": str(folder / "assets")}, PATIENCE_S)
-    service = Service(folder, documents_router(maker, folder / "layouts"))
+    """A client of a service whose documents are served, and the workers behind."""
+    pool = Pool({**OPENING, "assets": str(folder / "assets")}, longest_s=PATIENCE_S)
+    service = Service(folder, documents_router(pool, folder / "layouts"))
     headers = {"authorization": f"Bearer {service.access.native}"}
-    with httpx.Client(base_url=f"http://127.0.0.1:{service.port}/v1", headers=headers) as client:
-        yield client
-    maker.end()
+    base = f"http://127.0.0.1:{service.port}/v1"
+    with pytest.MonkeyPatch.context() as patch, httpx.Client(base_url=base, headers=headers) as one:
+        patch.setattr(pool_module, "START_S", PATIENCE_S)
+        patch.setattr(pool_module, "NICE", 1)  # other tests leave little for who yields
+        yield one
+    pool.end()
     service.close()
 
 
@@ -197,29 +201,13 @@ def test_a_question_is_refused_in_one_sentence_and_the_next_is_answered(rest):
 
 
 async def _asks(longest_s):
-    maker = Maker({**OPENING, "assets": "/nowhere"}, longest_s)
+    pool = Pool({**OPENING, "assets": "/nowhere"}, longest_s)
     try:
-        return await maker.ask("check", material=RIBS, normal_force_n=0.5)
+        return await pool.ask("me", "decode", digest="0" * 64)
     finally:
-        await maker.stop()
+        await pool.stop()
 
 
 def test_a_question_that_takes_too_long_is_ended():
     with pytest.raises(Problem, match="took more than"):
         asyncio.run(_asks(1e-9))  # less than any answer takes
-
-
-async def _ends_while_some_wait():
-    maker = Maker({**OPENING, "assets": "/nowhere"})
-    asked = [
-        asyncio.create_task(maker.ask("check", material=RIBS, normal_force_n=0.5)) for _ in range(3)
-    ]
-    while maker.pid is None:
-        await asyncio.sleep(0.01)
-    maker.end()
-    return await asyncio.gather(*asked, return_exceptions=True)
-
-
-def test_questions_that_wait_when_the_service_ends_are_refused():
-    for refused in asyncio.run(_ends_while_some_wait()):
-        assert isinstance(refused, Problem) and refused.code == "device"

@@ -2,6 +2,7 @@
 
 import httpx
 import pytest
+from fastapi import Depends, Request
 
 from haptix.service.drive import drive_router
 from tests.service.service_under_test import Service
@@ -9,16 +10,22 @@ from tests.service.service_under_test import Service
 CURRENTS = {"normal_force_n": [0.5, 1.0], "current_a": [9e-5, 1.4e-4]}
 
 
-class Maker:
-    async def ask(self, do, **fields):
-        assert (do, fields) == ("currents", {"carrier_hz": 4000.0, "highest_v": 150.0})
+class Pool:
+    async def ask(self, owner, do, **fields):
+        asked = {"carrier_hz": 4000.0, "highest_v": 150.0}
+        assert (owner, do, fields) == ("programs", "currents", asked)
         return CURRENTS
+
+
+def is_a_program(request: Request):
+    request.state.owner = "programs"
 
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory):
     service = Service(tmp_path_factory.mktemp("service"))
-    service.app._app.include_router(drive_router(service.hub, Maker()))
+    router = drive_router(service.hub, Pool())
+    service.app._app.include_router(router, dependencies=[Depends(is_a_program)])
     yield service
     service.close()
 

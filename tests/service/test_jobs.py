@@ -252,7 +252,7 @@ def test_the_page_of_routes_and_messages_is_whole_and_loads_nothing(service):
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such limit")
 def test_what_takes_too_much_memory_is_refused_it():
     program = (
-        "from haptix.service.job_work import limit_memory; limit_memory(200 * 2**20)\n"
+        "from haptix.service.worker import limit_memory; limit_memory(200 * 2**20)\n"
         "try: bytearray(400 * 2**20)\n"
         "except MemoryError: print('refused')"
     )

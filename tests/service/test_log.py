@@ -60,7 +60,7 @@ def test_a_job_is_told_without_what_it_asks_and_is_answered(caplog):
         with pytest.raises(Problem):
             job.answer("no choice of theirs")
         job.answer("stronger-2")
-        job.heard({"result": {"felt": "stronger-2", "participant": "sub-07"}})
+        job.change(state="done", result={"felt": "stronger-2", "participant": "sub-07"})
 
     asyncio.run(run())
     said = [record.getMessage() for record in caplog.records if record.name == "haptix.service"]

@@ -23,8 +23,8 @@ class StillEngine:
         pass
 
 
-class RefusingMaker:
-    async def ask(self, do, **fields):
+class RefusingPool:
+    async def ask(self, owner, do, **fields):
         raise Problem("document", "expected another material")
 
 
@@ -49,7 +49,7 @@ def made(tmp_path_factory):
     )
     hub.jobs.context["calibrations"] = str(folder / "calibrations")
     (folder / "layouts").mkdir()
-    documents = documents_router(RefusingMaker(), folder / "layouts")
+    documents = documents_router(RefusingPool(), folder / "layouts")
     app = application(hub, AssetStore(folder / "assets"), documents=documents)
     return access, app
 

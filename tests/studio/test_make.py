@@ -20,8 +20,8 @@ from tests.studio.conftest import a_front, a_page, address, keep, violations
 from tests.waiting import wait_for
 
 
-class MakerHere:
-    """Answers in this process, by the code of the maker's own."""
+class PoolHere:
+    """Answers in this process, by the code of the workers."""
 
     def __init__(self, assets):
         store = AssetStore(assets)
@@ -29,7 +29,7 @@ class MakerHere:
         opening = {"surface": None, "finger": "semi-wet", "screen": "3m-sct3250"}
         self.making, self.turn = Making(store.folder, opening), asyncio.Lock()
 
-    async def ask(self, do, **fields):
+    async def ask(self, owner, do, **fields):
         try:
             async with self.turn:
                 return await asyncio.to_thread(getattr(self.making, do), **fields)
@@ -41,7 +41,7 @@ class MakerHere:
 def served(tmp_path_factory):
     """A front whose engine writes down what it is told; all else is real."""
     folder = tmp_path_factory.mktemp("service")
-    routes = documents_router(MakerHere(folder / "assets"), folder / "kept")
+    routes = documents_router(PoolHere(folder / "assets"), folder / "kept")
     with a_front(folder, routes) as service:
         service.hub.material_schema = materials.schema()
         yield service

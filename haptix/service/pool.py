@@ -1,0 +1,328 @@
+"""The service's processes as its front sees them, and the pool of those that work for clients.
+
+The engine and the workers are spawned, spoken to by frames, and end when their input does. A
+worker (``haptix.service.worker``) works for one owner in its life: a session whose files it looks
+at, who holds a token and asks for pictures, a job, or the virtual finger. So a file that takes a
+decoder over finds nothing of anybody else, and one that holds it up holds up its sender alone.
+
+    nobody's --a question--> an owner's --an answer--> idle --IDLE_S, or its room is needed--> ended
+                                 +--no answer in time--> ended
+
+At rest one worker of the pool lives, nobody's, so that a first picture does not wait for its start.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import sys
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+from haptix.service.messages import Problem
+from haptix.service.wire import HEADER, JSON, MOST_BYTES, json_frame
+
+_LOG = logging.getLogger("haptix.service")
+
+LONGEST_S = 20.0
+"""A worker whose answer takes longer is ended: a picture that is a bomb, or a fault of ours."""
+START_S = 120.0
+"""For a worker to start: torch loads in 20 s where other programs use both cores."""
+IDLE_S = 60.0
+"""A worker that has had nothing to do for so long is ended, and its memory is free."""
+MOST_WORKERS, MOST_WAITING = 3, 16
+NICE = 10
+"""A picture or a job may wait."""
+_FULL_BYTES = 256 * 1024  # waiting for a process that does not read
+
+
+class Process:
+    """Starts a module of the service, asks it, and hears it.
+
+    Parameters
+    ----------
+    name : str
+        What people call it, and the name of its module in ``haptix.service``.
+    full_s : float
+        A process that does not read for so long, with much waiting, is killed.
+    nice : int
+        How far it stands back for others; a worker takes it as its argument.
+    """
+
+    def __init__(self, name: str = "worker", full_s: float = 1.0, nice: int = 0) -> None:
+        self.name, self._full_s, self._nice = name, full_s, nice
+        self._process: asyncio.subprocess.Process | None = None
+        self._asked: dict[int, asyncio.Future[dict[str, Any]]] = {}
+        self._next = 1
+        self._full_since: float | None = None
+        self._reader: asyncio.Task[None] | None = None
+
+    @property
+    def pid(self) -> int | None:
+        """Process number; None while none runs."""
+        return self._process.pid if self._process is not None else None
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it has run and ended."""
+        return self._reader is not None and self._reader.done()
+
+    async def launch(self) -> None:
+        """Start the process."""
+        self._full_since = None
+        self._process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            f"haptix.service.{self.name}",
+            *([str(self._nice)] if self._nice else []),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            limit=MOST_BYTES,
+        )
+        _LOG.info("%s: process %d begins", self.name, self._process.pid)
+        self._reader = asyncio.create_task(self._read(self._process))
+
+    async def stop(self) -> None:
+        """End it: by the end of its input, or by force after three seconds."""
+        process = self._process
+        if process is None:
+            return
+        assert process.stdin is not None
+        process.stdin.close()
+        try:
+            await asyncio.wait_for(process.wait(), 3.0)
+        except TimeoutError:
+            _LOG.info("%s: killed, for it does not end", self.name)
+            process.kill()
+            await process.wait()
+        if self._reader is not None:
+            await self._reader
+
+    def kill(self) -> None:
+        """End it at once."""
+        if self._process is not None and self._process.returncode is None:
+            self._process.kill()
+
+    async def ask(self, do: str, **fields: Any) -> dict[str, Any]:
+        """Return the answer to a question.
+
+        Raises
+        ------
+        Problem
+            If it is refused, or the process is not there.
+        """
+        number = self._next
+        self._next += 1
+        answer: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
+        self._asked[number] = answer
+        try:
+            if not self.write(json_frame({"do": do, "n": number, **fields})):
+                raise Problem("device", f"{do}: the {self.name} is being started again; try anew")
+            return await answer
+        finally:
+            self._asked.pop(number, None)
+
+    def tell(self, do: str, **fields: Any) -> None:
+        """Say something that has no answer."""
+        self.write(json_frame({"do": do, **fields}))
+
+    def write(self, data: bytes) -> bool:
+        """Send a frame; return whether there is a process to take it."""
+        process = self._process
+        if process is None or process.stdin is None or process.returncode is not None:
+            return False
+        process.stdin.write(data)
+        now_s = asyncio.get_running_loop().time()
+        if process.stdin.transport.get_write_buffer_size() < _FULL_BYTES:
+            self._full_since = None
+        elif self._full_since is None:
+            self._full_since = now_s
+        elif now_s - self._full_since > self._full_s:
+            _LOG.info("%s: killed, for it reads nothing", self.name)
+            process.kill()
+        return True
+
+    def heard(self, message: dict[str, Any]) -> None:
+        """Take what the process says unasked."""
+
+    def heard_frame(self, kind: int, data: bytes) -> None:
+        """Take a frame that is no message."""
+
+    def ended(self, code: int | None) -> None:
+        """Take note that the process has ended."""
+
+    async def _read(self, process: asyncio.subprocess.Process) -> None:
+        assert process.stdout is not None
+        try:
+            while True:
+                length, kind = HEADER.unpack(await process.stdout.readexactly(HEADER.size))
+                data = await process.stdout.readexactly(length)
+                if kind == JSON:
+                    self._take(json.loads(data))
+                else:
+                    self.heard_frame(kind, data)
+        except (asyncio.IncompleteReadError, ConnectionError):
+            pass
+        await process.wait()
+        _LOG.info("%s: process %d ended with code %s", self.name, process.pid, process.returncode)
+        self._process = None
+        for answer in self._asked.values():
+            if not answer.done():
+                sentence = f"the {self.name} ended with code {process.returncode}; try anew"
+                answer.set_exception(Problem("device", sentence))
+        self.ended(process.returncode)
+
+    def _take(self, message: dict[str, Any]) -> None:
+        number = message.pop("n", None)
+        if number is None:
+            self.heard(message)
+            return
+        answer = self._asked.get(number)
+        if answer is None or answer.done():
+            return
+        if "problem" in message:
+            wrong = message["problem"]
+            answer.set_exception(Problem(wrong["code"], wrong["sentence"], wrong.get("path", "")))
+        else:
+            answer.set_result(message)
+
+
+@dataclass
+class _Owned:
+    """The worker of one owner, which answers one question after the other."""
+
+    turn: asyncio.Lock = field(default_factory=asyncio.Lock)
+    process: Process | None = None
+    is_busy: bool = False
+    rests: asyncio.TimerHandle | None = None
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it has a process, or starts one."""
+        return self.is_busy or (self.process is not None and self.process.pid is not None)
+
+    def end(self) -> None:
+        """End the process."""
+        process, self.process = self.process, None
+        if process is not None:
+            process.kill()
+
+
+class Pool:
+    """Workers that decode, draw, check and export: up to three at once, each for one owner.
+
+    Parameters
+    ----------
+    opening : dict
+        Assets, surface, finger and screen, as the engine has them.
+    longest_s : float
+        Longest time for one answer, from when its turn comes and the worker has started.
+    """
+
+    def __init__(self, opening: dict[str, Any], longest_s: float = LONGEST_S) -> None:
+        self.opening, self._longest_s = opening, longest_s
+        self._owned: dict[str, _Owned] = {}  # the one used last stands last
+        self._room = asyncio.Semaphore(MOST_WORKERS)
+        self._spare: asyncio.Task[Process] | None = None
+        self._processes: set[Process] = set()
+        self._waiting = 0
+        self._keeps_spare = self._ends = False
+
+    async def ask(self, owner: str, do: str, **fields: Any) -> dict[str, Any]:
+        """Return the answer to a question of an owner.
+
+        Raises
+        ------
+        Problem
+            If it is refused, takes too long, or too many wait.
+        """
+        if self._waiting >= MOST_WAITING:
+            raise Problem("limit", f"expected at most {MOST_WAITING} questions that wait")
+        self._waiting += 1
+        owned = self._owned[owner] = self._owned.pop(owner, _Owned())
+        if owned.rests is not None:
+            owned.rests.cancel()
+        try:
+            async with owned.turn, self._room:
+                if self._ends:
+                    raise Problem("device", f"{do}: the service ends")
+                owned.is_busy = True
+                try:
+                    return await self._ask_now(owned, do, fields)
+                finally:
+                    owned.is_busy = False
+        finally:
+            self._waiting -= 1
+            loop = asyncio.get_running_loop()
+            owned.rests = loop.call_later(IDLE_S, self._release, owner, owned)
+            if self._keeps_spare:
+                self.warm()
+
+    def warm(self) -> None:
+        """Keep a worker that is nobody's."""
+        self._keeps_spare = True
+        if self._spare is None and not self._ends:
+            self._spare = asyncio.create_task(self._start())
+
+    def end(self) -> None:
+        """End all workers at once; all questions that wait are refused."""
+        self._ends = True
+        for process in self._processes:
+            process.kill()
+
+    async def stop(self) -> None:
+        """End all workers, and wait until they have."""
+        self.end()
+        if self._spare is not None:
+            with suppress(Problem, TimeoutError):
+                await self._spare
+        await asyncio.gather(*(process.stop() for process in self._processes))
+
+    async def _ask_now(self, owned: _Owned, do: str, fields: dict[str, Any]) -> dict[str, Any]:
+        limit_s = START_S
+        try:
+            async with asyncio.timeout(limit_s):
+                if owned.process is None or owned.process.pid is None:
+                    self._make_room(owned)
+                    owned.process = await self._take()
+                if do != "decode":  # which needs little; all else needs torch
+                    await owned.process.ask("load")
+            limit_s = self._longest_s
+            async with asyncio.timeout(limit_s):
+                return await owned.process.ask(do, **fields)
+        except TimeoutError:
+            owned.end()
+            raise Problem("limit", f"{do}: took more than {limit_s:g} s") from None
+
+    def _make_room(self, owned: _Owned) -> None:
+        """End the worker that is idle for longest, if there are as many others as may be."""
+        others = [one for one in self._owned.values() if one is not owned and one.is_there]
+        if len(others) >= MOST_WORKERS:  # not all are busy, for it is this one's turn
+            next(one for one in others if not one.is_busy).end()
+
+    async def _take(self) -> Process:
+        """Return a worker that has worked for nobody."""
+        spare, self._spare = self._spare, None
+        if spare is not None:
+            with suppress(Problem, TimeoutError):
+                process = await spare
+                if process.pid is not None:
+                    return process
+        return await self._start()
+
+    async def _start(self) -> Process:
+        process = Process(nice=NICE)
+        self._processes = {one for one in self._processes if not one.has_ended} | {process}
+        async with asyncio.timeout(START_S):
+            await process.launch()
+            if self._ends:
+                process.kill()
+            await process.ask("open", **self.opening)
+        return process
+
+    def _release(self, owner: str, owned: _Owned) -> None:
+        if not owned.turn.locked():
+            owned.end()
+            self._owned.pop(owner, None)

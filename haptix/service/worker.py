@@ -1,0 +1,152 @@
+"""``python -m haptix.service.worker NICE``: a process that works for one owner, and ends.
+
+It decodes files, draws, checks and exports materials, does a job, or feels as a virtual finger, so
+that neither the front nor the engine waits for that. It answers one question after the other; the
+front ends it where one takes too long. A front that is killed closes the input: a thread reads it,
+and ends the process whatever it computes then.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from haptix.errors import HaptixError
+from haptix.files import parse_json
+from haptix.service.outbox import Outbox, own_output
+from haptix.service.wire import JSON, read_frame
+
+if TYPE_CHECKING:
+    from haptix.service.felt_finger import Feeling
+    from haptix.service.making import Making
+
+MOST_MEMORY_BYTES = 6 * 2**30
+_LAST_S = 1.0  # to end in order once the service is gone
+
+Frame = tuple[int, bytes]
+
+
+def frames(last_s: float = _LAST_S) -> Iterator[Frame]:
+    """Yield the frames of the standard input.
+
+    The process ends `last_s` after the end of the input, whatever it does then.
+    """
+    waiting: queue.SimpleQueue[Frame | None] = queue.SimpleQueue()
+    threading.Thread(
+        target=_reads, args=(waiting, last_s), name="haptix worker input", daemon=True
+    ).start()
+    while (found := waiting.get()) is not None:
+        yield found
+
+
+def _reads(waiting: queue.SimpleQueue[Frame | None], last_s: float) -> None:
+    while (found := read_frame(sys.stdin.buffer)) is not None:
+        waiting.put(found)
+    waiting.put(None)
+    time.sleep(last_s)
+    os._exit(1)
+
+
+def limit_memory(most_bytes: int = MOST_MEMORY_BYTES) -> None:
+    """End with MemoryError what takes more, where the system can."""
+    with suppress(ImportError, ValueError, OSError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (most_bytes, most_bytes))
+
+
+class Worker:
+    """What the process does, by the names of what it is asked.
+
+    Parameters
+    ----------
+    outbox : Outbox
+        The way to the front.
+    asked : iterator
+        Frames of the front.
+    """
+
+    def __init__(self, outbox: Outbox, asked: Iterator[Frame]) -> None:
+        self._outbox, self._asked = outbox, asked
+        self._making: Making | None = None
+        self._feeling: Feeling | None = None
+
+    def run(self) -> None:
+        """Answer until the input ends."""
+        for kind, data in self._asked:
+            if kind == JSON:
+                message = parse_json(data)
+                self._outbox.say(n=message.pop("n"), **self._answer(message))
+            elif self._feeling is not None:
+                self._feeling.take(kind, data)
+        if self._feeling is not None:
+            self._feeling.close()
+
+    def _answer(self, message: dict[str, Any]) -> dict[str, Any]:
+        do = message.pop("do")
+        try:
+            if do in ("open", "job", "feel"):
+                found: dict[str, Any] = getattr(self, f"_do_{do}")(**message)
+            else:
+                found = getattr(self._making, do)(**message)
+            return found
+        except HaptixError as error:
+            path = getattr(error, "path", "")
+            return {"problem": {"code": "document", "sentence": str(error), "path": path}}
+        except MemoryError:
+            what = message.get("kind", do)
+            sentence = f"{what}: needs more than {MOST_MEMORY_BYTES / 2**30:g} GiB of memory"
+            return {"problem": {"code": "limit", "sentence": sentence}}
+        except Exception as error:  # a fault of ours is told as one
+            sys.excepthook(type(error), error, error.__traceback__)
+            sentence = f"{do}: {type(error).__name__}: {error}"
+            return {"problem": {"code": "internal", "sentence": sentence}}
+
+    def _do_open(self, assets: str, **opening: Any) -> dict[str, Any]:
+        """Get ready for questions about files and materials."""
+        from haptix.service.making import Making
+        from haptix.texture import pictures  # noqa: F401
+        from haptix.texture.decoded import FOLDER, keep_in
+
+        keep_in(Path(assets).parent / FOLDER, makes=True)
+        self._making = Making(Path(assets), opening)
+        return {}
+
+    def _do_job(self, kind: str, context: dict[str, Any], **fields: Any) -> dict[str, Any]:
+        """Do a job; what it asks is answered by the frames that come meanwhile."""
+        from haptix.service.job_work import Work
+
+        # What it plays once the service is gone ends at 0 V by the driver's watchdog.
+        answers = (parse_json(data)["text"] for _, data in self._asked)
+        return {"result": getattr(Work(context, self._outbox.say, answers), kind)(**fields)}
+
+    def _do_feel(self, finger: str, screen: str, carrier_hz: float) -> dict[str, Any]:
+        """Feel, from now on, what comes as touches and amplitudes."""
+        from haptix.service.felt_finger import Feeling, FeltFinger
+
+        self._feeling = Feeling(FeltFinger(finger, screen, carrier_hz), self._outbox.tell)
+        return {}
+
+
+def main() -> None:
+    """Work until the input ends."""
+    outbox = Outbox(own_output())
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "nice"):
+        os.nice(int(sys.argv[1]))
+    limit_memory()
+    Worker(outbox, frames()).run()
+    outbox.close()
+    os._exit(0)  # a thread still reads the input
+
+
+if __name__ == "__main__":
+    main()

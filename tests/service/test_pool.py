@@ -1,0 +1,182 @@
+"""Workers: each for one owner, ended in time, and with the front whatever they compute then."""
+
+import asyncio
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from haptix.service import pool as pool_module
+from haptix.service.messages import Problem
+from haptix.service.pool import MOST_WAITING, Pool
+from haptix.service.wire import json_frame
+from tests.service.test_decoding import OPENING, bomb
+from tests.waiting import PATIENCE_S
+
+BUSY = """
+from haptix.service.worker import frames
+for _, data in frames(last_s=0.1):
+    print(data.decode(), flush=True)
+    while True:
+        pass
+"""
+
+
+def test_a_worker_that_computes_ends_when_its_input_does():
+    with subprocess.Popen(
+        [sys.executable, "-c", BUSY], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as process:
+        process.stdin.write(json_frame({"do": "compute"}))
+        process.stdin.flush()
+        assert b"compute" in process.stdout.readline()
+        assert process.poll() is None
+        process.stdin.close()
+        assert process.wait(PATIENCE_S) == 1
+
+
+@pytest.mark.parametrize("do", ["open", "job"])
+def test_a_worker_whose_front_has_gone_says_nothing(do):
+    """Both pipes close, as when the front is killed while an answer is on its way."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "haptix.service.worker", "15"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        process.stdout.close()
+        asked = {"n": 1, "do": do, "assets": ".", **OPENING}
+        if do == "job":
+            context = {"finger": "semi-wet", "screen": "3m-sct3250", "assets": "."}
+            asked = {"n": 1, "do": do, "kind": "experiment", "context": context}
+            asked |= {"recipe": {"folder": "."}, "log": "x"}
+        process.stdin.write(json_frame(asked))
+        process.stdin.close()
+        said = process.stderr.read()
+        process.wait(PATIENCE_S)
+        assert b"BrokenPipe" not in said and b"Traceback" not in said
+
+
+@pytest.fixture(autouse=True)
+def is_not_starved(monkeypatch):
+    """Other tests leave little for who yields."""
+    monkeypatch.setattr(pool_module, "START_S", PATIENCE_S)
+    monkeypatch.setattr(pool_module, "NICE", 1)
+
+
+@pytest.fixture
+def assets(tmp_path):
+    """A folder with one picture; a document names it."""
+    folder = tmp_path / "assets"
+    folder.mkdir()
+    return folder
+
+
+def keep(assets, number):
+    content = bomb(1) + str(number).encode()
+    digest = hashlib.sha256(content).hexdigest()
+    (assets / f"{digest}.png").write_bytes(content)
+    return digest
+
+
+def processes(pool):
+    return {one.pid for one in pool._processes if one.pid is not None}
+
+
+async def until(is_so):
+    async with asyncio.timeout(PATIENCE_S):
+        while not is_so():
+            await asyncio.sleep(0.01)
+
+
+def running(assets, scenario):
+    """Run a scenario with a pool, which ends after it."""
+
+    async def runs():
+        pool = Pool({**OPENING, "assets": str(assets)}, longest_s=PATIENCE_S)
+        try:
+            await scenario(pool)
+        finally:
+            await pool.stop()
+        assert not processes(pool)
+
+    asyncio.run(runs())
+
+
+def test_a_worker_works_for_one_owner_alone(assets):
+    async def scenario(pool):
+        worked = {}
+        for owner in ("one", "two", "one"):
+            before = processes(pool)
+            found = await pool.ask(owner, "decode", digest=keep(assets, owner))
+            assert found["bytes"] == 48  # of one pixel
+            (new,) = processes(pool) - before or {worked.get(owner)}
+            assert worked.setdefault(owner, new) == pool._owned[owner].process.pid == new
+        assert worked["one"] != worked["two"]
+
+    running(assets, scenario)
+
+
+def test_there_are_no_more_workers_than_may_be_and_a_spare_of_nobody(assets, monkeypatch):
+    monkeypatch.setattr(pool_module, "MOST_WORKERS", 2)
+
+    async def scenario(pool):
+        pool.warm()
+        spare = (await pool._spare).pid
+        digest = keep(assets, 1)
+        for number in range(3):
+            await pool.ask(str(number), "decode", digest=digest)
+            if number == 0:
+                assert pool._owned["0"].process.pid == spare  # it was there already
+            there = [one.process.pid for one in pool._owned.values() if one.is_there]
+            assert len(there) == min(number + 1, 2)
+        assert (await pool._spare).pid not in there
+        await until(lambda: len(processes(pool)) == 2 + 1)
+
+    running(assets, scenario)
+
+
+def test_who_is_held_up_holds_up_nobody_else(assets):
+    async def scenario(pool):
+        digest = keep(assets, 1)
+        await pool.ask("stuck", "decode", digest=digest)
+        pid = pool._owned["stuck"].process.pid
+        os.kill(pid, signal.SIGSTOP)
+        stuck = asyncio.create_task(pool.ask("stuck", "decode", digest=digest))
+        await asyncio.sleep(0)
+        assert await pool.ask("another", "decode", digest=digest)
+        assert not stuck.done()
+        os.kill(pid, signal.SIGKILL)
+        with pytest.raises(Problem, match="code -9"):
+            await stuck
+        assert await pool.ask("stuck", "decode", digest=digest)  # a new one
+
+    running(assets, scenario)
+
+
+def test_a_worker_that_rests_is_ended(assets, monkeypatch):
+    monkeypatch.setattr(pool_module, "IDLE_S", 0.0)
+
+    async def scenario(pool):
+        await pool.ask("me", "decode", digest=keep(assets, 1))
+        await until(lambda: not processes(pool))
+        assert not pool._owned
+
+    running(assets, scenario)
+
+
+def test_questions_that_wait_when_the_service_ends_are_refused(assets):
+    async def scenario(pool):
+        digest = keep(assets, 1)
+        asked = [
+            asyncio.create_task(pool.ask("me", "decode", digest=digest))
+            for _ in range(MOST_WAITING + 1)
+        ]
+        await until(lambda: processes(pool))
+        pool.end()
+        refused = await asyncio.gather(*asked, return_exceptions=True)
+        assert [one.code for one in refused] == ["device"] * MOST_WAITING + ["limit"]
+
+    running(assets, scenario)
