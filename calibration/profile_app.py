@@ -60,7 +60,8 @@ def match(
     a: Annotated[Path, argument("screen.toml of the first screen.", FileThere)],
     b: Annotated[Path, argument("screen.toml of the second one.", FileThere)],
     normal_force_n: Annotated[
-        list[float] | None, option("May be repeated. [default: 0.2, 0.5, 0.8]", Positive)
+        list[float] | None,
+        option("May be repeated. [default: 0.2, 0.5, 0.8]", tuple[Positive, ...]),
     ] = None,
     frequency_hz: Annotated[float, option("Of the drive.", Positive)] = 4000.0,
     levels: Annotated[int, option("Frictions in the common range.", int, ge=2, le=1000)] = 5,
@@ -113,7 +114,8 @@ def install(
 
 def period(
     files: Annotated[
-        list[Path], argument("Recordings: CSV files, or a session's stroke-001.h5.", FileThere)
+        list[Path],
+        argument("Recordings: CSV files, or a session's stroke-001.h5.", tuple[FileThere, ...]),
     ],
     columns: Annotated[Path | None, option("For CSV: column map, as TOML.", FileThere)] = None,
     speed_mm_per_s: Annotated[

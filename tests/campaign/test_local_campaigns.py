@@ -595,7 +595,7 @@ def test_a_wrong_plan_is_one_sentence(tmp_path):
     for text, why in (
         ('name = "a"\n', "whose kind is one of surfaces"),
         ('name = "a"\nkind = "surface"\n', "kind: expected one of surfaces"),
-        ('name = "a"\nkind = "os:system"\n', "no Campaign"),
+        ('name = "a"\nkind = "os:system"\n', "neither a Task nor a Campaign"),
         ('name = "a"\nkind = "nowhere:Any"\n', "No module named 'nowhere'"),
         ('name = "a"\nkind = "surfaces"\nscene = {}\nfinger = "wet"\n', r"finger: extra"),
     ):
