@@ -224,7 +224,8 @@ def test_the_code_of_the_component_plays_and_saves(plugin, tmp_path):
         yield 0.0
         assert stimulus.is_done and stimulus.status == 0
         yield 0.5
-        assert stimulus.status == 1
+        # Begun, or even over: a busy machine may not look before the stimulus has passed.
+        assert stimulus.status in (1, -1)
         wait_for(lambda: stimulus.is_done)
         yield 0.6
         assert stimulus.status == -1
