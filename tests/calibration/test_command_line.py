@@ -94,6 +94,7 @@ def assert_for_machines(text):
                     "failures",
                     "group",
                     "theory",
+                    "outlier",  # why a stroke is none of the fit, or empty
                 )
                 if isinstance(one, str):
                     assert key.startswith(words), (key, one)
