@@ -431,6 +431,13 @@ class Oracle:
         codes, what = zip(*pieces, strict=True)
         return np.concatenate(codes), np.concatenate(what)
 
+    def play_out(self) -> list[tuple[Codes, Whats]]:
+        """Play until only zeros or a held sample are left."""
+        played = []
+        while ticks := self.pending_ticks:
+            played.append(self.play(ticks))
+        return played
+
     def _watchdog_tick(self) -> int:
         assert self._setup is not None
         ticks = self._setup.watchdog_ms * self._config.output_rate_hz // 1000
