@@ -17,7 +17,7 @@ from firmware_io import open_device
 from haptix.stimuli import Sine, Stimulus, StimulusSet, TrialPlan
 from haptix.stimuli.adaptive import ConstantStimuli, Experiment, SimulatedObserver
 from haptix.stimuli.designs import constant_stimuli
-from haptix.stimuli.experiment_recipe import presentation_of
+from haptix.stimuli.recipe import presentation_of
 
 STEPS_DB = [-9, -6, -3, 0, 3, 6]
 THRESHOLD = 0.03  # contrast of friction, which the experiment has to find

@@ -21,12 +21,11 @@ from haptix.finger import Finger
 from haptix.perception import Perception
 from haptix.population import DrawnPeople, Population
 from haptix.screen import Screen
-from haptix.stimuli.experiment_recipe import ExperimentRecipe
-from haptix.stimuli.making import StimulusSet
-from haptix.stimuli.recipe import Recipe
-from haptix.stimuli.simulating import simulated, simulations
+from haptix.stimuli.power import simulated, simulations
+from haptix.stimuli.recipe import ExperimentRecipe, Recipe
+from haptix.stimuli.set_plan import TrialPlan
 from haptix.stimuli.stimulus import stimulus_from
-from haptix.stimuli.trials import TrialPlan
+from haptix.stimuli.stimulus_set import StimulusSet
 
 _Several = Annotated[tuple[str, ...], Field(min_length=1)]
 _SET_FIELDS = (

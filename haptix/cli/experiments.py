@@ -92,13 +92,13 @@ def run(
     place = _number_of(who)
     from haptix.devices import open_device
     from haptix.stimuli.adaptive import TASKS, Experiment, Keys, SimulatedObserver
-    from haptix.stimuli.experiment_recipe import ExperimentRecipe
-    from haptix.stimuli.orders import seed_of
+    from haptix.stimuli.adaptive.session import seed_of
+    from haptix.stimuli.recipe import ExperimentRecipe
 
     plan = ExperimentRecipe.load(recipe)
     seed, task, table = plan.seed, task or re.sub("[^A-Za-z0-9]", "", plan.name), log
     if study is not None:
-        from haptix.stimuli.study_files import keep_recipe, session_log
+        from haptix.stimuli.study import keep_recipe, session_log
 
         table = session_log(study, who, session, task)
         seed = seed_of(plan.seed, who, session)
@@ -135,7 +135,7 @@ def run(
             experiment.run()
         finally:
             if study is not None and experiment.log.rows:
-                from haptix.stimuli.bids import export
+                from haptix.stimuli.study import export
 
                 export(table, study, who, session, task)
     finally:
@@ -188,8 +188,8 @@ def simulate(
     """
     from haptix.campaign.processes import Processes
     from haptix.executors import Here, finished
-    from haptix.stimuli.experiment_recipe import ExperimentRecipe
-    from haptix.stimuli.simulating import simulated, simulations
+    from haptix.stimuli.power import simulated, simulations
+    from haptix.stimuli.recipe import ExperimentRecipe
 
     plan = ExperimentRecipe.load(recipe)
     # What the options' checks have read, whose texts stand in the signature for Typer.
@@ -220,7 +220,7 @@ def new(
     as_json: AsJson = False,
 ) -> None:
     """Begin a study: code/experiment.toml to change, and the frame of a BIDS data set."""
-    from haptix.stimuli.study_files import begin
+    from haptix.stimuli.study import begin
 
     rows = [{"file": str(path)} for path in begin(study, study.absolute().name)]
     show(f"{study}: change code/experiment.toml, then simulate and run it", rows, as_json)
@@ -240,7 +240,7 @@ def bids(
     Behaviour of every attempt, the stimulus against time, and where the panel reports touches the
     finger's path and force; the log itself goes to sourcedata.
     """
-    from haptix.stimuli.bids import export
+    from haptix.stimuli.study import export
 
     files = export(log, study, participant, session, task)
     rows = [{"file": str(path)} for path in files]
@@ -269,7 +269,7 @@ def analyse(
     report.html with a picture of each run.
     """
     from haptix.stimuli.analysis import analyse as analysed
-    from haptix.stimuli.analysis.report import write_analysis
+    from haptix.stimuli.analysis import write_analysis
 
     found = analysed(source)
     is_study = (source / "dataset_description.json").exists()

@@ -77,7 +77,7 @@ def again(
     out: Annotated[Path, option("Drive file to write.", NewFile)],
 ) -> None:
     """Make a drive file again from its sidecar and profiles.json; every byte must be the same."""
-    from haptix.stimuli.again import make_again
+    from haptix.stimuli.stimulus_set import make_again
 
     show(f"{make_again(sidecar, out)}: the same, byte for byte", [], False)
 
@@ -94,7 +94,7 @@ def look(
     from haptix.files import read_json, reading, write_whole
 
     if what.is_dir():
-        from haptix.stimuli.making import check_manifest, read_manifest
+        from haptix.stimuli.stimulus_set import check_manifest, read_manifest
 
         wrong = check_manifest(what)
         if wrong:

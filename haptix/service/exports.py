@@ -120,9 +120,9 @@ def _line(
     from haptix.screen import Screen
     from haptix.signals.in_time import Points
     from haptix.stimuli import StimulusSet
+    from haptix.stimuli.along_path import MaterialSignal
     from haptix.stimuli.along_path import Path as Along
     from haptix.stimuli.interchange import write_ahap, write_hjif
-    from haptix.stimuli.of_material import MaterialSignal
     from haptix.stimuli.stimulus import Stimulus
     from haptix.texture import as_mu
 

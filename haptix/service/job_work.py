@@ -56,7 +56,7 @@ class Work:
         _refuse_files_and_volts(recipe)
         from haptix.devices import open_device
         from haptix.stimuli.adaptive import Experiment
-        from haptix.stimuli.experiment_recipe import ExperimentRecipe
+        from haptix.stimuli.recipe import ExperimentRecipe
         from haptix.units import with_numbers
 
         names = {kind: self._name(kind, recipe.get(kind)) for kind in ("finger", "screen")}

@@ -36,7 +36,7 @@ KINDS = Kinds(
     "haptix.signals",
     {
         "along-path": "haptix.stimuli.along_path",
-        "material": "haptix.stimuli.of_material",
+        "material": "haptix.stimuli.along_path",
         "morph": "haptix.signals.morph",
         "time-noise": "haptix.signals.time_noise",
         **dict.fromkeys(

@@ -17,6 +17,7 @@ from haptix.signals.signal import (
 from haptix.signals.time_noise import TimeNoise
 from haptix.stimuli.along_path import (
     AlongPath,
+    MaterialSignal,
     Path,
     SpeedProfile,
     SteadySpeed,
@@ -25,11 +26,10 @@ from haptix.stimuli.along_path import (
     relief,
 )
 from haptix.stimuli.apparatus import Apparatus
-from haptix.stimuli.making import SetResult, StimulusSet, check_manifest
-from haptix.stimuli.of_material import MaterialSignal
 from haptix.stimuli.rendering import Rendering
+from haptix.stimuli.set_plan import TrialPlan
 from haptix.stimuli.stimulus import Stimulus
-from haptix.stimuli.trials import TrialPlan
+from haptix.stimuli.stimulus_set import SetResult, StimulusSet, check_manifest
 
 __all__ = [
     "AlongPath",

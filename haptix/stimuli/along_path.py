@@ -1,11 +1,12 @@
-"""Friction along the finger's path: a texture that the finger's speed turns into a signal."""
+"""Signals of what lies in space, as a finger meets it on its path."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from inspect import signature
-from math import inf, pi
+from math import ceil, inf, log2, pi
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -14,9 +15,12 @@ from pydantic import Field, PlainSerializer, PlainValidator, model_validator
 from haptix.checks import choice, increasing, number, plain, row
 from haptix.errors import InputError
 from haptix.files import read_csv
-from haptix.kinds import Kinds, asset_of, call
-from haptix.signals.signal import Array, Described, Length, Positive, Row, Signal
-from haptix.texture import FrictionField, Grating, RecordedProfile
+from haptix.kinds import Kinds, asset_of, by_content, call
+from haptix.materials import AnyMaterial
+from haptix.motion import VELOCITY_OVER_S, Depends, History, Motion, Report
+from haptix.motion.block import Reactions
+from haptix.signals.signal import Array, Described, Length, Number, Positive, Row, Signal
+from haptix.texture import FrictionField, Grating, RecordedProfile, TargetKind
 
 SPEEDS = Kinds(
     "haptix.speeds",
@@ -229,3 +233,69 @@ def relief(
 
 
 _SHORT_FORMS: dict[str, Callable[..., AlongPath]] = {"grating": grating, "relief": relief}
+
+_REPORT_S = 1e-3  # between what a material hears of the finger
+
+
+class MaterialSignal(Signal):
+    """What a material asks for where the finger is: along x at a height `y_mm`, with all detail.
+
+    Time counts from the first sample, at which the finger comes down. The force is constant, so
+    that no button is pressed. A detent counts from the first millisecond at which it has been
+    crossed, so that no sample depends on later ones.
+
+    Parameters
+    ----------
+    of : Material
+        Or its table, or the path of its file.
+    speed : SpeedProfile or float
+        How the finger moves; a number is a steady speed [mm/s].
+    y_mm : float
+        Where.
+    normal_force_n : float
+        Normal force [N]; in a stimulus, that of the stimulus.
+    length_s : float
+        Length.
+    """
+
+    of: AnyMaterial
+    speed: AnySpeed = Field(None, validate_default=True)
+    y_mm: Number = 0.0
+    normal_force_n: Positive = 0.5
+    length_s: Length = inf
+    kind: Literal["material"] = "material"
+
+    @property
+    def target(self) -> TargetKind:
+        """What the values are."""
+        return self.of.evaluator.target
+
+    def describe(self) -> dict[str, Any]:
+        """Everything that determines the values; files of the material by their content."""
+        with by_content():
+            return super().describe()
+
+    def _inside(self, first: int, count: int, sample_rate_hz: float) -> Array:
+        evaluator = self.of.evaluator
+        t = np.arange(first, first + count) / sample_rate_hz
+        half = VELOCITY_OVER_S / 2
+        ahead, behind = (self.speed.position_mm(t + by) for by in (half, -half))
+        history: History = ()
+        if Depends.FACTS in evaluator.depends_on:
+            # Powers of two, so that of blocks one after the other each finds few facts anew.
+            history = _facts(self, 2 ** ceil(log2(t[-1] + 2 * _REPORT_S)))
+        motion = Motion.of(
+            self.speed.position_mm(t), self.y_mm, t, (ahead - behind) / VELOCITY_OVER_S, 0.0,
+            self.normal_force_n, history=history,
+        )  # fmt: skip
+        return evaluator.wanted(motion)
+
+
+@lru_cache(maxsize=8)
+def _facts(signal: MaterialSignal, until_s: float) -> History:
+    """Facts of the finger on its path until a time."""
+    reactions, react = Reactions(kept=None), signal.of.evaluator.react
+    t = np.arange(0.0, until_s, _REPORT_S)
+    for t_s, x_mm in zip(t.tolist(), signal.speed.position_mm(t).tolist(), strict=True):
+        reactions.report(Report(t_s, x_mm, signal.y_mm, signal.normal_force_n), react, t_s)
+    return reactions.history

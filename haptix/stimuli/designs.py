@@ -7,12 +7,14 @@ from copy import deepcopy
 from dataclasses import replace
 from itertools import product
 from math import log10, pi, prod, sqrt
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from pydantic import Field, PositiveFloat, model_validator
 
 from haptix.checks import choice, number, positive, whole
 from haptix.devices import DriveLimits
+from haptix.documents import Part
 from haptix.errors import InputError
 from haptix.perception import Perception
 from haptix.screen import Screen
@@ -294,3 +296,80 @@ def put(table: Any, dotted: str, value: Any, place: str) -> None:
 
 def _with_conditions(stimulus: Stimulus, more: Mapping[str, Any]) -> Stimulus:
     return replace(stimulus, conditions={**stimulus.conditions, **more})
+
+
+Table = dict[str, Any]
+
+
+class FactorialDesign(Part):
+    """Every combination of values put at dotted places of a base stimulus.
+
+    For equal friction the stimuli are in mu, rendered for each of several screens. For equal mean
+    friction they are shifted to one `mean`, in their quantity. `variants` draws each several times,
+    with other seeds.
+    """
+
+    kind: Literal["factorial", "equal-friction", "equal-mean-friction"]
+    name: str
+    base: Table
+    factors: dict[str, list[Any]] = Field(default={})
+    variants: Annotated[int, Field(ge=1)] = 1
+    mean: float | None = None
+
+    @model_validator(mode="after")
+    def _has_a_mean(self) -> Self:
+        if (self.mean is None) == (self.kind == "equal-mean-friction"):
+            raise ValueError("mean: expected with equal-mean-friction, and only with it")
+        return self
+
+    def stimuli(self, known: Perception, limits: DriveLimits) -> list[Stimulus]:
+        """Make the stimuli; without factors only the base, under the design's name."""
+        if self.factors:
+            make = stimulus_maker(self.base, f"{self.name}.factors")
+            found = full_factorial(self.name, make, **self.factors)
+        else:
+            found = [stimulus_from(self.name, self.base)]
+        found = variants_of(found, self.variants) if self.variants > 1 else found
+        return found if self.mean is None else equal_mean(found, self.mean)
+
+
+class ConstantStimuliDesign(Part):
+    """Stimuli of one design whose levels are in dB relative to a detection threshold."""
+
+    kind: Literal["constant-stimuli"]
+    name: str
+    base: Table
+    vary: str = "signal.amplitude"
+    threshold: PositiveFloat
+    steps_db: list[float]
+
+    def stimuli(self, known: Perception, limits: DriveLimits) -> list[Stimulus]:
+        """Make the stimuli of the design."""
+        make = stimulus_maker(self.base, f"{self.name}.vary")
+        return constant_stimuli(
+            self.name, lambda name, at: make(name, **{self.vary: at}), self.threshold, self.steps_db
+        )
+
+
+class MatchedIntensityDesign(Part):
+    """Tones at one level above the detection threshold."""
+
+    kind: Literal["matched-intensity"]
+    name: str
+    felt_hz: list[float]
+    sensation_db: float
+    length_s: PositiveFloat
+    drive: Literal["direct", "carrier"] = "direct"
+    normal_force_n: PositiveFloat = 0.5
+    carrier_hz: PositiveFloat = 4000.0
+    fade_s: Annotated[float, Field(ge=0)] = 0.05
+
+    def stimuli(self, known: Perception, limits: DriveLimits) -> list[Stimulus]:
+        """Make the stimuli of the design."""
+        given = self.model_dump(exclude={"kind"})
+        return matched_intensity(**given, perception=known, limits=limits)
+
+
+Design = Annotated[
+    FactorialDesign | ConstantStimuliDesign | MatchedIntensityDesign, Field(discriminator="kind")
+]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from math import isnan
 from typing import Any
 
@@ -11,9 +13,11 @@ import numpy as np
 
 from haptix.checks import number, positive, whole
 from haptix.errors import InputError
-from haptix.stimuli.adaptive.method import Method
+from haptix.stimuli.adaptive.methods import Method
+from haptix.stimuli.adaptive.procedures import UpDown
 from haptix.stimuli.adaptive.psychometric import function_named
-from haptix.stimuli.adaptive.updown import UpDown
+from haptix.stimuli.adaptive.session import TASKS
+from haptix.stimuli.recipe import ExperimentRecipe
 
 _DRAWS = 2000  # of samples of participants from those that were simulated
 
@@ -162,3 +166,72 @@ def paired_power(
             "power": float(np.mean(np.abs(t) > limit)),
             "excluded": 1 - len(found) / runs,
         }
+
+
+_ALWAYS_GUESSED = 0.05  # share of answers that find a target where the task has no chance level
+
+
+def simulations(
+    recipe: ExperimentRecipe,
+    threshold_db: Sequence[float],
+    slope: Sequence[float],
+    lapse: Sequence[float],
+    runs: int,
+    comparison: Mapping[str, Any] | None = None,
+) -> Iterator[dict[str, Any]]:
+    """Yield the document of each observer, for `simulated`.
+
+    Parameters
+    ----------
+    recipe : ExperimentRecipe
+        The experiment; its conditions are left out.
+    threshold_db, slope, lapse : sequence of float
+        Of the observers: every combination.
+    runs : int
+        Runs of each observer, or simulated participants.
+    comparison : mapping, optional
+        Where the power is asked for: `difference`, `between` and the sample sizes `participants`
+        of `haptix.stimuli.power.paired_power`.
+
+    Raises
+    ------
+    InputError
+        If the task measures no threshold.
+    """
+    if recipe.task in ("pairs", "magnitude"):
+        raise InputError(f"simulate: the task {recipe.task!r} measures no threshold")
+    recipe.model_copy(update={"conditions": ()}).make_method()  # a wrong one is refused here
+    plain = recipe.model_dump(
+        mode="json", include={"name", "stimulus", "pedestal", "method", "task", "seed"},
+        exclude_none=True,
+    )  # fmt: skip
+    for at, steep, lapses in product(threshold_db, slope, lapse):
+        observer = {
+            "threshold": at,
+            "slope": steep,
+            "lapse": lapses,
+            "guess": TASKS[recipe.task].guess or _ALWAYS_GUESSED,
+        }
+        document = {"experiment": plain, "observer": observer, "runs": whole("runs", runs, 10)}
+        yield document if comparison is None else {**document, "comparison": dict(comparison)}
+
+
+def simulated(text: str) -> str:
+    """Simulate one observer.
+
+    Parameters
+    ----------
+    text : str
+        JSON of one of `simulations`.
+
+    Returns
+    -------
+    str
+        JSON: a list with the row of `accuracy`, or those of `paired_power`.
+    """
+    given = json.loads(text)
+    recipe, observer = ExperimentRecipe(**given["experiment"]), Observer(**given["observer"])
+    how = recipe.make_method, observer
+    if (asked := given.get("comparison")) is None:
+        return json.dumps([accuracy(*how, given["runs"], recipe.seed)])
+    return json.dumps([*paired_power(*how, **asked, runs=given["runs"], seed=recipe.seed)])

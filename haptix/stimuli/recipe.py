@@ -2,109 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import fields, replace
+from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PositiveFloat, model_validator
+import numpy as np
+from pydantic import Field, PositiveFloat, PositiveInt, model_validator
 
-from haptix.devices import DriveLimits
+from haptix.checks import choice
 from haptix.documents import Document, Part
 from haptix.errors import InputError
 from haptix.finger import Finger
-from haptix.kinds import in_folder
+from haptix.kinds import call, in_folder
 from haptix.perception import Perception
 from haptix.population import DrawnPeople, Population
 from haptix.screen import Screen
 from haptix.signals.audio import Container, Encoding
-from haptix.stimuli.designs import (
-    constant_stimuli,
-    equal_friction,
-    equal_mean,
-    full_factorial,
-    matched_intensity,
-    stimulus_maker,
-    variants_of,
+from haptix.signals.signal import Array, Constant, Product, Signal, signal_from
+from haptix.status import Status
+from haptix.stimuli.adaptive import (
+    METHODS,
+    Catch,
+    Exclude,
+    Method,
+    MethodsByCondition,
+    Practice,
+    Presentation,
+    SessionPlan,
+    StopRules,
 )
-from haptix.stimuli.making import StimulusSet
-from haptix.stimuli.set_plan import drive_limits
+from haptix.stimuli.adaptive.session import BlockOrder, order_for, task_named
+from haptix.stimuli.apparatus import Apparatus
+from haptix.stimuli.designs import Design, equal_friction, put
+from haptix.stimuli.rendering import Rendering
+from haptix.stimuli.set_plan import TrialPlan, drive_limits
 from haptix.stimuli.stimulus import Stimulus, stimulus_from
-from haptix.stimuli.trials import TrialPlan
-
-Table = dict[str, Any]
-
-
-class FactorialDesign(Part):
-    """Every combination of values put at dotted places of a base stimulus.
-
-    For equal friction the stimuli are in mu, rendered for each of several screens. For equal mean
-    friction they are shifted to one `mean`, in their quantity. `variants` draws each several times,
-    with other seeds.
-    """
-
-    kind: Literal["factorial", "equal-friction", "equal-mean-friction"]
-    name: str
-    base: Table
-    factors: dict[str, list[Any]] = Field(default={})
-    variants: Annotated[int, Field(ge=1)] = 1
-    mean: float | None = None
-
-    @model_validator(mode="after")
-    def _has_a_mean(self) -> Self:
-        if (self.mean is None) == (self.kind == "equal-mean-friction"):
-            raise ValueError("mean: expected with equal-mean-friction, and only with it")
-        return self
-
-    def stimuli(self, known: Perception, limits: DriveLimits) -> list[Stimulus]:
-        """Make the stimuli; without factors only the base, under the design's name."""
-        if self.factors:
-            make = stimulus_maker(self.base, f"{self.name}.factors")
-            found = full_factorial(self.name, make, **self.factors)
-        else:
-            found = [stimulus_from(self.name, self.base)]
-        found = variants_of(found, self.variants) if self.variants > 1 else found
-        return found if self.mean is None else equal_mean(found, self.mean)
-
-
-class ConstantStimuliDesign(Part):
-    """Stimuli of one design whose levels are in dB relative to a detection threshold."""
-
-    kind: Literal["constant-stimuli"]
-    name: str
-    base: Table
-    vary: str = "signal.amplitude"
-    threshold: PositiveFloat
-    steps_db: list[float]
-
-    def stimuli(self, known: Perception, limits: DriveLimits) -> list[Stimulus]:
-        """Make the stimuli of the design."""
-        make = stimulus_maker(self.base, f"{self.name}.vary")
-        return constant_stimuli(
-            self.name, lambda name, at: make(name, **{self.vary: at}), self.threshold, self.steps_db
-        )
-
-
-class MatchedIntensityDesign(Part):
-    """Tones at one level above the detection threshold."""
-
-    kind: Literal["matched-intensity"]
-    name: str
-    felt_hz: list[float]
-    sensation_db: float
-    length_s: PositiveFloat
-    drive: Literal["direct", "carrier"] = "direct"
-    normal_force_n: PositiveFloat = 0.5
-    carrier_hz: PositiveFloat = 4000.0
-    fade_s: Annotated[float, Field(ge=0)] = 0.05
-
-    def stimuli(self, known: Perception, limits: DriveLimits) -> list[Stimulus]:
-        """Make the stimuli of the design."""
-        given = self.model_dump(exclude={"kind"})
-        return matched_intensity(**given, perception=known, limits=limits)
-
-
-Design = Annotated[
-    FactorialDesign | ConstantStimuliDesign | MatchedIntensityDesign, Field(discriminator="kind")
-]
+from haptix.stimuli.stimulus_set import StimulusSet
+from haptix.surface import Column
+from haptix.surface.request import digest
 
 
 class PopulationTable(DrawnPeople):
@@ -149,7 +87,7 @@ class Recipe(Document):
     finger: str = "semi-wet"
     population: PopulationTable | None = None
     screens: Annotated[tuple[str, ...], Field(min_length=1)] = ("3m-sct3250",)
-    stimuli: Annotated[dict[str, Table], Field(default_factory=dict)]
+    stimuli: Annotated[dict[str, dict[str, Any]], Field(default_factory=dict)]
     designs: tuple[Design, ...] = ()
     sample_rate_hz: PositiveFloat = 48_000.0
     format: Container = "wav"
@@ -212,3 +150,221 @@ class Recipe(Document):
                 equal_friction(made, screens)
             found += made
         return found
+
+
+TaskName = Literal["2ifc", "2afc", "3afc", "yes-no", "same-different", "pairs", "magnitude"]
+
+_SEEDED = [name for name, one in METHODS.items() if "seed" in {at.name for at in fields(one)}]
+
+_WITHOUT_TARGET = 0.05  # share of answers that find a target where there is none
+
+
+class ConditionTable(Part):
+    """Table of a recipe: what differs in a condition."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+    set: dict[str, Any] = Field(default={})
+
+
+class ExperimentRecipe(Document):
+    """An experiment, read from a file.
+
+    Parameters
+    ----------
+    name : str
+        Name of the experiment.
+    stimulus : table
+        A stimulus; the level multiplies its signal by ``10^(level / 20)``.
+    pedestal : table, optional
+        A signal in the same quantity, in both target and reference, to measure a JND.
+        Without it the reference is 0 V.
+    method : table
+        ``kind`` is "up-down", "quest+" or "constant-stimuli"; the rest are its parameters.
+    task : str
+        A name of `haptix.stimuli.adaptive.TASKS`: "2ifc" in two intervals, "2afc" on the two sides
+        of one stroke, "3afc", "yes-no", "same-different", "pairs", "magnitude".
+    finger, screen : str
+        Presets or TOML files.
+    conditions : list of tables
+        Each has a `name`, and `set`: values at dotted places of stimulus, pedestal and method.
+    order : str
+        "interleaved": each trial's condition is drawn; or the order of blocks, by the number of the
+        participant: "williams", "latin-square", "random", or "as-listed".
+    practice, catch, stop, exclude, break_every, feedback
+        As in `haptix.stimuli.adaptive.SessionPlan`.
+    """
+
+    name: str
+    stimulus: dict[str, Any]
+    method: dict[str, Any]
+    pedestal: dict[str, Any] | None = None
+    task: TaskName = "2ifc"
+    finger: str = "semi-wet"
+    screen: str = "3m-sct3250"
+    seed: int = 0
+    pause_s: Annotated[float, Field(ge=0)] = 0.5
+    ceiling_v: PositiveFloat | None = None
+    conditions: tuple[ConditionTable, ...] = ()
+    order: Literal["interleaved"] | BlockOrder = "interleaved"
+    practice: Practice | None = None
+    catch: Catch | None = None
+    stop: StopRules = StopRules()
+    exclude: Exclude = Exclude()
+    break_every: PositiveInt | None = None
+    feedback: bool = False
+    folder: Annotated[Path, Field(exclude=True)] = Path()
+
+    @classmethod
+    def _from_table(cls, fields: dict[str, Any], folder: Path) -> Self:
+        if "folder" in fields:
+            raise InputError("ExperimentRecipe.folder: a file has none; paths start where it lies")
+        return cls(**fields, folder=folder)
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> Self:
+        names = [one.name for one in self.conditions]
+        if len(set(names)) < len(names):
+            raise ValueError("conditions: expected names that differ")
+        return self
+
+    def session_plan(self) -> SessionPlan:
+        """Return what surrounds the trials."""
+        return SessionPlan(**{name: getattr(self, name) for name in SessionPlan.model_fields})
+
+    def make_method(self, participant: int = 1, seed: int | None = None) -> Method:
+        """Make the method that the table `method` describes, or that of several conditions.
+
+        Parameters
+        ----------
+        participant : int
+            Number from 1, which decides the order of blocks.
+        seed : int, optional
+            Of what is drawn in a session, in place of the recipe's; a method that states its own
+            keeps it.
+        """
+        if not self.conditions:
+            return self._method(self._tables(None), seed)
+        found = {one.name: self._method(self._tables(one), seed) for one in self.conditions}
+        if self.order == "interleaved":
+            return MethodsByCondition(found, seed=self.seed if seed is None else seed)
+        names = order_for(list(found), participant, self.order, self.seed)
+        return MethodsByCondition({name: found[name] for name in names}, interleaved=False)
+
+    def presentation(self, sample_rate_hz: float) -> Presentation:
+        """Build the surface, and return the presentation that turns a level into volts."""
+        return self._presentation(self._tables(None), sample_rate_hz)
+
+    def presentations(self, sample_rate_hz: float) -> Presentation | dict[str, Presentation]:
+        """Return the presentation of each condition; without conditions the one."""
+        if not self.conditions:
+            return self.presentation(sample_rate_hz)
+        return {
+            one.name: self._presentation(self._tables(one), sample_rate_hz)
+            for one in self.conditions
+        }
+
+    def _tables(self, condition: ConditionTable | None) -> dict[str, Any]:
+        names = ("stimulus", "pedestal", "method")
+        tables = deepcopy({name: getattr(self, name) for name in names})
+        for dotted, value in condition.set.items() if condition else ():
+            put(tables, dotted, value, f"conditions.{condition.name}.set" if condition else "")
+        return tables
+
+    def _method(self, tables: Mapping[str, Any], seed: int | None) -> Method:
+        table, task = dict(tables["method"]), task_named(self.task)
+        kinds = {"pairs": "pairs", "magnitude": "magnitudes"}
+        if (kind := kinds.get(self.task)) != table.get("kind") and (
+            kind or table.get("kind") in kinds.values()
+        ):
+            raise InputError(f"method.kind: the task {self.task!r} does not go with it")
+        if kind is None and task.guess != 0.5 and table.get("function") != "symmetric-normal":
+            table.setdefault("guess", task.guess or _WITHOUT_TARGET)
+        if seed is not None and table.get("kind") in _SEEDED:
+            table.setdefault("seed", seed)
+        kind = choice("method.kind", table.pop("kind", None), METHODS)
+        given = {name: tuple(one) if isinstance(one, list) else one for name, one in table.items()}
+        return call(f"method {kind}", METHODS[kind], given)
+
+    def _presentation(self, tables: Mapping[str, Any], sample_rate_hz: float) -> Presentation:
+        with in_folder(self.folder):
+            stimulus = stimulus_from("target", tables["stimulus"])
+            below = tables["pedestal"]
+            pedestal = None if below is None else signal_from(below, "pedestal")
+        finger = Finger.named(self.finger, self.folder)
+        screen = Screen.named(self.screen, self.folder)
+        apparatus = Apparatus.build(finger, screen, [stimulus], self.ceiling_v)
+        response, _ = apparatus.responses(stimulus)
+        made = presentation_of(stimulus, response, sample_rate_hz, pedestal)
+        found = {
+            "finger": finger.content_hash(),
+            "screen": screen.content_hash(),
+            "recipe": digest(self.model_dump(mode="json", exclude_defaults=True)),
+        }
+        return replace(
+            made,
+            identity={**made.identity, **found},
+            profile=f"{finger.name} on {screen.name} {digest(found)[:12]}",
+        )
+
+
+def presentation_of(
+    stimulus: Stimulus,
+    response: Column,
+    sample_rate_hz: float,
+    pedestal: Signal | None = None,
+) -> Presentation:
+    """Return the presentation of a stimulus, whose level [dB] scales its signal.
+
+    The signal, in contrast or volts, is multiplied by ``10^(level / 20)``. The pedestal is added to
+    the target; alone it is the reference. A level that asks for more friction than is reachable
+    counts as above every ceiling.
+    """
+    if stimulus.quantity not in ("contrast", "volts"):
+        raise InputError(
+            f'{stimulus.name}: a level in dB cannot scale a signal in "{stimulus.quantity}"; use '
+            '"contrast"'
+        )
+    rate, unit = sample_rate_hz, stimulus.signal
+    ground = Constant(0.0) if pedestal is None else pedestal
+    plain = Rendering(stimulus, response, rate)
+    values = unit.values(0, plain.samples, rate)
+    below = ground.values(0, plain.samples, rate)
+
+    def scale(level: float) -> float:
+        return float(10 ** (level / 20))
+
+    def drive(signal: Signal) -> Array:
+        return Rendering(replace(stimulus, signal=signal), response, rate).whole()
+
+    def target(level: float) -> Array:
+        return drive(ground.lasting(unit.length_s) + Product((Constant(scale(level)), unit)))
+
+    def peak(level: float) -> float:
+        total = below + scale(level) * values
+        if stimulus.quantity == "volts":
+            return float(np.abs(total).max())
+        mu = (1 + total) * response.lowest_mu
+        volts, status = response.voltage(mu)
+        if (status == Status.BELOW).any():
+            raise InputError(
+                f"{stimulus.name}: asks for friction below that without voltage at level "
+                f"{level:g}; raise its offset or the pedestal"
+            )
+        return inf if (status == response.ends_by).any() else float(volts.max())
+
+    reference = drive(ground.lasting(unit.length_s))
+    described = {
+        "stimulus": stimulus.describe(),
+        "pedestal": None if pedestal is None else pedestal.describe(),
+        "sample_rate_hz": rate,
+    }
+    asked = digest(_by_content(described))
+    return Presentation(target, reference, peak, {"stimulus": asked})
+
+
+def _by_content(value: Any) -> Any:
+    """Leave out where recordings lie: their hash says what they are."""
+    if isinstance(value, Mapping):
+        at = {"file"} if value.get("sha256") else set()
+        return {name: _by_content(one) for name, one in value.items() if name not in at}
+    return [_by_content(one) for one in value] if isinstance(value, list | tuple) else value

@@ -8,23 +8,17 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import inf, sqrt
-from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from haptix.devices import Current, DriveWindow
-from haptix.errors import InputError, LimitError
+from haptix.checks import Array
+from haptix.devices import Current
+from haptix.errors import InputError
 from haptix.perception import SensationInTime
-from haptix.signals.audio import AudioWriter
 from haptix.status import Status
-from haptix.stimuli.set_plan import SetPlan
 from haptix.stimuli.stimulus import Stimulus
-from haptix.stimuli.trials import Trigger
 from haptix.surface import Column
 from haptix.waves import sine
-
-Array = npt.NDArray[np.float64]
 
 BLOCK = 1 << 16
 """Samples per block. Sums run block by block, so that their last bits depend on it."""
@@ -262,44 +256,3 @@ class Tally:
     def is_reached(self) -> bool:
         """Whether all friction asked for is reachable."""
         return self.below == 0 and self.above == 0
-
-
-def write_drive(
-    path: Path,
-    rendering: Rendering,
-    plan: SetPlan,
-    trigger: Trigger | None,
-    threads: int,
-    on_progress: Callable[[float], None],
-) -> Tally:
-    """Render into a file, and check every sample against the limits of the set.
-
-    The file ends at the first limit that is broken; `Tally.limits` says which. An `OSError` says
-    that the file cannot be written.
-    """
-    rate, limits = rendering.sample_rate_hz, plan.limits
-    tally = Tally(SensationInTime(plan.perception, rate))
-    window = DriveWindow(limits, rate)
-    previous, total = 0.0, rendering.samples
-    form = plan.container, plan.encoding, rate, plan.full_scale_v
-    with AudioWriter(path, *form, total, trigger is not None) as file:
-        for block in rendering.stream(threads):
-            drive = block.drive_v
-            last = block.first + len(drive) == total
-            try:
-                limits.check(drive, previous, rate)
-                window.check(drive)
-                if last:  # past the end the output is at 0 V
-                    limits.check(np.zeros(1), float(drive[-1]), rate)
-            except LimitError as error:
-                second = block.first / rate
-                tally.limits.append(
-                    f"within {len(drive) / rate:.3g} s from {second:.3f} s: {error}"
-                )
-                break
-            window.take(drive)
-            tally.take(block, rendering.response)
-            file.write(drive, None if trigger is None else trigger.values(block.first, len(drive)))
-            previous = float(drive[-1])
-            on_progress((block.first + len(drive)) / total)
-    return tally

@@ -16,8 +16,7 @@ from haptix.errors import InputError
 from haptix.kinds import Kind
 from haptix.materials import material_of
 from haptix.signals.signal import Signal, signal_from
-from haptix.stimuli.along_path import SpeedProfile, speed_from
-from haptix.stimuli.of_material import MaterialSignal
+from haptix.stimuli.along_path import MaterialSignal, SpeedProfile, speed_from
 
 Quantity = Literal["mu", "contrast", "share", "volts"]
 

@@ -37,14 +37,11 @@ from haptix.scene import Scene
 from haptix.screen import Screen
 from haptix.signals.audio import read_drive
 from haptix.signals.in_time import Recorded
-from haptix.stimuli.adaptive.log import TrialLog
+from haptix.stimuli.adaptive.trial_log import TrialLog
 from haptix.stimuli.drawing import draw_stimulus, read_for_drawing
-from haptix.stimuli.experiment_recipe import ExperimentRecipe
-from haptix.stimuli.interchange.ahap import read_ahap
-from haptix.stimuli.interchange.friction_map import FrictionMap
-from haptix.stimuli.interchange.hjif import read_hjif
-from haptix.stimuli.making import check_manifest
-from haptix.stimuli.recipe import Recipe
+from haptix.stimuli.interchange import FrictionMap, read_ahap, read_hjif
+from haptix.stimuli.recipe import ExperimentRecipe, Recipe
+from haptix.stimuli.stimulus_set import check_manifest
 from haptix.surface import FrictionSurface
 from haptix.surface.request import digest
 from haptix.texture import PennModel, Texture

@@ -25,10 +25,9 @@ from haptix.stimuli.adaptive import (
     SimulatedObserver,
     UpDown,
 )
-from haptix.stimuli.adaptive.scaling import bradley_terry
-from haptix.stimuli.analysis import analyse
-from haptix.stimuli.analysis.report import write_analysis
-from haptix.stimuli.bids import export
+from haptix.stimuli.adaptive.methods import bradley_terry
+from haptix.stimuli.analysis import analyse, write_analysis
+from haptix.stimuli.study import export
 
 WAVE = np.sin(2 * np.pi * 1000 * np.arange(48) / 48_000)
 GRID = np.arange(6.0, 45.0, 1.0)

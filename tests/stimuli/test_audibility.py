@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from haptix.perception import Perception
-from haptix.stimuli.audibility import a_weighting_db, heard
 from haptix.stimuli.rendering import Block
+from haptix.stimuli.sidecar import a_weighting_db, heard
 
 RATE, KNOWN, FARAD = 48_000.0, Perception.default().audibility, 1e-9
 T = np.arange(24_000) / RATE

@@ -22,9 +22,8 @@ from haptix.stimuli.adaptive import (
     Presentation,
     SessionPlan,
 )
-from haptix.stimuli.bids import export
-from haptix.stimuli.experiment_recipe import ExperimentRecipe
-from haptix.stimuli.study_files import begin
+from haptix.stimuli.recipe import ExperimentRecipe
+from haptix.stimuli.study import begin, export
 from tests.hand_clock import HandClock
 
 WAVE = np.sin(2 * np.pi * 120 * np.arange(4800) / 48_000)
@@ -162,7 +161,7 @@ def test_no_stimulus_is_lost_however_short_its_trial(log, tmp_path, scale):
 
 def test_a_stimulus_that_has_no_sample_is_counted_in_the_data(log, tmp_path, monkeypatch):
     """Trials milliseconds apart, and a long rest: a table so long is not made so fine."""
-    monkeypatch.setattr("haptix.stimuli.bids._MOST_SAMPLES", 500)
+    monkeypatch.setattr("haptix.stimuli.study._MOST_SAMPLES", 500)
     path, _ = log
     rows = at_other_times(path, lambda t_s: 0.01 * t_s + (5.0 if t_s > 1 else 0.0))
     assert [float(row["onset_s"]) < 1 for row in rows] == [True, True, False, False, False]
@@ -246,7 +245,7 @@ def test_an_export_that_was_stopped_is_done_again(log, tmp_path, monkeypatch):
             write_whole(file, content)
 
         with monkeypatch.context() as patch:
-            patch.setattr("haptix.stimuli.study_files.write_whole", write)
+            patch.setattr("haptix.stimuli.study.write_whole", write)
             with pytest.raises(KeyboardInterrupt):
                 export(path, study, "07", "1", "detection")
         export(path, study, "07", "1", "detection")

@@ -23,7 +23,7 @@ from haptix.stimuli.adaptive import (
     Touch,
     UpDown,
 )
-from haptix.stimuli.experiment_recipe import presentation_of
+from haptix.stimuli.recipe import presentation_of
 from tests.hand_clock import HandClock
 
 RATE = 48_000

@@ -21,9 +21,9 @@ from haptix.stimuli.adaptive import (
     Presentation,
     SimulatedObserver,
     UpDown,
-    log,
+    trial_log,
 )
-from haptix.stimuli.experiment_recipe import ExperimentRecipe
+from haptix.stimuli.recipe import ExperimentRecipe
 
 WAVE = np.sin(2 * np.pi * 120 * np.arange(240) / 48_000)
 KEPT = Path(__file__).parents[1] / "data" / "kept-files"
@@ -162,7 +162,7 @@ def test_what_is_added_from_elsewhere_is_not_written_over(device, tmp_path):
 
 def test_another_program_continues_only_on_request(device, tmp_path, monkeypatch):
     path = tmp_path / "t.tsv"
-    monkeypatch.setattr("haptix.stimuli.adaptive.log.program", lambda: "0.0.9+aaaa")
+    monkeypatch.setattr("haptix.stimuli.adaptive.trial_log.program", lambda: "0.0.9+aaaa")
     monkeypatch.setattr("haptix.stimuli.adaptive.experiment.program", lambda: "0.0.9+aaaa")
     begin(device, path, 2)
     monkeypatch.undo()
@@ -170,7 +170,7 @@ def test_another_program_continues_only_on_request(device, tmp_path, monkeypatch
         experiment(device, path)
     experiment(device, path, another_program=True).run()
     versions = [row["version"] for row in rows_of(path)]
-    assert versions[:2] == ["0.0.9+aaaa"] * 2 and set(versions[2:]) == {log.program()}
+    assert versions[:2] == ["0.0.9+aaaa"] * 2 and set(versions[2:]) == {trial_log.program()}
     assert experiment(device, path).method.is_done  # asked for once
 
 
@@ -191,7 +191,7 @@ def test_a_log_of_before_is_read_and_continued_on_request(device, tmp_path):
     again.run()
     rows = rows_of(path)
     assert [row["trial"] for row in rows] == [str(k) for k in range(40)]
-    assert rows[36]["version"] == "n/a" and rows[37]["version"] == log.program()
+    assert rows[36]["version"] == "n/a" and rows[37]["version"] == trial_log.program()
     assert float(rows[37]["time_s"]) >= float(rows[36]["time_s"])
 
 
@@ -227,7 +227,7 @@ def test_rows_say_when_and_with_what(device, tmp_path):
         # Both are rounded to 1 ms.
         assert -2e-3 < float(row["onset_s"]) - (float(row["time_s"]) - 1.2) < 60
         assert began <= datetime.fromisoformat(row["date"]) <= datetime.now(UTC)
-        assert row["version"] == log.program() and "MOCK0001" in row["device"]
+        assert row["version"] == trial_log.program() and "MOCK0001" in row["device"]
 
 
 def test_a_clock_that_was_set_back_takes_no_time_back(device, tmp_path):
@@ -263,7 +263,7 @@ def test_a_disk_that_was_full_has_cost_no_trial(device, tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("haptix.stimuli.adaptive.log.os.fsync", full)
+        patch.setattr("haptix.stimuli.adaptive.trial_log.os.fsync", full)
         run = experiment(device, path)
         with pytest.raises(InputError, match="No space left"):
             run.run()
@@ -309,7 +309,7 @@ def test_kills_at_random_places_lose_nothing_and_repeat_nothing(tmp_path):
     (tmp_path / "killed").mkdir()
     path, kills, acknowledged = tmp_path / "killed" / "t.tsv", 0, 0
     # Anywhere in some trials, and between the steps by which the log is written.
-    places = [(PLACES.randint(10, 300), "adaptive/log.py") for _ in range(5)]
+    places = [(PLACES.randint(10, 300), "adaptive/trial_log.py") for _ in range(5)]
     places += [(PLACES.randint(4000, 60_000), ".py") for _ in range(40)]
     while killed_after(*places[kills], run(path)):
         kills += 1

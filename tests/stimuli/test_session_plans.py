@@ -34,10 +34,15 @@ from haptix.stimuli.adaptive import (
     StopRules,
     UpDown,
 )
-from haptix.stimuli.adaptive.session_summary import detection
-from haptix.stimuli.experiment_recipe import ExperimentRecipe
-from haptix.stimuli.orders import constrained_order, latin_square, order_for, williams_square
+from haptix.stimuli.adaptive.session import (
+    constrained_order,
+    detection,
+    latin_square,
+    order_for,
+    williams_square,
+)
 from haptix.stimuli.power import Observer, accuracy, paired_power
+from haptix.stimuli.recipe import ExperimentRecipe
 
 WAVE = np.sin(2 * np.pi * 120 * np.arange(240) / 48_000)
 ABSENT = SessionPlan(catch=Catch(share=0.4))

@@ -34,8 +34,8 @@ from haptix.stimuli import (
     grating,
 )
 from haptix.stimuli.designs import constant_stimuli, equal_friction, full_factorial
+from haptix.stimuli.set_plan import Trigger
 from haptix.stimuli.stimulus import stimulus_from
-from haptix.stimuli.trials import Trigger
 
 RATE = 48_000.0
 

@@ -22,11 +22,11 @@ from haptix.stimuli import (
     TrialPlan,
     grating,
 )
-from haptix.stimuli.again import make_again
 from haptix.stimuli.along_path import speed_from
 from haptix.stimuli.designs import equal_mean, highest_level, matched_intensity, variants_of
 from haptix.stimuli.recipe import Recipe
-from haptix.stimuli.trials import CODES, Trigger, events, pulses
+from haptix.stimuli.set_plan import CODES, Trigger, events, pulses
+from haptix.stimuli.stimulus_set import make_again
 
 RATE = 48_000.0
 

@@ -13,8 +13,8 @@ import pytest
 from haptix.service.job_work import _refuse_files_and_volts
 from haptix.service.jobs import Job
 from haptix.service.messages import JobMessage
-from haptix.stimuli.adaptive.tasks import TASKS
-from haptix.stimuli.experiment_recipe import ExperimentRecipe
+from haptix.stimuli.adaptive.session import TASKS
+from haptix.stimuli.recipe import ExperimentRecipe
 from tests.studio.conftest import ROOT, address, keep, violations
 
 

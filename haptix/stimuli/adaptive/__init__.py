@@ -1,17 +1,26 @@
 """Adaptive methods that choose levels by the answers, and the experiment that presents them."""
 
-from haptix.stimuli.adaptive.conditions import MethodsByCondition
-from haptix.stimuli.adaptive.constant import ConstantStimuli, fit
-from haptix.stimuli.adaptive.experiment import Experiment
-from haptix.stimuli.adaptive.log import TrialLog
-from haptix.stimuli.adaptive.method import Estimate, Method
+from haptix.stimuli.adaptive.experiment import Experiment, Presentation, Touch
+from haptix.stimuli.adaptive.methods import (
+    ConstantStimuli,
+    Magnitudes,
+    Method,
+    MethodsByCondition,
+    Pairs,
+)
 from haptix.stimuli.adaptive.observer import Keys, Question, SimulatedObserver
-from haptix.stimuli.adaptive.presentation import Presentation, Touch
-from haptix.stimuli.adaptive.quest import Quest
-from haptix.stimuli.adaptive.scaling import Magnitudes, Pairs
-from haptix.stimuli.adaptive.session_plan import Catch, Exclude, Practice, SessionPlan, StopRules
-from haptix.stimuli.adaptive.tasks import TASKS, Task
-from haptix.stimuli.adaptive.updown import UpDown, weighted_up_down
+from haptix.stimuli.adaptive.procedures import Quest, UpDown, weighted_up_down
+from haptix.stimuli.adaptive.psychometric import Estimate, fit
+from haptix.stimuli.adaptive.session import (
+    TASKS,
+    Catch,
+    Exclude,
+    Practice,
+    SessionPlan,
+    StopRules,
+    Task,
+)
+from haptix.stimuli.adaptive.trial_log import TrialLog
 
 METHODS: dict[str, type[Method]] = {
     one.kind: one for one in (UpDown, Quest, ConstantStimuli, Magnitudes, Pairs)

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from haptix import checks
+from haptix.checks import Array
 from haptix.devices import Device
 from haptix.errors import FileFormatError, InputError, LimitError
 from haptix.render.intervals import (
@@ -25,23 +25,124 @@ from haptix.render.intervals import (
     play,
     reported,
 )
-from haptix.stimuli.adaptive.conditions import MethodsByCondition
-from haptix.stimuli.adaptive.log import TrialLog, program
-from haptix.stimuli.adaptive.method import Estimate, Method
-from haptix.stimuli.adaptive.next_trial import next_trial
+from haptix.stimuli.adaptive.methods import Method, MethodsByCondition
 from haptix.stimuli.adaptive.observer import AnswerTo, Question
-from haptix.stimuli.adaptive.presentation import Presentation, Touch
-from haptix.stimuli.adaptive.session_plan import SessionPlan, check_plan
-from haptix.stimuli.adaptive.session_summary import found_by_chance, summary
-from haptix.stimuli.adaptive.tasks import task_named
-from haptix.stimuli.adaptive.touch_log import TouchLog
+from haptix.stimuli.adaptive.psychometric import Estimate
+from haptix.stimuli.adaptive.session import (
+    SessionPlan,
+    Task,
+    check_plan,
+    found_by_chance,
+    summary,
+    task_named,
+)
+from haptix.stimuli.adaptive.trial_log import TouchLog, TrialLog, program
+from haptix.surface.request import digest
 
 if TYPE_CHECKING:
     from haptix.render.lab_streams import LabOutlets
 
+_STEP_V = 0.01  # far below what is felt, far above the rounding of a sum
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Mean force and speed of the finger in a trial."""
+
+    normal_force_n: float
+    speed_mm_per_s: float
+
+
+@dataclass(frozen=True)
+class Presentation:
+    """Drive signals of a trial, for a level.
+
+    Parameters
+    ----------
+    target : callable
+        Drive [V], shape (samples,), for a level.
+    reference : ndarray
+        Drive [V] of the other alternative.
+    peak_v : callable
+        Highest voltage of the target at a level; must rise with it.
+    identity : mapping of str to str
+        What the drive rests on, such as ``{"stimulus": ..., "finger": ...}``, each as a hash. A log
+        is continued only by a presentation of the same identity.
+    profile : str
+        Finger and screen, for the log.
+    """
+
+    target: Callable[[float], Array]
+    reference: Array
+    peak_v: Callable[[float], float]
+    identity: Mapping[str, str] = field(default_factory=dict)
+    profile: str = ""
+
+    def allowed(self, level: float, ceiling_v: float) -> float:
+        """Return the level, lowered to the highest whose voltage is within a ceiling [V]."""
+        if self.peak_v(level) <= ceiling_v:
+            return level
+        low, high, span = level, level, 1.0
+        while self.peak_v(low) > ceiling_v:
+            low, span = low - span, 2 * span
+            if span > 1e6:
+                raise LimitError("no level keeps the target within the ceiling")
+        while (middle := 0.5 * (low + high)) not in (low, high):
+            low, high = (middle, high) if self.peak_v(middle) <= ceiling_v else (low, middle)
+        return low
+
+    def hashes(self, level: float) -> dict[str, str]:
+        """Return `identity`, and where it names no finger the drive itself, at a level."""
+        if "finger" in self.identity:
+            return dict(self.identity)
+        # Adding 0.0 makes a negative zero a zero.
+        drives = (np.round(one / _STEP_V) + 0.0 for one in (self.target(level), self.reference))
+        return {**self.identity, "drive": digest({"drive": [one.tolist() for one in drives]})}
+
+
+Kind = Literal["practice", "catch", "trial"]
+
+_CATCH = 0x636174  # keeps these draws apart from those of the order
+
+
+@dataclass(frozen=True)
+class NextTrial:
+    """A trial that is to be presented."""
+
+    kind: Kind
+    condition: str
+    """Empty where there is one alone."""
+    level: float
+    other_level: float | None
+    """Level of what it is compared with; None for the reference."""
+    has_target: tuple[bool, ...]
+    """Of each interval."""
+    right: str
+
+
+def next_trial(
+    method: Method, task: Task, plan: SessionPlan, seed: int, trial: int, attempt: int
+) -> NextTrial:
+    """Return the trial that comes after some accepted ones; it depends on nothing else."""
+    kind: Kind = "trial"
+    if plan.practice is not None and trial < plan.practice.trials:
+        kind = "practice"
+    elif plan.catch is not None:
+        is_catch = np.random.default_rng([seed, trial, _CATCH]).random() < plan.catch.share
+        kind = "catch" if is_catch else "trial"
+    level = float(method.level)
+    if kind == "practice" and plan.practice is not None:
+        level = plan.practice.level
+    elif kind == "catch" and plan.catch is not None and plan.catch.level is not None:
+        level = plan.catch.level
+    draw = np.random.default_rng([seed, trial, attempt])
+    has_target, right = task.arrange(draw, kind == "catch")
+    condition = method.condition if isinstance(method, MethodsByCondition) else ""
+    return NextTrial(kind, condition, level, method.other_level, has_target, right)
+
+
 _LOG = logging.getLogger("haptix.stimuli")
 
-Array = npt.NDArray[np.float64]
 _CLOSE = 1e-9
 _MOST_ATTEMPTS = 20  # at one trial
 

@@ -1,13 +1,17 @@
-"""The log of trials: on the disk as soon as each is over."""
+"""Logs of trials and of touches: on the disk as soon as each is over, and read again."""
 
 from __future__ import annotations
 
+import csv
 import errno
 import hashlib
+import io
 import json
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import astuple, dataclass
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -16,7 +20,17 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from haptix.errors import FileFormatError, InputError
-from haptix.files import LARGEST_TABLE_BYTES, parse_json, read_bytes, write_failure, write_whole
+from haptix.files import (
+    LARGEST_TABLE_BYTES,
+    parse_json,
+    read_bytes,
+    read_json,
+    read_text,
+    reading,
+    write_failure,
+    write_whole,
+)
+from haptix.render.intervals import TouchSample
 from haptix.version import __version__
 
 COLUMNS = (
@@ -27,6 +41,7 @@ COLUMNS = (
 """Columns of the table, in their order."""
 
 _COLUMNS_OF_1 = COLUMNS[:13]
+
 _FORMAT = 2
 _OUTSIDE = ("cli", "client", "service", "studio")  # rooms that no trial depends on
 
@@ -234,3 +249,203 @@ def _cell(value: Any) -> str:
     if value is None or value == "":
         return "n/a"
     return str(value).lower() if isinstance(value, bool) else " ".join(str(value).split())
+
+
+TOUCH_COLUMNS = (
+    "session", "trial", "attempt", "t_s", "x_mm", "y_mm", "normal_force_n", "contact", "phase",
+)  # fmt: skip
+"""Columns of the table; `t_s` is on the time of the log."""
+
+_TOUCH_HEAD = "\t".join(TOUCH_COLUMNS) + "\n"
+
+
+class TouchLog:
+    """A table of touches, which is on the disk before the row of their trial is.
+
+    A trial that was stopped before its answer leaves touches without a row; its repetition is of
+    another session.
+
+    Parameters
+    ----------
+    log : path
+        Of the trials; the table is ``NAME_touches.tsv`` beside it, made with the first touch.
+    """
+
+    def __init__(self, log: Path) -> None:
+        self.path = log.with_name(f"{log.stem}_touches.tsv")
+        self._is_checked = False
+
+    def append(
+        self, session: int, trial: int, attempt: int, samples: Sequence[TouchSample]
+    ) -> None:
+        """Write the touches of a trial, and wait until the disk has them.
+
+        Raises
+        ------
+        FileFormatError
+            If the file there is no table of touches; it stays as it is.
+        InputError
+            If it cannot be written.
+        """
+        if not samples:
+            return
+        place = (session, trial, attempt)
+        text = "".join(
+            "\t".join("n/a" if cell is None else str(cell) for cell in (*place, *astuple(one)))
+            + "\n"
+            for one in samples
+        )
+        try:
+            if not self._is_checked:
+                text = self._check() + text
+                self._is_checked = True
+            with self.path.open("ab", buffering=0) as file:
+                file.write(text.encode())
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise InputError(
+                f"cannot write touches to {self.path}: {write_failure(error, self.path)}"
+            ) from None
+
+    def _check(self) -> str:
+        """Return the head if there is no table yet; cut off a line that was not finished."""
+        if not self.path.exists() or not self.path.stat().st_size:
+            return _TOUCH_HEAD
+        with self.path.open("r+b") as file:
+            known = file.read(LARGEST_TABLE_BYTES)
+            if not known.startswith(_TOUCH_HEAD.encode()):
+                raise FileFormatError(f"{self.path}: is no table of touches, and stays as it is")
+            if not known.endswith(b"\n"):
+                file.truncate(known.rfind(b"\n") + 1)
+        return ""
+
+    def rows(self) -> Iterator[dict[str, str]]:
+        """Yield the rows that are whole; none where no panel has reported."""
+        if not self.path.exists():
+            return
+        head, *lines = read_text(self.path, LARGEST_TABLE_BYTES).splitlines(keepends=True)
+        if head != _TOUCH_HEAD:
+            raise FileFormatError(f"{self.path}: is no table of touches")
+        for line in lines:
+            cells = line.rstrip("\n").split("\t")
+            if line.endswith("\n") and len(cells) == len(TOUCH_COLUMNS):
+                yield dict(zip(TOUCH_COLUMNS, cells, strict=True))
+
+
+SETTINGS = "Experiment"
+"""Key of a ``*_beh.json`` under which the head of the log is."""
+
+_NAME = re.compile(r"sub-([A-Za-z0-9]+)_ses-([A-Za-z0-9]+)_task-([A-Za-z0-9]+)_(?:log|beh)\.tsv")
+
+
+@dataclass(frozen=True)
+class LoggedSession:
+    """A session of one participant.
+
+    Parameters
+    ----------
+    participant, session, task : str
+        Labels; a log outside of a study has its file's name as participant.
+    path : Path
+        The file that it was read from.
+    settings : mapping
+        Head of the log: method, task, seed, hashes, plan.
+    rows : tuple of dict
+        Attempts, by the columns of the log.
+    """
+
+    participant: str
+    session: str
+    task: str
+    path: Path
+    settings: Mapping[str, Any]
+    rows: tuple[Mapping[str, str], ...]
+
+    @property
+    def name(self) -> str:
+        """Participant and session, for people."""
+        return f"{self.participant}, session {self.session}" if self.session else self.participant
+
+
+def read_sessions(source: str | Path) -> list[LoggedSession]:
+    """Read the sessions of a log, of a folder of logs, or of a study.
+
+    Of a study those in ``sourcedata`` count, as they are the logs themselves; where a study is
+    without, as one that was passed on, its ``*_beh.tsv``.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is no log of trials.
+    InputError
+        If there is none.
+    """
+    source = Path(source)
+    if not source.is_dir():
+        return [read_log(source)]
+    if (source / "dataset_description.json").exists():
+        found: dict[tuple[str, ...], LoggedSession] = {}
+        for path in sorted(source.glob("sub-*/**/*_beh.tsv")):
+            one = _read_beh(path)
+            found[one.participant, one.session, one.task] = one
+        for path in sorted(source.glob("sourcedata/sub-*/**/*_log.tsv")):
+            one = read_log(path)
+            found[one.participant, one.session, one.task] = one
+        sessions = [found[key] for key in sorted(found)]
+    else:
+        logs = (path for path in sorted(source.rglob("*.tsv")) if is_log(path))
+        sessions = [read_log(path) for path in logs]
+    if not sessions:
+        raise InputError(f"{source}: has no log of trials; name a log, or the folder of a study")
+    return sessions
+
+
+def is_log(path: Path) -> bool:
+    """Whether a file begins as a log of trials does."""
+    with reading(path, "a table"), path.open("rb") as file:
+        return file.read(3) == b"# {"
+
+
+def read_log(path: Path) -> LoggedSession:
+    """Read a log; a last line that was cut off while it was written is no trial."""
+    lines = read_text(path, LARGEST_TABLE_BYTES).splitlines(keepends=True)
+    if len(lines) < 2 or not lines[0].startswith("# {"):
+        raise FileFormatError(f"{path}: is not a log of trials")
+    with reading(path, "a log of trials"):
+        settings = parse_json(lines[0].removeprefix("# "))
+    if lines[1].split() != list(COLUMNS) or "method" not in settings:
+        raise FileFormatError(
+            f"{path}: is a log of another version of haptix; continue it with --another-program "
+            "first"
+        )
+    rows = []
+    for number, line in enumerate(lines[2:], 3):
+        cells = line.rstrip("\r\n").split("\t")
+        if len(cells) == len(COLUMNS) and line.endswith("\n"):
+            rows.append(dict(zip(COLUMNS, cells, strict=True)))
+        elif number < len(lines) or line.endswith("\n"):
+            raise FileFormatError(
+                f"{path}, line {number}: expected {len(COLUMNS)} columns, got {len(cells)}; "
+                "restore the log as it was written"
+            )
+    return LoggedSession(*_labels(path), path, settings, tuple(rows))
+
+
+def _read_beh(path: Path) -> LoggedSession:
+    about = read_json(path.with_suffix(".json"))
+    if not isinstance(about.get(SETTINGS), dict):
+        raise FileFormatError(
+            f"{path.with_suffix('.json')}: has no {SETTINGS!r}, which says by what method the "
+            "levels were chosen; export its log again (haptix stimuli bids)"
+        )
+    text = io.StringIO(read_text(path, LARGEST_TABLE_BYTES), newline="")
+    rows = []
+    for row in csv.DictReader(text, delimiter="\t"):
+        known = {"right": row.get("correct"), "onset_s": row.get("onset"), **row}
+        rows.append({name: known.get(name) or "n/a" for name in COLUMNS})
+    return LoggedSession(*_labels(path), path, about[SETTINGS], tuple(rows))
+
+
+def _labels(path: Path) -> tuple[str, str, str]:
+    found = _NAME.fullmatch(path.name)
+    return (found[1], found[2], found[3]) if found else (path.stem, "", "")

@@ -1,0 +1,337 @@
+"""Methods of an experiment: they choose levels and take answers; those of a fixed order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from itertools import combinations
+from math import isinf, log, nan
+from typing import Any, ClassVar
+
+import numpy as np
+
+from haptix.checks import Array, positive, row, whole
+from haptix.errors import InputError
+from haptix.stimuli.adaptive.psychometric import (
+    Estimate,
+    fit,
+    function_named,
+)
+
+
+@dataclass(eq=False)
+class Method:
+    """Chooses levels one at a time by the answers so far. A subclass has its settings as fields."""
+
+    kind: ClassVar[str]
+    """Name in recipes."""
+
+    @property
+    def level(self) -> float:
+        """The level to be presented next."""
+        raise NotImplementedError
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the method is finished."""
+        raise NotImplementedError
+
+    @property
+    def other_level(self) -> float | None:
+        """Level of what the next is compared with; None for the reference."""
+        return None
+
+    def update(self, is_right: float, level: float | None = None) -> None:
+        """Take an answer; `level` is the presented level, if it differs from the method's.
+
+        Right is True, or 1; where a number is the answer, it is that number.
+        """
+        raise NotImplementedError
+
+    def estimate(self) -> Estimate:
+        """Estimate from the answers so far."""
+        raise NotImplementedError
+
+    def describe(self) -> dict[str, Any]:
+        """Everything that determines what it does, as plain values; no limit is None."""
+        given = {one.name: getattr(self, one.name) for one in fields(self) if one.init}
+        return {"method": self.kind} | {
+            name: None if isinstance(value, float) and isinf(value) else value
+            for name, value in given.items()
+        }
+
+
+class FixedOrder(Method):
+    """A method whose presentations are in order before the first trial."""
+
+    _order: list[tuple[float, ...]]
+    """Level of each presentation, and of what it is compared with, if that is a level."""
+    answers: Sequence[object]
+
+    @property
+    def _next(self) -> tuple[float, ...]:
+        return self._order[min(len(self.answers), len(self._order) - 1)]
+
+    @property
+    def level(self) -> float:
+        return self._next[0]
+
+    @property
+    def is_done(self) -> bool:
+        return len(self.answers) >= len(self._order)
+
+
+def shuffled(levels: Sequence[float], repeats: int, seed: int) -> list[tuple[float, ...]]:
+    """Return all levels once in each repetition, in random order."""
+    draw = np.random.default_rng(seed)
+    return [(float(one),) for _ in range(repeats) for one in draw.permutation(list(levels))]
+
+
+@dataclass(eq=False)
+class MethodsByCondition(Method):
+    """A method for each condition.
+
+    Parameters
+    ----------
+    methods : mapping of str to Method
+        By the names of the conditions, in the order of their blocks.
+    interleaved : bool
+        Each trial's condition is drawn from those that are not done; otherwise one follows another.
+    seed : int
+        Seed of what is drawn.
+    """
+
+    methods: Mapping[str, Method]
+    interleaved: bool = True
+    seed: int = 0
+
+    kind = "conditions"
+
+    def __post_init__(self) -> None:
+        if not self.methods:
+            raise InputError("conditions: expected one or more")
+        self._taken = 0
+        self._drawn: str | None = None
+
+    @property
+    def condition(self) -> str:
+        """Name of the condition of the next trial."""
+        if self._drawn is None:
+            left = [name for name, one in self.methods.items() if not one.is_done]
+            left = left or list(self.methods)[-1:]
+            draw = np.random.default_rng([self.seed, self._taken])
+            self._drawn = left[int(draw.integers(len(left)))] if self.interleaved else left[0]
+        return self._drawn
+
+    @property
+    def level(self) -> float:
+        return self.methods[self.condition].level
+
+    @property
+    def other_level(self) -> float | None:
+        return self.methods[self.condition].other_level
+
+    @property
+    def is_done(self) -> bool:
+        return all(one.is_done for one in self.methods.values())
+
+    def update(self, is_right: float, level: float | None = None) -> None:
+        """Take an answer to the condition of the next trial."""
+        self.methods[self.condition].update(is_right, level)
+        self._taken, self._drawn = self._taken + 1, None
+
+    def estimate(self) -> Estimate:
+        """Return the estimate of a single condition; several have one each, in `methods`."""
+        if len(self.methods) == 1:
+            return next(iter(self.methods.values())).estimate()
+        return Estimate(nan, nan, {})
+
+    def describe(self) -> dict[str, Any]:
+        found = {name: one.describe() for name, one in self.methods.items()}
+        return super().describe() | {"methods": found, "order": list(self.methods)}
+
+
+@dataclass(eq=False)
+class ConstantStimuli(FixedOrder):
+    """Every level equally often, in a random order.
+
+    Parameters
+    ----------
+    levels : sequence of float
+        Levels.
+    repeats : int
+        Presentations of each level.
+    seed : int
+        Seed of the order; every repetition has all levels once.
+    function, guess, lapse
+        Form and fixed parameters of the fitted function, see `fit`.
+    """
+
+    levels: Sequence[float]
+    repeats: int = 20
+    seed: int = 0
+    function: str = "weibull"
+    guess: float = 0.5
+    lapse: float = 0.02
+
+    kind = "constant-stimuli"
+
+    def __post_init__(self) -> None:
+        self.levels = row("levels", self.levels, 2).tolist()
+        whole("repeats", self.repeats, 1)
+        function_named(self.function)
+        self._order = shuffled(self.levels, self.repeats, self.seed)
+        self.answers: list[tuple[float, bool]] = []
+
+    def update(self, is_right: float, level: float | None = None) -> None:
+        self.answers.append((self.level if level is None else float(level), bool(is_right)))
+
+    def estimate(self) -> Estimate:
+        levels, answers = zip(*self.answers, strict=True) if self.answers else ((), ())
+        return fit(levels, answers, self.function, self.guess, self.lapse)
+
+
+@dataclass(eq=False)
+class Magnitudes(FixedOrder):
+    """Magnitude estimation: a number for each presentation, without a standard.
+
+    Stevens, Psychol. Rev. 64, 153 (1957): the geometric mean of the numbers rises as a power of the
+    intensity; levels are in dB, 20 log10 of it.
+
+    Parameters
+    ----------
+    levels : sequence of float
+        Levels [dB].
+    repeats : int
+        Presentations of each; every repetition has all levels once.
+    seed : int
+        Seed of the order.
+    """
+
+    levels: Sequence[float]
+    repeats: int = 4
+    seed: int = 0
+
+    kind = "magnitudes"
+
+    def __post_init__(self) -> None:
+        self.levels = row("levels", self.levels, 2).tolist()
+        whole("repeats", self.repeats, 1)
+        self._order = shuffled(self.levels, self.repeats, self.seed)
+        self.answers: list[tuple[float, float]] = []
+        """Level of each trial, and the number that was given."""
+
+    def update(self, is_right: float, level: float | None = None) -> None:
+        """Take the number that was given."""
+        number = positive("answer", float(is_right))
+        self.answers.append((self.level if level is None else float(level), number))
+
+    def estimate(self) -> Estimate:
+        """Return the exponent of the power function and its standard error; no threshold."""
+        levels, numbers = np.array(self.answers).reshape(-1, 2).T
+        if len(set(levels.tolist())) < 2:
+            return Estimate(nan, nan, {})
+        from scipy.stats import linregress
+
+        found = linregress(levels / 20 * log(10), np.log(numbers))
+        means = {
+            f"mean_at_{level:g}": float(np.exp(np.log(numbers[levels == level]).mean()))
+            for level in sorted(set(levels.tolist()))
+        }
+        line = {"exponent": float(found.slope), "exponent_spread": float(found.stderr)}
+        return Estimate(nan, nan, line | means)
+
+
+@dataclass(eq=False)
+class Pairs(FixedOrder):
+    """Pairwise comparison: which of two levels is more, for all pairs.
+
+    Parameters
+    ----------
+    levels : sequence of float
+        Levels, two or more that differ.
+    repeats : int
+        Comparisons of each pair; every repetition has all pairs once.
+    seed : int
+        Seed of the order.
+    """
+
+    levels: Sequence[float]
+    repeats: int = 4
+    seed: int = 0
+
+    kind = "pairs"
+
+    def __post_init__(self) -> None:
+        self.levels = row("levels", self.levels, 2).tolist()
+        if len(set(self.levels)) < len(self.levels):
+            raise InputError("levels: expected levels that differ")
+        whole("repeats", self.repeats, 1)
+        draw = np.random.default_rng(self.seed)
+        pairs = list(combinations(self.levels, 2))
+        self._order = [
+            pairs[i][:: (1 if draw.random() < 0.5 else -1)]
+            for _ in range(self.repeats)
+            for i in draw.permutation(len(pairs))
+        ]
+        self.answers: list[tuple[float, float, bool]] = []
+        """The two levels of each trial, and whether the first was more."""
+
+    @property
+    def other_level(self) -> float:
+        return self._next[1]
+
+    def update(self, is_right: float, level: float | None = None) -> None:
+        """Take whether `level` was more than `other_level`."""
+        self.answers.append((self.level, self.other_level, bool(is_right)))
+
+    def wins(self) -> Array:
+        """Return how often each level was more than each other one, shape (levels, levels)."""
+        at = {level: k for k, level in enumerate(self.levels)}
+        won = np.zeros((len(at), len(at)))
+        for first, second, is_more in self.answers:
+            more, less = (first, second) if is_more else (second, first)
+            won[at[more], at[less]] += 1
+        return won
+
+    def estimate(self) -> Estimate:
+        """Return a scale value for each level, in logits with a mean of 0; no threshold."""
+        scale = dict(zip(self.levels, bradley_terry(self.wins())[0].tolist(), strict=True))
+        return Estimate(nan, nan, {f"scale_at_{x:g}": value for x, value in scale.items()})
+
+
+def bradley_terry(wins: Array) -> tuple[Array, Array, float]:
+    """Return scale values in logits with a mean of 0, their standard errors, and how they fit.
+
+    Bradley & Terry, Biometrika 39, 324 (1952), by Hunter's iteration (Ann. Stat. 32, 384 (2004)).
+    Half a win is added to each side of each pair, so that all values are finite. Errors are those
+    of the likelihood's curvature. The fit is the probability of a deviance as large from that of
+    pairs that have no scale in common (a chi-square approximation); NaN for two levels.
+
+    Parameters
+    ----------
+    wins : ndarray, shape (levels, levels)
+        How often the level of a row was more than that of a column.
+    """
+    from scipy.special import xlogy
+    from scipy.stats import chi2
+
+    count = len(wins)
+    won = wins + 0.5 - 0.5 * np.eye(count)
+    both, strength = won + won.T, np.ones(count)
+    for _ in range(10_000):
+        before = strength
+        shares = both / (strength[:, None] + strength[None, :])
+        strength = won.sum(1) / shares.sum(1)
+        strength /= np.exp(np.log(strength).mean())
+        if np.abs(np.log(strength / before)).max() < 1e-10:
+            break
+    share = strength[:, None] / (strength[:, None] + strength[None, :])
+    bend = both * share * (1 - share)
+    # Values are known but for a constant; their mean is held at 0.
+    spread = np.sqrt(np.diag(np.linalg.pinv(np.diag(bend.sum(1)) - bend)))
+    total, off = wins + wins.T, ~np.eye(count, dtype=bool)
+    observed = np.divide(wins, total, out=np.full_like(share, 0.5), where=total > 0)
+    deviance = 2 * float((xlogy(wins, observed) - xlogy(wins, share))[off].sum())
+    free = int((np.triu(total, 1) > 0).sum()) - (count - 1)
+    return np.log(strength), spread, float(chi2.sf(deviance, free)) if free > 0 else nan

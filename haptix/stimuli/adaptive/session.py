@@ -1,0 +1,341 @@
+"""What surrounds the trials of a session: task, order of conditions, practice, catch trials."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from math import isnan, sqrt
+from statistics import NormalDist
+from typing import Annotated, Any, Literal, TypeVar, get_args
+
+import numpy as np
+from pydantic import Field, PositiveFloat, PositiveInt
+
+from haptix.checks import choice, whole
+from haptix.documents import Part
+from haptix.errors import InputError
+from haptix.stimuli.adaptive.psychometric import CHANCE_P, Estimate, without
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task.
+
+    Parameters
+    ----------
+    choices : tuple of str
+        Keys of the answers; none where a number is the answer.
+    intervals : int
+        Presentations of a trial.
+    guess : float
+        Share right of one who guesses.
+    detects : bool
+        Trials without a target are among those with one, and the answers say which is which.
+    in_one_stroke : bool
+        Presentations follow each other without a pause.
+    """
+
+    choices: tuple[str, ...]
+    intervals: int
+    guess: float
+    detects: bool = False
+    in_one_stroke: bool = False
+
+    def arrange(self, draw: np.random.Generator, is_empty: bool) -> tuple[tuple[bool, ...], str]:
+        """Draw which intervals have the target, and which answer is right.
+
+        An empty trial has none: of the tasks that detect.
+        """
+        place = int(draw.integers(max(2, self.intervals)))
+        has_target = tuple(k == place or self.intervals == 1 for k in range(self.intervals))
+        if not self.detects:
+            return has_target, self.choices[place] if self.choices else ""
+        if is_empty:
+            return (False,) * self.intervals, self.choices[1]
+        return has_target, self.choices[0]
+
+
+TASKS = {
+    "2ifc": Task(("1", "2"), 2, 0.5),
+    "2afc": Task(("l", "r"), 2, 0.5, in_one_stroke=True),
+    "3afc": Task(("1", "2", "3"), 3, 1 / 3),
+    "yes-no": Task(("y", "n"), 1, 0.0, detects=True),
+    "same-different": Task(("d", "s"), 2, 0.0, detects=True),
+    "pairs": Task(("1", "2"), 2, 0.5),
+    "magnitude": Task((), 1, 0.0),
+}
+"""By name: the target in one of two or three intervals, or on one side of a stroke; there or not;
+two that differ or not; which of two is more; a number for one."""
+
+
+def task_named(name: str) -> Task:
+    """Look a task up by its name."""
+    return TASKS[choice("task", name, TASKS)]
+
+
+Item = TypeVar("Item", bound=Hashable)
+
+BlockOrder = Literal["as-listed", "random", "latin-square", "williams"]
+
+_MOST_DRAWS = 1000
+
+
+def latin_square(count: int) -> list[list[int]]:
+    """Cyclic Latin square: each row and each column has every number once."""
+    whole("count", count, 1)
+    return [[(row + column) % count for column in range(count)] for row in range(count)]
+
+
+def williams_square(count: int) -> list[list[int]]:
+    """Latin square in which each number follows each other one equally often.
+
+    Williams, Aust. J. Sci. Res. A 2, 149 (1949). With an odd count it has twice as many rows.
+    """
+    whole("count", count, 1)
+    first, low, high = [0], 1, count - 1
+    while low <= high:
+        first.append(low)
+        if low != high:
+            first.append(high)
+        low, high = low + 1, high - 1
+    rows = [[(start + step) % count for step in first] for start in range(count)]
+    return rows + [row[::-1] for row in rows] if count % 2 and count > 1 else rows
+
+
+def order_for(
+    items: Sequence[Item], participant: int, design: BlockOrder = "williams", seed: int = 0
+) -> list[Item]:
+    """Return the order of some conditions for a participant, counterbalanced by the number.
+
+    Participants 1, 2, ... take the rows of the square in turn: groups as large as its number of
+    rows are balanced. A random order depends on seed and participant.
+    """
+    whole("participant", participant, 0)
+    choice("order", design, get_args(BlockOrder))
+    if design == "as-listed":
+        return list(items)
+    if design == "random":
+        draw = np.random.default_rng([seed, participant])
+        return [items[int(i)] for i in draw.permutation(len(items))]
+    make = latin_square if design == "latin-square" else williams_square
+    square = make(len(items))
+    return [items[i] for i in square[(participant - 1) % len(square)]]
+
+
+def seed_of(seed: int, participant: str, session: str) -> int:
+    """Return the seed of one session, so that no two have trials in the same order."""
+    text = f"{seed}/{participant}/{session}"
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big")
+
+
+def constrained_order(
+    items: Sequence[Item],
+    repeats: int,
+    seed: int = 0,
+    most_in_a_row: int = 1,
+) -> list[Item]:
+    """Return a random order with each item `repeats` times, none more than some times in a row.
+
+    Parameters
+    ----------
+    items : sequence
+        Different items.
+    repeats : int
+        How often each comes.
+    seed : int
+        Seed of the order.
+    most_in_a_row : int
+        Longest run of one item.
+
+    Raises
+    ------
+    InputError
+        If there is no such order, or none was found.
+    """
+    whole("repeats", repeats, 1)
+    whole("most_in_a_row", most_in_a_row, 1)
+    draw = np.random.default_rng(seed)
+    for _ in range(_MOST_DRAWS):
+        left = dict.fromkeys(items, repeats)
+        order: list[Item] = []
+        while True:
+            last = order[-most_in_a_row:]
+            is_full = len(last) == most_in_a_row and len(set(last)) == 1
+            open_ones = [one for one, n in left.items() if n and not (is_full and one == last[0])]
+            if not open_ones:
+                break
+            weights = np.array([left[one] for one in open_ones], float)
+            order.append(open_ones[int(draw.choice(len(open_ones), p=weights / weights.sum()))])
+            left[order[-1]] -= 1
+        if len(order) == repeats * len(items):
+            return order
+    raise InputError(
+        f"order: found none of {len(items)} items, {repeats} times each, with at most "
+        f"{most_in_a_row} in a row; allow longer runs"
+    )
+
+
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class Practice(Part):
+    """Trials at the beginning that do not count, at a level that is surely felt."""
+
+    trials: PositiveInt
+    level: float
+    feedback: bool = True
+
+
+class Catch(Part):
+    """Trials that the method does not hear of: they tell whether somebody attends.
+
+    Where one of several intervals has the target, it is at a `level` that is surely felt. Where the
+    answer is whether there is a target, or a difference, there is none.
+    """
+
+    share: Annotated[float, Field(gt=0, lt=1)]
+    level: float | None = None
+
+
+class StopRules(Part):
+    """A session ends at the first that is reached; the method may end it before."""
+
+    most_trials: PositiveInt | None = None
+    most_minutes: PositiveFloat | None = None
+    spread: PositiveFloat | None = None
+    least_trials: PositiveInt = 20
+    """Before them the spread is not looked at."""
+
+
+class Exclude(Part):
+    """Rules by which a session is marked as excluded; its data stay."""
+
+    catch_right: Share | None = None
+    """Least share of catch trials right."""
+    off_touch: Share | None = None
+    """Most attempts whose touch was off."""
+
+
+class SessionPlan(Part):
+    """All of them.
+
+    Parameters
+    ----------
+    break_every : int, optional
+        Trials after which the participant rests.
+    feedback : bool
+        Whether each answer is told to be right or wrong.
+    """
+
+    practice: Practice | None = None
+    catch: Catch | None = None
+    stop: StopRules = StopRules()
+    exclude: Exclude = Exclude()
+    break_every: PositiveInt | None = None
+    feedback: bool = False
+
+
+def check_plan(plan: SessionPlan, task: Task, name: str) -> None:
+    """Raise `InputError` where a task cannot have what a plan asks for."""
+    if plan.catch is None:
+        if task.detects:
+            raise InputError(
+                f"catch: the task {name!r} needs trials without a target, to tell who always says "
+                "the same; give their share, such as catch = { share = 0.5 }"
+            )
+        return
+    if not task.choices:
+        raise InputError(f"catch: {name} has no right answers, and so no catch trials")
+    if task.detects != (plan.catch.level is None):
+        need = "no level: there is no target" if task.detects else "a level that is surely felt"
+        raise InputError(f"catch.level: catch trials of {name} have {need}")
+
+
+_NORMAL = NormalDist()
+
+
+def summary(
+    rows: Sequence[Mapping[str, str]], task: str, exclude: Exclude | None = None
+) -> dict[str, Any]:
+    """Return what the rows of a log say, as plain values.
+
+    Catch trials right; of tasks that detect also the shares of hits and false alarms, d' and the
+    criterion; and by which rules the session is excluded.
+    """
+    rules, found = exclude or Exclude(), dict[str, Any]()
+    why = []
+    counted = [row for row in rows if row["accepted"] == "true"]
+    caught = [row for row in counted if row["kind"] == "catch"]
+    if caught:
+        right = sum(row["is_right"] == "true" for row in caught)
+        found["catch_trials"], found["catch_right"] = len(caught), right / len(caught)
+        if rules.catch_right is not None and right / len(caught) < rules.catch_right:
+            why.append(f"{right} of {len(caught)} catch trials were right")
+    if rows and rules.off_touch is not None:
+        off = 1 - len(counted) / len(rows)
+        if off > rules.off_touch:
+            why.append(f"the touch was off in {off:.0%} of the attempts")
+    if task_named(task).detects and caught:
+        shown = [row for row in counted if row["kind"] == "trial"]
+        found |= detection(
+            sum(row["is_right"] == "true" for row in shown), len(shown),
+            sum(row["is_right"] != "true" for row in caught), len(caught), task,
+        )  # fmt: skip
+    if why:
+        found["excluded"] = "; ".join(why)
+    return found
+
+
+def found_by_chance(
+    found: Estimate, rows: Sequence[Mapping[str, str]], task: str, condition: str = ""
+) -> Estimate:
+    """Return an estimate, without a threshold if targets were found where none was as often."""
+    if not task_named(task).detects or isnan(found.threshold):
+        return found
+    from scipy.stats import fisher_exact
+
+    table = [[0, 0], [0, 0]]
+    for row in rows:
+        if row["accepted"] == "true" and row["kind"] in ("trial", "catch"):
+            is_empty = row["kind"] == "catch"
+            # An empty trial that is wrong is one in which a target was found.
+            was_found = (row["is_right"] == "true") != is_empty
+            if is_empty or not condition or row["condition"] == condition:
+                table[is_empty][not was_found] += 1
+    p = float(fisher_exact(table, alternative="greater").pvalue)
+    if p <= CHANCE_P:
+        return found
+    return without(
+        found,
+        f"no threshold: a target was found in {table[0][0]} of {sum(table[0])} trials with one, "
+        f"and in {table[1][0]} of {sum(table[1])} without (p = {p:.2g})",
+    )
+
+
+def detection(
+    hits: int, shown: int, false_alarms: int, empty: int, task: str = "yes-no"
+) -> dict[str, float]:
+    """Return the shares of hits and false alarms, d' and the criterion.
+
+    Half an answer is added to each count (Hautus, Behav. Res. Methods 27, 46 (1995)). For
+    "same-different" d' is that of an observer who compares the two (Macmillan & Creelman, Detection
+    Theory, 2nd ed. (2005), ch. 9).
+    """
+    hit = (hits + 0.5) / (shown + 1)
+    false = (false_alarms + 0.5) / (empty + 1)
+    found = {"hits": hit, "false_alarms": false}
+    if task != "same-different":
+        z_hit, z_false = _NORMAL.inv_cdf(hit), _NORMAL.inv_cdf(false)
+        return found | {"d_prime": z_hit - z_false, "criterion": -(z_hit + z_false) / 2}
+    limit = -sqrt(2) * _NORMAL.inv_cdf(false / 2)
+
+    def hits_at(d: float) -> float:
+        above, below = ((limit - d) / sqrt(2), (-limit - d) / sqrt(2))
+        return 1 - _NORMAL.cdf(above) + _NORMAL.cdf(below)
+
+    low, high = 0.0, 20.0
+    for _ in range(60):  # hits rise with d'
+        middle = (low + high) / 2
+        low, high = (middle, high) if hits_at(middle) < hit else (low, middle)
+    return found | {"d_prime": low, "criterion": limit}

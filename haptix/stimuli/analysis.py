@@ -1,0 +1,624 @@
+"""From logs, or a study in the form of BIDS, to thresholds, scales, tables and a report."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import combinations
+from math import inf, isnan, sqrt
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from haptix.checks import Array
+from haptix.errors import FileFormatError, MissingExtraError, from_extra
+from haptix.files import json_text, reading, write_folder
+from haptix.report import page, paragraph, picture, table
+from haptix.stimuli.adaptive import METHODS, Estimate, Magnitudes, Method, Pairs, UpDown
+from haptix.stimuli.adaptive.methods import bradley_terry
+from haptix.stimuli.adaptive.psychometric import counted, function_named
+from haptix.stimuli.adaptive.session import SessionPlan, found_by_chance, summary
+from haptix.stimuli.adaptive.trial_log import LoggedSession, read_sessions
+from haptix.stimuli.study import BIDS_VERSION
+from haptix.surface.request import digest
+from haptix.version import __version__
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_OWN = ("seed", "order")  # of a participant, in the description of a method
+
+_OF_APPARATUS = ("finger", "screen", "recipe", "drive")  # the drive is that of the first level
+
+
+@dataclass(frozen=True)
+class RunOfMethod:
+    """The answers of a session in one condition, and what its method states of them."""
+
+    session: LoggedSession
+    condition: str
+    """Empty where there is one alone."""
+    experiment: str
+    """Hash of what was asked: task, stimulus and method, but not finger, screen and order."""
+    method: Method
+    found: Estimate
+    rows: tuple[Mapping[str, str], ...]
+    """Trials that the method has heard of."""
+    summary: Mapping[str, Any]
+
+    @property
+    def place(self) -> dict[str, Any]:
+        """Columns that say whose it is."""
+        one = self.session
+        place = {"participant": one.participant, "session": one.session, "task": one.task}
+        return {**place, "condition": self.condition, "experiment": self.experiment}
+
+
+def runs_of(session: LoggedSession) -> Iterator[RunOfMethod]:
+    """Yield the runs of a session: its methods hear its answers again.
+
+    Raises
+    ------
+    FileFormatError
+        If a row is none of the experiment of its head.
+    """
+    with reading(session.path, "a log of trials"):
+        described = session.settings["method"]
+        tables = described["methods"] if described["method"] == "conditions" else {"": described}
+        methods = {name: method_of(table) for name, table in tables.items()}
+        own: dict[str, list[Mapping[str, str]]] = {name: [] for name in methods}
+        for row in session.rows:
+            if row["accepted"] != "true" or row["kind"] not in ("trial", "n/a"):
+                continue
+            condition = row["condition"].replace("n/a", "")
+            if condition not in methods:
+                raise FileFormatError(
+                    f"{session.path}: trial {row['trial']} is of the condition {condition!r}, "
+                    f"which its head does not have: expected one of {', '.join(methods)}"
+                )
+            is_number = row["is_right"] == "n/a"
+            value = float(row["answer"]) if is_number else row["is_right"] == "true"
+            methods[condition].update(value, float(row["level"]))
+            own[condition].append(row)
+        task, plan = session.settings["task"], SessionPlan(**session.settings.get("plan", {}))
+        found = {
+            name: found_by_chance(method.estimate(), session.rows, task, name)
+            for name, method in methods.items()
+        }
+        if unfinished := _unfinished(plan, methods.values(), found.values()):
+            found = {
+                name: replace(one, warnings=(unfinished, *one.warnings))
+                for name, one in found.items()
+            }
+        said = summary(session.rows, task, plan.exclude)
+        for name, method in methods.items():
+            asked = _hash(session.settings, name, tables[name])
+            yield RunOfMethod(session, name, asked, method, found[name], (*own[name],), said)
+
+
+def method_of(table: Mapping[str, Any]) -> Method:
+    """Make a method anew from what `Method.describe` says of it."""
+    kind = METHODS[table["method"]]
+    names = [one.name for one in fields(kind) if one.init]
+    # No limit is None there, and the default here.
+    return kind(**{name: table[name] for name in names if table.get(name) is not None})
+
+
+def _unfinished(plan: SessionPlan, methods: Iterable[Method], found: Iterable[Estimate]) -> str:
+    """Say that a session is not over; a rule of time cannot be told from a log."""
+    counted, stop = 0, plan.stop
+    is_done = True
+    for method in methods:
+        counted += len(getattr(method, "answers", ()))
+        is_done &= method.is_done
+    if is_done or counted >= (stop.most_trials or inf) or stop.most_minutes is not None:
+        return ""
+    if stop.spread is not None and all(one.spread <= stop.spread for one in found):
+        return ""
+    return f"the session is not over: it has {counted} trials that count"
+
+
+def _hash(settings: Mapping[str, Any], condition: str, method: Mapping[str, Any]) -> str:
+    hashes = settings.get("hashes", {})
+    hashes = hashes.get(condition, hashes) if condition else hashes
+    of_stimulus = {name: one for name, one in hashes.items() if name not in _OF_APPARATUS}
+    plain = {name: one for name, one in method.items() if name not in _OWN}
+    return digest({"task": settings["task"], "hashes": of_stimulus, "method": plain})[:8]
+
+
+Row = dict[str, Any]
+
+_QUANTILE = 0.975
+_GROUP = ("task", "condition", "experiment")
+
+
+def means(rows: Sequence[Row], column: str, spread: str) -> list[Row]:
+    """Return mean, spread between participants and 95 % interval of each condition.
+
+    A participant's sessions are averaged first. Who has no value, or is excluded, is counted and
+    not averaged. Intervals are Student's.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+        A row for each participant, session and condition.
+    column, spread : str
+        What is averaged, and its own spread within a session.
+    """
+    found = []
+    for group, members in _rows_by_condition(rows).items():
+        own = _by_participant(members, column)
+        everybody = {row["participant"] for row in members}
+        within = [row[spread] for row in members if row[spread] is not None and _counts(row)]
+        found.append(
+            {
+                **dict(zip(_GROUP, group, strict=True)),
+                "participants": len(own),
+                "without": len(everybody) - len(own),
+                **_mean(np.array([*own.values()]), column.removesuffix("_db")),
+                "spread_within": float(np.sqrt(np.mean(np.square(within)))) if within else None,
+            }
+        )
+    return found
+
+
+def exponents_of_all(rows: Sequence[Row]) -> list[Row]:
+    """Return the mean exponent of each condition."""
+    return means(rows, "exponent", "exponent_spread")
+
+
+def differences(rows: Sequence[Row]) -> list[Row]:
+    """Return differences of two conditions within participants, with a paired t-test.
+
+    `p_holm` is p corrected for the number of pairs of the task (Holm, Scand. J. Stat. 6, 65
+    (1979)).
+    """
+    from scipy.stats import t as student
+
+    by_task: dict[str, dict[tuple[Any, ...], dict[str, float]]] = {}
+    for group, members in _rows_by_condition(rows).items():
+        by_task.setdefault(group[0], {})[group] = _by_participant(members, "threshold_db")
+    found: list[Row] = []
+    for task, conditions in by_task.items():
+        of_task: list[Row] = []
+        for (first, own), (second, others) in combinations(conditions.items(), 2):
+            both = sorted(own.keys() & others.keys())
+            apart = np.array([others[name] - own[name] for name in both])
+            if first[1] == second[1] or len(both) < 2:
+                continue
+            error = float(apart.std(ddof=1)) / sqrt(len(both))
+            p = float(2 * student.sf(abs(apart.mean()) / error, len(both) - 1)) if error else None
+            of_task.append(
+                {
+                    "task": task,
+                    "condition": second[1],
+                    "minus": first[1],
+                    "participants": len(both),
+                    **_mean(apart, "difference"),
+                    "p": p,
+                    "p_holm": None,
+                }
+            )
+        known = sorted((row for row in of_task if row["p"] is not None), key=lambda row: row["p"])
+        highest = 0.0
+        for place, row in enumerate(known):
+            highest = max(highest, min(1.0, row["p"] * (len(known) - place)))
+            row["p_holm"] = highest
+        found += of_task
+    return found
+
+
+def _mean(values: Array, name: str) -> Row:
+    from scipy.stats import t as student
+
+    count = len(values)
+    mean = float(values.mean()) if count else None
+    row: Row = {f"{name}_db" if name != "exponent" else name: mean}
+    if count < 2 or mean is None:
+        return row | dict.fromkeys(("between", "error", "low", "high"))
+    between = float(values.std(ddof=1))
+    error = between / sqrt(count)
+    half = float(student.ppf(_QUANTILE, count - 1)) * error
+    return row | {"between": between, "error": error, "low": mean - half, "high": mean + half}
+
+
+def _counts(row: Row) -> bool:
+    return not row.get("excluded")
+
+
+def _rows_by_condition(rows: Sequence[Row]) -> dict[tuple[Any, ...], list[Row]]:
+    groups: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[name] for name in _GROUP), []).append(row)
+    return groups
+
+
+def _by_participant(rows: Sequence[Row], column: str) -> dict[str, float]:
+    own: dict[str, list[float]] = {}
+    for row in rows:
+        if row[column] is not None and _counts(row):
+            own.setdefault(row["participant"], []).append(row[column])
+    return {name: float(np.mean(values)) for name, values in own.items()}
+
+
+ALL = "all"
+"""Participant of the rows that are over all of them."""
+
+_DRAWS = 200  # of participants with replacement: a spread is known to 5 %
+
+
+def scale_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
+    """Return Bradley-Terry values [logit] of each level, for each participant and for all.
+
+    Over all, comparisons are counted together; the spread is a bootstrap over participants, so that
+    it holds for others than these. `fit_p` is small where no scale orders the levels.
+    """
+    rows = []
+    for members in _runs_by_condition(runs):
+        wins = []
+        for run in members:
+            assert isinstance(run.method, Pairs)
+            won = run.method.wins()
+            rows += _scale(run, run.method.levels, won, bradley_terry(won))
+            if "excluded" not in run.summary:
+                wins.append(won)
+        if len(wins) > 1:
+            value, _, fit_p = bradley_terry(np.sum(wins, 0))
+            draw, several = np.random.default_rng(len(wins)), np.array(wins)
+            drawn = [
+                bradley_terry(several[draw.integers(len(wins), size=len(wins))].sum(0))[0]
+                for _ in range(_DRAWS)
+            ]
+            found = (value, np.std(drawn, axis=0, ddof=1), fit_p)
+            first = members[0]
+            assert isinstance(first.method, Pairs)
+            rows += _scale(first, first.method.levels, several.sum(0), found, of_all=True)
+    return rows
+
+
+def _scale(
+    run: RunOfMethod,
+    levels: Sequence[float],
+    wins: Array,
+    found: tuple[Array, Array, float],
+    of_all: bool = False,
+) -> list[Row]:
+    value, spread, fit_p = found
+    return [
+        {
+            **run.place,
+            **({"participant": ALL, "session": ""} if of_all else {}),
+            "level_db": level,
+            "comparisons": int(wins[k].sum() + wins[:, k].sum()),
+            "scale_logit": float(value[k]),
+            "spread_logit": float(spread[k]),
+            "fit_p": None if isnan(fit_p) else fit_p,
+        }
+        for k, level in enumerate(levels)
+    ]
+
+
+def magnitude_rows(runs: Sequence[RunOfMethod]) -> list[Row]:
+    """Return geometric means of the numbers for each level, of each participant and of all.
+
+    People choose scales of their own: over all, each one's numbers are divided by their geometric
+    mean and multiplied by that of everybody (modulus equalization; Lane, Catania & Stevens, J.
+    Acoust. Soc. Am. 33, 160 (1961)). The spread is a factor: of one's numbers, or over all of their
+    participants' means.
+    """
+    rows = []
+    for members in _runs_by_condition(runs):
+        logs: list[dict[float, float]] = []
+        for run in members:
+            assert isinstance(run.method, Magnitudes)
+            levels, numbers = np.array(run.method.answers).reshape(-1, 2).T
+            own = {}
+            for level in np.unique(levels).tolist():
+                given = np.log(numbers[levels == level])
+                own[level] = float(given.mean())
+                rows.append(_magnitude(run.place, level, given))
+            if own and "excluded" not in run.summary:
+                logs.append(own)
+        if len(logs) > 1:
+            shared = sorted(set.intersection(*map(set, logs)))
+            table = np.array([[one[level] for level in shared] for one in logs])
+            table += table.mean() - table.mean(1, keepdims=True)
+            place = {**members[0].place, "participant": ALL, "session": ""}
+            rows += [_magnitude(place, at, table[:, k]) for k, at in enumerate(shared)]
+    return rows
+
+
+def _magnitude(place: Row, level: float, logs: Array) -> Row:
+    spread = float(np.exp(logs.std(ddof=1))) if len(logs) > 1 else None
+    mean = float(np.exp(logs.mean()))
+    return {**place, "level_db": level, "answers": len(logs), "mean": mean, "spread": spread}
+
+
+def _runs_by_condition(runs: Sequence[RunOfMethod]) -> list[list[RunOfMethod]]:
+    groups: dict[tuple[str, ...], list[RunOfMethod]] = {}
+    for run in runs:
+        key = (run.session.task, run.condition, run.experiment)
+        groups.setdefault(key, []).append(run)
+    return [*groups.values()]
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What some sessions say.
+
+    Parameters
+    ----------
+    tables : dict of str to list of dict
+        "thresholds", "scales", "magnitudes" and "exponents" of each participant, as the tasks have
+        them; "group" and "exponents-group" over participants; "differences" of conditions within
+        participants.
+    notes : tuple of str
+        What was mixed or is missing.
+    runs : tuple of RunOfMethod
+        What the tables are made of, for pictures.
+    """
+
+    tables: dict[str, list[Row]]
+    notes: tuple[str, ...]
+    runs: tuple[RunOfMethod, ...]
+
+
+def analyse(source: str | Path) -> Analysis:
+    """Analyse a log, a folder of logs, or a study in the form of BIDS.
+
+    Thresholds are those of the method that chose the levels, as the experiment stated them: none
+    where the answers are as one who guesses gives them. Sessions that their plan excludes are in
+    the tables and not in the means.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is no log, or was changed.
+    InputError
+        If there is none.
+    """
+    runs = [run for session in read_sessions(source) for run in runs_of(session)]
+    by_task: dict[str, list[RunOfMethod]] = {}
+    for run in runs:
+        kind = run.session.settings["task"]
+        by_task.setdefault(kind if kind in ("pairs", "magnitude") else "thresholds", []).append(run)
+    tables: dict[str, list[Row]] = {}
+    if with_threshold := by_task.get("thresholds"):
+        rows = _filled(map(_threshold_row, with_threshold))
+        tables["thresholds"] = rows
+        tables["group"] = means(rows, "threshold_db", "spread_db")
+        tables["differences"] = differences(rows)
+    if pairs := by_task.get("pairs"):
+        tables["scales"] = scale_rows(pairs)
+    if numbers := by_task.get("magnitude"):
+        tables["magnitudes"] = magnitude_rows(numbers)
+        tables["exponents"] = _filled(map(_exponent_row, numbers))
+        tables["exponents-group"] = exponents_of_all(tables["exponents"])
+    return Analysis({name: rows for name, rows in tables.items() if rows}, _notes(runs), (*runs,))
+
+
+def _threshold_row(run: RunOfMethod) -> Row:
+    found = run.found
+    others = {name: value for name, value in found.others.items() if name != "guess"}
+    return {
+        **run.place,
+        "trials": len(run.rows),
+        "threshold_db": _known(found.threshold),
+        "spread_db": _known(found.spread),
+        **{name: _known(value) for name, value in others.items()},
+        **run.summary,
+        "warnings": "; ".join(found.warnings),
+    }
+
+
+def _exponent_row(run: RunOfMethod) -> Row:
+    assert isinstance(run.method, Magnitudes)
+    others = run.found.others
+    values = {name: _known(others.get(name)) for name in ("exponent", "exponent_spread")}
+    warnings = {"warnings": "; ".join(run.found.warnings)}
+    return {**run.place, "trials": len(run.rows), **values, **run.summary, **warnings}
+
+
+def _filled(rows: Iterable[Row]) -> list[Row]:
+    """Give all rows the same columns, those that say why last."""
+    listed = list(rows)
+    names = dict.fromkeys(name for row in listed for name in row)
+    last = [name for name in ("excluded", "warnings") if name in names]
+    order = [*(name for name in names if name not in last), *last]
+    return [{name: row.get(name) for name in order} for row in listed]
+
+
+def _notes(runs: Sequence[RunOfMethod]) -> tuple[str, ...]:
+    notes = []
+    asked: dict[tuple[str, str], Counter[str]] = {}
+    for run in runs:
+        asked.setdefault((run.session.task, run.condition), Counter())[run.experiment] += 1
+    for (task, condition), counts in asked.items():
+        if len(counts) > 1:
+            what = " ".join(filter(None, (task, condition))) or "the logs"
+            parts = ", ".join(f"{count} of {name}" for name, count in counts.items())
+            notes.append(
+                f"{what}: the sessions are of different experiments, whose means stay apart: "
+                f"{parts}"
+            )
+    without = [run for run in runs if isnan(run.found.threshold) and _has_threshold(run)]
+    if without:
+        notes.append(f"{len(without)} of {len(runs)} runs have no threshold; their rows say why")
+    excluded = dict.fromkeys(run.session.name for run in runs if "excluded" in run.summary)
+    if excluded:
+        notes.append(f"excluded by the rules of their plan: {', '.join(excluded)}")
+    return tuple(notes)
+
+
+def _has_threshold(run: RunOfMethod) -> bool:
+    return not isinstance(run.method, Pairs | Magnitudes)
+
+
+def _known(value: float | None) -> float | None:
+    return None if value is None or isnan(value) else value
+
+
+MOST_PICTURES = 100
+"""Of runs; those after them are in the tables alone."""
+
+_WILSON_INTERVAL = 0.95
+
+
+def report_html(analysis: Analysis, title: str) -> str:
+    """Return the page; without the extra ``stimuli`` it has no pictures, and says so."""
+    parts = [paragraph(line) for line in (f"haptix {__version__}", *analysis.notes)]
+    parts += [table(name, rows) for name, rows in analysis.tables.items()]
+    drawn = [run for run in analysis.runs if run.rows]
+    try:
+        parts += [picture(name, figure) for name, figure in _of_groups(analysis)]
+        parts += [picture(_name(run), _of_run(run)) for run in drawn[:MOST_PICTURES]]
+    except MissingExtraError as error:
+        parts.append(paragraph(f"Without pictures: {error}"))
+    if len(drawn) > MOST_PICTURES:
+        parts.append(paragraph(f"{len(drawn) - MOST_PICTURES} more runs are in the tables alone."))
+    return page(title, parts)
+
+
+def write_analysis(
+    analysis: Analysis, out: str | Path, title: str, of_study: bool = False
+) -> list[Path]:
+    """Write each table as NAME.tsv, and the report; those of an earlier analysis are replaced.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        What is written.
+    out : path
+        Folder.
+    title : str
+        Of the report.
+    of_study : bool
+        Describe the folder as a data set of its own that was derived from another (BIDS).
+    """
+    files: dict[str, str] = {}
+    if of_study:
+        about = {
+            "Name": f"Analysis of {title}",
+            "BIDSVersion": BIDS_VERSION,
+            "DatasetType": "derivative",
+            "GeneratedBy": [{"Name": "haptix", "Version": __version__}],
+        }
+        files["dataset_description.json"] = json_text(about)
+    for name, rows in analysis.tables.items():
+        lines = [list(rows[0]), *([_cell(value) for value in row.values()] for row in rows)]
+        files[f"{name}.tsv"] = "".join("\t".join(line) + "\n" for line in lines)
+    files["report.html"] = report_html(analysis, title)
+    return write_folder(Path(out), files)
+
+
+def _cell(value: Any) -> str:
+    """Text of a cell as BIDS has it; the shortest number that reads the same."""
+    return "n/a" if value in (None, "") else " ".join(str(value).split())
+
+
+def _name(run: RunOfMethod) -> str:
+    return " ".join(filter(None, (run.session.name, run.session.task, run.condition)))
+
+
+def _axes(count: int, title: str) -> tuple[Figure, Sequence[Any]]:
+    with from_extra("stimuli"):
+        from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.2 * count, 3.2), layout="constrained")
+    figure.suptitle(title)
+    return figure, [figure.add_subplot(1, count, k + 1) for k in range(count)]
+
+
+def _of_groups(analysis: Analysis) -> Iterator[tuple[str, Figure]]:
+    """Thresholds of all participants; scales of all."""
+    rows = analysis.tables.get("thresholds", [])
+    for group in analysis.tables.get("group", []):
+        keys = ("task", "condition", "experiment")
+        own = [row for row in rows if all(row[key] == group[key] for key in keys)]
+        own = [row for row in own if row["threshold_db"] is not None]
+        if len(own) < 2:
+            continue
+        figure, (axes,) = _axes(1, "")
+        names = [row["participant"] for row in own]
+        axes.errorbar(
+            [row["threshold_db"] for row in own], names,
+            xerr=[row["spread_db"] or 0.0 for row in own], fmt="o", capsize=3,
+        )  # fmt: skip
+        if group["low"] is not None:
+            axes.axvspan(group["low"], group["high"], alpha=0.2)
+            axes.axvline(group["threshold_db"])
+        axes.set(xlabel="threshold [dB]; the band: mean with its 95 % interval")
+        yield " ".join(filter(None, ("thresholds", group["task"], group["condition"]))), figure
+    for name, column in (("scales", "scale_logit"), ("magnitudes", "mean")):
+        listed = analysis.tables.get(name, [])
+        for condition in dict.fromkeys((row["condition"], row["experiment"]) for row in listed):
+            figure, (axes,) = _axes(1, "")
+            own = [row for row in listed if (row["condition"], row["experiment"]) == condition]
+            for who in dict.fromkeys((row["participant"], row["session"]) for row in own):
+                line = [row for row in own if (row["participant"], row["session"]) == who]
+                axes.plot(
+                    [row["level_db"] for row in line], [row[column] for row in line],
+                    "o-", linewidth=3 if who[0] == ALL else 1, label=who[0],
+                )  # fmt: skip
+            axes.set(xlabel="level [dB]", ylabel=column.replace("_", " "))
+            if name == "magnitudes":
+                axes.set_yscale("log")
+            axes.legend(fontsize="small")
+            yield " ".join(filter(None, (name, condition[0]))), figure
+
+
+def _of_run(run: RunOfMethod) -> Figure:
+    """Levels trial by trial; and against them the share right, or the numbers."""
+    levels = np.array([float(row["level"]) for row in run.rows])
+    trials = np.array([int(row["trial"]) for row in run.rows])
+    if isinstance(run.method, Pairs | Magnitudes):
+        figure, (axes,) = _axes(1, "")
+        axes.plot(trials, levels, ".")
+        axes.set(xlabel="trial", ylabel="level [dB]")
+        return figure
+    right = np.array([row["is_right"] == "true" for row in run.rows])
+    figure, (walk, shares) = _axes(2, "")
+    walk.plot(trials, levels, "-", color="0.7")
+    walk.plot(trials[right], levels[right], "o", markersize=4, label="right")
+    walk.plot(trials[~right], levels[~right], "x", markersize=5, label="wrong")
+    walk.set(xlabel="trial", ylabel="level [dB]")
+    walk.legend(fontsize="small")
+    _draw_shares(shares, run, [*zip(levels.tolist(), right.tolist(), strict=True)])
+    return figure
+
+
+def _draw_shares(axes: Any, run: RunOfMethod, answers: list[tuple[float, bool]]) -> None:
+    """Share right at each level with Wilson's interval, and the function where it was fitted."""
+    from scipy.stats import binomtest
+
+    at, right, wrong = counted(answers)
+    total = right + wrong
+    low, high = np.array(
+        [
+            binomtest(int(k), int(n)).proportion_ci(_WILSON_INTERVAL, "wilson")
+            for k, n in zip(right, total, strict=True)
+        ]
+    ).T
+    share = right / total
+    bounds = np.clip([share - low, high - share], 0, None)
+    axes.errorbar(at, share, bounds, fmt="none", color="0.6")
+    axes.scatter(at, share, 10 + 4 * total)
+    found, method = run.found, run.method
+    if not isnan(found.threshold):
+        if not isnan(found.spread):
+            ends = found.threshold - found.spread, found.threshold + found.spread
+            axes.axvspan(*ends, alpha=0.2, lw=0)
+        axes.axvline(found.threshold)
+        if isinstance(method, UpDown):
+            axes.axhline(method.target, linestyle=":")
+        elif "slope" in found.others:
+            fixed = {
+                name: found.others.get(name, getattr(method, name, 0.0))
+                for name in ("guess", "lapse")
+            }
+            x = np.linspace(at.min(), at.max(), 200)
+            curve = function_named(getattr(method, "function", "weibull"))
+            axes.plot(x, curve(x, found.threshold, found.others["slope"], **fixed))
+    axes.set(xlabel="level [dB]", ylabel="share right", ylim=(-0.05, 1.05))
