@@ -18,15 +18,22 @@ import numpy as np
 
 from haptix.errors import InputError
 
+LARGEST_BYTES = 1_500_000_000
+"""Default limit of the memory that making a texture takes: some 24 megapixels."""
+
 FOLDER = "decoded"
 """Beside the service's folder of assets."""
+
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 """Files that are decoded, by their ends."""
+
 MOST_BYTES = 2 * 2**30
 """Of the pixels that are kept; the oldest go first."""
 
 Pixels = tuple[np.ndarray[Any, Any], bool]
+
 _HASH = re.compile("[0-9a-f]{64}")
+
 _ENDINGS = {False: ".npy", True: ".premultiplied.npy"}
 
 

@@ -1,17 +1,17 @@
-"""The base of all textures: a field of target friction over the screen."""
+"""What the renderer asks: an evaluator, and its base for a field of friction over the screen."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from math import cos, radians, sin
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from haptix.checks import Array, choice
+from haptix.checks import Array, choice, shown
 from haptix.errors import InputError
-from haptix.motion import FARTHEST_MM, Depends, Motion
+from haptix.motion import FARTHEST_MM, Depends, Facts, Motion, Report
 from haptix.motion.block import unmoved
 
 Floats = Any
@@ -175,3 +175,48 @@ def turned(x_mm: Array, y_mm: Array, angle_deg: float) -> tuple[Array, Array]:
         return x_mm, y_mm
     c, s = np.array(cos(radians(angle_deg))), np.array(sin(radians(angle_deg)))
     return x_mm * c + y_mm * s, y_mm * c - x_mm * s
+
+
+class Evaluator(Protocol):
+    """Answers for blocks of motion; any thread may ask. Every `FrictionField` is one."""
+
+    @property
+    def target(self) -> TargetKind:
+        """What the answers are, see `haptix.texture.as_mu`."""
+
+    @property
+    def outside(self) -> float:
+        """The answer where there is nothing to feel."""
+
+    @property
+    def depends_on(self) -> Depends:
+        """What the answers depend on: what has not changed need not be asked again."""
+
+    @property
+    def drives_at_rest(self) -> bool:
+        """Whether a finger that does not slide may get voltage."""
+
+    def wanted(self, motion: Motion) -> Array:
+        """Friction wanted under the fingers, of the motion's shape."""
+
+    def react(self, facts: Facts, before: Report | None, now: Report) -> Facts:
+        """Return a finger's facts after a real report; without `before` it has come down."""
+
+
+class Feelable(Protocol):
+    """What a renderer takes: a field of friction, a material, a layout."""
+
+    @property
+    def evaluator(self) -> Evaluator:
+        """What answers for it."""
+
+
+def check_feelable(name: str, texture: Any) -> None:
+    """Raise `InputError` unless a renderer can ask a texture."""
+    # First the class, whose property is not asked: it may make much.
+    has_one = hasattr(type(texture), "evaluator") or hasattr(texture, "evaluator")
+    if isinstance(texture, type) or not has_one:
+        hint = "haptix.Texture.from_image(path, width_mm=60) reads a photograph"
+        raise InputError(
+            f"{name}: expected a texture, a material or a layout, got {shown(texture)}; {hint}"
+        )

@@ -15,8 +15,7 @@ from haptix.errors import InputError, from_extra
 from haptix.motion import Motion
 from haptix.perception import WEBER_FRACTION
 from haptix.status import Status
-from haptix.texture.evaluator import Feelable
-from haptix.texture.field import as_mu
+from haptix.texture.field import Feelable, as_mu
 from haptix.texture.texture import Texture
 
 if TYPE_CHECKING:

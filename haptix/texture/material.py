@@ -18,8 +18,7 @@ from haptix.files import json_text, read_json, read_toml, write_whole
 from haptix.kinds import Kind, Kinds, document_path, in_folder
 from haptix.motion import Depends, Facts, Motion, Report
 from haptix.motion.block import React, unmoved
-from haptix.texture.evaluator import Evaluator
-from haptix.texture.field import TargetKind, check_range
+from haptix.texture.field import Evaluator, TargetKind, check_range
 from haptix.units import with_numbers
 
 KINDS = Kinds(

@@ -15,8 +15,7 @@ import numpy.typing as npt
 
 from haptix.checks import Array, positive
 from haptix.errors import InputError, from_extra
-from haptix.texture.decoded import decoded
-from haptix.texture.levels import LARGEST_BYTES
+from haptix.texture.decoded import LARGEST_BYTES, decoded
 
 with from_extra("photographs"):
     import tifffile

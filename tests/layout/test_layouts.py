@@ -14,7 +14,7 @@ from haptix.layout import ScreenGeometry, shown
 from haptix.layout.regions import FADE_S, GLIDE_S
 from haptix.motion import Depends, Facts, Motion, Report
 from haptix.texture import Grating
-from haptix.texture.evaluator import Evaluator
+from haptix.texture.field import Evaluator
 from haptix.texture.pyramid import Pyramid
 
 STRIPES = Grating(period_mm=4.0, low=0.2, high=0.8)
