@@ -43,8 +43,7 @@ from calibration import (
     short_protocol,
     verify,
 )
-from calibration.fitting import fit_in_best_theory
-from calibration.forms import other_forms
+from calibration.fitting import fit_in_best_theory, other_forms
 from calibration.predict import Prediction, StrokeConditions
 from calibration.profile import finger_at
 from calibration.rig import RigCheck

@@ -1,10 +1,9 @@
-from .column_map import ColumnMap as ColumnMap
-from .comparison import compare_terms as compare_terms
 from .fit import Fit as Fit
+from .fitting import compare_terms as compare_terms
 from .fitting import fit_strokes as fit_strokes
-from .inputs import AnalogSource as AnalogSource
 from .measuring import measure as measure
 from .parameters import Parameters as Parameters
+from .practice import VirtualFingerSource as VirtualFingerSource
 from .predict import StrokePredictor as StrokePredictor
 from .profile import calibrated_finger as calibrated_finger
 from .profile import calibrated_screen as calibrated_screen
@@ -19,7 +18,8 @@ from .reduction import reduce_session as reduce_session
 from .report import write_report as write_report
 from .session import Session as Session
 from .session import SessionInfo as SessionInfo
+from .sources import AnalogSource as AnalogSource
+from .sources import ColumnMap as ColumnMap
 from .sources import CsvSource as CsvSource
 from .verification import Verification as Verification
 from .verification import verify as verify
-from .virtual import VirtualFingerSource as VirtualFingerSource

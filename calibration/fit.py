@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from hashlib import sha256
 from math import exp, inf
 from pathlib import Path
@@ -11,10 +12,9 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, PlainSerializer, PlainValidator, model_validator
+from scipy.special import expit
 
-from calibration.forms import FormFit
 from calibration.parameters import PER_FINGER, Array, FingerPrior
-from calibration.residuals import Repeatability
 from haptix.contact import TheoryName
 from haptix.documents import Document, Part
 from haptix.errors import InputError
@@ -45,6 +45,79 @@ _UpperBound = Annotated[  # JSON has no infinity
     BeforeValidator(lambda value: inf if value is None else value),
     PlainSerializer(lambda value: None if value == inf else value),
 ]
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """Spread of repeated strokes beyond their own errors, relative: the finger dries and turns.
+
+    Parameters
+    ----------
+    log_mu : float
+        Standard deviation of ln mu.
+    ripple : float
+        Standard deviation of the ripple, over the ripple.
+    """
+
+    log_mu: float = 0.01
+    ripple: float = 0.01
+
+
+Need = Literal["needed", "contradicted", "cannot tell", "changes nothing"]
+
+
+@dataclass(frozen=True)
+class FormFit:
+    """The strokes fitted in another form.
+
+    Parameters
+    ----------
+    form : str
+        Its name.
+    evidence : float
+        Minus twice the log-likelihood in this form, less that in the fit's own: below 0 it fits
+        better.
+    h0_ratio : float
+        d1/eps1 in this form over that of the fit.
+    effect_thresholds : float
+        Largest change of friction at the strokes [JND].
+    """
+
+    form: Annotated[str, Heading("form")]
+    evidence: Annotated[float, Heading("evidence against it", "+.1f")]
+    h0_ratio: Annotated[float, Heading("d1/eps1, over the fit's", ".3g")]
+    effect_thresholds: Annotated[float, Heading("friction changes by [JND]", ".2g")]
+
+    @property
+    def weight(self) -> float:
+        """Probability of this form against the fit's own, if both were as likely before."""
+        return float(expit(-self.evidence / 2))
+
+
+@dataclass(frozen=True)
+class TermNeed:
+    """Evidence of the strokes for or against one term.
+
+    Parameters
+    ----------
+    term : str
+        Its name.
+    is_on : bool
+        Whether the term was on in the fit.
+    need : {"needed", "contradicted", "cannot tell", "changes nothing"}
+        The conclusion.
+    evidence : float
+        AICc without the term minus with it: positive speaks for the term, 6 is 20 to 1.
+    effect_thresholds : float
+        Largest change of friction at the strokes [JND], after the other parameters were fitted
+        again.
+    """
+
+    term: Annotated[str, Heading("term")]
+    is_on: Annotated[bool, Heading("in the fit", "off|on")]
+    need: Annotated[Need, Heading("the strokes say")]
+    evidence: Annotated[float, Heading("evidence (AICc)", "+.1f")]
+    effect_thresholds: Annotated[float, Heading("effect [JND]", ".2g")]
 
 
 class ParameterEstimate(Part):

@@ -1,32 +1,42 @@
-"""Fit a screen and a finger to reduced strokes, and find which numbers the strokes determine."""
+"""Fit a screen and a finger to strokes: which numbers, form and terms of the model they show."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import exp, inf, log, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq, least_squares
+from scipy.linalg import eigh
+from scipy.optimize import brentq
 from scipy.stats import t as student
 
-from calibration.fit import Fit, ParameterEstimate
-from calibration.forms import FormFit, carried_over, compare_forms, in_form, other_forms
-from calibration.parameters import EXPERIMENTS, PER_RIG, Array, Parameter, Parameters
+from calibration.fit import Fit, FormFit, Need, ParameterEstimate, Repeatability, TermNeed
+from calibration.parameters import (
+    EXPERIMENTS,
+    OPTIONAL,
+    PER_RIG,
+    Array,
+    Parameter,
+    Parameters,
+    fitted_terms,
+    optional_parameters,
+)
 from calibration.predict import StrokePredictor
-from calibration.reduction import Point, Reduced
-from calibration.residuals import SOFT_AT, Repeatability, Residuals
+from calibration.reduction import Reduced
+from calibration.residuals import Residuals, fit_residuals, profile, solve
+from haptix.contact import THEORIES, TheoryName
+from haptix.contact.meanfield import GapDistribution
 from haptix.errors import InputError
+from haptix.friction import ContactModel
+from haptix.perception import WEBER_FRACTION
+from haptix.terms import TERMS, Stage
 
 _PRIOR_SHARE = 0.8  # of the prior's spread: above it the strokes have measured nothing new
 _BOOTSTRAPS = 1000
-_REPEATABILITY_ROUNDS = 3
-_GOOD_START = 4.0  # cost of a row: far below that of a fit past pull-in
 _LEVEL = 0.90
-_PROFILE_COST = 2.706  # chi-squared of one parameter at 90 %
-_PROFILE_LIMIT = log(1e3)
 _FEWEST_STROKES = 6
 _LEAST_FREEDOM = 3.0
 _CURVED = 0.4  # spread of a logarithm beyond which the likelihood is no parabola
@@ -34,11 +44,89 @@ _SAME_ANSWER = 0.5  # standard deviations within which two fits are one
 _OTHER_FORM = 0.5  # odds before the strokes: the default is the form that boundary elements chose
 _MOST_EVIDENCE = 300.0  # beyond it a form's likelihood is no number
 _WIDEST = 60.0  # standard deviations within which a quantile is looked for
-_CLOSE_ENOUGH = 1e-5  # relative, of cost and logarithms: below a hundredth of any spread
 
 
 DECISIVE = 10.0
 """Evidence, minus twice the log-likelihood, for which the theory is changed: 150 to 1."""
+
+_DECISIVE_AICC = 6.0  # in AICc: 20 times as likely
+_NEGLIGIBLE = 0.05  # JND: the planning rule's usual share of a budget
+
+
+def other_forms(
+    model: ContactModel,
+    terms: Mapping[str, bool] | None = None,
+    tables: StrokePredictor | None = None,
+) -> dict[str, StrokePredictor]:
+    """Predictors in the other gap distribution, and in the other theory that calibrates.
+
+    `tables` is one that exists already, of the other theory.
+    """
+    is_combined = model.contact.gap_distribution == "combined"
+    other: GapDistribution = "plain" if is_combined else "combined"
+    theory: TheoryName = "open-gaps" if model.theory == "corrected" else "corrected"
+    finger, screen = model.finger, model.screen
+    by_gaps = ContactModel(finger, screen, terms=terms, theory=model.theory, gap_distribution=other)
+    if tables is None:
+        # The other theory with the terms that are usual for it: finite size belongs to one of them.
+        usual = THEORIES[theory].usual_terms | THEORIES[model.theory].usual_terms
+        kept = {name: on for name, on in (terms or {}).items() if name not in usual}
+        tables = StrokePredictor(ContactModel(finger, screen, terms=kept, theory=theory))
+    return {
+        f'gap distribution "{other}"': StrokePredictor(by_gaps),
+        f'theory "{theory}"': tables,
+    }
+
+
+def compare_forms(
+    residuals: Residuals,
+    free: Array,
+    others: Mapping[str, tuple[Residuals, Array]],
+) -> list[FormFit]:
+    """Weigh fits of the same strokes in other forms.
+
+    Both are compared at the smaller repeatability of the two, that of the form that fits better.
+    """
+    mu = residuals.predict(free).log_mu
+    found = []
+    for name, (other, at) in others.items():
+        least = Repeatability(
+            min(residuals.repeatability.log_mu, other.repeatability.log_mu),
+            min(residuals.repeatability.ripple, other.repeatability.ripple),
+        )
+        costs = [
+            Residuals(one.predictor, one.parameters, one.points, least).cost(where)
+            for one, where in ((other, at), (residuals, free))
+        ]
+        change = np.abs(np.expm1(other.predict(at).log_mu - mu)).max() / WEBER_FRACTION
+        ratio = 1.0
+        if "h0_m" in residuals.parameters.free:
+            index = residuals.parameters.free.index("h0_m")
+            ratio = float(np.exp(at[index] - free[index]))
+        found.append(FormFit(name, costs[0] - costs[1], ratio, float(change)))
+    return found
+
+
+def in_form(parameters: Parameters, predictor: StrokePredictor) -> Parameters:
+    """Return the parameters with the start of tau_f that another theory has."""
+    shear = float(predictor.model.finger.frictional_shear_stress_pa)
+    name = "frictional_shear_stress_pa"
+    if parameters[name].is_fixed or parameters[name].prior is not None:
+        return parameters
+    return parameters.started_at(**{name: shear})
+
+
+def carried_over(other: StrokePredictor, residuals: Residuals, free: Array) -> Array:
+    """Return where a fit in another form starts: at this one's, with tau_f as that form has it."""
+    start, name = free.copy(), "frictional_shear_stress_pa"
+    parameters = residuals.parameters
+    if name in parameters.free and parameters[name].prior is None:
+        there, here = (
+            float(one.model.finger.frictional_shear_stress_pa)
+            for one in (other, residuals.predictor)
+        )
+        start[parameters.free.index(name)] += np.log(there / here)
+    return start
 
 
 @dataclass(frozen=True)
@@ -121,7 +209,7 @@ def fit_strokes(
     """Fit the strokes that are neither outliers nor held out.
 
     The bootstrap resamples the strokes; without one the errors come from the curvature of the fit
-    alone. `forms` are other forms of the model (`calibration.forms`): the strokes are fitted in
+    alone. `forms` are other forms of the model (`other_forms`): the strokes are fitted in
     each as well, and the uncertainty is widened by what they do not tell apart.
 
     Raises
@@ -140,7 +228,7 @@ def fit_strokes(
         )
     if not parameters.free:
         raise InputError("expected a parameter to fit, but all are fixed")
-    residuals, free = _fitted(predictor, parameters, points)
+    residuals, free = fit_residuals(predictor, parameters, points)
     light = residuals.predict(free).is_light
     if not light.all() and light.sum() >= _FEWEST_STROKES:
         for point in (p for p, is_light in zip(points, light, strict=True) if not is_light):
@@ -150,7 +238,7 @@ def fit_strokes(
             )
         points = tuple(point for point in points if point.number not in left_out)
         found = dict(zip(parameters.free, np.exp(free).tolist(), strict=True))
-        residuals, free = _fitted(predictor, parameters.restarted_at(found), points)
+        residuals, free = fit_residuals(predictor, parameters.restarted_at(found), points)
     own = np.asarray(np.linalg.inv(residuals.information(free)))
     measured = np.diag(own @ residuals.data_information(free) @ own) / np.diag(own)
     if bootstraps:
@@ -163,7 +251,7 @@ def fit_strokes(
         others = {}
         for name, other in forms.items():
             known = in_form(parameters.restarted_at(found), other)
-            others[name] = _fitted(other, known, points, carried_over(other, residuals, free))
+            others[name] = fit_residuals(other, known, points, carried_over(other, residuals, free))
         compared = compare_forms(residuals, free, others)
         components += [
             (at, _OTHER_FORM * exp(min(-one.evidence / 2, _MOST_EVIDENCE)))
@@ -215,77 +303,6 @@ def _exchanged(residuals: Residuals, free: Array) -> tuple[Array, float] | None:
     return other, exp(-rise / 2)
 
 
-def solve(
-    residuals: Residuals, start: Array, most_steps: int = 50, held: int | None = None
-) -> Array:
-    """Return the free parameters that fit best; number `held` stays at its start."""
-    fitted = np.ones(len(start), dtype=bool)
-    if held is not None:
-        fitted[held] = False
-    if not fitted.any():
-        return start
-    low, high = (bound[fitted] for bound in residuals.parameters.bounds())
-
-    def whole(part: Array) -> Array:
-        values = start.copy()
-        values[fitted] = part
-        return values
-
-    found = least_squares(
-        lambda part: residuals(whole(part)),
-        np.clip(start[fitted], low + 1e-6, high - 1e-6),
-        jac=lambda part: residuals.jacobian(whole(part))[:, fitted],
-        bounds=(low, high),
-        loss=residuals.loss,
-        f_scale=SOFT_AT,
-        x_scale=0.1,
-        ftol=_CLOSE_ENOUGH,
-        xtol=_CLOSE_ENOUGH,
-        max_nfev=most_steps,
-    )
-    return whole(found.x)
-
-
-def _fitted(
-    predictor: StrokePredictor,
-    parameters: Parameters,
-    points: tuple[Point, ...],
-    start: Array | None = None,
-) -> tuple[Residuals, Array]:
-    """Fit with the repeatability that the residuals themselves show.
-
-    From `start`, where a fit in another form has ended, or else from the parameters' own.
-    """
-    residuals = Residuals(predictor, parameters, points, Repeatability())
-    free = residuals.start if start is None else solve(residuals, start, 25)
-    if start is None or not _is_good(residuals, residuals.cost(free)):
-        free = residuals.with_best_sensor(_best_start(residuals))
-    for _ in range(_REPEATABILITY_ROUNDS):
-        repeatability = residuals.estimated_repeatability(free)
-        residuals = Residuals(predictor, parameters, points, repeatability)
-        free = solve(residuals, free)
-    return residuals, free
-
-
-def _best_start(residuals: Residuals) -> Array:
-    """Fit from several insulators: past pull-in, no slope leads back to light contact."""
-    free = residuals.parameters.free
-    best = residuals.start, inf
-    for factor in (1.0, 0.4, 2.5) if "h0_m" in free else (1.0,):
-        start = residuals.start.copy()
-        if "h0_m" in free:
-            start[free.index("h0_m")] += log(factor)
-        solution = solve(residuals, start, 25)
-        best = min(best, (solution, residuals.cost(solution)), key=lambda pair: pair[1])
-        if _is_good(residuals, best[1]):
-            break
-    return best[0]
-
-
-def _is_good(residuals: Residuals, cost: float) -> bool:
-    return cost < _GOOD_START * residuals.data_rows
-
-
 def _bootstrap(residuals: Residuals, free: Array, seed: int, count: int) -> Array:
     """Covariance from resampled strokes, each with priors drawn anew.
 
@@ -316,10 +333,8 @@ def _larger(covariance: Array, other: Array) -> Array:
     Larger spreads of single parameters with the correlations kept would be larger errors of what
     the parameters predict together, which is known far better than each.
     """
-    root = np.linalg.cholesky(covariance)
-    inverse = np.linalg.inv(root)
-    values, vectors = np.linalg.eigh(inverse @ other @ inverse.T)
-    spread = root @ vectors * np.sqrt(np.maximum(values, 1.0))
+    values, vectors = eigh(other, covariance)
+    spread = covariance @ vectors * np.sqrt(np.maximum(values, 1.0))
     return np.asarray(spread @ spread.T)
 
 
@@ -345,39 +360,6 @@ def _estimate(residuals: Residuals, posterior: Posterior, one: Parameter) -> Par
     )
 
 
-def profile(
-    residuals: Residuals, free: Array, name: str, spread: float = 0.1
-) -> tuple[float, float]:
-    """90 % interval by profile likelihood: all others fitted anew at each value tried.
-
-    `spread` is the standard deviation of the logarithm that the curvature suggests: the first step.
-    A bound is 0 or infinite where the cost stays low within a factor of 1000.
-    """
-    index = residuals.parameters.free.index(name)
-    best = residuals.cost(free)
-    covariance = np.linalg.inv(residuals.information(free))
-    # The others move as they are correlated: a start near each conditional fit.
-    along = covariance[:, index] / covariance[index, index]
-    bounds = []
-    for side in (-1.0, 1.0):
-        at, last, rise_last, bound = free.copy(), 0.0, 0.0, side * inf
-        step = min(1.7 * spread, 1.0)
-        while last < _PROFILE_LIMIT:
-            distance = last + step
-            at = at + along * (free[index] + side * distance - at[index])
-            at = solve(residuals, at, most_steps=8, held=index)
-            rise = residuals.cost(at) - best
-            if rise >= _PROFILE_COST:
-                # The root of the rise is nearly straight.
-                roots = np.sqrt([max(rise_last, 0.0), rise])
-                reached = np.interp(sqrt(_PROFILE_COST), roots, [last, distance])
-                bound = float(free[index] + side * reached)
-                break
-            last, rise_last, step = distance, rise, min(1.6 * step, 1.5)
-        bounds.append(exp(bound))
-    return bounds[0], bounds[1]
-
-
 class ChosenFit(NamedTuple):
     """A fit, and what it was made with."""
 
@@ -394,7 +376,7 @@ def fit_in_best_theory(
 ) -> ChosenFit:
     """Fit, and fit again in the other theory if the strokes decide for it.
 
-    `forms` are those of `calibration.forms.other_forms`. A theory is kept where tau_f is fixed or
+    `forms` are those of `other_forms`. A theory is kept where tau_f is fixed or
     has a prior, which belongs to that theory. Errors as `fit_strokes`.
     """
     fit = fit_strokes(reduced, predictor, parameters, forms=forms)
@@ -411,3 +393,93 @@ def fit_in_best_theory(
         if again.cost < fit.cost:
             return ChosenFit(again, other, changed)
     return first
+
+
+def compare_terms(
+    fit: Fit,
+    reduced: Reduced,
+    predictor: StrokePredictor,
+    parameters: Parameters,
+    compared: Sequence[str] | None = None,
+) -> list[TermNeed]:
+    """Refit with each term switched, where the profiles allow it.
+
+    `fit` is what `fit_strokes` returned for the other arguments. Without names of terms the
+    `comparable_terms` are switched.
+    """
+    points = tuple(point for point in reduced.used if point.number in fit.strokes)
+    start = parameters.restarted_at({name: fit.best(name) for name in fit.free})
+    base = Residuals(predictor, start, points, fit.repeatability)
+    at = solve(base, base.start)
+    fitted = dict(zip(start.free, at, strict=True))
+    base_score, base_mu = _score(base, at), base.predict(at).log_mu
+    found = []
+    on = fitted_terms(predictor.model.terms, parameters.names)
+    for term in comparable_terms() if compared is None else compared:
+        is_on = term in on
+        try:
+            switched, changed = _switched(term, not is_on, predictor, start)
+        except InputError:
+            continue  # the profiles lack what the term needs
+        other = Residuals(switched, changed, points, fit.repeatability)
+        there = min((solve(other, one) for one in _starts(other, fitted)), key=other.cost)
+        evidence = (_score(other, there) - base_score) * (1 if is_on else -1)
+        change = np.abs(np.expm1(other.predict(there).log_mu - base_mu)).max() / WEBER_FRACTION
+        found.append(TermNeed(term, is_on, _need(evidence, change), evidence, float(change)))
+    return found
+
+
+def comparable_terms() -> list[str]:
+    """Names of the terms that a fit can do without: those that act on elastic skin."""
+    return [
+        name
+        for name, term in TERMS.items()
+        if term.changes_friction and Stage.HARDNESS not in term.stages
+    ]
+
+
+def _need(evidence: float, change: float) -> Need:
+    if change < _NEGLIGIBLE:
+        return "changes nothing"
+    if evidence > _DECISIVE_AICC:
+        return "needed"
+    return "contradicted" if evidence < -_DECISIVE_AICC else "cannot tell"
+
+
+def _score(residuals: Residuals, free: Array) -> float:
+    """AICc of the data: a parameter costs as much as the strokes determine of it."""
+    used = residuals.parameters_used(free)
+    spare = residuals.data_rows - used - 1
+    small = 2 * used * (used + 1) / spare if spare > 0 else inf
+    return residuals.cost(free) + 2 * used + small
+
+
+def _starts(residuals: Residuals, fitted: Mapping[str, float]) -> list[Array]:
+    """Return where to start: at what was fitted, and at two values of a parameter that is new.
+
+    From a gap that leaks much the way to one that hardly leaks, one standard deviation of the prior
+    up, may lead through a worse fit.
+    """
+    parameters, own = residuals.parameters, residuals.start
+    pairs = zip(parameters.free, own, strict=True)
+    starts = [np.array([fitted.get(name, value) for name, value in pairs])]
+    for number, name in enumerate(parameters.free):
+        spread = parameters.prior_spread(name)
+        if name not in fitted and spread is not None:
+            starts.append(starts[0] + spread * (np.arange(len(own)) == number))
+    return starts
+
+
+def _switched(
+    term: str, on: bool, predictor: StrokePredictor, parameters: Parameters
+) -> tuple[StrokePredictor, Parameters]:
+    """Return a predictor with one term switched, and its parameters."""
+    optional = optional_parameters(term)
+    if optional:  # the term is on where its parameter is fitted
+        if on:
+            return predictor, parameters.known(**{name: OPTIONAL[name] for name in optional})
+        return predictor, parameters.without(optional)
+    model = predictor.model
+    terms = {name: name in model.terms for name in comparable_terms()} | {term: on}
+    changed = ContactModel(model.finger, model.screen, terms=terms)
+    return StrokePredictor(changed, predictor), parameters

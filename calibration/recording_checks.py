@@ -119,13 +119,19 @@ def drive_amplitude(recording: StrokeRecording, segments: list[Segment]) -> floa
     """
     if recording.sample_rate_hz < 2.2 * recording.stroke.frequency_hz:
         return recording.stroke.voltage_v
-    found = []
-    for segment in segments:
-        t, drive = recording.t_s[segment.samples], recording.drive_v[segment.samples]
-        phase = 2 * np.pi * recording.stroke.frequency_hz * (t - t[0])
-        basis = np.stack([np.cos(phase), np.sin(phase), np.ones_like(phase)], axis=-1)
-        found.append(np.hypot(*np.linalg.lstsq(basis, drive, rcond=None)[0][:2]))
-    return float(np.mean(found))
+    frequency_hz = recording.stroke.frequency_hz
+    amplitudes = [
+        sine_amplitude(recording.t_s[part.samples], recording.drive_v[part.samples], frequency_hz)
+        for part in segments
+    ]
+    return float(np.mean(amplitudes))
+
+
+def sine_amplitude(t_s: Array, values: Array, frequency_hz: float) -> float:
+    """Amplitude of a sine of known frequency, beside a constant; least squares."""
+    phase = 2 * np.pi * frequency_hz * (t_s - t_s[0])
+    basis = np.stack([np.cos(phase), np.sin(phase), np.ones_like(phase)], axis=-1)
+    return float(np.hypot(*np.linalg.lstsq(basis, values, rcond=None)[0][:2]))
 
 
 def _times(recording: StrokeRecording) -> Iterator[Finding]:

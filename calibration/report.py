@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.comparison import TermNeed
-from calibration.fit import Fit
+from calibration.fit import Fit, TermNeed
 from calibration.parameters import Array
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.protocol import FORCES_N

@@ -1,15 +1,16 @@
-"""Differences between strokes and the model, in units of their error, for least squares."""
+"""Least squares of strokes: differences to the model, in units of their error, and the best fit."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
+from math import exp, inf, log, sqrt
 
 import numpy as np
 import numpy.typing as npt
 import torch
-from scipy.optimize import brentq
+from scipy.optimize import brentq, least_squares
 
+from calibration.fit import Repeatability
 from calibration.parameters import PER_RIG, Array, Parameters
 from calibration.predict import Prediction, StrokeConditions, StrokePredictor, sensor_gain
 from calibration.reduction import Point
@@ -21,22 +22,11 @@ _POLES_HZ = (350.0, 700.0, 1400.0, 3000.0, 10_000.0)
 _RESONANCES_HZ = (450.0, 700.0, 1000.0, 1400.0, 1900.0, 2600.0, 6000.0)
 _QUALITIES = (3.0, 10.0)
 _CLIPPED_AT = 3.0  # where the repeatability is estimated
-
-
-@dataclass(frozen=True)
-class Repeatability:
-    """Spread of repeated strokes beyond their own errors, relative: the finger dries and turns.
-
-    Parameters
-    ----------
-    log_mu : float
-        Standard deviation of ln mu.
-    ripple : float
-        Standard deviation of the ripple, over the ripple.
-    """
-
-    log_mu: float = 0.01
-    ripple: float = 0.01
+_REPEATABILITY_ROUNDS = 3
+_GOOD_START = 4.0  # cost of a row: far below that of a fit past pull-in
+_PROFILE_COST = 2.706  # chi-squared of one parameter at 90 %
+_PROFILE_LIMIT = log(1e3)
+_CLOSE_ENOUGH = 1e-5  # relative, of cost and logarithms: below a hundredth of any spread
 
 
 class Residuals:
@@ -202,6 +192,110 @@ class Residuals:
                 for rows in (slice(count), slice(count, None))
             )
         )
+
+
+def solve(
+    residuals: Residuals, start: Array, most_steps: int = 50, held: int | None = None
+) -> Array:
+    """Return the free parameters that fit best; number `held` stays at its start."""
+    fitted = np.ones(len(start), dtype=bool)
+    if held is not None:
+        fitted[held] = False
+    if not fitted.any():
+        return start
+    low, high = (bound[fitted] for bound in residuals.parameters.bounds())
+
+    def whole(part: Array) -> Array:
+        values = start.copy()
+        values[fitted] = part
+        return values
+
+    found = least_squares(
+        lambda part: residuals(whole(part)),
+        np.clip(start[fitted], low + 1e-6, high - 1e-6),
+        jac=lambda part: residuals.jacobian(whole(part))[:, fitted],
+        bounds=(low, high),
+        loss=residuals.loss,
+        f_scale=SOFT_AT,
+        x_scale=0.1,
+        ftol=_CLOSE_ENOUGH,
+        xtol=_CLOSE_ENOUGH,
+        max_nfev=most_steps,
+    )
+    return whole(found.x)
+
+
+def fit_residuals(
+    predictor: StrokePredictor,
+    parameters: Parameters,
+    points: tuple[Point, ...],
+    start: Array | None = None,
+) -> tuple[Residuals, Array]:
+    """Fit with the repeatability that the residuals themselves show.
+
+    From `start`, where a fit in another form has ended, or else from the parameters' own.
+    """
+    residuals = Residuals(predictor, parameters, points, Repeatability())
+    free = residuals.start if start is None else solve(residuals, start, 25)
+    if start is None or not _is_good(residuals, residuals.cost(free)):
+        free = residuals.with_best_sensor(_best_start(residuals))
+    for _ in range(_REPEATABILITY_ROUNDS):
+        repeatability = residuals.estimated_repeatability(free)
+        residuals = Residuals(predictor, parameters, points, repeatability)
+        free = solve(residuals, free)
+    return residuals, free
+
+
+def _best_start(residuals: Residuals) -> Array:
+    """Fit from several insulators: past pull-in, no slope leads back to light contact."""
+    free = residuals.parameters.free
+    best = residuals.start, inf
+    for factor in (1.0, 0.4, 2.5) if "h0_m" in free else (1.0,):
+        start = residuals.start.copy()
+        if "h0_m" in free:
+            start[free.index("h0_m")] += log(factor)
+        solution = solve(residuals, start, 25)
+        best = min(best, (solution, residuals.cost(solution)), key=lambda pair: pair[1])
+        if _is_good(residuals, best[1]):
+            break
+    return best[0]
+
+
+def _is_good(residuals: Residuals, cost: float) -> bool:
+    return cost < _GOOD_START * residuals.data_rows
+
+
+def profile(
+    residuals: Residuals, free: Array, name: str, spread: float = 0.1
+) -> tuple[float, float]:
+    """90 % interval by profile likelihood: all others fitted anew at each value tried.
+
+    `spread` is the standard deviation of the logarithm that the curvature suggests: the first step.
+    A bound is 0 or infinite where the cost stays low within a factor of 1000.
+    """
+    index = residuals.parameters.free.index(name)
+    best = residuals.cost(free)
+    covariance = np.linalg.inv(residuals.information(free))
+    # The others move as they are correlated: a start near each conditional fit.
+    along = covariance[:, index] / covariance[index, index]
+    bounds = []
+    for side in (-1.0, 1.0):
+        at, last, rise_last, bound = free.copy(), 0.0, 0.0, side * inf
+        step = min(1.7 * spread, 1.0)
+        while last < _PROFILE_LIMIT:
+            distance = last + step
+            at = at + along * (free[index] + side * distance - at[index])
+            at = solve(residuals, at, most_steps=8, held=index)
+            rise = residuals.cost(at) - best
+            if rise >= _PROFILE_COST:
+                # The root of the rise is nearly straight.
+                roots = np.sqrt([max(rise_last, 0.0), rise])
+                reached = np.interp(sqrt(_PROFILE_COST), roots, [last, distance])
+                bound = float(free[index] + side * reached)
+                break
+            last, rise_last, step = distance, rise, min(1.6 * step, 1.5)
+        bounds.append(exp(bound))
+    return bounds[0], bounds[1]
 
 
 def _extra_spread(misfit: Array, own_sd: Array, used_up: float) -> float:

@@ -13,10 +13,13 @@ from typing import NamedTuple
 
 from pydantic import TypeAdapter
 
-from calibration.comparison import TermNeed, compare_terms
-from calibration.fit import Fit
-from calibration.fitting import fit_in_best_theory, fit_strokes
-from calibration.forms import other_forms
+from calibration.fit import Fit, TermNeed
+from calibration.fitting import (
+    compare_terms,
+    fit_in_best_theory,
+    fit_strokes,
+    other_forms,
+)
 from calibration.parameters import Parameters
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.profile import (

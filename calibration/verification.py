@@ -12,10 +12,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
-from math import hypot, isfinite, log, nan, sqrt
+from math import hypot, inf, isfinite, log, nan
 from typing import Annotated, Literal, Self
 
 import numpy as np
+from scipy.stats import linregress, sem
 from scipy.stats import t as student
 
 from calibration.fit import Fit
@@ -24,6 +25,7 @@ from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.protocol import CARRIER_HZ, FREQUENCY_HZ
 from calibration.reduction import Point, Reduced
 from calibration.rig import RigCheck
+from haptix.errors import InputError
 from haptix.perception import WEBER_FRACTION
 from haptix.report import Heading, HeadingsOf
 
@@ -434,19 +436,96 @@ def steadiness(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> Steadi
 
 def _slope(order: Array, misfit: Array) -> tuple[float, float]:
     """Change from the first to the last, and its uncertainty."""
-    count, lasts = len(order), float(np.ptp(order)) if len(order) else 0.0
-    if count < _FEWEST_OF_TREND or not lasts:
+    if len(order) < _FEWEST_OF_TREND or not np.ptp(order):
         return nan, nan
-    away = order - order.mean()
-    slope = float(away @ misfit / (away @ away))
-    rest = misfit - misfit.mean() - slope * away
-    sd = sqrt(float(rest @ rest) / (count - 2) / float(away @ away))
-    return slope * lasts, float(student.ppf(_LEVEL, count - 2)) * sd * lasts
+    line, lasts = linregress(order, misfit), float(np.ptp(order))
+    quantile = float(student.ppf(_LEVEL, len(order) - 2))
+    return line.slope * lasts, quantile * line.stderr * lasts
 
 
-def _mean(values: Array) -> tuple[float, float]:
+def _mean(values: Array, fewest: int = _FEWEST_OF_TREND) -> tuple[float, float]:
     """Mean, and its uncertainty from the scatter."""
-    if len(values) < _FEWEST_OF_TREND:
+    if len(values) < fewest:
         return nan, nan
-    sd = float(values.std(ddof=1)) / sqrt(len(values))
-    return float(values.mean()), float(student.ppf(_LEVEL, len(values) - 1)) * sd
+    quantile = float(student.ppf(_LEVEL, len(values) - 1))
+    return float(values.mean()), quantile * float(sem(values))
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Mean change of friction since a profile was made.
+
+    Parameters
+    ----------
+    mean_thresholds : float
+        Mean of measured minus predicted friction [JND].
+    uncertainty_thresholds : float
+        The true mean is within it, either side, at 90 %: the scatter of the strokes, by Student's
+        t.
+    strokes : int
+        Number of strokes.
+    """
+
+    mean_thresholds: Annotated[float, Heading("mean [JND]", "+.2f")]
+    uncertainty_thresholds: Annotated[float, Heading("± [JND]", ".2f")]
+    strokes: Annotated[int, Heading("strokes")]
+
+    @classmethod
+    def of(cls, residuals: Array) -> Drift:
+        """Mean of residuals [JND] with its uncertainty, which two or more are needed for."""
+        if len(residuals) < 2:
+            return cls(float(residuals.sum()), inf, len(residuals))
+        return cls(*_mean(residuals, 2), len(residuals))
+
+    @property
+    def is_within(self) -> bool:
+        """Whether the whole interval is within half a JND."""
+        return abs(self.mean_thresholds) + self.uncertainty_thresholds <= TOLERANCE_THRESHOLDS
+
+
+@dataclass(frozen=True)
+class ProfileCheck:
+    """Strokes against a profile.
+
+    Parameters
+    ----------
+    strokes : tuple of HeldOutStroke
+        Every good stroke and its prediction.
+    drifts : mapping of str to Drift
+        Of "all" strokes, and of those "without_voltage" and "with_voltage": another finger or
+        cleaning shifts both, a changed insulator or drive the driven ones alone.
+    """
+
+    strokes: tuple[HeldOutStroke, ...]
+    drifts: dict[str, Drift]
+
+    @property
+    def passed(self) -> bool:
+        """Whether friction of all, and of the driven strokes, is within half a JND."""
+        return all(self.drifts[name].is_within for name in ("all", "with_voltage"))
+
+    @property
+    def verdict(self) -> Literal["passed", "failed"]:
+        """The same in a word."""
+        return "passed" if self.passed else "failed"
+
+
+def check_profile(reduced: Reduced, predictor: StrokePredictor) -> ProfileCheck:
+    """Compare all good strokes with a predictor of the profiles, none of which it was fitted to.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two good strokes with a voltage.
+    """
+    points = [point for point in reduced.points if not point.outlier]
+    driven = np.array([point.voltage_v > 0 for point in points], dtype=bool)
+    if driven.sum() < FEWEST_OF_GROUP:
+        raise InputError(
+            f"expected {FEWEST_OF_GROUP} good strokes with a voltage or more, got {driven.sum()}"
+        )
+    rows = HeldOutStroke.predicted(points, predictor)
+    residuals = np.array([one.residual_thresholds for one in rows])
+    groups = {"all": residuals, "with_voltage": residuals[driven]}
+    groups["without_voltage"] = residuals[~driven]
+    return ProfileCheck(rows, {name: Drift.of(values) for name, values in groups.items()})

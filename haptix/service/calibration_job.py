@@ -10,16 +10,21 @@ from pathlib import Path
 from secrets import randbelow
 from typing import Any
 
-from calibration.inputs import open_inputs
 from calibration.measuring import Watcher, measure
-from calibration.practice import TRUTH, VIRTUAL_RIG, Truth, compare_with_truth, draw_truth
+from calibration.practice import (
+    TRUTH,
+    VIRTUAL_RIG,
+    Truth,
+    VirtualFingerSource,
+    compare_with_truth,
+    draw_truth,
+)
 from calibration.profile import FINGER, SCREEN
 from calibration.protocol import Stroke
 from calibration.rig import RIG
 from calibration.session import Session, SessionInfo
-from calibration.sources import ForceSource, Live
+from calibration.sources import ForceSource, Live, open_inputs
 from calibration.steps import fit_folder, plan_strokes, reduce_folder, verify_folder
-from calibration.virtual import VirtualFingerSource
 from firmware_io import Device
 from haptix.devices import open_device
 from haptix.errors import InputError

@@ -8,7 +8,7 @@ import pytest
 
 import haptix
 from calibration import Fit, Parameters, fit_strokes, full_protocol, paper_protocol
-from calibration.comparison import compare_terms
+from calibration.fitting import compare_terms
 from calibration.predict import StrokeConditions, StrokePredictor
 from calibration.reduction import Reduced
 

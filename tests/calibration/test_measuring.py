@@ -18,10 +18,9 @@ from calibration import (
     StrokeRecording,
     measure,
 )
-from calibration.inputs import InputChannel, open_inputs
 from calibration.measuring import Watcher, drive_for
 from calibration.recording import SIGNALS
-from calibration.sources import Live, StrokeDrive
+from calibration.sources import InputChannel, Live, StrokeDrive, open_inputs
 
 
 def protocol(count=3, volts=100.0):

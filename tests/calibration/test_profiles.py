@@ -12,10 +12,10 @@ import firmware_io
 import haptix
 from calibration import Parameters, StrokePredictor, full_protocol
 from calibration.app import app
-from calibration.drift import Drift, check_profile
-from calibration.matching import match_profiles
 from calibration.practice import TRUTH, compare_with_truth, draw_truth
+from calibration.profile import match_profiles
 from calibration.reduction import Reduced
+from calibration.verification import Drift, check_profile
 from firmware_io import Device, MockDriver, MockLink
 from haptix.profiles import install_profile, installed_profile, profile_of, profiles_for
 from haptix.screen import Calibration, CalibrationWarning

@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 
 import haptix
 from calibration.app import app
-from calibration.rig import RigCheck, measure_rig
-from calibration.tap import tap_response
+from calibration.rig import RigCheck, measure_rig, tap_response
 
 RATE_HZ = 10_000.0
 

@@ -5,8 +5,8 @@ import pytest
 
 import haptix
 from calibration import Protocol, Session, SessionInfo, Stroke, measure, reduce_session
+from calibration.practice import Person, VirtualFingerSource
 from calibration.predict import StrokeConditions
-from calibration.virtual import Person, VirtualFingerSource
 
 STROKES = tuple(
     Stroke(

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import haptix
-from calibration.inputs import NationalInstrumentsReader
+from calibration.sources import NationalInstrumentsReader
 from haptix.errors import MissingExtraError, from_extra
 
 ROOT = Path(haptix.__file__).parents[1]

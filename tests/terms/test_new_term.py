@@ -12,7 +12,7 @@ from torch import Tensor
 
 import haptix.terms
 from calibration import Parameters, StrokePredictor
-from calibration.comparison import comparable_terms
+from calibration.fitting import comparable_terms
 from calibration.predict import StrokeConditions
 from haptix import ContactModel, Finger, Scene, Screen, Status
 from haptix.fidelity import FIDELITIES
