@@ -34,8 +34,12 @@ class Hearing:
 
 
 @contextmanager
-def jack_session(folder):
-    """Run a server and a capturing client called "cap"; programs get its `environment`."""
+def jack_session(folder, client_timeout_ms=5000):
+    """Run a server and a capturing client called "cap"; programs get its `environment`.
+
+    The server waits `client_timeout_ms` for a client in each of some ten to twenty cycles, also for
+    one that is dead.
+    """
     hearing = Hearing()
     hearing.environment = {
         **os.environ,
@@ -46,7 +50,7 @@ def jack_session(folder):
     name = hearing.environment["JACK_DEFAULT_SERVER"]
     # Synchronous (-S): a client that is held up delays the cycle. Otherwise JACK leaves the client
     # out of it, and on a machine that stalls the samples of whole cycles are not heard.
-    command = ["jackd", "-R", "-P", "60", "-S", "-t", "5000", "-n", name]
+    command = ["jackd", "-R", "-P", "60", "-S", "-t", str(client_timeout_ms), "-n", name]
     command += ["-d", "dummy", "-r", "48000", "-p", "480", "-C", "0", "-P", "2"]
     capture = None
     with (folder / "jackd.log").open("w") as log:

@@ -18,7 +18,9 @@ STEEPEST_STEP_V = (2 * np.pi * 60 * 173.0 + 173.0 / 0.005) / 48_000 + 0.02
 
 
 def heard_at_the_end(folder, way):
-    with jack_session(folder) as hearing:
+    # Of these two nothing tells JACK that they have ended: it waits for them, cycle by cycle.
+    client_timeout_ms = 1000 if way in ("link", "SIGKILL") else 5000
+    with jack_session(folder, client_timeout_ms) as hearing:
         program = str(Path(__file__).parent / "audio_ending.py")
         address = f"audio:device=cap,full_scale_v={FULL_SCALE_V}"
         command = [sys.executable, program, address, way]
