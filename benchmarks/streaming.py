@@ -12,25 +12,49 @@ import gc
 import json
 import sys
 import time
-from typing import cast
 
 import numpy as np
 
-from firmware_io import HaptixError, MockLink, Playback, WaveSource, open_device, volts_to_codes
+from firmware_io import (
+    Device,
+    HaptixError,
+    MockDriver,
+    MockLink,
+    Playback,
+    WaveSource,
+    open_device,
+    volts_to_codes,
+)
 from firmware_io.firmware.core import Output
+from firmware_io.protocol import REPORT_BYTES
 
 STALL_S = 0.010
 STALL_EVERY_S = (0.5, 0.7)  # in the link, and in what makes the samples
 
 CASES = {
-    "48 kHz waveform, bytes": "mock:pace=real",
-    "16 kHz envelope, HID reports": "mock:pace=real,reports=yes",
+    "48 kHz waveform, bytes": False,
+    "16 kHz envelope, HID reports": True,
 }
 
 
-def play(address: str, seconds: float) -> dict[str, object]:
-    device = open_device(address)
-    driver, link = device.mock, cast(MockLink, device._stream.link)
+class StallingLink(MockLink):
+    """A link whose next write waits, once it was told to."""
+
+    waits_s = 0.0
+
+    def stall(self) -> None:
+        self.waits_s = STALL_S
+
+    def send(self, data: bytes) -> None:
+        waits_s, self.waits_s = self.waits_s, 0.0
+        time.sleep(waits_s)
+        super().send(data)
+
+
+def play(reports: bool, seconds: float) -> dict[str, object]:
+    driver = MockDriver(pace="real")
+    link = StallingLink(driver, REPORT_BYTES if reports else None)
+    device = Device(link)
     rate_hz = device.capabilities.sample_rate_hz
     next_stalls = [*STALL_EVERY_S]
     injected = 0
@@ -43,7 +67,7 @@ def play(address: str, seconds: float) -> dict[str, object]:
 
     def stalling(first: int, count: int) -> np.ndarray:
         nonlocal injected
-        for place, stall in enumerate((lambda: link.inject("stall", 0, STALL_S), maker_stalls)):
+        for place, stall in enumerate((link.stall, maker_stalls)):
             if first / rate_hz > next_stalls[place]:
                 next_stalls[place] += STALL_EVERY_S[place]
                 injected += 1
@@ -119,9 +143,9 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     rows = []
-    for name, address in CASES.items():
+    for name, reports in CASES.items():
         try:
-            row = play(address, options.seconds)
+            row = play(reports, options.seconds)
         except HaptixError as error:  # a machine that stands still for a quarter of a second
             row = {"failed": str(error)}
         rows.append({"case": name, **row})

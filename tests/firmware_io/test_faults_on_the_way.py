@@ -10,13 +10,13 @@ from firmware_io import (
     DeviceFaultError,
     LimitError,
     MockDriver,
-    MockLink,
     Playback,
     WaveSource,
     volts_to_codes,
 )
 from firmware_io.firmware.core import Output
 from firmware_io.protocol_client import ANSWER_S
+from tests.faulty_link import FaultyLink
 
 RATE = 48_000
 WATCHDOG_S = 0.25
@@ -48,7 +48,7 @@ def wave(reports, first, count):
 
 
 def open_playback(driver, clock, reports):
-    link = MockLink(driver, 64 if reports else None, clock.sleep)
+    link = FaultyLink(driver, 64 if reports else None, clock.sleep)
     source = WaveSource(lambda first, count: wave(reports, first, count))
     return link, Playback(Device(link, clock=clock), source)
 
@@ -118,7 +118,7 @@ def test_a_frame_above_the_ceiling_is_rejected_on_both_sides(clock, reports):
     assert np.abs(driver.output_v).max() <= 120.0
 
     # A host whose own check is broken: the driver has been told, and has its own.
-    device = Device(MockLink(driver, 64 if reports else None, clock.sleep), clock=clock)
+    device = Device(FaultyLink(driver, 64 if reports else None, clock.sleep), clock=clock)
     object.__setattr__(device._stream.limits, "ceiling_v", 200.0)
     device.arm()
     with pytest.raises(DeviceFaultError, match=r"above the ceiling of 120 V"):

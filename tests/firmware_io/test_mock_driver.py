@@ -15,7 +15,6 @@ from firmware_io import (
 )
 from firmware_io.firmware.core import Output
 from firmware_io.limits import WATCHDOG_S
-from firmware_io.links.mock import InjectedFault
 from firmware_io.protocol import (
     Arm,
     CapabilitiesReport,
@@ -34,6 +33,7 @@ from firmware_io.protocol import (
     TouchReport,
     encode,
 )
+from tests.faulty_link import FaultyLink, InjectedFault
 
 
 class Clock:
@@ -87,7 +87,7 @@ class Host:
 
 
 def host_of(report_bytes=None, **options):
-    return Host(MockLink(MockDriver(**options), report_bytes))
+    return Host(FaultyLink(MockDriver(**options), report_bytes))
 
 
 def playing(**options):
@@ -344,7 +344,7 @@ def test_a_fault_waits_for_its_transfer():
 
 def test_an_unknown_fault_is_refused():
     with pytest.raises(ValueError, match="gremlin"):
-        MockLink().inject("gremlin")
+        FaultyLink().inject("gremlin")
 
 
 # Drivers that cannot be

@@ -21,6 +21,7 @@ from firmware_io import (
 from firmware_io.firmware.core import Output
 from firmware_io.progress import OutputClock
 from firmware_io.revisable import Revisable
+from tests.faulty_link import FaultyLink
 from tests.steady_clock import steady_driver
 from tests.waiting import pause, wait_for
 
@@ -70,7 +71,7 @@ class Levels:
 @pytest.fixture
 def rig(clock):
     driver = MockDriver(pace="real", clock=clock)
-    link = MockLink(driver, sleep=clock.sleep)
+    link = FaultyLink(driver, sleep=clock.sleep)
     device = Device(link, clock=clock)
     source = Levels()
     playback = Playback(device, source)
@@ -351,7 +352,7 @@ def test_clocks_that_drift_apart_cost_nothing(clock, drift_ppm):
 @pytest.mark.parametrize("report_bytes", [None, 64], ids=["bytes", "HID reports"])
 def test_every_sample_of_a_signal_is_played_once(clock, report_bytes):
     driver = MockDriver(pace="real", clock=clock)
-    link = MockLink(driver, report_bytes, clock.sleep)
+    link = FaultyLink(driver, report_bytes, clock.sleep)
     device = Device(link, clock=clock)
     rate_hz = device.capabilities.sample_rate_hz
     t = np.arange(round(2 * rate_hz)) / rate_hz

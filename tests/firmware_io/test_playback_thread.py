@@ -7,12 +7,12 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from firmware_io import (
+    Device,
     DeviceDisconnectedError,
     DeviceError,
     LimitError,
@@ -22,6 +22,8 @@ from firmware_io import (
     volts_to_codes,
 )
 from firmware_io.firmware.core import Output
+from tests.faulty_link import FaultyLink
+from tests.steady_clock import steady_driver
 from tests.waiting import PATIENCE_S, wait_for
 
 pytestmark = pytest.mark.usefixtures("no_thread_is_left", "steady_mock")
@@ -69,9 +71,10 @@ def test_the_error_of_the_thread_is_raised_once():
 
 
 def test_unplugging_is_raised_at_the_end():
-    device, playback = started(tone())
-    link: Any = device._stream.link
+    link = FaultyLink(steady_driver())
     link.inject("disconnect", after=10)
+    playback = Playback(Device(link), tone())
+    playback.start()
     with pytest.raises(DeviceDisconnectedError), playback:
         wait_for(lambda: not playback.is_running)
 

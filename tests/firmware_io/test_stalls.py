@@ -15,9 +15,10 @@ import time
 import numpy as np
 import pytest
 
-from firmware_io import Device, MockLink, Playback, volts_to_codes
+from firmware_io import Device, Playback, volts_to_codes
 from firmware_io.firmware.core import Output
 from firmware_io.links.tcp import TcpLink
+from tests.faulty_link import FaultyLink
 from tests.firmware_io.test_playback import Levels
 from tests.steady_clock import SteadyClock, steady_driver
 from tests.waiting import PATIENCE_S
@@ -89,7 +90,7 @@ def assert_as_believed(played, volts):
 @pytest.mark.usefixtures("no_thread_is_left")
 def test_in_this_process(what):
     driver = steady_driver(clock=SteadyClock(0.15))
-    link, source = MockLink(driver), StallingLevels()
+    link, source = FaultyLink(driver), StallingLevels()
 
     def disturb():
         if what == "renderer":
@@ -110,7 +111,7 @@ def test_in_this_process(what):
 @pytest.mark.usefixtures("no_thread_is_left")
 def test_in_reports():
     driver = steady_driver(sample_rate_hz=8000.0, clock=SteadyClock(0.15))
-    link, source = MockLink(driver, 64), StallingLevels(grid=1)
+    link, source = FaultyLink(driver, 64), StallingLevels(grid=1)
     device = Device(link, mode="waveform", sample_rate_hz=8000)
     volts = play(device, source, lambda: link.inject("stall", 0, 0.02))
     codes, kinds = driver.output

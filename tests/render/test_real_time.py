@@ -11,7 +11,6 @@ from firmware_io import (
     Device,
     DeviceDisconnectedError,
     DeviceFaultError,
-    MockLink,
     open_device,
 )
 from firmware_io.limits import WATCHDOG_S
@@ -23,6 +22,7 @@ from haptix.motion import Motion
 from haptix.render import LiveSettings, RenderStats, Sliding
 from haptix.render.played import COLUMNS, PlayedRecord
 from haptix.texture import Grating
+from tests.faulty_link import FaultyLink
 from tests.steady_clock import SteadyClock, steady_driver
 from tests.waiting import PATIENCE_S
 
@@ -60,7 +60,7 @@ def link():
 
 def patient_link():
     """A driver that a machine which stalls does not starve."""
-    return MockLink(steady_driver())
+    return FaultyLink(steady_driver())
 
 
 def opened(link, watchdog_s=WATCHDOG_S):
@@ -194,7 +194,7 @@ def test_an_error_that_nobody_asked_for_is_told_at_the_end(surface, link):
 
 def test_a_fault_of_the_driver_and_another_session(surface):
     clock = SteadyClock()
-    link = MockLink(steady_driver(clock=clock))
+    link = FaultyLink(steady_driver(clock=clock))
     device = opened(link, watchdog_s=0.2)
     renderer = LiveRenderer(surface, FULL, device, settings=ALWAYS)
     with pytest.raises(DeviceFaultError), renderer:

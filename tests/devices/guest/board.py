@@ -7,9 +7,9 @@ import traceback
 from collections import defaultdict, deque
 
 from firmware_io import MockDriver
-from firmware_io.links.mock import FaultInjection
 from tests.devices.guest.descriptors import BULK_ENDPOINT, HID_ENDPOINT, HID_INTERFACE, descriptor
 from tests.devices.guest.usbip import Cable
+from tests.faulty_link import FaultInjection
 from tests.steady_clock import SteadyClock
 
 _TURN_S = 0.01  # between two looks at what a board in real time has to say
