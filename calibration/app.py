@@ -17,7 +17,7 @@ from calibration.result_commands import (
     match,
     period,
     reduce,
-    show_verdict,
+    show_parts,
     verify,
 )
 from haptix import fields, terminal
@@ -153,13 +153,13 @@ def measure(
         raise InputError("--plan: expected a protocol; write one with `haptix calibrate plan`")
     open_source = _source_of(source, csv, columns, inputs, seed)
     if resume and (plan is None or (folder / "session.json").exists()):
-        there = Session.open(folder)
-        own_screen = there.info.screen if screen is None else Screen.named(screen)
-        info = there.info.replace(
-            screen=own_screen.replace(name=there.info.screen.name if name is None else name),
-            finger=there.info.finger if finger is None else Finger.named(finger),
+        before = Session.open(folder)
+        own_screen = before.info.screen if screen is None else Screen.named(screen)
+        info = before.info.replace(
+            screen=own_screen.replace(name=before.info.screen.name if name is None else name),
+            finger=before.info.finger if finger is None else Finger.named(finger),
         )
-        session = Session.begin(folder, plan or there.protocol, info, resume)
+        session = Session.begin(folder, plan or before.protocol, info, resume)
     else:
         assert plan is not None
         own_screen = Screen.named(screen or "3m-sct3250")
@@ -421,7 +421,7 @@ def run(
     if as_json:
         sys.stdout.write(json_text(document))
     else:
-        show_verdict(f"{verification.verdict}: {folder / REPORT}", verification)
+        show_parts(f"{verification.verdict}: {folder / REPORT}", verification.parts)
         if document["practice"]:
             show("how far the practice was off", [off], False)
     if verification.failures:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from math import exp, inf
@@ -11,7 +11,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, PlainSerializer, PlainValidator, model_validator
+from pydantic import (
+    AliasChoices,
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    model_validator,
+)
 from scipy.special import expit
 
 from calibration.parameters import PER_FINGER, Array, FingerPrior
@@ -26,12 +33,12 @@ Verdict = Literal["determined", "prior", "undetermined", "fixed"]
 
 def _finite(values: Any) -> Array:
     try:
-        found = np.asarray(values, dtype=float)
+        numbers = np.asarray(values, dtype=float)
     except (TypeError, OverflowError) as error:
         raise ValueError(f"expected numbers: {error}") from None
-    if not np.isfinite(found).all():
+    if not np.isfinite(numbers).all():
         raise ValueError("expected finite numbers")
-    return found
+    return numbers
 
 
 _Numbers = Annotated[
@@ -39,6 +46,7 @@ _Numbers = Annotated[
     PlainValidator(_finite),
     PlainSerializer(lambda values: values.tolist()),
 ]
+_Jnd = Field(validation_alias=AliasChoices("effect_jnd", "effect_thresholds"))  # as it was called
 _UpperBound = Annotated[  # JSON has no infinity
     float,
     Field(allow_inf_nan=True),
@@ -79,14 +87,14 @@ class FormFit:
         better.
     h0_ratio : float
         d1/eps1 in this form over that of the fit.
-    effect_thresholds : float
+    effect_jnd : float
         Largest change of friction at the strokes [JND].
     """
 
     form: Annotated[str, Heading("form")]
     evidence: Annotated[float, Heading("evidence against it", "+.1f")]
     h0_ratio: Annotated[float, Heading("d1/eps1, over the fit's", ".3g")]
-    effect_thresholds: Annotated[float, Heading("friction changes by [JND]", ".2g")]
+    effect_jnd: Annotated[float, _Jnd, Heading("friction changes by [JND]", ".2g")]
 
     @property
     def weight(self) -> float:
@@ -108,7 +116,7 @@ class TermNeed:
         The conclusion.
     evidence : float
         AICc without the term minus with it: positive speaks for the term, 6 is 20 to 1.
-    effect_thresholds : float
+    effect_jnd : float
         Largest change of friction at the strokes [JND], after the other parameters were fitted
         again.
     """
@@ -117,7 +125,7 @@ class TermNeed:
     is_on: Annotated[bool, Heading("in the fit", "off|on")]
     need: Annotated[Need, Heading("the strokes say")]
     evidence: Annotated[float, Heading("evidence (AICc)", "+.1f")]
-    effect_thresholds: Annotated[float, Heading("effect [JND]", ".2g")]
+    effect_jnd: Annotated[float, _Jnd, Heading("effect [JND]", ".2g")]
 
 
 class ParameterEstimate(Part):
@@ -275,12 +283,25 @@ class Fit(Document):
 
     def _own_hash(self) -> str:
         fields = self.model_dump(mode="json", exclude={"content_hash"})
+        for form in fields["forms"]:  # as it was called, so that earlier fits keep their hash
+            form["effect_thresholds"] = form.pop("effect_jnd")
         return sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()
 
     @property
     def undetermined(self) -> list[ParameterEstimate]:
         """Estimates without a value."""
         return [one for one in self.estimates if one.value is None]
+
+    def parts(self, needs: Sequence[TermNeed] = ()) -> list[tuple[str, Sequence[Any]]]:
+        """Return what people read of it, by title: rows of a table, or lines."""
+        left_out = [f"stroke {number}: {why}" for number, why in sorted(self.left_out.items())]
+        return [
+            ("Results", self.estimates),
+            ("Not determined", [estimate.refusal() for estimate in self.undetermined]),
+            ("Other forms of the model", self.forms),
+            ("Which terms the strokes need", needs),
+            ("Strokes that were not used", left_out),
+        ]
 
     def value(self, name: str) -> float:
         """Value of a parameter.

@@ -88,7 +88,7 @@ def compare_forms(
     Both are compared at the smaller repeatability of the two, that of the form that fits better.
     """
     mu = residuals.predict(free).log_mu
-    found = []
+    compared = []
     for name, (other, at) in others.items():
         least = Repeatability(
             min(residuals.repeatability.log_mu, other.repeatability.log_mu),
@@ -103,8 +103,8 @@ def compare_forms(
         if "h0_m" in residuals.parameters.free:
             index = residuals.parameters.free.index("h0_m")
             ratio = float(np.exp(at[index] - free[index]))
-        found.append(FormFit(name, costs[0] - costs[1], ratio, float(change)))
-    return found
+        compared.append(FormFit(name, costs[0] - costs[1], ratio, float(change)))
+    return compared
 
 
 def in_form(parameters: Parameters, predictor: StrokePredictor) -> Parameters:
@@ -121,11 +121,11 @@ def carried_over(other: StrokePredictor, residuals: Residuals, free: Array) -> A
     start, name = free.copy(), "frictional_shear_stress_pa"
     parameters = residuals.parameters
     if name in parameters.free and parameters[name].prior is None:
-        there, here = (
+        of_other, of_this = (
             float(one.model.finger.frictional_shear_stress_pa)
             for one in (other, residuals.predictor)
         )
-        start[parameters.free.index(name)] += np.log(there / here)
+        start[parameters.free.index(name)] += np.log(of_other / of_this)
     return start
 
 
@@ -237,8 +237,8 @@ def fit_strokes(
                 f"{point.normal_force_n:.3g} N it snaps in; use a lower voltage"
             )
         points = tuple(point for point in points if point.number not in left_out)
-        found = dict(zip(parameters.free, np.exp(free).tolist(), strict=True))
-        residuals, free = fit_residuals(predictor, parameters.restarted_at(found), points)
+        fitted = dict(zip(parameters.free, np.exp(free).tolist(), strict=True))
+        residuals, free = fit_residuals(predictor, parameters.restarted_at(fitted), points)
     own = np.asarray(np.linalg.inv(residuals.information(free)))
     measured = np.diag(own @ residuals.data_information(free) @ own) / np.diag(own)
     if bootstraps:
@@ -247,10 +247,10 @@ def fit_strokes(
     components = [] if exchanged is None else [exchanged]
     compared: list[FormFit] = []
     if forms:
-        found = dict(zip(parameters.free, np.exp(free).tolist(), strict=True))
+        fitted = dict(zip(parameters.free, np.exp(free).tolist(), strict=True))
         others = {}
         for name, other in forms.items():
-            known = in_form(parameters.restarted_at(found), other)
+            known = in_form(parameters.restarted_at(fitted), other)
             others[name] = fit_residuals(other, known, points, carried_over(other, residuals, free))
         compared = compare_forms(residuals, free, others)
         components += [
@@ -316,15 +316,15 @@ def _bootstrap(residuals: Residuals, free: Array, seed: int, count: int) -> Arra
     misfit = residuals.data(free) * sqrt(residuals.data_rows / spare)
     weights = residuals.weights(free)
     prior, row_of = residuals.prior_matrix, residuals.stroke_of_row
-    found = []
+    replicates = []
     for _ in range(count):
         times = np.bincount(rng.integers(0, strokes, strokes), minlength=strokes)[row_of]
         target = residuals.prior_target + rng.normal(size=len(residuals.prior_target))
         weighted = (weights * times)[:, None] * jacobian
         slope = weighted.T @ misfit + prior.T @ (prior @ free - target)
         step = np.linalg.solve(residuals.with_prior(weighted.T @ jacobian), slope)
-        found.append(free - step)
-    return np.asarray(np.atleast_2d(np.cov(np.array(found).T)))
+        replicates.append(free - step)
+    return np.asarray(np.atleast_2d(np.cov(np.array(replicates).T)))
 
 
 def _larger(covariance: Array, other: Array) -> Array:
@@ -413,7 +413,7 @@ def compare_terms(
     at = solve(base, base.start)
     fitted = dict(zip(start.free, at, strict=True))
     base_score, base_mu = _score(base, at), base.predict(at).log_mu
-    found = []
+    needs = []
     on = fitted_terms(predictor.model.terms, parameters.names)
     for term in comparable_terms() if compared is None else compared:
         is_on = term in on
@@ -422,11 +422,11 @@ def compare_terms(
         except InputError:
             continue  # the profiles lack what the term needs
         other = Residuals(switched, changed, points, fit.repeatability)
-        there = min((solve(other, one) for one in _starts(other, fitted)), key=other.cost)
-        evidence = (_score(other, there) - base_score) * (1 if is_on else -1)
-        change = np.abs(np.expm1(other.predict(there).log_mu - base_mu)).max() / WEBER_FRACTION
-        found.append(TermNeed(term, is_on, _need(evidence, change), evidence, float(change)))
-    return found
+        refitted = min((solve(other, one) for one in _starts(other, fitted)), key=other.cost)
+        evidence = (_score(other, refitted) - base_score) * (1 if is_on else -1)
+        change = np.abs(np.expm1(other.predict(refitted).log_mu - base_mu)).max() / WEBER_FRACTION
+        needs.append(TermNeed(term, is_on, _need(evidence, change), evidence, float(change)))
+    return needs
 
 
 def comparable_terms() -> list[str]:
@@ -460,13 +460,13 @@ def _starts(residuals: Residuals, fitted: Mapping[str, float]) -> list[Array]:
     From a gap that leaks much the way to one that hardly leaks, one standard deviation of the prior
     up, may lead through a worse fit.
     """
-    parameters, own = residuals.parameters, residuals.start
-    pairs = zip(parameters.free, own, strict=True)
+    parameters, values = residuals.parameters, residuals.start
+    pairs = zip(parameters.free, values, strict=True)
     starts = [np.array([fitted.get(name, value) for name, value in pairs])]
     for number, name in enumerate(parameters.free):
         spread = parameters.prior_spread(name)
         if name not in fitted and spread is not None:
-            starts.append(starts[0] + spread * (np.arange(len(own)) == number))
+            starts.append(starts[0] + spread * (np.arange(len(values)) == number))
     return starts
 
 

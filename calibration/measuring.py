@@ -185,8 +185,8 @@ def measure(
             findings = check_recording(recording, protocol.idle_s, protocol.tolerance)
             fatal = tuple(str(one) for one in findings if one.is_fatal)
             session.keep(replace(recording, findings=fatal))
-            found = "; ".join(map(str, findings))
-            _LOG.info("stroke %d is %s: %s", stroke.number, "repeated" if fatal else "kept", found)
+            texts = "; ".join(map(str, findings))
+            _LOG.info("stroke %d is %s: %s", stroke.number, "repeated" if fatal else "kept", texts)
             watcher.done(stroke, findings)
             if not fatal:
                 break

@@ -108,12 +108,12 @@ def fitted_terms(on: Collection[str], names: Collection[str]) -> frozenset[str]:
 
     A term with an optional parameter is on where that is fitted, whatever the model's profile says.
     """
-    found = set()
+    terms_on = set()
     for term in TERMS:
         optional = optional_parameters(term)
         if all(name in names for name in optional) if optional else term in on:
-            found.add(term)
-    return frozenset(found)
+            terms_on.add(term)
+    return frozenset(terms_on)
 
 
 @dataclass(frozen=True)
@@ -165,13 +165,6 @@ class FingerPrior:
     log_value: Array
     covariance: Array
 
-    def __post_init__(self) -> None:
-        if unknown := set(self.names) - set(PER_FINGER):
-            raise InputError(f"finger prior: unknown {', '.join(sorted(unknown))}")
-        count = len(self.names)
-        if self.log_value.shape != (count,) or self.covariance.shape != (count, count):
-            raise InputError(f"finger prior: expected {count} values and their covariance")
-
 
 @dataclass(frozen=True)
 class Parameters:
@@ -193,12 +186,12 @@ class Parameters:
             "skin_dielectric_scale": finger.dielectric.scale,
             "response_hz_per_mm_per_s": finger.response_hz_per_mm_per_s,
         }
-        found = [Parameter(name, value, _SPREAD.get(name)) for name, value in values.items()]
+        parameters = [Parameter(name, value, _SPREAD.get(name)) for name, value in values.items()]
         if leaky_gap or screen.gap_resistivity_ohm_m is not None:
             start, prior = OPTIONAL["gap_resistivity_ohm_m"]
             value = screen.gap_resistivity_ohm_m or start
-            found.append(Parameter("gap_resistivity_ohm_m", value, prior))
-        return cls(tuple(found))
+            parameters.append(Parameter("gap_resistivity_ohm_m", value, prior))
+        return cls(tuple(parameters))
 
     def with_rig(self) -> Parameters:
         """Return a copy with the force sensor's bandwidth, as little as is known of one."""

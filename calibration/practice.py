@@ -186,8 +186,8 @@ def draw_truth(finger: Finger, screen: Screen, protocol: Protocol, seed: int) ->
     )
     for _ in range(_TRIES):
         drawn = draw_parameters(start, rng)
-        found = predictor(hardest, drawn.names, drawn.log_values, jacobian=False)
-        if found.is_light.all():
+        predicted = predictor(hardest, drawn.names, drawn.log_values, jacobian=False)
+        if predicted.is_light.all():
             thickness = drawn["h0_m"].value * screen.insulator_permittivity
             return Truth(
                 screen=screen.replace(insulator_thickness_m=thickness),
@@ -224,8 +224,8 @@ class PracticeResult:
     true_h0_m: Annotated[float, Heading("true d1/eps1 [m]", ".3g")]
     found_h0_m: Annotated[float, Heading("found", ".3g")]
     h0_error: Annotated[float, Heading("its error", "+.1%")]
-    friction_error_median_thresholds: Annotated[float, Heading("friction, median [JND]", ".2f")]
-    friction_error_worst_thresholds: Annotated[float, Heading("friction, worst [JND]", ".2f")]
+    friction_error_median_jnd: Annotated[float, Heading("friction, median [JND]", ".2f")]
+    friction_error_worst_jnd: Annotated[float, Heading("friction, worst [JND]", ".2f")]
 
 
 def compare_with_truth(folder: Path, highest_voltage_v: float) -> PracticeResult:
@@ -239,12 +239,10 @@ def compare_with_truth(folder: Path, highest_voltage_v: float) -> PracticeResult
     axes = FORCES_N, highest_voltage_v * np.linspace(0, 1, 5), (30.0, 125.0, 1000.0, 4000.0)
     places = [axis.ravel() for axis in np.meshgrid(*axes)]
     strokes = StrokeConditions(*[*places, np.full(len(places[0]), 50.0)])
-    found = []
-    for one in (ContactModel(finger, screen), truth.model):
-        own = Parameters.of(one.finger, one.screen)
-        found.append(StrokePredictor(one)(strokes, own.names, own.log_values, jacobian=False))
-    light = found[0].is_light & found[1].is_light
-    off = np.abs(np.expm1(found[0].log_mu - found[1].log_mu))[light] / WEBER_FRACTION
+    models = ContactModel(finger, screen), truth.model
+    measured, true = (StrokePredictor(model).by_profiles(strokes) for model in models)
+    light = measured.is_light & true.is_light
+    off = np.abs(np.expm1(measured.log_mu - true.log_mu))[light] / WEBER_FRACTION
     return PracticeResult(
         truth.screen.h0_m,
         screen.h0_m,

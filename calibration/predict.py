@@ -21,7 +21,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from calibration.parameters import REQUIRED, Array, Mask, fitted_terms
+from calibration.parameters import REQUIRED, Array, Mask, Parameters, fitted_terms
 from haptix.electro import Circuit, Pull
 from haptix.errors import InputError
 from haptix.fidelity import Ability
@@ -117,8 +117,8 @@ class StrokePredictor:
             model.solver.fidelity.borrow(tables.model.solver.fidelity)
         # High forces on soft skin and low ones on stiff skin, once for all fits.
         unit = torch.tensor([_RANGE, 1 / _RANGE], dtype=torch.float64)
-        given = Properties(model.finger, model.screen, unit)
-        solver = FrictionSolver(ActiveTerms(given, model.terms), model.solver.fidelity)
+        properties = Properties(model.finger, model.screen, unit)
+        solver = FrictionSolver(ActiveTerms(properties, model.terms), model.solver.fidelity)
         with torch.no_grad():
             solver.prepare(torch.tensor(_FORCES_N, dtype=torch.float64))
 
@@ -156,6 +156,17 @@ class StrokePredictor:
         means = log_mu.detach().numpy(), ripple.detach().numpy()
         return Prediction(*means, by_log[0], by_log[1], light.numpy())
 
+    def by_profiles(
+        self, strokes: StrokeConditions, sensor: Mapping[str, float] | None = None
+    ) -> Prediction:
+        """Predict strokes with the model's own finger and screen, without a Jacobian.
+
+        `sensor` has the bandwidth of the force sensor (`calibration.parameters.PER_RIG`), which is
+        in no profile; without it the ripples are those of a perfect one.
+        """
+        parameters = Parameters.of(self.model.finger, self.model.screen).fixed(**sensor or {})
+        return self(strokes, parameters.names, parameters.log_values, jacobian=False)
+
     def _period(
         self, strokes: StrokeConditions, values: Mapping[str, Tensor]
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -189,8 +200,8 @@ class StrokePredictor:
         circuit = Circuit(thickness / higher, medium / higher, stroke)
         of_instant = {name: each(value) for name, value in values.items()}
         solver = FrictionSolver(self._terms(of_instant), self.model.solver.fidelity)
-        found, balance = solver.solve(each(force), replace(pull, circuit=circuit))
-        mu = found.reshape(count, _INSTANTS)
+        mu_at, balance = solver.solve(each(force), replace(pull, circuit=circuit))
+        mu = mu_at.reshape(count, _INSTANTS)
         turn = 2 * self._phase
         return (
             mu.mean(-1),
@@ -205,8 +216,8 @@ class StrokePredictor:
         scale = {"scale": values["skin_dielectric_scale"]}
         changed = {**values, "dielectric": finger.dielectric.model_copy(update=scale)}
         unit = values["youngs_modulus_pa"] / self._modulus_pa * values["h_rms_m"] / self._h_rms_m
-        given = Properties(_updated(finger, changed), _updated(screen, changed), unit)
-        return ActiveTerms(given, fitted_terms(self.model.terms, values))
+        properties = Properties(_updated(finger, changed), _updated(screen, changed), unit)
+        return ActiveTerms(properties, fitted_terms(self.model.terms, values))
 
 
 def sensor_gain(values: Mapping[str, Tensor], frequency_hz: Tensor) -> Tensor:
@@ -226,5 +237,5 @@ def sensor_gain(values: Mapping[str, Tensor], frequency_hz: Tensor) -> Tensor:
 
 def _updated(profile: _Profile, values: Mapping[str, Any]) -> _Profile:
     """Copy a profile with those of the values that are its fields."""
-    own = type(profile).model_fields
-    return profile.model_copy(update={key: one for key, one in values.items() if key in own})
+    fields_of = type(profile).model_fields
+    return profile.model_copy(update={key: one for key, one in values.items() if key in fields_of})

@@ -67,16 +67,16 @@ def calibrated_screen(
     changed: dict[str, object] = {
         "insulator_thickness_m": fit.value("h0_m") * screen.insulator_permittivity
     }
-    found = [fit["h0_m"]]
+    estimates = [fit["h0_m"]]
     if "gap_resistivity_ohm_m" in fit.names:
-        found.append(fit["gap_resistivity_ohm_m"])
-        changed["gap_resistivity_ohm_m"] = found[-1].value
+        estimates.append(fit["gap_resistivity_ohm_m"])
+        changed["gap_resistivity_ohm_m"] = estimates[-1].value
     calibration = Calibration(
         date=measured_on or datetime.now(UTC).date(),
         operator=operator,
         instruments=tuple(sorted(set(instruments))),
         verdict="failed" if verification is None else verification.verdict,
-        spread={one.name: one.spread for one in found if one.value is not None},
+        spread={one.name: one.spread for one in estimates if one.value is not None},
         rests_on=(
             *_assumptions(fit, predictor),
             *(f"{name} (not measured)" for name in sorted(set(assumed))),
@@ -91,10 +91,10 @@ def calibrated_screen(
 
 def _assumptions(fit: Fit, predictor: StrokePredictor) -> list[str]:
     placeholders = predictor.model.placeholders()
-    found = [f"{name} (placeholder)" for name in placeholders if "screen" not in name]
+    assumptions = [f"{name} (placeholder)" for name in placeholders if "screen" not in name]
     for verdict, note in (("fixed", "held fixed"), ("prior", "its prior")):
-        found += [f"{one.name} ({note})" for one in fit.estimates if one.verdict == verdict]
-    return found
+        assumptions += [f"{one.name} ({note})" for one in fit.estimates if one.verdict == verdict]
+    return assumptions
 
 
 def calibrated_finger(finger: Finger, fit: Fit) -> Finger:
@@ -102,8 +102,8 @@ def calibrated_finger(finger: Finger, fit: Fit) -> Finger:
 
     Its numbers belong together: a single one is measured only if the fit determines it.
     """
-    found = finger_at(finger, {name: fit.best(name) for name in PER_FINGER})
-    return found.replace(theory=fit.theory or finger.theory)
+    fitted = finger_at(finger, {name: fit.best(name) for name in PER_FINGER})
+    return fitted.replace(theory=fit.theory or finger.theory)
 
 
 def finger_at(finger: Finger, values: Mapping[str, float]) -> Finger:
@@ -162,10 +162,10 @@ class MatchedFriction:
         The friction.
     voltage_a_v, voltage_b_v : float
         Amplitude that gives it on each screen [V].
-    difference_thresholds : float
+    difference_jnd : float
         Friction of B minus that of A where both have A's voltage, in just-noticeable differences;
         NaN past B's light contact.
-    uncertainty_thresholds : float
+    uncertainty_jnd : float
         90 % uncertainty of either difference, from the spread of both profiles' insulators; NaN
         where a profile states none.
     """
@@ -175,8 +175,8 @@ class MatchedFriction:
     mu: Annotated[float, Heading("mu", ".3g")]
     voltage_a_v: Annotated[float, Heading("A [V]", ".1f")]
     voltage_b_v: Annotated[float, Heading("B [V]", ".1f")]
-    difference_thresholds: Annotated[float, Heading("difference [JND]", "+.2f")]
-    uncertainty_thresholds: Annotated[float, Heading("uncertainty [JND]", ".2f")]
+    difference_jnd: Annotated[float, Heading("difference [JND]", "+.2f")]
+    uncertainty_jnd: Annotated[float, Heading("uncertainty [JND]", ".2f")]
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ def match_profiles(
     if levels < 2:
         raise InputError(f"levels: expected 2 or more, got {levels}")
     curves_a, curves_b = _Curves(*a, frequency_hz), _Curves(*b, frequency_hz)
-    found = []
+    matches = []
     for force in normal_force_n:
         positive("normal_force_n", force)
         of_a, of_b = curves_a.at(force), curves_b.at(force)
@@ -223,8 +223,8 @@ def match_profiles(
         rows = []
         for mu in np.linspace(low, high, levels) if high > low else ():
             volts_a, volts_b = (float(np.interp(mu, curve, level)) for level, curve in (of_a, of_b))
-            there = float(np.interp(volts_a, *of_b, right=np.nan))
-            own = hypot(curves_a.spread(force, volts_a), curves_b.spread(force, volts_b))
+            mu_of_b = float(np.interp(volts_a, *of_b, right=np.nan))
+            log_sd = hypot(curves_a.spread(force, volts_a), curves_b.spread(force, volts_b))
             rows.append(
                 MatchedFriction(
                     force,
@@ -232,12 +232,12 @@ def match_profiles(
                     float(mu),
                     volts_a,
                     volts_b,
-                    (there / float(mu) - 1) / WEBER_FRACTION,
-                    1.645 * own / WEBER_FRACTION,
+                    (mu_of_b / float(mu) - 1) / WEBER_FRACTION,
+                    1.645 * log_sd / WEBER_FRACTION,
                 )
             )
-        found.append(Match(force, float(low), float(high), tuple(rows)))
-    return found
+        matches.append(Match(force, float(low), float(high), tuple(rows)))
+    return matches
 
 
 class _Curves:
@@ -246,18 +246,20 @@ class _Curves:
     def __init__(self, screen: Screen, finger: Finger, frequency_hz: float) -> None:
         self._model = ContactModel(finger, screen)
         self._frequency_hz = frequency_hz
-        made = screen.calibration
-        self._log_sd = float("nan") if made is None else made.spread.get("h0_m", float("nan"))
+        calibration = screen.calibration
+        self._log_sd = (
+            float("nan") if calibration is None else calibration.spread.get("h0_m", float("nan"))
+        )
 
     def at(self, force: float, h0_factor: float = 1.0) -> tuple[Array, Array]:
         """Voltages [V] and friction at them."""
         screen = self._model.screen
         volts = np.linspace(0.0, screen.max_voltage_v, _VOLTAGES)
-        found = self._model.solve(force, volts, self._frequency_hz, screen.h0_m * h0_factor)
-        light = np.cumprod(np.asarray(found.status) == int(Status.OK)).astype(bool)
+        state = self._model.solve(force, volts, self._frequency_hz, screen.h0_m * h0_factor)
+        light = np.cumprod(np.asarray(state.status) == int(Status.OK)).astype(bool)
         if not light.any():
             raise InputError(f"screen {screen.name!r}: no light contact at {force:g} N")
-        return volts[light], np.asarray(found.mu, dtype=float)[light]
+        return volts[light], np.asarray(state.mu, dtype=float)[light]
 
     def spread(self, force: float, voltage_v: float) -> float:
         """Standard deviation of ln mu at a voltage, from that of the insulator."""

@@ -203,13 +203,12 @@ def expected_rows(
 
     Shape (strokes, 2, free), and for each stroke whether the light contact lasts.
     """
-    found = predictor(strokes, parameters.names, parameters.log_values)
-    ripple_sd = np.hypot(RIPPLE_ERROR * found.ripple, 1e-3)
-    rows = np.stack(
-        [found.log_mu_jacobian / MU_ERROR, found.ripple_jacobian / ripple_sd[:, None]], axis=1
-    )
+    predicted = predictor(strokes, parameters.names, parameters.log_values)
+    ripple_sd = np.hypot(RIPPLE_ERROR * predicted.ripple, 1e-3)
+    of_mu, of_ripple = predicted.log_mu_jacobian, predicted.ripple_jacobian
+    rows = np.stack([of_mu / MU_ERROR, of_ripple / ripple_sd[:, None]], axis=1)
     free = [parameters.names.index(name) for name in parameters.free]
-    return rows[:, :, free], found.is_light
+    return rows[:, :, free], predicted.is_light
 
 
 def expected_spread(
@@ -282,5 +281,6 @@ def short_protocol(
         gain[~usable] = -np.inf
         chosen.append(int(gain.argmax()))
         information += added[:, chosen[-1]]
-    held = [(force, share * max_voltage_v, hertz) for force, share, hertz in _HELD_OUT[:held_out]]
-    return Protocol.shuffled("short", places[chosen].tolist(), held)
+    shares = _HELD_OUT[:held_out]
+    kept_out = [(force, share * max_voltage_v, hertz) for force, share, hertz in shares]
+    return Protocol.shuffled("short", places[chosen].tolist(), kept_out)

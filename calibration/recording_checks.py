@@ -69,12 +69,12 @@ def check_recording(
             for name, count in bad.items()
             if count
         ]
-    found = list(_times(recording))
-    if any(one.kind != "dropped samples" for one in found):
-        return found
-    found += _clipping(recording, idle_s)
+    findings = list(_times(recording))
+    if any(one.kind != "dropped samples" for one in findings):
+        return findings
+    findings += _clipping(recording, idle_s)
     if length := list(_sliding(recording)):
-        return found + length
+        return findings + length
     stroke = recording.stroke
     segments = full_slip(
         recording.t_s,
@@ -83,24 +83,24 @@ def check_recording(
         stopping_mm=0.05 * stroke.length_mm,
     )
     if not segments:
-        return [*found, _too_short(recording, 0.0)]
+        return [*findings, _too_short(recording, 0.0)]
     checks = _SlidingChecks(recording, segments, idle_s)
     if dead := list(checks.dead()):
-        return found + dead
-    found += checks.end()
-    found += checks.held()
+        return findings + dead
+    findings += checks.end()
+    findings += checks.held()
     if early := list(checks.touched_early()):
-        return found + early  # without a zero the forces mean nothing
+        return findings + early  # without a zero the forces mean nothing
     forces = list(checks.force_axes())
-    found += forces
+    findings += forces
     if not forces:  # in a wrong unit no other check of the forces means anything
-        found += checks.zero()
-        found += checks.off_target(tolerance)
-        if not any(one.kind == "clipped force" for one in found):
-            found += checks.flattened()
+        findings += checks.zero()
+        findings += checks.off_target(tolerance)
+        if not any(one.kind == "clipped force" for one in findings):
+            findings += checks.flattened()
     if "drive_v" not in recording.assumed:
-        found += checks.drive()
-    return found
+        findings += checks.drive()
+    return findings
 
 
 def idle_parts(recording: StrokeRecording, idle_s: float) -> tuple[slice, slice]:
@@ -318,9 +318,9 @@ class _SlidingChecks:
                 values[: count * block].reshape(count, block).mean(-1) for values in (shear, press)
             )
             expected = float(slow_press.std() * slow_shear.mean() / slow_press.mean())
-            own = noise / np.sqrt(block)
-            left = max(float(slow_shear.var()) - own**2, 0.0)
-            is_rigid = expected > 4 * own and left < (_RIGID * expected) ** 2
+            noise_of_mean = noise / np.sqrt(block)
+            left = max(float(slow_shear.var()) - noise_of_mean**2, 0.0)
+            is_rigid = expected > 4 * noise_of_mean and left < (_RIGID * expected) ** 2
             fast = shear[: count * block] - np.repeat(slow_shear, block)
             spread = float(fast.std())
             skew = float((fast**3).mean()) / max(spread, 1e-30) ** 3
@@ -372,13 +372,13 @@ class _SlidingChecks:
     def force_axes(self) -> Iterator[Finding]:
         planned = self.stroke.normal_force_n
         normal = self.level("normal_force_n")
-        there = self.segments[0].direction
-        drag = self.level("tangential_force_n", there) * there
-        is_one_way = all(one.direction == there for one in self.segments)
+        first_way = self.segments[0].direction
+        drag = self.level("tangential_force_n", first_way) * first_way
+        is_one_way = all(one.direction == first_way for one in self.segments)
         if not is_one_way:
             # Friction turns with the direction, the normal force does not.
-            drag_back = self.level("tangential_force_n", -there) * -there
-            one_way, back = (self.level("normal_force_n", way) for way in (there, -there))
+            drag_back = self.level("tangential_force_n", -first_way) * -first_way
+            one_way, back = (self.level("normal_force_n", way) for way in (first_way, -first_way))
             turns = abs(one_way - back) > abs(one_way + back)
             is_swapped = turns and abs(drag + drag_back) < abs(drag - drag_back)
             drag = (drag + drag_back) / 2
@@ -410,7 +410,7 @@ class _SlidingChecks:
                 f"the tangential force pulls the finger along (mu {mu:.3g}); give the column scale "
                 "= -1, or turn x around",
             )
-        elif mu - is_one_way * self.drift("tangential_force_n") * there / normal < _LOWEST_MU:
+        elif mu - is_one_way * self.drift("tangential_force_n") * first_way / normal < _LOWEST_MU:
             unit = "kgf" if mu < 0.05 else "lbf"
             yield _wrong_unit(f"mu above {_LOWEST_MU:g}, with a tangential force in N", mu, unit)
         elif mu > _HIGHEST_MU:
@@ -430,17 +430,17 @@ class _SlidingChecks:
     def off_target(self, tolerance: float) -> Iterator[Finding]:
         mean_speed = self.mean(np.abs(sliding_speed(self.recording.t_s, self.recording.x_mm)))
         stroke = self.stroke
-        for what, unit, planned, found, too_much, too_little in (
+        for what, unit, planned, measured, too_much, too_little in (
             ("force", "N", stroke.normal_force_n, self.level("normal_force_n"),
              "press less", "press harder"),
             ("speed", "mm/s", stroke.speed_mm_per_s, mean_speed, "slide slower", "slide faster"),
         ):  # fmt: skip
-            error = found / planned - 1
+            error = measured / planned - 1
             if abs(error) > tolerance:
                 yield Finding(
                     f"{what} off",
-                    f"expected {planned:g} {unit} within {tolerance:.0%}, got {found:.3g} {unit} "
-                    f"({error:+.0%}); {too_much if error > 0 else too_little}",
+                    f"expected {planned:g} {unit} within {tolerance:.0%}, got {measured:.3g} "
+                    f"{unit} ({error:+.0%}); {too_much if error > 0 else too_little}",
                 )
 
     def drive(self) -> Iterator[Finding]:

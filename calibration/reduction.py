@@ -268,14 +268,14 @@ def _creep(recording: StrokeRecording, segments: list[Segment]) -> float:
 
 def _hum(recording: StrokeRecording, idle_s: float) -> float:
     """Amplitude [N] of the untouched tangential force at 2f: harmonics of the mains lie there."""
-    found = []
+    amplitudes = []
     for part in idle_parts(recording, idle_s):
         t, force = recording.t_s[part], recording.tangential_force_n[part]
         if len(t) > 8:
             turn = np.exp(-4j * np.pi * recording.stroke.frequency_hz * (t - t[0]))
             window = np.hanning(len(t))
-            found.append(2 * abs(turn @ ((force - force.mean()) * window)) / window.sum())
-    return max(found, default=0.0)
+            amplitudes.append(2 * abs(turn @ ((force - force.mean()) * window)) / window.sum())
+    return max(amplitudes, default=0.0)
 
 
 def _ripple(

@@ -8,6 +8,7 @@ from datetime import datetime
 from html import escape
 from itertools import cycle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -59,33 +60,23 @@ def write_report(
             f"{', '.join(calibration.instruments) or 'no instruments named'}"
         )
         rests_on = calibration.rests_on
-    left_out = [f"stroke {number}: {why}" for number, why in sorted(fit.left_out.items())]
     minutes = minutes_of(recordings)
     parts = [
         paragraph(about),
         "" if profile_is_written else "<p class=failed>No profile was written.</p>",
-        listed("Why it failed", verification.failures),
-        listed("Not tested", verification.untested),
-        paragraph(_sizes(verification, fit)),
-        paragraph(f"Steadiness: {verification.steadiness.text}."),
-        table("Errors of friction, by the strokes kept out", verification.groups),
+        *(_part(title, rows) for title, rows in verification.parts),
+        paragraph(
+            f"Residuals in just-noticeable differences (JND, {WEBER_FRACTION:.0%} of mu). Each "
+            "group's mean, with its 90 % uncertainty, is to lie within "
+            f"{verification.tolerance_jnd:g}. {_sizes(verification, fit)}"
+        ),
         picture("Friction and residuals", _friction(fit, reduced, verification, predictor)),
         picture(
             "Residuals over force, voltage, frequency, order and time",
             _residuals_over_causes(fit, reduced, predictor, minutes),
         ),
         _ripples(fit, reduced, predictor),
-        table("Results", fit.estimates),
-        listed("Not determined", [one.refusal() for one in fit.undetermined]),
-        table("Strokes kept out of the fit", verification.strokes),
-        paragraph(
-            f"Residuals in just-noticeable differences (JND, {WEBER_FRACTION:.0%} of mu). Each "
-            "group's mean, with its 90 % uncertainty, is to lie within "
-            f"{verification.tolerance_thresholds:g}."
-        ),
-        table("Other forms of the model", fit.forms),
-        table("Which terms the strokes need", needs),
-        listed("Strokes that were not used", left_out),
+        *(_part(title, rows) for title, rows in fit.parts(needs)),
         listed("Rests on", rests_on),
         _raw_traces(recordings, farthest_stroke(fit, reduced, predictor)),
         paragraph(
@@ -95,6 +86,10 @@ def write_report(
         ),
     ]
     write_whole(path, page(f"Calibration of {screen.name}", parts, verdict))
+
+
+def _part(title: str, rows: Sequence[Any]) -> str:
+    return listed(title, rows) if rows and isinstance(rows[0], str) else table(title, rows)
 
 
 def _crosstalk(reduced: Reduced) -> str:
@@ -118,8 +113,8 @@ def _friction(
         """Friction at 50 mm/s, NaN where the contact snaps in."""
         columns = np.broadcast_arrays(force, volts, hertz, 50.0)
         strokes = StrokeConditions(*(column.astype(float) for column in columns))
-        found = predictor(strokes, fit.names, fit.log_values, jacobian=False)
-        return np.where(found.is_light, np.exp(found.log_mu), np.nan)
+        predicted = predictor(strokes, fit.names, fit.log_values, jacobian=False)
+        return np.where(predicted.is_light, np.exp(predicted.log_mu), np.nan)
 
     values, counts = np.unique([point.frequency_hz for point in good], return_counts=True)
     usual = float(values[counts.argmax()]) if len(values) else 125.0
@@ -219,9 +214,9 @@ def _ripples(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> str:
 
 def _sizes(verification: Verification, fit: Fit) -> str:
     """What the profile's friction rests on, in one line, each with its size in JND."""
-    rig = max((one.rig_thresholds for one in verification.groups), default=0.0)
-    scatter = max((one.uncertainty_thresholds for one in verification.groups), default=np.nan)
-    forms = max((one.effect_thresholds * one.weight for one in fit.forms), default=0.0)
+    rig = max((one.rig_jnd for one in verification.groups), default=0.0)
+    scatter = max((one.uncertainty_jnd for one in verification.groups), default=np.nan)
+    forms = max((one.effect_jnd * one.weight for one in fit.forms), default=0.0)
     checked = f"the rig's gains {rig:.2f}"
     if any("no known weight" in one for one in verification.untested):
         checked = "the rig's gains: not checked"
@@ -229,8 +224,8 @@ def _sizes(verification: Verification, fit: Fit) -> str:
         checked = f"the forces' gains {rig:.2f}; the volts: not checked"
     return (
         f"Friction rests on, in JND: the scatter of the held-out strokes {scatter:.2f}; "
-        f"{checked}; the fit's own uncertainty {verification.fit_bound_thresholds:.2f}; the form "
-        f"of the model {forms:.2f}. At most: {verification.bound_thresholds:.2f}."
+        f"{checked}; the fit's own uncertainty {verification.fit_bound_jnd:.2f}; the form "
+        f"of the model {forms:.2f}. At most: {verification.bound_jnd:.2f}."
     )
 
 
@@ -269,7 +264,7 @@ def _residuals(
         axes.plot(numbers[~held_out], residual[~held_out], ".", color="#777", label="fitted")
         axes.plot(numbers[held_out], residual[held_out], "o", color="#b40426", label="kept out")
     for side in (-1, 1):
-        axes.axhline(side * verification.tolerance_thresholds, color="#b40426", lw=0.8, ls="--")
+        axes.axhline(side * verification.tolerance_jnd, color="#b40426", lw=0.8, ls="--")
     axes.axhline(0, color="#222", lw=0.6)
     axes.set(xlabel="stroke", ylabel="residual [JND]", title="residuals")
 

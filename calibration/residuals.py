@@ -90,15 +90,15 @@ class Residuals:
         if self._last is not None and self._last[0] == key:
             return self._last[1]
         names, values = self.parameters.names, self.all_logs(free)
-        found = self.predictor(self._strokes, names, values, jacobian)
+        prediction = self.predictor(self._strokes, names, values, jacobian)
         if jacobian:
-            self._last = key, found
-        return found
+            self._last = key, prediction
+        return prediction
 
     def data(self, free: Array, jacobian: bool = True) -> Array:
         """Residuals of the data; without the Jacobian they are three times as fast."""
-        found = self.predict(free, jacobian)
-        return self._rows(found.log_mu, found.ripple)
+        prediction = self.predict(free, jacobian)
+        return self._rows(prediction.log_mu, prediction.ripple)
 
     def _rows(self, log_mu: Array, ripple: Array) -> Array:
         predicted = np.concatenate([log_mu, ripple[self._has_ripple]])
@@ -106,8 +106,9 @@ class Residuals:
 
     def data_jacobian(self, free: Array) -> Array:
         """Derivatives of the data's residuals, shape (data rows, free)."""
-        found = self.predict(free)
-        rows = np.concatenate([found.log_mu_jacobian, found.ripple_jacobian[self._has_ripple]])
+        prediction = self.predict(free)
+        of_ripple = prediction.ripple_jacobian[self._has_ripple]
+        rows = np.concatenate([prediction.log_mu_jacobian, of_ripple])
         return np.asarray(rows[:, self._at] / self._sd[:, None])
 
     def __call__(self, free: Array) -> Array:
@@ -195,12 +196,12 @@ class Residuals:
 
 
 def solve(
-    residuals: Residuals, start: Array, most_steps: int = 50, held: int | None = None
+    residuals: Residuals, start: Array, most_steps: int = 50, fixed: int | None = None
 ) -> Array:
-    """Return the free parameters that fit best; number `held` stays at its start."""
+    """Return the free parameters that fit best; number `fixed` stays at its start."""
     fitted = np.ones(len(start), dtype=bool)
-    if held is not None:
-        fitted[held] = False
+    if fixed is not None:
+        fitted[fixed] = False
     if not fitted.any():
         return start
     low, high = (bound[fitted] for bound in residuals.parameters.bounds())
@@ -210,7 +211,7 @@ def solve(
         values[fitted] = part
         return values
 
-    found = least_squares(
+    solution = least_squares(
         lambda part: residuals(whole(part)),
         np.clip(start[fitted], low + 1e-6, high - 1e-6),
         jac=lambda part: residuals.jacobian(whole(part))[:, fitted],
@@ -222,7 +223,7 @@ def solve(
         xtol=_CLOSE_ENOUGH,
         max_nfev=most_steps,
     )
-    return whole(found.x)
+    return whole(solution.x)
 
 
 def fit_residuals(
@@ -285,7 +286,7 @@ def profile(
         while last < _PROFILE_LIMIT:
             distance = last + step
             at = at + along * (free[index] + side * distance - at[index])
-            at = solve(residuals, at, most_steps=8, held=index)
+            at = solve(residuals, at, most_steps=8, fixed=index)
             rise = residuals.cost(at) - best
             if rise >= _PROFILE_COST:
                 # The root of the rise is nearly straight.

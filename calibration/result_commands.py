@@ -19,7 +19,6 @@ from haptix.terminal import AsJson, show
 
 if TYPE_CHECKING:
     from calibration.parameters import Array
-    from calibration.verification import Verification
     from haptix.finger import Finger
     from haptix.screen import Screen
 
@@ -113,34 +112,26 @@ def fit(
         for name, (value, spread) in _assignments("--prior", "NAME=VALUE,SPREAD", prior).items()
     }
     result, needs = fit_folder(folder, fixed, priors, finger, leaky_gap, terms or None, compare)
-    advice = [estimate.refusal() for estimate in result.undetermined]
     if as_json:
         shown = ("name", "value", "low", "high", "spread", "verdict")
         document = {
             "estimates": [record(estimate, shown) for estimate in result.estimates],
-            "advice": advice,
+            "advice": [estimate.refusal() for estimate in result.undetermined],
             **record(result, ("left_out", "theory", "repeatability", "forms")),
             "terms": record(needs),
         }
         sys.stdout.write(json_text(document))
         return
-    show(
+    show_parts(
         f"{folder / FIT}: {len(result.strokes)} strokes, which repeat within "
         f"{result.repeatability.log_mu:.1%}; theory {result.theory}",
-        result.estimates,
-        False,
+        result.parts(needs),
     )
-    left_out = [f"stroke {n} was not used: {why}" for n, why in sorted(result.left_out.items())]
-    sys.stdout.writelines(f"{line}\n" for line in [*advice, *left_out])
-    if result.forms:
-        show("other forms of the model", result.forms, False)
-    if needs:
-        show("which terms the strokes need", needs, False)
 
 
 def verify(
     folder: Measured,
-    tolerance_thresholds: Annotated[
+    tolerance_jnd: Annotated[
         float, option("Largest error, in just-noticeable differences (JND).", Positive)
     ] = 0.5,
     as_json: AsJson = False,
@@ -152,23 +143,24 @@ def verify(
     from calibration.profile import SCREEN
     from calibration.steps import REPORT, verify_folder
 
-    verification, screen = verify_folder(folder, tolerance_thresholds)
+    verification, screen = verify_folder(folder, tolerance_jnd)
     if as_json:
         sys.stdout.write(json_text(record(verification)))
     else:
         written = "no profile" if screen is None else folder / SCREEN
-        show_verdict(f"{verification.verdict}: {written}, {folder / REPORT}", verification)
+        show_parts(f"{verification.verdict}: {written}, {folder / REPORT}", verification.parts)
     if verification.failures:
         raise typer.Exit(1)
 
 
-def show_verdict(title: str, verification: Verification) -> None:
-    """Show a verdict to people: what was tested, every stroke, and what failed or is missing."""
-    show(title, verification.groups, False)
-    show("strokes kept out of the fit", verification.strokes, False)
-    sys.stdout.writelines(f"{line}\n" for line in verification.failures)
-    sys.stdout.writelines(f"not tested: {line}\n" for line in verification.untested)
-    sys.stdout.write(f"steadiness: {verification.steadiness.text}\n")
+def show_parts(title: str, parts: Sequence[tuple[str, Sequence[Any]]]) -> None:
+    """Show a result to people: each of its parts as a table, or line by line."""
+    sys.stdout.write(f"{title}\n")
+    for name, rows in parts:
+        if rows and isinstance(rows[0], str):
+            sys.stdout.writelines(f"{name}: {line}\n" for line in rows)
+        elif rows:
+            show(name, rows, False)
 
 
 def check(
@@ -333,9 +325,9 @@ def _profiles(path: Path, finger: str | None) -> tuple[Screen, Finger]:
     screen = Screen.load(path)
     if finger is not None:
         return screen, Finger.named(finger)
-    own = Finger.load(beside)
-    check_measured_with(screen, own, beside)
-    return screen, own
+    measured_with = Finger.load(beside)
+    check_measured_with(screen, measured_with, beside)
+    return screen, measured_with
 
 
 def _days_between(screen: Screen, folder: Path) -> int | None:

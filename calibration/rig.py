@@ -147,18 +147,18 @@ class RigCheck(Document):
 
     def faults(self) -> list[str]:
         """Return what is wrong beyond the scale of a gain, and what to do."""
-        found = []
+        faults = []
         for name in ("normal", "tangential"):
             gain = getattr(self, f"{name}_gain")
             if gain < 0:
-                found.append(f"the {name} force has the wrong sign: give its channel scale x -1")
+                faults.append(f"the {name} force has the wrong sign: give its channel scale x -1")
             elif not 0.5 < gain < 2:
-                found.append(
+                faults.append(
                     f"the {name} force reads {gain:.3g} times a known weight: check its unit"
                 )
         if self._volts < 0:
-            found.append("voltage_gain: expected a ratio of amplitudes, above 0")
-        return found
+            faults.append("voltage_gain: expected a ratio of amplitudes, above 0")
+        return faults
 
     def days_from(self, day: date | None) -> int:
         """Days between the check and `day`; 0 where either is not known."""

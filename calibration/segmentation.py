@@ -102,12 +102,12 @@ def full_slip(
         good &= normal_force_n > _TOUCHING * usual_force
     sign = np.where(good, np.sign(speed), 0).astype(int)
     edges = np.flatnonzero(np.diff(sign)) + 1
-    found = []
+    segments = []
     for start, stop in zip([0, *edges], [*edges, len(sign)], strict=True):
         if sign[start] == 0:
             continue
         slid = np.abs(x_mm[start:stop] - x_mm[start])
         inside = start + np.flatnonzero((slid >= settling_mm) & (slid <= slid[-1] - stopping_mm))
         if len(inside) >= 8:
-            found.append(Segment(int(inside[0]), int(inside[-1]) + 1, int(sign[start])))
-    return found
+            segments.append(Segment(int(inside[0]), int(inside[-1]) + 1, int(sign[start])))
+    return segments

@@ -75,21 +75,21 @@ class Session:
                 f"{folder} has a session: continue it with --resume, or choose another folder; "
                 "nothing that was measured is overwritten"
             )
-        there = cls.open(folder)
-        if there.protocol != protocol:
+        existing = cls.open(folder)
+        if existing.protocol != protocol:
             raise InputError(
-                f"{folder} was measured by another protocol ({there.protocol.name}, "
-                f"{len(there.protocol.strokes)} strokes); resume with that one"
+                f"{folder} was measured by another protocol ({existing.protocol.name}, "
+                f"{len(existing.protocol.strokes)} strokes); resume with that one"
             )
         for what in ("screen", "finger"):
-            before, now = getattr(there.info, what), getattr(info, what)
+            before, now = getattr(existing.info, what), getattr(info, what)
             if before != now:
                 raise InputError(
                     f"{folder} is a session of the {what} {before.name!r}, got "
                     + (repr(now.name) if now.name != before.name else "one with other numbers")
                     + "; resume with that one, or choose another folder"
                 )
-        return there
+        return existing
 
     @classmethod
     def open(cls, folder: str | Path) -> Session:
@@ -127,19 +127,19 @@ class Session:
         FileFormatError
             If a file is no recording, or one of another stroke than its name and the plan say.
         """
-        found = []
+        recordings = []
         for stroke in self.protocol.strokes:
             path = self.path_of(stroke)
             if not path.exists():
                 continue
-            one = StrokeRecording.load(path)
-            if one.stroke != stroke:
+            recording = StrokeRecording.load(path)
+            if recording.stroke != stroke:
                 raise FileFormatError(
-                    f"{path}: expected {stroke.label}, got {one.stroke.label}: it was copied here, "
-                    "or the protocol was changed; measure it again"
+                    f"{path}: expected {stroke.label}, got {recording.stroke.label}: it was copied "
+                    "here, or the protocol was changed; measure it again"
                 )
-            found.append(one)
-        return found
+            recordings.append(recording)
+        return recordings
 
     def hashes(self, *results: str) -> dict[str, str]:
         """SHA-256 of the plan, of who and what, of the strokes, and of further files."""

@@ -48,9 +48,10 @@ class StrokeDrive:
 
     def at(self, t_s: Array) -> Array:
         """Voltage on the screen [V] at times from the start [s], smooth between samples."""
-        own = np.arange(len(self.volts)) / self.sample_rate_hz
-        inside = (t_s >= 0) & (t_s <= own[-1])
-        return np.where(inside, CubicSpline(own, self.volts)(np.clip(t_s, 0.0, own[-1])), 0.0)
+        sample_t_s = np.arange(len(self.volts)) / self.sample_rate_hz
+        inside = (t_s >= 0) & (t_s <= sample_t_s[-1])
+        within = np.clip(t_s, 0.0, sample_t_s[-1])
+        return np.where(inside, CubicSpline(sample_t_s, self.volts)(within), 0.0)
 
 
 @dataclass(frozen=True)
@@ -231,14 +232,14 @@ class ColumnMap(Document):
                 f"column map: expected {', '.join(missing)} as well; where the instrument kept no "
                 "position give x_mm = { speed_mm_per_s = 50 }"
             )
-        found = self.read(path)
+        signals = self.read(path)
         if "drive_v" in self.assumed:
-            found.pop("drive_v", None)
+            signals.pop("drive_v", None)
         speed = self.columns["x_mm"].speed_mm_per_s
         if speed is not None:
-            forces = found["normal_force_n"], found["tangential_force_n"]
-            found["x_mm"] = position_at_speed(found["t_s"], *forces, speed)
-        return found
+            forces = signals["normal_force_n"], signals["tangential_force_n"]
+            signals["x_mm"] = position_at_speed(signals["t_s"], *forces, speed)
+        return signals
 
     def read(self, path: str | Path) -> dict[str, Array]:
         """Read every mapped signal of a CSV file, in SI units and mm.
@@ -259,21 +260,21 @@ class ColumnMap(Document):
                 f"{path}: missing columns {', '.join(map(repr, missing))}; the file has "
                 f"{', '.join(map(repr, header))}"
             )
-        found: dict[str, Array] = {}
+        signals: dict[str, Array] = {}
         for name, one in self.columns.items():
             if one.column is not None:
                 at = header.index(one.column.strip())
                 cells = (row[at] if at < len(row) else "" for row in rows)
                 values = [self._number(path, header[at], i, cell) for i, cell in enumerate(cells)]
                 unit = _UNITS.get(name, {}).get(one.unit or "raw", 1.0)
-                found[name] = np.array(values) * unit * one.scale
-        t = found["t_s"]
+                signals[name] = np.array(values) * unit * one.scale
+        t = signals["t_s"]
         for name, one in self.columns.items():
             if one.speed_mm_per_s is not None:
-                found[name] = (t - t[0]) * one.speed_mm_per_s
+                signals[name] = (t - t[0]) * one.speed_mm_per_s
             elif one.value is not None:
-                found[name] = np.full(len(t), one.value * one.scale)
-        return found
+                signals[name] = np.full(len(t), one.value * one.scale)
+        return signals
 
     def _rows(self, path: str | Path) -> tuple[list[str], list[list[str]]]:
         lines = read_text(path).splitlines()[self.skip_rows :]
@@ -353,18 +354,19 @@ def open_inputs(path: str | Path) -> AnalogSource:
     DeviceError
         If the device cannot be opened.
     """
-    found = Inputs.load(path)
+    described = Inputs.load(path)
     reader: SampleReader
-    if found.kind == "audio":
-        count = len(found.channels)
-        reader = AudioReader(found.device, count, found.full_scale_v, found.sample_rate_hz)
+    rate_hz = described.sample_rate_hz
+    if described.kind == "audio":
+        count = len(described.channels)
+        reader = AudioReader(described.device, count, described.full_scale_v, rate_hz)
     else:
-        unnamed = [one.signal for one in found.channels if one.input is None]
+        unnamed = [one.signal for one in described.channels if one.input is None]
         if unnamed:
             raise InputError(f"{path}: expected the input of {', '.join(unnamed)}, as Dev1/ai0")
-        names = [one.input for one in found.channels if one.input is not None]
-        reader = NationalInstrumentsReader(names, found.sample_rate_hz)
-    return AnalogSource(reader, found.channels, found.sensor)
+        names = [one.input for one in described.channels if one.input is not None]
+        reader = NationalInstrumentsReader(names, rate_hz)
+    return AnalogSource(reader, described.channels, described.sensor)
 
 
 class SampleReader(Protocol):
@@ -438,10 +440,10 @@ class AnalogSource(ForceSource):
         if not self._blocks:
             return None
         volts = np.concatenate(self._blocks)
-        found: dict[str, Array] = {"t_s": np.arange(len(volts)) / self._reader.sample_rate_hz}
+        signals: dict[str, Array] = {"t_s": np.arange(len(volts)) / self._reader.sample_rate_hz}
         for index, channel in enumerate(self._channels):
-            found[channel.signal] = channel.scale * volts[:, index] + channel.offset
-        return found
+            signals[channel.signal] = channel.scale * volts[:, index] + channel.offset
+        return signals
 
 
 def _dead_channels(signals: Mapping[str, Array], stroke: Stroke) -> list[str]:

@@ -56,13 +56,13 @@ class SpatialPeriod:
     @property
     def summary(self) -> Annotated[str, Heading("period")]:
         """One sentence."""
-        found = f"{self.period_mm:.3f} mm"
+        sentence = f"{self.period_mm:.3f} mm"
         if self.harmonic > 1:
-            found += f", harmonic {self.harmonic} of the stronger {self.fundamental_mm:.2f} mm"
+            sentence += f", harmonic {self.harmonic} of the stronger {self.fundamental_mm:.2f} mm"
         if not self.is_significant:
             chance = f"{self.false_alarm_probability:.2g}"
-            found = f"no significant period; the strongest, by chance at {chance}, is {found}"
-        return found
+            sentence = f"no significant period; the strongest, by chance at {chance}, is {sentence}"
+        return sentence
 
 
 def spatial_period(
@@ -124,21 +124,21 @@ def spatial_period(
     width = 2 * round(2 * _BACKGROUND) + 1
     median = median_filter(power[coarse], width, mode="nearest") / _MEDIAN_SHARE
     over = power / np.maximum(np.interp(waves, waves[coarse], median), 1e-300)
-    asked = waves >= 1 / longest_mm
-    peak = int(np.flatnonzero(asked)[power[asked].argmax()])
-    own = (_refined(waves, power, peak), float(over[peak]))
-    harmonic, fundamental = 1, own
+    in_range = waves >= 1 / longest_mm
+    peak = int(np.flatnonzero(in_range)[power[in_range].argmax()])
+    strongest = (_refined(waves, power, peak), float(over[peak]))
+    harmonic, fundamental = 1, strongest
     for number in range(2, _MOST_HARMONIC + 1):
-        near = np.abs(waves - own[0] / number) < _LINE / longest / 2
-        if own[0] / number < waves[0] or not near.any():
+        near = np.abs(waves - strongest[0] / number) < _LINE / longest / 2
+        if strongest[0] / number < waves[0] or not near.any():
             break
         at = int(np.flatnonzero(near)[power[near].argmax()])
         if 0 < at < len(waves) - 1 and over[at] > fundamental[1]:
             harmonic, fundamental = number, (_refined(waves, power, at), float(over[at]))
-    beside = asked[coarse] & (np.abs(waves[coarse] - own[0]) > _LINE / longest)
+    beside = in_range[coarse] & (np.abs(waves[coarse] - strongest[0]) > _LINE / longest)
     return SpatialPeriod(
-        1 / own[0],
-        own[1],
+        1 / strongest[0],
+        strongest[1],
         _false_alarm(fundamental[1], over[coarse][beside]),
         harmonic,
         1 / fundamental[0],

@@ -44,7 +44,7 @@ from calibration.reduction import Reduced, reduce_session
 from calibration.report import write_report
 from calibration.rig import RIG, RigCheck
 from calibration.session import Session
-from calibration.verification import TOLERANCE_THRESHOLDS, Verification, verify
+from calibration.verification import TOLERANCE_JND, Verification, verify
 from haptix.errors import InputError
 from haptix.files import json_text, parse_json, read_text, reading, write_whole
 from haptix.finger import Finger
@@ -101,9 +101,9 @@ def plan_strokes(
 def reduce_folder(folder: str | Path) -> Reduced:
     """Reduce all accepted strokes of a session and write ``reduced.csv``."""
     session = Session.open(folder)
-    found = reduce_session(session.recordings, session.protocol.idle_s, session.info.crosstalk)
-    found.save(session.folder / REDUCED)
-    return found
+    reduced = reduce_session(session.recordings, session.protocol.idle_s, session.info.crosstalk)
+    reduced.save(session.folder / REDUCED)
+    return reduced
 
 
 def fit_folder(
@@ -170,7 +170,7 @@ def fit_reduced(
 
 
 def verify_folder(
-    folder: str | Path, tolerance_thresholds: float = TOLERANCE_THRESHOLDS
+    folder: str | Path, tolerance_jnd: float = TOLERANCE_JND
 ) -> tuple[Verification, Screen | None]:
     """Verify profiles by the held-out strokes; write them, report and archive.
 
@@ -206,24 +206,24 @@ def verify_folder(
         make = partial(calibrated_screen, believed, fit, finger=measured)
         make(None, predictor, *by_whom, assumed).save(session.folder / SCREEN)
         written = StrokePredictor(profile_model(session.folder))
-        found = verify(fit, reduced, written, tolerance_thresholds, rig, by_whom[2])
-        screen = make(found, predictor, *by_whom, assumed)
+        verification = verify(fit, reduced, written, tolerance_jnd, rig, by_whom[2])
+        screen = make(verification, predictor, *by_whom, assumed)
         screen.save(session.folder / SCREEN)
     else:
         # What would have been written, so that the report shows how well the fit predicts.
         thickness = fit.best("h0_m") * believed.insulator_permittivity
         panel = believed.replace(insulator_thickness_m=thickness)
         best = StrokePredictor(ContactModel(calibrated_finger(finger, fit), panel))
-        found = verify(fit, reduced, best, tolerance_thresholds, rig)
+        verification = verify(fit, reduced, best, tolerance_jnd, rig)
         # Profiles of an earlier fit would be taken for this one's.
         for name in (SCREEN, FINGER):
             (session.folder / name).unlink(missing_ok=True)
     needs = _needs(session.folder / NEEDS)
     path, shown = session.folder / REPORT, screen or believed
     is_written = screen is not None
-    write_report(path, shown, fit, reduced, found, predictor, needs, is_written, recordings)
+    write_report(path, shown, fit, reduced, verification, predictor, needs, is_written, recordings)
     write_archive(session.folder, session.folder / ARCHIVE)
-    return found, screen
+    return verification, screen
 
 
 def rig_check(folder: Path) -> RigCheck | None:
@@ -241,9 +241,9 @@ def profile_model(folder: Path) -> ContactModel:
 
 def _check_reduced(session: Session, reduced: Reduced, recordings: list[StrokeRecording]) -> None:
     """Raise `InputError` unless ``reduced.csv`` is what the recordings of all its strokes give."""
-    there = {one.stroke.number for one in recordings}
+    recorded = {one.stroke.number for one in recordings}
     for stroke in session.protocol.strokes:
-        if stroke.number not in there and (
+        if stroke.number not in recorded and (
             stroke.held_out or any(one.number == stroke.number for one in reduced.points)
         ):
             raise InputError(

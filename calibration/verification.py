@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
 from math import hypot, inf, isfinite, log, nan
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from scipy.stats import linregress, sem
@@ -31,7 +31,7 @@ from haptix.report import Heading, HeadingsOf
 
 Verdict = Literal["passed", "provisional", "failed"]
 
-TOLERANCE_THRESHOLDS = 0.5
+TOLERANCE_JND = 0.5
 """Largest error of friction that passes, its uncertainty included [JND]."""
 
 RIG_HOLDS_DAYS = 31
@@ -50,7 +50,7 @@ _USED_SHARES = (0.0, 0.5, 0.9)  # of the highest voltage
 _SPEED_MM_PER_S = 50.0  # that of the protocols
 _VOLTS_STEP = 0.01  # relative, of a numerical derivative
 _SHOWN = HeadingsOf(("number", "normal_force_n", "voltage_v", "frequency_hz", "mu"))
-_WITHIN = "{0.mean_thresholds:+.2f} ± {0.uncertainty_thresholds:.2f}"
+_WITHIN = "{0.mean_jnd:+.2f} ± {0.uncertainty_jnd:.2f}"
 
 
 @dataclass(frozen=True)
@@ -67,12 +67,12 @@ class HeldOutStroke:
     is_light: bool = True
 
     @property
-    def residual_thresholds(self) -> Annotated[float, Heading("residual [JND]", "+.2f")]:
+    def residual_jnd(self) -> Annotated[float, Heading("residual [JND]", "+.2f")]:
         """Measured minus predicted friction, in just-noticeable differences (11 % of mu)."""
         return (self.point.mu / self.predicted_mu - 1) / WEBER_FRACTION
 
     @property
-    def ripple_residual_thresholds(self) -> Annotated[float, Heading("ripple [JND]", "+.2f")]:
+    def ripple_residual_jnd(self) -> Annotated[float, Heading("ripple [JND]", "+.2f")]:
         """The same of the ripple's amplitude in mu; NaN where no ripple is seen."""
         measured = self.point.ripple * self.point.mu
         return (measured / self.predicted_mu - self.predicted_ripple) / WEBER_FRACTION
@@ -86,14 +86,12 @@ class HeldOutStroke:
     ) -> tuple[Self, ...]:
         """Predict strokes with the finger and the screen of a predictor.
 
-        `sensor` has the bandwidth of the force sensor (`calibration.parameters.PER_RIG`), which is
-        in no profile; without it the ripples are those of a perfect one.
+        For `sensor` see `StrokePredictor.by_profiles`.
         """
         if not points:
             return ()
-        own = Parameters.of(predictor.model.finger, predictor.model.screen).fixed(**sensor or {})
-        found = predictor(StrokeConditions.of(points), own.names, own.log_values, jacobian=False)
-        numbers = np.exp(found.log_mu).tolist(), found.ripple.tolist(), found.is_light.tolist()
+        seen = predictor.by_profiles(StrokeConditions.of(points), sensor)
+        numbers = np.exp(seen.log_mu).tolist(), seen.ripple.tolist(), seen.is_light.tolist()
         return tuple(cls(*one) for one in zip(points, *numbers, strict=True))
 
 
@@ -107,19 +105,19 @@ class Equivalence:
         Which strokes.
     strokes : tuple of int
         Their numbers.
-    mean_thresholds : float
+    mean_jnd : float
         Mean of measured minus predicted friction [JND].
-    uncertainty_thresholds : float
+    uncertainty_jnd : float
         The true mean is within it, either side, at 90 % [JND]: scatter, and the rig's gains.
-    rig_thresholds : float
+    rig_jnd : float
         Size of the error that the rig's gains have [JND], which no stroke shows.
     """
 
     group: Annotated[str, Heading("held-out strokes", "{0.group} ({0.count})")]
     strokes: tuple[int, ...]
-    mean_thresholds: Annotated[float, Heading("error [JND]", _WITHIN)]
-    uncertainty_thresholds: float
-    rig_thresholds: Annotated[float, Heading("of the rig [JND]", ".2f")] = 0.0
+    mean_jnd: Annotated[float, Heading("error [JND]", _WITHIN)]
+    uncertainty_jnd: float
+    rig_jnd: Annotated[float, Heading("of the rig [JND]", ".2f")] = 0.0
 
     @property
     def count(self) -> int:
@@ -127,9 +125,9 @@ class Equivalence:
         return len(self.strokes)
 
     @property
-    def bound_thresholds(self) -> Annotated[float, Heading("at most [JND]", ".2f")]:
+    def bound_jnd(self) -> Annotated[float, Heading("at most [JND]", ".2f")]:
         """Largest error of friction that the strokes leave possible [JND]."""
-        return abs(self.mean_thresholds) + self.uncertainty_thresholds + self.rig_thresholds
+        return abs(self.mean_jnd) + self.uncertainty_jnd + self.rig_jnd
 
 
 @dataclass(frozen=True)
@@ -138,36 +136,36 @@ class Steadiness:
 
     Parameters
     ----------
-    repeatability_thresholds : float
+    repeatability_jnd : float
         Standard deviation of repeated strokes, beyond their own errors [JND].
-    session_drift_thresholds, session_drift_uncertainty_thresholds : float
+    session_drift_jnd, session_drift_uncertainty_jnd : float
         Change of friction from the first stroke to the last [JND], by a straight line through the
         differences to the prediction over the strokes' order.
-    creep_thresholds, creep_uncertainty_thresholds : float
+    creep_jnd, creep_uncertainty_jnd : float
         Change of friction for ten times the time in contact [JND], within strokes.
     """
 
-    repeatability_thresholds: float = nan
-    session_drift_thresholds: float = nan
-    session_drift_uncertainty_thresholds: float = nan
-    creep_thresholds: float = nan
-    creep_uncertainty_thresholds: float = nan
+    repeatability_jnd: float = nan
+    session_drift_jnd: float = nan
+    session_drift_uncertainty_jnd: float = nan
+    creep_jnd: float = nan
+    creep_uncertainty_jnd: float = nan
 
     @property
     def text(self) -> str:
         """One line for people."""
-        said = [f"strokes repeat within {self.repeatability_thresholds:.2f} JND"]
-        if isfinite(self.session_drift_thresholds):
-            said.append(
-                f"over the session friction drifts by {self.session_drift_thresholds:+.2f} ± "
-                f"{self.session_drift_uncertainty_thresholds:.2f} JND"
+        parts = [f"strokes repeat within {self.repeatability_jnd:.2f} JND"]
+        if isfinite(self.session_drift_jnd):
+            parts.append(
+                f"over the session friction drifts by {self.session_drift_jnd:+.2f} ± "
+                f"{self.session_drift_uncertainty_jnd:.2f} JND"
             )
-        if isfinite(self.creep_thresholds):
-            said.append(
-                f"it creeps by {self.creep_thresholds:+.2f} ± "
-                f"{self.creep_uncertainty_thresholds:.2f} JND in ten times the contact time"
+        if isfinite(self.creep_jnd):
+            parts.append(
+                f"it creeps by {self.creep_jnd:+.2f} ± "
+                f"{self.creep_uncertainty_jnd:.2f} JND in ten times the contact time"
             )
-        return "; ".join(said)
+        return "; ".join(parts)
 
 
 @dataclass(frozen=True)
@@ -178,7 +176,7 @@ class Verification:
     ----------
     strokes : tuple of HeldOutStroke
         Strokes kept out of the fit.
-    tolerance_thresholds : float
+    tolerance_jnd : float
         Largest error that passes, its uncertainty included [JND].
     failures : tuple of str
         Why it fails; empty where it does not.
@@ -186,7 +184,7 @@ class Verification:
         What was tested.
     untested : tuple of str
         What was not, so that the verdict is provisional.
-    fit_bound_thresholds : float
+    fit_bound_jnd : float
         Largest error [JND], at 95 %, that the fit's own uncertainty leaves where the screen is
         used.
     steadiness : Steadiness
@@ -194,11 +192,11 @@ class Verification:
     """
 
     strokes: tuple[HeldOutStroke, ...]
-    tolerance_thresholds: float
+    tolerance_jnd: float
     failures: tuple[str, ...]
     groups: tuple[Equivalence, ...] = ()
     untested: tuple[str, ...] = ()
-    fit_bound_thresholds: float = float("nan")
+    fit_bound_jnd: float = float("nan")
     steadiness: Steadiness = field(default_factory=Steadiness)
 
     @property
@@ -214,21 +212,32 @@ class Verification:
         return "provisional" if self.untested else "passed"
 
     @property
-    def worst_thresholds(self) -> Annotated[float, Heading("worst stroke [JND]", ".2f")]:
-        """Largest residual of mu [JND]; NaN without strokes."""
-        return max((abs(row.residual_thresholds) for row in self.strokes), default=float("nan"))
+    def parts(self) -> list[tuple[str, Sequence[Any]]]:
+        """What people read of it, by title: rows of a table, or lines."""
+        return [
+            ("Why it failed", self.failures),
+            ("Not tested", self.untested),
+            ("Errors of friction, by the strokes kept out of the fit", self.groups),
+            ("Strokes kept out of the fit", self.strokes),
+            ("Steadiness", [self.steadiness.text]),
+        ]
 
     @property
-    def bound_thresholds(self) -> Annotated[float, Heading("at most [JND]", ".2f")]:
+    def worst_jnd(self) -> Annotated[float, Heading("worst stroke [JND]", ".2f")]:
+        """Largest residual of mu [JND]; NaN without strokes."""
+        return max((abs(row.residual_jnd) for row in self.strokes), default=float("nan"))
+
+    @property
+    def bound_jnd(self) -> Annotated[float, Heading("at most [JND]", ".2f")]:
         """Largest error of friction that is left possible [JND]; NaN without strokes."""
-        return max((one.bound_thresholds for one in self.groups), default=float("nan"))
+        return max((one.bound_jnd for one in self.groups), default=float("nan"))
 
 
 def verify(
     fit: Fit,
     reduced: Reduced,
     predictor: StrokePredictor,
-    tolerance_thresholds: float = TOLERANCE_THRESHOLDS,
+    tolerance_jnd: float = TOLERANCE_JND,
     rig: RigCheck | None = None,
     measured_on: date | None = None,
 ) -> Verification:
@@ -251,39 +260,39 @@ def verify(
         )
     groups = _groups(rows, fit, predictor, rig)
     for one in groups:
-        if one.bound_thresholds > tolerance_thresholds:
+        if one.bound_jnd > tolerance_jnd:
             failures.append(
                 f"{one.group} (strokes {', '.join(map(str, one.strokes))}): friction is "
-                f"{one.mean_thresholds:+.2g} ± {one.uncertainty_thresholds:.2g} JND from the "
-                f"prediction{_of_rig(one)}, which may be more than {tolerance_thresholds:g}"
+                f"{one.mean_jnd:+.2g} ± {one.uncertainty_jnd:.2g} JND from the "
+                f"prediction{_of_rig(one)}, which may be more than {tolerance_jnd:g}"
             )
     bound = _fit_bound(fit, reduced, rows, predictor)
-    if bound > tolerance_thresholds:
+    if bound > tolerance_jnd:
         failures.append(
             f"the fit knows friction within {bound:.2g} JND only, somewhere in the range of use; "
-            f"expected {tolerance_thresholds:g}: measure more strokes"
+            f"expected {tolerance_jnd:g}: measure more strokes"
         )
     if fit["h0_m"].value is None:
         failures.append(fit["h0_m"].refusal())
     steady = steadiness(fit, reduced, predictor)
-    creeps = abs(steady.creep_thresholds) - steady.creep_uncertainty_thresholds
-    if creeps > tolerance_thresholds:
+    creeps = abs(steady.creep_jnd) - steady.creep_uncertainty_jnd
+    if creeps > tolerance_jnd:
         failures.append(
-            f"friction creeps by {steady.creep_thresholds:+.2g} JND in ten times the contact time: "
+            f"friction creeps by {steady.creep_jnd:+.2g} JND in ten times the contact time: "
             "no profile holds for all of them; let the finger rest on the screen as long before "
             "each stroke, or dry it"
         )
     untested = []
-    bounds = [one.bound_thresholds for one in groups]
-    if creeps <= tolerance_thresholds < max(bounds, default=0.0) + max(creeps, 0.0):
+    bounds = [one.bound_jnd for one in groups]
+    if creeps <= tolerance_jnd < max(bounds, default=0.0) + max(creeps, 0.0):
         untested.append(
-            f"other times in contact: friction creeps by {steady.creep_thresholds:+.2g} ± "
-            f"{steady.creep_uncertainty_thresholds:.2g} JND in ten times the contact time, and the "
+            f"other times in contact: friction creeps by {steady.creep_jnd:+.2g} ± "
+            f"{steady.creep_uncertainty_jnd:.2g} JND in ten times the contact time, and the "
             "profile holds for that of the strokes"
         )
-    if tolerance_thresholds > TOLERANCE_THRESHOLDS:
+    if tolerance_jnd > TOLERANCE_JND:
         untested.append(
-            f"half a JND: the tolerance was {tolerance_thresholds:g} JND, of which no verdict may "
+            f"half a JND: the tolerance was {tolerance_jnd:g} JND, of which no verdict may "
             "pass more than provisionally"
         )
     if rig is None or rig.voltage_gain is None:
@@ -298,7 +307,7 @@ def verify(
     if rows and not any(one.group == "at the carrier" for one in groups):
         untested.append(f"the carrier: no two held-out strokes near {CARRIER_HZ:g} Hz")
     return Verification(
-        rows, tolerance_thresholds, tuple(failures), groups, tuple(untested), bound, steady
+        rows, tolerance_jnd, tuple(failures), groups, tuple(untested), bound, steady
     )
 
 
@@ -318,7 +327,7 @@ def _gains_not_checked(
 
 
 def _of_rig(one: Equivalence) -> str:
-    return f", and {one.rig_thresholds:.2g} JND by the rig's gains" if one.rig_thresholds else ""
+    return f", and {one.rig_jnd:.2g} JND by the rig's gains" if one.rig_jnd else ""
 
 
 def _groups(
@@ -328,16 +337,16 @@ def _groups(
     if len(rows) < FEWEST_OF_GROUP:
         return ()
     points = [row.point for row in rows]
-    residual = np.array([row.residual_thresholds for row in rows])
-    ripple = np.array([row.ripple_residual_thresholds for row in rows])
+    residual = np.array([row.residual_jnd for row in rows])
+    ripple = np.array([row.ripple_residual_jnd for row in rows])
     sd = _spreads(rows, fit) / WEBER_FRACTION
     # The fit's own strokes and these tell the scatter together; a misfit here makes it larger,
     # never smaller.
     freedom = max(len(fit.strokes) - sum(one.value is not None for one in fit.estimates), 3)
-    own = len(rows) - 1
+    freedom_here = len(rows) - 1
     spread = float(((residual - residual.mean()) ** 2 / sd**2).sum())
-    sd *= np.sqrt(max((freedom + spread) / (freedom + own), 1.0))
-    quantile = float(student.ppf(_LEVEL, freedom + own))
+    sd *= np.sqrt(max((freedom + spread) / (freedom + freedom_here), 1.0))
+    quantile = float(student.ppf(_LEVEL, freedom + freedom_here))
     size, gain_sd = np.zeros(len(rows)), np.zeros(len(rows))
     if rig is not None:
         size, gain_sd = rig.friction_error(_volts_power(points, predictor))
@@ -351,29 +360,27 @@ def _groups(
         "at the carrier": hertz >= _AT_CARRIER * CARRIER_HZ,
         "at the highest voltage": volts >= _AT_HIGHEST * volts.max(),
     }
-    found = []
+    groups = []
     for name, inside in chosen.items():
         if (count := int(inside.sum())) >= FEWEST_OF_GROUP:
             error = hypot(float(np.linalg.norm(sd[inside])) / count, float(gain_sd[inside].max()))
             numbers = tuple(p.number for p, one in zip(points, inside, strict=True) if one)
             mean, largest = float(residual[inside].mean()), float(size[inside].max())
-            found.append(Equivalence(name, numbers, mean, quantile * error, largest))
+            groups.append(Equivalence(name, numbers, mean, quantile * error, largest))
     seen = np.isfinite(ripple)
     if (count := int(seen.sum())) >= FEWEST_OF_GROUP:
         mean = float(ripple[seen].mean())
         error = max(float(ripple[seen].std(ddof=1)), float(sd[seen].mean())) / np.sqrt(count)
         numbers = tuple(p.number for p, one in zip(points, seen, strict=True) if one)
-        found.append(Equivalence("the ripple at 2f", numbers, mean, quantile * error))
-    return tuple(found)
+        groups.append(Equivalence("the ripple at 2f", numbers, mean, quantile * error))
+    return tuple(groups)
 
 
 def _volts_power(points: Sequence[Point], predictor: StrokePredictor) -> Array:
     """Power of the voltage with which mu rises at strokes, d ln mu / d ln V, shape (strokes,)."""
     more = [replace(one, voltage_v=(1 + _VOLTS_STEP) * one.voltage_v) for one in points]
-    own = Parameters.of(predictor.model.finger, predictor.model.screen)
     low, high = (
-        predictor(StrokeConditions.of(some), own.names, own.log_values, jacobian=False).log_mu
-        for some in (points, more)
+        predictor.by_profiles(StrokeConditions.of(strokes)).log_mu for strokes in (points, more)
     )
     return np.asarray((high - low) / np.log1p(_VOLTS_STEP))
 
@@ -391,13 +398,14 @@ def _fit_bound(
     axes = np.meshgrid(
         _USED_N, highest * np.array(_USED_SHARES), (FREQUENCY_HZ, CARRIER_HZ), _SPEED_MM_PER_S
     )
-    own = Parameters.of(predictor.model.finger, predictor.model.screen)
-    fitted = [(at, own.names.index(n)) for at, n in enumerate(fit.free) if n in own.names]
+    parameters = Parameters.of(predictor.model.finger, predictor.model.screen)
+    names = parameters.names
+    fitted = [(at, names.index(name)) for at, name in enumerate(fit.free) if name in names]
     free, columns = (list(one) for one in zip(*fitted, strict=True))
 
     def by_log(strokes: StrokeConditions) -> tuple[Array, Mask]:
-        found = predictor(strokes, own.names, own.log_values)
-        return found.log_mu_jacobian[:, columns], found.is_light
+        predicted = predictor(strokes, names, parameters.log_values)
+        return predicted.log_mu_jacobian[:, columns], predicted.is_light
 
     used, is_light = by_log(StrokeConditions(*(axis.ravel() for axis in axes)))
     covariance = fit.covariance[np.ix_(free, free)]
@@ -414,8 +422,8 @@ def _fit_bound(
 def _spreads(rows: tuple[HeldOutStroke, ...], fit: Fit) -> Array:
     """Standard deviation of ln mu of each stroke: its own error and the repeatability."""
     points = [row.point for row in rows]
-    own = np.array([p.mu_sd / p.mu for p in points])
-    return np.asarray(np.maximum(np.hypot(own, fit.repeatability.log_mu), 1e-9))
+    own_sd = np.array([p.mu_sd / p.mu for p in points])
+    return np.asarray(np.maximum(np.hypot(own_sd, fit.repeatability.log_mu), 1e-9))
 
 
 def steadiness(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> Steadiness:
@@ -424,10 +432,9 @@ def steadiness(fit: Fit, reduced: Reduced, predictor: StrokePredictor) -> Steadi
     repeats = fit.repeatability.log_mu / WEBER_FRACTION
     if len(points) < _FEWEST_OF_TREND:
         return Steadiness(repeats)
-    own = Parameters.of(predictor.model.finger, predictor.model.screen)
-    found = predictor(StrokeConditions.of(points), own.names, own.log_values, jacobian=False)
-    good = found.is_light
-    misfit = (np.log([one.mu for one in points]) - found.log_mu)[good] / WEBER_FRACTION
+    predicted = predictor.by_profiles(StrokeConditions.of(points))
+    good = predicted.is_light
+    misfit = (np.log([one.mu for one in points]) - predicted.log_mu)[good] / WEBER_FRACTION
     order = np.array([one.number for one in points], dtype=float)[good]
     creep = np.array([one.creep for one in points])
     creep = creep[np.isfinite(creep)] * log(10) / WEBER_FRACTION
@@ -457,17 +464,17 @@ class Drift:
 
     Parameters
     ----------
-    mean_thresholds : float
+    mean_jnd : float
         Mean of measured minus predicted friction [JND].
-    uncertainty_thresholds : float
+    uncertainty_jnd : float
         The true mean is within it, either side, at 90 %: the scatter of the strokes, by Student's
         t.
     strokes : int
         Number of strokes.
     """
 
-    mean_thresholds: Annotated[float, Heading("mean [JND]", "+.2f")]
-    uncertainty_thresholds: Annotated[float, Heading("± [JND]", ".2f")]
+    mean_jnd: Annotated[float, Heading("mean [JND]", "+.2f")]
+    uncertainty_jnd: Annotated[float, Heading("± [JND]", ".2f")]
     strokes: Annotated[int, Heading("strokes")]
 
     @classmethod
@@ -480,7 +487,7 @@ class Drift:
     @property
     def is_within(self) -> bool:
         """Whether the whole interval is within half a JND."""
-        return abs(self.mean_thresholds) + self.uncertainty_thresholds <= TOLERANCE_THRESHOLDS
+        return abs(self.mean_jnd) + self.uncertainty_jnd <= TOLERANCE_JND
 
 
 @dataclass(frozen=True)
@@ -525,7 +532,7 @@ def check_profile(reduced: Reduced, predictor: StrokePredictor) -> ProfileCheck:
             f"expected {FEWEST_OF_GROUP} good strokes with a voltage or more, got {driven.sum()}"
         )
     rows = HeldOutStroke.predicted(points, predictor)
-    residuals = np.array([one.residual_thresholds for one in rows])
+    residuals = np.array([one.residual_jnd for one in rows])
     groups = {"all": residuals, "with_voltage": residuals[driven]}
     groups["without_voltage"] = residuals[~driven]
     return ProfileCheck(rows, {name: Drift.of(values) for name, values in groups.items()})

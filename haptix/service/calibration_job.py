@@ -172,7 +172,7 @@ def calibrate(folder: Path, device: str, ask: Ask, tell: Tell) -> dict[str, Any]
         "verdict": found.verdict,
         "failures": list(found.failures),
         "untested": list(found.untested),
-        "worst_jnd": found.worst_thresholds,
+        "worst_jnd": found.worst_jnd,
         "strokes_used": len(fit.strokes),
         "h0_nm": None if screen is None else 1e9 * screen.h0_m,
         "installed_for": None,
@@ -183,8 +183,8 @@ def calibrate(folder: Path, device: str, ask: Ask, tell: Tell) -> dict[str, Any]
         result["practice"] = {
             "true_h0_nm": 1e9 * off.true_h0_m,
             "h0_error": off.h0_error,
-            "friction_error_median_jnd": off.friction_error_median_thresholds,
-            "friction_error_worst_jnd": off.friction_error_worst_thresholds,
+            "friction_error_median_jnd": off.friction_error_median_jnd,
+            "friction_error_worst_jnd": off.friction_error_worst_jnd,
         }
     if screen is not None and not screen.warnings() and serial:
         tell(step="install")

@@ -113,7 +113,7 @@ def test_strokes_of_the_same_screen_show_no_drift(strokes, predictor):
     found = check_profile(strokes, predictor)
     assert found.passed
     # Strokes repeat within 1 % or 0.09 JND: the mean of 58 within three times 0.09 / sqrt(58).
-    assert abs(found.drifts["all"].mean_thresholds) < 0.04
+    assert abs(found.drifts["all"].mean_jnd) < 0.04
     assert found.drifts["all"].strokes == 58
 
 
@@ -121,14 +121,14 @@ def test_a_thicker_insulator_shows_under_voltage_alone(strokes, finger, screen):
     thin = screen.replace(insulator_thickness_m=0.6e-6)
     found = check_profile(strokes, StrokePredictor(haptix.ContactModel(finger, thin)))
     assert not found.passed
-    assert found.drifts["with_voltage"].mean_thresholds < -0.5
-    assert abs(found.drifts["without_voltage"].mean_thresholds) < 0.1
+    assert found.drifts["with_voltage"].mean_jnd < -0.5
+    assert abs(found.drifts["without_voltage"].mean_jnd) < 0.1
 
 
 def test_a_drift_s_uncertainty_is_that_of_its_mean():
     rng = np.random.default_rng(0)
     drawn = [Drift.of(rng.normal(0.2, 0.3, 8)) for _ in range(500)]
-    held = [abs(one.mean_thresholds - 0.2) <= one.uncertainty_thresholds for one in drawn]
+    held = [abs(one.mean_jnd - 0.2) <= one.uncertainty_jnd for one in drawn]
     assert np.mean(held) == pytest.approx(0.90, abs=0.04)  # three times sqrt(0.9 0.1 / 500)
     assert not Drift.of(np.array([0.1])).is_within
 
@@ -148,24 +148,24 @@ def test_matched_screens_give_the_same_friction(finger, screen):
         for panel, volts in ((screen, row.voltage_a_v), (thick, row.voltage_b_v)):
             mu = float(haptix.ContactModel(finger, panel).solve(0.3, volts, 4000.0).mu)
             assert mu == pytest.approx(row.mu, rel=2e-4)  # 81 voltages, straight between
-        assert np.isnan(row.uncertainty_thresholds)  # one of the profiles states no spread
+        assert np.isnan(row.uncertainty_jnd)  # one of the profiles states no spread
     assert place.levels[-1].voltage_b_v > place.levels[-1].voltage_a_v
-    assert place.levels[-1].difference_thresholds < -0.05
-    assert place.levels[0].difference_thresholds == pytest.approx(0.0, abs=0.01)
+    assert place.levels[-1].difference_jnd < -0.05
+    assert place.levels[0].difference_jnd == pytest.approx(0.0, abs=0.01)
 
 
 def test_the_uncertainty_of_a_match_is_that_of_both_profiles(finger, screen):
     one = calibrated(screen)
     (place,) = match_profiles((one, finger), (one, finger), (0.3,), 4000.0, 3)
     row = place.levels[-1]
-    assert row.difference_thresholds == pytest.approx(0.0, abs=1e-9)
+    assert row.difference_jnd == pytest.approx(0.0, abs=1e-9)
     low, high = (
         float(haptix.ContactModel(finger, screen).solve(0.3, row.voltage_a_v, 4000.0, h0).mu)
         for h0 in (screen.h0_m * np.exp(0.05), screen.h0_m * np.exp(-0.05))
     )
     of_one = np.log(high / low) / 2
     expected = 1.645 * np.sqrt(2) * of_one / 0.11  # two independent profiles, in JND
-    assert row.uncertainty_thresholds == pytest.approx(expected, rel=0.02)
+    assert row.uncertainty_jnd == pytest.approx(expected, rel=0.02)
 
 
 def test_match_and_its_json(files):
@@ -186,13 +186,13 @@ def test_a_practice_s_truth_is_its_own_and_light(tmp_path, finger, screen, predi
     truth.screen.save(tmp_path / "screen.toml")
     truth.finger.save(tmp_path / "finger.toml")
     exact = compare_with_truth(tmp_path, 120.0)
-    assert exact.h0_error == exact.friction_error_worst_thresholds == 0
+    assert exact.h0_error == exact.friction_error_worst_jnd == 0
     stiff = truth.finger.replace(
         frictional_shear_stress_pa=1.11 * truth.finger.frictional_shear_stress_pa
     )
     stiff.save(tmp_path / "finger.toml")
     found = compare_with_truth(tmp_path, 120.0)
-    assert found.friction_error_median_thresholds == pytest.approx(1.0, rel=1e-6)
+    assert found.friction_error_median_jnd == pytest.approx(1.0, rel=1e-6)
 
 
 @pytest.mark.slow
@@ -202,7 +202,7 @@ def test_a_practice_from_nothing_to_a_verdict(tmp_path):
         made = CliRunner().invoke(app, command)
         assert made.exit_code == 0, made.output
         off = json.loads(made.stdout)["practice"]
-        assert off["friction_error_worst_thresholds"] < 0.5
+        assert off["friction_error_worst_jnd"] < 0.5
 
 
 def test_a_run_needs_a_name_and_its_own_folder(tmp_path, monkeypatch):

@@ -50,17 +50,17 @@ def test_drift_and_creep_have_their_size(predictor, finger, screen):
     ]
     fit = SimpleNamespace(repeatability=Repeatability(0.011, 0.01))
     found = steadiness(fit, Reduced(tuple(points)), predictor)
-    assert found.repeatability_thresholds == pytest.approx(0.1)
-    off = abs(found.session_drift_thresholds - np.log(1.05) / WEBER_FRACTION)
+    assert found.repeatability_jnd == pytest.approx(0.1)
+    off = abs(found.session_drift_jnd - np.log(1.05) / WEBER_FRACTION)
     # 90 % either side: three times as far is 1 in a million.
-    assert off < 3 * found.session_drift_uncertainty_thresholds < 0.1
-    assert found.creep_thresholds == pytest.approx(CREEP * np.log(10) / WEBER_FRACTION)
-    assert found.creep_uncertainty_thresholds == pytest.approx(0.0, abs=1e-9)
+    assert off < 3 * found.session_drift_uncertainty_jnd < 0.1
+    assert found.creep_jnd == pytest.approx(CREEP * np.log(10) / WEBER_FRACTION)
+    assert found.creep_uncertainty_jnd == pytest.approx(0.0, abs=1e-9)
     assert "drifts by +0.4" in found.text
 
 
 def test_of_few_strokes_there_is_no_trend(predictor):
     fit = SimpleNamespace(repeatability=Repeatability())
     found = steadiness(fit, Reduced(()), predictor)
-    assert record(found)["session_drift_thresholds"] is None
-    assert record(found)["creep_thresholds"] is None
+    assert record(found)["session_drift_jnd"] is None
+    assert record(found)["creep_jnd"] is None

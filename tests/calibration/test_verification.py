@@ -67,7 +67,7 @@ def test_good_strokes_pass(passed, strokes):
     assert passed.passed
     assert len(passed.strokes) == len(strokes.held_out) == 8
     # 1 % of repeatability is a tenth of a threshold: three times that for the worst of eight.
-    assert 0 < passed.worst_thresholds < 0.4
+    assert 0 < passed.worst_jnd < 0.4
     error = [one.point.mu - one.predicted_mu for one in passed.strokes]
     assert np.sqrt(np.mean(np.square(error))) < 0.02
 
@@ -169,7 +169,7 @@ def test_creep_in_contact_counts(fit, strokes, written, creep, verdict):
 def test_without_held_out_strokes_nothing_passes(fit, strokes, predictor):
     found = verify(fit, Reduced(strokes.used), predictor)
     assert found.failures == ("expected 4 good strokes kept out of the fit or more, got 0",)
-    assert np.isnan(found.worst_thresholds)
+    assert np.isnan(found.worst_jnd)
 
 
 def test_an_insulator_that_is_not_determined_fails(fit, strokes, predictor, screen):

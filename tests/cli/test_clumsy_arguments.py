@@ -47,7 +47,7 @@ KINDS = {
         "--width-mm --carrier-hz --direct-hz --touch-hz --touch-latency-ms --reaction-ms "
         "--horizon-ms --largest-mb --memory-gb --simulate-db --difference-db --between-db "
         "--max-voltage-v --minutes --crosstalk --temperature-c --humidity-percent --weight-n "
-        "--tolerance-thresholds --normal-reading-n --tangential-reading-n --monitor-v "
+        "--tolerance-jnd --normal-reading-n --tangential-reading-n --monitor-v "
         "--voltmeter-v --speed-mm-per-s --shortest-mm --longest-mm",
         NOT_A_NUMBER,
     ),
