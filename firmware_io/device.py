@@ -12,7 +12,16 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from firmware_io.capabilities import Capabilities, Mode
+from firmware_io.capabilities import (
+    Capabilities,
+    Mode,
+    bounded_setup,
+    changed_setup,
+    choose_mode,
+    choose_rate,
+    first_setup,
+    lowered_limits,
+)
 from firmware_io.clock import Clock
 from firmware_io.errors import DeviceDisconnectedError, DeviceError, LimitError
 from firmware_io.limits import DriveLimits
@@ -21,14 +30,6 @@ from firmware_io.links.mock import MockDriver, MockLink
 from firmware_io.progress import Marked, Progress
 from firmware_io.protocol import Setup, StreamMode, TouchReport
 from firmware_io.protocol_client import ProtocolClient
-from firmware_io.setting import (
-    bounded_setup,
-    changed_setup,
-    choose_mode,
-    choose_rate,
-    first_setup,
-    lowered_limits,
-)
 from firmware_io.stream import Pace, Stream
 
 _LOG = logging.getLogger("firmware_io.device")
@@ -54,7 +55,7 @@ class Device:
     sample_rate_hz : float, optional
         One of the driver's rates in that mode; default: the highest that the link can carry.
     carrier_hz : float, optional
-        Carrier in envelope mode; default: `firmware_io.setting.DEFAULT_CARRIER_HZ`.
+        Carrier in envelope mode; default: `firmware_io.capabilities.DEFAULT_CARRIER_HZ`.
     clock : Clock, optional
         Another clock of the host than the link's, for tests.
 

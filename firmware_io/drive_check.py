@@ -1,4 +1,18 @@
-"""What leaves a driver for the samples of a stream, and whether it keeps the limits."""
+"""What leaves a driver for the samples of a stream, and whether it keeps the limits.
+
+The drive window is the last second of the output, to which samples are added when they are sent::
+
+         |<------- window: rms, mean, current ------->|
+    -----+--------------------------------------------+---------------------+
+    past | taken                                      | to be sent          |
+    -----+--------------------------------------------+---------------------+
+                                                       check: with each of these in turn, and the
+                                                       oldest left out, all bounds are kept, or a
+                                                       `LimitError` names the first that breaks one
+                                                       take: they are sent; the window moves on
+
+A check changes nothing in the window. A pause at 0 V is taken as samples of 0 V.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +22,11 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from firmware_io.capabilities import kept_limits
 from firmware_io.errors import LimitError
 from firmware_io.firmware.core import compiled
 from firmware_io.limits import RAMP_S, DriveLimits
 from firmware_io.protocol import Setup, StreamMode, top_code, volts_to_codes
-from firmware_io.setting import kept_limits
 
 _Volts = npt.NDArray[np.float64]
 

@@ -15,28 +15,16 @@ class Link(ABC):
     OSError may pass and counts as a lost link. Only one thread uses a link at a time.
     """
 
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """The driver's name in messages, such as its address."""
-
+    name: str
+    """The driver's name in messages, such as its address."""
     clock: Clock = HOST_CLOCK
     """By which the host waits for the driver."""
-
-    @property
-    def report_bytes(self) -> int | None:
-        """Size of the reports that carry the bytes (HID); None where a write may be of any size."""
-        return None
-
-    @property
-    def latency_s(self) -> float | None:
-        """Delay that the link adds between a sample and the output, in seconds; None if unknown."""
-        return 0.0
-
-    @property
-    def bytes_per_s(self) -> float | None:
-        """Bytes that the link carries in a second; None where it sets no limit of its own."""
-        return None
+    report_bytes: int | None = None
+    """Size of the reports that carry the bytes (HID); None where a write may be of any size."""
+    latency_s: float | None = 0.0
+    """Delay that the link adds between a sample and the output, in seconds; None if unknown."""
+    bytes_per_s: float | None = None
+    """Bytes that the link carries in a second; None where it sets no limit of its own."""
 
     @abstractmethod
     def send(self, data: bytes) -> None:

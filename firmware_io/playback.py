@@ -262,7 +262,7 @@ class Writer:
         self._over = threading.Event()
         # A daemon, so that an interpreter that exits does not wait for it before `abandon` runs.
         self.thread = threading.Thread(target=self._run, name="firmware_io playback", daemon=True)
-        self._is_told = False
+        self._was_raised = False
         self._must_end = False
 
     @property
@@ -305,8 +305,8 @@ class Writer:
 
     def raise_once(self) -> None:
         """Raise the error that ended the playback, the first time."""
-        if self.error is not None and not self._is_told:
-            self._is_told = True
+        if self.error is not None and not self._was_raised:
+            self._was_raised = True
             raise self.error
 
     def _run(self) -> None:
@@ -315,7 +315,7 @@ class Writer:
         while not self._over.is_set():
             delay_s = self.round()
             with reviser.ready:
-                if not (self._must_end or self._over.is_set() or reviser.has_news):
+                if not (self._must_end or self._over.is_set() or reviser.has_touch):
                     reviser.ready.wait(delay_s)
                 must_end = self._must_end
             if must_end and not self._over.is_set():

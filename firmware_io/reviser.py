@@ -1,4 +1,18 @@
-"""The work of the thread that plays ahead and revises what has not been played."""
+"""The work of the thread that plays ahead and revises what has not been played.
+
+States of a stretch of samples::
+
+                 write                     sent to the output
+    to be made ---------> in the queue --------------------------> played
+                            |     ^
+               revise,      |     |  the driver obeys it: the new samples are in the queue
+               on a touch   |     |  the driver refuses it, and those sent behind it: the old
+               or in time   v     |  samples stay, and it is revised again for the same touch
+                          under way
+
+A driver refuses a revision that begins within its guard of what is on the output. How long before
+that a revision must be sent is learned from the margins that the driver reports.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +47,8 @@ _APPENDED_WITHIN_S = 0.007  # of when there is room for a piece: mostly by the n
 _PIECE_TAKES_S = 0.002  # on a slow link
 _STATUS_S = 0.02
 _ASK_S = 0.25  # a report that waits in a socket is late; an answer to a question is not
-_LOOK_S = 5e-4  # from when a revision is due: whether it was refused is known by then
-_WARY_S = 1.0  # after a refusal: each further revision is looked after as soon as that
+_READ_S = 5e-4  # from when a revision is due: whether it was refused is known by then
+_AFTER_REFUSAL_S = 1.0  # after a refusal: each further revision is looked after as soon as that
 _FIRST_NEED_S = 1e-3  # beyond the guard
 # By which a refusal delays a reaction: until it is told, and the needs of what is sent again and
 # of what it holds up on the link.
@@ -145,7 +159,7 @@ class Reviser:
     ----------
     ready : threading.Condition
         Guards what a touch changes; notified to wake the thread.
-    has_news : bool
+    has_touch : bool
         Whether a touch has come since the last step began.
     """
 
@@ -182,16 +196,16 @@ class Reviser:
             self.need_s += 2 * self._window / device.pace.bytes_per_s
         self._line_sent, self._line_free_s = device.bytes_sent, -math.inf
         self._needs: deque[float] = deque([self.need_s], maxlen=len(_WEIGHTS))
-        self.has_news = False
+        self.has_touch = False
         self._touched_s: float | None = None
         # Of each revision: the touch, when its first sample is played, and its lead on a free line.
         self._under_way: deque[tuple[float, float, float]] = deque()
-        self._look_s = self._append_s = -math.inf
+        self._read_s = self._append_due_s = -math.inf
         self._revised_s = self._carried_s = -math.inf
         self._refused_s = self._clock()  # the first revisions try how long they need
         self._asked_s = -math.inf
         self._known_underruns = 0
-        self._is_heard = False  # whether a report has told of the output
+        self._has_reported = False  # whether a report has come since it was armed
         self._obeyed = self._undone = 0
         self._forgotten = 0  # the source cannot begin before this index
         self._due_s = math.inf  # of the step under way
@@ -207,12 +221,12 @@ class Reviser:
         with self.ready:
             if self._touched_s is None:
                 self._touched_s = touched_s
-            self.has_news = True
+            self.has_touch = True
             self.ready.notify_all()
 
     def step(self) -> float:
         """Send what is due; return the time to the next step, in seconds."""
-        self.has_news = False
+        self.has_touch = False
         now_s = self._clock()
         self.stats.longest_stall_s = max(self.stats.longest_stall_s, now_s - self._due_s)
         # A touch comes first: reports are read, and samples appended, once its revision is sent.
@@ -220,15 +234,15 @@ class Reviser:
         is_low = self.samples_sent - self.output.played(now_s) < self._horizon / 4
         if is_touched and not is_low:
             self._revise()
-        if not is_touched or is_low or now_s >= min(self._look_s, self._append_s):
-            self._look(now_s)
+        if not is_touched or is_low or now_s >= min(self._read_s, self._append_due_s):
+            self._read_and_append(now_s)
         now_s = self._clock()
-        self._due_s = max(now_s, min(self._look_s, self._append_s, self._next_revision_s()))
+        self._due_s = max(now_s, min(self._read_s, self._append_due_s, self._next_revision_s()))
         return self._due_s - now_s
 
-    def _look(self, now_s: float) -> None:
+    def _read_and_append(self, now_s: float) -> None:
         """Read reports, revise without a touch if that is due, and append."""
-        self._look_s = math.inf
+        self._read_s = math.inf
         is_fresh = now_s - self._asked_s > _ASK_S and self.samples_sent > 0
         progress = self.device.progress(is_fresh, is_due=True)
         now_s = self._clock()
@@ -238,10 +252,10 @@ class Reviser:
         if now_s >= self._next_revision_s():
             self._revise()
         missing = self._append(progress)
-        self._append_s = -math.inf
+        self._append_due_s = -math.inf
         if missing < self._piece:
             later_s = (self._piece - missing) / self._rate_hz
-            self._append_s = self._clock() + later_s + self._patience_s
+            self._append_due_s = self._clock() + later_s + self._patience_s
 
     def _next_revision_s(self) -> float:
         """Return when to revise, by the clock."""
@@ -255,10 +269,10 @@ class Reviser:
     def _observe(self, progress: Progress) -> None:
         if progress.is_playing:
             missed = progress.underruns - self._known_underruns
-            if missed or not self._is_heard:
+            if missed or not self._has_reported:
                 # What was known is of an output that has stood since, or was assumed.
                 self.output.restart(progress.reported_s, progress.samples_played)
-                self._is_heard = True
+                self._has_reported = True
             else:
                 self.output.observe(progress.reported_s, progress.samples_played)
             if missed:
@@ -337,8 +351,8 @@ class Reviser:
             _LOG.debug("revises %d samples from %d, %.2f ms ahead", count, first, ahead_ms)
         self.device.revise(first, volts)
         self._note_sent(now_s)
-        is_wary = now_s - self._refused_s < _WARY_S
-        self._look_s = min(self._look_s, at_s + (_LOOK_S if is_wary else _STATUS_S))
+        was_refused = now_s - self._refused_s < _AFTER_REFUSAL_S
+        self._read_s = min(self._read_s, at_s + (_READ_S if was_refused else _STATUS_S))
         lead_s = at_s - now_s - waits_s
         with self.ready:
             self._under_way.append((math.nan if touched_s is None else touched_s, at_s, lead_s))

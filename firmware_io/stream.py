@@ -26,6 +26,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from firmware_io.capabilities import MOST_REPORTS_PER_S
 from firmware_io.drive_check import DriveCheck
 from firmware_io.errors import DeviceDisconnectedError, DeviceError, DeviceFaultError
 from firmware_io.limits import DriveLimits
@@ -44,7 +45,6 @@ from firmware_io.protocol import (
 )
 from firmware_io.protocol_client import ProtocolClient
 from firmware_io.revisable import Provisional
-from firmware_io.setting import MOST_REPORTS_PER_S
 
 _LOG = logging.getLogger("firmware_io.stream")
 

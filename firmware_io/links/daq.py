@@ -20,8 +20,7 @@ import numpy.typing as npt
 
 from firmware_io.errors import DeviceBusyError, DeviceError, DeviceNotFoundError, from_extra
 from firmware_io.limits import WATCHDOG_S
-from firmware_io.links.hosted import HostedLink
-from firmware_io.links.rig_profile import RigProfile, read_rig_profile
+from firmware_io.links.hosted import HostedLink, RigProfile, read_rig_profile
 from firmware_io.protocol import FULL_SCALE_CODE
 from firmware_io.real_time import raise_priority
 from firmware_io.scheme import Bus, DeviceInfo, Scheme, number
@@ -213,6 +212,7 @@ class DaqLink(HostedLink):
     def __init__(self, profile: DaqProfile) -> None:
         self._daq = _nidaqmx()
         self._profile = profile
+        self.latency_s = profile.buffer_s
         self._lead = round(profile.buffer_s * profile.sample_rate_hz)
         self._written = 0  # samples
         self._moved_s = 0.0
@@ -227,18 +227,13 @@ class DaqLink(HostedLink):
             self._open()
         except self._daq.errors.Error as error:
             self._shut()
-            raise _refusal(self._name, error) from error
+            raise _refusal(self.name, error) from error
         except BaseException:
             self._shut()
             raise
         self._thread = threading.Thread(target=self._feed, name="firmware_io daq", daemon=True)
         self._thread.start()
         self._hold()
-
-    @property
-    def latency_s(self) -> float:
-        """Time that samples wait in the buffer, in seconds."""
-        return self._profile.buffer_s
 
     def _open(self) -> None:
         """Start the watchdog, which a chassis wants before all else, and the output at 0 V."""
@@ -267,7 +262,7 @@ class DaqLink(HostedLink):
         rate_hz = self._task.timing.samp_clk_rate
         if abs(rate_hz / profile.sample_rate_hz - 1.0) > _MOST_RATE_ERROR:
             raise DeviceError(
-                f"{self._name} runs at {rate_hz:g} samples a second instead of "
+                f"{self.name} runs at {rate_hz:g} samples a second instead of "
                 f"{profile.sample_rate_hz:g}; give a sample_rate_hz that divides its timebase."
             )
         # Without this the card would play the buffer again when the host is late.

@@ -100,6 +100,8 @@ class HidLink(Link):
         If it cannot be opened.
     """
 
+    report_bytes = REPORT_BYTES
+
     def __init__(
         self,
         path: str | None = None,
@@ -116,8 +118,8 @@ class HidLink(Link):
         else:
             backends = BACKENDS if backend is None else (backend,)
             module, found = _find(backends, serial, vendor_id, product_id)
-        self._name = f"hid:path={found.decode(errors='replace')}"
-        self._claim = Claim(self._name)
+        self.name = f"hid:path={found.decode(errors='replace')}"
+        self._claim = Claim(self.name)
         self._handle: Any = None
         try:
             self._handle = import_module(module).device()
@@ -125,16 +127,6 @@ class HidLink(Link):
         except BaseException:
             self.close()
             raise
-
-    @property
-    def name(self) -> str:
-        """Its address."""
-        return self._name
-
-    @property
-    def report_bytes(self) -> int:
-        """Size of a report."""
-        return REPORT_BYTES
 
     def send(self, data: bytes) -> None:
         """Write one frame, report by report; see `Link.send`."""
@@ -200,22 +192,20 @@ class HidLink(Link):
                 node = _usb_node(path)
             if node.exists() and not os.access(node, os.R_OK | os.W_OK):
                 raise DevicePermissionError(
-                    f"This user may not open {self._name}; {permission_remedy()}."
+                    f"This user may not open {self.name}; {permission_remedy()}."
                 ) from error
             raise DeviceBusyError(
-                f"{self._name} could not be opened, though this user may: {error}; close it in "
+                f"{self.name} could not be opened, though this user may: {error}; close it in "
                 "other programs first."
             ) from error
 
     def _open_handle(self) -> Any:
         if self._handle is None:
-            raise DeviceDisconnectedError(f"{self._name} is closed; open the device again.")
+            raise DeviceDisconnectedError(f"{self.name} is closed; open the device again.")
         return self._handle
 
     def _gone(self, why: object) -> DeviceDisconnectedError:
-        return DeviceDisconnectedError(
-            f"{self._name} is gone: {why}; plug it in and open it again."
-        )
+        return DeviceDisconnectedError(f"{self.name} is gone: {why}; plug it in and open it again.")
 
 
 def _usb_node(path: bytes) -> Path:

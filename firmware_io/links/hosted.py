@@ -1,8 +1,8 @@
-"""The firmware on the host, in front of an output that has none of its own.
+"""An output without firmware of its own: what stands behind it, and the firmware in front of it.
 
-A sound card or an analog output plays whatever it is given and has neither limits nor watchdog. So
-the firmware runs in this process, with its queue, limits, ramp and watchdog, and the output is its
-output stage.
+A sound card or an analog output plays whatever it is given and has neither limits nor watchdog, and
+does not know its volts. So the firmware runs in this process, with its queue, limits, ramp and
+watchdog, the output is its output stage, and a profile states converter and amplifier.
 """
 
 from __future__ import annotations
@@ -10,17 +10,30 @@ from __future__ import annotations
 import logging
 import math
 import threading
-from abc import abstractmethod
+import tomllib
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from firmware_io.errors import DeviceDisconnectedError, DeviceError
 from firmware_io.firmware.core import LINE, Core, Output
-from firmware_io.limits import DEFAULT_WINDOW_S
+from firmware_io.limits import (
+    ABSOLUTE_CEILING_V,
+    DEFAULT_MAX_SLEW_V_PER_S,
+    DEFAULT_WINDOW_S,
+    WATCHDOG_S,
+)
 from firmware_io.link import Link
-from firmware_io.links.rig_profile import RigProfile
+from firmware_io.protocol import VERSION, CapabilitiesReport, Rate, StreamMode
 
+_LARGEST_FILE = 10_000  # bytes of a profile, which has some hundreds
+_LOWEST_V, _HIGHEST_V = 1e-3, 1e6  # beyond these a number is no amplifier's
+_HIGHEST_RATE_HZ = 1_000_000  # above those of all interfaces
+_QUEUE_S = 0.5
 _LOG = logging.getLogger("firmware_io.links")
 
 _TRIGGER_S = 0.001
@@ -30,6 +43,133 @@ _POLL_S = 0.0005
 HOLD_S = DEFAULT_WINDOW_S
 HOLD_EXTRA_S = 5.0
 """After which an output that asks for nothing counts as broken."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigProfile(ABC):
+    """An output and the amplifier behind it.
+
+    Parameters
+    ----------
+    dac_full_scale_v : float, optional
+        Peak volts at the output of the converter at digital full scale.
+    amplifier_gain : float, optional
+        Gain of the amplifier, in V/V.
+    ceiling_v : float
+        Largest voltage that amplifier and screen stand.
+    sample_rate_hz : float
+        A rate of the converter.
+
+    Raises
+    ------
+    DeviceError
+        If a number is impossible.
+    """
+
+    device_name: ClassVar[str]
+
+    dac_full_scale_v: float | None = None
+    amplifier_gain: float | None = None
+    ceiling_v: float = ABSOLUTE_CEILING_V
+    sample_rate_hz: float = 48_000.0
+
+    @property
+    @abstractmethod
+    def screen_full_scale_v(self) -> float:
+        """Volts on the screen at digital full scale."""
+
+    @property
+    @abstractmethod
+    def has_line(self) -> bool:
+        """Whether a second channel is its digital line."""
+
+    def __post_init__(self) -> None:
+        for name in ("full_scale_v", "dac_full_scale_v", "amplifier_gain", "ceiling_v"):
+            value = getattr(self, name, None)
+            if value is not None and not 0 < value <= _HIGHEST_V:
+                raise DeviceError(
+                    f"{name} must be a number above 0 and at most {_HIGHEST_V:g}, but is "
+                    f"{value!r:.60}."
+                )
+        if not 8000 <= self.sample_rate_hz <= _HIGHEST_RATE_HZ:
+            raise DeviceError(
+                f"sample_rate_hz must be 8000 to {_HIGHEST_RATE_HZ}, but is "
+                f"{self.sample_rate_hz!r:.60}."
+            )
+        if not _LOWEST_V <= self.screen_full_scale_v <= _HIGHEST_V:
+            raise DeviceError(
+                f"The full scale must lie in {_LOWEST_V:g}..{_HIGHEST_V:g} V, but is "
+                f"{self.screen_full_scale_v:g} V."
+            )
+
+    def capabilities(self) -> CapabilitiesReport:
+        """Return the capabilities of the firmware in front of the output."""
+        rate = round(self.sample_rate_hz)
+        slow = next(rate // n for n in range(math.ceil(rate / 16e3), rate) if rate % n == 0)
+        full_scale_mv = round(self.screen_full_scale_v * 1e3)
+        modes = frozenset((StreamMode.WAVEFORM, StreamMode.ENVELOPE))
+        rates = [Rate(rate, modes)]
+        if slow != rate:
+            rates.append(Rate(slow, frozenset((StreamMode.ENVELOPE,))))
+        return CapabilitiesReport(
+            oldest_version=VERSION,
+            newest_version=VERSION,
+            report_bytes=0,
+            output_rate_hz=rate,
+            full_scale_mv=full_scale_mv,
+            ceiling_mv=min(round(self.ceiling_v * 1e3), full_scale_mv),
+            max_slew_v_per_s=math.floor(DEFAULT_MAX_SLEW_V_PER_S),
+            queue_samples=round(_QUEUE_S * rate),
+            max_frame_samples=1024,
+            max_watchdog_ms=round(WATCHDOG_S * 1e3),
+            name=self.device_name,
+            serial="",
+            calibration_id="",
+            reports_touch=False,
+            rates=tuple(rates),
+            takes_marks=self.has_line,
+        )
+
+
+def read_rig_profile(path: str | Path, kind: type[RigProfile]) -> dict[str, Any]:
+    """Return the entries of a TOML file with some or all of the keys of a profile.
+
+    Raises
+    ------
+    DeviceError
+        If the file cannot be read or understood.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            text = file.read(_LARGEST_FILE + 1)
+        if len(text) > _LARGEST_FILE:
+            raise ValueError(f"expected at most {_LARGEST_FILE} bytes")
+        entries = tomllib.loads(text.decode())
+    except (OSError, RecursionError, ValueError) as error:
+        raise DeviceError(f"The profile {path} cannot be read: {error}") from error
+    types = {field.name: str(field.type) for field in fields(kind)}
+    for key, value in entries.items():
+        if key not in types:
+            known = ", ".join(types)
+            raise DeviceError(f"The profile {path} has {key!r:.60}; the keys are {known}.")
+        if isinstance(value, int) and value.bit_length() > 64:
+            raise DeviceError(f"{key} in the profile {path} has more than 64 bits.")
+        if not isinstance(value, _KINDS[types[key]]) or (
+            isinstance(value, bool) and types[key] != "bool"
+        ):
+            raise DeviceError(f"{key} in the profile {path} cannot be {value!r:.60}; correct it.")
+    return entries
+
+
+#: By the annotation of a field, of which this module's future import makes a text.
+_KINDS: dict[str, tuple[type, ...]] = {
+    "bool": (bool,),
+    "str": (str,),
+    "str | None": (str,),
+    "str | int | None": (str, int),
+    "float": (int, float),
+    "float | None": (int, float),
+}
 
 
 class HostedLink(Link):
@@ -47,7 +187,7 @@ class HostedLink(Link):
     """
 
     def __init__(self, profile: RigProfile, name: str) -> None:
-        self._name = name
+        self.name = name
         self._core = Core(profile.capabilities())
         self._lock = threading.Lock()
         self._is_resting = threading.Event()
@@ -61,11 +201,6 @@ class HostedLink(Link):
         self._was_streaming = False
         self._hold_samples = math.ceil(HOLD_S * profile.sample_rate_hz)
         self._has_held = threading.Event()
-
-    @property
-    def name(self) -> str:
-        """Its address."""
-        return self._name
 
     def send(self, data: bytes) -> None:
         """Hand bytes to the firmware; see `Link.send`."""
@@ -116,7 +251,7 @@ class HostedLink(Link):
             self._check_open()
             if not has_held:
                 raise DeviceError(
-                    f"{self._name} takes no samples, though it is open; check its server or clock."
+                    f"{self.name} takes no samples, though it is open; check its server or clock."
                 )
         except BaseException:
             self._shut()
@@ -160,13 +295,13 @@ class HostedLink(Link):
     def _fail(self, why: str) -> None:
         """Refuse all further use; wakes `_hold`."""
         self._failure = why
-        _LOG.info("%s: fails: %s", self._name, why)
+        _LOG.info("%s: fails: %s", self.name, why)
         self._has_held.set()
 
     def _check_open(self) -> None:
         if not self._is_open:
-            raise DeviceDisconnectedError(f"{self._name} is closed; open the device again.")
+            raise DeviceDisconnectedError(f"{self.name} is closed; open the device again.")
         if self._failure is not None:
             raise DeviceDisconnectedError(
-                f"{self._name} is gone: {self._failure}; open the device again."
+                f"{self.name} is gone: {self._failure}; open the device again."
             )

@@ -354,6 +354,8 @@ class MockLink(Link):
         Waits for a number of seconds between two polls for an answer; default: as `clock` does.
     """
 
+    name = "mock"
+
     def __init__(
         self,
         driver: MockDriver | None = None,
@@ -361,29 +363,19 @@ class MockLink(Link):
         sleep: Callable[[float], None] | None = None,
     ) -> None:
         self.driver = MockDriver() if driver is None else driver
-        self._report_bytes = report_bytes
+        self.report_bytes = report_bytes
         if isinstance(self.driver.clock, SteppedClock):  # one for both sides
             self.clock = self.driver.clock
         self._sleep = self.clock.sleep if sleep is None else sleep
         self._is_closed = False
 
-    @property
-    def name(self) -> str:
-        """The driver's name in messages."""
-        return "mock"
-
-    @property
-    def report_bytes(self) -> int | None:
-        """Size of the reports that carry the bytes; None where a write may be of any size."""
-        return self._report_bytes
-
     def send(self, data: bytes) -> None:
         """Hand bytes to the driver; see `Link.send`."""
         self._check_open()
-        if self._report_bytes is None:
+        if self.report_bytes is None:
             self.driver.receive(data)
             return
-        for report in to_reports(data, self._report_bytes):
+        for report in to_reports(data, self.report_bytes):
             self.driver.receive_report(report)
 
     def receive(self, timeout_s: float = 0.0) -> bytes:
@@ -392,7 +384,7 @@ class MockLink(Link):
         end_s = driver.clock() + timeout_s if driver.pace != "virtual" else 0.0
         while True:
             self._check_open()
-            data = driver.transmit() if self._report_bytes is None else self._receive_reports()
+            data = driver.transmit() if self.report_bytes is None else self._receive_reports()
             if data or driver.pace == "virtual":
                 return data
             now_s = driver.clock()

@@ -67,29 +67,19 @@ class SerialLink(Link):
     def __init__(self, port: str | None = None, baud: int = BAUD, flow: bool = False) -> None:
         self._serial = pyserial()
         place = port or _only_port()
-        self._name = f"serial:port={place}"
-        self._baud = baud
+        self.name = f"serial:port={place}"
+        self.bytes_per_s = baud / 10
         self._port: Any = None
         try:
             self._port = self._serial.Serial(
                 place, baud, timeout=0, write_timeout=_WRITE_S, rtscts=flow, exclusive=True
             )
         except ValueError as error:
-            raise DeviceError(f"{self._name} cannot have baud={baud}: {error}.") from error
+            raise DeviceError(f"{self.name} cannot have baud={baud}: {error}.") from error
         except OSError as error:
-            raise _refusal(self._name, error) from error
+            raise _refusal(self.name, error) from error
         # What an earlier host has left unread is not for us.
         self._port.reset_input_buffer()
-
-    @property
-    def name(self) -> str:
-        """Its address."""
-        return self._name
-
-    @property
-    def bytes_per_s(self) -> float:
-        """A tenth of the bits."""
-        return self._baud / 10
 
     def send(self, data: bytes) -> None:
         """Write bytes; see `Link.send`."""
@@ -121,12 +111,12 @@ class SerialLink(Link):
 
     def _open_port(self) -> Any:
         if self._port is None:
-            raise DeviceDisconnectedError(f"{self._name} is closed; open the device again.")
+            raise DeviceDisconnectedError(f"{self.name} is closed; open the device again.")
         return self._port
 
     def _lost(self, why: object) -> DeviceDisconnectedError:
         return DeviceDisconnectedError(
-            f"{self._name} is lost: {why}; check its cable, then open the device again."
+            f"{self.name} is lost: {why}; check its cable, then open the device again."
         )
 
 

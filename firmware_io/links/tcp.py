@@ -40,25 +40,20 @@ class TcpLink(Link):
     """
 
     def __init__(self, host: str, port: int, token: str = "") -> None:
-        self._name = f"tcp:{host}:{port}"
+        self.name = f"tcp:{host}:{port}"
         self._has_received = False
         self._socket: socket.socket | None = None
         try:
             self._socket = socket.create_connection((host, port), _CONNECT_S)
         except (OSError, UnicodeError) as error:  # Unicode: no name of a host
             raise DeviceNotFoundError(
-                f"No server listens at {self._name}: {error}; start one with "
+                f"No server listens at {self.name}: {error}; start one with "
                 f"`python -m firmware_io.serve --port {port}`."
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.settimeout(_SEND_S)
         if token:
             self.send(token.encode() + b"\n")
-
-    @property
-    def name(self) -> str:
-        """Its address."""
-        return self._name
 
     def send(self, data: bytes) -> None:
         """Send bytes; see `Link.send`."""
@@ -91,18 +86,18 @@ class TcpLink(Link):
 
     def _connection(self) -> socket.socket:
         if self._socket is None:
-            raise DeviceDisconnectedError(f"{self._name} is closed; open the device again.")
+            raise DeviceDisconnectedError(f"{self.name} is closed; open the device again.")
         return self._socket
 
     def _lost(self, why: str) -> DeviceError:
         if not self._has_received:
             # A server has one driver: it accepts a second host only to close the connection.
             return DeviceBusyError(
-                f"{self._name} closed the connection at once ({why}), so it serves another host, "
+                f"{self.name} closed the connection at once ({why}), so it serves another host, "
                 "which has to close first, or it wants its token (token=)."
             )
         return DeviceDisconnectedError(
-            f"The connection to {self._name} is lost: {why}; open the device again."
+            f"The connection to {self.name} is lost: {why}; open the device again."
         )
 
 

@@ -121,18 +121,13 @@ class UsbLink(Link):
                 "choose one by serial= or bus=,address=."
             )
         self._device: Any = devices[0]
-        self._name = f"usb:bus={self._device.bus},address={self._device.address}"
+        self.name = f"usb:bus={self._device.bus},address={self._device.address}"
         try:
             self._interface, self._out, self._in = self._find_endpoints()
             self._take_interface()
         except BaseException:
             self.close()
             raise
-
-    @property
-    def name(self) -> str:
-        """Its address."""
-        return self._name
 
     def send(self, data: bytes) -> None:
         """Write bytes in one transfer; see `Link.send`."""
@@ -143,7 +138,7 @@ class UsbLink(Link):
             self._raise(error, self._out)
         if written != len(data):
             raise DeviceDisconnectedError(
-                f"{self._name} took {written} of {len(data)} bytes; stop it, or open it again."
+                f"{self.name} took {written} of {len(data)} bytes; stop it, or open it again."
             )
 
     def receive(self, timeout_s: float = 0.0) -> bytes:
@@ -165,7 +160,7 @@ class UsbLink(Link):
 
     def _open_device(self) -> Any:
         if self._device is None:
-            raise DeviceDisconnectedError(f"{self._name} is closed; open the device again.")
+            raise DeviceDisconnectedError(f"{self.name} is closed; open the device again.")
         return self._device
 
     def _find_endpoints(self) -> tuple[int, int, int]:
@@ -183,7 +178,7 @@ class UsbLink(Link):
             if outward and inward:
                 return interface.bInterfaceNumber, outward[0], inward[0]
         raise ProtocolError(
-            f"{self._name} has no vendor interface with bulk endpoints both ways; it is another "
+            f"{self.name} has no vendor interface with bulk endpoints both ways; it is another "
             "device with the same numbers, or speaks HID only: try hid:."
         )
 
@@ -206,25 +201,25 @@ class UsbLink(Link):
         """Raise the error of this package that an error of libusb means."""
         if error.errno in (errno.EACCES, errno.EPERM):
             raise DevicePermissionError(
-                f"This user may not open {self._name}; {permission_remedy()}."
+                f"This user may not open {self.name}; {permission_remedy()}."
             ) from error
         if error.errno == errno.EBUSY:
             raise DeviceBusyError(
-                f"{self._name} is in use by another program; close it there first."
+                f"{self.name} is in use by another program; close it there first."
             ) from error
         if error.errno == errno.EPIPE and endpoint is not None:
             with suppress(OSError):
                 self._device.clear_halt(endpoint)
             raise ProtocolError(
-                f"{self._name} stalled its endpoint {endpoint:#04x}, so it refused a transfer; "
+                f"{self.name} stalled its endpoint {endpoint:#04x}, so it refused a transfer; "
                 "arm it again."
             ) from error
         if error.errno in _GONE:
             raise DeviceDisconnectedError(
-                f"{self._name} is gone: {error}; plug it in and open it again."
+                f"{self.name} is gone: {error}; plug it in and open it again."
             ) from error
         raise DeviceDisconnectedError(
-            f"{self._name} failed: {error}; stop it, or open it again."
+            f"{self.name} failed: {error}; stop it, or open it again."
         ) from error
 
 

@@ -1,8 +1,5 @@
-from .codes import FULL_SCALE_CODE as FULL_SCALE_CODE
-from .codes import codes_to_volts as codes_to_volts
-from .codes import top_code as top_code
-from .codes import volts_to_codes as volts_to_codes
 from .frames import FRAME_OVERHEAD_BYTES as FRAME_OVERHEAD_BYTES
+from .frames import FULL_SCALE_CODE as FULL_SCALE_CODE
 from .frames import INDEX_MODULUS as INDEX_MODULUS
 from .frames import MAGIC as MAGIC
 from .frames import OLDEST_VERSION as OLDEST_VERSION
@@ -13,12 +10,14 @@ from .frames import STREAM_OVERHEAD_BYTES as STREAM_OVERHEAD_BYTES
 from .frames import VERSION as VERSION
 from .frames import Frame as Frame
 from .frames import FrameParser as FrameParser
+from .frames import codes_to_volts as codes_to_volts
 from .frames import decode as decode
 from .frames import encode as encode
 from .frames import from_report as from_report
-from .frames import overhead_share as overhead_share
 from .frames import samples_per_frame as samples_per_frame
 from .frames import to_reports as to_reports
+from .frames import top_code as top_code
+from .frames import volts_to_codes as volts_to_codes
 from .messages import MAX_SAMPLES as MAX_SAMPLES
 from .messages import NEVER as NEVER
 from .messages import Arm as Arm

@@ -18,7 +18,7 @@ from firmware_io import (
 )
 from firmware_io.links import hosted
 from firmware_io.links.audio import AudioProfile
-from firmware_io.links.rig_profile import read_rig_profile
+from firmware_io.links.hosted import read_rig_profile
 from tests.waiting import wait_for
 
 PERIOD = 64

@@ -19,7 +19,7 @@ from firmware_io import (
 )
 from firmware_io.links import daq, hosted
 from firmware_io.links.daq import DaqProfile, beyond
-from firmware_io.links.rig_profile import read_rig_profile
+from firmware_io.links.hosted import read_rig_profile
 from tests.firmware_io.pretend_daq import Card, Level, pretend
 from tests.waiting import wait_for
 
