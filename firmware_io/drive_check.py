@@ -93,15 +93,15 @@ class DriveWindow:
         """
         bounds = self._bounds
         bounds.ramp_samples = 0.0 if is_carried else RAMP_S / 2 * self._sample_rate_hz
-        index, found = self._ffi.new("uint32_t *"), self._ffi.new("double *")
+        index, value = self._ffi.new("uint32_t *"), self._ffi.new("double *")
         window = self if volts.size <= self._size else self._copy()
         for start in range(0, volts.size, self._size):
             piece = np.ascontiguousarray(volts[start : start + self._size])
             verdict = self._lib.hx_host_check(
-                window._window, bounds, self._buffer(piece), piece.size, index, found
+                window._window, bounds, self._buffer(piece), piece.size, index, value
             )
             if verdict != self._lib.HX_HOST_KEPT:
-                raise LimitError(self._reason(verdict, (start + index[0]) // each, found[0]))
+                raise LimitError(self._reason(verdict, (start + index[0]) // each, value[0]))
             if window is not self:
                 window.take(piece)
 
@@ -123,27 +123,27 @@ class DriveWindow:
         copy._memory[:] = self._memory
         return copy
 
-    def _reason(self, verdict: int, sample: int, found: float) -> str:
+    def _reason(self, verdict: int, sample: int, value: float) -> str:
         limits, lib = self.limits, self._lib
         reaches = f"over {limits.window_s:g} s reaches"
         remedy = "drive without a mean voltage: remove the offset, and pause before trying again."
         if verdict == lib.HX_HOST_SQUARES:
             return (
-                f"With sample {sample} the rms {reaches} {math.sqrt(found / self._size):g} V, "
+                f"With sample {sample} the rms {reaches} {math.sqrt(value / self._size):g} V, "
                 f"above the limit of {limits.max_rms_v:g} V; lower the amplitude, or pause."
             )
         if verdict == lib.HX_HOST_MEAN:
             return (
-                f"With sample {sample} the mean {reaches} {found / self._size:g} V, above "
+                f"With sample {sample} the mean {reaches} {value / self._size:g} V, above "
                 f"{limits.max_dc_share:.0%} of the largest magnitude there; {remedy}"
             )
         if verdict == lib.HX_HOST_STRETCH:
             return (
-                f"With sample {sample} a mean of {found / self._size:g} V over "
+                f"With sample {sample} a mean of {value / self._size:g} V over "
                 f"{limits.window_s:g} s builds up, above {limits.max_dc_share:.0%} of the ceiling; "
                 f"{remedy}"
             )
-        slew = math.sqrt(found / self._size) * self._sample_rate_hz
+        slew = math.sqrt(value / self._size) * self._sample_rate_hz
         current_ma = slew * limits.capacitance_f * 1e3
         return (
             f"With sample {sample} the current {reaches} {current_ma:.3g} mA "

@@ -242,8 +242,9 @@ def _links() -> dict[str, EntryPoint]:
     )
     project = Path(__file__).parents[1] / "pyproject.toml"
     if project.is_file():  # a checkout, which may be newer than its installation
-        own = tomllib.loads(project.read_text(encoding="utf-8"))["project"]["entry-points"][_GROUP]
-        installed[:0] = (EntryPoint(name, value, _GROUP) for name, value in own.items())
+        document = tomllib.loads(project.read_text(encoding="utf-8"))
+        in_checkout = document["project"]["entry-points"][_GROUP].items()
+        installed[:0] = (EntryPoint(name, value, _GROUP) for name, value in in_checkout)
     links: dict[str, EntryPoint] = {}
     for link in installed:
         links.setdefault(link.name, link)  # no other package takes the place of one of ours

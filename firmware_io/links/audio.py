@@ -161,10 +161,10 @@ def _sounddevice() -> Any:
 
 
 def _find_device(sounddevice: Any, profile: AudioProfile) -> int:
-    found = list(sounddevice.query_devices())
+    devices = list(sounddevice.query_devices())
     outputs = {
         index: device["name"]
-        for index, device in enumerate(found)
+        for index, device in enumerate(devices)
         if device["max_output_channels"] >= (2 if profile.trigger else 1)
     }
     wanted = profile.device
@@ -205,9 +205,9 @@ def _search() -> tuple[str, list[DeviceInfo]]:
     sounddevice = import_module("sounddevice")
     note = "Say what its full scale means on the screen: full_scale_v=."
     devices = [
-        DeviceInfo(f"audio:device={index}", "audio", found["name"], True, note)
-        for index, found in enumerate(sounddevice.query_devices())
-        if found["max_output_channels"] > 0
+        DeviceInfo(f"audio:device={index}", "audio", device["name"], True, note)
+        for index, device in enumerate(sounddevice.query_devices())
+        if device["max_output_channels"] > 0
     ]
     version = sounddevice.get_portaudio_version()[1]
     return f"sounddevice {sounddevice.__version__}, {version}", devices

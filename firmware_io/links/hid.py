@@ -114,16 +114,16 @@ class HidLink(Link):
             raise DeviceError(f"The backend is hidraw or hid, but is {backend!r}; correct it.")
         if path is not None:
             module = backend or ("hidraw" if path.startswith("/dev/") else "hid")
-            found = path.encode()
+            place = path.encode()
         else:
             backends = BACKENDS if backend is None else (backend,)
-            module, found = _find(backends, serial, vendor_id, product_id)
-        self.name = f"hid:path={found.decode(errors='replace')}"
+            module, place = _find(backends, serial, vendor_id, product_id)
+        self.name = f"hid:path={place.decode(errors='replace')}"
         self._claim = Claim(self.name)
         self._handle: Any = None
         try:
             self._handle = import_module(module).device()
-            self._open(found, module)
+            self._open(place, module)
         except BaseException:
             self.close()
             raise
@@ -223,19 +223,19 @@ def _find(
 ) -> tuple[str, bytes]:
     wanted = f"{vendor_id:04x}:{product_id:04x}" + (f" with serial {serial}" if serial else "")
     for backend in backends:
-        found = {
+        places = {
             bytes(entry["path"])
             for entry in enumerate_drivers(backend, vendor_id, product_id)
             if serial is None or entry["serial_number"] == serial
         }
-        if len(found) > 1:
-            paths = ", ".join(sorted(path.decode(errors="replace") for path in found))
+        if len(places) > 1:
+            paths = ", ".join(sorted(path.decode(errors="replace") for path in places))
             raise DeviceError(
-                f"{len(found)} HID devices {wanted} are connected, at {paths}; choose one by path= "
-                "or serial=."
+                f"{len(places)} HID devices {wanted} are connected, at {paths}; choose one by "
+                "path= or serial=."
             )
-        if found:
-            return backend, found.pop()
+        if places:
+            return backend, places.pop()
     raise DeviceNotFoundError(
         f"No HID device {wanted} is connected; `haptix devices` lists what is."
     )
@@ -248,12 +248,12 @@ def _search() -> tuple[str, list[DeviceInfo]]:
     except ImportError:
         hid = import_module("hid")
     devices = []
-    for found in hid.enumerate():
-        numbers = f"{found['vendor_id']:04x}:{found['product_id']:04x}"
-        where = f"hid:path={found['path'].decode(errors='replace')}"
-        is_ours = (found["vendor_id"], found["product_id"]) == (VENDOR_ID, PRODUCT_ID)
-        note = f"Serial {found.get('serial_number') or 'unknown'}." if is_ours else OTHER_DEVICE
-        name = found["product_string"] or numbers
+    for entry in hid.enumerate():
+        numbers = f"{entry['vendor_id']:04x}:{entry['product_id']:04x}"
+        where = f"hid:path={entry['path'].decode(errors='replace')}"
+        is_ours = (entry["vendor_id"], entry["product_id"]) == (VENDOR_ID, PRODUCT_ID)
+        note = f"Serial {entry.get('serial_number') or 'unknown'}." if is_ours else OTHER_DEVICE
+        name = entry["product_string"] or numbers
         devices.append(DeviceInfo(where, "hid", name, is_ours, note))
     return f"hidapi {hid.version_str()}", devices
 

@@ -39,24 +39,24 @@ def backend() -> Any:
         If neither is installed.
     """
     libusb1 = import_module("usb.backend.libusb1")
-    found = libusb1.get_backend()
-    if found is None:
+    libusb = libusb1.get_backend()
+    if libusb is None:
         with suppress(ImportError):
             package = import_module("libusb_package")
-            found = libusb1.get_backend(find_library=package.find_library)
-    if found is None:
+            libusb = libusb1.get_backend(find_library=package.find_library)
+    if libusb is None:
         raise DeviceError(
             "pyusb found no libusb; on Debian: apt install libusb-1.0-0, elsewhere: "
             "pip install libusb-package."
         )
-    return found
+    return libusb
 
 
 def find_drivers(vendor_id: int = VENDOR_ID, product_id: int = PRODUCT_ID) -> list[Any]:
     """Return pyusb's object of each connected device with these numbers, without opening it."""
     core = import_module("usb.core")
-    found = core.find(find_all=True, idVendor=vendor_id, idProduct=product_id, backend=backend())
-    return list(found)
+    devices = core.find(find_all=True, idVendor=vendor_id, idProduct=product_id, backend=backend())
+    return list(devices)
 
 
 def serial_of(device: Any) -> str | None:

@@ -368,7 +368,7 @@ class FrameParser:
         """
         pending = self._pending
         pending += data
-        found: list[Frame | ProtocolError] = []
+        items: list[Frame | ProtocolError] = []
         start = 0
         is_skipping = False
         while True:
@@ -378,7 +378,7 @@ class FrameParser:
                 at = len(pending) - (pending[start:][-1:] == MAGIC[:1])
             if at > start:
                 if not is_skipping:
-                    found.append(_no_frame(bytes(pending[start : min(at, start + 8)])))
+                    items.append(_no_frame(bytes(pending[start : min(at, start + 8)])))
                 is_skipping = True
                 self.skipped_bytes += at - start
                 start = at
@@ -397,17 +397,17 @@ class FrameParser:
                 frame = read_frame(bytes(pending[start:end]), kind, sequence, length, mode)
             except ProtocolError as error:
                 if not is_skipping:
-                    found.append(error)
+                    items.append(error)
                 # Skip one byte, not one frame: the length may be the damaged field.
                 is_skipping = True
                 self.skipped_bytes += 1
                 start += 1
             else:
-                found.append(frame)
+                items.append(frame)
                 is_skipping = False
                 start = end
         del pending[:start]
-        return found
+        return items
 
     def give_up(self) -> list[Frame | ProtocolError]:
         """Give up an incomplete frame; return the frames behind its first byte."""
