@@ -21,10 +21,13 @@ class Link(ABC):
     """By which the host waits for the driver."""
     report_bytes: int | None = None
     """Size of the reports that carry the bytes (HID); None where a write may be of any size."""
-    latency_s: float | None = 0.0
-    """Delay that the link adds between a sample and the output, in seconds; None if unknown."""
     bytes_per_s: float | None = None
     """Bytes that the link carries in a second; None where it sets no limit of its own."""
+
+    @property
+    def latency_s(self) -> float | None:
+        """Delay that the link adds between a sample and the output, in seconds; None if unknown."""
+        return 0.0
 
     @abstractmethod
     def send(self, data: bytes) -> None:

@@ -146,6 +146,7 @@ class FaultyLink(MockLink):
     ) -> None:
         super().__init__(driver, report_bytes, sleep)
         self.injected = FaultInjection()
+        self._is_shut = False
         self._wait = self.clock.sleep if sleep is None else sleep
 
     def inject(self, fault: InjectedFault | str, after: int = 0, seconds: float = 0.0) -> None:
@@ -153,14 +154,14 @@ class FaultyLink(MockLink):
         self.injected.add(fault, after, seconds)
 
     def send(self, data: bytes) -> None:
-        self._check_cable()
+        self._check_open_and_plugged()
         size = self.report_bytes
         for transfer in [data] if size is None else to_reports(data, size):
             for event in self.injected.outward(transfer):
                 self._apply(event)
 
     def receive(self, timeout_s: float = 0.0) -> bytes:
-        self._check_cable()
+        self._check_open_and_plugged()
         end_s = self.driver.clock() + timeout_s
         while data := super().receive(max(0.0, end_s - self.driver.clock())):
             if arrived := self.injected.inward(data):
@@ -171,7 +172,7 @@ class FaultyLink(MockLink):
         if isinstance(event, OSError):
             if self.injected.is_unplugged:
                 self.driver.release()
-                self._check_cable()
+                self._check_open_and_plugged()
             raise event
         if isinstance(event, float):
             if self.driver.pace == "virtual":
@@ -183,7 +184,13 @@ class FaultyLink(MockLink):
         elif event:
             self.driver.receive_report(event)
 
-    def _check_cable(self) -> None:
+    def close(self) -> None:
+        self._is_shut = True
+        super().close()
+
+    def _check_open_and_plugged(self) -> None:
+        if self._is_shut:
+            raise DeviceDisconnectedError("The faulty link is closed; open the device again.")
         if self.injected.is_unplugged:
             raise DeviceDisconnectedError(
                 "The mock's cable is unplugged (injected); plug it in and open the device again."

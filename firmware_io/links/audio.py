@@ -6,6 +6,7 @@ PortAudio's callback is its output stage.
 from __future__ import annotations
 
 import logging
+import math
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -104,7 +105,6 @@ class AudioLink(HostedLink):
         index = _find_device(sounddevice, profile)
         super().__init__(profile, f"audio:device={sounddevice.query_devices(index)['name']}")
         self._stream: Any = None
-        self.latency_s = None
         try:
             self._stream = sounddevice.OutputStream(
                 device=index,
@@ -115,14 +115,17 @@ class AudioLink(HostedLink):
                 callback=self._fill,
                 finished_callback=self._finished,
             )
-            stated_s = float(self._stream.latency)
-            if 0.0 <= stated_s <= _MOST_LATENCY_S:
-                self.latency_s = stated_s
             self._stream.start()
         except sounddevice.PortAudioError as error:
             self._shut()
             raise _refusal(self.name, error) from error
         self._hold()
+
+    @property
+    def latency_s(self) -> float | None:
+        """Latency that the interface states, in seconds; None if it is implausible."""
+        latency_s = float(self._stream.latency) if self._stream is not None else math.nan
+        return latency_s if 0.0 <= latency_s <= _MOST_LATENCY_S else None
 
     def _fill(self, out: npt.NDArray[np.float32], frames: int, times: Any, status: Any) -> None:
         """Fill a block of PortAudio with what the firmware plays."""

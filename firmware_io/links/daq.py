@@ -212,7 +212,6 @@ class DaqLink(HostedLink):
     def __init__(self, profile: DaqProfile) -> None:
         self._daq = _nidaqmx()
         self._profile = profile
-        self.latency_s = profile.buffer_s
         self._lead = round(profile.buffer_s * profile.sample_rate_hz)
         self._written = 0  # samples
         self._moved_s = 0.0
@@ -234,6 +233,11 @@ class DaqLink(HostedLink):
         self._thread = threading.Thread(target=self._feed, name="firmware_io daq", daemon=True)
         self._thread.start()
         self._hold()
+
+    @property
+    def latency_s(self) -> float:
+        """Time that samples wait in the buffer, in seconds."""
+        return self._profile.buffer_s
 
     def _open(self) -> None:
         """Start the watchdog, which a chassis wants before all else, and the output at 0 V."""
