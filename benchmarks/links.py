@@ -40,15 +40,11 @@ class PacedLink(MockLink):
         driver = MockDriver(pace="real", clock=self._device_clock, kept_s=600.0)
         super().__init__(driver, None if reports_per_s is None else REPORT_BYTES, host.sleep)
         self._host = host
-        self._line_bytes_per_s = bytes_per_s
+        self.bytes_per_s = bytes_per_s
         self._report_s = None if reports_per_s is None else 1 / reports_per_s
         self._outward: deque[tuple[float, bytes]] = deque()
         self._inward: deque[tuple[float, bytes]] = deque()
         self._out_free_s = self._in_free_s = self._tick_s = host()
-
-    @property
-    def bytes_per_s(self) -> float | None:
-        return self._line_bytes_per_s
 
     def send(self, data: bytes) -> None:
         host = self._host
@@ -58,13 +54,13 @@ class PacedLink(MockLink):
                 self._outward.append((self._out_free_s, report))
             host.now_s = max(host(), self._out_free_s)
         else:
-            assert self._line_bytes_per_s is not None
+            assert self.bytes_per_s is not None
             for at in range(0, len(data), PIECE_BYTES):
                 piece = data[at : at + PIECE_BYTES]
-                took_s = len(piece) / self._line_bytes_per_s
+                took_s = len(piece) / self.bytes_per_s
                 self._out_free_s = max(self._out_free_s, host()) + took_s
                 self._outward.append((self._out_free_s, piece))
-            host.now_s = max(host(), self._out_free_s - BUFFER_BYTES / self._line_bytes_per_s)
+            host.now_s = max(host(), self._out_free_s - BUFFER_BYTES / self.bytes_per_s)
         self._pass_time()
 
     def receive(self, timeout_s: float = 0.0) -> bytes:
@@ -100,9 +96,9 @@ class PacedLink(MockLink):
 
     def _answer(self, at_s: float) -> None:
         if self._report_s is None:
-            assert self._line_bytes_per_s is not None
+            assert self.bytes_per_s is not None
             if data := self.driver.transmit():
-                self._in_free_s = max(self._in_free_s, at_s) + len(data) / self._line_bytes_per_s
+                self._in_free_s = max(self._in_free_s, at_s) + len(data) / self.bytes_per_s
                 self._inward.append((self._in_free_s, data))
             return
         while report := self.driver.transmit_report():

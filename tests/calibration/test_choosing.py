@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 from calibration import Parameters, fitting
-from calibration.fitting import DECISIVE, FormFit, fit_in_best_theory
+from calibration.fit import FormFit
+from calibration.fitting import DECISIVE, fit_in_best_theory
 
 NAME = 'theory "open-gaps"'
 

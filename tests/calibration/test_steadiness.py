@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from calibration import Parameters
+from calibration.fit import Repeatability
 from calibration.predict import StrokeConditions
 from calibration.reduction import Point, Reduced, reduce_stroke
-from calibration.residuals import Repeatability
 from calibration.verification import steadiness
 from haptix.perception import WEBER_FRACTION
 from haptix.report import record
