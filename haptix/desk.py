@@ -55,8 +55,8 @@ class Result:
     ----------
     document : dict or list
         For programs: plain values for JSON.
-    tables : sequence of (str, sequence of mapping)
-        For people: titles and rows.
+    tables : sequence of (str, sequence)
+        For people: titles and rows, each a mapping or a result with its `Heading`.
     lines : sequence of str
         What stands below the tables.
     files : mapping
@@ -66,7 +66,7 @@ class Result:
     """
 
     document: Any
-    tables: Sequence[tuple[str, Sequence[Mapping[str, Any]]]] = ()
+    tables: Sequence[tuple[str, Sequence[Any]]] = ()
     lines: Sequence[str] = ()
     files: Mapping[str, Any] = field(default_factory=dict)
     failed: bool = False

@@ -6,7 +6,12 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-MODULES = ["haptix.tasks.rendering", "haptix.tasks.surfaces"]
+MODULES = [
+    "haptix.tasks.rendering",
+    "haptix.tasks.surfaces",
+    "haptix.tasks.scenes",
+    "haptix.tasks.materials",
+]
 """Modules of tasks, in the order in which help lists them."""
 
 _TASK = re.compile(
@@ -21,6 +26,22 @@ def tasks_of(modules: Sequence[str]) -> dict[str, tuple[str, str]]:
         text = _file_of(module).read_text(encoding="utf-8")
         for name, command, sentence, _ in _TASK.findall(text):
             found[command] = (f"{module}:{name}", sentence)
+    return found
+
+
+def commands() -> dict[str, tuple[str, str]]:
+    """Return by the first word of each task's command what it is, and its sentence.
+
+    A task is ``module:Class``. Tasks of one module whose commands share their first word, such as
+    ``material show``, are a group: the word with the first sentence of the module.
+    """
+    found: dict[str, tuple[str, str]] = {}
+    for command, (path, sentence) in tasks_of(MODULES).items():
+        word, _, rest = command.partition(" ")
+        if rest:
+            text = _file_of(path.partition(":")[0]).read_text(encoding="utf-8")
+            path, sentence = "", text.partition('"""')[2].partition('"""')[0].partition("\n")[0]
+        found.setdefault(word, (path, sentence))
     return found
 
 

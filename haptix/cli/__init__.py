@@ -7,7 +7,7 @@ import shutil
 import sys
 import textwrap
 
-from haptix.task_list import MODULES, tasks_of
+from haptix.task_list import commands
 from haptix.version import __version__
 
 ABOUT = "Haptic rendering for electrovibration touchscreens: from contact mechanics to volts."
@@ -17,7 +17,7 @@ LOG_HELP = "Log to the standard error what happens, see docs/log.md: info or deb
 # Where each command stands, and the first sentence of its help: those that are tasks say both
 # themselves. To load Typer takes longer than everything else that --help does.
 COMMANDS = {
-    **{name: told for name, told in tasks_of(MODULES).items() if " " not in name},
+    **commands(),
     "serve": (
         "haptix.cli.service:serve",
         "Serve apps in any language on this machine: touches and materials in, friction out.",
@@ -26,19 +26,10 @@ COMMANDS = {
         "haptix.cli.service:studio",
         "Open the studio in a browser: feel textures by mouse, pen or touch, make and test them.",
     ),
-    "plan": (
-        "haptix.cli.scenes:plan",
-        "Measure what each part of the model does in a scene, and drop what its budget allows.",
-    ),
-    "tradeoff": (
-        "haptix.cli.scenes:tradeoff",
-        "Measure error, build time, query time and memory of many ways to build a scene's surface.",
-    ),
     "campaign": (
         "haptix.cli.campaign:campaign",
         "Do many independent tasks: surfaces of many people and screens, calibrations, and more.",
     ),
-    "material": ("haptix.cli.materials:app", "Materials: what a surface feels like, as documents."),
     "stimuli": (
         "haptix.cli.stimuli:app",
         "Stimuli for perception experiments: make sets, look at them, run and analyse trials.",
@@ -54,10 +45,6 @@ COMMANDS = {
     "doctor": (
         "haptix.cli.hardware:doctor",
         "Check this machine: packages, system libraries, cache, and a solve against known numbers.",
-    ),
-    "cache": (
-        "haptix.cli.cache:cache",
-        "List what is kept so that it is not made twice, or remove it.",
     ),
 }
 

@@ -10,7 +10,22 @@ import typer
 from typer.core import TyperGroup
 
 from haptix.cli import ABOUT, COMMANDS, LOG_HELP
+from haptix.cli.tasks import command_of, group_of
 from haptix.version import __version__
+
+
+def _loaded(word: str) -> typer.Typer:
+    """Return a task's command, a group of them, or what is written by hand."""
+    path, about = COMMANDS[word]
+    if not path:
+        return group_of(word, about)
+    module, _, name = path.partition(":")
+    command: Any = getattr(import_module(module), name)
+    if isinstance(command, typer.Typer):
+        return command
+    app = typer.Typer(add_completion=False, rich_markup_mode=None)
+    app.command(word)(command_of(command) if isinstance(command, type) else command)
+    return app
 
 
 class _Commands(TyperGroup):
@@ -24,16 +39,7 @@ class _Commands(TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name in COMMANDS and self.commands.get(cmd_name) is None:
-            module, _, name = COMMANDS[cmd_name][0].partition(":")
-            found: Any = getattr(import_module(module), name)
-            if not isinstance(found, typer.Typer):
-                found, command = typer.Typer(add_completion=False, rich_markup_mode=None), found
-                if isinstance(command, type):  # a task
-                    from haptix.cli.tasks import command_of
-
-                    command = command_of(command)
-                found.command(cmd_name)(command)
-            made: Any = typer.main.get_command(found)
+            made: Any = typer.main.get_command(_loaded(cmd_name))
             made.name = cmd_name
             self.commands[cmd_name] = made
         return self.commands.get(cmd_name)

@@ -1,4 +1,8 @@
-"""``haptix devices`` and ``haptix doctor``."""
+"""``haptix devices`` and ``haptix doctor``.
+
+They are written by hand: no service, job or campaign should look at the buses of a machine, or ask
+to write a rule as root.
+"""
 
 from __future__ import annotations
 

@@ -12,9 +12,10 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 import typer
 from pydantic.fields import FieldInfo
 
-from haptix.desk import Context, Task, inner, read, typed
+from haptix.desk import Context, Task, inner, read, task_at, typed
 from haptix.errors import InputError
 from haptix.fields import Typed
+from haptix.task_list import MODULES, tasks_of
 from haptix.terminal import AsJson, progress_bar, show
 from haptix.units import unit_of
 
@@ -53,6 +54,18 @@ def command_of(task: type[Task]) -> Callable[..., None]:
     command.__annotations__ = {one.name: one.annotation for one in parameters}
     command.__doc__ = task.__doc__
     return command
+
+
+def group_of(word: str, about: str) -> typer.Typer:
+    """Return the commands of tasks that begin with a word, such as ``material show``."""
+    group = typer.Typer(
+        help=about, no_args_is_help=True, add_completion=False, rich_markup_mode=None
+    )
+    for command, (path, _) in tasks_of(MODULES).items():
+        first, _, rest = command.partition(" ")
+        if first == word and rest:
+            group.command(rest)(command_of(task_at(path)))
+    return group
 
 
 class _Terminal(Context):

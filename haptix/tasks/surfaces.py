@@ -1,7 +1,10 @@
-"""Tasks of surfaces: query, invert, export."""
+"""Tasks of surfaces: build, query, invert, export, and what is kept of them."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+from contextlib import suppress
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -27,7 +30,7 @@ from haptix.fields import (
     file_to_write,
     is_there,
 )
-from haptix.files import reading
+from haptix.files import cache_folder, reading
 from haptix.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
 
 if TYPE_CHECKING:
@@ -309,6 +312,56 @@ class Export(Task, command="export"):
         size = self.out.stat().st_size
         rows = [{"file": str(self.out), "values": table.mu_table.numel(), "bytes": size}]
         return Result(rows, [("exported surface", rows)])
+
+
+# Results are named by a hash, so that what somebody has put there is told from them. An earlier
+# version kept each surface in one file.
+_IN_CACHE = re.compile(r"results/[0-9a-f]{2}/[0-9a-f]{64}/[^/]+|\.?[0-9a-f]{64}\.surface.*")
+
+
+class ListCache(Task, command="cache"):
+    """List what is kept so that it is not made twice, or remove it.
+
+    Profiles of calibrated screens and the files of apps are no cache, and are left alone.
+    """
+
+    clear: bool = Field(False, description="Remove it; it is made again.")
+
+    def run(self, context: Context) -> Result:
+        """List it, and remove it if that was asked."""
+        try:
+            folder = cache_folder()
+            inside = [*folder.iterdir(), *folder.glob("results/*/*/*")] if folder.is_dir() else []
+            names = {path: path.relative_to(folder).as_posix() for path in inside}
+            surfaces = sorted(path for path in inside if _IN_CACHE.fullmatch(names[path]))
+            row = {
+                "kept": "surfaces",
+                "files": len(surfaces),
+                "bytes": sum(path.lstat().st_size for path in surfaces),
+                "folder": str(folder) if surfaces else "-",
+            }
+        except OSError as error:
+            raise InputError(f"cannot read {error.filename}: {error.strerror}") from None
+        if self.clear:
+            _remove(surfaces)
+        title = "removed from the cache" if self.clear else "cache; --clear removes it"
+        return Result([row], [(title, [row])])
+
+
+def _remove(files: Iterable[Path]) -> None:
+    wrong = []
+    for path in files:
+        try:
+            path.unlink(missing_ok=True)
+            with suppress(OSError):  # it is not empty yet
+                path.parent.rmdir()
+        except OSError as error:
+            wrong.append(f"{path}: {error.strerror}")
+    if wrong:
+        raise InputError(
+            f"cannot remove {len(wrong)} files of the cache, such as {wrong[0]}; end the programs "
+            "that use them, and try again"
+        )
 
 
 def _spread_at_corners(model: ContactModel, ranges: dict[str, Any]) -> dict[str, float]:

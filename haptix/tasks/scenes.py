@@ -1,0 +1,106 @@
+"""Tasks of scenes: what each part of the model does there, and what a surface costs."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Field
+
+from haptix.desk import Context, Result, Task
+from haptix.fields import Argument, FileThere, Folder
+from haptix.report import record
+from haptix.terminal import accuracy_note, breakdown_note, placeholder_note, warning_note
+
+if TYPE_CHECKING:
+    from haptix.planning import Row
+
+_STAGES = {
+    "run": "build, query and invert",
+    "measure": "solve boundary elements",
+    "write": "write tables and plot",
+}
+
+
+class PlanScene(Task, command="plan"):
+    """Measure what each part of the model does in a scene, and drop what its budget allows.
+
+    An effect is the largest over points of the scene, in friction coefficient and in
+    just-noticeable differences (JND). A cost is the time that it adds to the contact's table and
+    2,000 states.
+    """
+
+    scene: Annotated[FileThere, Argument] = Field(description="Scene: a TOML file.")
+
+    def run(self, context: Context) -> Result:
+        """Plan it."""
+        context.progress("plan the scene", 0.0)  # torch loads here; the bar shows those seconds too
+        from haptix.planning import plan_scene
+        from haptix.scene import Scene
+
+        plan = plan_scene(Scene.load(self.scene), partial(context.progress, "plan the scene"))
+        dtype = str(plan.dtype).removeprefix("torch.")
+        title = (
+            f"{plan.scene.name}: {plan.model.fidelity}, {dtype}, "
+            f"tolerance {plan.tolerance.value:.3g} {plan.tolerance.unit}; left out "
+            f"{plan.effect.thresholds_max:.2g} of {plan.scene.budget_thresholds:g} JND"
+        )
+        title += accuracy_note(plan.lowest_x, plan.accuracy) + warning_note(plan.warnings)
+        title += placeholder_note(plan.model.placeholders(), plan.placeholder_spread_jnd)
+        title += breakdown_note(plan.pull_past_breakdown)
+        spread = dict(plan.placeholder_spread_jnd)
+        document = [_record(row) | {"placeholder_spread_jnd": spread} for row in plan.rows]
+        return Result(document, [(title, [_shown(row) for row in plan.rows])])
+
+
+def _record(row: Row) -> dict[str, Any]:
+    effect = {f"effect_{name}": value for name, value in asdict(row.effect).items()}
+    kept = {"decision": "kept" if row.kept else "dropped", "why": row.why}
+    return {"kind": row.kind, "name": row.name, **kept, **effect, "cost_s": row.cost_s}
+
+
+def _shown(row: Row) -> dict[str, str]:
+    return {
+        "": row.name,
+        "decision": "kept" if row.kept else "dropped",
+        "mu": f"{row.effect.mu_max:.2g}",
+        "JND": f"{row.effect.thresholds_max:.2g}",
+        "costs": f"{row.cost_s * 1e3:.2g} ms" if row.cost_s else "-",
+        "why": row.why,
+    }
+
+
+class TradeOff(Task, command="tradeoff"):
+    """Measure error, build time, query time and memory of many ways to build a scene's surface.
+
+    Writes tradeoff.csv, tradeoff.json and tradeoff.png.
+    """
+
+    scene: Annotated[FileThere, Argument] | None = Field(
+        None, description="Scene: a TOML file. [default: one that is built in]"
+    )
+    out: Folder = Field(Path("haptix-tradeoff"), description="Folder for the outputs.")
+    quick: bool = Field(False, description="Few runs and short timings.")
+    boundary_elements: bool = Field(False, description="Also a surface that they correct: minutes.")
+
+    def run(self, context: Context) -> Result:
+        """Measure, and write the files."""
+        context.progress(_STAGES["run"], 0.0)
+        from haptix.scene import Scene
+        from haptix.tradeoff import default_scene, write_tradeoff
+
+        scene = default_scene() if self.scene is None else Scene.load(self.scene)
+        study = write_tradeoff(
+            scene,
+            self.out,
+            self.quick,
+            lambda stage, share: context.progress(_STAGES[stage], share),
+            self.boundary_elements,
+        )
+        title = (
+            f"haptix tradeoff: what to take; all {len(study.runs)} runs and the picture in "
+            f"{self.out}; budget {scene.budget_thresholds:g} JND"
+        )
+        return Result(record(study.runs), [(title, [run for run in study.runs if run.take])])
