@@ -2,49 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from math import inf
 from typing import Any
 
+import numpy as np
 import torch
 
+from haptix.checks import Array
 from haptix.contact import shown_accuracy
 from haptix.errors import InputError, ToleranceError
 from haptix.fidelity import FIDELITIES, Ability
 from haptix.friction import ContactModel
 from haptix.friction.placeholders import largest_spread
-from haptix.planning.choices import (
+from haptix.motion import Depends, Motion
+from haptix.planning.trials import (
     COARSE,
     FULL,
     Choice,
+    Effect,
     Kind,
     Omission,
+    Trials,
     friction_terms,
     kept_reports,
     omissions,
     reporting_terms,
 )
-from haptix.planning.materials import effects_of_materials
-from haptix.planning.trials import Effect, Trials
 from haptix.scene import Scene
 from haptix.status import Status
 from haptix.surface import LARGEST_BYTES, FrictionSurface
 from haptix.surface.axes import AXIS_NAMES
 from haptix.surface.tolerance import LEAST, Tolerance
 from haptix.terms import TERMS, Term, chosen_terms
+from haptix.texture import as_mu
+from haptix.texture.material import Material
 
 MODELLING_SHARE = 0.5
 """Share of the budget that may go into what is left out; the surface's tolerance gets the rest."""
 
-_OVERREACH = 0.05  # past breakdown, whose "about 350 V/um" is not known better than that
-_UNSEEN = 1.25  # between the points measured, effects may be larger by this factor
-
-
-_NO_EFFECT = Effect()
+HOLDABLE = (Depends.TIME, Depends.DIRECTION, Depends.SPEED, Depends.FORCE)
+"""What a material depends on that can be held: time at 0, direction to the right, speed and force
+in the scene's middle."""
 
 Decision = tuple[bool, str]
 """Whether something is kept, and why."""
+
+_UNSEEN = 1.25  # between the points measured, effects may be larger by this factor
+_NO_EFFECT = Effect()
+_MATERIAL_STATES, _SECONDS, _FORCES = 4000, 10.0, 9
+_SPEED_MM_S = (20.0, 200.0)  # where the scene gives none
 
 
 @dataclass(frozen=True)
@@ -60,6 +67,12 @@ class Row:
     """Effect of leaving out this alone."""
     cost_s: float = 0.0
     """Time that it adds to a table of the contact and 2000 states; of terms and fidelities."""
+
+    @property
+    def decision(self) -> dict[str, Any]:
+        """What was decided on what, and why."""
+        decision = "kept" if self.kept else "dropped"
+        return {"kind": self.kind, "name": self.name, "decision": decision, "why": self.why}
 
 
 @dataclass(frozen=True)
@@ -97,6 +110,7 @@ class Plan:
         They hold no times, and no materials, on which the surface does not depend: the same scene
         has the same record, and its surface the same bytes.
         """
+        same = ("points", "pull_past_breakdown", "lowest_x", "accuracy")
         return {
             "scene": self.scene.name,
             "budget_thresholds": self.scene.budget_thresholds,
@@ -104,17 +118,11 @@ class Plan:
             "left_out_mu": self.effect.mu_max,
             "tolerance": str(self.tolerance),
             "dtype": str(self.dtype).removeprefix("torch."),
-            "points": self.points,
-            "pull_past_breakdown": self.pull_past_breakdown,
-            "lowest_x": self.lowest_x,
-            "accuracy": self.accuracy,
+            **{name: getattr(self, name) for name in same},
             "warnings": list(self.warnings),
             "rows": [
                 {
-                    "kind": row.kind,
-                    "name": row.name,
-                    "decision": "kept" if row.kept else "dropped",
-                    "why": row.why,
+                    **row.decision,
                     "effect_mu": row.effect.mu_max,
                     "effect_thresholds": row.effect.thresholds_max,
                 }
@@ -131,31 +139,14 @@ class Plan:
     ) -> FrictionSurface:
         """Build the planned surface, with the decisions in ``info["notes"]["plan"]``.
 
-        Parameters
-        ----------
-        on_progress : callable, optional
-            Called with the share of the work that is done.
-        tolerance : Tolerance, float or str, optional
-            Tolerance instead of the planned one.
-        largest_bytes : int
-            Largest size of the surface.
-
-        Raises
-        ------
-        InputError, ToleranceError
-            As `FrictionSurface.build` does.
+        The parameters and errors are those of `FrictionSurface.build`.
         """
+        spread = {"placeholder_spread_jnd": dict(self.placeholder_spread_jnd)}
+        notes = {"plan": self.record(), **spread}
+        wanted = self.tolerance if tolerance is None else tolerance
         try:
             surface = FrictionSurface.build(
-                self.model,
-                self.ranges,
-                self.tolerance if tolerance is None else tolerance,
-                on_progress,
-                largest_bytes,
-                {
-                    "plan": self.record(),
-                    "placeholder_spread_jnd": dict(self.placeholder_spread_jnd),
-                },
+                self.model, self.ranges, wanted, on_progress, largest_bytes, notes
             )
         except ToleranceError as error:
             if error.best is not None:
@@ -189,24 +180,23 @@ def plan_scene(
     InputError
         If an override contradicts the scene, or the drive is not a sine.
     """
-    given = scene.override.tolerance
-    asked = None if given is None else Tolerance.read(given)
-    if asked is None:
+    override = scene.override
+    tolerance = None if override.tolerance is None else Tolerance.read(override.tolerance)
+    if tolerance is None:
         _surface_tolerance(scene, scene.budget_thresholds)  # what it would be at best
     everything = omissions(scene)
     base, settled = _with_overrides(scene, everything)
     trials = Trials(scene, base, points)
     on_progress(0.1)
-    rows: list[Row] = []
-    effects: dict[Omission, Effect] = {}
+    alone: dict[Omission, tuple[Effect, float]] = {}
     for number, omission in enumerate(everything, start=1):
-        effects[omission] = _effect_alone(trials, base, omission)
-        on_progress(0.1 + 0.7 * number / len(everything))
-    free = [one for one in everything if one not in settled]
+        alone[omission] = _alone(trials, base, omission)
+        on_progress(0.1 + 0.8 * number / len(everything))
+    effects = {omission: effect for omission, (effect, _) in alone.items()}
+    free = [omission for omission in everything if omission not in settled]
     chosen, joint, decisions = _spend(trials, base, free, effects)
     decisions |= settled
-    for one, effect in effects.items():
-        rows.append(Row(one.kind, one.name, *decisions[one], effect, _cost_s(trials, base, one)))
+    rows = [Row(out.kind, out.name, *decisions[out], *alone[out]) for out in everything]
     rows += [_report_row(trials, chosen, term) for term in reporting_terms(scene)]
     rows += _fixed_rows(scene)
     order = {name: rank for rank, name in enumerate((*TERMS, *AXIS_NAMES))}
@@ -216,26 +206,25 @@ def plan_scene(
         felt = effect.thresholds_max > spare
         why = "felt" if felt else f"not felt: below the {spare:.2g} JND left of the budget"
         rows.append(Row("material", name, felt, why, effect))
-    dtype = getattr(torch, scene.override.dtype or "float32")
-    model, asked_for = trials.model(chosen, dtype), scene.override.fidelity
-    if asked_for is not None and Ability.TABULATE not in FIDELITIES[asked_for].can:
-        model = scene.model(asked_for, model.dtype, terms=model.terms)
-    lightest = trials.model(chosen).solve(
-        scene.normal_force_n[0], 0.0, scene.ranges()["frequency_hz"][0]
-    )
+    dtype = getattr(torch, override.dtype or "float32")
+    model, fidelity = trials.model(chosen, dtype), override.fidelity
+    if fidelity is not None and Ability.TABULATE not in FIDELITIES[fidelity].can:
+        model = scene.model(fidelity, model.dtype, terms=model.terms)
+    ranges = scene.ranges()
+    lightest = trials.model(chosen).solve(scene.normal_force_n[0], 0.0, ranges["frequency_hz"][0])
     on_progress(1.0)
     return Plan(
         scene=scene,
         rows=tuple(rows),
         model=model,
-        ranges={**scene.ranges(), **{name: (value, value) for name, value in chosen.held}},
-        tolerance=asked
+        ranges={**ranges, **{name: (value, value) for name, value in chosen.held}},
+        tolerance=tolerance
         or _surface_tolerance(scene, scene.budget_thresholds - _UNSEEN * joint.thresholds_max),
         dtype=dtype,
         effect=joint,
         points=len(trials.voltage_v),
         placeholder_spread_jnd=largest_spread(
-            trials.model(base), trials.points.places, trials.voltage_v
+            trials.model(base), {axis: trials.points[axis] for axis in AXIS_NAMES}, trials.voltage_v
         ),
         pull_past_breakdown=trials.pull_past_breakdown(chosen),
         lowest_x=float(lightest.x),
@@ -254,16 +243,6 @@ def _surface_tolerance(scene: Scene, rest: float) -> Tolerance:
     return Tolerance(rest, "JND")
 
 
-def _cost_s(trials: Trials, base: Choice, one: Omission) -> float:
-    """Time that a term or a fidelity takes, see `Row.cost_s`."""
-    if one.kind not in ("term", "fidelity"):
-        return 0.0
-    if one.kind == "term" and one.name not in trials.scene.terms(base.fidelity):
-        return 0.0
-    full = one.into(base) if one.kind == "term" else Choice(friction_terms(trials.scene))
-    return max(0.0, trials.seconds(full) - trials.seconds(one.of(full)))
-
-
 def _with_overrides(
     scene: Scene, everything: list[Omission]
 ) -> tuple[Choice, dict[Omission, Decision]]:
@@ -274,45 +253,49 @@ def _with_overrides(
     # Raises where the profiles or the fidelity do not allow it.
     chosen_terms(on, scene.finger, scene.screen, FIDELITIES[fidelity])
     settled: dict[Omission, Decision] = {}
-    for one in everything:
-        kept = _overridden(scene, one)
+    for out in everything:
+        kept = _overridden(scene, out)
         if kept is not None:
-            settled[one] = (kept, f"{'kept' if kept else 'dropped'} by the scene")
-            base = base if kept else one.of(base)
-        elif one.kind == "term" and TERMS[one.name].left_to_scene:
-            settled[one] = (False, "on request, and the scene does not ask for it")
-    for one in everything:
-        if one.kind == "term" and one.name not in base.terms and one not in settled:
-            settled[one] = (False, "contradicts the scene's fidelity")
-        if one.kind == "fidelity" and one not in settled:
-            needed = (on.keys() & friction_terms(scene)) - one.possible
-            if needed:
-                names = ", ".join(sorted(needed))
-                settled[one] = (True, f"needed by {names}, kept by the scene")
+            settled[out] = (kept, f"{'kept' if kept else 'dropped'} by the scene")
+            base = base if kept else out.out_of(base)
+        elif out.kind == "term" and TERMS[out.name].left_to_scene:
+            settled[out] = (False, "on request, and the scene does not ask for it")
+    for out in everything:
+        if out in settled:
+            continue
+        if out.kind == "term" and out.name not in base.terms:
+            settled[out] = (False, "contradicts the scene's fidelity")
+        elif out.kind == "fidelity" and (
+            needed := (on.keys() & friction_terms(scene)) - out.possible
+        ):
+            settled[out] = (True, f"needed by {', '.join(sorted(needed))}, kept by the scene")
     return base, settled
 
 
-def _overridden(scene: Scene, one: Omission) -> bool | None:
+def _overridden(scene: Scene, omission: Omission) -> bool | None:
     """Return the scene's decision on one thing: True to keep it, None without one."""
     override = scene.override
-    if one.kind == "term":
-        return override.terms.get(one.name)
-    if one.kind == "axis":
-        asked = override.axes.get(one.name)
-        return None if asked is None else asked == "keep"
+    if omission.kind == "term":
+        return override.terms.get(omission.name)
+    if omission.kind == "axis":
+        return {None: None, "keep": True}.get(override.axes.get(omission.name), False)
     # A fidelity that cannot be tabulated corrects a surface of the full one.
     return None if override.fidelity is None else override.fidelity != COARSE
 
 
-def _effect_alone(trials: Trials, base: Choice, one: Omission) -> Effect:
-    """Effect of leaving out one thing, all else being as in `base`."""
-    without = one.of(base)
+def _alone(trials: Trials, base: Choice, omission: Omission) -> tuple[Effect, float]:
+    """Effect of leaving out one thing, all else being as in `base`, and the time that it takes."""
+    scene, is_term, name = trials.scene, omission.kind == "term", omission.name
+    without, with_it = omission.out_of(base), omission.into(base)
+    effect = _NO_EFFECT
     if without != base:
-        return trials.effect(base, without)
-    # An override has left it out already.
-    if one.kind == "term" and one.name not in trials.scene.possible_terms(base.fidelity):
-        return _NO_EFFECT
-    return trials.effect(one.into(base), base)
+        effect = trials.effect(base, without)
+    elif not is_term or name in scene.possible_terms(base.fidelity):  # an override left it out
+        effect = trials.effect(with_it, base)
+    if omission.kind == "axis" or (is_term and name not in scene.terms(base.fidelity)):
+        return effect, 0.0
+    full = with_it if is_term else Choice(friction_terms(scene))
+    return effect, max(0.0, trials.seconds(full) - trials.seconds(omission.out_of(full)))
 
 
 def _spend(
@@ -324,46 +307,37 @@ def _spend(
     one drops.
     """
     share = MODELLING_SHARE * trials.scene.budget_thresholds
+    # The least share [JND] at which each is dropped: what saves little may cost little.
+    prices = {out: effects[out].cost / out.work for out in free}
     chosen, joint = base, _NO_EFFECT
     decisions: dict[Omission, Decision] = {}
-    for one in sorted(free, key=lambda one: _price(one, effects[one])):
-        if one.of(chosen) == chosen:
-            decisions[one] = (False, "not in the coarser fidelity")
+    for out in sorted(free, key=prices.__getitem__):
+        if out.out_of(chosen) == chosen:
+            decisions[out] = (False, "not in the coarser fidelity")
             continue
-        together = trials.effect(base, one.of(chosen))
-        if max(_price(one, effects[one]), _cost(together)) > share:
+        together = trials.effect(base, out.out_of(chosen))
+        if max(prices[out], together.cost) > share:
             break
-        chosen, joint = one.of(chosen), together
-        why = f"held at {one.value:.4g}; " if one.kind == "axis" else ""
-        if effects[one].thresholds_max == 0:
+        chosen, joint = out.out_of(chosen), together
+        why = f"held at {out.value:.4g}; " if out.kind == "axis" else ""
+        if effects[out].thresholds_max == 0:
             why += "changes nothing here"
         else:
             why += f"all dropped so far cost {joint.thresholds_max:.2g} JND"
-        decisions[one] = (False, why)
-    for one in free:
-        if one not in decisions:
-            decisions[one] = (True, _why_kept(one, effects[one], share))
+        decisions[out] = (False, why)
+    for out in free:
+        if out in decisions:
+            continue
+        alone = effects[out]
+        why = f"with what is dropped, more than {share:.2g} JND"
+        if alone.is_past_breakdown:
+            why = f"without it the surface would end {alone.overreach:.0%} past breakdown"
+        elif alone.thresholds_max > share:
+            why = f"matters: more than {share:.2g} JND"
+        elif prices[out] > share:
+            why = f"saves too little to cost more than {share * out.work:.2g} JND"
+        decisions[out] = (True, why)
     return chosen, joint, decisions
-
-
-def _price(one: Omission, alone: Effect) -> float:
-    """Least modelling budget [JND] at which it is dropped: what saves little may cost little."""
-    return _cost(alone) / one.work
-
-
-def _cost(effect: Effect) -> float:
-    """Largest effect [JND]; infinite where voltages would go past breakdown."""
-    return inf if effect.overreach > _OVERREACH else effect.thresholds_max
-
-
-def _why_kept(one: Omission, alone: Effect, share: float) -> str:
-    if alone.overreach > _OVERREACH:
-        return f"without it the surface would end {alone.overreach:.0%} past breakdown"
-    if alone.thresholds_max > share:
-        return f"matters: more than {share:.2g} JND"
-    if _price(one, alone) > share:
-        return f"saves too little to cost more than {share * one.work:.2g} JND"
-    return f"with what is dropped, more than {share:.2g} JND"
 
 
 def _report_row(trials: Trials, chosen: Choice, term: Term) -> Row:
@@ -385,17 +359,81 @@ def _report_row(trials: Trials, chosen: Choice, term: Term) -> Row:
     return Row("term", term.name, is_kept, why)
 
 
-def _fixed_rows(scene: Scene) -> list[Row]:
+def _fixed_rows(scene: Scene) -> Iterator[Row]:
     """Rows that the scene itself decides: single values, and terms whose fields are missing."""
-    rows = []
-    ranges = scene.ranges()
-    for name in AXIS_NAMES:
-        low, high = ranges[name]
+    for name, (low, high) in scene.ranges().items():
         if low == high:
-            rows.append(Row("axis", name, False, f"one value: {low:g}"))
+            yield Row("axis", name, False, f"one value: {low:g}")
         elif name == "normal_force_n":
-            rows.append(Row("axis", name, True, "friction is asked for by force"))
+            yield Row("axis", name, True, "friction is asked for by force")
     for name in sorted(set(TERMS) - scene.possible_terms()):
         fields = ", ".join(TERMS[name].missing(scene.finger, scene.screen))
-        rows.append(Row("term", name, False, f"{fields} not given"))
-    return rows
+        yield Row("term", name, False, f"{fields} not given")
+
+
+def effects_of_materials(scene: Scene, model: ContactModel) -> Iterator[tuple[str, Effect]]:
+    """Yield what each material depends on, and the effect of holding it alone.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its ranges of force and speed are those of the seeded states that are compared.
+    model : ContactModel
+        Gives the reachable friction.
+    """
+    speeds = scene.speed_mm_per_s or _SPEED_MM_S
+    centre = sum(speeds) / 2, sum(scene.normal_force_n) / 2
+    for number, material in enumerate(scene.materials):
+        evaluator = material.evaluator
+        motion = _motion(scene, material, speeds)
+        reach = _reach(scene, model, motion.normal_force_n)
+        motion.reachable = lambda force_n, _: _reach(scene, model, force_n)
+        flags = [flag for flag in HOLDABLE if flag & evaluator.depends_on]
+        truth, *others = (
+            torch.from_numpy(
+                np.clip(as_mu(evaluator.target, evaluator.wanted(moved), *reach), *reach)
+            )
+            for moved in (motion, *(holding(motion, flag, *centre) for flag in flags))
+        )
+        for flag, mu in zip(flags, others, strict=True):
+            name = f"materials.{number} ({material.kind}) {str(flag.name).lower()}"
+            yield name, Effect.between(truth, mu)
+
+
+def holding(motion: Motion, held: Depends, speed_mm_s: float, normal_force_n: float) -> Motion:
+    """Return a motion in which what is held never changes."""
+    ones = np.ones(motion.x_mm.shape)
+
+    def velocity() -> tuple[Array, Array]:
+        if held & Depends.SPEED:
+            vx, vy = motion.ux * speed_mm_s, motion.uy * speed_mm_s
+        else:
+            vx, vy = motion.vx_mm_s, motion.vy_mm_s
+        return (np.hypot(vx, vy), 0 * ones) if held & Depends.DIRECTION else (vx, vy)
+
+    return motion.changed(
+        0 * ones if held & Depends.TIME else None,
+        normal_force_n * ones if held & Depends.FORCE else None,
+        velocity,
+    )
+
+
+def _motion(scene: Scene, material: Material, speeds: tuple[float, float]) -> Motion:
+    """Seeded places, times, directions, speeds and forces; the same for the same scene."""
+    uniform, states = np.random.default_rng(0).uniform, _MATERIAL_STATES
+    left, right, top, bottom = material.extent_mm
+    x, y = uniform(left, right, states), uniform(top, bottom, states)
+    t, turn = uniform(0, _SECONDS, states), uniform(0, 2 * np.pi, states)
+    speed, force = uniform(*speeds, states), uniform(*scene.normal_force_n, states)
+    return Motion.of(x, y, t, speed * np.cos(turn), speed * np.sin(turn), force)
+
+
+def _reach(scene: Scene, model: ContactModel, force_n: Array) -> tuple[Array, Array]:
+    """Lowest and highest friction coefficient at forces."""
+    forces = torch.linspace(*scene.normal_force_n, _FORCES, dtype=torch.float64)
+    frequency = sum(scene.ranges()["frequency_hz"]) / 2
+    low, high = (
+        np.interp(force_n, forces.numpy(), model.solve(forces, volts, frequency).mu.cpu().numpy())
+        for volts in (0.0, scene.max_voltage_v)
+    )
+    return low, high

@@ -1,35 +1,128 @@
-"""A scene solved in many ways at the same points: what an omission changes, and what it costs."""
+"""A scene modelled in many ways: what can be left out, what that changes, and what it costs."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import product
+from math import inf, sqrt
 from time import perf_counter
 from timeit import repeat
-from typing import Self
+from typing import Literal, Self
 
 import torch
 from torch import Tensor
 
+from haptix.fidelity import FIDELITIES, Ability, FidelityName
 from haptix.friction import ContactModel
 from haptix.perception import WEBER_FRACTION
-from haptix.planning.choices import Choice, kept_reports
 from haptix.scene import Scene
 from haptix.states import ContactState
 from haptix.surface import PULL_IN_SHARE
-from haptix.surface.axes import AXIS_NAMES, between
+from haptix.surface.axes import AXES, AXIS_NAMES, between
 from haptix.terms import TERMS, Term
 
-_SEED = 20180516  # any; fixed, so that a scene always gets the same plan
-_TIMED = 3  # solves; the fastest counts, since other programs slow the others
+Kind = Literal["term", "axis", "fidelity", "material"]
+
+COLLAPSIBLE = tuple(axis.name for axis in AXES if axis.is_collapsible)
+"""Axes that planning may hold at one value."""
+
+COARSE, *_, FULL = (name for name, how in FIDELITIES.items() if Ability.TABULATE in how.can)
+"""The fastest and the most exact of the fidelities that a surface can be tabulated from."""
 
 TIMED_STATES = 2000
 """States that are timed together; a surface has some hundreds to thousands."""
 
-_Key = tuple[frozenset[str], str]
-"""Terms and fidelity of a model."""
+# Share of a build's work that leaving something out saves: constants, so that a plan does not
+# depend on how busy a machine is. An axis has some ten nodes, and the mean field's table is most of
+# a small build. Terms have their own.
+_WORK: Mapping[Kind, float] = {"axis": 0.9, "fidelity": 0.7}
+_OVERREACH = 0.05  # past breakdown, whose "about 350 V/um" is not known better than that
+_SEED = 20180516  # any; fixed, so that a scene always gets the same plan
+_TIMED = 3  # solves; the fastest counts, since other programs slow the others
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One way to model a scene."""
+
+    terms: frozenset[str]
+    """Terms that are on, of those that change friction."""
+    fidelity: FidelityName = FULL
+    held: frozenset[tuple[str, float]] = frozenset()
+    """Collapsed axes, each with the value that it is held at."""
+
+
+@dataclass(frozen=True)
+class Omission:
+    """Something that can be left out of a model, under the name of what is lost."""
+
+    kind: Kind
+    name: str
+    """What is left out, such as "finite-size", "h0_m" or "mean-field"."""
+    value: float = 0.0
+    """Value at which an axis would be held."""
+    possible: frozenset[str] = frozenset()
+    """Terms that the coarser fidelity can have."""
+
+    @property
+    def work(self) -> float:
+        """Share of the work that it saves."""
+        return TERMS[self.name].work if self.kind == "term" else _WORK[self.kind]
+
+    def out_of(self, choice: Choice) -> Choice:
+        """Return the choice without it."""
+        if self.kind == "fidelity":
+            return replace(choice, fidelity=COARSE, terms=choice.terms & self.possible)
+        if self.kind == "axis":
+            return replace(choice, held=choice.held | {(self.name, self.value)})
+        return replace(choice, terms=choice.terms - {self.name})
+
+    def into(self, choice: Choice) -> Choice:
+        """Return the choice with it."""
+        if self.kind == "fidelity":
+            return replace(choice, fidelity=FULL)
+        if self.kind == "axis":
+            return replace(choice, held=choice.held - {(self.name, self.value)})
+        return replace(choice, terms=choice.terms | {self.name})
+
+
+def omissions(scene: Scene) -> list[Omission]:
+    """Everything that a scene's model could leave out, or leaves out though it could have it."""
+    ranges = scene.ranges()
+    varying = [axis for axis in COLLAPSIBLE if ranges[axis][0] < ranges[axis][1]]
+    terms = [name for name in sorted(scene.possible_terms()) if TERMS[name].changes_friction]
+    return [
+        *(Omission("term", name) for name in terms),
+        *(Omission("axis", axis, middle(*ranges[axis])) for axis in varying),
+        Omission("fidelity", FULL, possible=friction_terms(scene, COARSE)),
+    ]
+
+
+def middle(low: float, high: float) -> float:
+    """Return the middle of a range on its logarithmic axis."""
+    return low if low == high else sqrt(low * high)
+
+
+def friction_terms(scene: Scene, fidelity: FidelityName = FULL) -> frozenset[str]:
+    """Names of the terms that change friction, of those that a scene has (`Scene.terms`)."""
+    return frozenset(name for name in scene.terms(fidelity) if TERMS[name].changes_friction)
+
+
+def reporting_terms(scene: Scene, only_kept: bool = False) -> list[Term]:
+    """The possible terms that report a status and change no friction; or those that are kept.
+
+    Planning leaves them off; the scene may switch them on.
+    """
+    terms = [TERMS[name] for name in sorted(scene.possible_terms())]
+    on = scene.override.terms
+    return [t for t in terms if not t.changes_friction and (not only_kept or on.get(t.name))]
+
+
+def kept_reports(scene: Scene) -> frozenset[str]:
+    """Names of the reporting terms that the scene switches on."""
+    return frozenset(term.name for term in reporting_terms(scene, only_kept=True))
 
 
 @dataclass(frozen=True)
@@ -54,39 +147,48 @@ class Effect:
         largest = float(mu.max()), float(mu.quantile(0.99))
         return cls(*largest, float(felt.max()), float(felt.quantile(0.99)), overreach)
 
+    @property
+    def is_past_breakdown(self) -> bool:
+        """Whether voltages would exceed breakdown by more than it is known."""
+        return self.overreach > _OVERREACH
 
-@dataclass(frozen=True)
-class SampledPlaces:
-    """States of a scene, every tensor of shape (points,)."""
+    @property
+    def cost(self) -> float:
+        """Largest effect [JND]; infinite where voltages would go past breakdown."""
+        return inf if self.is_past_breakdown else self.thresholds_max
 
-    places: Mapping[str, Tensor]
-    """Values by name of the axis."""
-    voltage_share: Tensor
-    """Amplitude as a share of the highest at that force, frequency and thickness."""
 
-    @classmethod
-    def of(cls, scene: Scene, count: int, seed: int = _SEED) -> Self:
-        """Corners of the scene, where effects are largest, then `count` random points.
+Points = Mapping[str, Tensor]
+"""States of a scene: values by name of the axis, and ``voltage_share``, the amplitude as a share of
+the highest at that force, frequency and thickness; every tensor of shape (points,)."""
 
-        A third of the random ones have the highest voltage; axes are uniform in their logarithm,
-        and voltage in its square, in which friction is nearly linear.
-        """
-        ranges = scene.ranges()
-        generator = torch.Generator().manual_seed(seed)
-        ends = [tuple(dict.fromkeys(ranges[axis])) for axis in AXIS_NAMES]
-        corners = torch.tensor(list(product(*ends, (0.0, 1.0))), dtype=torch.float64).T
-        drawn = torch.rand(len(corners), count, generator=generator, dtype=torch.float64)
-        places = {}
-        for axis, corner, share in zip(AXIS_NAMES, corners, drawn, strict=False):
-            places[axis] = torch.cat([corner, between(*ranges[axis], share)])
-        drive = drawn[-1].sqrt()
-        drive[: count // 3] = 1.0
-        return cls(places, torch.cat([corners[-1], drive]))
 
-    def at(self, rows: Tensor) -> SampledPlaces:
-        """Select points."""
-        places = {name: values[rows] for name, values in self.places.items()}
-        return SampledPlaces(places, self.voltage_share[rows])
+def _points(scene: Scene, count: int, seed: int) -> Points:
+    """Corners of the scene, where effects are largest, then `count` random points.
+
+    A third of the random ones have the highest voltage; axes are uniform in their logarithm, and
+    voltage in its square, in which friction is nearly linear.
+    """
+    ranges = scene.ranges()
+    generator = torch.Generator().manual_seed(seed)
+    ends = [tuple(dict.fromkeys(ranges[axis])) for axis in AXIS_NAMES]
+    corners = torch.tensor(list(product(*ends, (0.0, 1.0))), dtype=torch.float64).T
+    drawn = torch.rand(len(corners), count, generator=generator, dtype=torch.float64)
+    points = {
+        axis: torch.cat([corner, between(*ranges[axis], share)])
+        for axis, corner, share in zip(AXIS_NAMES, corners, drawn, strict=False)
+    }
+    voltage_share = drawn[-1].sqrt()
+    voltage_share[: count // 3] = 1.0
+    return {**points, "voltage_share": torch.cat([corners[-1], voltage_share])}
+
+
+def _selected(points: Points, rows: Tensor) -> Points:
+    return {name: values[rows] for name, values in points.items()}
+
+
+_Key = tuple[frozenset[str], str]
+"""Terms and fidelity of a model."""
 
 
 class Trials:
@@ -97,39 +199,36 @@ class Trials:
 
     def __init__(self, scene: Scene, reference: Choice, count: int = 300, seed: int = _SEED):
         self.scene = scene
-        self._ending = [TERMS[name] for name in sorted(kept_reports(scene))]
-        self.points = SampledPlaces.of(scene, count, seed)
+        self._ending = reporting_terms(scene, only_kept=True)
+        self.points = _points(scene, count, seed)
         self._models: dict[_Key, ContactModel] = {}
         self._table_s: dict[_Key, float] = {}
         self._solving_s: dict[_Key, float] = {}
-        self.voltage_v = self.points.voltage_share * self.highest_voltage(reference, self.points)
+        highest_v = self.highest_voltage(reference, self.points)
+        self.voltage_v = self.points["voltage_share"] * highest_v
 
-    def highest_voltage(self, choice: Choice, points: SampledPlaces) -> Tensor:
+    def highest_voltage(self, choice: Choice, points: Points) -> Tensor:
         """Amplitude [V] at which a surface of this choice ends."""
         state = self._solve(choice, points, 0.0)
         limits = (term.voltage_limit(state) for term in self._ending)
         return reduce(torch.minimum, limits, self._end(state))
 
-    def friction(self, choice: Choice, points: SampledPlaces, voltage_v: Tensor) -> Tensor:
+    def friction(self, choice: Choice, points: Points, voltage_v: Tensor) -> Tensor:
         """Friction coefficient at points and voltages [V]; past pull-in that of the end."""
         return self._solve(choice, points, voltage_v).mu
 
     def effect(self, truth: Choice, other: Choice) -> Effect:
         """Compare the friction of the scene modelled as `other` with that modelled as `truth`.
 
-        Where a surface of `other` ends earlier, its friction is that of its end. Where it ends
-        later, the voltages up to its end count too.
+        The voltages go as far as either surface does; past the end of one, its friction stays.
         """
         ends = self.highest_voltage(other, self.points)
-        wrong = self.friction(other, self.points, torch.minimum(self.voltage_v, ends))
-        right = self.friction(truth, self.points, self.voltage_v)
+        farthest = torch.maximum(ends, self.highest_voltage(truth, self.points))
+        voltage = self.points["voltage_share"] * farthest
+        wrong = self.friction(other, self.points, torch.minimum(voltage, ends))
+        right = self.friction(truth, self.points, voltage)
         rest = self._solve(truth, self.points, 0.0)
         past = [float((ends / term.voltage_limit(rest)).max()) - 1 for term in self._ending]
-        further = ends > self.highest_voltage(truth, self.points)
-        if bool(further.any()):
-            points, ends = self.points.at(further), ends[further]
-            wrong = torch.cat([wrong, self.friction(other, points, ends)])
-            right = torch.cat([right, self.friction(truth, points, ends)])
         return Effect.between(right, wrong, max([0.0, *past]))
 
     def _end(self, state: ContactState) -> Tensor:
@@ -152,7 +251,7 @@ class Trials:
         key = (choice.terms, choice.fidelity)
         if key not in self._solving_s:
             rows = torch.arange(TIMED_STATES) % len(self.voltage_v)
-            points, voltage = self.points.at(rows), self.voltage_v[rows]
+            points, voltage = _selected(self.points, rows), self.voltage_v[rows]
             times = repeat(lambda: self._solve(choice, points, voltage), number=1, repeat=_TIMED)
             self._solving_s[key] = min(times)
         return self._table_s[key] + self._solving_s[key]
@@ -161,13 +260,11 @@ class Trials:
         """Return the model of a choice, with the scene's reporting terms."""
         terms = choice.terms | kept_reports(self.scene)
         model = self.scene.model(choice.fidelity, dtype, terms=terms)
-        self._share(model, choice)
+        self._lend_table(model, choice)
         return model
 
-    def _solve(
-        self, choice: Choice, points: SampledPlaces, voltage_v: Tensor | float
-    ) -> ContactState:
-        places = {**points.places, **dict(choice.held)}
+    def _solve(self, choice: Choice, points: Points, voltage_v: Tensor | float) -> ContactState:
+        places = {axis: points[axis] for axis in AXIS_NAMES} | dict(choice.held)
         return self._model(choice).solve(voltage_v=voltage_v, **places)
 
     def _model(self, choice: Choice) -> ContactModel:
@@ -175,7 +272,7 @@ class Trials:
         if key not in self._models:
             began = perf_counter()
             model = self.scene.model(choice.fidelity, terms=choice.terms)
-            lender = self._share(model, choice)
+            lender = self._lend_table(model, choice)
             low, high = self.scene.ranges()["normal_force_n"]
             model.solve(torch.tensor([low, high], dtype=torch.float64), 0.0, 1e3)
             # A table that is borrowed took the time of the model that made it.
@@ -183,8 +280,8 @@ class Trials:
             self._models[key] = model
         return self._models[key]
 
-    def _share(self, model: ContactModel, choice: Choice) -> _Key | None:
-        """Borrow the table of a model with the same solid, the most similar first."""
+    def _lend_table(self, model: ContactModel, choice: Choice) -> _Key | None:
+        """Give a model the table of one with the same solid, the most similar first."""
         for key in sorted(self._models, key=lambda key: len(key[0] ^ choice.terms)):
             if model.solver.fidelity.borrow(self._models[key].solver.fidelity):
                 return key

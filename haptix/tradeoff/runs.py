@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import product
+from math import inf
 from time import perf_counter
 from timeit import repeat
 from typing import Annotated, Any
@@ -20,16 +21,17 @@ from haptix.fidelity import BoundaryElementBox, FidelityName
 from haptix.finger import Finger
 from haptix.friction import ContactModel
 from haptix.planning import Effect, plan_scene
-from haptix.planning.choices import (
+from haptix.planning.trials import (
     COARSE,
     COLLAPSIBLE,
     FULL,
     Choice,
+    Points,
+    Trials,
     friction_terms,
     kept_reports,
     middle,
 )
-from haptix.planning.trials import SampledPlaces, Trials
 from haptix.report import Heading
 from haptix.scene import DirectDrive, Scene, plain_scene
 from haptix.screen import Screen
@@ -88,21 +90,16 @@ COSTS: Mapping[str, str] = {
 }
 """What is traded against the error: the field of a run, by the name of its front."""
 
-TAKE: Mapping[str, Callable[[Run, float], tuple[float, ...] | None]] = {
-    "as planned": lambda run, _: () if run.model == "planned" else None,
-    "smallest within the budget": lambda run, budget: _smallest(run, budget),
-    "smallest within a tenth of the budget": lambda run, budget: _smallest(run, budget / 10),
-    "most exact": lambda run, _: (run.error_max_thresholds, run.memory_bytes),
+_ERROR, _MEMORY = "error_max_thresholds", "memory_bytes"
+TAKE: Mapping[str, tuple[float, tuple[str, ...]]] = {
+    "as planned": (inf, ()),
+    "smallest within the budget": (1.0, (_MEMORY, _ERROR)),
+    "smallest within a tenth of the budget": (0.1, (_MEMORY, _ERROR)),
+    "most exact": (inf, (_ERROR, _MEMORY)),
 }
-"""What a user may want, and of what the run for it has least; None where it is none. Times are not
-among them, since they differ from run to run; nor are slices, which answer at one frequency and h0.
-"""
-
-
-def _smallest(run: Run, budget: float) -> tuple[float, ...] | None:
-    if run.error_max_thresholds > budget:
-        return None
-    return run.memory_bytes, run.error_max_thresholds
+"""What a user may want: the share of the budget that its error may have, and of what it has least.
+Times are not among them, since they differ from run to run; nor are slices, which answer at one
+frequency and h0."""
 
 
 @dataclass(frozen=True)
@@ -280,10 +277,9 @@ class _Bench:
         trials = Trials(scene, everything, count, _SEED)
         self.count = len(trials.voltage_v)
         held = {axis: torch.full_like(trials.voltage_v, at) for axis, at in self.middles.items()}
-        sliced = replace(trials.points, places={**trials.points.places, **held})
-        self.truths: dict[str, tuple[SampledPlaces, Tensor, Tensor]] = {}
-        for form, points in zip(FORMS, (trials.points, sliced), strict=True):
-            voltage = points.voltage_share * trials.highest_voltage(everything, points)
+        self.truths: dict[str, tuple[Points, Tensor, Tensor]] = {}
+        for form, points in zip(FORMS, (trials.points, {**trials.points, **held}), strict=True):
+            voltage = points["voltage_share"] * trials.highest_voltage(everything, points)
             self.truths[form] = points, voltage, trials.friction(everything, points, voltage)
 
     def measure(
@@ -298,7 +294,7 @@ class _Bench:
             varying = []
         precision = getattr(torch, dtype)
         surface = surface.to(precision, device)
-        places: dict[str, Any] = {n: points.places[n] for n in ("normal_force_n", *varying)}
+        places: dict[str, Any] = {name: points[name] for name in ("normal_force_n", *varying)}
         sample = surface.evaluate(voltage_v=voltage, **places)
         error = Effect.between(truth, sample.mu.to("cpu", torch.float64))
         # Many random points of these, in one batch, are timed.
@@ -344,20 +340,18 @@ def chosen(runs: Sequence[Run], budget_thresholds: float) -> tuple[Run, ...]:
         for number, is_on in zip(those, pareto_front(costs), strict=True):
             on.setdefault(number, []).extend([name] * is_on)
     take: dict[int, list[str]] = {}
-    for purpose, least in TAKE.items():
+    for purpose, (share, least) in TAKE.items():
         ranked = [
-            (wants, number)
+            (*(getattr(run, name) for name in least), number)
             for number, run in enumerate(rounded)
-            if run.form == "surface" and (wants := least(run, budget_thresholds)) is not None
+            if run.form == "surface"
+            and run.error_max_thresholds <= share * budget_thresholds
+            and (least or run.model == "planned")
         ]
         if ranked:
-            take.setdefault(min(ranked)[1], []).append(purpose)
+            take.setdefault(min(ranked)[-1], []).append(purpose)
     return tuple(
-        replace(
-            run,
-            fronts=" ".join(on[number]),
-            take=", ".join(take.get(number, [])),
-        )
+        replace(run, fronts=" ".join(on[number]), take=", ".join(take.get(number, [])))
         for number, run in enumerate(runs)
     )
 
