@@ -11,6 +11,7 @@ MODULES = [
     "haptix.tasks.surfaces",
     "haptix.tasks.scenes",
     "haptix.tasks.materials",
+    "haptix.tasks.campaigns",
 ]
 """Modules of tasks, in the order in which help lists them."""
 

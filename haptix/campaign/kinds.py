@@ -22,13 +22,13 @@ from haptix.units import with_numbers
 
 # Where each kind stands; a plan may also name a class of an installed module, as "module:Class".
 KINDS = {
-    "surfaces": "haptix.campaign.on_screens:SurfacesOfPeople",
-    "population": "haptix.campaign.on_screens:FrictionOfPeople",
-    "boundary-elements": "haptix.campaign.on_screens:BoundaryElementSets",
-    "trade-off": "haptix.campaign.on_screens:Tradeoffs",
-    "calibration-fits": "haptix.campaign.on_calibrations:CalibrationFits",
-    "stimulus-sets": "haptix.campaign.on_stimuli:StimulusSets",
-    "experiment-simulations": "haptix.campaign.on_stimuli:ExperimentSimulations",
+    "surfaces": "haptix.campaign.plans:SurfacesOfPeople",
+    "population": "haptix.campaign.plans:FrictionOfPeople",
+    "boundary-elements": "haptix.campaign.plans:BoundaryElementSets",
+    "trade-off": "haptix.campaign.plans:Tradeoffs",
+    "calibration-fits": "haptix.campaign.plans:CalibrationFits",
+    "stimulus-sets": "haptix.campaign.plans:StimulusSets",
+    "experiment-simulations": "haptix.campaign.plans:ExperimentSimulations",
 }
 
 Value = str | float | int | bool | None

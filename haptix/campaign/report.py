@@ -12,7 +12,6 @@ from haptix.report import page, paragraph, picture, table
 from haptix.version import __version__
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _MOST_FAILURES = 50
@@ -44,26 +43,25 @@ def _pictures(campaign: Campaign, done: Sequence[dict[str, Any]]) -> Iterator[tu
     with from_extra("figures"):
         from matplotlib.figure import Figure
 
-    def panel(x: str, y: str) -> tuple[Figure, Axes]:
+    shown = [(name, "tasks") for name in (*campaign.shown, "cpu_seconds")]
+    for x, y in (*shown, *campaign.maps):
+        names = (x,) if y == "tasks" else (x, y)
+        rows = [row for row in done if all(_is_number(row.get(name)) for name in names)]
+        if len(rows) < 2:
+            continue
         figure = Figure(figsize=(6.4, 3.6), layout="constrained")
         axes = figure.add_subplot()
         axes.set(xlabel=x, ylabel=y)
-        return figure, axes
-
-    for name in (*campaign.shown, "cpu_seconds"):
-        if len(values := _numbers(done, name)) > 1:
-            figure, axes = panel(name, "tasks")
+        values = _numbers(rows, x)
+        if y == "tasks":
             axes.hist(values, bins="auto" if len(set(values)) > 1 else 1)
-            yield f"{name}: {min(values):.4g} to {max(values):.4g}", figure
-    for x, y in campaign.maps:
-        both = [row for row in done if _is_number(row.get(x)) and _is_number(row.get(y))]
-        if len(both) > 1:
-            figure, axes = panel(x, y)
-            axes.plot(_numbers(both, x), _numbers(both, y), ".")
-            for axis, column in (("x", _numbers(both, x)), ("y", _numbers(both, y))):
-                if min(column) > 0 and max(column) > 10 * min(column):
-                    axes.set(**{f"{axis}scale": "log"})
-            yield f"{y} against {x}", figure
+            yield f"{x}: {min(values):.4g} to {max(values):.4g}", figure
+            continue
+        axes.plot(values, _numbers(rows, y), ".")
+        for axis, column in (("x", values), ("y", _numbers(rows, y))):
+            if min(column) > 0 and max(column) > 10 * min(column):
+                axes.set(**{f"{axis}scale": "log"})
+        yield f"{y} against {x}", figure
 
 
 def _is_number(value: Any) -> bool:

@@ -13,10 +13,10 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from haptix.campaign.kinds import Campaign, Value
 from haptix.campaign.report import report_html
@@ -37,54 +37,35 @@ _SHORT_CALL_S, _LARGEST_CALL = 0.2, 64  # of tasks that are done by one call
 _LAST = ("status", "seconds", "cpu_seconds", "peak_bytes", "bytes", "worker", "deaths", "error")
 
 
-@dataclass(frozen=True)
-class Seen:
-    """How far a campaign is."""
-
-    total: int
-    """Tasks in all."""
-    counts: Counter[str]
-    """Tasks by status; what has not ended is "waiting"."""
-    seconds_left: float | None
-    """From the ends so far; None before the second task has ended."""
-
-
-@dataclass(frozen=True)
+@dataclass
 class CampaignResult:
-    """A campaign that was run."""
+    """A campaign that was run, or how far it is."""
 
     where: str
     """Folder or URL."""
-    rows: tuple[dict[str, Any], ...]
-    """The table: labels, numbers, status, costs and key of each task."""
-    counts: Counter[str]
-    """Tasks by status."""
-    reused: int
-    """Tasks that an earlier run had finished."""
-    damaged: Mapping[str, str]
-    """What was wrong with results of an earlier run, by their folders; they were made again."""
-
-
-@dataclass
-class Tasks:
-    """What is known of every task of a campaign, by its key, in the order of the plan."""
-
-    rows: dict[str, dict[str, Value]] = field(default_factory=dict)
+    by_key: dict[str, dict[str, Value]] = field(default_factory=dict)
+    """What is known of each task, in the order of the plan."""
     counts: Counter[str] = field(default_factory=Counter)
+    """Tasks by status; what has not ended is "waiting"."""
     damaged: dict[str, str] = field(default_factory=dict)
+    """What was wrong with results of an earlier run, by their folders; they are made again."""
+    reused: int = 0
+    """Tasks that an earlier run had finished."""
+    seconds_left: float | None = None
+    """From the ends so far; None before the second task has ended."""
 
     @classmethod
-    def of(cls, store: ResultStore, campaign: Campaign, again: bool = False) -> Tasks:
+    def of(cls, store: ResultStore, campaign: Campaign, again: bool = False) -> Self:
         """Read, every byte, what a place has of a campaign.
 
         With `again`, forget what failed or was set aside.
         """
-        tasks, there = cls(), store.kept()
+        tasks, there = cls(store.where), store.kept()
         for task in campaign.tasks():
             key = task.key
-            if key in tasks.rows:
+            if key in tasks.by_key:
                 continue
-            tasks.rows[key] = {**task.labels, "status": "waiting"}
+            tasks.by_key[key] = {**task.labels, "status": "waiting"}
             tasks.counts["waiting"] += 1
             record = store.read_table(record_of(key)) or {}
             result, why = store.check(key) if key in there else (None, "")
@@ -103,28 +84,34 @@ class Tasks:
     def enter(self, key: str, record: Mapping[str, Any]) -> None:
         """Keep how a task ended."""
         _LOG.info("task %s: %s", key, record["status"])
-        row = self.rows[key]
+        row = self.by_key[key]
         self.counts[str(row["status"])] -= 1
         self.counts[record["status"]] += 1
         for name, value in {**record.get("row", {}), **record}.items():
             if name != "row":
                 row[name] = len(value) if isinstance(value, list) else value
 
-    def table(self) -> list[dict[str, Value]]:
-        """Return the rows with the same columns in each: labels, numbers, status, costs, key."""
-        names = dict.fromkeys(name for row in self.rows.values() for name in row)
+    @property
+    def total(self) -> int:
+        """Tasks in all."""
+        return len(self.by_key)
+
+    @property
+    def rows(self) -> tuple[dict[str, Any], ...]:
+        """The table, with the same columns in each row: labels, numbers, status, costs and key."""
+        names = dict.fromkeys(name for row in self.by_key.values() for name in row)
         columns = [*(name for name in names if name not in _LAST), *_LAST]
-        return [
+        return tuple(
             {**{name: row.get(name) for name in columns}, "key": key}
-            for key, row in self.rows.items()
-        ]
+            for key, row in self.by_key.items()
+        )
 
 
 def run_campaign(
     campaign: Campaign,
     where: str | Path,
     executor: Any = None,
-    on_progress: Callable[[Seen], None] = lambda seen: None,
+    on_progress: Callable[[CampaignResult], None] = lambda so_far: None,
     again: bool = False,
     most: int | None = None,
 ) -> CampaignResult:
@@ -140,7 +127,7 @@ def run_campaign(
         Where tasks are done; without it in this process, one after the other. Its workers must
         have this haptix and the campaign's kind, and reach `where`.
     on_progress : callable
-        Called with a `Seen` after each task.
+        Called after each task with how far it is.
     again : bool
         Also do those again that failed or were set aside.
     most : int, optional
@@ -157,8 +144,8 @@ def run_campaign(
     store = ResultStore(where)
     with store.held():
         _begin(store, campaign, identity(campaign.kind))
-        tasks = Tasks.of(store, campaign, again)
-        reused = tasks.counts["done"]
+        tasks = CampaignResult.of(store, campaign, again)
+        tasks.reused = tasks.counts["done"]
         with _workers(executor, store, campaign.kind) as workers:
             first = 0.0
             try:
@@ -167,7 +154,7 @@ def run_campaign(
                     first = first or now
                     # A worker may take long to start: its time counts from the first end on.
                     left = tasks.counts["waiting"] * (now - first) / ended if ended else None
-                    on_progress(Seen(len(tasks.rows), tasks.counts, left))
+                    on_progress(replace(tasks, seconds_left=left))
             except BrokenExecutor as error:
                 raise HaptixError(
                     f"the executor has lost its workers ({error}); finished tasks are kept, and "
@@ -175,8 +162,16 @@ def run_campaign(
                 ) from None
             finally:
                 _conclude(store, campaign, tasks)
-    rows = tuple(tasks.table())
-    return CampaignResult(store.where, rows, tasks.counts, reused, tasks.damaged)
+    return tasks
+
+
+@contextmanager
+def _writing(store: ResultStore) -> Iterator[None]:
+    """Say in one sentence that a place cannot be written to."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"cannot write to {store.where}: {error.strerror or error}") from None
 
 
 def _begin(store: ResultStore, campaign: Campaign, own: dict[str, str]) -> None:
@@ -188,20 +183,18 @@ def _begin(store: ResultStore, campaign: Campaign, own: dict[str, str]) -> None:
             f"{', '.join(other)}; name another --out, since its results may differ"
         )
     plan = campaign.model_dump(mode="json", exclude_none=True)
-    try:
+    with _writing(store):
         store.write_table("campaign.json", {"haptix": __version__, "identity": own, "plan": plan})
-    except OSError as error:
-        raise InputError(f"cannot write to {store.where}: {error.strerror or error}") from None
 
 
 @contextmanager
 def _workers(executor: Any, store: ResultStore, kind: str) -> Iterator[Executor]:
     """Give what tasks are done on, its workers checked before the first task."""
-    own = None
-    if hasattr(executor, "get_executor"):  # a Dask client
+    client = executor if hasattr(executor, "get_executor") else None  # of Dask
+    if client is not None:
         from haptix.campaign.cluster import DaskWorkers
 
-        executor = own = DaskWorkers(executor)
+        executor = DaskWorkers(client)
     try:
         workers = executor_of(executor)
         if hasattr(executor, "expect"):
@@ -210,8 +203,8 @@ def _workers(executor: Any, store: ResultStore, kind: str) -> Iterator[Executor]
             _check(workers, store.where, kind)
         yield workers
     finally:
-        if own is not None:
-            own.shutdown()
+        if client is not None:
+            executor.shutdown()
 
 
 def _check(workers: Executor, where: str, kind: str) -> None:
@@ -238,16 +231,21 @@ def _never_begin(why: BaseException) -> HaptixError:
     )
 
 
+def _call_of(store: ResultStore, *jobs: Mapping[str, Any]) -> str:
+    return json.dumps({"where": store.where, "tasks": jobs})
+
+
 def _ends(
-    store: ResultStore, campaign: Campaign, tasks: Tasks, workers: Executor, most: int | None
+    store: ResultStore,
+    campaign: Campaign,
+    tasks: CampaignResult,
+    workers: Executor,
+    most: int | None,
 ) -> Iterator[None]:
     """Do tasks, and enter each as it ends."""
-    waiting = {key for key, row in tasks.rows.items() if row["status"] == "waiting"}
+    waiting = {key for key, row in tasks.by_key.items() if row["status"] == "waiting"}
     seconds: float | None = None  # of a task, lately
     lost = 0
-
-    def text_of(*jobs: dict[str, Any]) -> str:
-        return json.dumps({"where": store.where, "tasks": jobs})
 
     def calls() -> Iterator[str]:
         new = islice((task for task in campaign.tasks() if task.key in waiting), most)
@@ -255,11 +253,10 @@ def _ends(
             # Calls of short tasks would cost more than the tasks.
             size = 1 if seconds is None else int(_SHORT_CALL_S / max(seconds, 1e-6))
             more = max(1, min(size, _LARGEST_CALL)) - 1
-            call = {one.key: one for one in (task, *islice(new, more))}
+            call = {task.key: task for task in (task, *islice(new, more))}
             waiting.difference_update(call)
-            yield text_of(
-                *({"key": key, "kind": t.kind, "document": t.document} for key, t in call.items())
-            )
+            jobs = ({"key": k, "kind": t.kind, "document": t.document} for k, t in call.items())
+            yield _call_of(store, *jobs)
 
     texts: Iterable[str] = calls()
     while True:
@@ -271,16 +268,15 @@ def _ends(
             except (BrokenExecutor, CancelledError) as error:
                 # A task that began counts its workers' deaths itself; where none began, the
                 # workers are what is wrong. Any may have cost the worker: each goes alone.
-                again += [text_of(job) for job in jobs]
-                found = [store.read_table(record_of(job["key"])) or {} for job in jobs]
-                began = any(one.get("status") in ("begun", "done", "failed") for one in found)
+                again += [_call_of(store, job) for job in jobs]
+                kept = [store.read_table(record_of(job["key"])) or {} for job in jobs]
+                began = any(one.get("status") in ("begun", "done", "failed") for one in kept)
                 lost = 0 if began else lost + 1
                 if lost > _MOST_LOST:
                     raise _never_begin(error) from None
                 for job in jobs:
-                    _LOG.info(
-                        "task %s: its worker is lost, it is done again: %s", job["key"], error
-                    )
+                    why = f"its worker is lost, it is done again: {error}"
+                    _LOG.info("task %s: %s", job["key"], why)
                 continue
             lost = 0
             for job, record in zip(jobs, records, strict=True):
@@ -298,15 +294,13 @@ def _ends(
         texts = again
 
 
-def _conclude(store: ResultStore, campaign: Campaign, tasks: Tasks) -> None:
+def _conclude(store: ResultStore, campaign: Campaign, tasks: CampaignResult) -> None:
     """Write the table and the report."""
-    table = tasks.table()
+    table = tasks.rows
     names = table[0] if table else ("status",)
-    try:
+    with _writing(store):
         store.write("table.csv", csv_text(names, (row.values() for row in table)).encode())
         store.write("report.html", report_html(campaign, table).encode())
-    except OSError as error:
-        raise InputError(f"cannot write to {store.where}: {error.strerror or error}") from None
 
 
 def estimate(
@@ -321,11 +315,11 @@ def estimate(
     HaptixError
         If none of these has a result; the message has the reason of the first.
     """
-    tasks = Tasks.of(ResultStore(where), campaign)
+    tasks = CampaignResult.of(ResultStore(where), campaign)
     if not tasks.counts["done"]:
         run_campaign(campaign, where, executor, most=PILOTS)
-        tasks = Tasks.of(ResultStore(where), campaign)
-    table = tasks.table()
+        tasks = CampaignResult.of(ResultStore(where), campaign)
+    table = tasks.rows
     done = [row for row in table if row["status"] == "done" and row["seconds"] is not None]
     if not done:
         reason = next((row["error"] for row in table if row["error"]), "there are none")

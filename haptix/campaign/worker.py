@@ -22,7 +22,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-from haptix.campaign.kinds import KINDS, kind_named
+from haptix.campaign.kinds import KINDS, Outcome, kind_named
 from haptix.errors import HaptixError
 from haptix.results import ResultStore
 from haptix.version import __version__
@@ -64,66 +64,64 @@ def do(text: str) -> str:
 
 def _do_one(store: ResultStore, job: dict[str, Any]) -> dict[str, Any]:
     key = job["key"]
-    record = store.read_table(record_of(key)) or {}
-    if record.get("status") == "done":  # by a worker whose answer was lost
+    before = store.read_table(record_of(key)) or {}
+    if before.get("status") == "done":  # by a worker whose answer was lost
         result, _ = store.check(key)
         if result is not None:
-            return {**record, "row": result["row"]}
-    deaths = [*record.get("deaths", ())]
-    if record.get("status") == "begun":
-        deaths.append(str(record.get("worker")))
-    about: dict[str, Any] = {"worker": f"{socket.gethostname()}:{os.getpid()}", "deaths": deaths}
+            return {**before, "row": result["row"]}
+    deaths = [*before.get("deaths", ())]
+    if before.get("status") == "begun":
+        deaths.append(str(before.get("worker")))
+    record = {"worker": f"{socket.gethostname()}:{os.getpid()}", "deaths": deaths}
     if len(deaths) >= MOST_DEATHS:
         why = f"its worker died {len(deaths)} times: {', '.join(deaths)}"
-        return _ended(store, key, {**about, "status": "set aside", "error": why})
+        return _ended(store, key, {**record, "status": "set aside", "error": why})
     try:
-        store.write_table(record_of(key), {**about, "status": "begun"})
+        store.write_table(record_of(key), {**record, "status": "begun"})
     except (OSError, HaptixError) as error:
-        return {**about, "status": "not written", "error": said(error)}
-    here = (store, key, {**about, "status": "stopped"})
-    _begun.append(here)
+        return {**record, "status": "not written", "error": said(error)}
+    stopped = (store, key, {**record, "status": "stopped"})
+    _begun.append(stopped)
     try:
-        answer = _done(store, job, about)
+        outcome, costs = _measured(job)
     except Exception as error:  # whatever it is, it is this task's
-        answer = _ended(store, key, {**about, "status": "failed", "error": said(error)})
-    _begun.remove(here)
+        answer = _ended(store, key, {**record, "status": "failed", "error": said(error)})
+    else:
+        answer = _published(store, job, outcome, {**record, **costs})
+    _begun.remove(stopped)
     return answer
 
 
-def _done(store: ResultStore, job: dict[str, Any], about: dict[str, Any]) -> dict[str, Any]:
+def _measured(job: dict[str, Any]) -> tuple[Outcome, dict[str, Any]]:
+    """Do a task on one thread; return also what it cost."""
     from haptix.threads import one_thread
 
     _forget_peak_memory()
     began, began_cpu = time.perf_counter(), time.process_time()
     with one_thread():
-        found = kind_named(job["kind"]).run(job["document"])
-    about |= {
-        "seconds": time.perf_counter() - began,
-        "cpu_seconds": time.process_time() - began_cpu,
-        "peak_bytes": _peak_memory(),
-        **found.measured,
-    }
-    result = {
-        "kind": job["kind"],
-        "haptix": __version__,
-        "document": job["document"],
-        "row": dict(found.row),
-    }
-    try:
-        about["bytes"] = store.publish(job["key"], found.files, result)
-    except Exception as error:  # a full disk, or a place that is gone
-        with suppress(Exception):
-            store.write_table(record_of(job["key"]), {**about, "status": "stopped"})
-        return {**about, "status": "not written", "error": said(error)}
-    return _ended(store, job["key"], {**about, "status": "done"}, dict(found.row))
+        outcome = kind_named(job["kind"]).run(job["document"])
+    seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - began_cpu
+    costs = {"seconds": seconds, "cpu_seconds": cpu_seconds, "peak_bytes": _peak_memory()}
+    return outcome, {**costs, **outcome.measured}
 
 
-def _ended(
-    store: ResultStore, key: str, record: dict[str, Any], row: dict[str, Any] | None = None
+def _published(
+    store: ResultStore, job: dict[str, Any], outcome: Outcome, record: dict[str, Any]
 ) -> dict[str, Any]:
+    row = dict(outcome.row)
+    about = {"kind": job["kind"], "haptix": __version__, "document": job["document"], "row": row}
+    try:
+        record["bytes"] = store.publish(job["key"], outcome.files, about)
+    except Exception as error:  # a full disk, or a place that is gone
+        _ended(store, job["key"], {**record, "status": "stopped"})
+        return {**record, "status": "not written", "error": said(error)}
+    return {**_ended(store, job["key"], {**record, "status": "done"}), "row": row}
+
+
+def _ended(store: ResultStore, key: str, record: dict[str, Any]) -> dict[str, Any]:
     with suppress(Exception):  # the results are what counts
         store.write_table(record_of(key), record)
-    return record if row is None else {**record, "row": row}
+    return record
 
 
 def said(error: BaseException) -> str:
@@ -133,9 +131,8 @@ def said(error: BaseException) -> str:
 
 def release() -> None:
     """Say of the task that this process is doing that it was stopped, and did not fail."""
-    for store, key, record in _begun:
-        with suppress(Exception):
-            store.write_table(record_of(key), record)
+    for stopped in _begun:
+        _ended(*stopped)
 
 
 def identity(kind: str) -> dict[str, str]:

@@ -26,10 +26,6 @@ COMMANDS = {
         "haptix.cli.service:studio",
         "Open the studio in a browser: feel textures by mouse, pen or touch, make and test them.",
     ),
-    "campaign": (
-        "haptix.cli.campaign:campaign",
-        "Do many independent tasks: surfaces of many people and screens, calibrations, and more.",
-    ),
     "stimuli": (
         "haptix.cli.stimuli:app",
         "Stimuli for perception experiments: make sets, look at them, run and analyse trials.",

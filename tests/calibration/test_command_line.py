@@ -13,7 +13,7 @@ from calibration.app import app
 from calibration.rig import RIG, RigCheck
 from calibration.steps import RESTS_ON, fit_folder, reduce_folder, verify_folder
 from haptix.campaign import run_campaign
-from haptix.campaign.on_calibrations import CalibrationFits
+from haptix.campaign.plans import CalibrationFits
 from haptix.cli.application import app as whole
 from haptix.errors import InputError
 
