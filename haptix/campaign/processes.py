@@ -73,9 +73,9 @@ class _Place:
 
     def __init__(self, memory_bytes: int | None) -> None:
         self.calls, self._memory, self._lock = 0, memory_bytes, threading.Lock()
-        self.open()
+        self._open()
 
-    def open(self) -> None:
+    def _open(self) -> None:
         context = get_context("spawn")
         listen, self.end = context.Pipe(duplex=False)
         self.pool = ProcessPoolExecutor(1, context, _start, (listen, self._memory))
@@ -89,16 +89,15 @@ class _Place:
             future = self.pool.submit(work, *given, **named)
         except BrokenProcessPool:
             self.close()
-            self.open()
+            self._open()
             future = self.pool.submit(work, *given, **named)
-        with self._lock:
-            self.calls += 1
-        future.add_done_callback(self._has_ended)
+        self._count(1)
+        future.add_done_callback(lambda _: self._count(-1))
         return future
 
-    def _has_ended(self, future: Future[Any]) -> None:
+    def _count(self, more: int) -> None:
         with self._lock:
-            self.calls -= 1
+            self.calls += more
 
 
 def _start(end: Connection, memory_bytes: int | None) -> None:

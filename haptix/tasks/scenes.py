@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
@@ -50,21 +50,18 @@ class PlanScene(Task, command="plan"):
         title += accuracy_note(plan.lowest_x, plan.accuracy) + warning_note(plan.warnings)
         title += placeholder_note(plan.model.placeholders(), plan.placeholder_spread_jnd)
         title += breakdown_note(plan.pull_past_breakdown)
-        spread = dict(plan.placeholder_spread_jnd)
-        document = [_record(row) | {"placeholder_spread_jnd": spread} for row in plan.rows]
+        spread = {"placeholder_spread_jnd": dict(plan.placeholder_spread_jnd)}
+        document = []
+        for row in plan.rows:
+            effect = {f"effect_{name}": value for name, value in asdict(row.effect).items()}
+            document.append({**row.decision, **effect, "cost_s": row.cost_s, **spread})
         return Result(document, [(title, [_shown(row) for row in plan.rows])])
-
-
-def _record(row: Row) -> dict[str, Any]:
-    effect = {f"effect_{name}": value for name, value in asdict(row.effect).items()}
-    kept = {"decision": "kept" if row.kept else "dropped", "why": row.why}
-    return {"kind": row.kind, "name": row.name, **kept, **effect, "cost_s": row.cost_s}
 
 
 def _shown(row: Row) -> dict[str, str]:
     return {
         "": row.name,
-        "decision": "kept" if row.kept else "dropped",
+        "decision": row.decision["decision"],
         "mu": f"{row.effect.mu_max:.2g}",
         "JND": f"{row.effect.thresholds_max:.2g}",
         "costs": f"{row.cost_s * 1e3:.2g} ms" if row.cost_s else "-",
