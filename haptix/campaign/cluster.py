@@ -31,7 +31,7 @@ class _Call(NamedTuple):
     """A call, Dask's future of it, and the workers that may do it."""
 
     work: Callable[..., Any]
-    given: tuple[Any, ...]
+    args: tuple[Any, ...]
     sent: Any
     workers: frozenset[str]
 
@@ -80,25 +80,25 @@ class DaskWorkers(Executor):
         for name in _TOLD_BY_US:
             logging.getLogger(name).setLevel(logging.CRITICAL)
         owned: list[Any] = []
-        asked: dict[str, Any]
+        address: dict[str, Any]
         if place == "dask":
             count = processes_that_fit(memory_bytes or 0, workers)
             limit = "auto" if memory_bytes is None else PROCESS_BYTES + memory_bytes
             cluster = LocalCluster(
                 n_workers=count, threads_per_worker=1, memory_limit=limit, dashboard_address=None
             )
-            owned, asked = [cluster], {"address": cluster}
+            owned, address = [cluster], {"address": cluster}
         elif "://" in place:
-            asked = {"address": place}
+            address = {"address": place}
         elif Path(place).is_file():
-            asked = {"scheduler_file": place}
+            address = {"scheduler_file": place}
         else:
             raise InputError(
                 f"--on: expected processes, dask, an address such as tcp://HOST:8786, or a "
                 f"scheduler file, got {place!r:.80}"
             )
         try:
-            opened = cls(Client(**asked), on_refused)
+            opened = cls(Client(**address), on_refused)
         except (OSError, ValueError, TypeError) as error:  # the last: TLS without a certificate
             raise HaptixError(f"--on: no Dask scheduler answers at {place}: {error}") from None
         opened._owned = [opened.client, *owned]
@@ -153,11 +153,12 @@ class DaskWorkers(Executor):
                 self._judge(address, workers[address], seen.get(address))
         with self._lock:
             self._good = {at: n for at, n in self._good.items() if at in workers}
-            lost = [one for one, call in self._calls.items() if not call.workers & set(workers)]
+            there = set(workers)
+            lost = [future for future, call in self._calls.items() if not call.workers & there]
             for future in lost if self._good else []:
                 call = self._calls[future]
                 _LOG.info("a call is sent again: its workers are gone")
-                self._send(future, call.work, call.given)
+                self._send(future, call.work, call.args)
                 call.sent.cancel()
 
     def _judge(self, address: str, about: dict[str, Any], seen: Any) -> None:
@@ -173,22 +174,22 @@ class DaskWorkers(Executor):
             self.refused[name] = ", ".join(other)[:500]
             self._on_refused(f"worker {name} ({address}) is not used: {self.refused[name]}")
 
-    def submit(self, work: Callable[..., Result], /, *given: Any, **named: Any) -> Future[Result]:
+    def submit(self, work: Callable[..., Result], /, *args: Any, **named: Any) -> Future[Result]:
         """Send a call of a module's function to a worker that may do it."""
         future: Future[Result] = Future()
         future.add_done_callback(self._forget)
         with self._lock:
-            self._send(future, work, given)
+            self._send(future, work, args)
         return future
 
-    def _send(self, future: Future[Any], work: Callable[..., Any], given: tuple[Any, ...]) -> None:
+    def _send(self, future: Future[Any], work: Callable[..., Any], args: tuple[Any, ...]) -> None:
         workers = frozenset(self._good)
         try:
-            sent = self.client.submit(work, *given, pure=False, workers=[*workers])
+            sent = self.client.submit(work, *args, pure=False, workers=[*workers])
         except Exception as error:
             raise _gone(error) from None
-        self._calls[future] = _Call(work, given, sent, workers)
-        sent.add_done_callback(lambda one: self._take(future, one))
+        self._calls[future] = _Call(work, args, sent, workers)
+        sent.add_done_callback(lambda answer: self._take(future, answer))
 
     def _take(self, future: Future[Any], sent: Any) -> None:
         with self._lock:
@@ -216,9 +217,9 @@ class DaskWorkers(Executor):
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Leave the cluster; a local one ends. What workers are doing ends by itself."""
         self._ended.set()
-        for one in self._owned:
+        for opened in self._owned:
             with suppress(Exception):
-                one.close()
+                opened.close()
 
 
 def _gone(why: Any) -> HaptixError:

@@ -146,7 +146,7 @@ class OfTask(Campaign):
             except ValidationError as error:
                 raise InputError(": ".join(filter(None, first_wrong(error)))) from None
             document = made.model_dump(mode="json", exclude_unset=True)
-            if files := [one for one in document.values() if str(one).endswith(".toml")]:
+            if files := [value for value in document.values() if str(value).endswith(".toml")]:
                 raise InputError(f"{files[0]}: expected a preset, for workers have no such file")
             yield CampaignTask(self.kind, document, {k: str(v) for k, v in labels.items()})
 
@@ -174,12 +174,12 @@ def places_of(patterns: tuple[str, ...], folder: Path) -> Iterator[Path]:
         If there is nothing of a name or pattern.
     """
     for pattern in patterns:
-        found = [folder / pattern] if Path(pattern).is_absolute() else sorted(folder.glob(pattern))
-        if not found:
+        paths = [folder / pattern] if Path(pattern).is_absolute() else sorted(folder.glob(pattern))
+        if not paths:
             raise InputError(
                 f"{folder / pattern}: expected a file, or a pattern of some; none is there"
             )
-        yield from found
+        yield from paths
 
 
 def kind_named(name: str) -> type[Campaign]:
@@ -195,16 +195,16 @@ def kind_named(name: str) -> type[Campaign]:
     if not attribute:
         raise InputError(f"kind: expected {known}, got {name!r:.80}")
     try:
-        found = getattr(import_module(module), attribute)
+        kind = getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
         raise InputError(f"kind: expected {known}, got {name!r:.80}: {error}") from None
-    if isinstance(found, type) and issubclass(found, Task):
-        return campaign_of(found)
-    if not (isinstance(found, type) and issubclass(found, Campaign)):
+    if isinstance(kind, type) and issubclass(kind, Task):
+        return campaign_of(kind)
+    if not (isinstance(kind, type) and issubclass(kind, Campaign)):
         raise InputError(
             f"kind: expected {known}, got {name!r:.80}, which is neither a Task nor a Campaign"
         )
-    return found
+    return kind
 
 
 def load_campaign(path: str | Path) -> Campaign:

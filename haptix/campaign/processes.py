@@ -55,9 +55,9 @@ class Processes(Executor):
         self._places = [_Place(memory_bytes) for _ in range(count)]
         self.at_once = self.workers = count
 
-    def submit(self, work: Callable[..., Result], /, *given: Any, **named: Any) -> Future[Result]:
+    def submit(self, work: Callable[..., Result], /, *args: Any, **named: Any) -> Future[Result]:
         """Do a call on the process that has the fewest."""
-        return min(self._places, key=lambda one: one.calls).submit(work, *given, **named)
+        return min(self._places, key=lambda place: place.calls).submit(work, *args, **named)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes: with `wait` once their calls have ended, else at once."""
@@ -84,13 +84,13 @@ class _Place:
         self.end.close()
         self.pool.shutdown(wait=False, cancel_futures=True)
 
-    def submit(self, work: Callable[..., Any], /, *given: Any, **named: Any) -> Future[Any]:
+    def submit(self, work: Callable[..., Any], /, *args: Any, **named: Any) -> Future[Any]:
         try:
-            future = self.pool.submit(work, *given, **named)
+            future = self.pool.submit(work, *args, **named)
         except BrokenProcessPool:
             self.close()
             self._open()
-            future = self.pool.submit(work, *given, **named)
+            future = self.pool.submit(work, *args, **named)
         self._count(1)
         future.add_done_callback(lambda _: self._count(-1))
         return future

@@ -174,17 +174,19 @@ def _writing(store: ResultStore) -> Iterator[None]:
         raise InputError(f"cannot write to {store.where}: {error.strerror or error}") from None
 
 
-def _begin(store: ResultStore, campaign: Campaign, own: dict[str, str]) -> None:
+def _begin(store: ResultStore, campaign: Campaign, versions: dict[str, str]) -> None:
     """Write what this campaign is, or check that it is of this version."""
     known = store.read_table("campaign.json")
-    if other := differences((known or {}).get("identity", own), own):
+    if other := differences((known or {}).get("identity", versions), versions):
         raise InputError(
             f"{store.where}: expected a campaign of this haptix, got one begun with "
             f"{', '.join(other)}; name another --out, since its results may differ"
         )
     plan = campaign.model_dump(mode="json", exclude_none=True)
     with _writing(store):
-        store.write_table("campaign.json", {"haptix": __version__, "identity": own, "plan": plan})
+        store.write_table(
+            "campaign.json", {"haptix": __version__, "identity": versions, "plan": plan}
+        )
 
 
 @contextmanager
@@ -270,7 +272,7 @@ def _ends(
                 # workers are what is wrong. Any may have cost the worker: each goes alone.
                 again += [_call_of(store, job) for job in jobs]
                 kept = [store.read_table(record_of(job["key"])) or {} for job in jobs]
-                began = any(one.get("status") in ("begun", "done", "failed") for one in kept)
+                began = any(record.get("status") in ("begun", "done", "failed") for record in kept)
                 lost = 0 if began else lost + 1
                 if lost > _MOST_LOST:
                     raise _never_begin(error) from None

@@ -57,9 +57,9 @@ def do(text: str) -> str:
         JSON of the records: ``status`` ("done", "failed", "set aside" or "not written") and more;
         of a task that is done also its ``row``.
     """
-    given = json.loads(text)
-    store = _store(given["where"])
-    return json.dumps([_do_one(store, job) for job in given["tasks"]])
+    call = json.loads(text)
+    store = _store(call["where"])
+    return json.dumps([_do_one(store, job) for job in call["tasks"]])
 
 
 def _do_one(store: ResultStore, job: dict[str, Any]) -> dict[str, Any]:
@@ -140,7 +140,7 @@ def identity(kind: str) -> dict[str, str]:
     import numpy
     import torch
 
-    found = {
+    versions = {
         "haptix": __version__,
         "code": code_digest(),
         "torch": str(torch.__version__).partition("+")[0],
@@ -149,13 +149,13 @@ def identity(kind: str) -> dict[str, str]:
     }
     if kind not in KINDS:
         file = sys.modules[kind_named(kind).__module__].__file__
-        found[kind] = hashlib.sha256(Path(str(file)).read_bytes()).hexdigest()[:16]
-    return found
+        versions[kind] = hashlib.sha256(Path(str(file)).read_bytes()).hexdigest()[:16]
+    return versions
 
 
-def differences(found: Mapping[str, Any], own: Mapping[str, str]) -> list[str]:
-    """Return what of `own` is another in `found`, as people read it."""
-    return [f"{k} {found.get(k)} (here {v})" for k, v in own.items() if found.get(k) != v]
+def differences(seen: Mapping[str, Any], here: Mapping[str, str]) -> list[str]:
+    """Return what of `here` is another in `seen`, as people read it."""
+    return [f"{k} {seen.get(k)} (here {v})" for k, v in here.items() if seen.get(k) != v]
 
 
 def as_seen_here(where: str, kind: str = "") -> dict[str, str]:
@@ -163,18 +163,18 @@ def as_seen_here(where: str, kind: str = "") -> dict[str, str]:
 
     The value of what cannot be had, such as a kind whose module is not installed, says why.
     """
-    found = identity(next(iter(KINDS)))
+    seen = identity(next(iter(KINDS)))
     if kind:
         try:
-            found |= identity(kind)
+            seen |= identity(kind)
         except Exception as error:
-            found[kind] = said(error)
+            seen[kind] = said(error)
     try:
         data = _store(where).read("campaign.json") or b"no file"
-        found[f"{where}/campaign.json"] = hashlib.sha256(data).hexdigest()[:16]
+        seen[f"{where}/campaign.json"] = hashlib.sha256(data).hexdigest()[:16]
     except (OSError, HaptixError) as error:
-        found[f"{where}/campaign.json"] = said(error)
-    return found
+        seen[f"{where}/campaign.json"] = said(error)
+    return seen
 
 
 @cache

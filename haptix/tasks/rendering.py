@@ -276,8 +276,8 @@ class Render(OfPath, command="render", route="renderings", kind="rendering"):
             mock = self.device if self.device.startswith("mock:") else "mock:"
             with closing(open_device(mock)) as opened:
                 finger, screen = profiles_for(opened, finger, screen)
-        found = self.model_copy(update={"finger": finger, "screen": screen})
-        setting, photograph = found.setting(found.model())
+        named = self.model_copy(update={"finger": finger, "screen": screen})
+        setting, photograph = named.setting(named.model())
         surface = self.built(setting, context)
         simulation = simulate(
             setting,
@@ -386,11 +386,11 @@ class Headroom(OnScreen, route="headroom", kind="headroom"):
         scene = {"normal_force_n": self.normal_force_n, "frequency_hz": DEFAULT_CARRIER_HZ}
         update = partial(context.progress, "build the surface")
         surface, _ = cached_surface(self.model(), scene, "0.05 JND", update)
-        one = read_material(self.material)
+        material = read_material(self.material)
         column = surface.driven_at(DEFAULT_CARRIER_HZ).column(self.normal_force_n, None)
         low, high = float(column.lowest_mu), float(column.highest_mu)
-        wanted = picture(one, self.width_mm, self.height_mm, self.columns, 0.0)
-        target = np.asarray(as_mu(one.evaluator.target, wanted, low, high))
+        wanted = picture(material, self.width_mm, self.height_mm, self.columns, 0.0)
+        target = np.asarray(as_mu(material.evaluator.target, wanted, low, high))
         _, status = column.voltage(target)
         return Result(
             {
@@ -418,13 +418,13 @@ class KeepSurface(OnScreen, route="surfaces", kind="surface"):
         scene = {"normal_force_n": FORCES_N, "frequency_hz": DEFAULT_CARRIER_HZ}
         tolerance = f"{self.tolerance_jnd:g} JND"
         update = partial(context.progress, "build the surface")
-        found, was_kept = cached_surface(self.model(), scene, tolerance, update)
-        info = found.info
+        surface, was_kept = cached_surface(self.model(), scene, tolerance, update)
+        info = surface.info
         return Result(
             {
                 "key": info["key"],
                 "was_kept": was_kept,
-                "grid": list(found.mu_table.shape),
+                "grid": list(surface.mu_table.shape),
                 "error_max_mu": info.get("error_max"),
                 "error_p99_mu": info.get("error_p99"),
             }

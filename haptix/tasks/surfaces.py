@@ -181,7 +181,7 @@ class Build(OfModel, command="build"):
             return plan.build(update, self.tolerance, largest_bytes)
         model, tolerance = self.model(), self.tolerance or "0.002"
         wanted = {name: getattr(self, name) for name in ("normal_force_n", "frequency_hz", "h0_m")}
-        ranges = {name: one for name, one in wanted.items() if one is not None}
+        ranges = {name: ends for name, ends in wanted.items() if ends is not None}
         if self.voltage_v is not None:
             ranges["voltage_v"] = (0.0, self.voltage_v)
         if model.boxed is None:
@@ -290,8 +290,8 @@ class Invert(Task, command="invert"):
 
         inputs = _product(self, "mu", "normal_force_n", "frequency_hz", "h0_m")
         table = FrictionSurface.load(self.surface)
-        found = table.voltage(**inputs)
-        rows = _rows(inputs, {"voltage_v": found.voltage_v}, found.status)
+        inverse = table.voltage(**inputs)
+        rows = _rows(inputs, {"voltage_v": inverse.voltage_v}, inverse.status)
         return Result(rows, [(f"voltage{note_of(table, self.surface)}", rows)])
 
 
@@ -374,10 +374,10 @@ def _spread_at_corners(model: ContactModel, ranges: dict[str, Any]) -> dict[str,
 
     whole = read_ranges(model, ranges)
     ends = {name: whole[name] for name in (*AXIS_NAMES, "voltage_v")}
-    given = {name: sorted(set(pair)) for name, pair in ends.items() if pair is not None}
-    given["voltage_v"] = given["voltage_v"][-1:]
-    corners = torch.tensor(list(product(*given.values())), dtype=torch.float64).T
-    places = dict(zip(given, corners, strict=True))
+    values = {name: sorted(set(pair)) for name, pair in ends.items() if pair is not None}
+    values["voltage_v"] = values["voltage_v"][-1:]
+    corners = torch.tensor(list(product(*values.values())), dtype=torch.float64).T
+    places = dict(zip(values, corners, strict=True))
     return largest_spread(model, places, places.pop("voltage_v"))
 
 

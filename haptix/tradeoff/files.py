@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -70,49 +71,44 @@ def draw(tradeoff: Tradeoff) -> Figure:
         axes.set_axisbelow(True)
     panels[0].set_ylabel(f"largest {titles['error_max_thresholds']}")
     handles, labels = panels[0].get_legend_handles_labels()
-    taken = sum(bool(run.take) for run in tradeoff.runs)
     beside: dict[str, Any] = {"frameon": False, "alignment": "left"}
-    figure.legend(handles[-taken:], labels[-taken:], loc="outside upper left", **beside)
-    figure.legend(handles[:-taken], labels[:-taken], loc="outside upper right", **beside)
-    figure.text(0.01, 0.01, _caption(tradeoff), fontsize=8, color="0.3", va="bottom")
+    figure.legend(handles[_GREY:], labels[_GREY:], loc="outside upper left", **beside)
+    figure.legend(handles[:_GREY], labels[:_GREY], loc="outside upper right", **beside)
+    what = machine()
+    caption = (
+        f"{tradeoff.scene.name}. Errors against the mean field with every term, at "
+        f"{tradeoff.points} held-out points, for a slice at its own frequency and h0; times in "
+        f"batches of {tradeoff.batch:,} on {what['threads']} thread(s) of {what['processor']}"
+        f"{' and ' + what['gpu'] if what['gpu'] else ''}, torch {what['torch']}."
+    )
+    figure.text(0.01, 0.01, "\n".join(wrap(caption, 190)), fontsize=8, color="0.3", va="bottom")
     return figure
 
 
-def _panel(axes: Axes, tradeoff: Tradeoff, name: str) -> None:
-    def cost(run: Run) -> float:
-        return float(getattr(run, COSTS[name]))
+_GREY = 3  # what a panel draws before the runs to take
 
-    for form, shape, label in (
-        ("slice", "s", "slices, which answer at one frequency and h0"),
-        ("surface", "o", "other surfaces"),
-    ):
-        rest = [run for run in tradeoff.runs if run.form == form and not run.take]
-        axes.plot(
-            [cost(run) for run in rest],
-            [run.error_max_thresholds for run in rest],
-            shape, color="0.85", ms=3 if form == "slice" else 5, zorder=2, label=label,
-        )  # fmt: skip
-    front = sorted(
-        (cost(run), run.error_max_thresholds)
-        for run in tradeoff.runs
-        if run.form == "surface" and name in run.fronts.split()
-    )
-    axes.step(
-        *zip(*front, strict=True), where="post", color="0.7", lw=1.0, zorder=1,
-        label="no other surface is better in both",
-    )  # fmt: skip
+
+def _panel(axes: Axes, tradeoff: Tradeoff, name: str) -> None:
+    def places(runs: Sequence[Run]) -> list[tuple[float, float]]:
+        return [(float(getattr(run, COSTS[name])), run.error_max_thresholds) for run in runs]
+
+    others = places([run for run in tradeoff.runs if not run.take])
+    label = "other surfaces, and slices, which answer at one frequency and h0"
+    axes.plot(*zip(*others, strict=True), "o", color="0.85", ms=4, zorder=2, label=label)
+    surfaces = [run for run in tradeoff.runs if run.form == "surface"]
+    front = sorted(places([run for run in surfaces if name in run.fronts.split()]))
+    label = "no other surface is better in both"
+    axes.step(*zip(*front, strict=True), where="post", color="0.7", lw=1.0, zorder=1, label=label)
     budget = tradeoff.scene.budget_thresholds
     axes.axhline(budget, color="0.4", ls="--", lw=1.0, zorder=1, label="budget of the scene")
-    taken = sorted((run for run in tradeoff.runs if run.take), key=lambda run: run.memory_bytes)
+    taken = sorted((run for run in surfaces if run.take), key=lambda run: run.memory_bytes)
     for number, (run, color) in enumerate(zip(taken, _COLORS, strict=False), start=1):
-        axes.plot(
-            cost(run), run.error_max_thresholds, "o", color=color, ms=9, zorder=4,
-            label=f"{number}  {run.take}: {_description(run)}",
-        )  # fmt: skip
+        [place] = places([run])
+        label = f"{number}  {run.take}: {_description(run)}"
+        axes.plot(*place, "o", color=color, ms=9, zorder=4, label=label)
         axes.annotate(
-            str(number), (cost(run), run.error_max_thresholds), (7, 5 - 15 * (number % 2)),
-            color=color,
-            textcoords="offset points", fontweight="bold", zorder=5,
+            str(number), place, (7, 5 - 15 * (number % 2)), textcoords="offset points",
+            color=color, fontweight="bold", zorder=5,
         )  # fmt: skip
     axes.margins(0.1)
 
@@ -126,16 +122,3 @@ def _description(run: Run) -> str:
         f"({run.error_max_thresholds:.2g} JND, {run.build_s:.2g} s, "
         f"{run.query_s_per_million:.2g} s/10⁶, {run.memory_bytes:,} B)"
     )
-
-
-def _caption(tradeoff: Tradeoff) -> str:
-    what = machine()
-    text = (
-        f"{tradeoff.scene.name}. Errors against the mean field with every term, at "
-        f"{tradeoff.points} held-out points, for a slice at its own frequency and h0; times "
-        f"in batches of {tradeoff.batch:,} on "
-        f"{what['threads']} thread(s) of {what['processor']}"
-        + (f" and {what['gpu']}" if what["gpu"] else "")
-        + f", torch {what['torch']}."
-    )
-    return "\n".join(wrap(text, 190))

@@ -182,11 +182,11 @@ def run_tradeoff(
     jobs = [*setting_jobs(scene, quick, boundary_elements)]
     runs: list[Run] = []
     for number, job in enumerate(jobs, start=1):
-        found = measure_setting(job, on_progress)
-        runs += [Run(**row) for row in found["runs"]]
+        measured = measure_setting(job, on_progress)
+        runs += [Run(**row) for row in measured["runs"]]
         on_progress("run", number / len(jobs))
     batch = (_QUICK if quick else _THOROUGH)[1]
-    return Tradeoff(scene, chosen(runs, scene.budget_thresholds), found["points"], batch)
+    return Tradeoff(scene, chosen(runs, scene.budget_thresholds), measured["points"], batch)
 
 
 def setting_jobs(scene: Scene, quick: bool, boundary_elements: bool) -> Iterator[dict[str, Any]]:
