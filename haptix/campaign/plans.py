@@ -210,7 +210,7 @@ class FrictionOfPeople(PeopleOnScreens):
     def tasks(self) -> Iterator[CampaignTask]:
         """Yield a task for each finger on each screen."""
         for finger, screen, labels in self.pairs():
-            document = {"finger": plain(finger), "screen": plain(screen)}
+            document: dict[str, Any] = {"finger": plain(finger), "screen": plain(screen)}
             for name in ("normal_force_n", "voltage_v", "frequency_hz"):
                 document[name] = list(getattr(self, name))
             yield CampaignTask(self.kind, document, labels)

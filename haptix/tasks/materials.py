@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field
 
@@ -48,7 +48,7 @@ class ListKinds(Task, command="material kinds"):
         """List them."""
         from haptix.materials import KINDS
 
-        rows = []
+        rows: list[dict[str, Any]] = []
         for name, kind in sorted(KINDS.items()):
             fields = {
                 key: "required" if field.is_required() else str(field.default)
