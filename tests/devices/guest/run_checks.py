@@ -8,6 +8,7 @@ import sys
 import time
 import traceback
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 
 import tests.devices.guest.checks_content
@@ -15,6 +16,7 @@ import tests.devices.guest.checks_faults
 import tests.devices.guest.checks_opening
 import tests.devices.guest.checks_revisions
 import tests.devices.guest.checks_touchscreens  # noqa: F401
+from firmware_io import open_device
 from firmware_io.links.identity import udev_rule
 from tests.devices.guest.plugged import wait_for
 from tests.devices.guest.ways import CHECKS as CHECKS
@@ -30,6 +32,13 @@ def start_udev():
     (rules / "70-haptix.rules").write_text(udev_rule())
     subprocess.run([os.environ["UDEVD"], "--daemon"], check=True)
     wait_for(Path("/run/udev/control").exists)
+
+
+def load_once():
+    """Load what each check needs, but no library of USB: each takes a guest seconds."""
+    for module in ("usb.core", "usb.util", "usb.backend.libusb1"):
+        import_module(module)
+    open_device("mock:").close()  # with the declarations of the core and the entry points of links
 
 
 def run(name):
@@ -67,6 +76,7 @@ def run(name):
 def main():
     """Run the checks that are named, or all of them."""
     start_udev()
+    load_once()
     with _RESULTS.open("w") as results:
         for name in sys.argv[1:] or CHECKS:
             result = run(name)
