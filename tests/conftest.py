@@ -62,6 +62,22 @@ def pytest_runtest_makereport(
     return report
 
 
+#: Files with tests of half a minute each: begun first, so that no process is left alone with one.
+LONG_FIRST = (
+    "test_researchers_day",
+    "test_differential",
+    "test_documentation",
+    "test_calibrate",
+    "test_soak",
+    "test_cluster_faults",
+    "test_whole_studio",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.stem not in LONG_FIRST)
+
+
 #: Folders whose files share what takes seconds to make: one process runs all of such a folder.
 ONE_PROCESS = ("calibration", "planning", "simulation", "stimuli", "surface")
 

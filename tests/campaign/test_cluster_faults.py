@@ -55,7 +55,7 @@ class Cluster:
             one.terminate()  # a nanny ends its worker
         for one in self.running:
             try:
-                one.wait(10)  # one whose scheduler was killed may seek it without end
+                one.wait(2)  # one whose scheduler was killed may seek it without end
             except subprocess.TimeoutExpired:
                 one.kill()
                 one.wait()
