@@ -53,8 +53,9 @@ apt() {
         { tail -n 5 <<<"$log" >&2; return 1; }
 }
 printf 'setup-devices: installing %s\n' "${packages[*]}"
-# A partly unreachable list may still hold what we need: let the installation decide.
-apt update || true
+# Another program may be at the lists, such as scripts/setup.sh. A partly unreachable list may still hold
+# what we need: let the installation decide.
+apt update || { sleep 20 && apt update; } || true
 # jackd2 asks whether it may have real-time priority: no, root has it anyway.
 apt install -y --no-install-recommends "${packages[@]}" || fail "apt-get failed (its reason is above)."
 
