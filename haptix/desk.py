@@ -8,7 +8,7 @@
         def run(self, context: Context) -> Result: ...
 
 The doors are the command line (`haptix.cli.tasks`), the service's routes, jobs and forms
-(`haptix.service.jobs_rest`), and campaigns (`haptix.campaign.kinds`). Which tasks there are is
+(`haptix.service.rest`), and campaigns (`haptix.campaign.kinds`). Which tasks there are is
 read from the text of `MODULES`, so that a list of them loads nothing.
 """
 

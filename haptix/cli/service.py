@@ -110,7 +110,7 @@ def _serve(
     log: Path | None,
 ) -> None:
     from haptix.log import into
-    from haptix.service.listen import Listen
+    from haptix.service.access import Listen
     from haptix.service.run import serve as serve_until_interrupted
 
     if log is not None:

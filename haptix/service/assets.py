@@ -1,17 +1,30 @@
-"""Files of apps, kept under the hash of their content: photographs, height maps, sounds."""
+"""Files of apps, kept under the hash of their content: photographs, height maps, sounds.
+
+A worker of the session looks at a layout's files before the engine hears of them, and decodes the
+pictures (`Decoding`). A file that unpacks to gigabytes ends a process that no touch needs, and in
+which nobody else's data is.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import tempfile
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from hashlib import sha256
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from haptix.service.messages import Limits, Problem
+from haptix.texture.decoded import FOLDER, PICTURES, is_kept
+
+if TYPE_CHECKING:
+    from haptix.service.pool import Pool
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".wav", ".flac", ".csv", ".xml")
+MOST_BYTES = 4 * 2**30
+"""Memory of the files of all sessions' layouts in the engine."""
 
 
 class AssetStore:
@@ -46,8 +59,8 @@ class AssetStore:
             If the name is no hash, or nothing has it.
         """
         self._check(digest)
-        for found in self.folder.glob(f"{digest}.*"):
-            return found
+        for path in self.folder.glob(f"{digest}.*"):
+            return path
         raise Problem("unknown", f"no asset has the hash {digest[:12]}...; send it first")
 
     async def put(self, digest: str, suffix: str, chunks: AsyncIterator[bytes]) -> bool:
@@ -64,10 +77,10 @@ class AssetStore:
         if list(self.folder.glob(f"{digest}.*")):
             return False
         room = self._limits.assets_bytes - sum(
-            found.stat().st_size for found in self.folder.iterdir()
+            path.stat().st_size for path in self.folder.iterdir()
         )
         largest = min(self._limits.asset_bytes, room)
-        found, size = sha256(), 0
+        content_hash, size = sha256(), 0
         handle, draft = tempfile.mkstemp(dir=self.folder)
         try:
             with os.fdopen(handle, "wb") as file:
@@ -75,10 +88,10 @@ class AssetStore:
                     size += len(chunk)
                     if size > largest:
                         raise Problem("limit", f"expected at most {largest} bytes")
-                    found.update(chunk)
+                    content_hash.update(chunk)
                     file.write(chunk)
-            if found.hexdigest() != digest:
-                raise Problem("document", f"the content has the hash {found.hexdigest()}")
+            if content_hash.hexdigest() != digest:
+                raise Problem("document", f"the content has the hash {content_hash.hexdigest()}")
             Path(draft).replace(self.folder / f"{digest}{suffix}")
         finally:
             Path(draft).unlink(missing_ok=True)
@@ -88,3 +101,72 @@ class AssetStore:
     def _check(digest: str) -> None:
         if len(digest) != 64 or not set(digest) <= set("0123456789abcdef"):
             raise Problem("unknown", "expected 64 hexadecimal digits, the SHA-256 of the content")
+
+
+class Decoding:
+    """Sees to it that the engine can read a message's files: pictures are decoded, others short.
+
+    Parameters
+    ----------
+    assets : AssetStore
+        The files.
+    pool : Pool
+        Decodes them.
+    layouts : callable
+        Returns the documents that the engine has.
+    """
+
+    def __init__(
+        self,
+        assets: AssetStore,
+        pool: Pool,
+        layouts: Callable[[], Iterable[dict[str, Any]]] = tuple,
+    ) -> None:
+        self._assets, self._pool, self._layouts = assets, pool, layouts
+        self._folder = assets.folder.parent / FOLDER
+        self._bytes: dict[str, int] = {}  # of memory, by digest
+
+    async def __call__(self, owner: str, fields: dict[str, Any]) -> None:
+        """Look at what is new in a message of an owner.
+
+        Raises
+        ------
+        Problem
+            Pointing to the file that cannot be, in the message.
+        """
+        textures = {
+            (digest, use): self._bytes.get(digest, 0)
+            for document in self._layouts()
+            for _, digest, use in _named(document, "")
+        }
+        for path, digest, use in _named(fields, ""):
+            try:
+                file = self._assets.path(digest)
+            except Problem:
+                continue  # the engine says so, with the region
+            is_decoded = file.suffix not in PICTURES or is_kept(self._folder, digest)
+            if digest not in self._bytes or not is_decoded:
+                try:
+                    answer = await self._pool.ask(owner, "decode", digest=digest)
+                    self._bytes[digest] = answer["bytes"]
+                except Problem as problem:
+                    raise Problem(problem.code, problem.sentence, path) from None
+            textures[digest, use] = self._bytes[digest]
+            if sum(textures.values()) > MOST_BYTES:
+                why = (
+                    f"the files of all layouts would take {sum(textures.values()) / 2**30:.3g} GiB "
+                    f"of memory; expected at most {MOST_BYTES / 2**30:g}: use smaller ones"
+                )
+                raise Problem("limit", why, path)
+
+
+def _named(value: Any, path: str, of: Any = None) -> Iterator[tuple[str, str, str]]:
+    """Where files are named, their hashes, and what names them: the same use is made once."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _named(item, f"{path}/{key}", value)
+    elif isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            yield from _named(item, f"{path}/{index}", of)
+    elif isinstance(value, str) and value.startswith("sha256:"):
+        yield path, value.removeprefix("sha256:"), json.dumps(of, sort_keys=True, default=str)

@@ -16,16 +16,30 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+import numpy as np
+
+from haptix.checks import Array
 from haptix.errors import HaptixError, InputError
 from haptix.files import parse_json
-from haptix.service.outbox import Outbox, own_output
-from haptix.service.telemetry import Telemetry
-from haptix.service.touch_gate import TouchGate
-from haptix.service.wire import JSON, TOUCHES, FrameReader, touches_of
+from haptix.service.batches import TelemetryFrame, write_frame
+from haptix.service.messages import Stream
+from haptix.service.touches import TouchGate
+from haptix.service.wire import (
+    JSON,
+    TELEMETRY,
+    TOUCHES,
+    FrameReader,
+    Outbox,
+    amplitude_frame,
+    frame,
+    frame_output,
+    touches_of,
+)
 from haptix.touch.events import TouchEvent
 
 if TYPE_CHECKING:
@@ -42,7 +56,7 @@ FORCES_N = (0.05, 3.0)
 TOLERANCE = "0.05 JND"
 _LOOK_S = 0.02
 _MOST_TOUCH_INTERVAL_S = 0.02  # two of a touchscreen of 100 Hz
-_LAYOUTS = ("layout_set", "layout_change", "layout_again", "forget")
+_LAYOUTS = ("layout_set", "layout_change", "layout_restore", "forget")
 """What is done beside all else: one session's large pictures hold nobody else up."""
 _RENDERS = (
     "haptix.devices",
@@ -52,6 +66,65 @@ _RENDERS = (
     "haptix.render.stream",
     "haptix.service.layouts",
 )
+_SETTLED_S = 0.015  # a driver tells within its status' period which revisions it refused
+_MOST_STATS_HZ = 50.0
+_LAST_REACTIONS = 500  # of which percentiles are told
+
+
+class Telemetry:
+    """Streams of one engine, at the rates that somebody asks for.
+
+    Parameters
+    ----------
+    write : callable
+        Takes frames of the link.
+    look_s : float
+        Between two calls of `tell`.
+    """
+
+    def __init__(self, write: Callable[[bytes], None], look_s: float) -> None:
+        self._write, self._look_s = write, look_s
+        self._rates: Mapping[Stream, float] = {}
+        self._stats_sent_s = 0.0
+
+    def ask(self, rates: Mapping[Stream, float]) -> None:
+        """Set the rate of each stream; 0 or none ends it."""
+        self._rates = rates
+
+    def tell(self, renderer: Any, now_s: float) -> None:
+        """Tell what is new of a renderer at a time of its clock."""
+        self._tell_stats(renderer, now_s)
+        wanted = [name for name in ("friction", "felt") if self._rates.get(name, 0.0) > 0]
+        if not wanted:
+            renderer.record = None
+            return
+        if renderer.record is None:
+            from haptix.render.played import PlayedRecord
+
+            renderer.record = PlayedRecord(renderer)
+        part = renderer.record.take(now_s - _SETTLED_S)
+        if part is None:
+            return
+        if "felt" in wanted:
+            self._write(amplitude_frame(part.t0_s, part.step_s, part.amplitude_v))
+        if "friction" in wanted:
+            for touch_id, rows in part.rows.items():
+                self._tell("friction", touch_id, part.t0_s, part.row_s, rows)
+
+    def _tell_stats(self, renderer: Any, now_s: float) -> None:
+        rate_hz = min(self._rates.get("stats", 0.0), _MOST_STATS_HZ)
+        if not rate_hz or now_s - self._stats_sent_s < 1 / rate_hz - self._look_s / 2:
+            return
+        self._stats_sent_s = now_s
+        last = [*renderer.stats.reactions_s][-_LAST_REACTIONS:]
+        times = np.percentile(last or [np.nan], (50, 99))
+        counts = renderer.stats.underruns, renderer.touch_counts.taken
+        row = (*times, *counts, renderer.scene_s)
+        self._tell("stats", 0, now_s, 1 / rate_hz, np.array([row]))
+
+    def _tell(self, stream: Stream, touch_id: int, t0_s: float, step_s: float, rows: Array) -> None:
+        telemetry = TelemetryFrame(stream, touch_id, 0, 0, t0_s, step_s, rows)
+        self._write(frame(TELEMETRY, write_frame(telemetry)))
 
 
 def surface_of(opening: dict[str, Any]) -> FrictionSurface:
@@ -107,10 +180,10 @@ class EngineServer:
         ):
             threading.Thread(target=target, name=f"haptix engine {name}", daemon=True).start()
         try:
-            while found := source.read():
+            while frames := source.read():
                 # Of all that has come, the newest touches count.
                 touches: list[TouchEvent] = []
-                for kind, data in found:
+                for kind, data in frames:
                     if kind == TOUCHES:
                         touches += touches_of(data)
                     elif kind == JSON:
@@ -282,7 +355,7 @@ class EngineServer:
         from haptix.profiles import profiles_for
         from haptix.render.core import carrier_hz
         from haptix.screen import Screen
-        from haptix.service.profiles import profiles_of
+        from haptix.service.in_use import profiles_of
         from haptix.texture.decoded import FOLDER, keep_in
 
         self._assets = Path(assets)
@@ -308,7 +381,7 @@ class EngineServer:
     def _do_layout_change(self, session: int, ops: list[dict[str, Any]]) -> dict[str, Any]:
         return self._changed(session, "change", ops)
 
-    def _do_layout_again(
+    def _do_layout_restore(
         self, session: int, document: dict[str, Any], values: dict[str, float], revision: int
     ) -> None:
         """Take what the engine before this one had."""
@@ -455,7 +528,7 @@ def main() -> None:
     """Serve the front until it closes our input."""
     # An interrupt of the terminal goes to all processes of its group; the front ends us in order.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    EngineServer(own_output()).run(FrameReader(sys.stdin.fileno()))
+    EngineServer(frame_output()).run(FrameReader(sys.stdin.fileno()))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,8 @@
-"""The service's front: HTTP and WebSocket on this machine, without torch and without pixels."""
+"""The service's front: the HTTP server and its application, without torch and without pixels.
+
+Every request passes `Guard`, which refuses foreign hosts and origins. Routes stand here, in `rest`,
+`in_use` and `pages`; sessions in `session_socket`.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +10,10 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable, MutableMapping
 from math import inf
+from types import FrameType
 from typing import Annotated, Any
 
+import uvicorn
 from fastapi import APIRouter, Depends, FastAPI, Header, Request, WebSocket
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse, Response
@@ -15,15 +21,14 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
 
 from haptix.service import messages as m
-from haptix.service.access import Access
+from haptix.service.access import Access, Listen
 from haptix.service.assets import AssetStore
-from haptix.service.docs_page import POLICY, docs_page
 from haptix.service.hub import TICK_S, Hub
-from haptix.service.jobs_rest import jobs_router
+from haptix.service.in_use import profiles_router
 from haptix.service.limiter import Limiter
-from haptix.service.messages import Problem
-from haptix.service.pages import pages
-from haptix.service.profiles import profiles_router
+from haptix.service.messages import MOST_TEXT_BYTES, Problem
+from haptix.service.pages import POLICY, docs_page, pages
+from haptix.service.rest import jobs_router
 from haptix.service.session_socket import serve_session
 from haptix.version import __version__
 
@@ -318,3 +323,42 @@ async def _ticks(hub: Hub) -> None:
     while True:
         hub.tick()
         await asyncio.sleep(TICK_S)
+
+
+class HttpServer(uvicorn.Server):
+    """Goes to 0 V before it lets its clients go.
+
+    Parameters
+    ----------
+    app : ASGI application
+        What `haptix.service.front.application` returns.
+    hub : Hub
+        Is stopped first.
+    listen : Listen, optional
+        Where other machines reach it.
+    end : callable
+        Called before it waits for answers that are under way.
+    """
+
+    def __init__(self, app: Any, hub: Hub, listen: Listen | None, end: Callable[[], None]) -> None:
+        self._hub, self._end = hub, end
+        super().__init__(
+            uvicorn.Config(
+                app,
+                log_level="warning",
+                ws="websockets-sansio",
+                ws_max_size=MOST_TEXT_BYTES,
+                ws_per_message_deflate=False,  # work for bytes that leave no machine
+                ws_ping_interval=None,  # the session's own pings show that the script lives
+                timeout_graceful_shutdown=2,
+                server_header=False,
+                ssl_certfile=listen.certificate if listen else None,
+                ssl_keyfile=listen.key if listen else None,
+            )
+        )
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Take a signal to end."""
+        self._hub.stop("the service ends")
+        self._end()
+        super().handle_exit(sig, frame)

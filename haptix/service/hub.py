@@ -20,8 +20,7 @@ from haptix.service.control import Engine, OutputControl
 from haptix.service.jobs import JobBoard
 from haptix.service.messages import Problem
 from haptix.service.session import ServiceSession
-from haptix.service.touch_inbox import Stalls
-from haptix.service.touch_reports import reports_of
+from haptix.service.touches import Stalls, touch_events
 from haptix.version import __version__
 
 _LOG = logging.getLogger("haptix.service")
@@ -128,7 +127,7 @@ class Hub:
         """Take what a client sent; return how long not to read from it [s].
 
         Pongs and stop are obeyed at once; touches in bytes wait for `pass_touches`, which comes
-        before the next message, and the others for `answers.work`.
+        before the next message, and the others for `session_socket`.
         """
         if session.closing is not None:
             return 0.0
@@ -297,13 +296,14 @@ class Hub:
             return len(touches), wrong
         now_s = self.now_s()
         late_s = self.stalls.late_s(now_s)
-        taken = [reports_of(session, touches, now_s, late_s) for touches in batches]
-        reports = [report for one in taken for report in one.reports]
-        if reports:
-            self.engine.touch(reports)
-            _LOG.debug("session %d: %d touches", session.number, len(reports))
-        first = next((one.problem for one in taken if one.problem is not None), None)
-        return sum(one.left_out for one in taken), first
+        clock, geometry = session.clock, session.geometry
+        usable = [touch_events(clock, geometry, touches, now_s, late_s) for touches in batches]
+        events = [event for touches in usable for event in touches.events]
+        if events:
+            self.engine.touch(events)
+            _LOG.debug("session %d: %d touches", session.number, len(events))
+        first = next((touches.problem for touches in usable if touches.problem is not None), None)
+        return sum(touches.left_out for touches in usable), first
 
     def _heard(self, session: ServiceSession) -> None:
         session.unanswered_s = None

@@ -1,8 +1,8 @@
 """Jobs: work that takes long or asks a person, each in a worker of its own that can be ended.
 
 queued ---> running <---> asking        a person answers each prompt
-|           |             |
-+-----------+-------------+---> cancelled, failed;  from running: done
+   |           |             |
+   +-----------+-------------+---> cancelled, failed;  from running: done
 """
 
 from __future__ import annotations

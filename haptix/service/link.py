@@ -1,19 +1,92 @@
-"""The engine, and the virtual finger beside it, as the service's front sees them."""
+"""The engine and the virtual finger beside it, as the service's front sees them.
+
+The front starts both, restarts either when it dies, and replays to a new engine what the one before
+had accepted: layouts, intensity, mute and pause (`EngineReplay`).
+"""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from typing import Any
 
 from haptix.service.messages import Problem
 from haptix.service.pool import IDLE_S, Process
-from haptix.service.told import Told
 from haptix.service.wire import AMPLITUDE, TELEMETRY, frame, touch_frame
 from haptix.touch.events import TouchEvent
 
-_AGAIN_S = 1.0  # from the end of a process to its next start
+
+class LayoutRecord:
+    """The layout of one session as a document: the last one, and what was changed since."""
+
+    def __init__(self) -> None:
+        self.revision = 0
+        self._regions: dict[str, dict[str, Any]] = {}
+        self._values: dict[str, float] = {}
+
+    def set(self, document: Mapping[str, Any]) -> None:
+        """Take a document that the engine has accepted."""
+        self._values = {}
+        self._regions = {region["name"]: dict(region) for region in document["regions"]}
+        self.revision += 1
+
+    def change(self, ops: Iterable[Mapping[str, Any]]) -> None:
+        """Take changes that the engine has accepted."""
+        for op in ops:
+            fields = dict(op)
+            kind, name = fields.pop("op"), fields["name"]
+            if kind == "remove":
+                del self._regions[name]
+                self._values.pop(name, None)
+            elif kind == "value":
+                self._values[name] = fields["value"]
+            else:
+                fields.pop("over_s", None)
+                if "material" in fields:
+                    self._values.pop(name, None)
+                self._regions[name] = {**self._regions.get(name, {}), **fields}
+        self.revision += 1
+
+    @property
+    def message(self) -> dict[str, Any]:
+        """Fields of `layout_restore`, which makes the same layout."""
+        return {
+            "document": {"regions": list(self._regions.values())},
+            "values": self._values,
+            "revision": self.revision,
+        }
+
+
+class EngineReplay:
+    """Records what one engine accepts, to replay it to the next one; nothing of it arms."""
+
+    def __init__(self) -> None:
+        self._layouts: dict[int, LayoutRecord] = {}  # by session
+        self._settings: dict[str, dict[str, Any]] = {}
+
+    def record(self, do: str, fields: Mapping[str, Any]) -> None:
+        """Record a message that was accepted."""
+        session = fields.get("session", 0)
+        if do == "layout_set":
+            self._layouts.setdefault(session, LayoutRecord()).set(fields["document"])
+        elif do == "layout_change":
+            self._layouts.setdefault(session, LayoutRecord()).change(fields["ops"])
+        elif do == "forget":
+            self._layouts.pop(session, None)
+        elif do in ("intensity", "mute", "pause"):
+            self._settings[do] = dict(fields)
+
+    def layouts(self) -> list[dict[str, Any]]:
+        """Return the layouts of all sessions, as fields of `layout_restore`."""
+        return [{"session": session, **layout.message} for session, layout in self._layouts.items()]
+
+    def messages(self) -> list[tuple[str, dict[str, Any]]]:
+        """Return the messages that bring a new engine to the same state."""
+        return [*(("layout_restore", layout) for layout in self.layouts()), *self._settings.items()]
+
+
+_RESTART_S = 1.0  # from the end of a process to its next start
 _ENGINE_FULL_S, _FINGER_NICE = 0.05, 5
 
 
@@ -78,13 +151,11 @@ class FeltFingerProcess(Process):
         """Start it again."""
         self._is_open = False
         if self._is_wanted:
-            self._starter = asyncio.create_task(self._start(_AGAIN_S))
+            self._starter = asyncio.create_task(self._start(_RESTART_S))
 
 
 class EngineProcess(Process):
     """Starts the engine, and again when it has died; disarmed each time.
-
-    A new one is told the layouts and settings of the one before.
 
     Parameters
     ----------
@@ -107,28 +178,28 @@ class EngineProcess(Process):
         self._opening, self._hear, self._hear_frame = opening, hear, hear_frame
         self._ends = self._is_open = False
         self._rates: dict[str, float] = {}
-        self._told = Told()
+        self._replay = EngineReplay()
         self.felt_finger = FeltFingerProcess(hear_frame)
 
     async def start(self) -> dict[str, Any]:
         """Start the engine; return what it has opened."""
         await self.launch()
-        found = await super().ask("open", **self._opening)
+        opened = await super().ask("open", **self._opening)
         self._is_open = True
-        self.felt_finger.opens({name: found[name] for name in ("finger", "screen", "carrier_hz")})
+        self.felt_finger.opens({name: opened[name] for name in ("finger", "screen", "carrier_hz")})
         if self._rates:
             self.tell("streams", rates=self._rates)
-        for do, fields in self._told.again():
+        for do, fields in self._replay.messages():
             super().tell(do, **fields)
-        return found
+        return opened
 
     async def ask(self, do: str, **fields: Any) -> dict[str, Any]:
         """Return the answer to a question."""
         if not self._is_open:  # it would answer once its driver is there, which takes seconds
             raise Problem("device", f"{do}: the engine is being started again; try anew")
-        found = await super().ask(do, **fields)
-        self._told.note(do, fields)
-        return found
+        answer = await super().ask(do, **fields)
+        self._replay.record(do, fields)
+        return answer
 
     async def stop(self) -> None:
         """End at 0 V."""
@@ -140,12 +211,12 @@ class EngineProcess(Process):
         if do == "streams":
             self._rates = fields["rates"]
             self.felt_finger.want(self._rates.get("felt", 0.0) > 0)
-        self._told.note(do, fields)
+        self._replay.record(do, fields)
         super().tell(do, **fields)
 
     def layouts(self) -> list[dict[str, Any]]:
         """Return the documents of all layouts that the engine has."""
-        return [one["document"] for one in self._told.layouts()]
+        return [layout["document"] for layout in self._replay.layouts()]
 
     def touch(self, reports: list[TouchEvent]) -> None:
         """Pass touches on."""
@@ -170,10 +241,10 @@ class EngineProcess(Process):
         if not self._ends:
             reason = f"the engine ended with code {code}; it is started again"
             self._hear({"event": "output", "state": "failed", "reason": reason})
-            self._restart = asyncio.create_task(self._start_again())
+            self._restart = asyncio.create_task(self._restart_later())
 
-    async def _start_again(self) -> None:
-        await asyncio.sleep(_AGAIN_S)
+    async def _restart_later(self) -> None:
+        await asyncio.sleep(_RESTART_S)
         try:
             await self.start()
         except Problem as problem:

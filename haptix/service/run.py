@@ -1,8 +1,8 @@
 """Put the service together: a front, which is this process, one engine, and one pool of workers.
 
 clients <--HTTP, WebSocket--> front <--frames--> engine <--> driver
-+--touches, amplitudes--> worker: the virtual finger
-+--frames--> workers, each for one owner: files, pictures, jobs
+                               +--touches, amplitudes--> worker: the virtual finger
+                               +--frames--> workers, each for one owner: files, pictures, jobs
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from typing import Any
 from haptix.errors import DeviceError, from_extra
 from haptix.gallery import ASSETS as GALLERY_ASSETS
 from haptix.service import messages as m
-from haptix.service.access import Access, service_folder
-from haptix.service.assets import AssetStore
+from haptix.service.access import Access, Listen, check_certificate, listens, service_folder
+from haptix.service.assets import AssetStore, Decoding
 from haptix.service.hub import Hub
 from haptix.service.link import EngineProcess
-from haptix.service.listen import Listen, check_certificate, listens
 from haptix.service.messages import Problem
+from haptix.service.pool import Pool
 
 DEFAULT_PORT = 7421
 
@@ -95,26 +95,23 @@ def serve(
         await asyncio.sleep(0)  # its process starts here, and loads while this one does
         from fastapi import APIRouter
 
-        from haptix.service.decoding import Decoding
-        from haptix.service.documents import documents_router
-        from haptix.service.drive import drive_router
-        from haptix.service.front import application
-        from haptix.service.http_server import HttpServer
-        from haptix.service.pool import Pool
+        from haptix.service.front import HttpServer, application
+        from haptix.service.in_use import drive_router
+        from haptix.service.rest import documents_router
 
         m.build()
         pool = Pool({})
 
         async def start() -> None:
             try:
-                found = await starting
+                opened = await starting
             except Problem as problem:
                 failure.append(problem)
                 server.should_exit = True
                 return
-            hub.inventory, hub.material_schema = _inventory(device, found), found["schema"]
-            hub.profiles = found["profiles"]
-            used = {key: found[key] for key in ("finger", "screen")}
+            hub.inventory, hub.material_schema = _inventory(device, opened), opened["schema"]
+            hub.profiles = opened["profiles"]
+            used = {key: opened[key] for key in ("finger", "screen")}
             pool.opening = {**used, "surface": opening["surface"], "assets": opening["assets"]}
             hub.jobs.context = {**used, "device": device, "assets": opening["assets"]}
             hub.jobs.context["logs"] = str(folder / "experiments")
@@ -144,14 +141,14 @@ def serve(
         raise DeviceError(failure[0].sentence)
 
 
-def _inventory(device: str, found: dict[str, Any]) -> m.Inventory:
+def _inventory(device: str, opened: dict[str, Any]) -> m.Inventory:
     return m.Inventory(
         devices=(
             m.DeviceMessage(
-                address=device, name=found["device"], is_real=not device.startswith("mock:")
+                address=device, name=opened["device"], is_real=not device.startswith("mock:")
             ),
         ),
-        finger=found["finger"],
-        screen=found["screen"],
-        kinds=tuple(found["kinds"]),
+        finger=opened["finger"],
+        screen=opened["screen"],
+        kinds=tuple(opened["kinds"]),
     )

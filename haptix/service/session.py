@@ -13,9 +13,8 @@ from typing import Any
 
 from haptix.service import messages as m
 from haptix.service.batches import TelemetryFrame, numbered, write_frame
-from haptix.service.clocks import ClientClock
 from haptix.service.limiter import Limiter
-from haptix.service.touch_inbox import TouchInbox
+from haptix.service.touches import ClientClock, TouchInbox
 
 _LOG = logging.getLogger("haptix.service")
 

@@ -1,15 +1,22 @@
-"""A session's socket: what it reads and writes, until either side closes it."""
+"""A session's socket until either side closes it: read, write, and answer messages in turn.
+
+The reader gives each message to the hub, which obeys some at once (`Hub.receive`); the others wait
+in the session's queue for `answer_in_turn`, which asks the engine.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+from typing import Any
 
 from fastapi import WebSocket
 from starlette.websockets import WebSocketDisconnect
 
-from haptix.service.answers import work
+from haptix.service import messages as m
+from haptix.service.batches import COLUMNS
 from haptix.service.hub import Hub
+from haptix.service.messages import Problem
 from haptix.service.session import ServiceSession
 
 _GATHER_S = 0.005
@@ -22,7 +29,11 @@ async def serve_session(hub: Hub, socket: WebSocket, client: ServiceSession) -> 
     """Serve one session until it closes, by whichever side."""
     tasks = [
         asyncio.create_task(part)
-        for part in (_reads(hub, socket, client), _writes(socket, client), work(hub, client))
+        for part in (
+            _reads(hub, socket, client),
+            _writes(socket, client),
+            answer_in_turn(hub, client),
+        )
     ]
     try:
         await asyncio.wait(tasks[:2], return_when=asyncio.FIRST_COMPLETED)
@@ -74,3 +85,105 @@ async def _writes(socket: WebSocket, client: ServiceSession) -> None:
             else:
                 client.has_more.clear()
                 await client.has_more.wait()
+
+
+_WAIT_S, _LAYOUT_WAIT_S = 5.0, 20.0  # for the engine
+
+
+async def answer_in_turn(hub: Hub, session: ServiceSession) -> None:
+    """Answer a session's messages in their order, until it closes."""
+    while session.closing is None:
+        if not session.asked:
+            session.has_asked.clear()
+            await session.has_asked.wait()
+            continue
+        message = session.asked.popleft()
+        try:
+            reply = await _answer(hub, session, message)
+            if reply is not None:
+                session.send(reply)
+        except Problem as problem:
+            session.refuse(message.id, problem)
+
+
+async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message | None:
+    """Do what a message asks; return its answer, None where the session ends."""
+    number: int = message.id
+    control = hub.control
+    if isinstance(message, m.Acquire):
+        control.acquire(session, message.takeover)
+        return control.lease_of(session, "", number)
+    if isinstance(message, m.Geometry):
+        session.geometry = message
+        return m.Done(id=number)
+    if isinstance(message, m.Subscribe):
+        session.streams.update(message.streams.items())
+        wanted: dict[str, tuple[str, ...]] = {
+            name: COLUMNS[name] for name, rate in session.streams.items() if rate > 0
+        }
+        hub.tell_streams()
+        return m.Subscribed(id=number, columns=wanted)
+    if isinstance(message, m.Watch):
+        job = hub.jobs.get(message.job, session.owner).message
+        session.watched.add(message.job)
+        return job.model_copy(update={"id": number})
+    if isinstance(message, m.Plain) and message.type == "inventory":
+        return hub.inventory.model_copy(update={"id": number})
+    if isinstance(message, m.Plain) and message.type == "bye":
+        if control.holder is session:  # nothing is kept for who says goodbye
+            control.release("its holder has left")
+        session.close(1000, "bye")
+        return None
+    if isinstance(message, m.LayoutSet | m.LayoutChange):
+        fields = message.model_dump(exclude={"type", "id"}, exclude_none=True)
+        if hub.decode is not None:
+            await hub.decode(f"session {session.number}", fields)
+        found = await _ask(hub, message.type, session=session.layout, **fields)
+        return m.LayoutReply(id=number, revision=found["revision"], sample=found.get("sample"))
+    if control.holder is not session:
+        raise Problem("lease", f"{message.type}: expected the lease; send acquire first")
+    if isinstance(message, m.TouchesMessage):
+        _, problem = hub.touch(session, message.touches)
+        if problem is not None:
+            raise problem
+    elif isinstance(message, m.Play):
+        fields = message.model_dump(exclude={"type", "id"})
+        if hub.decode is not None:
+            await hub.decode(f"session {session.number}", fields)
+        return m.PlayingMessage(
+            id=number, effect_id=(await _ask(hub, "play", **fields))["effect_id"]
+        )
+    elif isinstance(message, m.Cancel):
+        await _ask(hub, "cancel", effect_id=message.effect_id)
+    elif isinstance(message, m.Intensity):
+        await _ask(hub, "intensity", value=message.value)
+        return control.set(number, intensity=message.value)
+    elif isinstance(message, m.Switch):
+        await _ask(hub, message.type, on=message.on)
+        changed: dict[str, Any] = {"muted" if message.type == "mute" else "paused": message.on}
+        return control.set(number, **changed)
+    elif message.type == "release":
+        control.release("released")
+    elif message.type == "arm":
+        hub.full_drive = (await _ask(hub, "arm", session=session.layout)).get("full_drive")
+        if control.holder is not session:  # it left, or lost the lease, while the engine armed
+            hub.engine.tell("stop", reason="the lease was lost while arming")
+            raise Problem("lease", "arm: the lease was lost meanwhile")
+        return control.set(number, state="armed", reason="armed by its holder")
+    else:
+        await _ask(hub, "disarm")
+        return control.set(number, state="off", reason="disarmed by its holder")
+    return m.Done(id=number)
+
+
+async def _ask(hub: Hub, do: str, **fields: Any) -> dict[str, Any]:
+    is_layout = do.startswith("layout")  # the engine makes those beside all else
+    wait_s = _LAYOUT_WAIT_S if is_layout else _WAIT_S
+    try:
+        return await asyncio.wait_for(hub.engine.ask(do, **fields), wait_s)
+    except TimeoutError:
+        if is_layout:  # of an observer, perhaps: it stops nobody
+            why = f"{do}: took more than {wait_s:g} s and may still come; use smaller files"
+            raise Problem("limit", why) from None
+        hub.engine.tell("stop", reason=f"{do} took too long")
+        raise Problem("internal", f"{do}: the engine did not answer within {wait_s:g} s") from None

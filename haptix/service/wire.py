@@ -1,14 +1,17 @@
 """Frames between the service's processes: a length, a kind, and bytes.
 
-The engine's standard input and output carry them, on every system and in one order; the end of the
-file is the death of the other side.
+Standard input and output carry them, on every system and in one order; the end of the file is the
+death of the other side. `Outbox` writes them, `FrameReader` and `read_frame` read them.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import queue
 import struct
+import threading
+from contextlib import suppress
 from math import isnan, nan
 from typing import Any, BinaryIO
 
@@ -95,8 +98,8 @@ class FrameReader:
 
     def read(self) -> list[tuple[int, bytes]]:
         """Wait for frames, and return the kind and bytes of each; none at the end of the file."""
-        found: list[tuple[int, bytes]] = []
-        while not found:
+        frames: list[tuple[int, bytes]] = []
+        while not frames:
             data = os.read(self._number, _READ_BYTES)
             if not data:
                 break
@@ -109,10 +112,10 @@ class FrameReader:
                 begin = at + HEADER.size
                 if len(self._left) < begin + length:
                     break
-                found.append((kind, bytes(self._left[begin : begin + length])))
+                frames.append((kind, bytes(self._left[begin : begin + length])))
                 at = begin + length
             del self._left[:at]
-        return found
+        return frames
 
 
 def read_frame(stream: BinaryIO) -> tuple[int, bytes] | None:
@@ -133,3 +136,49 @@ def _exactly(stream: BinaryIO, count: int) -> bytes | None:
             return None
         parts += part
     return bytes(parts)
+
+
+_MOST_WAITING = 64  # frames of telemetry that the other side has not taken
+
+
+class Outbox:
+    """Writes frames in a thread of its own: who sends never waits for the one who reads.
+
+    Parameters
+    ----------
+    output : binary file
+        Where frames go.
+    """
+
+    def __init__(self, output: BinaryIO) -> None:
+        self._output = output
+        self._waiting: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._writes, name="haptix outbox", daemon=True)
+        self._thread.start()
+
+    def say(self, **message: Any) -> None:
+        """Send a message."""
+        self._waiting.put(json_frame(message))
+
+    def tell(self, data: bytes) -> None:
+        """Send a frame of telemetry, or drop it if nobody reads."""
+        if self._waiting.qsize() < _MOST_WAITING:
+            self._waiting.put(data)
+
+    def close(self) -> None:
+        """Send what waits, for a second at most."""
+        self._waiting.put(None)
+        self._thread.join(1.0)
+
+    def _writes(self) -> None:
+        with suppress(OSError):  # the other side is gone: the end of our input says so too
+            while (data := self._waiting.get()) is not None:
+                self._output.write(data)
+                self._output.flush()
+
+
+def frame_output() -> BinaryIO:
+    """Return the standard output for frames; what a library prints goes to the standard error."""
+    output = os.fdopen(os.dup(1), "wb", buffering=0)
+    os.dup2(2, 1)
+    return output

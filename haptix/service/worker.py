@@ -21,12 +21,11 @@ from typing import TYPE_CHECKING, Any
 
 from haptix.errors import HaptixError
 from haptix.files import parse_json
-from haptix.service.outbox import Outbox, own_output
-from haptix.service.wire import JSON, read_frame
+from haptix.service.wire import JSON, Outbox, frame_output, read_frame
 
 if TYPE_CHECKING:
+    from haptix.service.document_work import DocumentWork
     from haptix.service.felt_finger import Feeling
-    from haptix.service.making import Making
 
 MOST_MEMORY_BYTES = 6 * 2**30
 _LAST_S = 1.0  # to end in order once the service is gone
@@ -43,13 +42,13 @@ def frames(last_s: float = _LAST_S) -> Iterator[Frame]:
     threading.Thread(
         target=_reads, args=(waiting, last_s), name="haptix worker input", daemon=True
     ).start()
-    while (found := waiting.get()) is not None:
-        yield found
+    while (next_frame := waiting.get()) is not None:
+        yield next_frame
 
 
 def _reads(waiting: queue.SimpleQueue[Frame | None], last_s: float) -> None:
-    while (found := read_frame(sys.stdin.buffer)) is not None:
-        waiting.put(found)
+    while (next_frame := read_frame(sys.stdin.buffer)) is not None:
+        waiting.put(next_frame)
     waiting.put(None)
     time.sleep(last_s)
     os._exit(1)
@@ -70,18 +69,18 @@ class Worker:
     ----------
     outbox : Outbox
         The way to the front.
-    asked : iterator
+    frames : iterator
         Frames of the front.
     """
 
-    def __init__(self, outbox: Outbox, asked: Iterator[Frame]) -> None:
-        self._outbox, self._asked = outbox, asked
-        self._making: Making | None = None
+    def __init__(self, outbox: Outbox, frames: Iterator[Frame]) -> None:
+        self._outbox, self._frames = outbox, frames
+        self._documents: DocumentWork | None = None
         self._feeling: Feeling | None = None
 
     def run(self) -> None:
         """Answer until the input ends."""
-        for kind, data in self._asked:
+        for kind, data in self._frames:
             if kind == JSON:
                 message = parse_json(data)
                 self._outbox.say(n=message.pop("n"), **self._answer(message))
@@ -94,10 +93,10 @@ class Worker:
         do = message.pop("do")
         try:
             if do in ("open", "job", "feel"):
-                found: dict[str, Any] = getattr(self, f"_do_{do}")(**message)
+                answer: dict[str, Any] = getattr(self, f"_do_{do}")(**message)
             else:
-                found = getattr(self._making, do)(**message)
-            return found
+                answer = getattr(self._documents, do)(**message)
+            return answer
         except HaptixError as error:
             path = getattr(error, "path", "")
             return {"problem": {"code": "document", "sentence": str(error), "path": path}}
@@ -112,12 +111,12 @@ class Worker:
 
     def _do_open(self, assets: str, **opening: Any) -> dict[str, Any]:
         """Get ready for questions about files and materials."""
-        from haptix.service.making import Making
+        from haptix.service.document_work import DocumentWork
         from haptix.texture import pictures  # noqa: F401
         from haptix.texture.decoded import FOLDER, keep_in
 
         keep_in(Path(assets).parent / FOLDER, makes=True)
-        self._making = Making(Path(assets), opening)
+        self._documents = DocumentWork(Path(assets), opening)
         return {}
 
     def _do_job(self, kind: str, context: dict[str, Any], **fields: Any) -> dict[str, Any]:
@@ -125,7 +124,7 @@ class Worker:
         from haptix.service.job_work import Work
 
         # What it plays once the service is gone ends at 0 V by the driver's watchdog.
-        answers = (parse_json(data)["text"] for _, data in self._asked)
+        answers = (parse_json(data)["text"] for _, data in self._frames)
         return {"result": getattr(Work(context, self._outbox.say, answers), kind)(**fields)}
 
     def _do_feel(self, finger: str, screen: str, carrier_hz: float) -> dict[str, Any]:
@@ -138,7 +137,7 @@ class Worker:
 
 def main() -> None:
     """Work until the input ends."""
-    outbox = Outbox(own_output())
+    outbox = Outbox(frame_output())
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
         os.nice(int(sys.argv[1]))

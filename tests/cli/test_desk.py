@@ -11,7 +11,7 @@ from haptix import cli, desk, task_list
 from haptix.campaign.kinds import load_campaign
 from haptix.campaign.run import run_campaign
 from haptix.service.job_work import Work
-from haptix.service.jobs_rest import jobs_router
+from haptix.service.rest import jobs_router
 from tests.command_line import run_haptix
 
 ONE_FILE = '''

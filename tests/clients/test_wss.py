@@ -9,12 +9,10 @@ import pytest
 
 import haptix.client
 from haptix.errors import DeviceError
-from haptix.service.access import Access
+from haptix.service.access import Access, Listen, listens
 from haptix.service.assets import AssetStore
-from haptix.service.front import application
-from haptix.service.http_server import HttpServer
+from haptix.service.front import HttpServer, application
 from haptix.service.hub import Hub
-from haptix.service.listen import Listen, listens
 from haptix.service.messages import DeviceMessage, Inventory
 from tests.clients.compiled import compiled
 from tests.made_clients import TYPESCRIPT, node_tools

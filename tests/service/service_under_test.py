@@ -6,11 +6,10 @@ import time
 
 import uvicorn
 
-from haptix.service.access import Access
+from haptix.service.access import Access, listens
 from haptix.service.assets import AssetStore
 from haptix.service.front import application
 from haptix.service.hub import Hub
-from haptix.service.listen import listens
 from haptix.service.messages import DeviceMessage, Inventory, Problem
 from tests.waiting import wait_for
 

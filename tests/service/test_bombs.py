@@ -17,11 +17,10 @@ import numpy as np
 import pytest
 import soundfile
 
-from haptix.service import making as making_module
-from haptix.service.assets import AssetStore
-from haptix.service.decoding import MOST_BYTES, Decoding
+from haptix.service import document_work
+from haptix.service.assets import MOST_BYTES, AssetStore, Decoding
+from haptix.service.document_work import DocumentWork
 from haptix.service.front import MOST_BODY_BYTES
-from haptix.service.making import Making
 from haptix.service.messages import Problem
 from haptix.texture import decoded
 from tests.service.service_under_test import Service
@@ -33,12 +32,12 @@ from tests.waiting import PATIENCE_S
 class PoolHere:
     """The workers' answers, in this process."""
 
-    def __init__(self, making):
-        self.making = making
+    def __init__(self, work):
+        self.work = work
 
     async def ask(self, owner, do, **fields):
         try:
-            return getattr(self.making, do)(**fields)
+            return getattr(self.work, do)(**fields)
         except Exception as error:
             raise Problem("document", str(error)) from None
 
@@ -58,7 +57,7 @@ def service(tmp_path_factory):
         patch.setattr(decoded, "_place", None)
         decoded.keep_in(service.folder / "decoded", makes=True)
         service.layouts = []
-        pool = PoolHere(Making(store.folder, OPENING))
+        pool = PoolHere(DocumentWork(store.folder, OPENING))
         service.hub.decode = Decoding(store, pool, lambda: service.layouts)
         yield service
     service.close()
@@ -170,7 +169,7 @@ def test_a_short_sound_passes(service):
 
 
 def test_many_large_pictures_are_as_bad_as_one(service, monkeypatch):
-    monkeypatch.setattr(making_module, "_BYTES_PER_PIXEL", MOST_BYTES // 3)
+    monkeypatch.setattr(document_work, "_BYTES_PER_PIXEL", MOST_BYTES // 3)
     digest = kept(service.store, bomb(1) + b"another")
     widths = iter(range(10, 100))
 
@@ -198,7 +197,7 @@ def test_many_large_pictures_are_as_bad_as_one(service, monkeypatch):
 
 
 def test_a_layout_that_takes_long_stops_nobody(service, monkeypatch):
-    monkeypatch.setattr("haptix.service.answers._LAYOUT_WAIT_S", 0.05)
+    monkeypatch.setattr("haptix.service.session_socket._LAYOUT_WAIT_S", 0.05)
 
     async def takes_long(do, **fields):
         await asyncio.sleep(60.0 if do == "layout_set" else 0.0)

@@ -10,11 +10,10 @@ import pytest
 from PIL import Image
 
 import haptix
-from haptix.service.assets import AssetStore
-from haptix.service.decoding import Decoding
+from haptix.service.assets import AssetStore, Decoding
+from haptix.service.document_work import DocumentWork
 from haptix.service.job_work import Work
 from haptix.service.layouts import SessionLayout
-from haptix.service.making import Making
 from haptix.service.messages import Problem
 from haptix.texture import decoded
 from haptix.texture.decoded import FOLDER
@@ -64,16 +63,16 @@ def materials(digest):
 def test_a_bomb_is_refused_by_each_route(store, side, number):
     digest = kept(store, bomb(side))
     material = materials(digest)[number]
-    making = Making(store.folder, OPENING)
+    work = DocumentWork(store.folder, OPENING)
     region = {"name": "bomb", "material": material, "x_mm": 0, "y_mm": 0}
     region |= {"width_mm": 40, "height_mm": 40}
     context = {"finger": "semi-wet", "screen": "3m-sct3250", "assets": str(store.folder)}
     work = Work(context, lambda **_: None, iter(()))
     routes = {
-        "decode": lambda: making.decode(digest),
-        "pictures": lambda: making.picture(material, 10, 10, 8, 0.0, 0.5),
-        "check": lambda: making.check(material, 0.5),
-        "export": lambda: making.export({"kind": "layout", "regions": [region]}, "hjif", 5.0),
+        "decode": lambda: work.decode(digest),
+        "pictures": lambda: work.picture(material, 10, 10, 8, 0.0, 0.5),
+        "check": lambda: work.check(material, 0.5),
+        "export": lambda: work.export({"kind": "layout", "regions": [region]}, "hjif", 5.0),
         "layout": lambda: SessionLayout(store.folder).set({"regions": [region]}),
         "jobs": lambda: work.headroom(material=material, width_mm=10.0, height_mm=10.0),
     }

@@ -14,10 +14,10 @@ import haptix
 from haptix.gallery import ASSETS, presets
 from haptix.service import pool as pool_module
 from haptix.service.assets import AssetStore
-from haptix.service.documents import documents_router
-from haptix.service.making import Making
+from haptix.service.document_work import DocumentWork
 from haptix.service.messages import Problem
 from haptix.service.pool import Pool
+from haptix.service.rest import documents_router
 from haptix.stimuli.interchange import FrictionMap
 from tests.service.service_under_test import Service
 from tests.waiting import PATIENCE_S
@@ -31,11 +31,11 @@ LAYOUT = {"regions": [
 
 
 @pytest.fixture(scope="module")
-def making(tmp_path_factory):
+def work(tmp_path_factory):
     """What the process answers, in this process."""
     store = AssetStore(tmp_path_factory.mktemp("store") / "assets")
     store.keep(ASSETS)
-    return Making(store.folder, OPENING)
+    return DocumentWork(store.folder, OPENING)
 
 
 @pytest.fixture(scope="module")
@@ -97,8 +97,8 @@ def shares(answer):
     return (levels / 127.5 - 0.5).reshape(answer["rows"], answer["columns"])
 
 
-def test_a_picture_is_what_the_material_asks_for(making):
-    found = making.picture(RIBS, 8.0, 4.0, 80, 0.0, 0.5)
+def test_a_picture_is_what_the_material_asks_for(work):
+    found = work.picture(RIBS, 8.0, 4.0, 80, 0.0, 0.5)
     share = shares(found)
     assert share.shape == (40, 80)
     x = (np.arange(80) + 0.5) * 0.1
@@ -114,11 +114,11 @@ def test_a_picture_is_what_the_material_asks_for(making):
         "low": low,
         "high": 2 * high - low,
     }
-    assert making.picture(above, 8.0, 4.0, 80, 0.0, 0.5)["above"] == pytest.approx(0.5, abs=0.02)
+    assert work.picture(above, 8.0, 4.0, 80, 0.0, 0.5)["above"] == pytest.approx(0.5, abs=0.02)
 
 
-def test_a_check_tells_the_range_and_what_a_step_changes(making):
-    found = making.check(RIBS, 0.5)
+def test_a_check_tells_the_range_and_what_a_step_changes(work):
+    found = work.check(RIBS, 0.5)
     assert found["canonical"]["duty"] == 0.5
     assert found["depends_on"] == ["place"]
     jnd = (found["highest_mu"] / found["lowest_mu"] - 1) / 0.11
@@ -127,15 +127,15 @@ def test_a_check_tells_the_range_and_what_a_step_changes(making):
     assert 0 < found["effects_jnd"]["high"] < 0.01 * jnd
     assert found["effects_jnd"]["duty"] == 0.0  # a sine has none
     assert found["effects_jnd"]["phase"] > found["effects_jnd"]["high"]
-    noise = making.check({"kind": "noise", "pixels": 64}, 0.5)["effects_jnd"]
+    noise = work.check({"kind": "noise", "pixels": 64}, 0.5)["effects_jnd"]
     assert "pixels" not in noise  # a power of two allows no step, which is no fault
     assert noise["mean"] > 0
     with pytest.raises(haptix.InputError, match="period_mm"):
-        making.check({"kind": "grating", "period_mm": -1}, 0.5)
+        work.check({"kind": "grating", "period_mm": -1}, 0.5)
 
 
-def test_currents_of_full_drive_are_those_of_the_contact_model(making):
-    found = making.currents(4000.0, 150.0)
+def test_currents_of_full_drive_are_those_of_the_contact_model(work):
+    found = work.currents(4000.0, 150.0)
     model = haptix.ContactModel(
         haptix.Finger.preset("semi-wet"), haptix.Screen.preset("3m-sct3250")
     )
@@ -147,29 +147,29 @@ def test_currents_of_full_drive_are_those_of_the_contact_model(making):
     assert found["current_a"] == sorted(found["current_a"])  # more contact, more current
 
 
-def unpacked(making, form, **more):
+def unpacked(work, form, **more):
     document = {"kind": "layout", "regions": LAYOUT["regions"]}
-    answer = making.export(document, form, **{"y_mm": 6.0, **more})
+    answer = work.export(document, form, **{"y_mm": 6.0, **more})
     return zipfile.ZipFile(io.BytesIO(base64.b64decode(answer["content"])))
 
 
-def test_an_exported_document_is_felt_the_same_from_its_own_folder(making, tmp_path):
+def test_an_exported_document_is_felt_the_same_from_its_own_folder(work, tmp_path):
     brick = next(one for one in presets() if one.name == "brick").document
     regions = [{"name": "wall", "material": brick, "x_mm": 3, "y_mm": 2}]
-    answer = making.export({"kind": "layout", "regions": regions}, "document", 5.0)
+    answer = work.export({"kind": "layout", "regions": regions}, "document", 5.0)
     zipfile.ZipFile(io.BytesIO(base64.b64decode(answer["content"]))).extractall(tmp_path)
     assert len(list((tmp_path / "assets").iterdir())) == 1  # not all that the service has
     read = haptix.materials.load(tmp_path / "layout.json")
     motion = haptix.Motion.of(np.linspace(3, 48, 300), 20.0)
-    here = making.read({"kind": "layout", "regions": regions})
+    here = work.read({"kind": "layout", "regions": regions})
     np.testing.assert_array_equal(read.wanted(motion), here.wanted(motion))
 
 
-def test_an_exported_map_is_the_friction_at_each_place(making, tmp_path):
-    unpacked(making, "friction-map").extractall(tmp_path)
+def test_an_exported_map_is_the_friction_at_each_place(work, tmp_path):
+    unpacked(work, "friction-map").extractall(tmp_path)
     found = FrictionMap.load(tmp_path / "friction-map.png")
     pixel_mm = found.width_mm / found.values.shape[1]
-    column = making.reach(0.5)
+    column = work.reach(0.5)
     row = found.values[round(10 / pixel_mm), : round(30 / pixel_mm)]
     x = (np.arange(len(row)) + 0.5) * pixel_mm  # the map begins at the first region's corner
     share = (row - column.lowest_mu) / (column.highest_mu - column.lowest_mu)
@@ -178,8 +178,8 @@ def test_an_exported_map_is_the_friction_at_each_place(making, tmp_path):
 
 
 @pytest.mark.parametrize("form", ["ahap", "hjif", "wav"])
-def test_a_line_is_exported_with_what_it_loses(making, form):
-    archive = unpacked(making, form)
+def test_a_line_is_exported_with_what_it_loses(work, form):
+    archive = unpacked(work, form)
     names = archive.namelist()
     assert f"layout.{form}" in names
     if form == "wav":
@@ -187,7 +187,7 @@ def test_a_line_is_exported_with_what_it_loses(making, form):
     else:
         assert json.loads(archive.read("lost.json"))["lost"]
     with pytest.raises(haptix.InputError, match="y_mm"):
-        unpacked(making, form, y_mm=500.0)
+        unpacked(work, form, y_mm=500.0)
 
 
 @pytest.mark.slow  # the process itself starts; what it answers is tested above, refusals with REST

@@ -91,7 +91,7 @@ def test_a_driver_that_fails_while_the_front_is_silent_ends_at_0_v(monkeypatch, 
     monkeypatch.setattr(EngineServer, "_works", lambda self, work: None)
     if isinstance(error, ZeroDivisionError):
         monkeypatch.setattr("sys.excepthook", lambda *what: None)
-    monkeypatch.setattr("haptix.service.telemetry.Telemetry.tell", lambda *what: None)
+    monkeypatch.setattr("haptix.service.engine.Telemetry.tell", lambda *what: None)
     output = io.BytesIO()
     server = EngineServer(output)
     failing = [FakeRenderer(error, at) for _ in range(2)]

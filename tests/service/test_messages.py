@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from haptix.service import messages as m
 from haptix.service.messages import Problem
-from haptix.service.messages.asyncapi import REPLIES
+from haptix.service.messages.schema import REPLIES
 from tests.clients.golden import GOLDEN
 
 SCALARS = st.sampled_from([None, True, -1, 0, 7, 2**60, 1.5, nan, inf, "", "1", "up", [], {}])

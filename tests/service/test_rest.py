@@ -8,12 +8,12 @@ from schemathesis.specs.openapi.checks import positive_data_acceptance
 from haptix import Finger, Screen
 from haptix.service.access import Access
 from haptix.service.assets import AssetStore
-from haptix.service.documents import documents_router
 from haptix.service.front import application
 from haptix.service.hub import Hub
+from haptix.service.in_use import profiles_of
 from haptix.service.jobs import JobBoard
 from haptix.service.messages import Inventory, Problem
-from haptix.service.profiles import profiles_of
+from haptix.service.rest import documents_router
 
 PORT = 7421
 

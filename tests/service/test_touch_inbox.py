@@ -8,11 +8,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from haptix.service.batches import ClientTouch, write_touches
-from haptix.service.clocks import PAST_S, ClientClock
 from haptix.service.messages import Problem, TouchMessage
 from haptix.service.session import ServiceSession
-from haptix.service.touch_inbox import OLD_S, Stalls, TouchInbox
-from haptix.service.touch_reports import reports_of
+from haptix.service.touches import OLD_S, PAST_S, ClientClock, Stalls, TouchInbox, touch_events
 from tests.service.test_sessions import Client, running, service
 from tests.waiting import PATIENCE_S, pause, wait_for
 
@@ -83,22 +81,20 @@ def test_what_we_kept_waiting_is_taken_as_if_it_just_were_in_time(ages, now_s, o
     session = ServiceSession(1, None, lambda: now_s)
     session.clock.add(now_s, now_s, now_s + offset_s)
     touches = [touch(session.clock.client_s(now_s - age)) for age in ages]
-    taken = reports_of(session, touches, now_s, 0.6)
+    taken = touch_events(session.clock, session.geometry, touches, now_s, 0.6)
     assert not taken.left_out and taken.problem is None
-    for report, age in zip(taken.reports, ages, strict=True):
+    for report, age in zip(taken.events, ages, strict=True):
         assert report.t_s == pytest.approx(now_s - min(age, PAST_S), abs=1e-6)
     # What it kept waiting for 0.1 s: older ones are not its fault.
-    taken = reports_of(session, touches, now_s, 0.1)
+    taken = touch_events(session.clock, session.geometry, touches, now_s, 0.1)
     assume(all(abs(age - PAST_S - 0.1) > 1e-5 for age in ages))
     assert taken.left_out == sum(age > PAST_S + 0.1 for age in ages)
 
 
 def test_a_clock_of_another_unit_is_not_taken_for_a_delay_of_ours(clock):
-    session = ServiceSession(1, None, lambda: NOW_S)
-    session.clock = clock
     wrong = Problem("message", "no touch")
-    taken = reports_of(session, [touch(NOW_S - 5.0), wrong], NOW_S, 0.6)
-    assert (taken.reports, taken.left_out) == ([], 2)
+    taken = touch_events(clock, None, [touch(NOW_S - 5.0), wrong], NOW_S, 0.6)
+    assert (taken.events, taken.left_out) == ([], 2)
     assert "a stamp 5 s old" in taken.problem.sentence
 
 

@@ -13,9 +13,9 @@ from haptix import materials
 from haptix.errors import HaptixError
 from haptix.gallery import ASSETS
 from haptix.service.assets import AssetStore
-from haptix.service.documents import documents_router
-from haptix.service.making import Making
+from haptix.service.document_work import DocumentWork
 from haptix.service.messages import Problem
+from haptix.service.rest import documents_router
 from tests.studio.conftest import a_front, a_page, address, keep, violations
 from tests.waiting import wait_for
 
@@ -27,12 +27,12 @@ class PoolHere:
         store = AssetStore(assets)
         store.keep(ASSETS)
         opening = {"surface": None, "finger": "semi-wet", "screen": "3m-sct3250"}
-        self.making, self.turn = Making(store.folder, opening), asyncio.Lock()
+        self.work, self.turn = DocumentWork(store.folder, opening), asyncio.Lock()
 
     async def ask(self, owner, do, **fields):
         try:
             async with self.turn:
-                return await asyncio.to_thread(getattr(self.making, do), **fields)
+                return await asyncio.to_thread(getattr(self.work, do), **fields)
         except HaptixError as error:
             raise Problem("document", str(error)) from None
 

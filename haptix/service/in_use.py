@@ -1,14 +1,18 @@
-"""What is in use, for people: the profiles of screen and finger, and what they rest on."""
+"""What is in use, for people: the profiles of screen and finger, and the volts of full drive.
+
+The drive is told and never asked for: a client that wants less asks for less friction, or for a
+lower intensity.
+"""
 
 from __future__ import annotations
 
 from datetime import UTC, date, datetime
 from typing import TYPE_CHECKING, Any, Literal
 
-from fastapi import APIRouter, Depends
+from fastapi import APIRouter, Depends, Request
 from pydantic import BaseModel
 
-from haptix.service.messages import Problem
+from haptix.service.messages import Error, Problem
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -16,6 +20,7 @@ if TYPE_CHECKING:
     from haptix.finger import Finger
     from haptix.screen import Screen
     from haptix.service.hub import Hub
+    from haptix.service.pool import Pool
 
 
 class Profile(BaseModel):
@@ -47,7 +52,7 @@ def profiles_of(finger: Finger, screen: Screen, sources: dict[str, str]) -> dict
     sources : dict of str
         Preset or file of each, by kind.
     """
-    made = screen.calibration
+    calibration = screen.calibration
     guessed = [
         f"{name}: a placeholder, not measured"
         for name in ("roughness", "dielectric")
@@ -56,18 +61,18 @@ def profiles_of(finger: Finger, screen: Screen, sources: dict[str, str]) -> dict
     screen_profile = Profile(
         name=screen.name,
         source=_source(sources["screen"], screen.name),
-        calibrated=made.date if made else None,
-        age_days=(datetime.now(UTC).date() - made.date).days if made else None,
-        verdict=made.verdict if made else "",
-        rests_on=made.rests_on if made else (),
-        spread=made.spread if made else {},
+        calibrated=calibration.date if calibration else None,
+        age_days=(datetime.now(UTC).date() - calibration.date).days if calibration else None,
+        verdict=calibration.verdict if calibration else "",
+        rests_on=calibration.rests_on if calibration else (),
+        spread=calibration.spread if calibration else {},
         warnings=tuple(screen.warnings()),
         document=screen.model_dump(mode="json"),
     )
     finger_profile = Profile(
         name=finger.name,
         source=_source(sources["finger"], finger.name),
-        calibrated=made.date if made and sources["finger"] != finger.name else None,
+        calibrated=calibration.date if calibration and sources["finger"] != finger.name else None,
         age_days=None,
         verdict="",
         rests_on=(),
@@ -75,12 +80,12 @@ def profiles_of(finger: Finger, screen: Screen, sources: dict[str, str]) -> dict
         warnings=tuple(guessed),
         document=finger.model_dump(mode="json"),
     )
-    found = {"screen": screen_profile, "finger": finger_profile}
-    return {kind: one.model_dump(mode="json") for kind, one in found.items()}
+    profiles = {"screen": screen_profile, "finger": finger_profile}
+    return {kind: profile.model_dump(mode="json") for kind, profile in profiles.items()}
 
 
-def _source(given: str, name: str) -> str:
-    return "preset" if given == name else given
+def _source(source: str, name: str) -> str:
+    return "preset" if source == name else source
 
 
 def profiles_router(hub: Hub, token: Callable[..., Awaitable[None]]) -> APIRouter:
@@ -93,5 +98,36 @@ def profiles_router(hub: Hub, token: Callable[..., Awaitable[None]]) -> APIRoute
         if kind not in hub.profiles:
             raise Problem("device", "the engine is not there yet; ask again")
         return Profile.model_validate(hub.profiles[kind])
+
+    return router
+
+
+class FullDrive(BaseModel):
+    """The highest amplitude of the carrier, and the current it drives through one finger.
+
+    Less drives less, nearly in proportion: at half the voltage some 7 % less than half, since the
+    gaps are wider.
+    """
+
+    carrier_hz: float
+    highest_v: float
+    """Amplitude; `voltage_share` of the stream `friction` is a share of it."""
+    normal_force_n: tuple[float, ...]
+    current_a: tuple[float, ...]
+    """Amplitude at each of the forces, by the contact model."""
+
+
+def drive_router(hub: Hub, pool: Pool) -> APIRouter:
+    """Return the route ``/v1/drive``."""
+    router = APIRouter(prefix="/v1")
+
+    @router.get("/drive", responses={409: {"model": Error}})
+    async def drive(request: Request) -> FullDrive:
+        """What full drive means: 409 before anybody has armed, when it is not known yet."""
+        full_drive: dict[str, Any] | None = hub.full_drive
+        if full_drive is None:
+            raise Problem("order", "expected an output that was armed once; arm it first")
+        currents = await pool.ask(request.state.owner, "currents", **full_drive)
+        return FullDrive(**full_drive, **currents)
 
     return router

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from haptix.errors import InputError
 from haptix.service.layouts import RegionError, SessionLayout
-from haptix.service.told import Told
+from haptix.service.link import EngineReplay
 from tests.service.test_layouts import felt, region
 
 NAMES = st.sampled_from(["a", "b", "c"])
@@ -40,22 +40,22 @@ def values(layout):
 @given(st.lists(st.lists(CHANGES, min_size=1, max_size=3), max_size=8))
 def test_the_layout_of_a_new_engine_is_the_old_one_s(tmp_path_factory, changes):
     folder = tmp_path_factory.getbasetemp()
-    told, layout = Told(), SessionLayout(folder)
+    replay, layout = EngineReplay(), SessionLayout(folder)
     document = {"regions": [region("a"), region("b", 5.0, 0.8)]}
     layout.set(document)
-    told.note("layout_set", {"session": 3, "document": document})
+    replay.record("layout_set", {"session": 3, "document": document})
     for ops in changes:
         try:
             layout.change(ops)
         except InputError:
             continue  # it was refused, so nobody took note
-        told.note("layout_change", {"session": 3, "ops": ops})
-    ((do, again),) = told.again()
-    assert (do, again["session"], again["revision"]) == ("layout_again", 3, layout.revision)
+        replay.record("layout_change", {"session": 3, "ops": ops})
+    ((do, message),) = replay.messages()
+    assert (do, message["session"], message["revision"]) == ("layout_restore", 3, layout.revision)
     new = SessionLayout(folder)
-    new.set(again["document"])
+    new.set(message["document"])
     new.change(
-        [{"op": "value", "name": name, "value": one} for name, one in again["values"].items()]
+        [{"op": "value", "name": name, "value": one} for name, one in message["values"].items()]
     )
     assert set(new.patches) == set(layout.patches)
     assert values(new) == values(layout)
@@ -64,9 +64,9 @@ def test_the_layout_of_a_new_engine_is_the_old_one_s(tmp_path_factory, changes):
 
 
 def test_settings_and_layouts_are_kept_and_others_forgotten():
-    told = Told()
+    replay = EngineReplay()
     for session in (1, 2):
-        told.note("layout_set", {"session": session, "document": {"regions": []}})
+        replay.record("layout_set", {"session": session, "document": {"regions": []}})
     for do, fields in [
         ("forget", {"session": 2}),
         ("intensity", {"value": 0.4}),
@@ -75,9 +75,9 @@ def test_settings_and_layouts_are_kept_and_others_forgotten():
         ("arm", {"session": 1}),
         ("stop", {"reason": "x"}),
     ]:
-        told.note(do, fields)
-    (first, layout), *settings = told.again()
-    assert (first, layout["session"]) == ("layout_again", 1)
+        replay.record(do, fields)
+    (first, layout), *settings = replay.messages()
+    assert (first, layout["session"]) == ("layout_restore", 1)
     assert settings == [("intensity", {"value": 0.5}), ("mute", {"on": True})]
 
 
