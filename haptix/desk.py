@@ -206,7 +206,7 @@ class Task(BaseModel, ABC):
             fields[name] = (kind, asked)
         config = ConfigDict(extra="forbid", allow_inf_nan=False)
         return create_model(
-            f"{cls.__name__}Asked", __config__=config, __doc__=cls.__doc__, **fields
+            f"{cls.__name__}Request", __config__=config, __doc__=cls.__doc__, **fields
         )
 
 

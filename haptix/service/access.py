@@ -174,8 +174,8 @@ class Access:
             raise Problem("access", "expected a page with an origin; programs read service.json")
         if not self._tries.takes():
             raise Problem("limit", f"expected at most {_MOST_TRIES} tries a minute; wait a minute")
-        given = code.strip().upper().replace("-", "")
-        if not hmac.compare_digest(given.encode(), self.code().encode()):
+        typed_code = code.strip().upper().replace("-", "")
+        if not hmac.compare_digest(typed_code.encode(), self.code().encode()):
             raise Problem("access", "this is not the code that the terminal shows", "/code")
         self._code = ""
         token = secrets.token_urlsafe(32)
@@ -223,10 +223,10 @@ class Access:
         path = self._folder / "tokens.json"
         if not path.exists():
             return {}
-        found = read_json(path)
+        pages = read_json(path)
         return {
             str(key): {"origin": str(page["origin"]), "name": str(page["name"])}
-            for key, page in found.items()
+            for key, page in pages.items()
             if isinstance(page, dict) and {"origin", "name"} <= page.keys()
         }
 

@@ -117,7 +117,7 @@ def read_touches(data: bytes) -> TouchBatch:
         raise Problem("message", f"{count} touches take {expected} bytes, got {len(data)}")
     if not isfinite(base_s):
         raise Problem("clock", "base_s: expected a finite time in seconds", "/base_s")
-    found: list[ClientTouch | Problem] = []
+    touches: list[ClientTouch | Problem] = []
     for after_us, touch_id, flags, zero, x, y, force, area in _RECORD.iter_unpack(data[16:]):
         force_n = force if flags & _FORCE else None
         area_m2 = area if flags & _AREA else None
@@ -131,14 +131,14 @@ def read_touches(data: bytes) -> TouchBatch:
             and (force_n is None or 0 < force_n <= _MOST_FORCE_N)
             and (area_m2 is None or 0 < area_m2 <= _MOST_AREA_M2)
         ):
-            found.append(_wrong(flags, zero, x, y, force_n, area_m2, len(found)))
+            touches.append(_wrong(flags, zero, x, y, force_n, area_m2, len(touches)))
             continue
         t_s = base_s + after_us * 1e-6
         if flags & _PIXELS:
-            found.append(ClientTouch(t_s, touch_id, kind, None, None, x, y, force_n, area_m2))
+            touches.append(ClientTouch(t_s, touch_id, kind, None, None, x, y, force_n, area_m2))
         else:
-            found.append(ClientTouch(t_s, touch_id, kind, x, y, None, None, force_n, area_m2))
-    return TouchBatch(number, found)
+            touches.append(ClientTouch(t_s, touch_id, kind, x, y, None, None, force_n, area_m2))
+    return TouchBatch(number, touches)
 
 
 def _wrong(

@@ -37,7 +37,7 @@ INPUTS = "inputs.toml"
 GO, AGAIN, STOP = "go", "repeat the last one", "stop"
 INSTALL, LEAVE = "install it", "leave it"
 _MEASURED = 0.7  # share of the work
-_TOLD_S = 0.1  # between two traces of a stroke that is made in real time
+_TRACE_S = 0.1  # between two traces of a stroke that is made in real time
 
 
 Ask = Callable[[str, tuple[str, ...]], str]
@@ -62,7 +62,7 @@ class _Strokes:
     ask: Ask
     tell: Tell
     last: Stroke | None = None
-    found: str = ""
+    repeat_reason: str = ""
 
     def watcher(self) -> Watcher:
         return Watcher(self._prompt, self._live, self._done)
@@ -70,18 +70,18 @@ class _Strokes:
     def __post_init__(self) -> None:
         self._count = len(self.session.protocol.strokes)
         self._rows: list[tuple[float, ...]] = []
-        self._tries, self._told_s = 0, 0.0
+        self._tries, self._traced_s = 0, 0.0
 
     def _prompt(self, stroke: Stroke, tries: int) -> None:
         self._tries = tries
         ways = "there and back" if stroke.there_and_back else "one way"
-        said = (
-            f"{self.found}Stroke {stroke.number} of {self._count}: press with "
+        instruction = (
+            f"{self.repeat_reason}Stroke {stroke.number} of {self._count}: press with "
             f"{stroke.normal_force_n:g} N and slide {stroke.length_mm:g} mm {ways} at "
             f"{stroke.speed_mm_per_s:g} mm/s."
         )
         can_repeat = self.last is not None and tries == 0
-        answer = self.ask(said, (GO, AGAIN, STOP) if can_repeat else (GO, STOP))
+        answer = self.ask(instruction, (GO, AGAIN, STOP) if can_repeat else (GO, STOP))
         if answer == AGAIN:
             raise _Again
         if answer == STOP:
@@ -89,14 +89,14 @@ class _Strokes:
 
     def _live(self, stroke: Stroke, t_s: float, now: Live) -> None:
         self._rows.append((t_s, now.normal_force_n, now.tangential_force_n, now.speed_mm_per_s))
-        if time.monotonic() - self._told_s > _TOLD_S:
+        if time.monotonic() - self._traced_s > _TRACE_S:
             self._tell(stroke)
 
     def _done(self, stroke: Stroke, findings: Sequence[Any]) -> None:
         self._tell(stroke)
-        fatal = [str(one) for one in findings if one.is_fatal]
+        fatal = [str(finding) for finding in findings if finding.is_fatal]
         self.last = None if fatal else stroke
-        self.found = f"Once more, please. {'; '.join(fatal)}. " if fatal else ""
+        self.repeat_reason = f"Once more, please. {'; '.join(fatal)}. " if fatal else ""
         done = self._count - len(self.session.open_strokes)
         self.tell(share=_MEASURED * done / self._count)
 
@@ -107,12 +107,12 @@ class _Strokes:
                 name: [round(value, 4) for value in column]
                 for name, column in zip(names, zip(*self._rows, strict=True), strict=True)
             }
-            self._rows, self._told_s = [], time.monotonic()
-            asked = {
+            self._rows, self._traced_s = [], time.monotonic()
+            planned = {
                 "asked_normal_force_n": stroke.normal_force_n,
                 "asked_speed_mm_per_s": stroke.speed_mm_per_s,
             }
-            trace = {"stroke": stroke.number, "tries": self._tries, **asked, **columns}
+            trace = {"stroke": stroke.number, "tries": self._tries, **planned, **columns}
             self.tell(trace=trace)
 
 
@@ -120,14 +120,14 @@ def begin_practice(
     folder: Path, finger: str, screen: str, minutes: float, seed: int | None = None
 ) -> None:
     """Plan a calibration of a screen that is drawn at random, with a virtual finger."""
-    own_finger, own_screen = Finger.named(finger), Screen.named(screen).replace(name=folder.name)
-    planned = plan_strokes("short", own_finger, own_screen, minutes).protocol
+    finger_used, screen_used = Finger.named(finger), Screen.named(screen).replace(name=folder.name)
+    planned = plan_strokes("short", finger_used, screen_used, minutes).protocol
     drawn = randbelow(2**31) if seed is None else seed
-    truth = draw_truth(own_finger, own_screen, planned, drawn)
+    truth = draw_truth(finger_used, screen_used, planned, drawn)
     folder.mkdir(parents=True, exist_ok=True)
     truth.save(folder / TRUTH)
     VIRTUAL_RIG.save(folder / RIG)
-    Session.begin(folder, planned, SessionInfo(screen=own_screen, finger=own_finger))
+    Session.begin(folder, planned, SessionInfo(screen=screen_used, finger=finger_used))
 
 
 def calibrate(folder: Path, device: str, ask: Ask, tell: Tell) -> dict[str, Any]:
@@ -157,7 +157,7 @@ def calibrate(folder: Path, device: str, ask: Ask, tell: Tell) -> dict[str, Any]
     with closing(open_device("mock:" if practises else device)) as opened:
         tell(step="measure")
         _measure(session, opened, ask, tell)
-        if still_open := [one.number for one in session.open_strokes]:
+        if still_open := [stroke.number for stroke in session.open_strokes]:
             return {"name": folder.name, "still_open": still_open, "verdict": None}
         serial = opened.capabilities.serial
     tell(step="fit")
@@ -165,20 +165,20 @@ def calibrate(folder: Path, device: str, ask: Ask, tell: Tell) -> dict[str, Any]
     tell(share=0.75)
     fit, _ = fit_folder(folder)
     tell(share=0.95, step="verify")
-    found, screen = verify_folder(folder)
+    verification, screen = verify_folder(folder)
     result: dict[str, Any] = {
         "name": folder.name,
         "still_open": [],
-        "verdict": found.verdict,
-        "failures": list(found.failures),
-        "untested": list(found.untested),
-        "worst_jnd": found.worst_jnd,
+        "verdict": verification.verdict,
+        "failures": list(verification.failures),
+        "untested": list(verification.untested),
+        "worst_jnd": verification.worst_jnd,
         "strokes_used": len(fit.strokes),
         "h0_nm": None if screen is None else 1e9 * screen.h0_m,
         "installed_for": None,
     }
     if practises and screen is not None:
-        highest_v = max(one.voltage_v for one in session.protocol.strokes)
+        highest_v = max(stroke.voltage_v for stroke in session.protocol.strokes)
         off = compare_with_truth(folder, highest_v)
         result["practice"] = {
             "true_h0_nm": 1e9 * off.true_h0_m,
@@ -188,8 +188,10 @@ def calibrate(folder: Path, device: str, ask: Ask, tell: Tell) -> dict[str, Any]
         }
     if screen is not None and not screen.warnings() and serial:
         tell(step="install")
-        asked = f"The calibration of {folder.name} passed. Install its profile for driver {serial}?"
-        if ask(asked, (INSTALL, LEAVE)) == INSTALL:
+        question = (
+            f"The calibration of {folder.name} passed. Install its profile for driver {serial}?"
+        )
+        if ask(question, (INSTALL, LEAVE)) == INSTALL:
             install_profile(serial, folder / SCREEN, folder / FINGER)
             result["installed_for"] = serial
     return result

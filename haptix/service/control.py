@@ -37,7 +37,7 @@ class Engine(Protocol):
         """Pass touches on, by the service's clock."""
 
 
-class Kept(NamedTuple):
+class KeptLease(NamedTuple):
     """The lease and layout of a holder whose socket closed, for its return."""
 
     layout: int
@@ -63,7 +63,7 @@ class OutputControl:
     ) -> None:
         self.engine, self._welcome = engine, welcome
         self.holder: ServiceSession | None = None
-        self._kept: Kept | None = None
+        self._kept: KeptLease | None = None
         self.output = m.OutputMessage(
             state="off",
             device=device,
@@ -111,7 +111,7 @@ class OutputControl:
         if session is not None:
             reason = "the client that held the output is gone"
             self.engine.tell("stop", reason=reason)
-            self._kept = Kept(session.layout, session.resume, until_s)
+            self._kept = KeptLease(session.layout, session.resume, until_s)
             self._give(None, "the holder is gone")
             self.set(state="off", reason=reason)
 

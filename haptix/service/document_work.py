@@ -71,12 +71,12 @@ class DocumentWork:
         from haptix.materials.picture import picture
         from haptix.texture import as_mu
 
-        one = self.read(material)
+        parsed = self.read(material)
         times = t_s + frame_s * np.arange(frames)
-        wanted = np.stack([picture(one, width_mm, height_mm, columns, t) for t in times])
+        wanted = np.stack([picture(parsed, width_mm, height_mm, columns, t) for t in times])
         column = self.reach(normal_force_n)
         low, high = float(column.lowest_mu), float(column.highest_mu)
-        share = (as_mu(one.evaluator.target, wanted, low, high) - low) / max(high - low, 1e-9)
+        share = (as_mu(parsed.evaluator.target, wanted, low, high) - low) / max(high - low, 1e-9)
         _, rows, columns = share.shape
         # One byte a place: 255 steps from half a range below to half a range above the range.
         level = np.clip(np.rint((share + 0.5) * 127.5), 0, 255).astype(np.uint8)
@@ -95,17 +95,17 @@ class DocumentWork:
         from haptix.materials.steps import effects_of_steps
         from haptix.perception import WEBER_FRACTION
 
-        one = self.read(material)
+        parsed = self.read(material)
         column = self.reach(normal_force_n)
         low, high = float(column.lowest_mu), float(column.highest_mu)
         return {
-            "canonical": one.model_dump(mode="json", exclude_none=True),
-            "target": one.evaluator.target,
-            "depends_on": [str(flag.name).lower() for flag in one.evaluator.depends_on],
+            "canonical": parsed.model_dump(mode="json", exclude_none=True),
+            "target": parsed.evaluator.target,
+            "depends_on": [str(flag.name).lower() for flag in parsed.evaluator.depends_on],
             "lowest_mu": low,
             "highest_mu": high,
             "range_jnd": (high - low) / (WEBER_FRACTION * low),
-            "effects_jnd": effects_of_steps(one, low, high),
+            "effects_jnd": effects_of_steps(parsed, low, high),
         }
 
     def decode(self, digest: str) -> dict[str, Any]:
@@ -157,10 +157,10 @@ class DocumentWork:
         from haptix.materials import material_of
 
         with in_folder(self._assets, is_sealed=True):
-            one = material_of(document)
-            if one.evaluator.target not in ("share", "mu", "contrast"):
-                raise InputError(f"target: expected a friction, got {one.evaluator.target}")
-            return one
+            parsed = material_of(document)
+            if parsed.evaluator.target not in ("share", "mu", "contrast"):
+                raise InputError(f"target: expected a friction, got {parsed.evaluator.target}")
+            return parsed
 
     def _solve_currents(self, carrier_hz: float, highest_v: float) -> dict[str, Any]:
         from haptix.finger import Finger
@@ -241,7 +241,7 @@ def export(
             _line(layout, folder, form, (left, right), y_mm, reach, opening)
         packed = io.BytesIO()
         with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-            for path in sorted(one for one in folder.rglob("*") if one.is_file()):
+            for path in sorted(path for path in folder.rglob("*") if path.is_file()):
                 archive.write(path, path.relative_to(folder).as_posix())
         return packed.getvalue()
 

@@ -27,8 +27,8 @@ from haptix.checks import Array
 from haptix.errors import HaptixError, InputError
 from haptix.files import parse_json
 from haptix.service.batches import TelemetryFrame, write_frame
+from haptix.service.client_touches import TouchGate
 from haptix.service.messages import Stream
-from haptix.service.touches import TouchGate
 from haptix.service.wire import (
     JSON,
     TELEMETRY,

@@ -37,8 +37,8 @@ _FORCES_N = (0.02, 5.0)
 _ROW_S = 0.001
 _FINER = 2  # instants felt in a row: edges of a texture are followed to 0.003 JND, not 0.02
 _PART_S = 0.05  # felt at a time: a solution costs the same for 1 and 100 instants
-_HELD_S = 0.06  # without a report for so long, a finger is taken to rest
-_KEPT_S = 1.0
+_RESTS_AFTER_S = 0.06  # without a report for so long, a finger is taken to rest
+_HISTORY_S = 1.0
 _JUMP_S = 0.005  # between the end of a part and the next: a break in what is played
 
 
@@ -118,7 +118,7 @@ class FeltFinger:
             self._amplitude = np.concatenate([self._amplitude, amplitude_v])
             # The newest part knows its time best.
             self._start_s = t0_s - (len(self._amplitude) - len(amplitude_v)) * step_s
-            surplus = len(self._amplitude) - round(_KEPT_S / step_s)
+            surplus = len(self._amplitude) - round(_HISTORY_S / step_s)
             if surplus > 0:
                 self._amplitude = self._amplitude[surplus:]
                 self._start_s += surplus * step_s
@@ -130,20 +130,20 @@ class FeltFinger:
             until_s = self._start_s + (len(self._amplitude) - 1) * self._step_s
             for path in self._paths.values():
                 newest_s = path.reports[-1][0]
-                if path.up_s is None and now_s - newest_s < _HELD_S:
+                if path.up_s is None and now_s - newest_s < _RESTS_AFTER_S:
                     until_s = min(until_s, newest_s)
             rows = int((until_s - self._felt_s) / _ROW_S)
             if rows < 1:
                 return []
             from_s, to_s = self._felt_s, self._felt_s + rows * _ROW_S
-            found = {number: path.between(from_s, to_s) for number, path in self._paths.items()}
-            paths = {number: part for number, part in found.items() if part is not None}
+            parts = {number: path.between(from_s, to_s) for number, path in self._paths.items()}
+            paths = {number: part for number, part in parts.items() if part is not None}
             amplitude, start_s = self._amplitude, self._start_s
             self._felt_s = to_s
             self._paths = {
                 number: path
                 for number, path in self._paths.items()
-                if path.forget_before(to_s) and path.reports[-1][0] > now_s - _KEPT_S
+                if path.forget_before(to_s) and path.reports[-1][0] > now_s - _HISTORY_S
             }
         felt = self._finger.feel(
             amplitude, 1 / self._step_s, start_s, {n: path for n, (_, path) in paths.items()}
@@ -151,13 +151,13 @@ class FeltFinger:
         return [
             TelemetryFrame(
                 "felt", number, 0, 0, paths[number][0], _ROW_S,
-                np.column_stack([one.mu, one.friction_force_n])[::_FINER],
+                np.column_stack([finger.mu, finger.friction_force_n])[::_FINER],
             )
-            for number, one in felt.items()
+            for number, finger in felt.items()
         ]  # fmt: skip
 
 
-class Feeling:
+class FeltFingerThread:
     """Feels in a thread of its own while frames come.
 
     Parameters
@@ -188,7 +188,7 @@ class Feeling:
     def _feels(self) -> None:
         while not self._ends.wait(_PART_S):
             try:
-                for one in self._finger.feel(time.monotonic()):
-                    self._tell(frame(TELEMETRY, write_frame(one)))
+                for telemetry in self._finger.feel(time.monotonic()):
+                    self._tell(frame(TELEMETRY, write_frame(telemetry)))
             except HaptixError as error:  # such as a path that no finger slides: the next may do
                 sys.stderr.write(f"haptix felt finger: {error}\n")

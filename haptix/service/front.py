@@ -127,16 +127,16 @@ def _cors(origin: str) -> dict[str, str]:
 
 def _with_headers(send: Send, origin: str | None, access: Access) -> Send:
     """Add what keeps pages apart to every answer."""
-    own = origin is None or origin in access.origins
+    is_own = origin is None or origin in access.origins
 
     async def sends(message: MutableMapping[str, Any]) -> None:
         if message["type"] == "http.response.start":
             headers = {
                 "x-content-type-options": "nosniff",
-                "cross-origin-resource-policy": "same-site" if own else "cross-origin",
+                "cross-origin-resource-policy": "same-site" if is_own else "cross-origin",
                 "referrer-policy": "no-referrer",
                 "cache-control": "no-store",
-            } | ({} if own or origin is None else _cors(origin))
+            } | ({} if is_own or origin is None else _cors(origin))
             message["headers"] = [
                 *message.get("headers", []),
                 *((key.encode(), value.encode()) for key, value in headers.items()),
@@ -211,10 +211,10 @@ def application(
     async def token(
         request: Request, authorization: Annotated[str | None, Header()] = None
     ) -> None:
-        given = (authorization or "").removeprefix("Bearer ")
-        if not hub.access.lets_in(given, request.headers.get("origin")):
+        bearer = (authorization or "").removeprefix("Bearer ")
+        if not hub.access.lets_in(bearer, request.headers.get("origin")):
             raise Problem("access", "expected the header Authorization: Bearer TOKEN")
-        request.state.owner = owner = hub.access.owner_of(given)
+        request.state.owner = owner = hub.access.owner_of(bearer)
         if owner not in limiters:
             limiters[owner] = Limiter(m.Limits().messages_per_s, hub.now_s)
         await asyncio.sleep(limiters[owner].wait_s())
@@ -245,9 +245,9 @@ def application(
         return Server(name="haptix", version=__version__, protocol="{}.{}".format(*m.PROTOCOL))
 
     @app.post("/v1/pair")
-    async def pair(request: Request, asked: Pairing) -> Token:
+    async def pair(request: Request, body: Pairing) -> Token:
         """Give a page a token for the code that the terminal shows."""
-        return Token(token=hub.access.pair(asked.code, request.headers.get("origin"), asked.name))
+        return Token(token=hub.access.pair(body.code, request.headers.get("origin"), body.name))
 
     @app.delete("/v1/pair", status_code=204, dependencies=[Depends(token)])
     async def forget(authorization: Annotated[str, Header()]) -> None:

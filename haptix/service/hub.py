@@ -16,11 +16,11 @@ from typing import Any
 from haptix.service import messages as m
 from haptix.service.access import Access
 from haptix.service.batches import ClientTouch, read_frame, read_touches
+from haptix.service.client_touches import Stalls, touch_events
 from haptix.service.control import Engine, OutputControl
 from haptix.service.jobs import JobBoard
 from haptix.service.messages import Problem
 from haptix.service.session import ServiceSession
-from haptix.service.touches import Stalls, touch_events
 from haptix.version import __version__
 
 _LOG = logging.getLogger("haptix.service")
@@ -29,8 +29,8 @@ TICK_S = 0.02
 """Between two looks at the sessions. A silent client's voltage is gone a tick after its limit."""
 _FIRST_PINGS = 8
 _MOST_SESSIONS, _MOST_STRANGERS = 16, 8  # who have said hello, and who not yet
-_MANY_ASKED, _MOST_ASKED = 32, 60  # of one session, that wait for the engine
-_ASKED_WAIT_S = 0.02
+_MANY_REQUESTS, _MOST_REQUESTS = 32, 60  # of one session, that wait for the engine
+_REQUEST_WAIT_S = 0.02
 
 
 class Hub:
@@ -69,7 +69,7 @@ class Hub:
         self.keep_alive = m.KeepAlive()
         self._next = 1
         self.control = OutputControl(engine, device, self.welcome)
-        self.jobs = JobBoard(engine, self.hear_job, self.control.disarm)
+        self.jobs = JobBoard(engine, self.on_job_change, self.control.disarm)
 
     # --- coming and going ------------------------------------------------------------------------
 
@@ -84,7 +84,7 @@ class Hub:
         _LOG.info("session %d: its socket is open", session.number)
         return session
 
-    def gone(self, session: ServiceSession) -> None:
+    def closed(self, session: ServiceSession) -> None:
         """Take note that a socket is closed: 0 V at once if it held the output."""
         if self.sessions.pop(session.number, None) is None:
             return
@@ -138,7 +138,7 @@ class Hub:
             self.pass_touches(session)
         try:
             if isinstance(data, bytes):
-                self._heard(session)
+                self._note_answer(session)
                 if not session.is_welcome:
                     raise Problem("order", "expected hello first")
                 touches = read_touches(data).touches
@@ -146,7 +146,7 @@ class Hub:
                 session.inbox.put(touches)
             else:
                 message = m.read_client(data)
-                self._heard(session)
+                self._note_answer(session)
                 wait_s = max(wait_s, self._sort(session, message))
         except Problem as problem:
             session.refuse(m.id_of(data) if isinstance(data, str) else 0, problem)
@@ -181,16 +181,18 @@ class Hub:
             self._hello(session, message)
         elif isinstance(message, m.Plain) and message.type == "stop":
             self._stop(session, message.id)
-        elif len(session.asked) >= _MOST_ASKED:
-            raise Problem("limit", f"expected at most {_MOST_ASKED} messages that wait; await some")
+        elif len(session.requests) >= _MOST_REQUESTS:
+            raise Problem(
+                "limit", f"expected at most {_MOST_REQUESTS} messages that wait; await some"
+            )
         else:
-            session.asked.append(message)
-            session.has_asked.set()
-            if len(session.asked) > _MANY_ASKED:
-                wait_s = max(wait_s, _ASKED_WAIT_S)
+            session.requests.append(message)
+            session.has_requests.set()
+            if len(session.requests) > _MANY_REQUESTS:
+                wait_s = max(wait_s, _REQUEST_WAIT_S)
         return wait_s
 
-    def hear_engine(self, event: dict[str, Any]) -> None:
+    def on_engine_event(self, event: dict[str, Any]) -> None:
         """Pass on what the engine says unasked."""
         kind = event.pop("event")
         if kind == "output":
@@ -204,13 +206,13 @@ class Hub:
             for session in self.welcome():
                 session.send(m.WarningMessage(sentence=event["sentence"]))
 
-    def hear_job(self, job: m.JobMessage) -> None:
+    def on_job_change(self, job: m.JobMessage) -> None:
         """Pass a job's change on to those who watch it."""
         for session in self.welcome():
             if job.job in session.watched:
                 session.send(job)
 
-    def hear_frame(self, data: bytes) -> None:
+    def on_telemetry(self, data: bytes) -> None:
         """Pass telemetry on to those who subscribed to it."""
         frame = read_frame(data)
         for session in self.welcome():
@@ -247,7 +249,7 @@ class Hub:
             if old is not session and hmac.compare_digest(
                 message.resume.encode(), old.resume.encode()
             ):
-                self.gone(old)
+                self.closed(old)
         reason = "resumed" if self.control.resumes(session, message.resume) else "free"
         _LOG.info("session %d: hello of %r, %s", session.number, message.client, reason)
         speaks = min((major, minor), m.PROTOCOL)
@@ -278,8 +280,8 @@ class Hub:
         self.engine.tell("stop", reason=reason)
         self.jobs.end_playing()  # the engine has lent them the device
         for session in self.welcome():
-            asked, session.asked = session.asked, deque()
-            for message in asked:
+            requests, session.requests = session.requests, deque()
+            for message in requests:
                 session.refuse(message.id, Problem("order", reason))
         self.control.set(state="off", reason=reason)
 
@@ -305,7 +307,7 @@ class Hub:
         first = next((touches.problem for touches in usable if touches.problem is not None), None)
         return sum(touches.left_out for touches in usable), first
 
-    def _heard(self, session: ServiceSession) -> None:
+    def _note_answer(self, session: ServiceSession) -> None:
         session.unanswered_s = None
         if self.control.holder is session:
             self.control.wake()

@@ -13,7 +13,7 @@ from haptix.desk import Context, Task, all_tasks
 from haptix.errors import InputError
 
 
-class Work:
+class JobWork:
     """One job, by the names of its kinds.
 
     Parameters
@@ -36,7 +36,7 @@ class Work:
 
     def __getattr__(self, kind: str) -> Callable[..., dict[str, Any]]:
         """Jobs that are tasks of the desk, by their kinds."""
-        task = next((one for one in all_tasks() if one.route and one.kind == kind), None)
+        task = next((task for task in all_tasks() if task.route and task.kind == kind), None)
         if task is None:
             raise AttributeError(kind)
         return partial(self._do, task)
@@ -48,8 +48,8 @@ class Work:
             if name in task.model_fields:
                 fields[name] = self._name(name, fields.get(name))
         with in_folder(Path(self._context["assets"]), is_sealed=True):
-            found: dict[str, Any] = task(**fields).run(_JobContext(self._say, task)).document
-        return found
+            document: dict[str, Any] = task(**fields).run(_JobContext(self._say, task)).document
+        return document
 
     def experiment(self, recipe: dict[str, Any], log: str, participant: int = 1) -> dict[str, Any]:
         """Run an adaptive experiment; a person answers each trial."""
@@ -79,12 +79,16 @@ class Work:
                 tell=lambda is_right: self._say(step="right" if is_right else "wrong"),
             )
             experiment.run()
-        found = {}
-        for name, one in experiment.estimates().items():
-            row = {"threshold_db": one.threshold, "spread_db": one.spread, **one.others}
+        estimates = {}
+        for name, estimate in experiment.estimates().items():
+            row = {
+                "threshold_db": estimate.threshold,
+                "spread_db": estimate.spread,
+                **estimate.others,
+            }
             known = {key: value if isfinite(value) else None for key, value in row.items()}
-            found[name] = {**known, "warnings": list(one.warnings)}
-        first = found if len(found) > 1 else next(iter(found.values()))
+            estimates[name] = {**known, "warnings": list(estimate.warnings)}
+        first = estimates if len(estimates) > 1 else next(iter(estimates.values()))
         return {"trials": experiment.trials, **experiment.summary(), **first}
 
     def calibration(self, name: str, minutes: float) -> dict[str, Any]:
@@ -108,10 +112,10 @@ class Work:
         if choices:
             return self._ask("Which one?", choices)
         while True:
-            given = self._ask("How strong was it? Give a number above 0.", ())
+            answer = self._ask("How strong was it? Give a number above 0.", ())
             with suppress(ValueError):
-                if 0 < float(given) < inf:
-                    return given
+                if 0 < float(answer) < inf:
+                    return answer
 
     def _rest(self, trials: int) -> None:
         self._ask(f"Rest a moment: {trials} trials are done.", ("continue",))
@@ -149,10 +153,10 @@ def _refuse_files_and_volts(recipe: dict[str, Any]) -> None:
         raise InputError("recipe: expected no folder and no ceiling_v: no volts come in")
     tables = [recipe.get(name) for name in ("stimulus", "pedestal", "method", "conditions")]
     while tables:
-        one = tables.pop()
-        if isinstance(one, dict):
-            tables += one.values()
-        elif isinstance(one, list):
-            tables += one
-        elif isinstance(one, str) and (one == "volts" or set(one) & set("./\\")):
-            raise InputError(f"recipe: expected neither volts nor files, got {one!r:.40}")
+        item = tables.pop()
+        if isinstance(item, dict):
+            tables += item.values()
+        elif isinstance(item, list):
+            tables += item
+        elif isinstance(item, str) and (item == "volts" or set(item) & set("./\\")):
+            raise InputError(f"recipe: expected neither volts nor files, got {item!r:.40}")

@@ -22,7 +22,7 @@ from haptix.service.pool import NICE, Process
 _LOG = logging.getLogger("haptix.service")
 
 MOST_QUEUED = 8
-_KEPT = 50  # jobs that have ended
+_MOST_ENDED = 50  # jobs that have ended
 _SHARE = 0.01  # of a job: smaller steps are not told
 _ENDED = ("done", "failed", "cancelled")
 
@@ -40,7 +40,7 @@ class Job(Process):
     message : JobMessage
         What is told of it.
     fields : dict
-        What was asked.
+        Parameters of the task.
     tell : callable
         Takes each change.
     """
@@ -68,9 +68,9 @@ class Job(Process):
         try:
             if not self.is_over:  # it may be cancelled meanwhile
                 self.change(state="running")
-                found = await self.ask("job", kind=self.message.kind, **self._fields)
+                answer = await self.ask("job", kind=self.message.kind, **self._fields)
                 if not self.is_over:
-                    self.change(state="done", share=1.0, result=found["result"])
+                    self.change(state="done", share=1.0, result=answer["result"])
         except Problem as problem:
             if not self.is_over:
                 self.change(state="failed", sentence=problem.sentence)
@@ -105,7 +105,7 @@ class Job(Process):
         self.message = self.message.model_copy(update=fields)
         self._tell(self.message)
 
-    def heard(self, message: dict[str, Any]) -> None:
+    def on_message(self, message: dict[str, Any]) -> None:
         """Take progress or a prompt."""
         if self.is_over:
             return
@@ -162,7 +162,9 @@ class JobBoard:
             raise Problem("limit", f"expected at most {MOST_QUEUED} jobs that wait; cancel one")
         message = JobMessage(job=secrets.token_hex(8), kind=kind, state="queued")
         job = Job(owner, message, {**fields, "context": self.context}, self._tell)
-        for old in [one for one in self._jobs.values() if one.is_over][: len(self._jobs) - _KEPT]:
+        for old in [job for job in self._jobs.values() if job.is_over][
+            : len(self._jobs) - _MOST_ENDED
+        ]:
             del self._jobs[old.message.job]
         self._jobs[message.job] = job
         self._queue.append(job)

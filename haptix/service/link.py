@@ -95,13 +95,13 @@ class FeltFingerProcess(Process):
 
     Parameters
     ----------
-    hear_frame : callable
+    on_telemetry : callable
         Takes its telemetry.
     """
 
-    def __init__(self, hear_frame: Callable[[bytes], None]) -> None:
+    def __init__(self, on_telemetry: Callable[[bytes], None]) -> None:
         super().__init__(nice=_FINGER_NICE)
-        self._hear_frame = hear_frame
+        self._on_telemetry = on_telemetry
         self._opening: dict[str, Any] = {}
         self._is_wanted = self._is_open = False
         self._starter: asyncio.Task[None] | None = None
@@ -142,12 +142,12 @@ class FeltFingerProcess(Process):
         if self._is_open and self._is_wanted:
             self.write(data)
 
-    def heard_frame(self, kind: int, data: bytes) -> None:
+    def on_frame(self, kind: int, data: bytes) -> None:
         """Pass telemetry on."""
         if kind == TELEMETRY:
-            self._hear_frame(data)
+            self._on_telemetry(data)
 
-    def ended(self, code: int | None) -> None:
+    def on_exit(self, code: int | None) -> None:
         """Start it again."""
         self._is_open = False
         if self._is_wanted:
@@ -161,25 +161,25 @@ class EngineProcess(Process):
     ----------
     opening : dict
         First message to the engine: device, surface, finger, screen.
-    hear : callable
+    on_event : callable
         Takes the engine's events.
-    hear_frame : callable
+    on_telemetry : callable
         Takes telemetry, of the engine and of its virtual finger.
     """
 
     def __init__(
         self,
         opening: dict[str, Any],
-        hear: Callable[[dict[str, Any]], None],
-        hear_frame: Callable[[bytes], None],
+        on_event: Callable[[dict[str, Any]], None],
+        on_telemetry: Callable[[bytes], None],
     ) -> None:
         # One that hangs is killed: the driver's watchdog ends at 0 V.
         super().__init__("engine", _ENGINE_FULL_S)
-        self._opening, self._hear, self._hear_frame = opening, hear, hear_frame
+        self._opening, self._on_event, self._on_telemetry = opening, on_event, on_telemetry
         self._ends = self._is_open = False
         self._rates: dict[str, float] = {}
         self._replay = EngineReplay()
-        self.felt_finger = FeltFingerProcess(hear_frame)
+        self.felt_finger = FeltFingerProcess(on_telemetry)
 
     async def start(self) -> dict[str, Any]:
         """Start the engine; return what it has opened."""
@@ -224,23 +224,23 @@ class EngineProcess(Process):
         self.write(data)
         self.felt_finger.feed(data)
 
-    def heard(self, message: dict[str, Any]) -> None:
+    def on_message(self, message: dict[str, Any]) -> None:
         """Pass events on."""
-        self._hear(message)
+        self._on_event(message)
 
-    def heard_frame(self, kind: int, data: bytes) -> None:
+    def on_frame(self, kind: int, data: bytes) -> None:
         """Pass telemetry on, and what was played to the virtual finger."""
         if kind == TELEMETRY:
-            self._hear_frame(data)
+            self._on_telemetry(data)
         elif kind == AMPLITUDE:
             self.felt_finger.feed(frame(AMPLITUDE, data))
 
-    def ended(self, code: int | None) -> None:
+    def on_exit(self, code: int | None) -> None:
         """Start it again."""
         self._is_open = False
         if not self._ends:
             reason = f"the engine ended with code {code}; it is started again"
-            self._hear({"event": "output", "state": "failed", "reason": reason})
+            self._on_event({"event": "output", "state": "failed", "reason": reason})
             self._restart = asyncio.create_task(self._restart_later())
 
     async def _restart_later(self) -> None:
@@ -248,6 +248,8 @@ class EngineProcess(Process):
         try:
             await self.start()
         except Problem as problem:
-            self._hear({"event": "output", "state": "failed", "reason": problem.sentence})
+            self._on_event({"event": "output", "state": "failed", "reason": problem.sentence})
         else:
-            self._hear({"event": "output", "state": "off", "reason": "the engine is there again"})
+            self._on_event(
+                {"event": "output", "state": "off", "reason": "the engine is there again"}
+            )

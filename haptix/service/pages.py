@@ -27,7 +27,7 @@ def pages(access: Access) -> APIRouter:
     @router.get("/stop")
     async def button() -> Response:
         headers = {"content-security-policy": stop_policy(access.origins)}
-        return FileResponse(_found("studio", "stop.html"), headers=headers)
+        return FileResponse(_file("studio", "stop.html"), headers=headers)
 
     @router.get("/studio/{path:path}")
     async def studio(request: Request, path: str) -> Response:
@@ -50,14 +50,14 @@ def _page(request: Request, folder: str, path: str) -> Response:
     # STOP stands on localhost. The pages must not: both would share a process, and hang together.
     if name == "localhost" and not path.startswith("stop"):
         return RedirectResponse(f"http://127.0.0.1:{port}{request.url.path}")
-    return FileResponse(_found(folder, path), headers={"content-security-policy": policy(host)})
+    return FileResponse(_file(folder, path), headers={"content-security-policy": policy(host)})
 
 
-def _found(folder: str, path: str) -> str:
-    found = page_file(folder, path)
-    if found is None:
+def _file(folder: str, path: str) -> str:
+    file = page_file(folder, path)
+    if file is None:
         raise Problem("unknown", f"expected a file of the studio, got {path}")
-    return str(found)
+    return str(file)
 
 
 _STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}
@@ -74,19 +74,19 @@ POLICY = (
 def docs_page(openapi: dict[str, Any], asyncapi: dict[str, Any]) -> str:
     """Return the page ``/docs`` of two descriptions."""
     routes = (
-        (f"<code>{method.upper()} {escape(path)}</code>", _about(one), _body(one))
+        (f"<code>{method.upper()} {escape(path)}</code>", _about(operation), _body(operation))
         for path, methods in openapi["paths"].items()
-        for method, one in methods.items()
+        for method, operation in methods.items()
     )
     messages, schemas = asyncapi["components"]["messages"], asyncapi["components"]["schemas"]
-    said = (
+    rows = (
         (
-            f"<code>{escape(one['name'])}</code>",
+            f"<code>{escape(message['name'])}</code>",
             "to the service" if operation["action"] == "receive" else "from the service",
-            escape(one["summary"]) + _fields(one, schemas),
+            escape(message["summary"]) + _fields(message, schemas),
         )
         for name, operation in asyncapi["operations"].items()
-        for one in (messages[name],)
+        for message in (messages[name],)
     )
     return "".join(
         (
@@ -97,7 +97,7 @@ def docs_page(openapi: dict[str, Any], asyncapi: dict[str, Any]) -> str:
             "<a href=/v1/asyncapi.json>AsyncAPI</a>.<h2>Routes</h2>",
             *_table(("route", "does", "takes"), routes),
             "<h2>Messages of a session</h2>",
-            *_table(("type", "goes", "says"), said),
+            *_table(("type", "goes", "says"), rows),
         )
     )
 
@@ -114,7 +114,7 @@ def _about(operation: dict[str, Any]) -> str:
 
 
 def _body(operation: dict[str, Any]) -> str:
-    names = [one["name"] for one in operation.get("parameters", ()) if one["in"] != "header"]
+    names = [field["name"] for field in operation.get("parameters", ()) if field["in"] != "header"]
     for content in operation.get("requestBody", {}).get("content", {}).values():
         names.append(content["schema"].get("$ref", "document").rsplit("/", 1)[-1])
     return escape(", ".join(names))
@@ -123,6 +123,6 @@ def _body(operation: dict[str, Any]) -> str:
 def _fields(message: dict[str, Any], schemas: dict[str, Any]) -> str:
     if "payload" not in message:
         return ""
-    found = schemas[message["payload"]["$ref"].rsplit("/", 1)[1]].get("properties", {})
-    names = (name for name in found if name not in ("type", "id"))
+    properties = schemas[message["payload"]["$ref"].rsplit("/", 1)[1]].get("properties", {})
+    names = (name for name in properties if name not in ("type", "id"))
     return "".join(f" <code>{escape(name)}</code>" for name in names)

@@ -54,7 +54,7 @@ class Process:
     def __init__(self, name: str = "worker", full_s: float = 1.0, nice: int = 0) -> None:
         self.name, self._full_s, self._nice = name, full_s, nice
         self._process: asyncio.subprocess.Process | None = None
-        self._asked: dict[int, asyncio.Future[dict[str, Any]]] = {}
+        self._pending: dict[int, asyncio.Future[dict[str, Any]]] = {}
         self._next = 1
         self._full_since: float | None = None
         self._reader: asyncio.Task[None] | None = None
@@ -116,13 +116,13 @@ class Process:
         number = self._next
         self._next += 1
         answer: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
-        self._asked[number] = answer
+        self._pending[number] = answer
         try:
             if not self.write(json_frame({"do": do, "n": number, **fields})):
                 raise Problem("device", f"{do}: the {self.name} is being started again; try anew")
             return await answer
         finally:
-            self._asked.pop(number, None)
+            self._pending.pop(number, None)
 
     def tell(self, do: str, **fields: Any) -> None:
         """Say something that has no answer."""
@@ -144,13 +144,13 @@ class Process:
             process.kill()
         return True
 
-    def heard(self, message: dict[str, Any]) -> None:
+    def on_message(self, message: dict[str, Any]) -> None:
         """Take what the process says unasked."""
 
-    def heard_frame(self, kind: int, data: bytes) -> None:
+    def on_frame(self, kind: int, data: bytes) -> None:
         """Take a frame that is no message."""
 
-    def ended(self, code: int | None) -> None:
+    def on_exit(self, code: int | None) -> None:
         """Take note that the process has ended."""
 
     async def _read(self, process: asyncio.subprocess.Process) -> None:
@@ -162,24 +162,24 @@ class Process:
                 if kind == JSON:
                     self._take(json.loads(data))
                 else:
-                    self.heard_frame(kind, data)
+                    self.on_frame(kind, data)
         except (asyncio.IncompleteReadError, ConnectionError):
             pass
         await process.wait()
         _LOG.info("%s: process %d ended with code %s", self.name, process.pid, process.returncode)
         self._process = None
-        for answer in self._asked.values():
+        for answer in self._pending.values():
             if not answer.done():
                 sentence = f"the {self.name} ended with code {process.returncode}; try anew"
                 answer.set_exception(Problem("device", sentence))
-        self.ended(process.returncode)
+        self.on_exit(process.returncode)
 
     def _take(self, message: dict[str, Any]) -> None:
         number = message.pop("n", None)
         if number is None:
-            self.heard(message)
+            self.on_message(message)
             return
-        answer = self._asked.get(number)
+        answer = self._pending.get(number)
         if answer is None or answer.done():
             return
         if "problem" in message:

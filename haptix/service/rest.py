@@ -49,7 +49,7 @@ class PresetMessage(BaseModel):
     """A picture of it, as a data URL."""
 
 
-class PictureAsked(BaseModel):
+class PictureRequest(BaseModel):
     """What `POST /v1/pictures` takes."""
 
     model_config = ConfigDict(extra="forbid")
@@ -86,7 +86,7 @@ class Picture(BaseModel):
     highest_mu: float
 
 
-class CheckAsked(BaseModel):
+class CheckRequest(BaseModel):
     """What `POST /v1/materials/check` takes."""
 
     model_config = ConfigDict(extra="forbid")
@@ -108,7 +108,7 @@ class Checked(BaseModel):
     """By field: what one step of it changes."""
 
 
-class ExportAsked(BaseModel):
+class ExportRequest(BaseModel):
     """What `POST /v1/exports` takes."""
 
     model_config = ConfigDict(extra="forbid")
@@ -140,13 +140,13 @@ def documents_router(pool: Pool, layouts: Path) -> APIRouter:
         return tuple(
             PresetMessage(
                 **{
-                    key: getattr(one, key)
+                    key: getattr(preset, key)
                     for key in PresetMessage.model_fields
-                    if hasattr(one, key)
+                    if hasattr(preset, key)
                 },
-                thumbnail=_data_url(FOLDER / "thumbnails" / f"{one.name}.png"),
+                thumbnail=_data_url(FOLDER / "thumbnails" / f"{preset.name}.png"),
             )
-            for one in presets()
+            for preset in presets()
         )
 
     @router.get("/layouts")
@@ -188,21 +188,21 @@ def documents_router(pool: Pool, layouts: Path) -> APIRouter:
         kept(name).unlink()
 
     @router.post("/pictures")
-    async def picture(request: Request, asked: PictureAsked) -> Picture:
+    async def picture(request: Request, body: PictureRequest) -> Picture:
         """Draw what a material asks for."""
-        return Picture(**await pool.ask(request.state.owner, "picture", **asked.model_dump()))
+        return Picture(**await pool.ask(request.state.owner, "picture", **body.model_dump()))
 
     @router.post("/materials/check")
-    async def check(request: Request, asked: CheckAsked) -> Checked:
+    async def check(request: Request, body: CheckRequest) -> Checked:
         """Check a material: its fields, what it depends on, what a step of each field changes."""
-        return Checked(**await pool.ask(request.state.owner, "check", **asked.model_dump()))
+        return Checked(**await pool.ask(request.state.owner, "check", **body.model_dump()))
 
     @router.post("/exports", response_class=Response)
-    async def export(request: Request, asked: ExportAsked) -> Response:
+    async def export(request: Request, body: ExportRequest) -> Response:
         """A layout in a form of interchange: a zip archive that says what is lost."""
-        regions = _layout(asked.document).model_dump(mode="json", exclude_none=True)["regions"]
+        regions = _layout(body.document).model_dump(mode="json", exclude_none=True)["regions"]
         document = {"kind": "layout", "regions": regions}
-        fields = {"document": document, "form": asked.form, "y_mm": asked.y_mm}
+        fields = {"document": document, "form": body.form, "y_mm": body.y_mm}
         answer = await pool.ask(request.state.owner, "export", **fields)
         return Response(base64.b64decode(answer["content"]), media_type="application/zip")
 
@@ -239,7 +239,7 @@ _FOLDER = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,79}$"
 FolderName = Annotated[str, Field(pattern=_FOLDER)]
 
 
-class ExperimentAsked(BaseModel):
+class ExperimentRequest(BaseModel):
     """What `POST /v1/experiments` takes."""
 
     model_config = ConfigDict(extra="forbid")
@@ -251,7 +251,7 @@ class ExperimentAsked(BaseModel):
     """Number from 1, which decides the order of a recipe's blocks."""
 
 
-class CalibrationAsked(BaseModel):
+class CalibrationRequest(BaseModel):
     """What `POST /v1/calibrations` takes."""
 
     model_config = ConfigDict(extra="forbid")
@@ -279,17 +279,17 @@ def jobs_router(board: JobBoard) -> APIRouter:
     @router.get("/surfaces")
     async def surfaces(request: Request) -> tuple[JobMessage, ...]:
         """Surfaces that were asked for, with their progress."""
-        return tuple(one for one in board.all(request.state.owner) if one.kind == "surface")
+        return tuple(job for job in board.all(request.state.owner) if job.kind == "surface")
 
     @router.post("/experiments", status_code=202)
-    async def experiment(request: Request, asked: ExperimentAsked) -> JobMessage:
+    async def experiment(request: Request, body: ExperimentRequest) -> JobMessage:
         """Run an adaptive experiment on the device; each trial asks."""
-        return board.begin("experiment", request.state.owner, **asked.model_dump())
+        return board.begin("experiment", request.state.owner, **body.model_dump())
 
     @router.post("/calibrations", status_code=202)
-    async def calibration(request: Request, asked: CalibrationAsked) -> JobMessage:
+    async def calibration(request: Request, body: CalibrationRequest) -> JobMessage:
         """Measure a screen stroke by stroke, and verify; each stroke asks."""
-        return board.begin("calibration", request.state.owner, **asked.model_dump())
+        return board.begin("calibration", request.state.owner, **body.model_dump())
 
     @router.get("/calibrations/{name}/report", response_class=FileResponse)
     async def report(name: Annotated[str, PathParameter(pattern=_FOLDER)]) -> FileResponse:
@@ -317,9 +317,9 @@ def jobs_router(board: JobBoard) -> APIRouter:
         return Response(status_code=204)
 
     @router.post("/jobs/{job}/answer", status_code=204)
-    async def answer(request: Request, job: JobName, asked: Answer) -> Response:
+    async def answer(request: Request, job: JobName, body: Answer) -> Response:
         """Answer what a job asks."""
-        board.get(job, request.state.owner).answer(asked.text)
+        board.get(job, request.state.owner).answer(body.text)
         return Response(status_code=204)
 
     return router
@@ -328,10 +328,10 @@ def jobs_router(board: JobBoard) -> APIRouter:
 def _begins(board: JobBoard, task: type[Task]) -> Callable[..., Any]:
     """Return the handler that begins a task's job."""
 
-    async def begin(request: Request, asked: BaseModel) -> JobMessage:
-        fields = asked.model_dump(exclude_unset=True)
+    async def begin(request: Request, body: BaseModel) -> JobMessage:
+        fields = body.model_dump(exclude_unset=True)
         return board.begin(task.kind, request.state.owner, **fields)
 
-    begin.__annotations__ |= {"request": Request, "asked": task.body(), "return": JobMessage}
+    begin.__annotations__ |= {"request": Request, "body": task.body(), "return": JobMessage}
     begin.__name__, begin.__doc__ = task.kind, task.__doc__
     return begin

@@ -86,7 +86,7 @@ def serve(
     }
     failure: list[Problem] = []
     link = EngineProcess(
-        opening, lambda event: hub.hear_engine(event), lambda data: hub.hear_frame(data)
+        opening, lambda event: hub.on_engine_event(event), lambda data: hub.on_telemetry(data)
     )
     hub = Hub(access, link, empty, device)
 

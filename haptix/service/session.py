@@ -13,8 +13,8 @@ from typing import Any
 
 from haptix.service import messages as m
 from haptix.service.batches import TelemetryFrame, numbered, write_frame
+from haptix.service.client_touches import ClientClock, TouchInbox
 from haptix.service.limiter import Limiter
-from haptix.service.touches import ClientClock, TouchInbox
 
 _LOG = logging.getLogger("haptix.service")
 
@@ -59,8 +59,8 @@ class ServiceSession:
         self._feeds: dict[tuple[m.Stream, int], _Feed] = {}
         self._full: deque[_Feed] = deque()  # each once, in the order of their oldest frames
         self.has_more = asyncio.Event()
-        self.asked: deque[Any] = deque()  # messages that wait for the engine
-        self.has_asked = asyncio.Event()
+        self.requests: deque[Any] = deque()  # messages that wait for the engine
+        self.has_requests = asyncio.Event()
         self.closing: tuple[int, str] | None = None
         limits = m.Limits()
         self.messages = Limiter(limits.messages_per_s, now_s)
@@ -182,4 +182,4 @@ class ServiceSession:
             _LOG.info("session %d: closes, %d %s", self.number, code, reason)
             self.closing = (code, reason)
             self.has_more.set()
-            self.has_asked.set()
+            self.has_requests.set()

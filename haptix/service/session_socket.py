@@ -38,7 +38,7 @@ async def serve_session(hub: Hub, socket: WebSocket, client: ServiceSession) -> 
     try:
         await asyncio.wait(tasks[:2], return_when=asyncio.FIRST_COMPLETED)
     finally:
-        hub.gone(client)
+        hub.closed(client)
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
@@ -93,11 +93,11 @@ _WAIT_S, _LAYOUT_WAIT_S = 5.0, 20.0  # for the engine
 async def answer_in_turn(hub: Hub, session: ServiceSession) -> None:
     """Answer a session's messages in their order, until it closes."""
     while session.closing is None:
-        if not session.asked:
-            session.has_asked.clear()
-            await session.has_asked.wait()
+        if not session.requests:
+            session.has_requests.clear()
+            await session.has_requests.wait()
             continue
-        message = session.asked.popleft()
+        message = session.requests.popleft()
         try:
             reply = await _answer(hub, session, message)
             if reply is not None:
@@ -138,8 +138,8 @@ async def _answer(hub: Hub, session: ServiceSession, message: Any) -> m.Message 
         fields = message.model_dump(exclude={"type", "id"}, exclude_none=True)
         if hub.decode is not None:
             await hub.decode(f"session {session.number}", fields)
-        found = await _ask(hub, message.type, session=session.layout, **fields)
-        return m.LayoutReply(id=number, revision=found["revision"], sample=found.get("sample"))
+        answer = await _ask(hub, message.type, session=session.layout, **fields)
+        return m.LayoutReply(id=number, revision=answer["revision"], sample=answer.get("sample"))
     if control.holder is not session:
         raise Problem("lease", f"{message.type}: expected the lease; send acquire first")
     if isinstance(message, m.TouchesMessage):

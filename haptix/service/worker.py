@@ -25,7 +25,7 @@ from haptix.service.wire import JSON, Outbox, frame_output, read_frame
 
 if TYPE_CHECKING:
     from haptix.service.document_work import DocumentWork
-    from haptix.service.felt_finger import Feeling
+    from haptix.service.felt_finger import FeltFingerThread
 
 MOST_MEMORY_BYTES = 6 * 2**30
 _LAST_S = 1.0  # to end in order once the service is gone
@@ -76,7 +76,7 @@ class Worker:
     def __init__(self, outbox: Outbox, frames: Iterator[Frame]) -> None:
         self._outbox, self._frames = outbox, frames
         self._documents: DocumentWork | None = None
-        self._feeling: Feeling | None = None
+        self._felt_finger: FeltFingerThread | None = None
 
     def run(self) -> None:
         """Answer until the input ends."""
@@ -84,10 +84,10 @@ class Worker:
             if kind == JSON:
                 message = parse_json(data)
                 self._outbox.say(n=message.pop("n"), **self._answer(message))
-            elif self._feeling is not None:
-                self._feeling.take(kind, data)
-        if self._feeling is not None:
-            self._feeling.close()
+            elif self._felt_finger is not None:
+                self._felt_finger.take(kind, data)
+        if self._felt_finger is not None:
+            self._felt_finger.close()
 
     def _answer(self, message: dict[str, Any]) -> dict[str, Any]:
         do = message.pop("do")
@@ -121,17 +121,19 @@ class Worker:
 
     def _do_job(self, kind: str, context: dict[str, Any], **fields: Any) -> dict[str, Any]:
         """Do a job; what it asks is answered by the frames that come meanwhile."""
-        from haptix.service.job_work import Work
+        from haptix.service.job_work import JobWork
 
         # What it plays once the service is gone ends at 0 V by the driver's watchdog.
         answers = (parse_json(data)["text"] for _, data in self._frames)
-        return {"result": getattr(Work(context, self._outbox.say, answers), kind)(**fields)}
+        return {"result": getattr(JobWork(context, self._outbox.say, answers), kind)(**fields)}
 
     def _do_feel(self, finger: str, screen: str, carrier_hz: float) -> dict[str, Any]:
         """Feel, from now on, what comes as touches and amplitudes."""
-        from haptix.service.felt_finger import Feeling, FeltFinger
+        from haptix.service.felt_finger import FeltFinger, FeltFingerThread
 
-        self._feeling = Feeling(FeltFinger(finger, screen, carrier_hz), self._outbox.tell)
+        self._felt_finger = FeltFingerThread(
+            FeltFinger(finger, screen, carrier_hz), self._outbox.tell
+        )
         return {}
 
 

@@ -88,7 +88,7 @@ def test_its_route_has_a_schema_for_a_form_and_names_no_files(charge):
     app = FastAPI()
     app.include_router(jobs_router(Board()))
     assert "post" in app.openapi()["paths"]["/v1/charges"]
-    fields = app.openapi()["components"]["schemas"]["ChargeAsked"]["properties"]
+    fields = app.openapi()["components"]["schemas"]["ChargeRequest"]["properties"]
     assert set(fields) == {"voltage_v", "width_mm"}
     width = fields["width_mm"]
     assert (width["x-unit"], width["default"], width["exclusiveMinimum"]) == ("mm", 10.0, 0)

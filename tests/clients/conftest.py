@@ -29,7 +29,7 @@ class EchoEngine(WrittenEngine):
         if do == "streams" and fields["rates"].get("stats"):
             rows = np.append(np.arange(7.0), np.nan).reshape(2, 4)
             frame = TelemetryFrame("stats", 2, 1, 0, time.monotonic(), 0.1, rows)
-            self.hub.hear_frame(write_frame(frame))
+            self.hub.on_telemetry(write_frame(frame))
 
     def touch(self, reports):
         super().touch(reports)
@@ -37,7 +37,7 @@ class EchoEngine(WrittenEngine):
             if report.kind == "down":
                 event = {"event": "contact", "what": "enter", "region": "ribs"}
                 event |= {"touch_id": report.touch_id, "t_s": report.t_s}
-                self.hub.hear_engine(event)
+                self.hub.on_engine_event(event)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from PIL import Image
 import haptix
 from haptix.service.assets import AssetStore, Decoding
 from haptix.service.document_work import DocumentWork
-from haptix.service.job_work import Work
+from haptix.service.job_work import JobWork
 from haptix.service.layouts import SessionLayout
 from haptix.service.messages import Problem
 from haptix.texture import decoded
@@ -67,7 +67,7 @@ def test_a_bomb_is_refused_by_each_route(store, side, number):
     region = {"name": "bomb", "material": material, "x_mm": 0, "y_mm": 0}
     region |= {"width_mm": 40, "height_mm": 40}
     context = {"finger": "semi-wet", "screen": "3m-sct3250", "assets": str(store.folder)}
-    work = Work(context, lambda **_: None, iter(()))
+    work = JobWork(context, lambda **_: None, iter(()))
     routes = {
         "decode": lambda: work.decode(digest),
         "pictures": lambda: work.picture(material, 10, 10, 8, 0.0, 0.5),

@@ -15,7 +15,7 @@ import pytest
 import haptix
 from haptix.motion import Trajectory
 from haptix.render import LiveSettings
-from haptix.service.job_work import Work
+from haptix.service.job_work import JobWork
 from haptix.service.messages import asyncapi
 from haptix.simulation import Setting, simulate
 from haptix.virtual_finger import TouchPanel
@@ -175,7 +175,7 @@ def test_an_experiment_asks_and_borrows_the_device(service):
 def test_a_recipe_of_the_network_names_no_files_and_no_volts(tmp_path, change, words):
     context = {"finger": "semi-wet", "screen": "3m-sct3250", "device": "mock:"}
     context |= {"assets": str(tmp_path), "logs": str(tmp_path)}
-    work = Work(context, lambda **_: None, None)
+    work = JobWork(context, lambda **_: None, None)
     with pytest.raises(haptix.InputError, match=words):
         work.experiment({**RECIPE, **change}, "log")
 
@@ -183,7 +183,7 @@ def test_a_recipe_of_the_network_names_no_files_and_no_volts(tmp_path, change, w
 @pytest.mark.slow  # builds a surface, and renders twice
 def test_a_magnitude_is_asked_for_until_a_number_above_zero_comes():
     said, answers = [], iter(("strong", "-1", "nan", "inf", "3.5", "2"))
-    work = Work({}, lambda **fields: said.append(fields), answers)
+    work = JobWork({}, lambda **fields: said.append(fields), answers)
     assert work._judged(()) == "3.5"
     assert len(said) == 5 and all(one["choices"] == () for one in said)
     assert work._judged(("1", "2")) == "2"
@@ -195,7 +195,7 @@ def test_a_rendering_has_the_numbers_of_haptix_render(tmp_path, model, monkeypat
     stroke = {"t_s": t_s, "x_mm": 60 * t_s, "y_mm": 5.0 + 0 * t_s, "normal_force_n": 0.5 + 0 * t_s}
     context = {"finger": "semi-wet", "screen": "3m-sct3250", "assets": str(tmp_path)}
     shares = []
-    work = Work(context, lambda share: shares.append(share), None)
+    work = JobWork(context, lambda share: shares.append(share), None)
     lists = {name: column.tolist() for name, column in stroke.items()}
     found = work.rendering(material=GRATING, **lists, touch_latency_ms=20.0, reaction_ms=3.0)
     setting = Setting(model, haptix.materials.material_of(GRATING), Trajectory.of(*stroke.values()))
@@ -213,7 +213,7 @@ def test_a_calibration_asks_before_each_stroke_and_is_continued(tmp_path):
     context = {"finger": "semi-wet", "screen": "3m-sct3250", "device": "mock:"}
     context["calibrations"] = str(tmp_path)
     said, answers = [], iter(("go", "stop", "stop"))
-    work = Work(context, lambda **fields: said.append(fields), answers)
+    work = JobWork(context, lambda **fields: said.append(fields), answers)
     first = work.calibration("panel-7", 2.0)
     assert first["verdict"] is None
     second = work.calibration("panel-7", 2.0)  # goes on where it was stopped

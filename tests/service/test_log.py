@@ -56,7 +56,7 @@ def test_a_job_is_told_without_what_it_asks_and_is_answered(caplog):
     async def run():
         job = Job("programs", message, {}, lambda _: None)
         job.change(state="running")
-        job.heard({"prompt": "How strong, sub-07?", "choices": ["weakest-1", "stronger-2"]})
+        job.on_message({"prompt": "How strong, sub-07?", "choices": ["weakest-1", "stronger-2"]})
         with pytest.raises(Problem):
             job.answer("no choice of theirs")
         job.answer("stronger-2")

@@ -281,7 +281,7 @@ def test_anyone_stops_and_what_waits_is_refused(service):
         holder.say("arm")
         holder.say("intensity", value=0.5)
         waits = holder.number
-        wait_for(lambda: any(one.asked for one in service.hub.sessions.values()))
+        wait_for(lambda: any(session.requests for session in service.hub.sessions.values()))
         assert observer.ask("stop")["type"] == "done"
         refused = holder.until(lambda m: m["id"] == waits)
         assert refused["code"] == "order" and "stopped by session" in refused["sentence"]

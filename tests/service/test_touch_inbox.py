@@ -8,9 +8,16 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from haptix.service.batches import ClientTouch, write_touches
+from haptix.service.client_touches import (
+    OLD_S,
+    PAST_S,
+    ClientClock,
+    Stalls,
+    TouchInbox,
+    touch_events,
+)
 from haptix.service.messages import Problem, TouchMessage
 from haptix.service.session import ServiceSession
-from haptix.service.touches import OLD_S, PAST_S, ClientClock, Stalls, TouchInbox, touch_events
 from tests.service.test_sessions import Client, running, service
 from tests.waiting import PATIENCE_S, pause, wait_for
 

@@ -51,7 +51,7 @@ def tell(front, felt_of_wanted, count=600, wanted=0.30, touch_id=0):
         for first in range(0, count, 50):
             part, at_s = rows[first : first + 50], t0_s + first * STEP_S
             frame = TelemetryFrame(stream, touch_id, 1 + first // 50, 0, at_s, STEP_S, part)
-            front.hub.hear_frame(write_frame(frame))
+            front.hub.on_telemetry(write_frame(frame))
             # A client is sent the newest four frames only.
             wait_for(lambda: not any(session._full for session in front.hub.sessions.values()))
 
@@ -295,7 +295,7 @@ def test_a_real_driver_that_fails_says_what_to_do_until_it_is_armed(front, opene
         page.goto(address(front))
         page.get_by_role("button", name="Take over").click()
         page.locator('.output[data-state="armed"]').wait_for()
-        front.hub.hear_engine({"event": "output", "state": "failed", "reason": "no answer"})
+        front.hub.on_engine_event({"event": "output", "state": "failed", "reason": "no answer"})
         page.get_by_text("no answer. Look after its cable and power, then press Arm.").wait_for()
         assert not violations(page)
         page.get_by_role("button", name="Arm").click()
@@ -310,6 +310,6 @@ def test_a_real_driver_that_fails_says_what_to_do_until_it_is_armed(front, opene
 def test_a_driver_that_fails_says_why_and_a_virtual_one_is_armed_again(front, play):
     armed = len(front.engine.when("arm"))
     event = {"event": "output", "state": "failed", "reason": "the cable was pulled"}
-    front.hub.hear_engine(event)
+    front.hub.on_engine_event(event)
     play.get_by_text("the cable was pulled").wait_for()
     wait_for(lambda: len(front.engine.when("arm")) > armed)

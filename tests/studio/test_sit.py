@@ -55,7 +55,7 @@ def test_a_calibration_asks_is_answered_and_reports(front, page):
     job, _, name = begun(page, played, 1)
     assert (job.message.kind, name) == ("calibration", "practice")
     choices = ("go", "repeat the last one", "stop")
-    job.heard({"step": "measure"})
+    job.on_message({"step": "measure"})
     job.change(state="asking", share=0.25, prompt="Press with 0.5 N.", choices=choices)
     page.get_by_text("Press with 0.5 N.").wait_for()
     assert page.locator('.steps [aria-current="step"]').inner_text() == "Strokes"
@@ -63,7 +63,7 @@ def test_a_calibration_asks_is_answered_and_reports(front, page):
     page.keyboard.press("Enter")
     until_given(page, played, ["go"])
     for begin_s in (0.0, 1.0):
-        job.heard({"trace": trace(begin_s)})
+        job.on_message({"trace": trace(begin_s)})
     page.get_by_role("heading", name="Stroke 3, attempt 2").wait_for()
     # Both parts are one curve: over 1.95 s, with 0.5 N and 40 mm/s as told.
     page.wait_for_function("() => window.plots.at(-1).data[0].length === 40")
@@ -233,7 +233,7 @@ def test_every_task_of_the_product_is_sat(front, page, tmp_path):
             page.keyboard.press("Enter")
         until_given(page, played, given)
         if task == "yes-no":
-            job.heard({"step": "wrong"})
+            job.on_message({"step": "wrong"})
             page.get_by_text("That was not right.").wait_for()
             job.change(state="asking", prompt="Rest a moment", choices=("continue",))
             page.get_by_text("Rest your hand").wait_for()

@@ -52,10 +52,10 @@ def read_server(text: str) -> Any:
 def id_of(text: str) -> int:
     """Return the id of a message that was refused, 0 where it has none."""
     try:
-        found = json.loads(text)
+        value = json.loads(text)
     except (ValueError, RecursionError):
         return 0
-    number = found.get("id") if isinstance(found, dict) else None
+    number = value.get("id") if isinstance(value, dict) else None
     return number if type(number) is int and 1 <= number <= 2**53 else 0
 
 

@@ -57,7 +57,7 @@ def asyncapi() -> dict[str, Any]:
         json.dumps(schema()["$defs"]).replace("#/$defs/", "#/components/schemas/")
     )
     both = {side: definitions.pop(side) for side in ("ClientMessage", "ServerMessage")}
-    types = {side: one["discriminator"]["mapping"] for side, one in both.items()}
+    types = {side: union["discriminator"]["mapping"] for side, union in both.items()}
     messages: dict[str, Any] = {}
     operations: dict[str, Any] = {}
     for side, action in (("ClientMessage", "receive"), ("ServerMessage", "send")):
@@ -71,7 +71,7 @@ def asyncapi() -> dict[str, Any]:
                 "messages": [_in_channel(name)],
             }
             if action == "receive" and kind in REPLIES:
-                answers = [_in_channel(f"send_{one}") for one in (REPLIES[kind], "error")]
+                answers = [_in_channel(f"send_{reply}") for reply in (REPLIES[kind], "error")]
                 operations[name]["reply"] = {"channel": _CHANNEL, "messages": answers}
     for kind, action in (("touches", "receive"), ("telemetry", "send")):
         messages[kind] = {

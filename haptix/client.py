@@ -1,25 +1,38 @@
-"""The client with ``await``; see `haptix.client`."""
+"""A client of `haptix serve`: another program's way to friction under a finger.
+
+::
+
+    with haptix.client.connect("demo") as h:
+        h.layout_set({"regions": [...]})
+        h.acquire()
+        h.arm()
+        for t_s, x_mm, y_mm in path:
+            h.touch(x_mm, y_mm, t_s=t_s)
+
+Needs the extra ``serve``. `connect_async` gives the same with ``await``.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import json
 import logging
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Awaitable, Callable
+from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, Generic, Literal, NamedTuple, Self, TypeVar
 
-from haptix.client.layout import ClientLayout
-from haptix.client.touching import ReportsTouches
-from haptix.errors import DeviceError, HaptixError, from_extra
+from haptix.errors import DeviceError, HaptixError, InputError, from_extra
 from haptix.files import read_json
 from haptix.service import messages as m
 from haptix.service.access import service_folder
 from haptix.service.batches import TelemetryFrame, read_frame, write_touches
-
-_LOG = logging.getLogger("haptix.client")
 
 with from_extra("serve"):
     from websockets.asyncio.client import ClientConnection
@@ -27,10 +40,120 @@ with from_extra("serve"):
     from websockets.exceptions import WebSocketException
     from websockets.typing import Subprotocol
 
+_LOG = logging.getLogger("haptix.client")
 _SUBPROTOCOL = Subprotocol("haptix.v1")
 _WAIT_S, _CLOSE_S = 10.0, 1.0
 _FIRST_S, _LAST_S = 0.1, 5.0  # between two attempts to connect again
-_KEPT = ("geometry", "subscribe")  # what the service does not keep for who resumes
+_REPLAYED = ("geometry", "subscribe")  # what the service does not keep for who resumes
+_MOST_SENDING = 64  # batches that are not sent yet; then a touch waits
+
+TouchKind = Literal["down", "move", "up"]
+Sent = TypeVar("Sent", covariant=True)
+Change = Callable[..., Awaitable[m.LayoutReply]]
+
+
+class ReportsTouches(ABC, Generic[Sent]):
+    """Touches in millimetres; `Sent` is what a client returns for a batch."""
+
+    @abstractmethod
+    def touches(self, touches: list[m.TouchMessage]) -> Sent:
+        """Report many touches in one batch of bytes."""
+
+    def touch(
+        self,
+        x_mm: float,
+        y_mm: float,
+        normal_force_n: float | None = None,
+        touch_id: int = 0,
+        kind: TouchKind = "move",
+        t_s: float | None = None,
+    ) -> Sent:
+        """Report a touch, at `now_s` unless `t_s` says when."""
+        stamp_s = self.now_s() if t_s is None else t_s
+        touch = m.TouchMessage(
+            t_s=stamp_s,
+            touch_id=touch_id,
+            kind=kind,
+            x_mm=x_mm,
+            y_mm=y_mm,
+            normal_force_n=normal_force_n,
+        )
+        return self.touches([touch])
+
+    def lift(self, touch_id: int = 0, t_s: float | None = None) -> Sent:
+        """Take a finger off."""
+        return self.touch(0.0, 0.0, touch_id=touch_id, kind="up", t_s=t_s)
+
+    @staticmethod
+    def now_s() -> float:
+        """Time of the clock that stamps touches."""
+        return time.monotonic()
+
+
+class ClientRegion:
+    """A region of a session's layout, by its name; each call is one change."""
+
+    def __init__(self, change: Change, name: str) -> None:
+        self._change, self.name = change, name
+
+    async def move(self, **fields: Any) -> m.LayoutReply:
+        """Move to a `haptix.region.Place`, within `over_s`; what is left out stays."""
+        return await self._change({"op": "move", "name": self.name, **fields})
+
+    async def change(self, **fields: Any) -> m.LayoutReply:
+        """Change what `ClientLayout.add` takes, in a cross-fade."""
+        return await self._change({"op": "change", "name": self.name, **_plain(fields)})
+
+    async def set_value(self, value: float) -> m.LayoutReply:
+        """Set the value of a control, such as a slider, 0 to 1."""
+        return await self._change({"op": "value", "name": self.name, "value": value})
+
+    async def remove(self) -> m.LayoutReply:
+        """Take it off; it fades out."""
+        return await self._change({"op": "remove", "name": self.name})
+
+
+class ClientLayout:
+    """The layout of a session; ``h.layout`` of a client.
+
+    Parameters
+    ----------
+    change : callable
+        ``layout_change`` of the client.
+    """
+
+    def __init__(self, change: Change) -> None:
+        self._change, self._count = change, 0
+
+    async def add(self, material: Any, *, name: str = "", **fields: Any) -> ClientRegion:
+        """Add a region.
+
+        Parameters
+        ----------
+        material : dict or Material
+            Its document, or one of `haptix.materials` that names no files.
+        name : str, optional
+            For `contact` events; made where none is given.
+        **fields
+            Those of `haptix.region.RegionFields`.
+
+        Raises
+        ------
+        Refused
+            If the service refuses it.
+        """
+        self._count += 1
+        name = name or f"region {self._count}"
+        fields = _plain({"material": material, **fields})
+        await self._change({"op": "add", "name": name, **fields})
+        return ClientRegion(self._change, name)
+
+
+def _plain(fields: dict[str, Any]) -> dict[str, Any]:
+    material: Any = fields.get("material")
+    if hasattr(material, "model_dump"):
+        return {**fields, "material": material.model_dump(mode="json", exclude_none=True)}
+    return fields
 
 
 class LostConnection(NamedTuple):
@@ -68,13 +191,13 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
     def __init__(self, name: str, find: Callable[[], tuple[str, str]], resume: str = "") -> None:
         self._name, self._find, self._resume = name, find, resume
         self.layout = ClientLayout(self.layout_change)
-        self._asked: dict[int, asyncio.Future[Any]] = {}
+        self._pending: dict[int, asyncio.Future[Any]] = {}
         self._handlers: dict[str, list[Callable[[Any], None]]] = {}
         self._number = self._batch = 0
-        self._kept: dict[str, dict[str, Any]] = {}
+        self._replayed: dict[str, dict[str, Any]] = {}
         self._watched: set[str] = set()  # jobs
         self._ended = "it was not opened"  # why there is no connection; "" while there is one
-        self._closes = False
+        self._is_closing = False
         self._socket: ClientConnection | None = None
         self._reader: asyncio.Task[None] | None = None
         self._runner: asyncio.Task[None] | None = None
@@ -97,7 +220,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
 
     async def close(self) -> None:
         """Leave; an armed output goes to 0 V, and the lease is free."""
-        self._closes = True
+        self._is_closing = True
         with suppress(DeviceError):
             await self._send(json.dumps({"type": "bye", "id": self._number + 1}))
         if self._socket is not None:
@@ -124,21 +247,23 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
         self._number += 1
         number = self._number
         answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
-        self._asked[number] = answer
+        self._pending[number] = answer
         try:
             await self._send(json.dumps({"type": kind, "id": number, **fields}))
-            found = await asyncio.wait_for(answer, _WAIT_S)
+            reply = await asyncio.wait_for(answer, _WAIT_S)
         except TimeoutError:
             raise DeviceError(f"{kind}: the service did not answer within {_WAIT_S:g} s") from None
         finally:
-            self._asked.pop(number, None)
+            self._pending.pop(number, None)
         if kind == "subscribe":  # a stream that is not named stays as it was
-            fields = {"streams": self._kept.get(kind, {}).get("streams", {}) | fields["streams"]}
-        if kind in _KEPT:
-            self._kept[kind] = fields
+            fields = {
+                "streams": self._replayed.get(kind, {}).get("streams", {}) | fields["streams"]
+            }
+        if kind in _REPLAYED:
+            self._replayed[kind] = fields
         if kind == "watch":
             self._watched.add(fields["job"])
-        return found
+        return reply
 
     async def acquire(self, takeover: bool = False) -> m.Lease:
         """Ask for the lease on the output."""
@@ -188,8 +313,8 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
 
         So it is with how far the job is then, after each time that the connection was lost.
         """
-        found: m.JobMessage = await self.ask("watch", job=job)
-        return found
+        job_message: m.JobMessage = await self.ask("watch", job=job)
+        return job_message
 
     async def _open(self) -> None:
         address, token = self._find()
@@ -214,11 +339,11 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
                 "hello", protocol=protocol, client=self._name, token=token, resume=self._resume
             )
             self._resume = self.welcome.resume
-            for kind, fields in list(self._kept.items()):
+            for kind, fields in list(self._replayed.items()):
                 await self.ask(kind, **fields)
             for job in list(self._watched):
                 try:
-                    self._tell("job", await self.ask("watch", job=job))  # it may have ended since
+                    self._emit("job", await self.ask("watch", job=job))  # it may have ended since
                 except Refused:  # another service knows none
                     self._watched.discard(job)
         except BaseException:
@@ -229,29 +354,29 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
 
     async def _run(self) -> None:
         """Connect again when the connection breaks, until `close`."""
-        while not self._closes:
+        while not self._is_closing:
             assert self._reader is not None
             await asyncio.gather(self._reader, return_exceptions=True)
-            if self._closes:
+            if self._is_closing:
                 break
             _LOG.info("the connection is lost: %s", self._ended)
-            self._tell("lost", LostConnection(self._ended, False))
+            self._emit("lost", LostConnection(self._ended, False))
             wait_s = _FIRST_S
-            while not self._closes:
+            while not self._is_closing:
                 _LOG.info("connects again in %g s", wait_s)
                 await asyncio.sleep(wait_s)
                 try:
                     await self._open()
                 except Refused as error:
-                    self._tell("closed", LostConnection(str(error), True))
+                    self._emit("closed", LostConnection(str(error), True))
                     return
                 except HaptixError:
                     wait_s = min(2 * wait_s, _LAST_S)
                 else:
                     _LOG.info("connected again as session %d", self.welcome.session)
-                    self._tell("resumed", self.welcome)
+                    self._emit("resumed", self.welcome)
                     break
-        self._tell("closed", LostConnection(self._ended or "closed", True))
+        self._emit("closed", LostConnection(self._ended or "closed", True))
 
     def check(self) -> None:
         """Raise `DeviceError` while there is no connection."""
@@ -273,7 +398,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
                 async with asyncio.timeout(silent_s):
                     data = await socket.recv()
                 if isinstance(data, bytes):
-                    self._tell("frame", read_frame(data))
+                    self._emit("frame", read_frame(data))
                     continue
                 message = m.read_server(data)
                 if isinstance(message, m.Welcome):
@@ -286,7 +411,7 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
             self._ended = socket.close_reason or str(error)
         finally:
             self._ended = self._ended or "it was closed"
-            for answer in self._asked.values():
+            for answer in self._pending.values():
                 if not answer.done():
                     answer.set_exception(DeviceError(f"the service is gone: {self._ended}"))
 
@@ -295,15 +420,15 @@ class AsyncClient(ReportsTouches[Awaitable[None]]):
             pong = {"type": "pong", "n": message.n, "clock_s": self.now_s()}
             await self._send(json.dumps(pong))
             return
-        answer = self._asked.get(message.id)
+        answer = self._pending.get(message.id)
         if answer is None or answer.done():
-            self._tell(message.type, message)
+            self._emit(message.type, message)
         elif isinstance(message, m.Error):
             answer.set_exception(Refused(message))
         else:
             answer.set_result(message)
 
-    def _tell(self, kind: str, event: m.Message | TelemetryFrame | LostConnection) -> None:
+    def _emit(self, kind: str, event: m.Message | TelemetryFrame | LostConnection) -> None:
         for handler in self._handlers.get(kind, ()):
             try:
                 handler(event)
@@ -320,17 +445,133 @@ async def connect_async(
     def find() -> tuple[str, str]:
         if address and token:
             return address, token
-        found = _found()  # at each attempt: a service that was started again has another token
-        here = address or f"ws://127.0.0.1:{found['port']}/v1/session"
-        return here, token or str(found["token"])
+        entry = _service_file()  # at each attempt: a restarted service has another token
+        here = address or f"ws://127.0.0.1:{entry['port']}/v1/session"
+        return here, token or str(entry["token"])
 
     client = AsyncClient(name, find, resume)
     await client.open()
     return client
 
 
-def _found() -> dict[str, Any]:
+def _service_file() -> dict[str, Any]:
     path: Path = service_folder() / "service.json"
     if not path.exists():
         raise DeviceError("no service runs for this user: start haptix serve")
     return read_json(path)
+
+
+class _Plain:
+    """What is called with await, called without."""
+
+    def __init__(self, target: Any, run: Callable[[Any], Any]) -> None:
+        self._target, self._run = target, run
+
+    def __getattr__(self, name: str) -> Any:
+        call = getattr(self._target, name)
+        if not callable(call):
+            return call
+
+        def plain(*args: Any, **fields: Any) -> Any:
+            answer = self._run(call(*args, **fields))
+            return _Plain(answer, self._run) if isinstance(answer, ClientRegion) else answer
+
+        return plain
+
+
+class Client(ReportsTouches[None]):
+    """The plain face of `AsyncClient`: the same calls, without ``await``.
+
+    A thread of its own answers the service's pings, so a program that computes for long stays
+    alive. Handlers are called in that thread, where this face cannot be used. Touches do not wait
+    until they are sent.
+    """
+
+    def __init__(self, name: str, address: str = "", token: str = "", resume: str = "") -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(
+            target=self._loop.run_forever, name="haptix client", daemon=True
+        )
+        self._thread.start()
+        try:
+            self._client: AsyncClient = self._run(connect_async(name, address, token, resume))
+        except BaseException:
+            self._end()
+            raise
+        self.on = self._client.on
+        self.layout = _Plain(self._client.layout, self._run)
+        self._sending: deque[Future[None]] = deque()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        call: Callable[..., Any] = getattr(_Plain(self._client, self._run), name)
+        return call
+
+    @property
+    def welcome(self) -> m.Welcome:
+        """What the service said at first: limits, devices, profiles."""
+        return self._client.welcome
+
+    def touches(self, touches: list[m.TouchMessage]) -> None:
+        """Report many touches in one batch of bytes.
+
+        Raises
+        ------
+        DeviceError
+            If the connection is gone.
+        """
+        self._client.check()
+        sending = asyncio.run_coroutine_threadsafe(self._client.touches(touches), self._loop)
+        self._sending.append(sending)
+        while self._sending and (self._sending[0].done() or len(self._sending) > _MOST_SENDING):
+            self._sending.popleft().result()
+
+    def close(self) -> None:
+        """Leave; an armed output goes to 0 V."""
+        if self._thread.is_alive():
+            self._run(self._client.close())
+            self._end()
+
+    def _run(self, coroutine: Any) -> Any:
+        if threading.current_thread() is self._thread:
+            coroutine.close()
+            raise InputError("a handler cannot wait for the service: use connect_async, or a queue")
+        future: Future[Any] = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+        return future.result()
+
+    def _end(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+
+def connect(name: str, address: str = "", token: str = "", resume: str = "") -> Client:
+    """Open a session with the service of this machine.
+
+    Parameters
+    ----------
+    name : str
+        Who comes, for those who look at the sessions.
+    address, token : str
+        Where the service is, and what lets in; by default what ``service.json`` says.
+    resume : str
+        `welcome.resume` of a session whose connection was lost within the last 30 s.
+
+    Raises
+    ------
+    DeviceError
+        If no service runs.
+    Refused
+        If it does not let this client in.
+    """
+    return Client(name, address, token, resume)
